@@ -2,8 +2,10 @@
 #pragma once
 
 #include "client/option_parts.h"
+#include "protocol/subject.h"
 
 #include <string>
+#include <vector>
 
 namespace raynest::client {
 
@@ -39,9 +41,18 @@ inline void add_reconnect(CLI::App& app, double& seconds) {
 }
 
 inline void add_share(CLI::App& app, LoadOptions& load) {
-    app.add_option("--share", load.share,
-                   "who else may use the scene: public, or principals as NAME,... (its owner alone)")
-        ->delimiter(',')
+    app.add_option_function<std::vector<std::string>>(
+           "--share",
+           [&load](const std::vector<std::string>& lists) {
+               for (const std::string& list : lists) {
+                   const auto names = protocol::split_principals(list);
+                   if (!names) throw CLI::ValidationError("--share", names.error());
+                   load.share.insert(load.share.end(), names->begin(), names->end());
+               }
+           },
+           "who else may use the scene: public, or principals as NAME,..., repeatable; '\\,' is a "
+           "comma in a name, as in CN=robot\\,O=Lab (its owner alone)")
+        ->type_name("TEXT")
         ->allow_extra_args(false)
         ->take_all();
 }

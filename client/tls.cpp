@@ -5,8 +5,12 @@
 #include <openssl/ssl.h>
 #include <openssl/x509v3.h>
 #include <poll.h>
+#include <sys/stat.h>
+#include <unistd.h>
 
 #include <algorithm>
+#include <cerrno>
+#include <cstring>
 
 namespace raynest::client {
 namespace {
@@ -28,11 +32,37 @@ using Settings = std::unique_ptr<SSL_CTX, Release<SSL_CTX_free>>;
 std::string error_text() {
     const unsigned long code = ERR_get_error();
     ERR_clear_error();
+    if (ERR_GET_LIB(code) == ERR_LIB_SSL) switch (ERR_GET_REASON(code)) {
+            case SSL_R_EE_KEY_TOO_SMALL:
+                return "its key is too short to be safe: RSA needs 2048 bits";
+            case SSL_R_CA_KEY_TOO_SMALL:
+                return "the key of its CA is too short to be safe: RSA needs 2048 bits";
+            case SSL_R_CA_MD_TOO_WEAK:
+                return "it is signed with an unsafe hash: sign it with SHA-256";
+            default:
+                break;
+        }
     const char* reason = code == 0 ? nullptr : ERR_reason_error_string(code);
     return reason == nullptr ? "the connection ended" : reason;
 }
 
+/// Fails with the reason if a file of an option is not there or cannot be read.
+Result<void> check_readable(const std::string& file) {
+    struct stat status {};
+    const char* why = nullptr;
+    if (::stat(file.c_str(), &status) != 0 || ::access(file.c_str(), R_OK) != 0)
+        why = std::strerror(errno);
+    else if (S_ISDIR(status.st_mode))
+        why = "it is a folder";
+    return why == nullptr ? Result<void>() : fail(Exit::usage, "cannot read " + file + ": " + why);
+}
+
 Result<Settings> make_context(const TlsOptions& options) {
+    for (const std::string& file : {options.ca, options.certificate, options.key})
+        if (!file.empty())
+            if (auto readable = check_readable(file); !readable)
+                return tl::unexpected<Failure>(readable.error());
+    ERR_clear_error();
     Settings context(SSL_CTX_new(TLS_client_method()));
     if (!context) return fail(Exit::failed, error_text());
     SSL_CTX_set_min_proto_version(context.get(), TLS1_2_VERSION);
@@ -47,16 +77,19 @@ Result<Settings> make_context(const TlsOptions& options) {
             ? SSL_CTX_set_default_verify_paths(context.get()) == 1
             : SSL_CTX_load_verify_file(context.get(), options.ca.c_str()) == 1;
     if (!trusts)
-        return fail(Exit::usage, options.ca + ": no CA certificate in PEM form (" + error_text() +
-                                     "); it is the ca.pem of: raynestd tls init DIR");
+        return fail(Exit::usage, options.ca + ": there is no CA certificate in PEM form in it; it is the "
+                                              "ca.pem of: raynestd tls init DIR");
     SSL_CTX_set_verify(context.get(), options.verify ? SSL_VERIFY_PEER : SSL_VERIFY_NONE, nullptr);
     if (options.certificate.empty()) return context;
     if (SSL_CTX_use_certificate_chain_file(context.get(), options.certificate.c_str()) != 1)
         return fail(Exit::usage,
-                    options.certificate + ": no certificate in PEM form (" + error_text() + ")");
+                    options.certificate + ": " +
+                        (ERR_GET_LIB(ERR_peek_error()) == ERR_LIB_PEM
+                             ? "there is no certificate in PEM form in it"
+                             : "the certificate cannot be used: " + error_text()));
     if (SSL_CTX_use_PrivateKey_file(context.get(), options.key.c_str(), SSL_FILETYPE_PEM) != 1)
-        return fail(Exit::usage, options.key + ": no key that fits " + options.certificate + " (" +
-                                     error_text() + ")");
+        return fail(Exit::usage, options.key + ": there is no key in it that fits " +
+                                     options.certificate + " (" + error_text() + ")");
     return context;
 }
 

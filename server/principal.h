@@ -35,6 +35,7 @@ struct PeerIdentity {
     Place place = Place::loopback;
     std::string transport = "tcp";  ///< tcp, tls, unix, http or https
     std::string subject = {};       ///< subject of a verified client certificate; empty: none
+    std::string subject_fault = {};  ///< why a verified certificate names no principal; empty: it does
     /// The sender of the HTTP request that became a WebSocket; null: another transport.
     std::shared_ptr<const struct Principal> sender = {};
 };

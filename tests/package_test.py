@@ -92,6 +92,21 @@ step own as one raynest load builtin:terrain?size=8 --name secret
 step of_another as other raynest unload secret
 step reload systemctl reload raynestd.service
 step still_there as one raynest unload secret
+
+# What OPERATING.md says under "Secure", "Revoke" and "Renew".
+step tls raynestd tls init /etc/raynest/tls --host gpu.example.org
+raynestd token add alice --role user --expires 90d --tokens /etc/raynest/tokens >/opt/token; echo "STEP token $?"
+chown -R raynest: /etc/raynest/tls /etc/raynest/tokens
+sed -i 's/^#   "tls/    "tls/; s/^# \\(tls-cert\\|tls-key\\|tokens\\)/\\1/' /etc/raynest/raynestd.toml
+step secured systemctl restart raynestd.service
+export RAYNEST_SERVER=tls://127.0.0.1:31062 HOME=/opt
+tail -n 1 /opt/token | step login raynest --ca /etc/raynest/tls/ca.pem login $RAYNEST_SERVER
+step query raynest query builtin:terrain?size=8 --ray 0,50,0,0,-1,0
+step revoke raynestd token revoke alice --tokens /etc/raynest/tokens
+sleep 1
+step refused raynest scenes
+step renew raynestd tls renew /etc/raynest/tls
+step renewed systemctl reload raynestd.service
 journalctl --no-pager -o cat -u raynestd
 systemctl poweroff
 """
@@ -234,12 +249,13 @@ class Package(unittest.TestCase):
         (root.path / "etc/systemd/system/probe.service").write_text(PROBE_UNIT)
         (root.path / "etc/machine-id").write_text("")
         root.run("systemctl enable probe.service raynestd.socket")
-        run("systemd-nspawn", "--register=no", "--keep-unit", "--quiet", "--boot", "--directory", root.path,
-            timeout=300)
+        run("systemd-nspawn", "--register=no", "--keep-unit", "--private-network", "--quiet", "--boot",
+            "--directory", root.path, timeout=300)
         told = (root.path / "opt/probe.log").read_text()
         steps = dict(line.split()[1:] for line in told.splitlines() if line.startswith("STEP "))
-        good = "activated load render restart after_restart after_kill own reload still_there"
-        self.assertEqual(steps, {**dict.fromkeys(good.split(), "0"), "of_another": "5"}, told)
+        good = ("activated load render restart after_restart after_kill own reload still_there "
+                "tls token secured login query revoke renew renewed")
+        self.assertEqual(steps, {**dict.fromkeys(good.split(), "0"), "of_another": "5", "refused": "4"}, told)
         self.assertRegex(told, r" reloaded ")
 
     def test_a_pack_and_a_program_build_against_the_development_package(self):

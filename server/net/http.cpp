@@ -182,7 +182,7 @@ asio::awaitable<void> HttpConnection::shake_hands(SystemError& error) {
     std::string why;
     co_await tls.accept(error, why);
     if (!why.empty()) log_failed_handshake(why);
-    if (!error) peer_.subject = tls.subject();
+    if (!error) tls.tell_subject(peer_);
 }
 
 asio::awaitable<void> HttpConnection::read_header(Parser& parser, SystemError& error) {

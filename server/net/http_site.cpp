@@ -95,6 +95,15 @@ bool certificate_has(std::string_view name, std::string_view host) {
     return dot != std::string_view::npos && dot != 0 && name.substr(1) == host.substr(dot);
 }
 
+/// Returns the token of "Bearer TOKEN"; the scheme may be in any case (RFC 9110, 11.1).
+std::string_view bearer_of(std::string_view authorization) {
+    constexpr std::string_view scheme = "bearer ";
+    if (lower(authorization.substr(0, scheme.size())) != scheme) return {};
+    authorization.remove_prefix(scheme.size());
+    const std::size_t first = authorization.find_first_not_of(' ');
+    return first == std::string_view::npos ? std::string_view() : authorization.substr(first);
+}
+
 std::string_view type_of(std::string_view name) {
     struct Type {
         std::string_view ending;
@@ -300,10 +309,7 @@ HttpReply HttpSite::tell(const HttpRequest& request) const {
 
 Reply<Principal> HttpSite::identify(const HttpRequest& request) const {
     if (access_ == nullptr) return Principal{};
-    constexpr std::string_view scheme = "Bearer ";
-    std::string_view token = request.authorization;
-    token.remove_prefix(token.starts_with(scheme) ? scheme.size() : token.size());
-    return access_->identify(*request.peer, token, login_of(request));
+    return access_->identify(*request.peer, bearer_of(request.authorization), login_of(request));
 }
 
 std::string HttpSite::cookie_name() const {

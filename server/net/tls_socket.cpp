@@ -1,7 +1,9 @@
 #include "server/net/tls_socket.h"
 
 #include "protocol/keep_alive.h"
+#include "protocol/subject.h"
 #include "protocol/validate.h"
+#include "server/security/pem_file.h"
 
 #include <openssl/err.h>
 #include <openssl/x509.h>
@@ -29,18 +31,24 @@ std::array<std::byte, TlsSocket::record_bytes>& TlsSocket::scratch() {
     return record;
 }
 
-std::string TlsSocket::subject() const {
+void TlsSocket::tell_subject(PeerIdentity& peer) const {
     const std::unique_ptr<X509, void (*)(X509*)> certificate(SSL_get1_peer_certificate(tls_.get()),
                                                              X509_free);
-    if (!certificate || SSL_get_verify_result(tls_.get()) != X509_V_OK) return "";
+    if (!certificate || SSL_get_verify_result(tls_.get()) != X509_V_OK) return;
     const std::unique_ptr<BIO, int (*)(BIO*)> text(BIO_new(BIO_s_mem()), BIO_free);
     X509_NAME_print_ex(text.get(), X509_get_subject_name(certificate.get()), 0,
                        XN_FLAG_RFC2253 & ~ASN1_STRFLGS_ESC_MSB);
     char* bytes = nullptr;
     const long size = BIO_get_mem_data(text.get(), &bytes);
-    const std::string subject(bytes, size > 0 ? static_cast<std::size_t>(size) : 0);
-    constexpr std::size_t subject_bytes_max = 200;
-    return subject.size() <= subject_bytes_max && protocol::printable(subject) ? subject : "";
+    std::string subject(bytes, size > 0 ? static_cast<std::size_t>(size) : 0);
+    if (subject.empty())
+        peer.subject_fault = "is empty";
+    else if (subject.size() > protocol::subject_bytes_max)
+        peer.subject_fault = "is over " + std::to_string(protocol::subject_bytes_max) + " bytes";
+    else if (!protocol::printable(subject))
+        peer.subject_fault = "is not printable text";
+    else
+        peer.subject = std::move(subject);
 }
 
 TlsSocket::Outcome TlsSocket::outcome(int result) const {

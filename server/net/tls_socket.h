@@ -5,6 +5,7 @@
 #pragma once
 
 #include "server/net/asio.h"
+#include "server/principal.h"
 #include "server/security/tls_context.h"
 
 #include <array>
@@ -33,9 +34,9 @@ public:
     asio::awaitable<bool> starts_plain(SystemError& error);
     /// Does the handshake. Fails with the reason in `why`, after the peer could read an alert.
     asio::awaitable<void> accept(SystemError& error, std::string& why);
-    /// Returns the subject of the peer's certificate, which OpenSSL has verified, in the form of RFC
-    /// 2253: "CN=alice,O=Lab". Empty without one, or if it is not a short printable text.
-    [[nodiscard]] std::string subject() const;
+    /// Tells `peer` the subject of its certificate, which OpenSSL has verified, in the form of RFC
+    /// 2253: "CN=alice,O=Lab"; or why that names no principal. Without a certificate it tells nothing.
+    void tell_subject(PeerIdentity& peer) const;
 
     /// Decrypts bytes that are there. `got` is 0 unless the outcome is `done`.
     Outcome read(void* bytes, std::size_t size, std::size_t& got);

@@ -63,7 +63,7 @@ asio::awaitable<void> TlsTransport::open(SystemError& error) {
     std::string why;
     co_await tls_.accept(error, why);
     if (!why.empty()) log_failure(why);
-    if (!error) peer_.subject = tls_.subject();
+    if (!error) tls_.tell_subject(peer_);
 }
 
 void TlsTransport::set_low_mark(std::size_t wanted) {

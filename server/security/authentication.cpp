@@ -95,24 +95,26 @@ Reply<std::string> Authentication::log_in(const PeerIdentity& peer, std::string_
     return logins_.begin(std::move(*principal), wall);
 }
 
-Reply<void> Authentication::check_wait(const PeerIdentity& peer, Time now) const {
+tl::unexpected<protocol::Error> Authentication::refuse_secret(const PeerIdentity& peer, Time now,
+                                                              const char* reason,
+                                                              const char* why) {
     const milliseconds wait = failures_.wait_of(peer.name, now);
-    if (wait.count() == 0) return {};
-    return tl::unexpected(protocol::Error{Code::busy, "too many wrong tokens came from " + peer.name,
-                                          static_cast<std::uint32_t>(wait.count())});
+    if (wait.count() != 0)
+        return tl::unexpected(protocol::Error{Code::busy,
+                                              "too many wrong tokens came from " + peer.name,
+                                              static_cast<std::uint32_t>(wait.count())});
+    failures_.failed(peer.name, now);
+    audit("login_refused", peer, "", reason);
+    return refuse(Code::not_allowed, why);
 }
 
 Reply<Principal> Authentication::by_code(const PeerIdentity& peer, std::string_view code, Time now,
                                          WallClock::time_point wall) {
-    if (const auto may_try = check_wait(peer, now); !may_try)
-        return tl::unexpected(may_try.error());
     const auto principal = logins_.take_code(code, wall);
-    if (!principal || !still_valid(*principal, wall)) {
-        failures_.failed(peer.name, now);
-        audit("login_refused", peer, "", "unknown, used or expired code");
-        return refuse(Code::not_allowed,
-                      "the code of this address was used or has expired; run raynest open again");
-    }
+    if (!principal || !still_valid(*principal, wall))
+        return refuse_secret(
+            peer, now, "unknown, used or expired code",
+            "the code of this address was used or has expired; run raynest open again");
     failures_.succeeded(peer.name);
     audit("login", peer, principal->id, "code");
     return *principal;
@@ -120,16 +122,11 @@ Reply<Principal> Authentication::by_code(const PeerIdentity& peer, std::string_v
 
 Reply<Principal> Authentication::by_token(const PeerIdentity& peer, std::string_view token, Time now,
                                           WallClock::time_point wall, Audit audited) {
-    if (const auto may_try = check_wait(peer, now); !may_try)
-        return tl::unexpected(may_try.error());
     const TokenRow* row = tokens_.find_token(token, wall);
-    if (row == nullptr) {
-        failures_.failed(peer.name, now);
-        audit("login_refused", peer, "", "unknown, expired or revoked token");
-        return refuse(Code::not_allowed,
-                      "the token is unknown here, has expired or was revoked; ask for a new one "
-                      "(raynestd token add NAME)");
-    }
+    if (row == nullptr)
+        return refuse_secret(peer, now, "unknown, expired or revoked token",
+                             "the token is unknown here, has expired or was revoked; ask for a new "
+                             "one (raynestd token add NAME)");
     failures_.succeeded(peer.name);
     if (audited == Audit::logins) audit("login", peer, row->name, "token");
     return principal_of(*row);
@@ -156,12 +153,19 @@ Reply<Principal> Authentication::anonymous(const PeerIdentity& peer) const {
     const bool asks = (is_encrypted && (policy_.tokens || policy_.certificates)) ||
                       (peer.place == Place::remote && policy_.tokens);
     if (asks || !policy_.anonymous) {
-        audit("login_refused", peer, "", "no token");
-        const bool only_certificates = policy_.certificates && !policy_.tokens;
-        return refuse(Code::not_allowed,
-                      only_certificates
-                          ? "this daemon asks for a client certificate: pass --cert FILE and --key FILE"
-                          : std::string("this daemon asks for a token: ") + token_remedy);
+        if (peer.subject_fault.empty()) {
+            audit("login_refused", peer, "", "no token");
+            const bool only_certificates = policy_.certificates && !policy_.tokens;
+            return refuse(
+                Code::not_allowed,
+                only_certificates
+                    ? "this daemon asks for a client certificate: pass --cert FILE and --key FILE"
+                    : std::string("this daemon asks for a token: ") + token_remedy);
+        }
+        const std::string fault = "the subject of this client's certificate " + peer.subject_fault;
+        audit("login_refused", peer, "", fault.c_str());
+        return refuse(Code::not_allowed, fault + ", and names nobody; make one with a short subject "
+                                                 "such as CN=robot");
     }
     return Principal{peer.name, {}, *policy_.anonymous, ""};
 }

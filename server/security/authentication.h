@@ -27,11 +27,12 @@ struct AccessPolicy {
     bool certificates = false;                   ///< --client-ca is given
 };
 
-/// Counts wrong tokens per address. After a few, the address must wait, twice as long each time.
+/// Counts wrong tokens per address. After a few, other wrong ones of the address must wait, twice as
+/// long each time. Right ones never wait: programs of several users may share the address.
 class LoginFailures {
 public:
     using Time = std::chrono::steady_clock::time_point;
-    /// Returns how long the address must wait; zero if it may try.
+    /// Returns how long wrong tokens of the address must wait; zero if they need not.
     [[nodiscard]] std::chrono::milliseconds wait_of(const std::string& address, Time now) const;
     void failed(const std::string& address, Time now);
     void succeeded(const std::string& address) { addresses_.erase(address); }
@@ -59,8 +60,8 @@ public:
     void set_tokens(TokenTable tokens) { tokens_ = std::move(tokens); }
     [[nodiscard]] const TokenTable& tokens() const { return tokens_; }
 
-    /// Identifies a peer. Fails with NOT_ALLOWED and the remedy, or with BUSY after several wrong
-    /// tokens from its address.
+    /// Identifies a peer. Fails with NOT_ALLOWED and the remedy, or with BUSY if its token is wrong and
+    /// several from its address were.
     [[nodiscard]] Reply<Principal> identify(const PeerIdentity& peer, std::string_view token,
                                             Time now, WallClock::time_point wall);
 
@@ -84,8 +85,11 @@ public:
 private:
     /// What is logged: connections that begin and refusals, or refusals alone.
     enum class Audit { logins, refusals };
-    /// Fails with BUSY while the address must wait, because wrong tokens came from it.
-    [[nodiscard]] Reply<void> check_wait(const PeerIdentity& peer, Time now) const;
+    /// Returns the error of a wrong token or code: BUSY while wrong ones of the address must wait, else
+    /// NOT_ALLOWED with `why`, and then counts it.
+    [[nodiscard]] tl::unexpected<protocol::Error> refuse_secret(const PeerIdentity& peer, Time now,
+                                                                const char* reason,
+                                                                const char* why);
     [[nodiscard]] Reply<Principal> by_token(const PeerIdentity& peer, std::string_view token,
                                             Time now, WallClock::time_point wall, Audit audited);
     [[nodiscard]] Reply<Principal> by_code(const PeerIdentity& peer, std::string_view code, Time now,

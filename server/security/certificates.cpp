@@ -1,7 +1,7 @@
 #include "server/security/certificates.h"
 
+#include "server/security/pem_file.h"
 #include "server/security/secret_file.h"
-#include "server/security/tls_context.h"
 
 #include <arpa/inet.h>
 #include <ifaddrs.h>
@@ -24,17 +24,9 @@ namespace {
 
 namespace fs = std::filesystem;
 
-template <auto release>
-struct Release {
-    template <class T>
-    void operator()(T* owned) const {
-        release(owned);
-    }
-};
-using Key = std::unique_ptr<EVP_PKEY, Release<EVP_PKEY_free>>;
-using Certificate = std::unique_ptr<X509, Release<X509_free>>;
 using Memory = std::unique_ptr<BIO, Release<BIO_free>>;
 
+constexpr long day_seconds = 24L * 3600;
 constexpr long ca_days = 3650;
 /// Browsers refuse certificates of more than 398 days.
 constexpr long days = 397;
@@ -87,8 +79,8 @@ struct Extension {
     std::string value;
 };
 
-/// Makes a certificate. Without `issuer` it signs itself.
-Result<Certificate> sign(EVP_PKEY* key, const std::string& common_name, long valid_days,
+/// Makes a certificate that is valid for so many seconds. Without `issuer` it signs itself.
+Result<Certificate> sign(EVP_PKEY* key, const std::string& common_name, long valid_seconds,
                          const std::vector<Extension>& extensions, const Issuer* issuer) {
     Certificate made(X509_new());
     X509* certificate = made.get();
@@ -97,8 +89,7 @@ Result<Certificate> sign(EVP_PKEY* key, const std::string& common_name, long val
     X509_NAME* name = X509_get_subject_name(certificate);
     bool good = X509_set_version(certificate, X509_VERSION_3) == 1 && set_serial(certificate) &&
                 X509_gmtime_adj(X509_getm_notBefore(certificate), -early_seconds) != nullptr &&
-                X509_gmtime_adj(X509_getm_notAfter(certificate), valid_days * 24 * 3600) !=
-                    nullptr &&
+                X509_gmtime_adj(X509_getm_notAfter(certificate), valid_seconds) != nullptr &&
                 X509_set_pubkey(certificate, key) == 1 &&
                 X509_NAME_add_entry_by_txt(
                     name, "CN", MBSTRING_UTF8,
@@ -129,21 +120,6 @@ std::string to_pem(EVP_PKEY* key) {
     const Memory memory(BIO_new(BIO_s_mem()));
     PEM_write_bio_PrivateKey(memory.get(), key, nullptr, nullptr, 0, nullptr, nullptr);
     return text_of(memory);
-}
-
-Result<Certificate> read_certificate(const fs::path& file) {
-    const Memory opened(BIO_new_file(file.c_str(), "r"));
-    Certificate read(opened ? PEM_read_bio_X509(opened.get(), nullptr, nullptr, nullptr) : nullptr);
-    if (!read) return failed(file.string() + ": no certificate");
-    return read;
-}
-
-Result<Key> read_key(const fs::path& file) {
-    if (const auto secret = check_secret_file(file); !secret) return tl::unexpected(secret.error());
-    const Memory opened(BIO_new_file(file.c_str(), "r"));
-    Key read(opened ? PEM_read_bio_PrivateKey(opened.get(), nullptr, nullptr, nullptr) : nullptr);
-    if (!read) return failed(file.string() + ": no key");
-    return read;
 }
 
 const std::string ca_uses = "critical,keyCertSign,cRLSign";
@@ -185,23 +161,57 @@ std::string names_of(X509* certificate) {
     return alternative_names(found);
 }
 
-struct Written {
-    const char* name;
-    std::string content;
-};
-
-Result<void> write_new(const fs::path& folder, const std::vector<Written>& files) {
+Result<void> write_new(const fs::path& folder, const std::vector<NewFile>& files) {
     std::error_code error;
-    for (const Written& file : files)
-        if (fs::exists(fs::symlink_status(folder / file.name, error)))
-            return fail(ErrorCode::io_failed, (folder / file.name).string() +
+    for (const NewFile& file : files)
+        if (fs::exists(fs::symlink_status(file.path, error)))
+            return fail(ErrorCode::io_failed, file.path.string() +
                                                   " exists, and is not overwritten; give another "
                                                   "DIR, or renew it: raynestd tls renew " +
                                                   folder.string());
-    for (const Written& file : files)
-        if (auto written = write_file_atomically(folder / file.name, file.content); !written)
-            return written;
-    return {};
+    const bool is_new = fs::create_directories(folder, error);
+    if (error) return fail(ErrorCode::io_failed, folder.string() + ": " + error.message());
+    if (is_new) fs::permissions(folder, fs::perms::owner_all, error);
+    auto written = write_files_atomically(files);
+    if (!written && is_new) fs::remove(folder, error);
+    return written;
+}
+
+/// Returns the seconds until a certificate's time ends; negative after it.
+Result<long> seconds_left(const X509* certificate) {
+    int whole_days = 0;
+    int seconds = 0;
+    if (ASN1_TIME_diff(&whole_days, &seconds, nullptr, X509_get0_notAfter(certificate)) != 1)
+        return failed("a certificate without an end");
+    return whole_days * day_seconds + seconds;
+}
+
+/// A certificate and its key, as files of one folder hold them.
+struct Pair {
+    Certificate certificate;
+    Key key;
+};
+
+Result<Pair> read_pair(const fs::path& folder, const char* certificate_file, const char* key_file,
+                       const std::string& if_missing) {
+    std::error_code error;
+    for (const char* name : {certificate_file, key_file})
+        if (const fs::path file = folder / name; !fs::exists(file, error))
+            return fail(ErrorCode::io_failed,
+                        file.string() + ": " + (error ? error.message() : "it is missing") + "; " +
+                            if_missing);
+    auto certificates = read_certificates(folder / certificate_file);
+    if (!certificates) return tl::unexpected(certificates.error());
+    auto key = read_key(folder / key_file, Reader::command);
+    if (!key) return tl::unexpected(key.error());
+    Pair pair{std::move(certificates->front()), std::move(*key)};
+    const bool fits = X509_check_private_key(pair.certificate.get(), pair.key.get()) == 1;
+    (void)tls_error_text();
+    if (!fits)
+        return fail(ErrorCode::io_failed, (folder / key_file).string() +
+                                              ": this key does not belong to " + certificate_file +
+                                              "; bring back the one that was made with it");
+    return pair;
 }
 
 }  // namespace
@@ -244,51 +254,68 @@ Result<void> make_certificates(const fs::path& folder, const std::vector<std::st
     const Key ca_key(EVP_EC_gen("P-256")), server_key(EVP_EC_gen("P-256")),
         client_key(EVP_EC_gen("P-256"));
     if (!ca_key || !server_key || !client_key) return failed("cannot make a key");
-    const auto ca = sign(ca_key.get(), "RayNest private CA", ca_days,
+    const auto ca = sign(ca_key.get(), "RayNest private CA", ca_days * day_seconds,
                          {{NID_basic_constraints, "critical,CA:TRUE,pathlen:0"},
                           {NID_key_usage, ca_uses}},
                          nullptr);
     if (!ca) return tl::unexpected(ca.error());
     const Issuer issuer{ca->get(), ca_key.get()};
-    const auto server = sign(server_key.get(), "raynestd", days,
+    const auto server = sign(server_key.get(), "raynestd", days * day_seconds,
                              server_extensions(alternative_names(names)), &issuer);
     if (!server) return tl::unexpected(server.error());
-    const auto client = sign(client_key.get(), "raynest-client", days, client_extensions(), &issuer);
+    const auto client = sign(client_key.get(), "raynest-client", days * day_seconds,
+                             client_extensions(), &issuer);
     if (!client) return tl::unexpected(client.error());
 
-    std::error_code error;
-    if (fs::create_directories(folder, error))
-        fs::permissions(folder, fs::perms::owner_all, error);
     using Files = CertificateFiles;
-    return write_new(folder, {{Files::ca, to_pem(ca->get())},
-                              {Files::ca_key, to_pem(ca_key.get())},
-                              {Files::server, to_pem(server->get())},
-                              {Files::server_key, to_pem(server_key.get())},
-                              {Files::client, to_pem(client->get())},
-                              {Files::client_key, to_pem(client_key.get())}});
+    return write_new(folder, {{folder / Files::ca, to_pem(ca->get())},
+                              {folder / Files::ca_key, to_pem(ca_key.get())},
+                              {folder / Files::server, to_pem(server->get())},
+                              {folder / Files::server_key, to_pem(server_key.get())},
+                              {folder / Files::client, to_pem(client->get())},
+                              {folder / Files::client_key, to_pem(client_key.get())}});
 }
 
-Result<void> renew_certificates(const fs::path& folder) {
+Result<Renewal> renew_certificates(const fs::path& folder) {
     using Files = CertificateFiles;
-    const auto ca = read_certificate(folder / Files::ca);
+    const auto ca =
+        read_pair(folder, Files::ca, Files::ca_key,
+                  "the CA signs anew: bring ca.pem and ca-key.pem back from where they are kept, or "
+                  "make another CA: raynestd tls init DIR");
     if (!ca) return tl::unexpected(ca.error());
-    const auto ca_key = read_key(folder / Files::ca_key);
-    if (!ca_key) return tl::unexpected(ca_key.error());
-    const Issuer issuer{ca->get(), ca_key->get()};
+    const auto left = seconds_left(ca->certificate.get());
+    if (!left) return tl::unexpected(left.error());
+    if (*left <= 0)
+        return fail(ErrorCode::io_failed, (folder / Files::ca).string() +
+                                              ": this CA has expired, and clients refuse what it "
+                                              "signs; make another: raynestd tls init DIR, and give "
+                                              "clients its ca.pem");
+    const long seconds = std::min(days * day_seconds, *left);
+    const Issuer issuer{ca->certificate.get(), ca->key.get()};
+    std::vector<NewFile> renewed;
     const auto renew = [&](const char* file, const char* key_file,
                            const std::string& common_name, bool is_server) -> Result<void> {
-        const auto old = read_certificate(folder / file);
+        const auto old = read_pair(folder, file, key_file,
+                                   "bring it back, or make new ones in an empty DIR: raynestd tls "
+                                   "init DIR");
         if (!old) return tl::unexpected(old.error());
-        const auto key = read_key(folder / key_file);
-        if (!key) return tl::unexpected(key.error());
-        const auto made = sign(
-            key->get(), common_name, days,
-            is_server ? server_extensions(names_of(old->get())) : client_extensions(), &issuer);
+        const auto made = sign(old->key.get(), common_name, seconds,
+                               is_server ? server_extensions(names_of(old->certificate.get()))
+                                         : client_extensions(),
+                               &issuer);
         if (!made) return tl::unexpected(made.error());
-        return write_file_atomically(folder / file, to_pem(made->get()));
+        const auto place = behind_links(folder / file);
+        if (!place) return tl::unexpected(place.error());
+        renewed.push_back({*place, to_pem(made->get())});
+        return {};
     };
-    if (auto done = renew(Files::server, Files::server_key, "raynestd", true); !done) return done;
-    return renew(Files::client, Files::client_key, "raynest-client", false);
+    if (auto done = renew(Files::server, Files::server_key, "raynestd", true); !done)
+        return tl::unexpected(done.error());
+    if (auto done = renew(Files::client, Files::client_key, "raynest-client", false); !done)
+        return tl::unexpected(done.error());
+    if (auto written = write_files_atomically(renewed); !written)
+        return tl::unexpected(written.error());
+    return Renewal{seconds / day_seconds, seconds < days * day_seconds};
 }
 
 }  // namespace raynest::server

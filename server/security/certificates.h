@@ -25,10 +25,17 @@ struct CertificateFiles {
 
 /// Writes a CA, and a server and a client certificate that it signs. `names` are the host names and
 /// IP addresses of the server certificate. Overwrites nothing: fails if one of the files exists.
+/// Writes all files or none.
 [[nodiscard]] Result<void> make_certificates(const std::filesystem::path& folder,
                                              const std::vector<std::string>& names);
 
-/// Signs the server and the client certificate of the folder anew, for the same names and keys.
-[[nodiscard]] Result<void> renew_certificates(const std::filesystem::path& folder);
+struct Renewal {
+    long days = 0;              ///< whole days that the new certificates are valid
+    bool ends_with_ca = false;  ///< the CA ends before their usual time
+};
+
+/// Signs the server and the client certificate of the folder anew, for the same names and keys. Writes
+/// both or none. Fails if a key does not belong to its certificate, or if the CA has expired.
+[[nodiscard]] Result<Renewal> renew_certificates(const std::filesystem::path& folder);
 
 }  // namespace raynest::server

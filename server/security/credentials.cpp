@@ -66,7 +66,7 @@ Result<void> Credentials::load_tokens() {
     if (options_.tokens.empty()) return {};
     // Take the version first: a change during the read is seen by the next look.
     tokens_version_ = version_of(options_.tokens);
-    auto table = TokenTable::read(options_.tokens);
+    auto table = TokenTable::read(options_.tokens, Reader::daemon);
     if (!table) return tl::unexpected(table.error());
     next_expiry_ = WallClock::time_point::max();
     const auto now = WallClock::now();

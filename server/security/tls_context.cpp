@@ -1,6 +1,6 @@
 #include "server/security/tls_context.h"
 
-#include "server/security/secret_file.h"
+#include "server/security/pem_file.h"
 
 #include <arpa/inet.h>
 #include <netinet/in.h>
@@ -76,14 +76,18 @@ void restrict_protocol(SSL_CTX* context) {
                                   SSL_MODE_RELEASE_BUFFERS);
 }
 
-}  // namespace
-
-std::string tls_error_text() {
-    const unsigned long code = ERR_get_error();
+/// Uses the first certificate as the daemon's own, and the others as its chain.
+Result<void> use_chain(SSL_CTX* context, const std::filesystem::path& file,
+                       const std::vector<Certificate>& certificates) {
     ERR_clear_error();
-    const char* reason = code == 0 ? nullptr : ERR_reason_error_string(code);
-    return reason == nullptr ? "unknown reason" : reason;
+    bool good = SSL_CTX_use_certificate(context, certificates.front().get()) == 1;
+    for (std::size_t i = 1; good && i < certificates.size(); ++i)
+        good = SSL_CTX_add1_chain_cert(context, certificates[i].get()) == 1;
+    if (good) return {};
+    return unusable(file, "the certificate cannot be used: " + tls_error_text());
 }
+
+}  // namespace
 
 Result<std::shared_ptr<const TlsContext>> TlsContext::load(const TlsFiles& files) {
     const std::shared_ptr<TlsContext> made(new TlsContext);
@@ -92,35 +96,32 @@ Result<std::shared_ptr<const TlsContext>> TlsContext::load(const TlsFiles& files
     if (context == nullptr) return fail(ErrorCode::out_of_memory, tls_error_text());
     restrict_protocol(context);
 
-    ERR_clear_error();
-    if (SSL_CTX_use_certificate_chain_file(context, files.certificate.c_str()) != 1)
-        return unusable(files.certificate,
-                        "no certificate in PEM form (" + tls_error_text() +
-                            "); make one with: raynestd tls init DIR");
-    if (const auto secret = check_secret_file(files.key); !secret)
-        return tl::unexpected(secret.error());
-    if (SSL_CTX_use_PrivateKey_file(context, files.key.c_str(), SSL_FILETYPE_PEM) != 1) {
-        const bool differs = ERR_GET_REASON(ERR_peek_error()) == X509_R_KEY_VALUES_MISMATCH;
-        const std::string why = tls_error_text();
-        return unusable(files.key, differs ? "this key does not fit the certificate " +
-                                                 files.certificate.string() +
-                                                 "; give the two that were made together"
-                                           : "no key in PEM form without a password (" + why + ")");
-    }
-    if (SSL_CTX_check_private_key(context) != 1)
+    const auto certificates = read_certificates(files.certificate);
+    if (!certificates) return tl::unexpected(certificates.error());
+    if (auto used = use_chain(context, files.certificate, *certificates); !used)
+        return tl::unexpected(used.error());
+    const auto key = read_key(files.key, Reader::daemon);
+    if (!key) return tl::unexpected(key.error());
+    if (SSL_CTX_use_PrivateKey(context, key->get()) != 1 ||
+        SSL_CTX_check_private_key(context) != 1) {
+        ERR_clear_error();
         return unusable(files.key, "this key does not fit the certificate " +
                                        files.certificate.string() +
                                        "; give the two that were made together");
+    }
     made->names_ = names_of(SSL_CTX_get0_certificate(context));
     made->expires_ = to_time(X509_get0_notAfter(SSL_CTX_get0_certificate(context)));
     if (made->expires_ < std::chrono::system_clock::now())
         return unusable(files.certificate, "the certificate has expired; raynestd tls renew DIR");
 
     if (!files.client_ca.empty()) {
-        if (SSL_CTX_load_verify_file(context, files.client_ca.c_str()) != 1)
-            return unusable(files.client_ca,
-                            "no CA certificate in PEM form (" + tls_error_text() + ")");
-        SSL_CTX_set_client_CA_list(context, SSL_load_client_CA_file(files.client_ca.c_str()));
+        const auto known = read_certificates(files.client_ca);
+        if (!known) return tl::unexpected(known.error());
+        X509_STORE* store = SSL_CTX_get_cert_store(context);
+        for (const Certificate& ca : *known)
+            if (X509_STORE_add_cert(store, ca.get()) != 1 ||
+                SSL_CTX_add_client_CA(context, ca.get()) != 1)
+                return unusable(files.client_ca, tls_error_text());
         // A peer may leave its certificate out: Hello can bring a token instead.
         SSL_CTX_set_verify(context, SSL_VERIFY_PEER, nullptr);
     }

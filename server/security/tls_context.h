@@ -25,8 +25,8 @@ struct TlsFiles {
 /// the one that it began with.
 class TlsContext {
 public:
-    /// Reads the files. Fails with the name of the file and the remedy: unreadable, readable by
-    /// others, expired, or a key that does not fit its certificate.
+    /// Reads the files. Fails with the name of the file and the remedy: unreadable, too large,
+    /// readable by others, expired, a key with a password or one that does not fit its certificate.
     static Result<std::shared_ptr<const TlsContext>> load(const TlsFiles& files);
 
     /// OpenSSL's context, which it counts references of.
@@ -46,8 +46,5 @@ private:
     std::chrono::system_clock::time_point expires_;
     std::vector<std::string> names_;
 };
-
-/// Returns the first error of OpenSSL in this thread as words, and clears them all.
-[[nodiscard]] std::string tls_error_text();
 
 }  // namespace raynest::server

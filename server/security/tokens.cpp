@@ -1,7 +1,6 @@
 #include "server/security/tokens.h"
 
 #include "protocol/validate.h"
-#include "server/security/secret_file.h"
 
 #include <openssl/crypto.h>
 #include <openssl/evp.h>
@@ -17,6 +16,8 @@ namespace {
 
 constexpr std::size_t file_bytes_max = 4 << 20;
 constexpr std::size_t name_bytes_max = 64;
+/// The year 2255, in seconds: later times do not fit a clock of nanoseconds.
+constexpr std::int64_t expires_max = 9'000'000'000;
 /// The words of TokenRow::Kind in the file.
 constexpr std::array<std::string_view, 3> kind_names = {"token", "cert", "shut"};
 constexpr std::string_view digits = "0123456789abcdef";
@@ -78,7 +79,8 @@ tl::expected<TokenRow, std::string> to_row(const std::string& line) {
     row.role = *known_role;
     if (expires != "never") {
         const auto seconds = to_number<std::int64_t>(expires);
-        if (!seconds) return tl::unexpected("'" + expires + "' is neither a Unix time nor never");
+        if (!seconds || *seconds < 0 || *seconds > expires_max)
+            return tl::unexpected("'" + expires + "' is neither a Unix time nor never");
         row.expires = WallClock::time_point(std::chrono::seconds(*seconds));
     }
     const auto known_quota = parse_quota(quota == "-" ? "" : quota);
@@ -170,14 +172,29 @@ Result<TokenTable> TokenTable::parse(std::string_view content) {
     return table;
 }
 
-Result<TokenTable> TokenTable::read(const std::filesystem::path& file, bool missing_is_empty) {
-    std::error_code ignored;
-    if (missing_is_empty && !std::filesystem::exists(file, ignored)) return TokenTable();
-    const auto content = read_secret_file(file, file_bytes_max);
+Result<TokenTable> TokenTable::read(const std::filesystem::path& file, Reader reader,
+                                    bool missing_is_empty) {
+    std::error_code error;
+    if (missing_is_empty && !std::filesystem::exists(file, error) && !error) return TokenTable();
+    const auto content = read_secret_file(file, file_bytes_max, reader);
     if (!content) return tl::unexpected(content.error());
     auto table = parse(*content);
     if (!table) table.error().message = file.string() + ", " + table.error().message;
     return table;
+}
+
+Result<void> TokenTable::write(const std::filesystem::path& file) const {
+    const std::string text = to_text();
+    if (text.size() > file_bytes_max)
+        return fail(ErrorCode::limit_exceeded,
+                    file.string() + " would be over " + std::to_string(file_bytes_max) +
+                        " bytes; revoke tokens that nobody uses");
+    const auto same = parse(text);
+    if (!same || same->rows() != rows_)
+        return fail(ErrorCode::param_invalid,
+                    file.string() + " would become unusable, and stays as it was" +
+                        (same ? "" : ": " + same.error().message));
+    return write_files_atomically({{file, text}});
 }
 
 std::string TokenTable::to_text() const {

@@ -10,6 +10,7 @@
 
 #include "engine/result.h"
 #include "server/principal.h"
+#include "server/security/secret_file.h"
 
 #include <array>
 #include <chrono>
@@ -59,7 +60,10 @@ public:
     static Result<TokenTable> parse(std::string_view content);
     /// Reads a file, which only its owner may read. `missing_is_empty`: a file that does not exist
     /// has no rows.
-    static Result<TokenTable> read(const std::filesystem::path& file, bool missing_is_empty = false);
+    static Result<TokenTable> read(const std::filesystem::path& file, Reader reader,
+                                   bool missing_is_empty = false);
+    /// Replaces a file. Fails, and changes nothing, if read() would refuse the new content.
+    [[nodiscard]] Result<void> write(const std::filesystem::path& file) const;
     [[nodiscard]] std::string to_text() const;
 
     /// Returns the row of a token, null if there is none or it has expired. Compares all rows in

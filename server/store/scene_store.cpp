@@ -1,5 +1,6 @@
 #include "server/store/scene_store.h"
 
+#include "protocol/subject.h"
 #include "protocol/text.h"
 #include "server/access.h"
 
@@ -337,7 +338,7 @@ std::vector<SceneStore::Listed> SceneStore::list(const ConnectionId& caller) con
         if (!found_by(known, caller)) continue;
         std::string share;
         for (const std::string& principal : known.share)
-            share += (share.empty() ? "" : ",") + principal;
+            share.append(share.empty() ? "" : ",").append(protocol::in_list(principal));
         scenes.push_back({known.scene_for(caller), known.owner, std::move(share),
                           now - known.loaded, now - known.used, known.connections()});
     }

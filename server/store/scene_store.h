@@ -131,7 +131,7 @@ public:
     struct Listed {
         NamedScene scene;
         std::string owner;
-        std::string share;  ///< "", "public", or principals joined by ','
+        std::string share;  ///< "", "public", or a list of principals (protocol/subject.h)
         Clock::duration age{};
         Clock::duration idle{};   ///< time since a request last used the scene
         std::size_t holders = 0;  ///< number of open connections that loaded or opened the scene

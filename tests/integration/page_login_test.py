@@ -341,10 +341,13 @@ class PageTest(unittest.TestCase):
         until(lambda: answers.append(attempts[len(answers) % 3]()) or answers[-1][0] == 429)
         self.assertEqual([status for status, _, _ in answers[:5]], [401] * 5)
         self.assertGreater(int(answers[-1][1]["retry-after"]), 0)
-        # The same wait meets the command line; health is told to everybody.
+        # The same wait meets the command line; right tokens and health do not wait.
         until(lambda: self.client("wrong", daemon).run("scenes").returncode == 6)
         self.assertEqual([get(daemon.http, path)[0] for path in ("/healthz", "/readyz")], [200, 200])
-        until(lambda: post(daemon.http, "/v1/login", "token=" + self.secrets["user"])[0] == 200)
+        right = ["Authorization: bEARER  " + self.secrets["viewer"]]
+        self.assertEqual(get(daemon.http, "/metrics", headers=right)[0], 200)
+        until(lambda: self.client("wrong", daemon).run("scenes").returncode == 6)
+        self.assertEqual(post(daemon.http, "/v1/login", "token=" + self.secrets["user"])[0], 200)
 
     def test_no_secret_reaches_the_log(self):
         cookie = self.log_in(self.http, token=self.secrets["user"])

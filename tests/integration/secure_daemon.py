@@ -28,6 +28,17 @@ class Certificates:
         self.client = ("--cert", self.folder / "client-cert.pem", "--key",
                        self.folder / "client-key.pem")
 
+    def sign(self, name, subject):
+        """Makes a client's certificate, and returns the options that use it. `subject` is in the form of
+        openssl's -subj."""
+        request, made = self.folder.parent / f"{name}.csr", self.folder.parent / f"{name}.pem"
+        key = self.folder / "client-key.pem"
+        command("openssl", "req", "-new", "-utf8", "-key", key, "-subj", subject, "-addext",
+                "extendedKeyUsage=clientAuth", "-out", request)
+        command("openssl", "x509", "-req", "-in", request, "-CA", self.folder / "ca.pem", "-CAkey",
+                self.folder / "ca-key.pem", "-days", "9", "-copy_extensions", "copy", "-out", made)
+        return "--cert", made, "--key", key
+
     @staticmethod
     def renew(raynestd, folder):
         command(raynestd, "tls", "renew", folder)
@@ -53,7 +64,7 @@ def fake_ssh(folder, host, port):
     program = pathlib.Path(folder) / "ssh"
     program.parent.mkdir()
     program.write_text(f"""#!{sys.executable}
-import socket, sys, threading
+import os, socket, sys, threading
 if sys.argv[-2:] != ["--", "{host}"] or "-p" not in sys.argv or sys.argv[sys.argv.index("-p") + 1] != "{port}":
     sys.exit("ssh: Could not resolve hostname " + sys.argv[-1])
 here, there = sys.argv[sys.argv.index("-L") + 1].split(":")
@@ -62,8 +73,9 @@ def copy(source, target):
         target.sendall(data)
     target.shutdown(socket.SHUT_WR)
 server = socket.socket(socket.AF_UNIX)
-server.bind(here)
+server.bind(here + ".new")
 server.listen()
+os.rename(here + ".new", here)  # whoever sees it can connect
 while True:
     near, far = server.accept()[0], socket.socket(socket.AF_UNIX)
     far.connect(there)

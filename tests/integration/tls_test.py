@@ -138,6 +138,10 @@ class Tls(unittest.TestCase):
         self.refused(SecureClient(self.raynest, second, self.certificates.ca, self.token), 3,
                      "is not for 127.0.0.2")
         self.refused(SecureClient(self.raynest, uri, self.out / "none.pem", self.token), 2,
+                     "none.pem: No such file")
+        self.refused(SecureClient(self.raynest, uri, self.certificates.folder, self.token), 2,
+                     "it is a folder")
+        self.refused(SecureClient(self.raynest, uri, self.certificates.folder / "key.pem", self.token), 2,
                      "no CA certificate in PEM form")
         unverified = SecureClient(self.raynest, second, None, self.token)
         done = unverified.run("--tls-verify", "off", "scenes")
@@ -178,8 +182,10 @@ class Tls(unittest.TestCase):
                          other.folder / "key.pem")
         (other.folder / "key.pem").chmod(0o644)
         self.not_started(1, "chmod 600", *listen, "--tls-key", other.folder / "key.pem")
-        self.not_started(1, "no certificate in PEM form", "--listen", "tls://127.0.0.1:0",
+        self.not_started(1, "none: No such file", "--listen", "tls://127.0.0.1:0",
                          "--tls-cert", self.out / "none", "--tls-key", other.folder / "key.pem")
+        self.not_started(1, "no certificate in PEM form", "--listen", "tls://127.0.0.1:0",
+                         "--tls-cert", other.folder / "key.pem", "--tls-key", other.folder / "key.pem")
 
     def test_what_listens_beyond_loopback_is_encrypted_and_asks_who_comes(self):
         for code, says, arguments in (

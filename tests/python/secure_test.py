@@ -82,7 +82,10 @@ class Secure(unittest.TestCase):
                 (raynest.errors.ConnectError, "does not speak TLS",
                  {"uri": self.daemon.uri.replace("tcp://", "tls://")}),
                 (raynest.errors.ConnectError, "with tls://", {"uri": plain}),
-                (raynest.errors.UsageError, "no CA certificate", {"ca": "/none"}),
+                (raynest.errors.UsageError, "/none: No such file", {"ca": "/none"}),
+                (raynest.errors.UsageError, "no CA certificate",
+                 {"ca": str(self.certificates.client[3])}),
+                (raynest.errors.UsageError, "/none: No such file", {"cert": "/none", "key": "/none"}),
                 (raynest.errors.UsageError, "belong together", {"cert": "/none"}),
                 (raynest.errors.UsageError, "is not sent to",
                  {"uri": "tcp://192.0.2.1:1", "name": "alice"}),
@@ -98,6 +101,25 @@ class Secure(unittest.TestCase):
         robot = self.connect(cert=str(self.certificates.client[1]),
                              key=str(self.certificates.client[3]))
         self.assertEqual(robot.connection.daemon.principal, "CN=raynest-client")
+
+    def test_a_scene_is_shared_with_the_principals_that_were_named(self):
+        alice = self.connect("alice")
+        _, cert, _, key = self.certificates.sign("whole", "/O=Lab/CN=robot")
+        whole = self.connect(cert=str(cert), key=str(key))
+        self.assertEqual(whole.connection.daemon.principal, "CN=robot,O=Lab")
+        part = self.connect(cert=str(self.certificates.sign("part", "/CN=robot")[1]), key=str(key))
+
+        def load(share):
+            alice.load("builtin:terrain?size=8", "named", share=share)
+            return [name for name, client in (("whole", whole), ("part", part), ("bob", self.connect("bob")))
+                    if any(scene["name"] == "alice/named" for scene in client.scenes())]
+        for unclear in ("CN=robot,O=Lab", "CN = robot", "bob,,eve"):
+            with self.assertRaises(raynest.errors.Error):
+                load(unclear)
+        self.assertEqual(load(["CN=robot,O=Lab"]), ["whole"])
+        self.assertEqual(load("bob,CN=robot\\,O=Lab"), ["whole", "bob"])
+        self.assertEqual(load("bob,CN=robot"), ["part", "bob"])
+        self.assertEqual(load(["bob"]), ["bob"])
 
     def test_verification_can_be_turned_off_with_a_warning(self):
         with warnings.catch_warnings(record=True) as seen:

@@ -5,8 +5,10 @@ decrypted bytes that poll() knows nothing of.
 """
 from __future__ import annotations
 
+import os
 import socket
 import ssl
+import stat
 import warnings
 from typing import Sequence
 
@@ -94,6 +96,9 @@ class TlsSocket:
 
 
 def _context(access: Access) -> ssl.SSLContext:
+    for file in (access.ca, access.certificate, access.key):
+        if file:
+            _check_readable(file)
     context = ssl.SSLContext(ssl.PROTOCOL_TLS_CLIENT)
     context.minimum_version = ssl.TLSVersion.TLSv1_2
     if not access.verify:
@@ -104,8 +109,9 @@ def _context(access: Access) -> ssl.SSLContext:
         try:
             context.load_verify_locations(access.ca)
         except (OSError, ssl.SSLError) as error:
-            raise errors.UsageError(f"{access.ca}: no CA certificate in PEM form ({error}); it is "
-                                    "the ca.pem of: raynestd tls init DIR") from None
+            raise errors.UsageError(f"{access.ca}: there is no CA certificate in PEM form in it "
+                                    f"({_reason(error)}); it is the ca.pem of: raynestd tls init "
+                                    "DIR") from None
     else:
         context.load_default_certs()
     if access.certificate:
@@ -113,8 +119,28 @@ def _context(access: Access) -> ssl.SSLContext:
             context.load_cert_chain(access.certificate, access.key)
         except (OSError, ssl.SSLError) as error:
             raise errors.UsageError(f"{access.certificate} and {access.key}: no certificate and key "
-                                    f"that belong together ({error})") from None
+                                    f"that belong together ({_reason(error)})") from None
     return context
+
+
+def _check_readable(file: str) -> None:
+    # Do not open it: a pipe, as of a shell's <(...), can be read once.
+    try:
+        is_folder = stat.S_ISDIR(os.stat(file).st_mode)
+    except OSError as error:
+        raise errors.UsageError(f"cannot read {file}: {error.strerror}") from None
+    if is_folder or not os.access(file, os.R_OK):
+        raise errors.UsageError(f"cannot read {file}: "
+                                + ("it is a folder" if is_folder else "Permission denied"))
+
+
+def _reason(error: OSError) -> str:
+    """Says in words why OpenSSL takes a file for unusable."""
+    reason = getattr(error, "reason", None) or str(error)
+    return {"EE_KEY_TOO_SMALL": "its key is too short to be safe: RSA needs 2048 bits",
+            "CA_KEY_TOO_SMALL": "the key of its CA is too short to be safe: RSA needs 2048 bits",
+            "CA_MD_TOO_WEAK": "it is signed with an unsafe hash: sign it with SHA-256",
+            "KEY_VALUES_MISMATCH": "the key is another certificate's"}.get(reason, reason)
 
 
 def _refused(error: ssl.SSLError) -> errors.Error:

@@ -22,6 +22,7 @@ from ._handles import Handles
 from ._hash import upload_checksum
 from ._job import Outcome, Progress
 from ._precision import rounding_warning
+from ._principals import split_principals
 from ._rays import vector
 from ._reconnect import seconds_of
 from ._ssh import SshTunnel
@@ -135,7 +136,8 @@ class Client:
         or lies below a match, this mask instead of 0xFFFFFFFF. "*" stands for any text. If several
         patterns match, from a dict or a list of pairs, the last one wins.
 
-        A scene is its owner's alone. `share` names principals that may use it too, or is "public".
+        A scene is its owner's alone. `share` is "public", a list of the principals that may use it
+        too, or their names joined by commas, with "\\," for a comma in a name.
         """
         if hasattr(source, "vertices") and hasattr(source, "faces"):
             raise TypeError("source is a mesh: pass mesh.vertices and mesh.faces to Client.mesh()")
@@ -146,7 +148,7 @@ class Client:
             raise UsageError(f"a scene of {source} has no name of its own: pass name=")
         message = {**upload.message(), **_origin_message(origin), "replace": replace,
                    "build": build, "primitive": primitive, "masks": mask_rules(masks),
-                   "share": [share] if isinstance(share, str) else list(share)}
+                   "share": split_principals(share) if isinstance(share, str) else list(share)}
         return self._load(upload, message, progress)[0]
 
     @none_is_default

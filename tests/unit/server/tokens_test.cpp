@@ -5,6 +5,7 @@
 
 #include <doctest/doctest.h>
 #include <sys/stat.h>
+#include <unistd.h>
 
 #include <algorithm>
 #include <string>
@@ -42,6 +43,7 @@ TEST_CASE("an invalid row is named by its line") {
              {"tokens user never - " + hash + " a", "neither token nor cert"},
              {"token root never - " + hash + " a", "not a role"},
              {"token user soon - " + hash + " a", "neither a Unix time"},
+             {"token user 99999999999 - " + hash + " a", "neither a Unix time"},
              {"token user never jobs=0 " + hash + " a", "not a quota"},
              {"token user never - " + hash.substr(1) + " a", "64 hex digits"},
              {"token user never - " + hash + " 127.0.0.1", "not a name"},
@@ -58,16 +60,64 @@ TEST_CASE("an invalid row is named by its line") {
 TEST_CASE("a file that others can read is refused") {
     const test::TemporaryFolder folder;
     const std::filesystem::path file = folder.path() / "tokens";
-    REQUIRE(write_file_atomically(file, TokenTable().to_text()));
-    CHECK(TokenTable::read(file));
+    REQUIRE(TokenTable().write(file));
+    CHECK(TokenTable::read(file, Reader::daemon));
     for (const mode_t mode : {0640U, 0604U, 0620U}) {
         REQUIRE(chmod(file.c_str(), mode) == 0);
-        const auto read = TokenTable::read(file);
+        const auto read = TokenTable::read(file, Reader::command);
         REQUIRE_FALSE(read);
         CHECK(read.error().message.find("chmod 600") != std::string::npos);
     }
-    CHECK_FALSE(TokenTable::read(folder.path() / "none"));
-    CHECK(TokenTable::read(folder.path() / "none", true)->rows().empty());
+    CHECK_FALSE(TokenTable::read(folder.path() / "none", Reader::command));
+    CHECK(TokenTable::read(folder.path() / "none", Reader::command, true)->rows().empty());
+}
+
+TEST_CASE("rows that could not be read again are not written") {
+    const test::TemporaryFolder folder;
+    const std::filesystem::path file = folder.path() / "tokens";
+    TokenTable good;
+    good.put({TokenRow::Kind::token, "alice", Role::user, hash_token("x"), {}, {}});
+    REQUIRE(good.write(file));
+    for (const char* name : {"", "CN=a\nb", "CN=\x1b", " "}) {
+        TokenTable bad = good;
+        bad.put({TokenRow::Kind::certificate, name, Role::user, {}, {}, {}});
+        const auto written = bad.write(file);
+        REQUIRE_FALSE_MESSAGE(written, name);
+        CHECK(written.error().message.find("would become unusable") != std::string::npos);
+    }
+    CHECK(TokenTable::read(file, Reader::daemon)->rows() == good.rows());
+    TokenTable large = good;
+    const std::string subject = "CN=" + std::string(1000, 'a');
+    for (int i = 0; i < 5000; ++i)
+        large.put({TokenRow::Kind::certificate, subject + std::to_string(i), Role::user, {}, {}, {}});
+    CHECK(large.write(file).error().code == ErrorCode::limit_exceeded);
+    CHECK(TokenTable::read(file, Reader::daemon)->rows() == good.rows());
+}
+
+TEST_CASE("a replaced file keeps its mode, and a link leads to its target") {
+    const test::TemporaryFolder folder;
+    const std::filesystem::path file = folder.path() / "target";
+    const std::filesystem::path link = folder.path() / "link";
+    REQUIRE(write_files_atomically({{file, "old"}}));
+    REQUIRE(chmod(file.c_str(), 0640) == 0);
+    REQUIRE(write_files_atomically({{file, "new"}}));
+    struct stat status {};
+    REQUIRE(stat(file.c_str(), &status) == 0);
+    CHECK((status.st_mode & 07777U) == 0640);
+    std::filesystem::create_symlink("target", link);
+    CHECK(std::filesystem::equivalent(*behind_links(link), file));
+    CHECK_FALSE(std::filesystem::is_symlink(*behind_links(link)));
+    CHECK(*behind_links(file) == file);
+    CHECK(*behind_links(folder.path() / "none") == folder.path() / "none");
+    REQUIRE(unlink(file.c_str()) == 0);
+    CHECK_FALSE(behind_links(link));
+}
+
+TEST_CASE("files are written all or none, and no temporary ones stay") {
+    const test::TemporaryFolder folder;
+    const std::filesystem::path first = folder.path() / "first";
+    CHECK_FALSE(write_files_atomically({{first, "1"}, {folder.path() / "none" / "second", "2"}}));
+    CHECK(std::filesystem::is_empty(folder.path()));
 }
 
 TEST_CASE("quotas are read and written") {
