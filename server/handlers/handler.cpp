@@ -83,21 +83,27 @@ namespace {
 /// Message types below this value are sent by clients.
 constexpr std::size_t client_types = 128;
 
-/// Rows by message type; null for types without a row.
+constexpr std::size_t none = RequestTable::rows.size();
+
+/// Numbers of rows by message type; `none` for types without a row. They are no pointers: with
+/// sanitizers g++ compares these at run time alone.
 constexpr auto by_type = [] {
-    std::array<const Request*, client_types> found{};
-    for (const Request& row : RequestTable::rows) found[static_cast<std::size_t>(row.type)] = &row;
+    std::array<std::size_t, client_types> found{};
+    found.fill(none);
+    for (std::size_t i = 0; i < none; ++i)
+        found[static_cast<std::size_t>(RequestTable::rows[i].type)] = i;
     return found;
 }();
 
 #define RAYNEST_PART(number, Name, ...) \
-    static_assert(by_type[number] != nullptr, "the table has no row for " #Name);
+    static_assert(by_type[number] != none, "the table has no row for " #Name);
 #include "protocol/requests.def"
 
 }  // namespace
 
 const Request* find_request(std::uint16_t type) {
-    return type < client_types ? by_type[type] : nullptr;
+    const std::size_t row = type < client_types ? by_type[type] : none;
+    return row < none ? &RequestTable::rows[row] : nullptr;
 }
 
 }  // namespace raynest::server

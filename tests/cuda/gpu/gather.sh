@@ -1,6 +1,6 @@
 #!/usr/bin/env bash
 # Gathers the files that a bare GPU machine without network needs to run driver.py: programs with
-# their libraries, packs, arenas and rays, under 64 MB.
+# their libraries, packs, arenas and rays, under 64 MiB.
 #   gather.sh OUT_DIR          then, there: python3 OUT_DIR/driver.py
 # RAYNEST_BUILD names the build folder (default: build beside the sources). It must be configured
 # with nvcc, RAYNEST_TESTS and RAYNEST_BENCH; missing targets are built. Its
@@ -8,7 +8,7 @@
 set -euo pipefail
 root=$(cd "$(dirname "${BASH_SOURCE[0]}")/../../.." && pwd)
 build=${RAYNEST_BUILD:-$root/build}
-bytes_max=$((64 * 1000 * 1000))
+bytes_max=$((64 << 20))
 rays=24576
 
 fail() { printf 'error: %s\n' "$1" >&2; exit 1; }

@@ -22,7 +22,7 @@ import driver  # noqa: E402
 import served  # noqa: E402
 
 BUILD, FAKE = "", ""
-BYTES_MAX = 64_000_000
+BYTES_MAX = 64 << 20
 VARIANTS = 4  # rows of engine/intersectors/LIST
 
 
