@@ -194,8 +194,8 @@ TEST_CASE("readers that pause hold their windows, and give their memory to who n
             started = frame->header.type == static_cast<std::uint16_t>(wire::Message::Started);
         }
     }
-    // About 8 to 13 of them fit at a time.
-    CHECK(counter(house.peer, "gave_way_memory") >= clients / 2);
+    // About 8 to 13 of them fit at a time, more where sockets take a part of the answers.
+    CHECK(counter(house.peer, "gave_way_memory") >= clients / 3);
     const std::uint64_t growth = house.daemon.resident_bytes_max() - before;
     if (!sanitized) CHECK(growth < 128 << 20);
     tally("readers that pause before 8 MB each", clients,
