@@ -182,7 +182,7 @@ TEST_CASE("readers that pause hold their windows, and give their memory to who n
     Hasty house({"--memory", "64M"});
     const std::uint64_t before = house.daemon.resident_bytes();
     Crowd crowd;
-    constexpr std::size_t clients = 30;
+    constexpr std::size_t clients = 40;
     for (std::size_t i = 0; i < clients; ++i) {
         Peer& guest = join(crowd, house.daemon);
         bool started = false;
@@ -194,12 +194,13 @@ TEST_CASE("readers that pause hold their windows, and give their memory to who n
             started = frame->header.type == static_cast<std::uint16_t>(wire::Message::Started);
         }
     }
-    // About 8 to 13 of them fit at a time, more where sockets take a part of the answers.
-    CHECK(counter(house.peer, "gave_way_memory") >= clients / 3);
+    // About 8 to 13 of them fit at a time, up to 16 where sockets take a part of the answers.
+    CHECK(counter(house.peer, "gave_way_memory") >= clients / 2);
     const std::uint64_t growth = house.daemon.resident_bytes_max() - before;
     if (!sanitized) CHECK(growth < 128 << 20);
     tally("readers that pause before 8 MB each", clients,
-          std::to_string(growth >> 20) + " MiB of memory at most, all of them served");
+          std::to_string(growth >> 20) + " MiB of memory at most, all of them served, " +
+              std::to_string(static_cast<int>(counter(house.peer, "gave_way_memory"))) + " gave way");
 }
 
 TEST_CASE_FIXTURE(Hasty, "a daemon that ends does not wait for those who pause") {
