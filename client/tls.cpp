@@ -1,5 +1,7 @@
 #include "client/tls.h"
 
+#include "protocol/openssl.h"
+
 #include <arpa/inet.h>
 #include <openssl/err.h>
 #include <openssl/ssl.h>
@@ -19,31 +21,11 @@ namespace {
 constexpr std::size_t read_ahead_bytes = 64 << 10;
 constexpr int write_bytes = 256 << 10;
 
-template <auto release>
-struct Release {
-    template <class T>
-    void operator()(T* owned) const {
-        release(owned);
-    }
-};
-using Settings = std::unique_ptr<SSL_CTX, Release<SSL_CTX_free>>;
+using Settings = std::unique_ptr<SSL_CTX, protocol::Release<SSL_CTX_free>>;
 
-/// Returns the first error of OpenSSL in this thread as words, and clears them all.
+/// The reason of OpenSSL's first error in this thread; clears them all.
 std::string error_text() {
-    const unsigned long code = ERR_get_error();
-    ERR_clear_error();
-    if (ERR_GET_LIB(code) == ERR_LIB_SSL) switch (ERR_GET_REASON(code)) {
-            case SSL_R_EE_KEY_TOO_SMALL:
-                return "its key is too short to be safe: RSA needs 2048 bits";
-            case SSL_R_CA_KEY_TOO_SMALL:
-                return "the key of its CA is too short to be safe: RSA needs 2048 bits";
-            case SSL_R_CA_MD_TOO_WEAK:
-                return "it is signed with an unsafe hash: sign it with SHA-256";
-            default:
-                break;
-        }
-    const char* reason = code == 0 ? nullptr : ERR_reason_error_string(code);
-    return reason == nullptr ? "the connection ended" : reason;
+    return protocol::openssl_error_text("the connection ended");
 }
 
 /// Fails with the reason if a file of an option is not there or cannot be read.
@@ -165,7 +147,7 @@ Failure unverified(const SSL* tls, const std::string& host) {
 
 struct TlsStream::Parts {
     Settings context;
-    std::unique_ptr<SSL, Release<SSL_free>> tls;
+    std::unique_ptr<SSL, protocol::Release<SSL_free>> tls;
 };
 
 TlsStream::TlsStream(std::unique_ptr<Parts> parts) : parts_(std::move(parts)) {}

@@ -56,7 +56,7 @@ HEAVY = {
     "flatbuffers/": {"protocol": 1, "server/net": 1},
     "CLI/": {"server": 2, "client": 1},  # the daemon, and its commands for TLS and tokens
     "toml++/": {"server": 1, "client": 1},
-    "openssl/": {"engine/scene": 1, "server/security": 6, "server/net": 1, "client": 1},
+    "openssl/": {"protocol": 1, "engine/scene": 1, "server/security": 6, "server/net": 1, "client": 1},
     "seccomp.h": {"engine/assets": 1},
     "spdlog/": {"server": 1},
     "embree3/": {},

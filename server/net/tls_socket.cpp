@@ -32,10 +32,9 @@ std::array<std::byte, TlsSocket::record_bytes>& TlsSocket::scratch() {
 }
 
 void TlsSocket::tell_subject(PeerIdentity& peer) const {
-    const std::unique_ptr<X509, void (*)(X509*)> certificate(SSL_get1_peer_certificate(tls_.get()),
-                                                             X509_free);
+    const Certificate certificate(SSL_get1_peer_certificate(tls_.get()));
     if (!certificate || SSL_get_verify_result(tls_.get()) != X509_V_OK) return;
-    const std::unique_ptr<BIO, int (*)(BIO*)> text(BIO_new(BIO_s_mem()), BIO_free);
+    const std::unique_ptr<BIO, protocol::Release<BIO_free>> text(BIO_new(BIO_s_mem()));
     X509_NAME_print_ex(text.get(), X509_get_subject_name(certificate.get()), 0,
                        XN_FLAG_RFC2253 & ~ASN1_STRFLGS_ESC_MSB);
     char* bytes = nullptr;

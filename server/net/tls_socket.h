@@ -63,15 +63,12 @@ public:
     asio::awaitable<void> linger();
 
 private:
-    struct Free {
-        void operator()(SSL* tls) const { SSL_free(tls); }
-    };
     [[nodiscard]] Outcome outcome(int result) const;
     /// A record of bytes that a write gathers.
     static std::array<std::byte, record_bytes>& scratch();
 
     Socket socket_;
-    std::unique_ptr<SSL, Free> tls_;
+    std::unique_ptr<SSL, protocol::Release<SSL_free>> tls_;
     std::size_t unsent_ = 0;  ///< bytes of a write that OpenSSL wants again
     bool accepted_ = false;
 };

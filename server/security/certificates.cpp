@@ -24,7 +24,7 @@ namespace {
 
 namespace fs = std::filesystem;
 
-using Memory = std::unique_ptr<BIO, Release<BIO_free>>;
+using Memory = std::unique_ptr<BIO, protocol::Release<BIO_free>>;
 
 constexpr long day_seconds = 24L * 3600;
 constexpr long ca_days = 3650;
@@ -60,7 +60,7 @@ bool add_extension(X509* certificate, const Issuer& issuer, int kind, const std:
     X509V3_CTX context;
     X509V3_set_ctx_nodb(&context);
     X509V3_set_ctx(&context, issuer.certificate, certificate, nullptr, nullptr, 0);
-    const std::unique_ptr<X509_EXTENSION, Release<X509_EXTENSION_free>> made(
+    const std::unique_ptr<X509_EXTENSION, protocol::Release<X509_EXTENSION_free>> made(
         X509V3_EXT_conf_nid(nullptr, &context, kind, value.c_str()));
     return made != nullptr && X509_add_ext(certificate, made.get(), -1) == 1;
 }
@@ -69,7 +69,7 @@ bool set_serial(X509* certificate) {
     std::array<unsigned char, 16> random{};
     if (RAND_bytes(random.data(), static_cast<int>(random.size())) != 1) return false;
     random[0] &= 0x7F;
-    const std::unique_ptr<BIGNUM, Release<BN_free>> number(
+    const std::unique_ptr<BIGNUM, protocol::Release<BN_free>> number(
         BN_bin2bn(random.data(), static_cast<int>(random.size()), nullptr));
     return BN_to_ASN1_INTEGER(number.get(), X509_get_serialNumber(certificate)) != nullptr;
 }
@@ -140,7 +140,7 @@ std::vector<Extension> client_extensions() {
 
 /// Returns the subjectAltName of a certificate as alternative_names() writes it.
 std::string names_of(X509* certificate) {
-    const std::unique_ptr<GENERAL_NAMES, Release<GENERAL_NAMES_free>> names(
+    const std::unique_ptr<GENERAL_NAMES, protocol::Release<GENERAL_NAMES_free>> names(
         static_cast<GENERAL_NAMES*>(
             X509_get_ext_d2i(certificate, NID_subject_alt_name, nullptr, nullptr)));
     std::vector<std::string> found;

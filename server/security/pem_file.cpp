@@ -1,15 +1,13 @@
 #include "server/security/pem_file.h"
 
-#include <openssl/err.h>
 #include <openssl/pem.h>
-#include <openssl/ssl.h>
 
 #include <utility>
 
 namespace raynest::server {
 namespace {
 
-using Memory = std::unique_ptr<BIO, Release<BIO_free>>;
+using Memory = std::unique_ptr<BIO, protocol::Release<BIO_free>>;
 
 tl::unexpected<Error> unusable(const std::filesystem::path& file, const std::string& why) {
     return fail(ErrorCode::io_failed, file.string() + ": " + why);
@@ -26,23 +24,6 @@ Memory over(const std::string& content) {
 }
 
 }  // namespace
-
-std::string tls_error_text() {
-    const unsigned long code = ERR_get_error();
-    ERR_clear_error();
-    if (ERR_GET_LIB(code) == ERR_LIB_SSL) switch (ERR_GET_REASON(code)) {
-            case SSL_R_EE_KEY_TOO_SMALL:
-                return "its key is too short to be safe: RSA needs 2048 bits";
-            case SSL_R_CA_KEY_TOO_SMALL:
-                return "the key of its CA is too short to be safe: RSA needs 2048 bits";
-            case SSL_R_CA_MD_TOO_WEAK:
-                return "it is signed with an unsafe hash: sign it with SHA-256";
-            default:
-                break;
-        }
-    const char* reason = code == 0 ? nullptr : ERR_reason_error_string(code);
-    return reason == nullptr ? "OpenSSL does not say why" : reason;
-}
 
 Result<std::vector<Certificate>> read_certificates(const std::filesystem::path& file) {
     const auto content = read_regular_file(file, pem_bytes_max);

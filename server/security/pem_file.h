@@ -3,6 +3,7 @@
 #pragma once
 
 #include "engine/result.h"
+#include "protocol/openssl.h"
 #include "server/security/secret_file.h"
 
 #include <openssl/evp.h>
@@ -19,16 +20,8 @@ namespace raynest::server {
 /// Maximum size of a file of certificates or of a key.
 inline constexpr std::size_t pem_bytes_max = 1 << 20;
 
-/// Deletes what OpenSSL has made.
-template <auto release>
-struct Release {
-    template <class T>
-    void operator()(T* owned) const {
-        release(owned);
-    }
-};
-using Key = std::unique_ptr<EVP_PKEY, Release<EVP_PKEY_free>>;
-using Certificate = std::unique_ptr<X509, Release<X509_free>>;
+using Key = std::unique_ptr<EVP_PKEY, protocol::Release<EVP_PKEY_free>>;
+using Certificate = std::unique_ptr<X509, protocol::Release<X509_free>>;
 
 /// Reads all certificates of a file, in their order; at least one.
 [[nodiscard]] Result<std::vector<Certificate>> read_certificates(const std::filesystem::path& file);
@@ -36,7 +29,9 @@ using Certificate = std::unique_ptr<X509, Release<X509_free>>;
 /// Reads a key, which others must not be able to read. Fails if it has a password.
 [[nodiscard]] Result<Key> read_key(const std::filesystem::path& file, Reader reader);
 
-/// Returns the first error of OpenSSL in this thread as words, and clears them all.
-[[nodiscard]] std::string tls_error_text();
+/// The reason of OpenSSL's first error in this thread; clears them all.
+[[nodiscard]] inline std::string tls_error_text() {
+    return protocol::openssl_error_text("OpenSSL does not say why");
+}
 
 }  // namespace raynest::server

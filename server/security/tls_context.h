@@ -1,8 +1,9 @@
-// The certificate and key of the daemon's TLS listeners. Only server/security and
-// server/net/tls_socket.cpp include OpenSSL.
+// The certificate and key of the daemon's TLS listeners. Only server/security,
+// server/net/tls_socket.cpp and protocol/openssl.h include OpenSSL.
 #pragma once
 
 #include "engine/result.h"
+#include "protocol/openssl.h"
 
 #include <openssl/ssl.h>
 
@@ -37,12 +38,9 @@ public:
     [[nodiscard]] const std::vector<std::string>& names() const { return names_; }
 
 private:
-    struct Free {
-        void operator()(SSL_CTX* context) const { SSL_CTX_free(context); }
-    };
     TlsContext() = default;
 
-    std::unique_ptr<SSL_CTX, Free> context_;
+    std::unique_ptr<SSL_CTX, protocol::Release<SSL_CTX_free>> context_;
     std::chrono::system_clock::time_point expires_;
     std::vector<std::string> names_;
 };
