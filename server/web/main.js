@@ -155,7 +155,7 @@ async function open() {
   try {
     await model.refresh();
     const { scene } = store.values;
-    if (!scene && model.scenes.length === 0) return say("No scene is loaded. Load one, for example: raynest load builtin:forest");
+    if (!scene && model.scenes.length === 0) return say("No scene is loaded that this page may see. Load one, for example: raynest load builtin:forest; then raynest open shows what is yours");
     if (!scene) store.set({ scene: model.scenes[0] });
     await chooseScene(store.values.camera);
   } catch (error) {
