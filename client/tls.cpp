@@ -221,7 +221,13 @@ TlsStream::Moved TlsStream::write(std::span<const std::byte> bytes) {
                                             bytes.size() - moved.bytes, &count));
         moved.bytes += count;
     }
-    is_flushed_ = BIO_flush(SSL_get_wbio(parts_->tls.get())) == 1;
+    if (moved.state == State::broken) return moved;
+    BIO* gathered = SSL_get_wbio(parts_->tls.get());
+    is_flushed_ = BIO_flush(gathered) == 1;
+    if (!is_flushed_ && BIO_should_retry(gathered) == 0) {
+        failure_ = broken();
+        return {0, State::broken};
+    }
     return moved;
 }
 
