@@ -1,6 +1,5 @@
 #include "server/access.h"
 
-#include "server/principal.h"
 #include "server/store/scene_store.h"
 
 #include <string>
@@ -18,13 +17,6 @@ std::string scene(std::string_view name) {
 }
 
 }  // namespace
-
-Reply<void> be_somebody(const PeerIdentity& peer, const Principal& principal) {
-    return allow(peer.place != PeerIdentity::Place::unknown_user || !principal.credential.empty(),
-                 peer.name,
-                 "stands for several users, because the daemon runs in a user namespace; come with a "
-                 "token, or run the daemon without PrivateUsers=");
-}
 
 Reply<void> send_request(std::string_view request, Role needed, Role callers) {
     return allow(callers >= needed, request,

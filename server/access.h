@@ -9,14 +9,9 @@
 
 namespace raynest::server {
 struct ConnectionId;
-struct PeerIdentity;
-struct Principal;
-}  // namespace raynest::server
+}
 
 namespace raynest::server::access {
-
-/// Allows a principal that a token or certificate let in, or whose user the system names.
-[[nodiscard]] Reply<void> be_somebody(const PeerIdentity& peer, const Principal& principal);
 
 /// Allows callers whose role is at least the one of the request table.
 [[nodiscard]] Reply<void> send_request(std::string_view request, Role needed, Role callers);

@@ -186,7 +186,8 @@ Daemon::Daemon(Options options, ReadOptions read_again, std::shared_ptr<const Re
       connections_(io_, services_, context_,
                    [this](const PeerIdentity& peer, const wire::Hello& hello,
                           const protocol::Limits&) {
-                       return identify(credentials_.authentication(), peer, hello);
+                       return credentials_.authentication().identify(
+                           peer, protocol::text(hello.token()), Clock::now(), WallClock::now());
                    }),
       page_access_(credentials_.authentication(), [this] { end_revoked(); }),
       site_(options_.http.hosts),
@@ -424,8 +425,8 @@ Reply<std::string> Daemon::reload() {
             log(LogLevel::error, "configuration_unusable", {{"reason", fault}, {"kept", "old"}});
         }
     }
-    const bool good = credentials_.reload(options_.security);
-    if (!good && fault.empty()) fault = start_fault_text(options_);
+    const auto credentials = credentials_.reload(options_.security);
+    if (!credentials && fault.empty()) fault = credentials.error().message;
     end_revoked();
     notify("READY=1");
     if (!changes.needs_restart.empty())

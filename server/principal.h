@@ -28,7 +28,7 @@ namespace raynest::server {
 /// The identity of a peer, as known from its transport.
 struct PeerIdentity {
     /// On a Unix socket: `own_user` is the daemon's own user or root, `unknown_user` one whom the
-    /// system does not name to the daemon (user_names.h).
+    /// system does not name to the daemon (user_namespace.h).
     enum class Place { own_user, other_user, unknown_user, loopback, remote };
 
     std::string name;  ///< "uid:1000", "127.0.0.1"
@@ -61,13 +61,6 @@ struct Principal {
     std::string credential = {};
     std::uint64_t page_login = 0;  ///< number of the page's login (page_logins.h); 0: none
 };
-
-class Authentication;
-
-/// Identifies the principal of a peer by the token in its Hello, else by its transport. Refuses a peer
-/// without a token whose user the system does not name.
-[[nodiscard]] Reply<Principal> identify(Authentication& authentication, const PeerIdentity& peer,
-                                        const wire::Hello& hello);
 
 /// Identifies the principal of a peer by the name from its transport, without a token. Peers
 /// beyond loopback are refused.

@@ -6,7 +6,7 @@
 #include "server/log.h"
 #include "server/ready_file.h"
 #include "server/security/credentials.h"
-#include "server/user_names.h"
+#include "server/user_namespace.h"
 
 #include <sys/resource.h>
 #include <unistd.h>
@@ -123,11 +123,6 @@ std::optional<OptionFault> start_fault(const Options& options) {
         return OptionFault{options.pack_dirs.empty() ? "target" : "pack-dir", "",
                            registry.error().message};
     return std::nullopt;
-}
-
-std::string start_fault_text(const Options& options) {
-    const auto fault = security_fault(options.security);
-    return fault ? fault->why : "certificates or tokens were unusable for a moment; see the log";
 }
 
 void warn_of_useless(const Options& options) {

@@ -17,9 +17,6 @@ namespace raynest::server {
 /// folder, folders of sockets. Binds no address and takes no lock, so a daemon may run meanwhile.
 [[nodiscard]] std::optional<OptionFault> start_fault(const Options& options);
 
-/// Returns the words of start_fault() after certificates or tokens could not be read again.
-[[nodiscard]] std::string start_fault_text(const Options& options);
-
 /// Warns of options without an effect: access to Unix sockets that are not there, folders without
 /// kernel packs.
 void warn_of_useless(const Options& options);

@@ -148,6 +148,13 @@ Reply<Principal> Authentication::by_certificate(const PeerIdentity& peer,
 
 Reply<Principal> Authentication::anonymous(const PeerIdentity& peer) const {
     using Place = PeerIdentity::Place;
+    if (peer.place == Place::unknown_user) {
+        audit("login_refused", peer, "", "unknown user");
+        return refuse(Code::not_allowed,
+                      peer.name + " stands for several users, because the daemon runs in a user "
+                                  "namespace; come with a token, or run the daemon without "
+                                  "PrivateUsers=");
+    }
     if (peer.place == Place::own_user) return Principal{peer.name, {}, Role::admin, ""};
     const bool is_encrypted = peer.transport == "tls" || peer.transport == "https";
     const bool asks = (is_encrypted && (policy_.tokens || policy_.certificates)) ||

@@ -7,9 +7,10 @@
 namespace raynest::server {
 namespace {
 
-bool logged(const Result<void>& done, const char* event) {
+/// Logs a failure, and returns what it is given.
+Result<void> logged(Result<void> done, const char* event) {
     if (!done) log(LogLevel::error, event, {{"reason", done.error().message}, {"kept", "old"}});
-    return done.has_value();
+    return done;
 }
 
 }  // namespace
@@ -40,12 +41,12 @@ Result<void> Credentials::load() {
     return load_tokens();
 }
 
-bool Credentials::reload(const SecurityOptions& options) {
+Result<void> Credentials::reload(const SecurityOptions& options) {
     options_ = options;
     authentication_.set_policy(policy_of(options));
-    const bool tls = logged(load_tls(), "certificate_unusable");
-    const bool tokens = logged(load_tokens(), "tokens_unusable");
-    return tls && tokens;
+    const auto tls = logged(load_tls(), "certificate_unusable");
+    const auto tokens = logged(load_tokens(), "tokens_unusable");
+    return tls ? tokens : tls;
 }
 
 Result<void> Credentials::load_tls() {
@@ -79,7 +80,7 @@ Result<void> Credentials::load_tokens() {
 bool Credentials::look_at_tokens(WallClock::time_point now) {
     if (options_.tokens.empty()) return false;
     if (version_of(options_.tokens) != tokens_version_) {
-        const bool good = logged(load_tokens(), "tokens_unusable");
+        const bool good = logged(load_tokens(), "tokens_unusable").has_value();
         if (good)
             log(LogLevel::info, "tokens_read",
                 {{"rows", std::to_string(authentication_.tokens().rows().size())}});

@@ -30,8 +30,8 @@ public:
     /// Reads all files. Fails with the first that is unusable.
     Result<void> load();
     /// Reads all files again, which `options` may name anew; logs those that are unusable and keeps
-    /// what they said before. True if all could be read.
-    bool reload(const SecurityOptions& options);
+    /// what they said before. Fails with the first of them.
+    Result<void> reload(const SecurityOptions& options);
     /// Reads the token file again if it has changed. True if rows may have changed or expired since
     /// the last call: open connections must be checked.
     bool look_at_tokens(WallClock::time_point now);

@@ -1,10 +1,10 @@
 // Small rules of running a daemon: which users the system names, how often a line is logged, what a
 // client is told of files.
-#include "server/access.h"
 #include "server/diag/line_limit.h"
 #include "server/diag/own_counts.h"
 #include "server/principal.h"
-#include "server/user_names.h"
+#include "server/security/authentication.h"
+#include "server/user_namespace.h"
 
 #include <doctest/doctest.h>
 
@@ -23,10 +23,21 @@ TEST_CASE("a user namespace tells users apart only if it maps all of them") {
 TEST_CASE("a peer whose user is unknown needs a token") {
     using Place = PeerIdentity::Place;
     const PeerIdentity unknown{"uid:65534", Place::unknown_user, "unix"};
-    CHECK(access::be_somebody(unknown, {"uid:65534", {}, Role::user}).error().code ==
-          Code::not_allowed);
-    CHECK(access::be_somebody(unknown, {"bob", {}, Role::user, "row"}));
-    CHECK(access::be_somebody({"uid:1", Place::other_user, "unix"}, {"uid:1", {}, Role::user}));
+    Authentication daemon({Role::user, true, false});
+    const std::string token = new_token();
+    TokenTable rows;
+    rows.put({TokenRow::Kind::token, "bob", Role::user, hash_token(token), {}, {}});
+    daemon.set_tokens(std::move(rows));
+    for (const auto& found : {daemon.identify(unknown, "", {}, {}),
+                              daemon.identify_request(unknown, "", "", {}, {})}) {
+        REQUIRE(!found);
+        CHECK(found.error().code == Code::not_allowed);
+        CHECK(found.error().message.find("stands for several users") != std::string::npos);
+    }
+    const auto bob = daemon.identify(unknown, token, {}, {});
+    REQUIRE(bob);
+    CHECK(bob->id == "bob");
+    CHECK(daemon.identify({"uid:1", Place::other_user, "unix"}, "", {}, {})->id == "uid:1");
 }
 
 TEST_CASE("a few lines per second are written, and the rest is counted") {

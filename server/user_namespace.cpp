@@ -1,4 +1,4 @@
-#include "server/user_names.h"
+#include "server/user_namespace.h"
 
 #include <cstdint>
 #include <fstream>
