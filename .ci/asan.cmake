@@ -10,5 +10,7 @@ set(RAYNEST_TARGETS v3 CACHE STRING "")
 # at -O3, six and a half at -O1, and three without debug information about variables.
 set(RAYNEST_KERNEL_OPTIMISATION -O1 CACHE STRING "")
 set(CMAKE_CXX_FLAGS_RELWITHDEBINFO "-O2 -g1 -fno-var-tracking -DNDEBUG" CACHE STRING "")
+# Here each file must include what it uses.
+set(CMAKE_DISABLE_PRECOMPILE_HEADERS ON CACHE BOOL "")
 set(RAYNEST_BENCH OFF CACHE BOOL "")
 set(RAYNEST_TEST_SECONDS 3600 CACHE STRING "")

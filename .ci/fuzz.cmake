@@ -6,4 +6,6 @@ set(CMAKE_BUILD_TYPE RelWithDebInfo CACHE STRING "")
 set(CMAKE_CXX_FLAGS "-fsanitize=fuzzer-no-link,address,undefined -fno-sanitize=function \
 -fno-sanitize-recover=all" CACHE STRING "")
 set(RAYNEST_TARGETS v3 CACHE STRING "")
+# Here each file must include what it uses.
+set(CMAKE_DISABLE_PRECOMPILE_HEADERS ON CACHE BOOL "")
 set(RAYNEST_BENCH OFF CACHE BOOL "")

@@ -16,7 +16,8 @@ foreach(module raynest_images raynest_draco)
     endif()
 endforeach()
 if(TARGET pack_cuda)
-    install(TARGETS pack_cuda LIBRARY DESTINATION lib/raynest-cuda COMPONENT runtime)
+    # A package without it is whole: the daemon starts the worker where the pack is.
+    install(TARGETS pack_cuda LIBRARY DESTINATION lib/raynest-cuda COMPONENT runtime OPTIONAL)
 endif()
 install(TARGETS raynestd raynest RUNTIME DESTINATION bin COMPONENT runtime)
 

@@ -39,7 +39,7 @@ foreach(component runtime python development)
     install(FILES ${package}/copyright DESTINATION share/doc/${name} COMPONENT ${component})
     install(FILES ${changelog} DESTINATION share/doc/${name} COMPONENT ${component} OPTIONAL)
 endforeach()
-install(FILES server/OPERATING.md server/SECURITY.md DESTINATION share/doc/raynest COMPONENT runtime)
+install(FILES server/OPERATING.md server/SECURITY.md server/SHARES.md DESTINATION share/doc/raynest COMPONENT runtime)
 install(DIRECTORY client/python/raynest DESTINATION lib/python3/dist-packages COMPONENT python
     FILES_MATCHING PATTERN "*.py" PATTERN "py.typed")
 # A link in the source tree.
@@ -56,9 +56,10 @@ set(CPACK_DEB_COMPONENT_INSTALL ON)
 set(CPACK_DEBIAN_FILE_NAME DEB-DEFAULT)
 set(CPACK_DEBIAN_PACKAGE_SECTION science)
 set(CPACK_DEBIAN_RUNTIME_PACKAGE_NAME raynest)
-set(CPACK_DEBIAN_RUNTIME_PACKAGE_SHLIBDEPS ON)
-set(CPACK_DEBIAN_PACKAGE_SHLIBDEPS_PRIVATE_DIRS ${CMAKE_BINARY_DIR}/lib)
-set(CPACK_DEBIAN_RUNTIME_PACKAGE_DEPENDS "adduser")
+# Its dependencies, and the time of all files, are found when cpack runs.
+set(CPACK_PROJECT_CONFIG_FILE ${PROJECT_SOURCE_DIR}/.ci/package_run.cmake)
+set(CPACK_RAYNEST_BUILD ${CMAKE_BINARY_DIR})
+set(CPACK_RAYNEST_CHANGELOG ${package}/changelog)
 set(CPACK_DEBIAN_RUNTIME_DESCRIPTION
     "daemon and command line that trace rays through scenes
 raynestd holds scenes and traces millions of rays for its clients; raynest

@@ -4,6 +4,7 @@
 #include "client/failure.h"
 
 #include <string>
+#include <vector>
 
 namespace raynest::client {
 
@@ -18,6 +19,7 @@ struct TlsOptions {
 struct Access {
     std::string token;  ///< empty: none
     TlsOptions tls;
+    std::vector<std::string> warnings = {};  ///< sentences about hosts.toml, for the user
 };
 
 /// The options of access, as the command line gives them.
@@ -31,13 +33,10 @@ struct AccessOptions {
 /// and rather than show a token to the network.
 Result<Access> find_access(const std::string& uri, const AccessOptions& options);
 
-/// Fails if this token would be sent where others can read it.
+/// Fails if this token would be sent where others can read it: over tcp:// to a name other than
+/// `localhost`, or to an address that is not the loopback's. Connection::open() then fails with
+/// not_secret() where the name of localhost leads elsewhere.
 Result<void> check_secrecy(const std::string& uri, const std::string& token);
-
-/// Returns the path of hosts.toml, in XDG_CONFIG_HOME or ~/.config.
-[[nodiscard]] std::string hosts_file();
-
-/// Writes a daemon's entry into hosts.toml, mode 0600, and keeps the other entries.
-Result<void> save_host(const std::string& uri, const Access& access);
+[[nodiscard]] tl::unexpected<Failure> not_secret(const std::string& uri);
 
 }  // namespace raynest::client

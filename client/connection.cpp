@@ -1,5 +1,6 @@
 #include "client/connection.h"
 
+#include "client/address.h"
 #include "client/interrupt.h"
 #include "client/tls.h"
 #include "protocol/keep_alive.h"
@@ -48,25 +49,6 @@ constexpr const char* cut_short =
 constexpr std::size_t staging_bytes = 4 << 10;
 constexpr std::size_t tls_record_bytes = 16 << 10;
 
-bool is_port(const std::string& text) {
-    std::uint16_t port = 0;
-    const char* end = text.data() + text.size();
-    const auto read = std::from_chars(text.data(), end, port);
-    return read.ec == std::errc{} && read.ptr == end && port != 0;
-}
-
-/// tcp://HOST:PORT or tls://HOST:PORT -> {HOST, PORT}
-std::optional<std::pair<std::string, std::string>> split_authority(const std::string& uri) {
-    const std::string authority = uri.substr(6);
-    const std::size_t colon = authority.rfind(':');
-    if (colon == std::string::npos || colon == 0 || !is_port(authority.substr(colon + 1)))
-        return std::nullopt;
-    std::string host = authority.substr(0, colon);
-    if (host.size() > 2 && host.front() == '[' && host.back() == ']')
-        host = host.substr(1, host.size() - 2);
-    return std::pair{host, authority.substr(colon + 1)};
-}
-
 /// Connects a non-blocking socket until `end` or a Ctrl-C.
 error_code connect_until(int socket, const asio::generic::stream_protocol::endpoint& endpoint,
                          Clock::time_point end) {
@@ -101,14 +83,18 @@ std::string start_hint(const std::string& uri, const error_code& error) {
     if (is_unix && std::filesystem::exists(status) && !std::filesystem::is_socket(status))
         return "it is no socket: name the PATH that a daemon was given with --listen unix:PATH";
     if (uri == default_uri) return "start a daemon with: raynestd &";
-    const std::string host = is_unix ? "" : uri.substr(6, uri.rfind(':') - 6);
-    const bool here = is_unix || host == "localhost" || host == "[::1]" || host.starts_with("127.");
-    return here && !uri.starts_with("tls://")
-                ? "start a daemon with: raynestd --listen " + uri + " &"
-                : "is raynestd running there?";
+    return is_this_machine(uri) && !uri.starts_with("tls://")
+               ? "start a daemon with: raynestd --listen " + uri + " &"
+               : "is raynestd running there?";
 }
 
-/// The failure of a greeting. The daemon's own errors, and a Ctrl-C, are passed on unchanged.
+/// True for the alert by which a TLS server answers bytes that are not TLS.
+bool is_tls_alert(std::span<const std::byte> bytes) {
+    return bytes.size() >= 2 && bytes[0] == std::byte{21} && bytes[1] == std::byte{3};
+}
+
+/// The failure of a greeting, with exit code 3 unless the daemon names another. Only a connection that
+/// ended is `lost`: a server that has answered will not say more the next time.
 Failure unanswered(const Failure& why) {
     if (why.exit == Exit::deadline) {
         Failure silent = lost(Exit::cannot_connect, "no RayNest daemon answers within " +
@@ -117,9 +103,10 @@ Failure unanswered(const Failure& why) {
         silent.silent = true;
         return silent;
     }
-    if (why.exit == Exit::failed)
-        return lost(Exit::cannot_connect, "no RayNest daemon answers: " + why.message);
-    return why;
+    if (why.exit != Exit::failed) return why;
+    Failure unanswered = failure(Exit::cannot_connect, "no RayNest daemon answers: " + why.message);
+    unanswered.lost = why.lost;
+    return unanswered;
 }
 
 }  // namespace
@@ -225,12 +212,12 @@ Result<std::unique_ptr<Connection>> Connection::open(const std::string& uri,
     std::string host;
     try {
         if (is_tls || uri.starts_with("tcp://")) {
-            const auto authority = split_authority(uri);
+            const auto authority = authority_of(uri);
             if (!authority)
                 return fail(Exit::usage, "'" + uri + "' is not " + uri.substr(0, 6) +
                                              "HOST:PORT with a port from 1 to 65535");
-            host = authority->first;
-            error = socket->connect_tcp(authority->first, authority->second, end);
+            host = authority->host;
+            error = socket->connect_tcp(host, authority->port, end);
         } else if (uri.rfind("unix:", 0) == 0 && uri != "unix:") {
             const std::array endpoints = {asio::local::stream_protocol::endpoint(uri.substr(5))};
             error = socket->connect(endpoints, end);
@@ -249,13 +236,22 @@ Result<std::unique_ptr<Connection>> Connection::open(const std::string& uri,
             is_forbidden(error) ? Exit::not_allowed : Exit::cannot_connect,
             "cannot connect to " + uri + ": " + error.message() + "; " + start_hint(uri, error));
 
+    // The name of localhost may lead elsewhere.
+    if (uri.starts_with("tcp://") && !access.token.empty() &&
+        !is_loopback(*socket->stream.remote_endpoint(error).data()))
+        return not_secret(uri);
+
     std::unique_ptr<Connection> connection(new Connection(std::move(socket)));
     connection->patience_ = end - Clock::now();
     if (is_tls)
         if (auto encrypted = connection->encrypt(host, access.tls); !encrypted)
             return tl::unexpected<Failure>(unanswered(encrypted.error()));
-    if (auto greeted = connection->greet(access.token); !greeted)
+    if (auto greeted = connection->greet(access.token); !greeted) {
+        if (!is_tls && is_tls_alert({connection->staging_.get(), connection->staged_end_}))
+            return fail(Exit::cannot_connect,
+                        "this port is encrypted: connect to it with tls:// in place of tcp://");
         return tl::unexpected<Failure>(unanswered(greeted.error()));
+    }
     return connection;
 }
 

@@ -84,7 +84,7 @@ install_missing "${build_packages[@]}"
 # A build folder that the tests already use keeps its tests.
 options=()
 [[ -f $build/CMakeCache.txt ]] || options=(-DRAYNEST_TESTS=OFF -DRAYNEST_BENCH=OFF)
-build_raynest "${options[@]}" -- raynestd raynest raynest_packs
+build_raynest "${options[@]}" -- raynestd raynest raynest_packs_here
 raynest=$build/bin/raynest pictures=${RAYNEST_DEMO_OUT:-$root/demo-out}
 mkdir -p "$pictures"
 

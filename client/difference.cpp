@@ -70,13 +70,20 @@ JobOptions other_job(const JobOptions& job, const Difference& difference) {
     if (difference.mask) other.mask = *difference.mask;
     if (!difference.intersector.empty()) {
         // The parameters of one intersector are not those of another.
-        if (difference.intersector != job.intersector) other.settings.clear();
+        if (difference.intersector != job.intersector) {
+            other.settings.clear();
+            other.tables.clear();
+        }
         other.intersector = difference.intersector;
     }
     for (const std::string& setting : difference.settings) {
         std::erase_if(other.settings,
                       [&](const std::string& old) { return key_of(old) == key_of(setting); });
         other.settings.push_back(setting);
+    }
+    for (const TableOption& table : difference.tables) {
+        std::erase_if(other.tables, [&](const TableOption& old) { return old.name == table.name; });
+        other.tables.push_back(table);
     }
     return other;
 }

@@ -10,6 +10,8 @@
 namespace raynest::client {
 namespace {
 
+constexpr int document_depth_max = 64;
+
 /// "3 leaves", "1 leaf".
 std::string count_text(std::uint64_t count, const char* one, const char* many) {
     return grouped(count) + " " + (count == 1 ? one : many);
@@ -35,8 +37,10 @@ std::string quoted(const Json& name) {
 }
 
 std::string primitive_text(const Json& step) {
-    std::string text = "triangle " + grouped(step.at("prim").get<std::uint64_t>()) +
-                       " of geometry " + std::to_string(step.at("geom").get<std::uint64_t>());
+    const std::string type = step.value("type", "triangle");
+    std::string text = type + " " + grouped(step.at("prim").get<std::uint64_t>());
+    if (type == "triangle")
+        text += " of geometry " + std::to_string(step.at("geom").get<std::uint64_t>());
     if (step.at("material").is_string()) text += ", material " + quoted(step.at("material"));
     return text;
 }
@@ -131,13 +135,20 @@ std::string totals_text(const Json& totals) {
 
 Result<Json> read_json(const ReceivedPicture& answer) {
     const auto* text = reinterpret_cast<const char*>(answer.bytes.data());
-    Json json = Json::parse(text, text + answer.bytes.size(), nullptr, false);
-    if (answer.encode != "json" || json.is_discarded())
+    // Deeper documents would exhaust the stack of whoever walks through them.
+    bool is_deep = false;
+    const auto look = [&](int depth, Json::parse_event_t, Json&) {
+        is_deep = is_deep || depth > document_depth_max;
+        return !is_deep;
+    };
+    Json json = Json::parse(text, text + answer.bytes.size(), look, false);
+    if (is_deep || answer.encode != "json" || json.is_discarded())
         return fail(Exit::failed, "the daemon sent something else than a JSON document");
     return json;
 }
 
-void print_path(const Json& document, std::ostream& to) {
+void print_path(const Json& received, std::ostream& to) {
+    const Json document = shown_json(received);
     to << "sample " << document.at("sample").get<std::uint64_t>() << " of pixel "
        << point_text(document.at("pixel")) << " of " << document.at("size")[0].get<std::uint64_t>()
        << 'x' << document.at("size")[1].get<std::uint64_t>() << " of camera "
@@ -172,7 +183,8 @@ void print_path(const Json& document, std::ostream& to) {
     }
 }
 
-void print_explanation(const Json& document, std::ostream& to) {
+void print_explanation(const Json& received, std::ostream& to) {
+    const Json document = shown_json(received);
     const Json& ray = document.at("ray");
     to << "ray from " << point_text(ray.at("origin")) << " along "
        << point_text(ray.at("direction")) << ", t " << number_text(ray.at("tmin")) << " to "

@@ -1,8 +1,7 @@
 #include "client/failure.h"
 
+#include "client/output.h"
 #include "client/wording.h"
-
-#include <nlohmann/json.hpp>
 
 namespace raynest::client {
 namespace {
@@ -59,21 +58,34 @@ Failure lost(Exit exit, std::string message) {
     return why;
 }
 
+namespace {
+
+/// Returns the message as a terminal may show it: in one line, unless the client itself wrote more.
+std::string shown_lines(const Failure& failure, std::string_view message) {
+    if (!failure.has_lines) return shown_text(message);
+    std::string lines;
+    for (std::size_t end = 0; (end = message.find('\n')) != std::string_view::npos;) {
+        lines += shown_text(message.substr(0, end)) + '\n';
+        message.remove_prefix(end + 1);
+    }
+    return lines + shown_text(message);
+}
+
+}  // namespace
+
 std::string describe(const Failure& failure, bool json) {
     std::string message = failure.message;
     if (failure.retry_after_ms != 0)
         message += " (try again in " + std::to_string(failure.retry_after_ms) + " ms)";
     if (!json)
-        return "raynest: " + message +
+        return "raynest: " + shown_lines(failure, message) +
                (failure.request.empty() ? "" : " [request " + failure.request + "]");
-    nlohmann::ordered_json error;
+    Json error;
     error["code"] = failure.code;
     error["name"] = failure.name;
     error["message"] = message;
     if (!failure.request.empty()) error["request"] = failure.request;
-    // File names may hold bytes that are not UTF-8.
-    return nlohmann::ordered_json{{"error", error}}.dump(
-        -1, ' ', false, nlohmann::ordered_json::error_handler_t::replace);
+    return json_text(Json{{"error", error}});
 }
 
 }  // namespace raynest::client

@@ -25,6 +25,7 @@ struct Failure {
     std::string request = {};  ///< id of the request, as in the daemon's log; empty: about none
     bool lost = false;         ///< the connection or its daemon ended: another one may answer
     bool silent = false;       ///< `lost`, because nothing came in answer to a greeting
+    bool has_lines = false;    ///< the message is the client's own advice, of several lines
 };
 
 template <class T>

@@ -104,7 +104,7 @@ Result<protocol::Buffer> read_stream(const Descriptor& file, const std::string& 
                                         " bytes; more are not taken");
             if (*count != 0 && done < bytes.size()) continue;
             protocol::Buffer moved(*count == 0 ? done : 2 * done);
-            std::memcpy(moved.data(), bytes.data(), done);
+            std::copy_n(bytes.data(), done, moved.data());
             bytes = std::move(moved);
             if (*count == 0) return bytes;
         }

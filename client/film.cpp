@@ -134,6 +134,7 @@ Result<void> fill_film(const RenderOptions& options, wire::RenderT& request, Fil
     request.exposure = options.exposure;
     request.progressive = options.progressive;
     request.noise = options.noise;
+    request.environment_rotate = options.environment_rotate;
     if (lit && request.job->deadline_ms != 0)
         request.best_by_ms = std::exchange(request.job->deadline_ms, 0);
     return set_environment(options.environment, request, files);
@@ -178,6 +179,10 @@ Result<wire::RenderT> resumed_film(const ResumeOptions& options, FilmFiles& file
         request.sun_azimuth = static_cast<float>((*numbers)[0]);
         request.sun_elevation = static_cast<float>((*numbers)[1]);
     }
+    if (film->value("environment") == "picture")
+        if (read = read_number(*film, "environment_rotate", request.environment_rotate, options.file);
+            !read)
+            return tl::unexpected<Failure>(read.error());
     auto camera = read_camera(*film, options.file);
     if (!camera) return tl::unexpected<Failure>(camera.error());
     request.camera = std::move(*camera);

@@ -30,13 +30,12 @@ bool has_pose(std::string_view kind) {
     });
 }
 
-/// Returns "name=1,2.5" with the digits of float32.
+/// Returns "name=1,2.5" with all digits.
 std::string setting(const std::string& name, const std::vector<double>& numbers) {
     std::string text = name;
     for (const double number : numbers) {
         std::array<char, 32> digits{};
-        const auto end = std::to_chars(digits.data(), digits.data() + digits.size(),
-                                       static_cast<float>(number));
+        const auto end = std::to_chars(digits.data(), digits.data() + digits.size(), number);
         text += (text == name ? '=' : ',') + std::string(digits.data(), end.ptr);
     }
     return text;
@@ -63,6 +62,12 @@ Result<void> take(Generate& to, const std::string& key, const std::string& value
 }
 
 }  // namespace
+
+std::optional<WorldPoint> Generate::start() const {
+    if (!pose.empty()) return WorldPoint{pose[3], pose[7], pose[11]};
+    if (!look_at.empty()) return WorldPoint{look_at[0], look_at[1], look_at[2]};
+    return std::nullopt;
+}
 
 wire::GeneratorT Generate::at(const WorldPoint& origin) const {
     wire::GeneratorT placed = message;

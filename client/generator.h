@@ -6,6 +6,7 @@
 #include "client/options.h"
 #include "protocol/wire.h"
 
+#include <optional>
 #include <span>
 #include <string>
 #include <vector>
@@ -18,6 +19,8 @@ struct Generate {
     std::vector<double> pose;     ///< 12 numbers or empty
     std::vector<double> look_at;  ///< 6 or 9 numbers or empty
 
+    /// Returns where the sensor stands; nothing where the scene or a file of points says it.
+    [[nodiscard]] std::optional<WorldPoint> start() const;
     /// Returns the message for a scene with this origin.
     [[nodiscard]] wire::GeneratorT at(const WorldPoint& origin) const;
 };

@@ -1,5 +1,6 @@
 #include "client/job.h"
 
+#include "client/output.h"
 #include "client/scene_origin.h"
 #include "client/selection.h"
 #include "client/wording.h"
@@ -30,6 +31,11 @@ std::unique_ptr<wire::JobT> job_message(const JobOptions& options) {
     job->epoch = options.epoch;
     job->intersector = options.intersector;
     job->settings = options.settings;
+    for (const TableOption& table : options.tables) {
+        job->tables.push_back(std::make_unique<wire::ParamTableT>());
+        job->tables.back()->name = table.name;
+        job->tables.back()->values = table.values;
+    }
     job->traversal = options.traversal;
     job->mask = options.mask;
     job->worker = options.worker;
@@ -130,7 +136,8 @@ Json outcome_json(const Outcome& outcome) {
               {"seconds", outcome.seconds},
               {"queued_seconds", outcome.queued_seconds}};
     if (outcome.invalid != 0) json["first_invalid"] = outcome.first_invalid;
-    if (outcome.samples != 0) {
+    // A picture that its deadline ended may have pixels without one.
+    if (outcome.samples != 0 || outcome.incomplete) {
         json["samples"] = outcome.samples;
         json["dropped"] = outcome.dropped;
         json["incomplete"] = outcome.incomplete;
@@ -150,7 +157,7 @@ std::string outcome_text(const Outcome& outcome) {
 }
 
 void print_notes(const Outcome& outcome) {
-    for (const std::string& note : outcome.notes) std::cerr << "raynest: " << note << '\n';
+    for (const std::string& note : outcome.notes) print_note(note);
     if (outcome.invalid == 1)
         std::cerr << "raynest: ray " << outcome.first_invalid
                   << " is not valid and counts as a miss";

@@ -1,11 +1,9 @@
 // A private daemon for one command: `--local`.
 #pragma once
 
-#include "client/failure.h"
+#include "client/child_process.h"
+#include "client/temporary_folder.h"
 
-#include <sys/types.h>
-
-#include <filesystem>
 #include <string>
 #include <utility>
 
@@ -16,28 +14,23 @@ namespace raynest::client {
 class LocalDaemon {
 public:
     /// Starts the raynestd beside this program, else the one on PATH, and waits until it serves
-    /// requests. Exit code 3 where there is none or it does not start.
+    /// requests. Exit code 3 where there is none or it does not start. Call it from the main
+    /// thread.
     static Result<LocalDaemon> start();
-    LocalDaemon(LocalDaemon&& other) noexcept
-        : process_(std::exchange(other.process_, -1)),
-          folder_(std::exchange(other.folder_, {})) {}
-    LocalDaemon& operator=(LocalDaemon&&) = delete;
-    LocalDaemon(const LocalDaemon&) = delete;
-    ~LocalDaemon();
 
-    [[nodiscard]] std::string uri() const { return "unix:" + (folder_ / "socket").string(); }
+    [[nodiscard]] std::string uri() const { return "unix:" + (folder_.path() / "socket").string(); }
     /// Removes the folder once the client is connected, so that nothing stays behind even where
     /// this process is killed. Nobody can connect after that.
-    void hide();
+    void hide() { folder_.remove(); }
 
 private:
-    LocalDaemon() = default;
-    Result<void> make_folder();
-    Result<void> run(const std::string& program);
+    LocalDaemon(TemporaryFolder folder, ChildProcess process)
+        : folder_(std::move(folder)),
+          process_(std::move(process)) {}
     Result<void> await_ready();
 
-    pid_t process_ = -1;
-    std::filesystem::path folder_;
+    TemporaryFolder folder_;  ///< goes after the process, which has files in it
+    ChildProcess process_;
 };
 
 }  // namespace raynest::client

@@ -7,6 +7,7 @@
 #include "client/scene_source.h"
 #include "client/selection.h"
 #include "client/ssh_tunnel.h"
+#include "client/tables.h"
 
 #include <cstdlib>
 #include <exception>
@@ -58,14 +59,13 @@ Result<void> connect_and_run(Options options) {
         local.emplace(std::move(*started));
         options.server = local->uri();
     }
-    const auto* login = std::get_if<LoginOptions>(&options.command);
-    if (login != nullptr) options.server = login->uri;
+    if (std::holds_alternative<LogoutOptions>(options.command)) return log_out(options.server, options.json);
     auto access = options.local ? Result<Access>() : find_access(options.server, options.access);
     if (!access) return tl::unexpected<Failure>(access.error());
+    for (const std::string& warning : access->warnings) print_note(warning);
     if (!access->tls.verify)
-        std::cerr << "raynest: --tls-verify off: whoever answers at " << options.server
-                  << " is trusted\n";
-    if (login != nullptr) {
+        print_note("--tls-verify off: whoever answers at " + options.server + " is trusted");
+    if (std::holds_alternative<LoginOptions>(options.command)) {
         auto token = ask_token(options.server);
         if (!token) return tl::unexpected<Failure>(token.error());
         access->token = std::move(*token);
@@ -78,13 +78,17 @@ Result<void> connect_and_run(Options options) {
         if (!opened) return tl::unexpected<Failure>(opened.error());
         uri = tunnel.emplace(std::move(*opened)).uri();
     }
-    const auto connect = [&] { return Connection::open(uri, *access); };
+    const auto connect = [&] {
+        auto opened = Connection::open(uri, *access);
+        if (!opened && tunnel) opened.error() = tunnel->explain(opened.error());
+        return opened;
+    };
     const double patience = options.local ? 0 : options.reconnect;
     Progress progress(Progress::style_for_stderr(options.quiet || options.json));
     auto connection = connect();
     if (!connection && patience > 0 && may_connect_again(connection.error())) {
         if (is_own(connection.error()) && !options.quiet && !options.json)
-            std::cerr << "raynest: " << connection.error().message << "; trying again\n";
+            print_note(connection.error().message + "; trying again");
         connection = reconnect(connect, patience, connection.error());
     }
     if (!connection) return tl::unexpected<Failure>(connection.error());
@@ -96,8 +100,15 @@ Result<void> connect_and_run(Options options) {
         auto done = std::visit(
             [&](auto& chosen) -> Result<void> {
                 if (auto loaded = load_first(context, chosen); !loaded) return loaded;
-                if constexpr (requires { chosen.job.hide; })
+                if constexpr (requires { chosen.job.hide; }) {
+                    if (auto read = read_tables(chosen.job.settings, chosen.job.tables); !read)
+                        return read;
                     if (auto found = find_selection(context, chosen.job); !found) return found;
+                }
+                if constexpr (requires { chosen.difference; })
+                    if (auto& other = chosen.difference)
+                        if (auto read = read_tables(other->settings, other->tables); !read)
+                            return read;
                 return run(context, chosen);
             },
             command);
@@ -106,7 +117,7 @@ Result<void> connect_and_run(Options options) {
         if (!again) return done;
         progress.clear();
         if (!options.quiet && !options.json)
-            std::cerr << "raynest: the daemon went away; looking for it\n";
+            print_note("the daemon went away; looking for it");
         connection = reconnect(connect, patience, done.error());
         if (!connection) return tl::unexpected<Failure>(connection.error());
     }

@@ -63,23 +63,28 @@ inline void declare(CLI::App& app, LoginOptions& login) {
         ->required();
 }
 
+inline void declare(CLI::App& app, LogoutOptions& logout) {
+    app.add_option("URI", logout.uri, "the daemon, as login was given it (--server)");
+}
+
 inline void declare(CLI::App& app, AdminOptions& admin) {
     app.add_option("ACT", admin.act,
                    "connections: list them; drain: end when all jobs have ended; reload: read "
                    "certificates, tokens and configuration again; kick: end connections; quota: "
-                   "change what a principal may have")
+                   "tell or change what a principal may have")
         ->required()
         ->check(CLI::IsMember({"connections", "drain", "reload", "kick", "quota"}));
     app.add_option("TARGET", admin.target,
                    "of kick: a connection's number or a principal; of quota: a principal");
     app.add_option("QUOTA", admin.quota,
-                   "of quota: connections=N, jobs=N, rays=N, scene_bytes=N, second_bytes=N");
+                   "of quota: connections=N, jobs=N, rays=N, scene_bytes=N, second_bytes=N; bytes "
+                   "also as 20G; without any, what the principal uses is told");
     app.parse_complete_callback([&admin] {
         const bool needs_target = admin.act == "kick" || admin.act == "quota";
         if (needs_target && admin.target.empty()) throw CLI::RequiredError("TARGET");
         if (!needs_target && !admin.target.empty())
             throw CLI::ValidationError("TARGET", "goes with kick and quota only");
-        if ((admin.act == "quota") == admin.quota.empty())
+        if (admin.act != "quota" && !admin.quota.empty())
             throw CLI::ValidationError("QUOTA", "goes with quota, such as: admin quota alice jobs=8");
     });
 }

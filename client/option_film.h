@@ -13,8 +13,8 @@ inline void add_progressive(CLI::App& app, bool& progressive) {
 
 inline void add_environment(CLI::App& app, std::string& environment) {
     app.add_option("--env", environment,
-                   "what lights from afar: sky | none | auto (the scene's lights, or else sky) | "
-                   "FILE.exr or FILE.hdr, a picture all around");
+                   "what lights from afar: sky | none | auto (sky, unless the file has lights) | "
+                   "FILE.exr or FILE.hdr, a picture all around whose middle lies at +X");
 }
 
 /// Adds what chooses the paths of light; samples are the caller's.
@@ -63,6 +63,10 @@ inline void add_render(CLI::App& app, RenderOptions& render) {
                    "of .png and .npy: agx | aces | reinhard | none (agx; ao none)");
     app.add_option("--exposure", render.exposure,
                    "of .png and .npy: stops, or auto (auto; ao 0)");
+    add_number(app, "--env-rotate", render.environment_rotate, -360.0F, 360.0F,
+               "a number of degrees from -360 to 360",
+               "turns the picture of --env by so many degrees from -Z towards +X (0)")
+        ->type_name("DEGREES");
     add_progressive(app, render.progressive);
     add_number(app, "--noise", render.noise, 1e-6F, 1.0F, "a number from 0.000001 to 1",
                "end parts of the picture when their error, as a share of their brightness, is "

@@ -142,7 +142,8 @@ inline void add_job(CLI::App& app, JobOptions& job) {
                check_settings(settings);
                job.settings = settings;
            },
-           "a parameter of the intersector; may be repeated")
+           "a parameter of the intersector, @FILE of one that is a table (.npy, or numbers as "
+           "text); may be repeated")
         ->type_name("NAME=VALUE")
         ->take_all()
         ->allow_extra_args(false);
@@ -181,6 +182,9 @@ inline void add_job(CLI::App& app, JobOptions& job) {
             return check_selection(text);
         },
         "leave out all else; may be repeated");
+    app.add_flag("--skip-hidden-boxes", job.skip_hidden_boxes,
+                 "leave boxes out of tests and counts that lead to nothing but what --hide and --only "
+                 "leave out");
 }
 
 inline void add_camera(CLI::App& app, CameraOptions& camera) {

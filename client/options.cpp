@@ -30,6 +30,9 @@ constexpr const char* examples = R"(Example:
 
 )";
 
+/// How --ray is written.
+constexpr const char* ray_form = "ox,oy,oz,dx,dy,dz or ox,oy,oz,tmin,dx,dy,dz,tmax";
+
 /// The answer to a command line without a command: three commands that work.
 constexpr const char* first_steps = R"(say what to do. While a daemon runs (raynestd &), these work:
   raynest load builtin:forest
@@ -122,7 +125,7 @@ void declare(CLI::App& app, QueryOptions& query) {
         }
     };
     rays.add_option_function<std::vector<std::string>>(
-            "--ray", parse_rays, "ox,oy,oz,dx,dy,dz[,tmin,tmax]; may be repeated")
+            "--ray", parse_rays, std::string(ray_form) + ", in the order of files; may be repeated")
         ->take_all()
         ->allow_extra_args(false);
     CLI::Option* file =
@@ -236,7 +239,7 @@ void declare(CLI::App& app, ExplainOptions& explain) {
             explain.ray = *parsed;
             return "";
         },
-        "ox,oy,oz,dx,dy,dz[,tmin,tmax] in place of a pixel");
+        std::string(ray_form) + ", in place of a pixel");
     ray->excludes(pixel);
     for (const char* other : {"--camera", "--lookat", "--fov", "--size"})
         ray->excludes(app.get_option(other));
@@ -314,7 +317,10 @@ public:
         add<LoadTestOptions>("load-test", "load-test forest --clients 8 --rays 64 --seconds 10",
                              "measure round trips and throughput, beside bare sockets");
         add<LoginOptions>("login", "login tls://gpu.example.org:31060",
-                          "keep the token of a daemon for later commands");
+                          "keep the token of a daemon, and copies of the certificates, for later "
+                          "commands");
+        add<LogoutOptions>("logout", "logout tls://gpu.example.org:31060",
+                           "remove what `login` kept of a daemon");
         add<AdminOptions>("admin", "admin connections", "administer the daemon");
     }
     /// Returns the help of the chosen subcommand, or of the program; it begins with an example.
@@ -396,8 +402,8 @@ Result<void> check_local(const Options& options) {
             if (job != nullptr && job->detach)
                 return fail(Exit::usage,
                             "--local ends its daemon with the command: leave --detach out");
-            if (std::is_same_v<Command, LoginOptions>)
-                return fail(Exit::usage, "login names a daemon itself: leave --local out");
+            if (std::is_same_v<Command, LoginOptions> || std::is_same_v<Command, LogoutOptions>)
+                return fail(Exit::usage, "login and logout name a daemon: leave --local out");
             if (std::is_same_v<Command, LoadTestOptions> || std::is_same_v<Command, TopOptions> ||
                 std::is_same_v<Command, OpenOptions>)
                 return fail(Exit::usage, "--local ends its daemon with the command, and this one "
@@ -419,12 +425,18 @@ Result<void> check_local(const Options& options) {
 }  // namespace
 
 Result<WorldRay> parse_ray(const std::string& text) {
-    const auto numbers = parse_world(text, 6, 8, "ox,oy,oz,dx,dy,dz[,tmin,tmax]");
+    const auto numbers = parse_world(text, 6, 8, ray_form);
     if (!numbers) return tl::unexpected<Failure>(numbers.error());
     const std::vector<double>& n = *numbers;
-    const bool bounded = n.size() == 8;
-    return WorldRay{n[0], n[1], n[2], bounded ? n[6] : 0.0,
-                    n[3], n[4], n[5], bounded ? n[7] : std::numeric_limits<double>::infinity()};
+    if (n.size() == 6)
+        return WorldRay{n[0], n[1], n[2], 0, n[3], n[4], n[5], std::numeric_limits<double>::infinity()};
+    // Such rays hit nothing: they are of those who write tmin and tmax last.
+    const bool is_range = n[3] >= 0 && n[3] <= n[7];
+    if (!is_range || (n[4] == 0 && n[5] == 0 && n[6] == 0))
+        return fail(Exit::usage, "'" + text + "': its tmin, the fourth of eight numbers, must be from 0 to tmax, "
+                                 "the eighth, and its direction between them not zero: they are ox,oy,oz,tmin,"
+                                 "dx,dy,dz,tmax");
+    return WorldRay{n[0], n[1], n[2], n[3], n[4], n[5], n[6], n[7]};
 }
 
 Result<Parsed> parse_options(int argc, const char* const* argv) {
@@ -460,12 +472,19 @@ Result<Parsed> parse_options(int argc, const char* const* argv) {
     } catch (const CLI::RequiredError& error) {
         const std::string complaint = subcommands.complaint();
         if (!complaint.empty()) return refuse(complaint);
-        if (app.get_subcommands().empty()) return fail(Exit::usage, first_steps);
+        if (app.get_subcommands().empty()) {
+            Failure advice = failure(Exit::usage, first_steps);
+            advice.has_lines = true;
+            return tl::unexpected(std::move(advice));
+        }
         return refuse(plain_words(error.what()));
     } catch (const CLI::ParseError& error) {
         const std::string complaint = subcommands.complaint();
         return refuse(complaint.empty() ? error.what() : complaint);
     }
+    if (const auto* login = std::get_if<LoginOptions>(&options.command)) options.server = login->uri;
+    if (const auto* logout = std::get_if<LogoutOptions>(&options.command); logout && !logout->uri.empty())
+        options.server = logout->uri;
     if (options.server.empty()) options.server = default_uri;
     if (auto useful = check_local(options); !useful) return refuse(useful.error().message);
     if (auto* heatmap = std::get_if<HeatmapOptions>(&options.command))

@@ -19,11 +19,18 @@ using WorldRay = std::array<double, 8>;
 /// A point in the world; points are sent relative to the scene's origin.
 using WorldPoint = std::array<double, 3>;
 
+/// The values of a parameter that is a table.
+struct TableOption {
+    std::string name;
+    std::vector<float> values;
+};
+
 /// Options of render, query and heatmap.
 struct JobOptions {
     std::string scene;
     std::string intersector;
-    std::vector<std::string> settings;
+    std::vector<std::string> settings;  ///< "name=value", "name=@FILE" before read_tables()
+    std::vector<TableOption> tables;
     std::string traversal;
     std::uint32_t mask = 0xFFFFFFFF;
     std::uint64_t epoch = 0;
@@ -33,6 +40,7 @@ struct JobOptions {
     bool detach = false;
     /// "inst=N", "object=N" or the text of a path: see selection.h.
     std::vector<std::string> hide, only;
+    bool skip_hidden_boxes = false;
 };
 
 struct CameraOptions {
@@ -89,6 +97,7 @@ struct RenderOptions : PictureOptions, LightOptions {
     std::string tonemap, exposure;
     bool progressive = false;
     float noise = 0;
+    float environment_rotate = 0;  ///< degrees
     bool all_cameras = false;
 };
 struct ResumeOptions {
@@ -112,7 +121,8 @@ struct QueryOptions {
 /// The other side of a difference: what differs from the job itself.
 struct Difference {
     std::string scene, intersector;
-    std::vector<std::string> settings;  ///< "name=value"
+    std::vector<std::string> settings;  ///< as those of a job
+    std::vector<TableOption> tables;
     std::optional<std::uint32_t> mask;
     std::optional<std::uint64_t> epoch;
 };
@@ -153,9 +163,13 @@ struct FetchOptions {
 struct CancelOptions {
     std::uint64_t job = 0;
 };
-/// Keeps the token of a daemon in hosts.toml.
+/// Keeps the token of a daemon, and copies of the certificates, in hosts.toml.
 struct LoginOptions {
     std::string uri;
+};
+/// Removes what `login` kept.
+struct LogoutOptions {
+    std::string uri;  ///< empty: --server
 };
 struct AdminOptions {
     std::string act;     ///< connections | drain | reload | kick | quota
@@ -177,7 +191,7 @@ using CommandOptions =
     std::variant<LoadOptions, ScenesOptions, InfoOptions, PathOptions, UnloadOptions,
                  VariantsOptions, StatsOptions, RenderOptions, ResumeOptions, QueryOptions, HeatmapOptions,
                  ExplainOptions, TopOptions, OpenOptions, JobsOptions, WaitOptions, FetchOptions, CancelOptions, LoadTestOptions,
-                 LoginOptions, AdminOptions>;
+                 LoginOptions, LogoutOptions, AdminOptions>;
 
 struct Options {
     std::string server;
@@ -196,7 +210,7 @@ struct Parsed {
 };
 Result<Parsed> parse_options(int argc, const char* const* argv);
 
-/// Parses "ox,oy,oz,dx,dy,dz[,tmin,tmax]".
+/// Parses "ox,oy,oz,dx,dy,dz" or "ox,oy,oz,tmin,dx,dy,dz,tmax", the order of .npy files.
 Result<WorldRay> parse_ray(const std::string& text);
 
 }  // namespace raynest::client

@@ -9,6 +9,7 @@
 #include <cstdint>
 #include <iostream>
 #include <string>
+#include <string_view>
 #include <vector>
 
 namespace raynest::client {
@@ -23,7 +24,18 @@ void end_if_unread();
 /// stops when its reader does.
 [[nodiscard]] Result<void> check_stdout();
 
+/// Returns the value on one line. Control characters in its texts are escaped, DEL and U+0080 to U+009F
+/// too, which JSON would allow as they are.
+[[nodiscard]] std::string json_text(const Json& value);
 void print_json(const Json& value, std::ostream& to = std::cout);
+
+/// Returns the text as a terminal may show it: one line, '?' in the place of control characters.
+[[nodiscard]] std::string shown_text(std::string_view text);
+/// Returns the value with all its texts, and the names of members, so changed: documents of a daemon may
+/// hold any.
+[[nodiscard]] Json shown_json(const Json& value);
+/// Prints "raynest: NOTE" on stderr, as shown_text().
+void print_note(std::string_view note);
 
 /// Prints columns as wide as their widest cell; columns of numbers are aligned to the right.
 void print_table(const std::vector<std::vector<std::string>>& rows);

@@ -75,7 +75,8 @@ void print_findings(const Json& findings, std::ostream& to) {
 
 }  // namespace
 
-void print_ranking(const Json& document, std::ostream& to) {
+void print_ranking(const Json& received, std::ostream& to) {
+    const Json document = shown_json(received);
     const Json& total = document.at("total");
     to << grouped(document.at("rays").get<std::uint64_t>()) << " rays of camera '"
        << document.at("camera").get<std::string>() << "' tested "

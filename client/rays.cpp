@@ -179,7 +179,8 @@ bool RaySource::subtracts() const {
     return width_ != 3 && scene_origin_ != WorldPoint{};
 }
 
-std::string rounding_warning(const RaySource& rays, const SceneOrigin& scene) {
+std::string rounding_warning(const RaySource& rays, const SceneOrigin& scene,
+                             std::string_view subject) {
     const double notable = notable_share * scene.size;
     if (!(notable > 0)) return {};
     const auto& [x, y, z] = scene.centre;
@@ -191,16 +192,19 @@ std::string rounding_warning(const RaySource& rays, const SceneOrigin& scene) {
     if (lost.count == 0) return {};
     std::ostringstream text;
     text.precision(3);
-    text << grouped(lost.count) << " of " << grouped(rays.count())
-         << (rays.count() == 1 ? " ray starts" : " rays start")
-         << " so far from the scene's origin that float32 moves "
+    if (subject.empty())
+        text << grouped(lost.count) << " of " << grouped(rays.count())
+             << (rays.count() == 1 ? " ray starts" : " rays start");
+    text << subject << " so far from the scene's origin that float32 moves "
          << (lost.count == 1 ? "it" : "them") << " by up to " << lost.farthest
-         << ", and the scene's size is " << scene.size << "; the first is ray " << lost.first
-         << ". To keep their digits ";
+         << ", and the scene's size is " << scene.size;
+    if (subject.empty()) text << "; the first is ray " << lost.first;
+    text << ". To keep " << (subject.empty() ? "their" : "its") << " digits ";
     if (is_far) text << "load the scene with --origin " << near_scene(scene);
     if (is_far && rays.is_float32()) text << " and ";
     if (rays.is_float32()) text << "save the rays as float64";
-    if (!is_far && !rays.is_float32()) text << "start them nearer to the scene";
+    if (!is_far && !rays.is_float32())
+        text << (subject.empty() ? "start them" : "place it") << " nearer to the scene";
     return text.str();
 }
 

@@ -13,6 +13,7 @@
 #include <optional>
 #include <span>
 #include <string>
+#include <string_view>
 #include <vector>
 
 namespace raynest::client {
@@ -77,7 +78,10 @@ private:
     WorldPoint scene_origin_{};
 };
 
-/// Returns a warning if rays lose digits that matter at the scale of the scene, else "".
-[[nodiscard]] std::string rounding_warning(const RaySource& rays, const SceneOrigin& scene);
+/// Returns a warning if rays lose digits that matter at the scale of the scene, else "". It begins
+/// with `subject` in place of the number of rays, as "the sensor stands", if `rays` is where one
+/// stands.
+[[nodiscard]] std::string rounding_warning(const RaySource& rays, const SceneOrigin& scene,
+                                           std::string_view subject = {});
 
 }  // namespace raynest::client

@@ -48,7 +48,8 @@ bool is_safe(const Command& command, const Failure& why) {
     constexpr bool acts =
         std::is_same_v<Command, UnloadOptions> || std::is_same_v<Command, OpenOptions> ||
         std::is_same_v<Command, CancelOptions> || std::is_same_v<Command, LoadTestOptions> ||
-        std::is_same_v<Command, LoginOptions> || std::is_same_v<Command, AdminOptions>;
+        std::is_same_v<Command, LoginOptions> || std::is_same_v<Command, LogoutOptions> ||
+        std::is_same_v<Command, AdminOptions>;
     if constexpr (requires { command.job.detach; })
         return is_job_safe(command.job, why);
     else if constexpr (requires { command.scene.size(); })

@@ -1,4 +1,5 @@
-// heatmap -o report.html: one file that shows what a scene's rays cost, for a ticket.
+// heatmap -o report.html: one file that shows what a scene's rays cost, for a ticket. Its text is
+// protocol/report.html, which the page fills, too.
 #pragma once
 
 #include "client/fail_if.h"
@@ -16,13 +17,11 @@ struct Report {
     std::vector<std::byte> picture;  ///< a PNG of the same view
     std::vector<Verdict> checks;
     std::string command_line;
+    std::string camera;  ///< in words; empty: as the daemon names it
 };
 
 /// Returns a page that needs no other file, no network and no script. Names out of the scene are
 /// text in it, whatever they contain.
 [[nodiscard]] std::string report_html(const Report& report);
-
-/// Returns text with the letters replaced that HTML gives a meaning.
-[[nodiscard]] std::string escape_html(std::string_view text);
 
 }  // namespace raynest::client

@@ -146,6 +146,7 @@ Json scene_json(const wire::SceneInfo& info) {
     json["blend_materials"] = info.blend_materials();
     json["meshes"] = info.meshes();
     json["records"] = records_json(info);
+    json["intersector"] = protocol::text(info.intersector());
     json["bytes"] = info.bytes();
     json["build"] = protocol::text(info.build());
     json["build_seconds"] = info.build_seconds();
@@ -177,6 +178,9 @@ void print_scene(const wire::SceneInfo& info) {
         {"materials", std::to_string(info.materials()) + ", " +
                           std::to_string(info.mask_materials()) + " MASK, " +
                           std::to_string(info.blend_materials()) + " BLEND"},
+        {"intersector", info.intersector() != nullptr
+                            ? "auto is " + std::string(protocol::text(info.intersector()))
+                            : "none knows these primitives"},
         {"memory", bytes_text(info.bytes())},
         {"tree", tree_text(info)},
         {"cameras", joined(numbered(protocol::strings(info.cameras())))},

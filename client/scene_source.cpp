@@ -1,6 +1,7 @@
 #include "client/scene_source.h"
 
 #include "client/files.h"
+#include "client/output.h"
 #include "client/wording.h"
 #include "protocol/hash.h"
 #include "protocol/limits.h"
@@ -10,7 +11,6 @@
 #include <array>
 #include <cstdio>
 #include <filesystem>
-#include <iostream>
 #include <span>
 #include <utility>
 
@@ -35,7 +35,7 @@ std::string unique_name(const Upload& upload) {
     std::uint64_t hash =
         protocol::upload_checksum(std::as_bytes(std::span(std::as_const(upload.source))));
     for (const UploadFile& file : upload.files)
-        hash = protocol::upload_checksum(std::as_bytes(std::span(&file.hash, 1)), hash);
+        hash = protocol::upload_checksum(std::as_bytes(std::span(file.digest)), hash);
     std::array<char, 24> digits{};
     const int length = std::snprintf(digits.data(), digits.size(), "-%016llx",
                                      static_cast<unsigned long long>(hash));
@@ -49,12 +49,12 @@ std::string unique_name(const Upload& upload) {
 Result<Reply<wire::Loaded>> load_scene(Connection& connection, Progress& progress,
                                        wire::LoadT message, const Upload& upload) {
     if (!upload.warnings.empty()) progress.clear();
-    for (const std::string& warning : upload.warnings)
-        std::cerr << "raynest: " << warning << '\n';
+    for (const std::string& warning : upload.warnings) print_note(warning);
     message.source = upload.source;
     for (const UploadFile& file : upload.files) {
         message.file_names.push_back(file.name);
-        message.file_hashes.push_back(file.hash);
+        message.file_digests.insert(message.file_digests.end(), file.digest.begin(),
+                                    file.digest.end());
         message.file_bytes.push_back(file.bytes.size());
     }
     if (auto started = connection.start(message); !started)
@@ -106,7 +106,7 @@ Result<std::string> load_for_connection(Connection& connection, Progress& progre
     if (!loaded) return tl::unexpected<Failure>(loaded.error());
     const wire::SceneInfo& info = protocol::present((*loaded)->info());
     for (const std::string& warning : protocol::strings(info.warnings()))
-        std::cerr << "raynest: " << shown_name(source) << ": " << localize_message(warning) << '\n';
+        print_note(shown_name(source) + ": " + localize_message(warning));
     return std::string(protocol::text(info.name()));
 }
 

@@ -87,6 +87,7 @@ void add_selection(const JobOptions& options, wire::JobT& job) {
     };
     add(options.hide, job.hidden_instances, job.hidden_objects);
     add(options.only, job.only_instances, job.only_objects);
+    job.skip_hidden_boxes = options.skip_hidden_boxes;
 }
 
 }  // namespace raynest::client

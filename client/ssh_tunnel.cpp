@@ -1,18 +1,17 @@
 #include "client/ssh_tunnel.h"
 
 #include "client/interrupt.h"
+#include "client/temporary_folder.h"
 
-#include <spawn.h>
-#include <sys/wait.h>
-#include <unistd.h>
+#include <fcntl.h>
 
 #include <cerrno>
 #include <chrono>
-#include <csignal>
-#include <cstdlib>
 #include <cstring>
+#include <filesystem>
 #include <regex>
 #include <thread>
+#include <utility>
 #include <vector>
 
 namespace raynest::client {
@@ -23,57 +22,71 @@ namespace fs = std::filesystem;
 
 /// Long enough to type a password.
 constexpr std::chrono::seconds start_time{60};
-constexpr std::chrono::milliseconds look_time{10};
 
 }  // namespace
 
 Result<SshTunnel> SshTunnel::open(const std::string& uri) {
-    // The host must not begin with '-': ssh would read it as an option.
-    static const std::regex form("ssh://([A-Za-z0-9_][A-Za-z0-9_.@-]*)(?::([0-9]{1,5}))?(/[^:]*)?");
+    // No part begins with '-', which ssh would read as an option, and nothing in the path is
+    // expanded.
+    static const std::regex form(
+        "ssh://((?:[A-Za-z0-9_][A-Za-z0-9_.-]*@)?[A-Za-z0-9_][A-Za-z0-9_.-]*)(?::([0-9]{1,5}))?"
+        "(/[^:$%\\\\[:cntrl:]]*)?");
     std::smatch parts;
     if (!std::regex_match(uri, parts, form))
-        return fail(Exit::usage, "'" + uri + "' is not ssh://[USER@]HOST[:PORT][/PATH of a socket]");
-    SshTunnel tunnel;
-    std::string pattern = "/tmp/raynest-XXXXXX";
-    if (::mkdtemp(pattern.data()) == nullptr)
-        return fail(Exit::cannot_connect, "cannot make a folder in /tmp: " + std::string(std::strerror(errno)));
-    tunnel.folder_ = pattern;
+        return fail(Exit::usage,
+                    "'" + uri + "' is not ssh://[USER@]HOST[:PORT][/PATH of a socket]");
+    const std::string host = parts[1].str();
+    auto folder = TemporaryFolder::make();
+    if (!folder) return tl::unexpected<Failure>(folder.error());
+    const fs::path socket = folder->path() / "socket";
     const std::string remote = parts[3].length() > 1 ? parts[3].str() : "/run/raynest/socket";
-    std::vector<std::string> words = {"ssh", "-N", "-T", "-o", "ExitOnForwardFailure=yes",
-                                      "-o", "ServerAliveInterval=10", "-L",
-                                      (tunnel.folder_ / "socket").string() + ":" + remote};
+    // -S none: a connection that other ssh programs share would outlive this one.
+    std::vector<std::string> words = {"ssh",
+                                      "-N",
+                                      "-T",
+                                      "-S",
+                                      "none",
+                                      "-o",
+                                      "ExitOnForwardFailure=yes",
+                                      "-o",
+                                      "ServerAliveInterval=10",
+                                      "-L",
+                                      socket.string() + ":" + remote};
     if (parts[2].matched) words.insert(words.end(), {"-p", parts[2].str()});
-    words.insert(words.end(), {"--", parts[1].str()});
-    std::vector<char*> arguments;
-    for (std::string& word : words) arguments.push_back(word.data());
-    arguments.push_back(nullptr);
-    if (const int why = ::posix_spawnp(&tunnel.process_, "ssh", nullptr, nullptr, arguments.data(), environ); why != 0) {
-        tunnel.process_ = -1;
-        return fail(Exit::cannot_connect, "cannot start ssh: " + std::string(std::strerror(why)));
-    }
+    words.insert(words.end(), {"--", host});
+    auto ssh = ChildProcess::start(std::move(words), ChildKind::asking);
+    if (!ssh) return fail(Exit::cannot_connect, "cannot start ssh: " + ssh.error().message);
+    SshTunnel tunnel(std::move(*ssh), host);
+
     const Clock::time_point end = Clock::now() + start_time;
     std::error_code ignored;
-    while (!fs::exists(tunnel.folder_ / "socket", ignored)) {
+    while (!fs::exists(socket, ignored)) {
         if (interrupted()) return fail(Exit::interrupted, "interrupted");
-        int status = 0;
-        if (::waitpid(tunnel.process_, &status, WNOHANG) == tunnel.process_) {
-            tunnel.process_ = -1;
-            return fail(Exit::cannot_connect, "ssh to " + parts[1].str() + " failed; its reason is above");
-        }
+        if (tunnel.ssh_.has_ended()) return tl::unexpected<Failure>(tunnel.explain({}));
         if (Clock::now() > end)
-            return fail(Exit::cannot_connect, "ssh to " + parts[1].str() + " did not connect within 60 s");
+            return fail(Exit::cannot_connect, "ssh to " + host + " did not connect within 60 s");
         std::this_thread::sleep_for(look_time);
     }
+    std::this_thread::sleep_for(look_time);  // ssh listens a moment after the socket has its name
+    tunnel.socket_ = Descriptor(::open(socket.c_str(), O_PATH | O_CLOEXEC));
+    if (!tunnel.socket_)
+        return fail(Exit::cannot_connect,
+                    "cannot open " + socket.string() + ": " + std::strerror(errno));
+    // Through /proc it can be connected to without a name: nothing is left behind, even by SIGKILL.
+    tunnel.uri_ = "unix:/proc/self/fd/" + std::to_string(tunnel.socket_.number());
     return tunnel;
 }
 
-SshTunnel::~SshTunnel() {
-    if (process_ > 0) {
-        (void)::kill(process_, SIGTERM);
-        (void)::waitpid(process_, nullptr, 0);
-    }
-    std::error_code ignored;
-    if (!folder_.empty()) fs::remove_all(folder_, ignored);
+Failure SshTunnel::explain(Failure why) {
+    const std::string line = ssh_.last_line();
+    if (ssh_.has_ended())
+        return failure(Exit::cannot_connect, "ssh to " + host_ + " failed: " +
+                                                 (line.empty() ? "it gave no reason" : line));
+    // ssh is there, and found no daemon's socket: one that restarts would be there.
+    if (line.find("open failed") == std::string::npos) return why;
+    return failure(Exit::cannot_connect,
+                   "no daemon answers on " + host_ + " (ssh: " + line +
+                       "); is raynestd running there, and may you open its socket?");
 }
 
 }  // namespace raynest::client

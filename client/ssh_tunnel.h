@@ -1,39 +1,36 @@
 // The way to a daemon of another machine over the user's own ssh: `--server ssh://HOST`.
 //
-//   client ──► unix:FOLDER/socket ──ssh -L──► HOST ──► unix:/run/raynest/socket
+//   client ──► a Unix socket ──ssh -L──► HOST ──► unix:/run/raynest/socket
 #pragma once
 
-#include "client/failure.h"
+#include "client/child_process.h"
 
-#include <sys/types.h>
-
-#include <filesystem>
+#include <optional>
 #include <string>
-#include <utility>
 
 namespace raynest::client {
 
-/// An ssh that forwards a Unix socket in a temporary folder. It ends with this object.
+/// An ssh that forwards a Unix socket. It ends with this object, and with this process whatever
+/// ends that.
 class SshTunnel {
 public:
     /// Starts ssh for ssh://[USER@]HOST[:PORT][/PATH], where PATH is the daemon's Unix socket
     /// (/run/raynest/socket), and waits until it forwards. ssh may ask for a password. Fails with
-    /// exit code 3.
+    /// exit code 3. Call it from the main thread.
     static Result<SshTunnel> open(const std::string& uri);
-    SshTunnel(SshTunnel&& other) noexcept
-        : process_(std::exchange(other.process_, -1)),
-          folder_(std::exchange(other.folder_, {})) {}
-    SshTunnel& operator=(SshTunnel&&) = delete;
-    SshTunnel(const SshTunnel&) = delete;
-    ~SshTunnel();
 
-    [[nodiscard]] std::string uri() const { return "unix:" + (folder_ / "socket").string(); }
+    /// The address by which this process reaches the daemon.
+    [[nodiscard]] const std::string& uri() const { return uri_; }
+    /// Returns ssh's reason for a connection that failed, if ssh has one, else `why`.
+    [[nodiscard]] Failure explain(Failure why);
 
 private:
-    SshTunnel() = default;
+    SshTunnel(ChildProcess ssh, std::string host) : ssh_(std::move(ssh)), host_(std::move(host)) {}
 
-    pid_t process_ = -1;
-    std::filesystem::path folder_;
+    ChildProcess ssh_;
+    std::string host_;
+    std::string uri_;
+    Descriptor socket_;  ///< holds the socket, whose name is removed once it is there
 };
 
 }  // namespace raynest::client

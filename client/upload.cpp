@@ -3,7 +3,6 @@
 #include "client/files.h"
 #include "client/gltf_names.h"
 #include "client/interrupt.h"
-#include "protocol/hash.h"
 #include "protocol/limits.h"
 #include "protocol/text.h"
 
@@ -82,16 +81,21 @@ std::vector<std::byte> head_of(const std::string& path) {
 }
 
 /// Hashes in parts and checks for Ctrl-C between them: 4 GiB take seconds.
-Result<std::uint64_t> hash_of(std::span<const std::byte> bytes) {
+Result<protocol::Sha256Digest> digest_of(std::span<const std::byte> bytes) {
     constexpr std::size_t hashed_at_once = 16 << 20;
-    std::uint64_t hash = protocol::upload_checksum({});
+    protocol::Sha256 sum;
     while (!bytes.empty()) {
         if (interrupted()) return fail(Exit::interrupted, "interrupted");
         const std::size_t count = std::min(bytes.size(), hashed_at_once);
-        hash = protocol::upload_checksum(bytes.first(count), hash);
+        sum.add(bytes.first(count));
         bytes = bytes.subspan(count);
     }
-    return hash;
+    const auto digest = sum.digest();
+    if (!digest)
+        return fail(
+            Exit::failed,
+            "libcrypto computes no SHA-256: check the OpenSSL configuration (OPENSSL_CONF)");
+    return *digest;
 }
 
 /// Reads files until the sum of their bytes is over the limit.
@@ -103,9 +107,9 @@ public:
     Result<void> add(std::string name, Result<protocol::Buffer> bytes) {
         if (!bytes) return tl::unexpected<Failure>(bytes.error());
         left_ -= bytes->size();
-        const auto hash = hash_of(std::as_const(*bytes).span());
-        if (!hash) return tl::unexpected<Failure>(hash.error());
-        upload_.files.push_back({std::move(name), std::move(*bytes), *hash});
+        const auto digest = digest_of(std::as_const(*bytes).span());
+        if (!digest) return tl::unexpected<Failure>(digest.error());
+        upload_.files.push_back({std::move(name), std::move(*bytes), *digest});
         return {};
     }
     [[nodiscard]] std::uint64_t left() const { return left_; }

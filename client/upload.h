@@ -7,6 +7,7 @@
 //                             the current folder
 //   any other file or pipe    one of these, told apart by its first bytes
 //
+// Load carries the digest of each file: the daemon asks for none of a scene that it has.
 // Bad files are refused with exit code 5 before anything is sent; the daemon checks again.
 #pragma once
 
@@ -14,6 +15,7 @@
 #include "client/failure.h"
 #include "client/progress.h"
 #include "protocol/buffer.h"
+#include "protocol/openssl.h"
 
 #include <cstdint>
 #include <string>
@@ -24,7 +26,7 @@ namespace raynest::client {
 struct UploadFile {
     std::string name;  ///< the name that the main file uses
     protocol::Buffer bytes;
-    std::uint64_t hash = 0;
+    protocol::Sha256Digest digest{};
 };
 
 struct Upload {

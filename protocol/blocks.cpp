@@ -12,6 +12,11 @@ namespace {
 /// Valid strides: one to four values of a type, or a ray.
 constexpr std::array strides = {1U, 2U, 3U, 4U, 8U, 12U, 16U, 24U, 32U};
 
+/// True for letters that stand in tables, JSON and messages as they are.
+bool is_plain(char c) {
+    return c > ' ' && c < 0x7F && c != '"' && c != '\\';
+}
+
 tl::unexpected<Error> bad_block(std::string_view name, const char* why) {
     return fail(Code::bad_frame, "block '" + std::string(name) + "' " + why);
 }
@@ -50,7 +55,7 @@ Result<std::vector<BlockView>> read_blocks(const Frame& frame, const BlockList* 
     for (std::size_t i = 0; i < count; ++i) {
         const wire::Block& block = *blocks->Get(static_cast<flatbuffers::uoffset_t>(i));
         const std::string_view name = text(block.name());
-        if (name.empty() || name.size() > limits.name_bytes_max)
+        if (name.empty() || name.size() > limits.name_bytes_max || !std::ranges::all_of(name, is_plain))
             return fail(Code::bad_frame, "a block without a usable name");
         if (block.dtype() > wire::Dtype::MAX) return bad_block(name, "has an unknown dtype");
         const auto is_stride = [&](std::uint32_t stride) { return stride == block.stride(); };

@@ -61,6 +61,17 @@ public:
                           "must read name=value");
         return *this;
     }
+    /// Tables with names and at most `table_values_max` values in all.
+    Checks& tables(const char* field, const Vector<flatbuffers::Offset<wire::ParamTable>>* list) {
+        items(field, list);
+        if (error_ || list == nullptr) return *this;
+        std::uint64_t values = 0;  // of lists in one message: cannot wrap
+        for (const wire::ParamTable* table : *list) {
+            name(field, table->name()).needs(field, table->name());
+            if (table->values() != nullptr) values += table->values()->size();
+        }
+        return at_most(field, values, limits_.table_values_max, "table_values_max");
+    }
     template <class T>
     Checks& items(const char* field, const Vector<T>* list) {
         return at_most(field, size(list), limits_.list_items_max, "list_items_max");
@@ -71,9 +82,22 @@ public:
     Checks& numbers(const char* field, const Strings* list, const Vector<Number>* numbers) {
         if (size(list) != size(numbers))
             complain(Code::invalid_field, field, "lists differ in length");
+        return aligned(field, numbers, size(numbers), "");
+    }
+    template <class Number>
+    Checks& aligned(const char* field, const Vector<Number>* numbers, std::uint64_t most,
+                    const char* limit) {
+        at_most(field, size(numbers), most, limit);
         if (numbers != nullptr &&
             reinterpret_cast<std::uintptr_t>(numbers->Data()) % sizeof(Number) != 0)
             complain(Code::bad_frame, field, "numbers are not aligned");
+        return *this;
+    }
+    /// SHA-256 digests one after the other: one for each of the list, or none.
+    Checks& digests(const char* field, const Strings* list, const Vector<std::uint8_t>* bytes) {
+        constexpr std::size_t digest_bytes = 32;
+        if (size(bytes) != 0 && size(bytes) != digest_bytes * size(list))
+            complain(Code::invalid_field, field, "is not 32 bytes for each file");
         return *this;
     }
     Checks& equally_long(const char* field, const Strings* a, const Strings* b) {

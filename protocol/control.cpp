@@ -23,6 +23,11 @@ std::vector<std::string> strings(const StringList* list) {
     return out;
 }
 
+std::span<const float> values(const wire::ParamTable& table) {
+    const auto* list = table.values();
+    return list == nullptr ? std::span<const float>() : std::span(list->data(), list->size());
+}
+
 Result<Frame> seal(const FrameHeader& header, const flatbuffers::FlatBufferBuilder& message,
                    const Limits& limits) {
     Frame frame;

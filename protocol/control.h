@@ -12,6 +12,7 @@
 
 #include <cstdint>
 #include <memory>
+#include <span>
 #include <string>
 #include <string_view>
 #include <utility>
@@ -41,6 +42,8 @@ struct Opened {
 
 using StringList = flatbuffers::Vector<flatbuffers::Offset<flatbuffers::String>>;
 [[nodiscard]] std::vector<std::string> strings(const StringList* list);
+/// The values of a table, in the message's own bytes.
+[[nodiscard]] std::span<const float> values(const wire::ParamTable& table);
 
 /// Copies a finished message into a frame of this header, as far as that describes type, request
 /// and bulk part, which it lacks; LIMIT_EXCEEDED naming the message when it is too large.

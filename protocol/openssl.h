@@ -1,9 +1,16 @@
-// What both ends of TLS need of OpenSSL: owners of what it has made, and its errors in words.
+// What both ends need of OpenSSL: owners of what it has made, its errors in words, and the digest by
+// which a client asks whether the daemon has a scene already.
 #pragma once
 
 #include <openssl/err.h>
+#include <openssl/evp.h>
 #include <openssl/sslerr.h>
 
+#include <array>
+#include <cstddef>
+#include <memory>
+#include <optional>
+#include <span>
 #include <string>
 
 namespace raynest::protocol {
@@ -35,5 +42,28 @@ inline std::string openssl_error_text(const char* unknown) {
     const char* reason = code == 0 ? nullptr : ERR_reason_error_string(code);
     return reason == nullptr ? unknown : reason;
 }
+
+using Sha256Digest = std::array<unsigned char, 32>;
+
+/// Takes bytes in parts. OpenSSL may be configured without SHA-256: there is no digest then.
+class Sha256 {
+public:
+    Sha256()
+        : good_(context_ != nullptr &&
+                EVP_DigestInit_ex(context_.get(), EVP_sha256(), nullptr) == 1) {}
+    void add(std::span<const std::byte> bytes) {
+        good_ = good_ && EVP_DigestUpdate(context_.get(), bytes.data(), bytes.size()) == 1;
+    }
+    /// Ends the input.
+    [[nodiscard]] std::optional<Sha256Digest> digest() {
+        Sha256Digest out{};
+        if (!good_ || EVP_DigestFinal_ex(context_.get(), out.data(), nullptr) != 1) return std::nullopt;
+        return out;
+    }
+
+private:
+    std::unique_ptr<EVP_MD_CTX, Release<EVP_MD_CTX_free>> context_{EVP_MD_CTX_new()};
+    bool good_ = false;
+};
 
 }  // namespace raynest::protocol

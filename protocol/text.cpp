@@ -11,10 +11,18 @@
 namespace raynest::protocol {
 
 std::string clean_text(std::string_view text, std::size_t bytes_max) {
-    std::string clean(text.substr(0, bytes_max));
-    for (char& c : clean) {
-        if (c == '\n' || c == '\r' || c == '\t') c = ' ';
-        if ((c >= 0 && c < 0x20) || c == 0x7F) c = '?';
+    const std::string_view kept = text.substr(0, bytes_max);
+    std::string clean;
+    clean.reserve(kept.size());
+    for (std::size_t i = 0; i < kept.size(); ++i) {
+        const char c = kept[i];
+        // In UTF-8, the controls U+0080 to U+009F are C2 80 to C2 9F.
+        const bool is_c1 = c == '\xC2' && i + 1 < kept.size() && (kept[i + 1] & '\xE0') == '\x80';
+        if (is_c1) ++i;
+        if (c == '\n' || c == '\r' || c == '\t')
+            clean += ' ';
+        else
+            clean += is_c1 || (c >= 0 && c < 0x20) || c == 0x7F ? '?' : c;
     }
     // A cut inside a letter leaves up to three bytes of it.
     for (int i = 0; i < 3 && text.size() > bytes_max && !printable(clean); ++i) clean.pop_back();

@@ -23,7 +23,8 @@ void check_job(Checks& checks, const wire::Job& job) {
         .items("hidden_instances", job.hidden_instances())
         .items("hidden_objects", job.hidden_objects())
         .items("only_instances", job.only_instances())
-        .items("only_objects", job.only_objects());
+        .items("only_objects", job.only_objects())
+        .tables("tables", job.tables());
 }
 
 void check_camera(Checks& checks, const wire::Camera& camera) {
@@ -62,6 +63,7 @@ void check_info(Checks& checks, const wire::SceneInfo& info) {
     checks.name("name", info.name())
         .name("hash", info.hash())
         .name("build", info.build())
+        .name("intersector", info.intersector())
         .names("cameras", info.cameras())
         .names("skipped_reasons", info.skipped_reasons())
         .numbers("skipped", info.skipped_reasons(), info.skipped_counts())
@@ -165,13 +167,16 @@ Result<void> validate(const wire::Load& message, const Limits& limits) {
         .name("build", message.build())
         .name("primitive", message.primitive())
         .texts("file_names", message.file_names())
-        .numbers("files", message.file_names(), message.file_hashes())
+        .digests("file_digests", message.file_names(), message.file_digests())
         .numbers("files", message.file_names(), message.file_bytes())
         .finite("origin", message.origin_x())
         .finite("origin", message.origin_y())
         .finite("origin", message.origin_z())
         .texts("masks", message.masks())
         .names("share", message.share());
+    const auto is_given = [](const auto* list) { return list != nullptr && list->size() != 0; };
+    if (is_given(message.file_hashes()) || !is_given(message.file_digests()))
+        checks.numbers("files", message.file_names(), message.file_hashes());
     if (message.file_names() != nullptr)
         checks.at_most("files", message.file_names()->size(), limits.upload_files_max,
                        "upload_files_max");
@@ -261,6 +266,7 @@ Result<void> validate(const wire::Structure& message, const Limits& limits) {
         .needs("scene", message.scene())
         .name("kind", message.kind())
         .at_most("count", message.count(), limits.structure_rows_max, "structure_rows_max")
+        .aligned("paths", message.paths(), limits.structure_paths_max, "structure_paths_max")
         .that(message.depth_min() <= message.depth_max(), "depth_min", "is above depth_max")
         .result();
 }
@@ -380,6 +386,7 @@ Result<void> validate(const wire::Render& message, const Limits& limits) {
         .that(message.ao_distance() >= 0, "ao_distance", "must not be negative")
         .finite("sun_azimuth", static_cast<double>(message.sun_azimuth()))
         .finite("sun_elevation", static_cast<double>(message.sun_elevation()))
+        .finite("environment_rotate", static_cast<double>(message.environment_rotate()))
         .finite("noise", static_cast<double>(message.noise()))
         .that(message.noise() >= 0, "noise", "must not be negative")
         .at_most("resume_bytes", message.resume_bytes(), limits.upload_bytes_max,

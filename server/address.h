@@ -31,7 +31,7 @@ struct SocketAccess {
 };
 
 /// Parses a URI; "localhost" means 127.0.0.1. fd:N and tls://fd:N are the address of that descriptor,
-/// which must be a listening socket. An address beyond loopback needs more, see listen_policy.cpp.
+/// which must be a listening socket. An address beyond loopback needs more, see listen_policy.h.
 [[nodiscard]] Result<Address> parse_address(std::string_view uri);
 
 /// Returns the address of a listening socket; nothing if the descriptor is none.

@@ -3,12 +3,11 @@
 #include "protocol/subject.h"
 #include "protocol/text.h"
 #include "server/security/certificates.h"
+#include "server/security/file_place.h"
 #include "server/security/quotas.h"
-#include "server/security/secret_file.h"
 #include "server/security/tokens.h"
 
 #include <CLI/CLI.hpp>
-#include <fcntl.h>
 #include <sys/file.h>
 #include <unistd.h>
 
@@ -93,7 +92,8 @@ int tls_init(const fs::path& folder, const std::vector<std::string>& hosts) {
               << path(Files::server) << " --tls-key " << path(Files::server_key)
               << " --tokens FILE\nClients: raynest --ca " << path(Files::ca)
               << " --server tls://HOST:31060 scenes\nGive clients " << Files::ca
-              << " alone. Keep " << Files::ca_key
+              << " alone. Let the daemon's user read " << Files::server << " and " << Files::server_key
+              << ", but never " << Files::ca_key << ". Keep " << Files::ca_key
               << " off the network; `raynestd tls renew " << folder.string()
               << "` needs it within 397 days.\n";
     return done();
@@ -122,22 +122,21 @@ struct Refusal {
 /// Reads the file, lets `edit` change the rows, and writes it. Two commands at a time take turns.
 int edit_tokens(const fs::path& given,
                 const std::function<std::optional<Refusal>(TokenTable&)>& edit) {
-    // A daemon may watch the target of a link.
-    const auto file = behind_links(given);
-    if (!file) return failed(file.error().message);
     std::error_code error;
-    const fs::path folder = fs::absolute(*file, error).parent_path();
-    if (fs::create_directories(folder, error))
-        fs::permissions(folder, fs::perms::owner_all, error);
-    const int held = ::open(folder.c_str(), O_RDONLY | O_DIRECTORY | O_CLOEXEC);
-    if (held < 0 || ::flock(held, LOCK_EX) != 0)
-        return failed(folder.string() + ": " + std::strerror(errno) +
+    const fs::path file = fs::absolute(given, error);
+    if (fs::create_directories(file.parent_path(), error))
+        fs::permissions(file.parent_path(), fs::perms::owner_all, error);
+    // A daemon may watch the target of a link.
+    const auto place = FilePlace::find(file);
+    if (!place) return failed(place.error().message);
+    const Fd held = place->open_folder();
+    if (held.get() < 0 || ::flock(held.get(), LOCK_EX) != 0)
+        return failed(place->path().parent_path().string() + ": " + std::strerror(errno) +
                       (errno == EACCES ? "; run this command as root" : ""));
-    auto table = TokenTable::read(*file, Reader::command, true);
+    auto table = TokenTable::read_to_edit(*place);
     if (!table) return failed(table.error().message);
     if (const auto refused = edit(*table)) return failed(refused->why, refused->code);
-    const auto written = table->write(*file);
-    ::close(held);
+    const auto written = table->write(*place);
     return written ? 0 : failed(written.error().message);
 }
 
@@ -318,7 +317,8 @@ void declare_token(CLI::App& app, std::function<int()>& action) {
           "a time such as 90s, 12h or 30d, at most " + std::to_string(expires_days_max) +
               "d; leave it out for a token that never expires");
     add->add_option("--quota", words->quota,
-                    "connections=N,jobs=N,rays=N,scene_bytes=N,second_bytes=N; any of them")
+                    "connections=N,jobs=N,rays=N,scene_bytes=N,second_bytes=N; any of them, "
+                    "bytes also as 20G")
         ->check(CLI::Validator(
             [](const std::string& text) {
                 const auto quota = read_quota(text);

@@ -1,5 +1,4 @@
-// Reads a configuration file: TOML where its name ends in .toml, else lines KEY=VALUE as --print-config
-// writes them. What the keys mean, options.cpp knows.
+// Reads a configuration file in TOML, as --print-config writes it. What the keys mean, options.cpp knows.
 #pragma once
 
 #include <cstddef>
@@ -32,8 +31,7 @@ struct ConfigFault {
 [[nodiscard]] std::string config_file_fault(const std::string& file);
 
 /// Parses the content of a file. Returns the keys in the order of their lines.
-[[nodiscard]] tl::expected<std::vector<ConfigKey>, ConfigFault> read_config(const std::string& file,
-                                                                            std::istream& content);
+[[nodiscard]] tl::expected<std::vector<ConfigKey>, ConfigFault> read_config(std::istream& content);
 
 /// Returns a value whose relative path is made absolute, from the folder of the file on. Values of
 /// options without paths stay.

@@ -1,8 +1,9 @@
 #include "server/conversation.h"
 
 #include "server/access.h"
+#include "server/diag/io_turn.h"
+#include "server/diag/limited_log.h"
 #include "server/diag/refusals.h"
-#include "server/log.h"
 
 #include <algorithm>
 #include <chrono>
@@ -58,16 +59,21 @@ Reply<bool> Conversation::admit(const protocol::FrameHeader& header) const {
 
 void Conversation::receive(protocol::Frame frame) {
     if (closing_) return;
-    services_.metrics.count<&Metrics::frames_received>(caller_.principal);
+    services_.metrics.count<&Metrics::frames_received>(counted_as());
     const std::uint64_t id = frame.header.request_id;
     const RequestScope scope({caller_.connection, id});
-    // Let an exception end only the request that caused it.
+    // Let an exception end only the request that caused it. A greeting that has failed half-way ends
+    // the connection.
+    const auto refuse_one = [&](const protocol::Error& error) {
+        if (greeted_) return refuse_request(id, error);
+        close_with_error(error);
+    };
     try {
         handle(std::move(frame));
     } catch (const std::bad_alloc&) {
-        refuse_request(id, {Code::resource_exhausted, "", 0});
+        refuse_one({Code::resource_exhausted, "", 0});
     } catch (const std::exception& error) {
-        refuse_request(id, {Code::internal, error.what(), 0});
+        refuse_one({Code::internal, error.what(), 0});
     }
     settle();
 }
@@ -88,6 +94,7 @@ void Conversation::refuse_unreadable(const Unreadable& message) {
 
 void Conversation::handle(protocol::Frame frame) {
     const std::uint16_t type = frame.header.type;
+    IoTurn::handles(type);
     const Request* request = find_request(type);
     if (!greeted_ && (request == nullptr || !request->before_hello))
         return close_with_error(
@@ -124,10 +131,7 @@ void Conversation::greet(protocol::Frame frame) {
             {Code::invalid_field,
              "window_bytes must be 0 or at least " + std::to_string(window_bytes_min), 0});
     Reply<Principal> principal = authenticate_(*(*hello).table);
-    if (!principal) {
-        if (principal.error().code == Code::not_allowed) ++services_.metrics.logins_refused;
-        return close_with_error(principal.error());
-    }
+    if (!principal) return close_with_error(principal.error());
     caller_.principal = principal->id;
     caller_.role = principal->role;
     caller_.window_bytes = window == 0 ? services_.limits.window_bytes : window;
@@ -146,9 +150,9 @@ void Conversation::greet(protocol::Frame frame) {
     welcome.principal = caller_.principal;
     welcome.role = role_name(caller_.role);
     sink_.send(*protocol::encode(frame.header.request_id, welcome));
-    log(LogLevel::debug, "greeted",
-        {{"principal", caller_.principal},
-         {"client", std::string(protocol::text((*hello)->client()))}});
+    log_limited(LogLevel::debug, "greeted", caller_.principal,
+                {{"principal", caller_.principal},
+                 {"client", std::string(protocol::text((*hello)->client()))}});
 }
 
 void Conversation::ping(protocol::Frame frame) {
@@ -188,10 +192,10 @@ void Conversation::start(const Request& request, const protocol::Frame& frame) {
     const std::string name = protocol::message_name(frame.header.type);
     if (const auto allowed = access::send_request(name, request.role, caller_.role); !allowed) {
         ++services_.metrics.requests_refused;
-        log(LogLevel::info, "request_refused",
-            {{"principal", caller_.principal},
-             {"role", std::string(role_name(caller_.role))},
-             {"request", name}});
+        log_limited(LogLevel::info, "request_refused", caller_.principal,
+                    {{"principal", caller_.principal},
+                     {"role", std::string(role_name(caller_.role))},
+                     {"request", name}});
         return send_refusal(id, allowed.error());
     }
     caller_.request_id = id;
@@ -233,7 +237,7 @@ Runner& Conversation::runner_of(std::uint64_t id) const {
 }
 
 Reply<void> Conversation::detach(std::uint64_t id, JobSubmission accepted) {
-    const auto job = services_.detached.start(caller_.principal, id, std::move(accepted), &sink_);
+    const auto job = services_.detached.start(caller_.identity, id, std::move(accepted), &sink_);
     if (!job) return tl::unexpected(job.error());
     feeding_.emplace(id, *job);
     (*job)->set_feeder(&sink_);
@@ -280,10 +284,10 @@ void Conversation::abandon(const protocol::Error& why) {
 }
 
 void Conversation::refuse_request(std::uint64_t id, const protocol::Error& error) {
-    log(level_of(error.code), "refused",
-        {{"principal", caller_.principal},
-         {"code", std::string(protocol::error_info(error.code).name)},
-         {"message", error.message}});
+    log_limited(level_of(error.code), "refused", caller_.principal,
+                {{"principal", caller_.principal},
+                 {"code", std::string(protocol::error_info(error.code).name)},
+                 {"message", error.message}});
     send_refusal(id, error);
 }
 
@@ -296,10 +300,10 @@ void Conversation::close_with_error(const protocol::Error& error) {
     if (closing_) return;
     if (error.code == Code::bad_frame || error.code == Code::limit_exceeded)
         ++services_.metrics.bad_frames;
-    log(LogLevel::debug, "closing",
-        {{"principal", caller_.principal},
-         {"code", std::string(protocol::error_info(error.code).name)},
-         {"message", error.message}});
+    log_limited(LogLevel::debug, "closing", caller_.principal,
+                {{"principal", caller_.principal},
+                 {"code", std::string(protocol::error_info(error.code).name)},
+                 {"message", error.message}});
     closing_ = true;
     // The daemon ends these requests itself, so the log must not blame their client.
     abandon({error.code, "", 0});

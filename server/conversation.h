@@ -44,6 +44,11 @@ public:
     void drain();
 
     [[nodiscard]] const std::string& principal() const { return caller_.principal; }
+    /// Whose work is counted: the principal's, once it is greeted; empty before.
+    [[nodiscard]] const std::string& counted_as() const {
+        static const std::string nobody;
+        return greeted_ ? caller_.principal : nobody;
+    }
     /// The client, once it is greeted.
     [[nodiscard]] const Principal& identity() const { return caller_.identity; }
     /// The connection's number, which appears in lists and logs.

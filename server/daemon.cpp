@@ -3,11 +3,15 @@
 #include "engine/packs/load.h"
 #include "protocol/text.h"
 #include "server/diag/exposition.h"
-#include "server/diag/line_limit.h"
+#include "server/diag/io_turn.h"
+#include "server/diag/limited_log.h"
+#include "server/execution/disposal.h"
 #include "server/execution/fair_thread_pool.h"
 #include "server/execution/trace.h"
 #include "server/handlers/handler.h"
+#include "server/health.h"
 #include "server/import_command.h"
+#include "server/journal.h"
 #include "server/jobs/admission.h"
 #include "server/jobs/detached.h"
 #include "server/jobs/runner.h"
@@ -21,7 +25,9 @@
 #include "server/net/page_access.h"
 #include "server/net/transports.h"
 #include "server/ready_file.h"
+#include "server/reload.h"
 #include "server/start_checks.h"
+#include "server/start_loads.h"
 #include "server/store/scene_store.h"
 
 #include <unistd.h>
@@ -30,7 +36,7 @@
 #include <csignal>
 #include <cstdio>
 #include <cstdlib>
-#include <filesystem>
+#include <functional>
 #include <memory>
 #include <optional>
 #include <string>
@@ -45,22 +51,37 @@ namespace {
 constexpr unsigned spare_threads(unsigned threads) {
     return 2 * threads + 16;
 }
-/// Maximum concurrent imports; each is a process with limits of its own.
-constexpr unsigned imports_max = 2;
+/// Maximum concurrent imports, and those of one principal; each is a process with limits of its own,
+/// which uses all cores. Their memory counts towards --memory.
+constexpr unsigned imports_max = 8;
+constexpr unsigned principal_imports_max = 2;
 constexpr std::chrono::milliseconds drain_look{20};
 /// Interval of the search for connections whose client's machine or network is gone.
 constexpr std::chrono::seconds lost_look{5};
-/// Interval of looking at the token file: a revoked token ends its connections within a second.
-constexpr std::chrono::milliseconds tokens_look{300};
+/// Interval of looking for credentials that have ended: within a second nobody uses them.
+constexpr std::chrono::milliseconds credentials_look{300};
 /// Time for clients to receive the error after a drain took too long.
 constexpr std::chrono::milliseconds last_words_time{1000};
 constexpr int exit_forced = 3;
-/// Time beyond chunk_ms_max after which the task of a compute thread counts as stuck.
-constexpr std::chrono::milliseconds stuck_grace{5000};
+
+/// Says how another machine sees a page that listens on loopback. The page answers to its own port
+/// alone, so that both ends of the tunnel have it.
+std::string forward_hint(const std::string& uri) {
+    const std::string place = uri.substr(uri.find("//") + 2);
+    const std::string port = place.substr(place.rfind(':') + 1);
+    return "from another machine: ssh -L " + port + ":" + place + " HOST, then open " +
+           uri.substr(0, uri.find("//") + 2) + "localhost:" + port;
+}
+
 
 class Daemon final : public Administration {
 public:
     Daemon(Options options, ReadOptions read_again, std::shared_ptr<const Registry> registry);
+    ~Daemon() {
+        // No job runs any more, so no other thread drops a scene.
+        scenes_.set_disposal({});
+        detached_.clear();
+    }
 
     Result<void> listen();
     /// Opens the HTTP port. Fails if the address was given by option; else the daemon has none.
@@ -88,10 +109,11 @@ private:
     void begin_to_drain();
     void look_drained();
     void look_after_detached();
-    void look_for_lost();
-    void look_at_tokens();
-    void end_revoked();
-    void feed_watchdog(std::chrono::microseconds interval);
+    /// Does something again and again, with this pause before each time.
+    void repeat(asio::steady_timer& timer, std::chrono::microseconds pause, std::function<void()> act);
+    /// Ends connections and detached jobs of principals that would not be admitted again, and every
+    /// WebSocket if hosts or proxies of the page were taken away: its next request is judged anew.
+    void end_revoked(bool is_site_smaller = false);
     void apply_options();
     void remove_own_files() {
         if (!options_.ready_file.empty()) remove_ready_file(options_.ready_file);
@@ -122,15 +144,17 @@ private:
     asio::steady_timer drain_timer_;
     asio::steady_timer detached_timer_;
     asio::steady_timer lost_timer_;
-    asio::steady_timer tokens_timer_;
+    asio::steady_timer credentials_timer_;
     asio::steady_timer watchdog_timer_;
     Credentials credentials_;
     Connections connections_;
     InheritedSockets inherited_;
     std::vector<std::unique_ptr<Listener>> listeners_;
+    std::vector<ListenAddress> open_;  ///< what the daemon listens on, the HTTP port included
     PageAccess page_access_;
     HttpSite site_;
     HttpServer http_;
+    StartLoads start_loads_;
     std::unique_ptr<Listener> http_listener_;  ///< null: no HTTP port
     Clock::time_point drain_deadline_ = Clock::time_point::max();
     bool serving_ = false;    ///< connections are accepted
@@ -175,14 +199,14 @@ Daemon::Daemon(Options options, ReadOptions read_again, std::shared_ptr<const Re
       detached_(context_, [this] { look_after_detached(); }),
       backends_(make_backends({options_, *registry_, budget_, metrics_, limits_})),
       compute_(options_.threads, FairThreadPool::Time::processor, spare_threads(options_.threads)),
-      blocking_(imports_max, FairThreadPool::Time::clock),
+      blocking_(imports_max, FairThreadPool::Time::clock, 0, principal_imports_max),
       signals_(io_, SIGTERM, SIGINT, SIGHUP),
       drain_timer_(io_),
       detached_timer_(io_),
       lost_timer_(io_),
-      tokens_timer_(io_),
+      credentials_timer_(io_),
       watchdog_timer_(io_),
-      credentials_(options_.security, limits_),
+      credentials_(options_.security, limits_, &metrics_.logins_refused),
       connections_(io_, services_, context_,
                    [this](const PeerIdentity& peer, const wire::Hello& hello,
                           const protocol::Limits&) {
@@ -191,7 +215,12 @@ Daemon::Daemon(Options options, ReadOptions read_again, std::shared_ptr<const Re
                    }),
       page_access_(credentials_.authentication(), [this] { end_revoked(); }),
       site_(options_.http.hosts),
-      http_(io_, site_, connections_, services_) {}
+      http_(io_, site_, connections_, services_),
+      start_loads_(io_, services_) {
+    scenes_.set_disposal([this](std::shared_ptr<const Snapshot> scene) {
+        dispose(compute_, "", std::move(scene));
+    });
+}
 
 Result<void> Daemon::listen() {
     if (const auto loaded = credentials_.load(); !loaded) return loaded;
@@ -202,11 +231,12 @@ Result<void> Daemon::listen() {
         const MakeTransport make = find_scheme(scheme_of(*address))->make;
         auto listener =
             Listener::open(io_, *address, "--listen", options_.socket,
-                           [this, make](Socket socket, Listener::Descriptors descriptors) {
+                           [this, make](Socket socket, Descriptors descriptors) {
                                connections_.accept(make(std::move(socket), {credentials_.tls()}),
                                                    descriptors);
                            });
         if (!listener) return tl::unexpected(listener.error());
+        open_.push_back({"listen", uri, (*listener)->address()});
         listeners_.push_back(std::move(*listener));
     }
     if (options_.http.address != "off")
@@ -222,7 +252,7 @@ Result<void> Daemon::listen_http() {
     const bool is_encrypted = scheme_of(*address) == "https";
     auto listener =
         Listener::open(io_, *address, "--http", options_.socket,
-                       [this, is_encrypted](Socket socket, Listener::Descriptors descriptors) {
+                       [this, is_encrypted](Socket socket, Descriptors descriptors) {
                            http_.accept(std::move(socket), descriptors,
                                         is_encrypted ? credentials_.tls().get() : nullptr);
                        });
@@ -231,7 +261,9 @@ Result<void> Daemon::listen_http() {
         log(LogLevel::warn, "http_off", {{"reason", listener.error().message}});
         return {};
     }
+    open_.push_back({"http", options_.http.address, (*listener)->address()});
     http_listener_ = std::move(*listener);
+    http_.set_proxies(AddressSet(options_.http.proxies));
     site_.set_address(std::get<TcpAddress>(http_listener_->address()));
     site_.set_access(page_access_);
     services_.page_logins = &credentials_.authentication().logins();
@@ -240,15 +272,13 @@ Result<void> Daemon::listen_http() {
 }
 
 void Daemon::serve_health() {
-    site_.set_metrics([this] {
-        return exposition(services_, credentials_.certificate_days_left(WallClock::now()));
+    site_.set_metrics([this](const Principal& reader) {
+        return exposition(services_, reader, credentials_.certificate_days_left(WallClock::now()));
     });
-    site_.set_unready([this]() -> std::string {
-        if (!serving_) return "the daemon is starting";
-        const auto most = std::chrono::milliseconds(limits_.chunk_ms_max) + stuck_grace;
-        if (compute_.longest_task() <= most) return {};
-        return "a worker thread is stuck: its task has run for more than " +
-               std::to_string(most.count()) + " ms";
+    site_.set_shortage(descriptors_fault);
+    site_.set_unready([this] {
+        return serving_ ? unready_reason(start_loads_, compute_, limits_)
+                        : std::string("the daemon is starting");
     });
 }
 
@@ -266,35 +296,43 @@ Result<void> Daemon::run() {
         log(LogLevel::info, "listening", {{"uri", listener->uri()}});
     }
     if (http_listener_) {
-        services_.page = http_uri();
+        const std::string uri = services_.page = http_uri();
         http_listener_->start();
-        const std::string uri = http_uri();
         log(LogLevel::info, "http",
             {{"page", uri},
              {"hint", is_beyond_loopback(http_listener_->address())
                           ? "raynest open shows it"
-                          : "from another machine, forward the port: ssh -L 31061:" +
-                                uri.substr(uri.find("//") + 2) + " HOST"}});
+                          : forward_hint(uri)}});
     }
+    log_openness(open_, options_);
     await_signal();
-    look_for_lost();
-    look_at_tokens();
+    repeat(lost_timer_, lost_look, [this] {
+        connections_.close_lost();
+        trace_buffers_.trim();
+        log_left_out();
+    });
+    repeat(credentials_timer_, credentials_look, [this] {
+        if (credentials_.look(WallClock::now())) end_revoked();
+        page_access_.look_at_logins();
+    });
     serving_ = true;
+    start_loads_.start(options_.load);
     if (!options_.ready_file.empty()) {
         // Fail without the file: programs that wait for it would wait for ever.
         if (const auto written = write_ready_file(options_.ready_file, uris, http_uri()); !written)
             return tl::unexpected(written.error());
     }
     notify("READY=1");
-    if (const auto interval = watchdog_interval()) feed_watchdog(*interval);
+    // The io thread proves that it still handles events; jobs run on other threads.
+    if (const auto interval = watchdog_interval())
+        repeat(watchdog_timer_, *interval, [] { notify("WATCHDOG=1"); });
     for (;;) {
         try {
-            io_.run();
+            is_logged(LogLevel::debug) ? IoTurn::run_and_log(io_) : void(io_.run());
             break;
         } catch (const std::exception& error) {
-            // Log and go on: the exception comes from a handler outside the connections'
-            // coroutines, and only that handler's work is lost.
-            log(LogLevel::error, "handler_failed", {{"reason", error.what()}});
+            // Only this handler's work is lost; it is outside the connections' coroutines.
+            log_limited(LogLevel::error, "handler_failed", "", {{"reason", error.what()}});
         }
     }
     remove_own_files();
@@ -331,6 +369,7 @@ void Daemon::begin_to_drain() {
     drain_deadline_ = Clock::now() + std::chrono::milliseconds(limits_.drain_ms_max);
     for (const auto& listener : listeners_) listener->close();
     connections_.drain();
+    start_loads_.stop();
     // The HTTP port stays open until the end: /readyz tells that the daemon drains.
     site_.drain();
     look_drained();
@@ -371,84 +410,51 @@ void Daemon::look_after_detached() {
     });
 }
 
-void Daemon::look_for_lost() {
-    lost_timer_.expires_after(lost_look);
-    lost_timer_.async_wait([this](const SystemError& error) {
+void Daemon::repeat(asio::steady_timer& timer, std::chrono::microseconds pause,
+                    std::function<void()> act) {
+    timer.expires_after(pause);
+    timer.async_wait([this, &timer, pause, act = std::move(act)](const SystemError& error) {
         if (error) return;
-        connections_.close_lost();
-        trace_buffers_.trim();
-        log_left_out_handshakes();
-        page_access_.look_at_logins();
-        look_for_lost();
+        // First: it goes on even if this time fails.
+        repeat(timer, pause, act);
+        act();
     });
 }
 
-void Daemon::look_at_tokens() {
-    if (options_.security.tokens.empty()) return;
-    tokens_timer_.expires_after(tokens_look);
-    tokens_timer_.async_wait([this](const SystemError& error) {
-        if (error) return;
-        if (credentials_.look_at_tokens(WallClock::now())) end_revoked();
-        look_at_tokens();
-    });
-}
-
-// The io thread proves that it still handles events; jobs run on other threads.
-void Daemon::feed_watchdog(std::chrono::microseconds interval) {
-    notify("WATCHDOG=1");
-    watchdog_timer_.expires_after(interval);
-    watchdog_timer_.async_wait([this, interval](const SystemError& error) {
-        if (!error) feed_watchdog(interval);
-    });
-}
-
-void Daemon::end_revoked() {
-    const auto now = WallClock::now();
-    connections_.close_unless(
-        [&](const Principal& principal) {
-            return credentials_.authentication().still_valid(principal, now);
-        },
-        {Code::not_allowed,
-         "the token or login of this connection was revoked, has expired or has changed", 0});
+void Daemon::end_revoked(bool is_site_smaller) {
+    const auto valid = [this, now = WallClock::now()](const Principal& principal) {
+        return credentials_.authentication().still_valid(principal, now);
+    };
+    // A page comes back at once under a host, or by a proxy, that is still one of ours. By value: it is
+    // asked in later turns, too.
+    const auto may_stay = [valid, is_site_smaller](const PeerIdentity& peer, const Principal& principal) {
+        return !(is_site_smaller && peer.sender != nullptr) && valid(principal);
+    };
+    const std::string why = " is admitted no more: a token, certificate, login or option has changed";
+    connections_.close_unless(may_stay, {Code::not_allowed, "this connection" + why, 0});
+    detached_.end_unless(valid, {Code::not_allowed, "the owner of this job" + why, 0});
 }
 
 Reply<std::string> Daemon::reload() {
     notify("RELOADING=1");
-    std::string fault;
-    Reload changes;
-    if (read_again_) {
-        if (auto then = read_again_()) {
-            changes = apply_changes(options_, *then);
-            apply_options();
-        } else {
-            fault = then.error().message;
-            log(LogLevel::error, "configuration_unusable", {{"reason", fault}, {"kept", "old"}});
-        }
-    }
-    const auto credentials = credentials_.reload(options_.security);
-    if (!credentials && fault.empty()) fault = credentials.error().message;
-    end_revoked();
+    const Reload done = reload_options(
+        options_, read_again_ ? read_again_() : Result<Options>(options_), credentials_, open_);
+    apply_options();
+    end_revoked(done.is_site_smaller);
     notify("READY=1");
-    if (!changes.needs_restart.empty())
-        log(LogLevel::warn, "restart_needed", {{"options", changes.needs_restart}});
-    const std::string read = "configuration, certificates and tokens were read again";
-    log(fault.empty() ? LogLevel::info : LogLevel::error, "reloaded",
-        {{"result", fault.empty() ? read : "some files were unusable and their old content stays"},
-         {"changed", changes.changed}});
-    if (fault.empty()) return read;
-    return refuse(Code::file_unusable, without_folders(fault) + "; the old content stays");
+    return told(done);
 }
 
 void Daemon::apply_options() {
     set_log_level(options_.log_level);
     set_log_format(options_.log_format);
     site_.set_names(options_.http.hosts);
-    // Write only what differs: compute threads read the limits that never do.
-    for (const protocol::LimitInfo& limit : protocol::limit_table())
-        if (auto& value = limits_.*limit.value; value != options_.limits.*limit.value)
-            value = options_.limits.*limit.value;
+    http_.set_proxies(AddressSet(options_.http.proxies));
+    take_limits(limits_, options_.limits);
     admission_.set_limits(limits_);
     scenes_.set_limits(limits_);
+    credentials_.authentication().logins().set_limits(limits_);
+    look_after_detached();
 }
 
 std::size_t Daemon::kick(std::uint64_t connection, const std::string& principal) {
@@ -468,7 +474,8 @@ void Daemon::set_quota(const std::string& principal, const Quota& quota) {
 }
 
 int failed(const Error& error) {
-    std::fprintf(stderr, "raynestd: %s\n", error.message.c_str());
+    std::fprintf(stderr, "%sraynestd: %s\n", journal_priority(LogLevel::error).data(),
+                 error.message.c_str());
     return 1;
 }
 
@@ -476,20 +483,12 @@ int failed(const Error& error) {
 
 int run_daemon(Options options, ReadOptions read_again) {
     (void)std::signal(SIGPIPE, SIG_IGN);
-    if (const auto enough = raise_descriptor_limit(); !enough) return failed(enough.error());
-    // Check the ready file before anything listens: another program's file ends the start.
-    if (!options.ready_file.empty())
-        if (const auto free = check_ready_file(options.ready_file); !free)
-            return failed(free.error());
-    StateLock lock;
-    if (!options.state.empty()) {
-        auto taken = StateLock::take(options.state);
-        if (!taken) return failed(taken.error());
-        lock = std::move(*taken);
-    }
+    const auto lock = prepare_start(options);
+    if (!lock) return failed(lock.error());
     const auto registry = Registry::load({options.pack_dirs, options.target});
     if (!registry) return failed(registry.error());
-    warn_of_useless(options);
+    for (const auto& [event, reason] : start_warnings(options))
+        log(LogLevel::warn, event, {{"reason", reason}});
     Daemon daemon(std::move(options), std::move(read_again), *registry);
     if (const auto listening = daemon.listen(); !listening) return failed(listening.error());
     if (const auto ended = daemon.run(); !ended) return failed(ended.error());

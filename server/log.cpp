@@ -1,6 +1,7 @@
 #include "server/log.h"
 
 #include "protocol/request_id.h"
+#include "server/journal.h"
 
 #include <nlohmann/json.hpp>
 #include <spdlog/sinks/base_sink.h>
@@ -39,6 +40,12 @@ spdlog::level::level_enum to_spdlog(LogLevel level) {
     return spdlog::level::info;
 }
 
+LogLevel from_spdlog(spdlog::level::level_enum level) {
+    if (level >= spdlog::level::err) return LogLevel::error;
+    if (level == spdlog::level::warn) return LogLevel::warn;
+    return level == spdlog::level::info ? LogLevel::info : LogLevel::debug;
+}
+
 std::string to_line(std::string_view event, std::initializer_list<LogField> fields) {
     return current_format == LogFormat::json ? format_json_event(event, fields)
                                              : format_event(event, fields);
@@ -65,6 +72,8 @@ class StderrSink final : public spdlog::sinks::base_sink<std::mutex> {
         spdlog::memory_buf_t text;
         // End the part of a line that was written last.
         if (cut_off_) text.push_back('\n');
+        const std::string_view priority = journal_priority(from_spdlog(line.level));
+        text.append(priority.data(), priority.data() + priority.size());
         formatter_->format(line, text);
         std::string_view left(text.data(), text.size());
         while (!left.empty()) {

@@ -20,7 +20,7 @@ using LogField = std::pair<std::string_view, std::string>;
 
 /// Sets the level below which events are dropped. Thread-safe.
 void set_log_level(LogLevel level);
-/// Sets the form of the lines. Call it before the first line.
+/// Sets the form of the lines. Thread-safe.
 void set_log_format(LogFormat format);
 
 /// True if events of this level are written. Check it before composing an expensive line.

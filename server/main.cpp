@@ -5,6 +5,7 @@
 #include "server/commands.h"
 #include "server/daemon.h"
 #include "server/import_command.h"
+#include "server/journal.h"
 #include "server/log.h"
 #include "server/options.h"
 
@@ -58,7 +59,8 @@ int main(int argc, char** argv) {
     try {
         return raynest::server::run(argc, argv);
     } catch (const std::exception& error) {
-        std::fprintf(stderr, "raynestd: %s\n", error.what());
+        std::fprintf(stderr, "%sraynestd: %s\n",
+                     raynest::server::journal_priority(raynest::server::LogLevel::error).data(), error.what());
         return 1;
     }
 }

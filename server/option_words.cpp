@@ -2,40 +2,20 @@
 
 #include "engine/packs/registry.h"
 #include "server/address.h"
+#include "server/net/address_set.h"
 #include "server/net/http_site.h"
+#include "server/size.h"
 
 #include <algorithm>
 #include <cctype>
-#include <charconv>
-#include <cmath>
 #include <cstdint>
 #include <cstdlib>
-#include <optional>
 
 namespace raynest::server {
 namespace {
 
-char to_lower(char c) {
-    return static_cast<char>(std::tolower(static_cast<unsigned char>(c)));
-}
-
-/// Parses a size; nothing if it is invalid or not from 1M to 1P.
-std::optional<std::uint64_t> to_size(const std::string& text) {
-    double number = 0;
-    const char* last = text.data() + text.size();
-    const auto [end, error] = std::from_chars(text.data(), last, number);
-    std::string unit(end, last);
-    std::erase(unit, ' ');
-    std::ranges::transform(unit, unit.begin(), to_lower);
-    for (const char* end_of_unit : {"b", "i"})
-        if (unit.ends_with(end_of_unit)) unit.pop_back();
-    const std::size_t power = unit.size() == 1 ? std::string_view(" kmgtp").find(unit) : 0;
-    if (error != std::errc{} || unit.size() > 1 || power == std::string_view::npos)
-        return std::nullopt;
-    number = std::ldexp(number, static_cast<int>(10 * power));
-    const bool fits = number >= std::ldexp(1, 20) && number <= std::ldexp(1, 50);
-    return fits ? std::optional(static_cast<std::uint64_t>(number)) : std::nullopt;
-}
+constexpr std::uint64_t memory_min = 1ULL << 20;
+constexpr std::uint64_t memory_max = 1ULL << 50;
 
 }  // namespace
 
@@ -54,9 +34,21 @@ std::string http_host_fault(const std::string& text) {
     return is_http_host(text) ? "" : "'" + text + "' is not a host; write NAME or NAME:PORT";
 }
 
-std::string size_fault(std::string& text) {
-    const auto bytes = to_size(text);
-    if (!bytes) return "'" + text + "' is not a size from 1M to 1P, such as 8G or 1.5G";
+std::string proxy_fault(const std::string& text) {
+    return AddressSet().add(text);
+}
+
+std::string memory_fault(std::string& text) {
+    const auto bytes = parse_size(text);
+    if (!bytes || *bytes < memory_min || *bytes > memory_max)
+        return "'" + text + "' is not a size from 1M to 1P, such as 8G or 1.5G";
+    text = std::to_string(*bytes);
+    return "";
+}
+
+std::string bytes_fault(std::string& text) {
+    const auto bytes = parse_size(text);
+    if (!bytes) return "'" + text + "' is not a number of bytes, such as 65536, 500M or 20G";
     text = std::to_string(*bytes);
     return "";
 }

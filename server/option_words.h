@@ -13,8 +13,10 @@ namespace raynest::server {
 [[nodiscard]] std::string address_fault(const std::string& uri);
 [[nodiscard]] std::string http_fault(const std::string& text);
 [[nodiscard]] std::string http_host_fault(const std::string& text);
-/// Checks a size such as 8G, 1.5GiB or 500m, from 1M to 1P, and replaces it by its number of bytes.
-[[nodiscard]] std::string size_fault(std::string& text);
+[[nodiscard]] std::string proxy_fault(const std::string& text);
+// Check a size (size.h) and replace it by its number of bytes; --memory is 1M to 1P.
+[[nodiscard]] std::string memory_fault(std::string& text);
+[[nodiscard]] std::string bytes_fault(std::string& text);
 
 [[nodiscard]] LogLevel to_log_level(const std::string& word);
 /// Returns the kernel pack of the CUDA worker; empty: none.

@@ -2,9 +2,13 @@
 
 #include "engine/packs/registry.h"
 #include "server/config_file.h"
+#include "server/journal.h"
+#include "server/listen_policy.h"
+#include "server/load_sources.h"
 #include "server/option_words.h"
 #include "server/socket_access.h"
 #include "server/start_checks.h"
+#include "server/toml_config.h"
 
 #include <CLI/CLI.hpp>
 #include <unistd.h>
@@ -12,7 +16,6 @@
 #include <algorithm>
 #include <cerrno>
 #include <cstring>
-#include <iomanip>
 #include <iostream>
 #include <iterator>
 #include <memory>
@@ -26,6 +29,11 @@ namespace {
 constexpr unsigned threads_max = 1024;
 /// Maximum value of a limit: 140 years in milliseconds, which still fit a clock of nanoseconds.
 constexpr std::uint64_t limit_max = 1ULL << 42;
+
+std::uint64_t most_of(const protocol::LimitInfo& limit) {
+    const protocol::Limits usual;
+    return limit.value == &protocol::Limits::page_login_ms_max ? usual.page_login_ms_max : limit_max;
+}
 
 std::uint64_t half_of_memory() {
     const auto pages = static_cast<std::uint64_t>(sysconf(_SC_PHYS_PAGES));
@@ -129,11 +137,19 @@ void declare(CLI::App& app, Options& options, Words& words, ConfigOrigins& origi
                    "Host name besides loopback under which the page may be opened, NAME or "
                    "NAME:PORT, repeatable")
         ->check(CLI::Validator(http_host_fault, ""));
+    app.add_option(
+           "--trusted-proxy", options.http.proxies,
+           "Address, or network ADDRESS/BITS, of a proxy before the page: its X-Forwarded-For, "
+           "-Proto and -Host count; repeatable")
+        ->check(CLI::Validator(proxy_fault, ""));
     declare_security(app, options.security, words);
     app.add_option("--state", options.state, "Folder that this daemon alone may use; locked");
     app.add_option("--scene-root", options.scene_root,
                    "Folder in which root:PATH is looked up; links must end inside")
         ->check(CLI::ExistingDirectory);
+    app.add_option("--load", options.load,
+                   "Scene to load at the start and to share with everybody, repeatable: a file, a pattern "
+                   "such as '/srv/scenes/*.glb', builtin:NAME or root:PATH");
     app.add_option("--pack-dir", options.pack_dirs, "Folder with more kernel packs, repeatable")
         ->check(CLI::ExistingDirectory);
     app.add_option("--threads", options.threads, "Compute threads, 1 to 1024")
@@ -141,7 +157,7 @@ void declare(CLI::App& app, Options& options, Words& words, ConfigOrigins& origi
         ->capture_default_str();
     app.add_option("--memory", options.memory,
                    "Bytes for scenes, uploads and jobs, 1M to 1P, e.g. 8G or 1.5G")
-        ->transform(CLI::Validator(size_fault, ""))
+        ->transform(CLI::Validator(memory_fault, ""))
         ->capture_default_str();
     std::vector<std::string> targets = {"auto"};
     targets.insert(targets.end(), cpu_targets().begin(), cpu_targets().end());
@@ -162,17 +178,20 @@ void declare(CLI::App& app, Options& options, Words& words, ConfigOrigins& origi
         ->check(CLI::IsMember({"text", "json"}))
         ->capture_default_str();
     for (const protocol::LimitInfo& limit : protocol::limit_table())
-        if (limit.policy)
-            app.add_option("--" + hyphened(limit.name), options.limits.*limit.value,
-                           "Limit: " + std::string(limit.text))
-                ->check(CLI::Range(std::uint64_t{1}, limit_max))
+        if (limit.policy) {
+            auto* option = app.add_option("--" + hyphened(limit.name), options.limits.*limit.value,
+                                          "Limit: " + std::string(limit.text));
+            option->check(CLI::Range(std::uint64_t{1}, most_of(limit)))
                 ->group("Limits")
                 ->capture_default_str();
+            if (limit.name.ends_with("bytes_max"))
+                option->transform(CLI::Validator(bytes_fault, ""));
+        }
     for (CLI::Option* option : app.get_options())
         if (option->get_configurable()) option->envname(variable_of(option->get_single_name()));
     app.set_config("--config", "",
-                   "Read options from a file: .toml, or else as --print-config writes it; relative "
-                   "paths in it begin at its folder")
+                   "Read options from a file in TOML, as --print-config writes it; relative paths in it "
+                   "begin at its folder")
         ->check(CLI::Validator(
             [](const std::string& file) {
                 const std::string fault = config_file_fault(file);
@@ -191,9 +210,8 @@ std::string respelled(const CLI::App& app, const std::string& flag) {
     return old ? flag + " is now spelled " + now : "";
 }
 
-/// Returns the error text of an option's values; empty if they are valid. `before` are the values
-/// of the same option on earlier lines.
-std::string config_fault(const CLI::ConfigItem& item, const std::vector<std::string>& before) {
+/// Returns the error text of an option's values; empty if they are valid.
+std::string config_fault(const CLI::ConfigItem& item) {
     Options options;
     Words words;
     CLI::App trial;
@@ -204,9 +222,8 @@ std::string config_fault(const CLI::ConfigItem& item, const std::vector<std::str
     CLI::Option* option = trial.get_option_no_throw("--" + item.name);
     if (option == nullptr || !option->get_configurable())
         return "there is no option '" + item.name + "'; raynestd --print-config lists them";
-    if (option->get_expected_max() == 1 && before.size() + item.inputs.size() > 1)
-        return "'" + item.name + "' takes one value and " +
-               (before.empty() ? "has more" : "has one above") + "; keep one of them";
+    if (option->get_expected_max() == 1 && item.inputs.size() > 1)
+        return "'" + item.name + "' takes one value and has more; keep one of them";
     try {
         for (const std::string& value : item.inputs) option->add_result(value);
         option->run_callback();
@@ -222,7 +239,7 @@ std::vector<CLI::ConfigItem> ConfigLines::from_config(std::istream& file) const 
     const auto refuse = [&](std::size_t line, const std::string& fault) {
         throw CLI::ConfigError(name + ", line " + std::to_string(line) + ": " + fault);
     };
-    const auto keys = read_config(name, file);
+    const auto keys = read_config(file);
     if (!keys) refuse(keys.error().line, keys.error().why);
     origins_ = {name, {}};
     std::vector<CLI::ConfigItem> read;
@@ -230,14 +247,10 @@ std::vector<CLI::ConfigItem> ConfigLines::from_config(std::istream& file) const 
         CLI::ConfigItem item{{}, key.name, {}};
         for (const std::string& value : key.values)
             item.inputs.push_back(resolve_path(key.name, value, name));
-        auto same = std::ranges::find(read, key.name, &CLI::ConfigItem::name);
-        if (same == read.end()) same = read.insert(same, CLI::ConfigItem{{}, key.name, {}});
-        if (const std::string fault = config_fault(item, same->inputs); !fault.empty())
-            refuse(key.line, fault);
-        // Merge items of the same name: CLI11 would use only the first.
-        same->inputs.insert(same->inputs.end(), item.inputs.begin(), item.inputs.end());
+        if (const std::string fault = config_fault(item); !fault.empty()) refuse(key.line, fault);
         for (std::size_t i = 0; i < item.inputs.size(); ++i)
             origins_.rows.push_back({key.name, item.inputs[i], key.lines[i]});
+        read.push_back(std::move(item));
     }
     std::erase_if(read, [](const auto& item) { return is_in_environment(item.name); });
     return read;
@@ -253,9 +266,14 @@ void print_config(const CLI::App& app) {
             values.push_back(option->get_default_str());
         std::cout << "\n# " << option->get_description() << '\n';
         const std::string name = option->get_single_name();
-        if (values.empty()) std::cout << "# " << name << "=\n";
+        std::string listed;
         for (const std::string& value : values)
-            std::cout << name << '=' << std::quoted(value) << '\n';
+            listed.append(listed.empty() ? "" : ", ").append(toml_text(value));
+        if (values.size() > 1) listed = "[" + listed + "]";
+        if (values.empty())
+            std::cout << "# " << name << " =\n";
+        else
+            std::cout << name << " = " << listed << '\n';
     }
     std::cout << "\n# Limits of the protocol, not configurable:\n";
     const protocol::Limits limits;
@@ -321,6 +339,23 @@ private:
     const ConfigOrigins& file_;
 };
 
+/// A quota that is by default a part of --memory.
+struct MemoryShare {
+    const char* option;
+    std::uint64_t protocol::Limits::*quota;
+    std::uint64_t parts;
+};
+constexpr std::array<MemoryShare, 2> memory_shares = {{
+    {"--principal-scene-bytes-max", &protocol::Limits::principal_scene_bytes_max, 2},
+    {"--principal-result-bytes-max", &protocol::Limits::principal_result_bytes_max, 8},
+}};
+
+void set_shares(Options& options, const CLI::App& app) {
+    for (const MemoryShare& share : memory_shares)
+        if (app.count(share.option) == 0)
+            options.limits.*share.quota = options.memory / share.parts;
+}
+
 /// Ends a command that only prints; fails if stdout could not be written.
 ParsedOptions printed() {
     if (std::cout.flush()) return {std::nullopt, 0, {}};
@@ -349,7 +384,7 @@ ParsedOptions parse_options(int argc, const char* const* argv, std::ostream& err
     ConfigOrigins file;
     const Origins origins(argc, argv, file);
     const auto refused = [&](int code, const std::string& fault) -> ParsedOptions {
-        errors << "raynestd: " << fault << (code == 2 ? "; see raynestd --help\n" : "\n");
+        errors << journal_priority(LogLevel::error) << "raynestd: " << fault << (code == 2 ? "; see raynestd --help\n" : "\n");
         return {std::nullopt, code, fault};
     };
     try {
@@ -359,18 +394,35 @@ ParsedOptions parse_options(int argc, const char* const* argv, std::ostream& err
         app.add_flag("--check-config", check, "Check the configuration and the files that a start needs, then exit")
             ->configurable(false);
         app.set_version_flag("--version", "raynestd " RAYNEST_VERSION);
+        // Neither the help nor a printed configuration names a number: it follows --memory.
+        for (const MemoryShare& share : memory_shares)
+            app.get_option(share.option)->default_str("");
         refuse_old_spelling(app, argc, argv);
         app.parse(argc, argv);
         options.security.anonymous = parse_role(words.anonymous);
         if (const auto fault = listen_fault(options)) return refused(2, origins.text_of(*fault));
+        set_shares(options, app);
         options.http.given = app.count("--http") != 0;
         options.socket = to_socket_access(words);
         options.log_level = to_log_level(words.log_level);
         options.log_format = words.log_format == "json" ? LogFormat::json : LogFormat::text;
         options.cuda_pack = to_cuda_pack(words.cuda);
         if (check) {
-            if (const auto fault = start_fault(options)) return refused(1, origins.text_of(*fault));
-            std::cout << "the configuration is valid\n";
+            const std::string user = become_service_user(file.file);
+            if (const auto fault = start_fault(options))
+                return refused(1, origins.text_of(*fault) +
+                                      (user.empty() ? "" : " (checked as the user " + user + ")"));
+            const auto addresses = listen_addresses(options);
+            for (const ListenAddress& at : *addresses)
+                std::cout << at.value << " would be open to "
+                          << to_text(openness(at, options.security, options.socket)) << '\n';
+            std::cout << "the configuration is valid"
+                      << (user.empty() ? "" : " for the user " + user) << '\n';
+            for (const StartWarning& warning : start_warnings(options))
+                std::cout << "warning: " << warning.reason << '\n';
+            for (const std::string& source : options.load)
+                if (files_of(source).empty())
+                    std::cout << "warning: --load finds no file " << source << '\n';
             return printed();
         }
         if (!print) return {options, 0, {}};

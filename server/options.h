@@ -23,6 +23,7 @@ struct HttpOptions {
     std::string address = "127.0.0.1:31061";  ///< HOST:PORT, https://HOST:PORT or "off"
     bool given = false;              ///< false: the daemon starts without it if the port is taken
     std::vector<std::string> hosts;  ///< allowed Host headers besides loopback
+    std::vector<std::string> proxies;  ///< addresses and networks whose X-Forwarded-* headers count
 };
 
 struct Options {
@@ -30,6 +31,7 @@ struct Options {
     HttpOptions http;
     std::filesystem::path state;       ///< locked while the daemon runs; empty: none
     std::filesystem::path scene_root;  ///< folder of root:PATH; empty: root:PATH is refused
+    std::vector<std::string> load;     ///< sources of start_loads.h
     std::vector<std::filesystem::path> pack_dirs;
     unsigned threads = 0;      ///< compute threads, >= 1 once parsed
     std::uint64_t memory = 0;  ///< bytes for scenes, uploads and jobs, > 0 once parsed
@@ -59,21 +61,10 @@ struct OptionFault {
     std::string why;     ///< begins with a verb, or with the value; spells options with dashes
 };
 
-/// Returns what is wrong with the addresses: one is given twice, or lacks security: beyond loopback,
-/// TLS and somebody to let in, or --insecure.
+/// Returns what is wrong with the addresses: one is given twice, or lacks security (listen_policy.h).
 [[nodiscard]] std::optional<OptionFault> listen_fault(const Options& options);
 
 /// Parses the command line; --check-config looks at all files, too, as far as a start would. May print to stdout and to `errors`; does not throw or exit.
 [[nodiscard]] ParsedOptions parse_options(int argc, const char* const* argv, std::ostream& errors);
-
-/// The result of reading the options of a running daemon again: names of options, with commas.
-struct Reload {
-    std::string changed;        ///< those that have another value from now on
-    std::string needs_restart;  ///< those whose new value only a restart applies
-};
-
-/// Takes the values of `then` into `now` that may change while the daemon runs: the level and form of
-/// the log, security, --http-host, and the limits that the io thread alone reads.
-Reload apply_changes(Options& now, const Options& then);
 
 }  // namespace raynest::server

@@ -1,14 +1,17 @@
 #include "server/ready_file.h"
 
+#include "engine/assets/child_process.h"
+
 #include <fcntl.h>
 #include <nlohmann/json.hpp>
 #include <sys/file.h>
+#include <sys/stat.h>
 #include <unistd.h>
 
 #include <cerrno>
 #include <cstdint>
-#include <fstream>
 #include <optional>
+#include <string>
 #include <system_error>
 
 namespace raynest::server {
@@ -16,19 +19,21 @@ namespace raynest::server {
 namespace {
 
 /// Maximum size of a ready file; larger than any with one address for each --listen.
-constexpr std::uintmax_t ready_file_bytes_max = 1 << 20;
+constexpr off_t ready_file_bytes_max = 1 << 20;
 constexpr int names_max = 100;
 
 /// Returns the pid in a ready file; 0 for an empty file, nothing for anything else.
 std::optional<std::int64_t> pid_of(const std::filesystem::path& path) {
-    std::error_code error;
-    if (!std::filesystem::is_regular_file(std::filesystem::symlink_status(path, error)))
+    // Check the opened file, not the path, which may change meanwhile.
+    const Fd file(open(path.c_str(), O_RDONLY | O_NOFOLLOW | O_NONBLOCK | O_CLOEXEC));
+    struct stat status {};
+    if (file.get() < 0 || fstat(file.get(), &status) != 0 || !S_ISREG(status.st_mode) ||
+        status.st_size > ready_file_bytes_max)
         return std::nullopt;
-    const std::uintmax_t bytes = std::filesystem::file_size(path, error);
-    if (error || bytes > ready_file_bytes_max) return std::nullopt;
-    if (bytes == 0) return 0;
-    std::ifstream file(path);
-    const auto content = nlohmann::json::parse(file, nullptr, false);
+    if (status.st_size == 0) return 0;
+    std::string text(static_cast<std::size_t>(status.st_size), '\0');
+    if (read(file.get(), text.data(), text.size()) != status.st_size) return std::nullopt;
+    const auto content = nlohmann::json::parse(text, nullptr, false);
     const bool ours = content.is_object() && content.size() == 3 && content.contains("listen") &&
                       content.contains("http") && content.contains("pid") &&
                       content["pid"].is_number_integer();

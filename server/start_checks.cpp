@@ -1,13 +1,16 @@
 #include "server/start_checks.h"
 
+#include "engine/assets/sandbox.h"
 #include "engine/packs/load.h"
 #include "engine/packs/registry.h"
 #include "server/address.h"
 #include "server/log.h"
-#include "server/ready_file.h"
+#include "server/security/certificates.h"
 #include "server/security/credentials.h"
 #include "server/user_namespace.h"
 
+#include <grp.h>
+#include <pwd.h>
 #include <sys/resource.h>
 #include <unistd.h>
 
@@ -24,25 +27,13 @@
 namespace raynest::server {
 namespace {
 
-/// Minimum number of file descriptors: the program's own files, an import, and a few clients.
-constexpr rlim_t descriptors_min = 16;
+/// Minimum number of file descriptors: the program's own files, a few clients, and the fourth that is kept
+/// (descriptors.h).
+constexpr rlim_t descriptors_min = 32;
 
 bool listens_on_unix(const Options& options) {
     return std::ranges::any_of(options.listen,
                                [](const std::string& uri) { return uri.starts_with("unix:"); });
-}
-
-void warn_of_unused_access(const Options& options) {
-    if (!listens_on_unix(options) && (options.socket.group || options.socket.mode != SocketAccess{}.mode))
-        log(LogLevel::warn, "socket_access_unused",
-            {{"reason", "--socket-mode and --socket-group need a --listen unix:PATH"}});
-}
-
-void warn_of_empty(const std::vector<std::filesystem::path>& pack_dirs) {
-    for (const auto& folder : pack_dirs)
-        if (const auto packs = packs_in(folder); packs && packs->empty())
-            log(LogLevel::warn, "pack_dir_empty",
-                {{"folder", folder.string()}, {"reason", "it holds no .so file"}});
 }
 
 /// Finds the option whose file an error of Credentials begins with.
@@ -97,8 +88,6 @@ std::optional<OptionFault> state_fault(const std::filesystem::path& state) {
     return OptionFault{"state", state, state.string() + ": " + why};
 }
 
-}  // namespace
-
 Result<void> raise_descriptor_limit() {
     rlimit limit{};
     if (getrlimit(RLIMIT_NOFILE, &limit) != 0) return {};
@@ -108,6 +97,19 @@ Result<void> raise_descriptor_limit() {
     return fail(ErrorCode::io_failed,
                 "it may open " + std::to_string(limit.rlim_max) + " files and needs at least " +
                     std::to_string(descriptors_min) + "; raise LimitNOFILE or ulimit -n for it");
+}
+
+}  // namespace
+
+Result<StateLock> prepare_start(const Options& options) {
+    if (const auto enough = raise_descriptor_limit(); !enough)
+        return tl::unexpected(enough.error());
+    // Check the ready file before anything listens: another program's file ends the start.
+    if (!options.ready_file.empty())
+        if (const auto free = check_ready_file(options.ready_file); !free)
+            return tl::unexpected(free.error());
+    if (options.state.empty()) return StateLock();
+    return StateLock::take(options.state);
 }
 
 std::optional<OptionFault> start_fault(const Options& options) {
@@ -125,13 +127,41 @@ std::optional<OptionFault> start_fault(const Options& options) {
     return std::nullopt;
 }
 
-void warn_of_useless(const Options& options) {
+std::vector<StartWarning> start_warnings(const Options& options) {
+    std::vector<StartWarning> found;
     if (listens_on_unix(options) && !tells_users_apart())
-        log(LogLevel::warn, "users_unknown",
-            {{"reason", "this user namespace does not map every user: those without a number of their "
-                        "own need a token on the Unix socket"}});
-    warn_of_empty(options.pack_dirs);
-    warn_of_unused_access(options);
+        found.push_back({"users_unknown",
+                         "this user namespace does not map every user: those without a number of "
+                         "their own need a token on the Unix socket"});
+    for (const auto& folder : options.pack_dirs)
+        if (const auto packs = packs_in(folder); packs && packs->empty())
+            found.push_back({"pack_dir_empty", "the folder of --pack-dir holds no .so file: " + folder.string()});
+    if (!listens_on_unix(options) && (options.socket.group || options.socket.mode != SocketAccess{}.mode))
+        found.push_back({"socket_access_unused",
+                         "--socket-mode and --socket-group need a --listen unix:PATH"});
+    if (options.http.address == "off" && !(options.http.hosts.empty() && options.http.proxies.empty()))
+        found.push_back({"http_unused", "--http-host and --trusted-proxy have no effect with --http off"});
+    if (const std::string gaps = sandbox_gaps(); !gaps.empty())
+        found.push_back({"import_sandbox_weak",
+                         gaps + ": a file that takes over the import process can do more than it should"});
+    const auto ca_key = options.security.tls.certificate.parent_path() / CertificateFiles::ca_key;
+    if (geteuid() != 0 && ca_key.has_parent_path() && access(ca_key.c_str(), R_OK) == 0)
+        found.push_back({"ca_key_exposed",
+                         "this user can read " + ca_key.string() + ", and so sign certificates; let "
+                         "root own it, mode 600: only tls renew needs it"});
+    return found;
+}
+
+std::string become_service_user(const std::filesystem::path& config) {
+    constexpr const char* folder = "/etc/raynest";
+    constexpr const char* name = "raynest";
+    std::error_code ignored;
+    if (geteuid() != 0 || std::filesystem::absolute(config, ignored).parent_path() != folder) return "";
+    const passwd* const user = getpwnam(name);  // NOLINT(concurrency-mt-unsafe): one thread
+    if (user == nullptr || initgroups(name, user->pw_gid) != 0 || setgid(user->pw_gid) != 0 ||
+        setuid(user->pw_uid) != 0)
+        return "";
+    return name;
 }
 
 }  // namespace raynest::server

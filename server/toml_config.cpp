@@ -4,9 +4,13 @@
 #define TOML_EXCEPTIONS 0
 #include <toml++/toml.h>
 
+#include <fmt/format.h>
+
 #include <algorithm>
 #include <optional>
+#include <sstream>
 #include <string_view>
+#include <utility>
 
 namespace raynest::server {
 namespace {
@@ -24,8 +28,10 @@ std::optional<std::string> to_text(const toml::node& node) {
 tl::expected<std::vector<ConfigKey>, ConfigFault> read_toml(const std::string& content) {
     const toml::parse_result parsed = toml::parse(std::string_view(content));
     if (!parsed)
-        return tl::unexpected(ConfigFault{parsed.error().source().begin.line,
-                                          std::string(parsed.error().description())});
+        return tl::unexpected(ConfigFault{
+            parsed.error().source().begin.line,
+            fmt::format("{}; a file is TOML: KEY = \"VALUE\", and several values as [\"ONE\", \"TWO\"]",
+                        parsed.error().description())});
     std::vector<ConfigKey> keys;
     for (const auto& [key, node] : parsed.table()) {
         const std::string name(key.str());
@@ -44,11 +50,18 @@ tl::expected<std::vector<ConfigKey>, ConfigFault> read_toml(const std::string& c
             read.values.push_back(std::move(*text));
             read.lines.push_back(value->source().begin.line);
         }
-        if (read.values.empty()) return refuse("has no value; leave it out");
+        if (std::ranges::all_of(read.values, &std::string::empty))
+            return refuse("has no value; leave it out");
         keys.push_back(std::move(read));
     }
     std::ranges::sort(keys, {}, &ConfigKey::line);
     return keys;
+}
+
+std::string toml_text(const std::string& text) {
+    std::ostringstream written;
+    written << toml::toml_formatter(toml::value<std::string>(text), toml::format_flags::none);
+    return std::move(written).str();
 }
 
 }  // namespace raynest::server

@@ -23,6 +23,10 @@ FORBIDDEN = {
 }
 
 
+# A line of the log that names who caused it has a limit, so that nobody fills the disk.
+UNLIMITED_LINE = re.compile(r'(?<![\w:])log\((?:[^;"]|"(?!principal"|peer"|newcomer")[^"]*")*"(?:principal|peer|newcomer)"')
+
+
 def tracked(root):
     listing = subprocess.run(["git", "-C", root, "-c", f"safe.directory={root}", "ls-files", "-z"],
                              capture_output=True, check=False)
@@ -48,6 +52,10 @@ def violations_of(root, name):
         if match:
             line = text.count("\n", 0, match.start()) + 1
             yield f"{name}:{line}: {what}: {match.group()}"
+    if name.startswith("server/") and file.suffix == ".cpp":
+        for match in UNLIMITED_LINE.finditer(text):
+            line = text.count("\n", 0, match.start()) + 1
+            yield f"{name}:{line}: log() of what a peer causes; call log_limited()"
     lines = text.count("\n")
     if file.suffix in SOURCES and lines > SOURCE_LINES_MAX:
         yield f"{name}: {lines} lines, at most {SOURCE_LINES_MAX}: it holds more than one idea"

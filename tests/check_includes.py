@@ -34,7 +34,7 @@ ALLOWED = {
     "engine/scene": up_to("engine/bvh") + ["engine/scene", "engine/shading/records.h"],
     "engine/assets": up_to("engine/bvh") + ["engine/scene", "engine/assets",
                                             "engine/shading/records.h", "engine/shading/types.h",
-                                            "engine/packs/registry.h"],
+                                            "engine/packs/registry.h", "engine/packs/module_file.h"],
     "engine/integrators": up_to("engine/packs") + ["engine/scene", "engine/shading",
                                                    "engine/integrators"],
     "engine/inspection": up_to("engine/packs") + ["engine/scene", "engine/shading/records.h",

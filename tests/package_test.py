@@ -16,7 +16,7 @@ import unittest
 
 SOURCE, BUILD, CMAKE = pathlib.Path(sys.argv[1]), pathlib.Path(sys.argv[2]), sys.argv[3]
 FRESH = SOURCE / "../shared/tools/fresh-machine"
-# What dpkg, apt and adduser write about themselves.
+# Files that dpkg, apt and adduser write about themselves.
 OWN_FILES = re.compile(r"^/(var/(log|cache|lib/(dpkg|apt|systemd|ucf|pam|python))|tmp|proc|sys|dev|run|root|"
                        r"etc/(ld\.so\.cache|passwd-?|group-?|shadow-?|gshadow-?|subuid-?|subgid-?))")
 PACK = {
@@ -58,7 +58,7 @@ int main() {
     const auto scene = import_here(request, ImportLimits{}, **registry);
     if (!scene) return std::puts(scene.error().message.c_str()), 1;
     const auto variant = (*registry)->choose("auto", (*scene)->view());
-    const auto trace = find_function(**variant, query_closest, precision_watertight, traversal_single);
+    const auto trace = find_function(**variant, query_closest, traversal_single);
     const Ray ray{{0, 90, 0}, 0, {0, -1, 0}, 1000};
     HitRecord hit{};
     TraceCall call{};
@@ -83,7 +83,7 @@ as() { user=$1; shift; setpriv --reuid=$user --regid=$user --init-groups "$@"; }
 useradd -G raynest one; useradd -G raynest other
 step activated raynest scenes
 step load raynest load builtin:forest?trees=9 --name woods
-step render raynest render woods --integrator path --spp 4 --size 64x64 -o /tmp/a.png
+step no_pictures raynest render woods --size 64x64 -o /tmp/a.png
 step restart systemctl restart raynestd.service
 step after_restart raynest scenes
 kill -9 $(systemctl show -p MainPID --value raynestd)
@@ -92,13 +92,27 @@ step own as one raynest load builtin:terrain?size=8 --name secret
 step of_another as other raynest unload secret
 step reload systemctl reload raynestd.service
 step still_there as one raynest unload secret
+echo "thrads = 3" >>/etc/raynest/raynestd.toml
+step bad_reload systemctl reload raynestd.service
+sed -i '$d' /etc/raynest/raynestd.toml
 
-# What OPERATING.md says under "Secure", "Revoke" and "Renew".
+# A removed package starts again after its installation.
+dpkg -r raynest
+step left_by_remove ls -A /run/raynest
+step reinstall dpkg -i /opt/raynest.deb
+step enabled systemctl is-enabled raynestd.socket raynestd.service
+step started systemctl is-active raynestd.socket raynestd.service
+
+# The commands of OPERATING.md under "Secure", "Revoke" and "Renew".
 step tls raynestd tls init /etc/raynest/tls --host gpu.example.org
 raynestd token add alice --role user --expires 90d --tokens /etc/raynest/tokens >/opt/token; echo "STEP token $?"
-chown -R raynest: /etc/raynest/tls /etc/raynest/tokens
+(cd /etc/raynest && chgrp raynest tls tls/ca.pem tls/cert.pem tls/key.pem tokens &&
+ chmod g+rX tls tls/ca.pem tls/cert.pem tls/key.pem tokens)
 sed -i 's/^#   "tls/    "tls/; s/^# \\(tls-cert\\|tls-key\\|tokens\\)/\\1/' /etc/raynest/raynestd.toml
-step secured systemctl restart raynestd.service
+mkdir /etc/systemd/system/raynestd.socket.d
+printf '[Socket]\nListenStream=0.0.0.0:31062\n' >/etc/systemd/system/raynestd.socket.d/override.conf
+systemctl daemon-reload
+step secured systemctl restart raynestd.socket
 export RAYNEST_SERVER=tls://127.0.0.1:31062 HOME=/opt
 tail -n 1 /opt/token | step login raynest --ca /etc/raynest/tls/ca.pem login $RAYNEST_SERVER
 step query raynest query builtin:terrain?size=8 --ray 0,50,0,0,-1,0
@@ -108,6 +122,26 @@ step refused raynest scenes
 step renew raynestd tls renew /etc/raynest/tls
 step renewed systemctl reload raynestd.service
 journalctl --no-pager -o cat -u raynestd
+echo ERRORS; journalctl --no-pager -o cat -p err _COMM=raynestd; echo END
+
+# Keys that stay root's, a hook that copies renewed ones, and scenes at the start.
+chown root: /etc/raynest/tls/*
+mkdir -p /srv/scenes /etc/systemd/system/raynestd.service.d
+echo broken >/srv/scenes/broken.gltf
+sed -i '/^tls-/d; s|^# load = .*|load = ["/srv/scenes/*.gltf", "builtin:terrain?size=8"]|' /etc/raynest/raynestd.toml
+sed -n '/^LoadCredential=/p; /^Environment=RAYNEST/p; /^ExecReload=/p' /usr/share/doc/raynest/OPERATING.md |
+    sed '1i [Service]' | sed 's|/etc/letsencrypt/live/gpu.example.org/privkey|/etc/raynest/tls/key|;
+                             s|/etc/letsencrypt/live/gpu.example.org/fullchain|/etc/raynest/tls/cert|' \
+    >/etc/systemd/system/raynestd.service.d/override.conf
+systemctl daemon-reload
+step credentials systemctl restart raynestd.service
+raynestd token add bob --tokens /etc/raynest/tokens | tail -n 1 >/opt/token
+sleep 2
+RAYNEST_TOKEN=$(cat /opt/token) step loaded raynest --ca /etc/raynest/tls/ca.pem query terrain --ray 0,50,0,0,-1,0
+step credentials_reload systemctl reload raynestd.service
+systemctl is-active raynestd.service
+dpkg -P raynest
+step purged sh -c 'test -z "$(ls -d /run/raynest /etc/raynest /var/lib/raynest)"'
 systemctl poweroff
 """
 PROBE_UNIT = """[Unit]
@@ -192,6 +226,7 @@ class Package(unittest.TestCase):
         # The libraries stay on the machine: only the package itself must leave nothing.
         raynest = next(deb for deb in self.debs if deb.name.startswith("raynest_"))
         depends = run("dpkg-deb", "-f", raynest, "Depends")
+        depends += "," + run("dpkg-deb", "-f", raynest, "Recommends")
         names = " ".join(re.sub(r"\(.*?\)|\|.*", "", part).strip() for part in depends.split(","))
         root.run(f"apt-get install -y -qq --no-install-recommends {names} python3-numpy")
         before = root.files()
@@ -241,9 +276,9 @@ class Package(unittest.TestCase):
             self.skipTest("there is no systemd-nspawn")
         root = Root()
         self.addCleanup(root.remove)
-        shutil.copy(next(deb for deb in self.debs if deb.name.startswith("raynest_")), root.path / "tmp")
+        shutil.copy(next(deb for deb in self.debs if deb.name.startswith("raynest_")), root.path / "opt/raynest.deb")
         root.run("apt-get update -qq; apt-get install -y -qq --no-install-recommends systemd systemd-sysv dbus "
-                 "passwd /tmp/raynest_*.deb")
+                 "passwd /opt/raynest.deb")
         (root.path / "opt/probe.sh").write_text(PROBE)
         (root.path / "opt/probe.sh").chmod(0o755)
         (root.path / "etc/systemd/system/probe.service").write_text(PROBE_UNIT)
@@ -253,10 +288,13 @@ class Package(unittest.TestCase):
             "--directory", root.path, timeout=300)
         told = (root.path / "opt/probe.log").read_text()
         steps = dict(line.split()[1:] for line in told.splitlines() if line.startswith("STEP "))
-        good = ("activated load render restart after_restart after_kill own reload still_there "
-                "tls token secured login query revoke renew renewed")
-        self.assertEqual(steps, {**dict.fromkeys(good.split(), "0"), "of_another": "5", "refused": "4"}, told)
+        good = ("activated load restart after_restart after_kill own reload still_there reinstall enabled started "
+                "tls token secured login query revoke renew renewed credentials loaded credentials_reload purged")
+        self.assertEqual(steps, {**dict.fromkeys(good.split(), "0"), "of_another": "5", "refused": "4",
+                                 "no_pictures": "5", "bad_reload": "1", "left_by_remove": "2"}, told)
         self.assertRegex(told, r" reloaded ")
+        errors = re.search(r"ERRORS\n(.*?)END\n", told, re.S)[1].splitlines()
+        self.assertTrue(errors and all(line.startswith("raynestd: ") for line in errors), errors)
 
     def test_a_pack_and_a_program_build_against_the_development_package(self):
         root = Root()

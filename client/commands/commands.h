@@ -43,6 +43,9 @@ Result<void> run(Context& context, const FetchOptions& options);
 Result<void> run(Context& context, const CancelOptions& options);
 Result<void> run(Context& context, const LoadTestOptions& options);
 Result<void> run(Context& context, const LoginOptions& options);
+Result<void> run(Context& context, const LogoutOptions& options);
+/// The same without a connection.
+Result<void> log_out(const std::string& uri, bool json);
 Result<void> run(Context& context, const AdminOptions& options);
 
 /// Asks for the token of `raynest login` on the terminal, without showing it, or reads it from stdin.

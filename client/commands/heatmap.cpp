@@ -104,6 +104,21 @@ Result<void> take_file(const Json& document, ReceivedPicture& picture) {
     return {};
 }
 
+/// "from (0, 1, 5) to (0, 0, 0), 40°" of --lookat; "" of a camera with a name.
+std::string camera_words(const CameraOptions& camera) {
+    if (camera.look_at.size() < 6) return "";
+    const auto point = [&](std::size_t first) {
+        std::array<char, 96> text{};
+        std::snprintf(text.data(), text.size(), "(%.4g, %.4g, %.4g)", camera.look_at[first],
+                      camera.look_at[first + 1], camera.look_at[first + 2]);
+        return std::string(text.data());
+    };
+    std::array<char, 32> angle{};
+    if (camera.fov_degrees > 0)
+        std::snprintf(angle.data(), angle.size(), ", %.4g°", static_cast<double>(camera.fov_degrees));
+    return std::string("from ").append(point(0)).append(" to ").append(point(3)).append(angle.data());
+}
+
 /// Asks for what stands beside the heat map in a report, of the same epoch. Returns the ranking.
 Result<ReceivedPicture> write_report(Context& context, const HeatmapOptions& options,
                                      const ReceivedPicture& heat, Report report) {
@@ -117,7 +132,7 @@ Result<ReceivedPicture> write_report(Context& context, const HeatmapOptions& opt
     if (!ranking) return tl::unexpected<Failure>(ranking.error());
     auto document = read_json(*ranking);
     if (!document) return tl::unexpected<Failure>(document.error());
-    report.ranking = std::move(*document);
+    report.ranking = shown_json(*document);
     const std::string html = report_html(report);
     if (auto written = write_file(options.output, std::as_bytes(std::span(html))); !written)
         return tl::unexpected<Failure>(written.error());
@@ -137,7 +152,7 @@ Result<void> deliver_document(Context& context, const HeatmapOptions& options,
     if (is_report(options.output)) {
         auto written = write_report(
             context, options, answer,
-            {std::move(*document), {}, {}, *verdicts, options.command_line});
+            {shown_json(*document), {}, {}, *verdicts, options.command_line, camera_words(options.camera)});
         if (!written) return tl::unexpected<Failure>(written.error());
         ranking = std::move(*written);
     }

@@ -1,5 +1,6 @@
-// raynest login URI: keeps a token that the daemon accepts in hosts.toml.
+// raynest login URI: keeps a token that the daemon accepts in hosts.toml, with copies of the certificates.
 #include "client/commands/commands.h"
+#include "client/hosts.h"
 #include "client/output.h"
 
 #include <termios.h>
@@ -47,7 +48,11 @@ Result<std::string> ask_token(const std::string& uri) {
 }
 
 Result<void> run(Context& context, const LoginOptions& options) {
-    if (auto saved = save_host(options.uri, context.access); !saved) return saved;
+    const Access& access = context.access;
+    if (auto kept = keep_host(options.uri, {access.token, access.tls.ca, access.tls.certificate,
+                                            access.tls.key, {}});
+        !kept)
+        return kept;
     const Daemon& daemon = context.connection.daemon();
     if (context.json)
         print_json(Json{{"principal", daemon.principal}, {"role", daemon.role}});

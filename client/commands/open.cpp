@@ -1,22 +1,25 @@
 // raynest open [SCENE]: shows the daemon's page in the browser, or tells its address.
+#include "client/child_process.h"
 #include "client/commands/commands.h"
+#include "client/interrupt.h"
 #include "client/output.h"
 #include "client/scene_source.h"
 
-#include <spawn.h>
 #include <sys/wait.h>
-#include <unistd.h>
 
-#include <array>
-#include <cerrno>
+#include <chrono>
 #include <cstdlib>
 #include <iostream>
 #include <string_view>
-
-extern char** environ;
+#include <thread>
 
 namespace raynest::client {
 namespace {
+
+using Clock = std::chrono::steady_clock;
+
+/// A program that runs for longer has shown the page.
+constexpr std::chrono::seconds browser_time{5};
 
 /// Returns text as it stands in the fragment of an address.
 std::string percent_encoded(std::string_view text) {
@@ -61,16 +64,17 @@ bool has_display() {
     return false;
 }
 
-/// Runs xdg-open, which returns once a browser has the address; false where there is none.
+/// Runs xdg-open, which returns once a browser has the address, or is the browser and goes on; false where
+/// there is none.
 bool show(const std::string& address) {
-    std::string program = "xdg-open", argument = address;
-    std::array<char*, 3> arguments = {program.data(), argument.data(), nullptr};
-    pid_t child = -1;
-    if (posix_spawnp(&child, program.c_str(), nullptr, nullptr, arguments.data(), environ) != 0)
-        return false;
+    auto program = ChildProcess::start({"xdg-open", address}, ChildKind::independent);
+    if (!program) return false;
+    const Clock::time_point end = Clock::now() + browser_time;
     int status = 0;
-    while (waitpid(child, &status, 0) < 0)
-        if (errno != EINTR) return false;
+    while (!program->has_ended(&status)) {
+        if (interrupted() || Clock::now() > end) return true;
+        std::this_thread::sleep_for(look_time);
+    }
     return WIFEXITED(status) && WEXITSTATUS(status) == 0;
 }
 

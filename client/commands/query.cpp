@@ -5,6 +5,7 @@
 #include "client/commands/deliver.h"
 #include "client/generator.h"
 #include "client/npy.h"
+#include "client/output.h"
 #include "client/output_file.h"
 #include "client/query_rows.h"
 #include "client/scene_origin.h"
@@ -157,11 +158,12 @@ Result<Outcome> ask_about_no_rays(Context& context, wire::QueryT& request, const
     return outcome;
 }
 
-void warn_of_rounding(Context& context, const RaySource& rays, const SceneOrigin& scene) {
-    const std::string warning = rounding_warning(rays, scene);
+void warn_of_rounding(Context& context, const RaySource& rays, const SceneOrigin& scene,
+                      std::string_view subject = {}) {
+    const std::string warning = rounding_warning(rays, scene, subject);
     if (warning.empty()) return;
     context.progress.clear();
-    std::cerr << "raynest: " << warning << '\n';
+    print_note(warning);
 }
 
 /// Fails with the code for a partial answer if rays had more hits than --max-hits.
@@ -186,6 +188,10 @@ Result<void> run(Context& context, const QueryOptions& options) {
         const auto generate = parse_generate(options.generate);
         if (!generate) return tl::unexpected<Failure>(generate.error());
         points = generate->points;
+        if (const auto at = generate->start())
+            warn_of_rounding(context,
+                             RaySource({{(*at)[0], (*at)[1], (*at)[2], 0, 0, 0, -1, 1}}, origin),
+                             *scene, "the sensor stands");
         request.generator = std::make_unique<wire::GeneratorT>(generate->at(origin));
     }
     context.progress.update(0, 0, "reading");
@@ -241,7 +247,7 @@ Result<void> deliver_query(Context& context, const std::string& output, const st
         return {};
     }
     if (rows) {
-        if (outcome->rays == 0) std::cerr << "raynest: " << outcome_text(*outcome) << '\n';
+        if (outcome->rays == 0) print_note(outcome_text(*outcome));
         return check_whole(*outcome);
     }
 

@@ -245,7 +245,7 @@ Result<void> run(Context& context, const TopOptions& options) {
             return tl::unexpected<Failure>(look.error());
         }
         if (context.json) {
-            std::cout << look_json(*look).dump() << '\n';
+            print_json(look_json(*look));
         } else {
             // Home, the look, and nothing of the last one below it.
             if (redraws) std::cout << "\x1b[H\x1b[2J";

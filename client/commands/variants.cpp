@@ -17,7 +17,7 @@ Json param_json(const wire::Param& param) {
     if (choices.empty()) {
         json["minimum"] = param.minimum();
         json["maximum"] = param.maximum();
-        json["default"] = param.initial();
+        json["default"] = json["type"] == "table" ? Json::array() : Json(param.initial());
         return json;
     }
     json["choices"] = choices;
@@ -61,21 +61,23 @@ std::string number_text(const Json& number) {
     return float_text(static_cast<float>(value));
 }
 
+/// "0..1  (0.5)", "heart checker  (heart)", or of a table "@FILE  (each 0..1)".
+std::string values_text(const Json& param) {
+    if (param.contains("choices"))
+        return joined(param["choices"]) + "  (" + param.value("default", "0") + ")";
+    const std::string range =
+        number_text(param["minimum"]) + ".." + number_text(param["maximum"]);
+    if (param["type"] == "table") return "@FILE  (each " + range + ")";
+    return range + "  (" + number_text(param.value("default", Json())) + ")";
+}
+
 void print_variant(const Json& variant) {
     std::cout << variant["name"].get<std::string>() << "  (" << joined(variant["queries"]) << "; "
               << joined(variant["targets"]) << ", runs on " << variant["target"].get<std::string>()
               << ")\n    " << variant["text"].get<std::string>() << '\n';
-    for (const Json& param : variant["params"]) {
-        std::cout << "    --set " << param["name"].get<std::string>() << "=";
-        if (param.contains("choices"))
-            std::cout << joined(param["choices"]);
-        else
-            std::cout << number_text(param["minimum"]) << ".." << number_text(param["maximum"]);
-        const Json standard = param.value("default", Json());
-        std::cout << "  ("
-                  << (standard.is_string() ? standard.get<std::string>() : number_text(standard))
-                  << ")  " << param["text"].get<std::string>() << '\n';
-    }
+    for (const Json& param : variant["params"])
+        std::cout << "    --set " << param["name"].get<std::string>() << "=" << values_text(param)
+                  << "  " << param["text"].get<std::string>() << '\n';
     for (const Json& output : variant["outputs"])
         std::cout << "    --fields " << output["name"].get<std::string>() << "  "
                   << output["text"].get<std::string>() << '\n';

@@ -7,6 +7,7 @@
 #include <sys/prctl.h>
 #include <sys/resource.h>
 #include <sys/stat.h>
+#include <sys/wait.h>
 #include <unistd.h>
 
 #include <algorithm>
@@ -84,7 +85,7 @@ Fd out_of_the_way(Fd fd) {
 }
 
 Result<Fd> create_memory_file(const char* name) {
-    Fd file = out_of_the_way(Fd(::memfd_create(name, MFD_CLOEXEC)));
+    Fd file = out_of_the_way(Fd(::memfd_create(name, MFD_CLOEXEC | MFD_ALLOW_SEALING)));
     if (file.get() >= 0) return file;
     return fail(ErrorCode::io_failed,
                 fmt::format("creating a memory file: {}", system_says(errno)));
@@ -128,6 +129,19 @@ Result<pid_t> spawn_child(std::span<const std::string> command, std::span<const 
     if (failed == 0) return pid;
     return fail(ErrorCode::io_failed,
                 fmt::format("'{}' does not start: {}", command[0], system_says(failed)));
+}
+
+std::optional<int> end_group(pid_t child) {
+    siginfo_t state{};
+    if (::waitid(P_PID, static_cast<id_t>(child), &state, WEXITED | WNOHANG | WNOWAIT) != 0)
+        return std::nullopt;
+    // The number is the group's until the child is reaped.
+    ::kill(-child, SIGKILL);
+    int status = 0;
+    pid_t ended = 0;
+    do ended = ::waitpid(child, &status, 0);
+    while (ended < 0 && errno == EINTR);
+    return ended == child ? std::optional(status) : std::nullopt;
 }
 
 bool bind_to_parent(pid_t parent) {

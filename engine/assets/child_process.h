@@ -7,6 +7,7 @@
 #include <sys/types.h>
 
 #include <cstddef>
+#include <optional>
 #include <span>
 #include <string>
 #include <utility>
@@ -69,9 +70,13 @@ Result<Fd> create_memory_file(const char* name);
 
 Result<void> write_all(int fd, const void* bytes, std::size_t size);
 
-/// Starts `command` with /dev/null as its three streams and inherited[i] as descriptor 3 + i. Pass
-/// at most inherited_max descriptors, each from out_of_the_way().
+/// Starts `command` with /dev/null as its three streams and inherited[i] as descriptor 3 + i, in a
+/// process group of its own. Pass at most inherited_max descriptors, each from out_of_the_way().
 Result<pid_t> spawn_child(std::span<const std::string> command, std::span<const int> inherited);
+
+/// Kills all processes of a child's group, and waits until the child has ended. Returns its status as
+/// waitpid() gives it; nothing if it is no child of this process. Call it once for each child.
+std::optional<int> end_group(pid_t child);
 
 /// Called in the child: it dies with its parent and leaves no core file. False if the parent, whose
 /// process id is `parent`, has already ended.

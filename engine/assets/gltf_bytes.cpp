@@ -203,6 +203,23 @@ void complete_cameras(Json& cameras) {
     }
 }
 
+/// The same for a light without a type, or a spot light without its cone.
+void complete_lights(Json& root) {
+    const auto extensions = root.find("extensions");
+    if (extensions == root.end() || !extensions->is_object()) return;
+    const auto punctual = extensions->find("KHR_lights_punctual");
+    if (punctual == extensions->end() || !punctual->is_object()) return;
+    Json* const lights = objects_of(*punctual, "lights");
+    if (lights == nullptr) return;
+    for (Json& light : *lights) {
+        const std::string* const type = text_of(light, "type");
+        const bool is_spot = type != nullptr && *type == "spot";
+        if (type == nullptr) light["type"] = "";
+        if (is_spot && !light["spot"].is_object())
+            light["spot"] = {{"innerConeAngle", cone_of_no_spot}};
+    }
+}
+
 /// Drops each baseColorFactor that tinygltf would refuse the file for.
 void drop_short_colours(Json& materials, Rewritten& out) {
     for (std::size_t i = 0; i < materials.size(); ++i) {
@@ -287,6 +304,7 @@ Result<Rewritten> rewrite(std::span<const std::byte> json, std::span<const std::
         }
         if (Json* const views = objects_of(root, "bufferViews")) take_odd_strides(*views, out);
         if (Json* const cameras = objects_of(root, "cameras")) complete_cameras(*cameras);
+        complete_lights(root);
         if (Json* const materials = objects_of(root, "materials"))
             drop_short_colours(*materials, out);
     }

@@ -34,6 +34,9 @@ struct FetchedImage {
 /// The yfov that cameras of an unknown type get in a rewritten text, which knows two types.
 inline constexpr double yfov_of_unknown_type = -1e30;
 
+/// The innerConeAngle that a spot light without `spot` gets in a rewritten text.
+inline constexpr double cone_of_no_spot = -1e30;
+
 struct Rewritten {
     std::string json;  ///< the scene without buffers, images and animations
     std::vector<Fetched> buffers;

@@ -50,20 +50,6 @@ const std::byte* keep(Model& model, std::vector<unsigned char> bytes) {
     return std::as_bytes(std::span(model.decompressed.back())).data();
 }
 
-/// Returns pointers to the primitive's accessors for each attribute that Draco may hold.
-std::vector<std::pair<std::string, std::uint32_t*>> attributes_of(Primitive& primitive) {
-    std::vector<std::pair<std::string, std::uint32_t*>> places{
-        {"POSITION", &primitive.position},
-        {"TEXCOORD_0", &primitive.texcoords[0]},
-        {"TEXCOORD_1", &primitive.texcoords[1]},
-        {"COLOR_0", &primitive.colour}};
-    for (std::size_t set = 0; set < primitive.joint_sets.size(); ++set) {
-        places.emplace_back(fmt::format("JOINTS_{}", set), &primitive.joint_sets[set].joints);
-        places.emplace_back(fmt::format("WEIGHTS_{}", set), &primitive.joint_sets[set].weights);
-    }
-    return places;
-}
-
 /// Adds a packed accessor of decoded bytes, with the type of `stated`.
 std::uint32_t add_accessor(Model& model, const Accessor& stated, std::uint64_t count,
                            std::vector<unsigned char> bytes) {
@@ -137,10 +123,11 @@ Result<void> decompress(const tinygltf::Primitive& from, Model& model, Primitive
 
     std::vector<std::uint32_t*> places;
     std::vector<DracoAttribute> wanted;
-    for (const auto& [name, place] : attributes_of(to)) {
+    for (const auto& [name, place, is_for_shading] : attributes_of(to)) {
         const auto id = number(ids, name.c_str());
         if (!id || *place == no_id) continue;
         const Accessor& accessor = model.accessors[*place];
+        if (is_for_shading && !accessor.fault.empty()) continue;  // left out where it is read
         wanted.push_back({static_cast<std::uint32_t>(*id), accessor.component, accessor.width});
         places.push_back(place);
     }

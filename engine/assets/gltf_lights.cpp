@@ -66,7 +66,9 @@ Result<void> convert_lights(tinygltf::Model& file, Model& model) {
         else
             model.odd.add(where, "its range is negative or not finite; it shines endlessly");
         if (in.type == "spot" && !read_cone(in.spot, light.record)) {
-            model.odd.add(where, "its cone angles are out of range; 0 and 45 degrees are used");
+            model.odd.add(where, in.spot.innerConeAngle == cone_of_no_spot
+                                     ? "it has no member spot; cone angles of 0 and 45 degrees are used"
+                                     : "its cone angles are out of range; 0 and 45 degrees are used");
             light.record.inner_cosine = 1;
             light.record.outer_cosine = std::numbers::sqrt2_v<float> / 2;
         }

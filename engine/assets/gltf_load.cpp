@@ -15,6 +15,7 @@
 #include <cmath>
 #include <cstring>
 #include <new>
+#include <optional>
 #include <set>
 
 namespace raynest::gltf {
@@ -263,43 +264,41 @@ Result<void> convert_accessors(Parsed& parsed, Model& model) {
     return {};
 }
 
+/// Reads EXT_mesh_gpu_instancing. Attributes of the application, whose names begin with an underscore,
+/// place nothing; where a node has no others, their number is that of the placements.
 Result<Instancing> convert_instancing(const tinygltf::Node& in, const Model& model) {
     const auto* attributes = member(in.extensions, "EXT_mesh_gpu_instancing", "attributes");
     Instancing instancing;
     if (attributes == nullptr) return instancing;
-    std::uint64_t count = 0;
-    bool first = true;
-    const auto read = [&](const char* name, std::uint32_t width,
-                          std::uint32_t& out) -> Result<void> {
-        if (!attributes->Has(name)) return {};
+    const auto refuse = [](const std::string& why) {
+        return fail(ErrorCode::scene_invalid, "EXT_mesh_gpu_instancing" + why);
+    };
+    std::optional<std::uint64_t> count;
+    const auto accessor_of = [&](const std::string& name) -> Result<std::uint32_t> {
         const tinygltf::Value& value = attributes->Get(name);
-        const auto index =
-            value.IsInt() && value.GetNumberAsInt() >= 0
-                ? optional_index(value.GetNumberAsInt(), model.accessors.size(), "accessor")
-                : fail(ErrorCode::scene_invalid,
-                       fmt::format("EXT_mesh_gpu_instancing: {} names no accessor", name));
+        if (!value.IsInt() || value.GetNumberAsInt() < 0)
+            return refuse(fmt::format(": {} names no accessor", one_line(name, 80)));
+        auto index = optional_index(value.GetNumberAsInt(), model.accessors.size(), "accessor");
+        if (!index) return index;
+        const Accessor& accessor = model.accessors[*index];
+        if (!accessor.fault.empty()) return refuse(" needs " + accessor.fault);
+        if (count && accessor.count != *count)
+            return refuse(fmt::format(": {} has {} elements where others have {}", one_line(name, 80),
+                                      accessor.count, *count));
+        count = accessor.count;
+        return index;
+    };
+    const auto read = [&](const char* name, std::uint32_t width, std::uint32_t& out) -> Result<void> {
+        if (!attributes->Has(name)) return {};
+        const auto index = accessor_of(name);
         if (!index) return error_of(index);
         const Accessor& accessor = model.accessors[*index];
         const bool integer_rotation =
             width == 4 && accessor.normalized &&
             (accessor.component == Component::i8 || accessor.component == Component::i16);
-        if (!accessor.fault.empty()) {
-            return fail(ErrorCode::scene_invalid,
-                        "EXT_mesh_gpu_instancing needs " + accessor.fault);
-        }
         if (accessor.width != width || !accessor.scalar_or_vector ||
-            (accessor.component != Component::f32 && !integer_rotation)) {
-            return fail(ErrorCode::scene_invalid,
-                        fmt::format("EXT_mesh_gpu_instancing: {} has the wrong type", name));
-        }
-        if (!first && accessor.count != count) {
-            return fail(
-                ErrorCode::scene_invalid,
-                fmt::format("EXT_mesh_gpu_instancing: {} has {} elements where others have {}",
-                            name, accessor.count, count));
-        }
-        first = false;
-        count = accessor.count;
+            (accessor.component != Component::f32 && !integer_rotation))
+            return refuse(fmt::format(": {} has the wrong type", name));
         out = *index;
         return {};
     };
@@ -308,10 +307,14 @@ Result<Instancing> convert_instancing(const tinygltf::Node& in, const Model& mod
           read("SCALE", 3, instancing.scale)}) {
         if (!done) return error_of(done);
     }
-    if (count == 0 || count > 0xFFFFFFFFU) {
-        return fail(ErrorCode::scene_invalid, "EXT_mesh_gpu_instancing without a placement");
+    if (!count) {
+        for (const std::string& name : attributes->Keys()) {
+            if (!name.starts_with('_')) continue;
+            if (const auto index = accessor_of(name); !index) return error_of(index);
+        }
     }
-    instancing.count = static_cast<std::uint32_t>(count);
+    if (count.value_or(0) == 0 || *count > 0xFFFFFFFFU) return refuse(" without a placement");
+    instancing.count = static_cast<std::uint32_t>(*count);
     return instancing;
 }
 

@@ -8,42 +8,65 @@
 namespace raynest::gltf {
 namespace {
 
-/// Reads morph targets, and the joints and weights of a skin.
-Result<void> convert_deformation(const tinygltf::Primitive& from, const std::string& where,
-                                 Model& model, Primitive& to) {
-    const auto find = [&](const std::map<std::string, int>& attributes, const std::string& name,
-                          std::uint32_t& out) -> Result<void> {
-        const auto found = attributes.find(name);
-        if (found == attributes.end()) return {};
-        const auto index = required_index(found->second, model.accessors.size(), "accessor");
-        if (!index) return error_of(index);
-        out = *index;
-        return {};
-    };
+/// Reads morph targets.
+Result<void> convert_targets(const tinygltf::Primitive& from, const std::string& where, Model& model,
+                             Primitive& to) {
     for (const auto& target : from.targets) {
         to.targets.push_back(empty_target);
         for (std::size_t i = 0; i < morphed_names.size(); ++i) {
-            const auto done = find(target, morphed_names[i], to.targets.back()[i]);
-            if (!done && i != morphed_normal && i != morphed_tangent) return done;
-            if (!done)
+            const auto found = target.find(morphed_names[i]);
+            if (found == target.end()) continue;
+            const auto index = required_index(found->second, model.accessors.size(), "accessor");
+            if (index)
+                to.targets.back()[i] = *index;
+            else if (i != morphed_normal && i != morphed_tangent)
+                return error_of(index);
+            else
                 model.odd.add(where, fmt::format("the {} of a morph target names no accessor; it "
                                                  "changes none",
                                                  morphed_names[i]));
         }
     }
-    for (int set = 0;; ++set) {
-        JointSet joints;
-        for (const auto& done :
-             {find(from.attributes, fmt::format("JOINTS_{}", set), joints.joints),
-              find(from.attributes, fmt::format("WEIGHTS_{}", set), joints.weights)}) {
-            if (!done) return done;
-        }
-        if (joints.joints == no_id || joints.weights == no_id) return {};
-        to.joint_sets.push_back(joints);
+    return {};
+}
+
+Result<void> convert_attributes(const tinygltf::Primitive& from, const std::string& where,
+                                Model& model, Primitive& to) {
+    const auto has = [&](const char* name, std::size_t set) {
+        return from.attributes.contains(fmt::format("{}_{}", name, set));
+    };
+    while (has("JOINTS", to.joint_sets.size()) && has("WEIGHTS", to.joint_sets.size()))
+        to.joint_sets.emplace_back();
+    for (const AttributePlace& attribute : attributes_of(to)) {
+        const auto found = from.attributes.find(attribute.name);
+        if (found == from.attributes.end()) continue;
+        const auto index = required_index(found->second, model.accessors.size(), "accessor");
+        if (index)
+            *attribute.accessor = *index;
+        else if (!attribute.is_for_shading)
+            return error_of(index);
+        else
+            model.odd.add(where, fmt::format("its {} names no accessor; it has none", attribute.name));
     }
+    return {};
 }
 
 }  // namespace
+
+std::vector<AttributePlace> attributes_of(Primitive& primitive) {
+    std::vector<AttributePlace> places{{"POSITION", &primitive.position, false},
+                                       {"TEXCOORD_0", &primitive.texcoords[0], false},
+                                       {"TEXCOORD_1", &primitive.texcoords[1], false},
+                                       {"COLOR_0", &primitive.colour, false},
+                                       {"NORMAL", &primitive.normal, true},
+                                       {"TANGENT", &primitive.tangent, true}};
+    for (std::size_t set = 0; set < primitive.joint_sets.size(); ++set) {
+        JointSet& joints = primitive.joint_sets[set];
+        places.push_back({fmt::format("JOINTS_{}", set), &joints.joints, false});
+        places.push_back({fmt::format("WEIGHTS_{}", set), &joints.weights, false});
+    }
+    return places;
+}
 
 Result<void> convert_meshes(tinygltf::Model& file, Model& model) {
     for (const tinygltf::Mesh& in : file.meshes) {
@@ -56,33 +79,8 @@ Result<void> convert_meshes(tinygltf::Model& file, Model& model) {
         for (const tinygltf::Primitive& from : in.primitives) {
             Primitive to;
             to.mode = from.mode;
-            const auto attribute = [&](const char* name, std::uint32_t& out) -> Result<void> {
-                const auto found = from.attributes.find(name);
-                if (found == from.attributes.end()) return {};
-                const auto index =
-                    required_index(found->second, model.accessors.size(), "accessor");
-                if (!index) return error_of(index);
-                out = *index;
-                return {};
-            };
-            for (const auto& result :
-                 {attribute("POSITION", to.position), attribute("TEXCOORD_0", to.texcoords[0]),
-                  attribute("TEXCOORD_1", to.texcoords[1]), attribute("COLOR_0", to.colour)}) {
-                if (!result) return result;
-            }
-            // Shading alone needs these two: a mesh without them is flat.
-            const auto optional = [&](const char* name, std::uint32_t& out) {
-                const auto found = from.attributes.find(name);
-                if (found == from.attributes.end()) return;
-                const auto index = required_index(found->second, model.accessors.size(), "accessor");
-                if (index)
-                    out = *index;
-                else
-                    model.odd.add(where, fmt::format("its {} names no accessor; it has none", name));
-            };
-            optional("NORMAL", to.normal);
-            optional("TANGENT", to.tangent);
-            if (auto done = convert_deformation(from, where, model, to); !done) return done;
+            for (const auto convert : {convert_attributes, convert_targets})
+                if (auto done = convert(from, where, model, to); !done) return done;
             const auto indices = optional_index(from.indices, model.accessors.size(), "accessor");
             const auto material = optional_index(from.material, file.materials.size(), "material");
             if (!indices) return error_of(indices);

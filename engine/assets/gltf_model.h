@@ -137,6 +137,16 @@ struct Primitive {
     std::vector<JointSet> joint_sets;
 };
 
+/// An attribute that is read from a primitive: its name in a file, and where its accessor is kept.
+struct AttributePlace {
+    std::string name;
+    std::uint32_t* accessor;
+    bool is_for_shading;  ///< a mesh without it is flat: one that cannot be read is left out
+};
+/// THE LIST of attributes, for plain and for compressed geometry; those of joints as far as the
+/// primitive has sets of them.
+[[nodiscard]] std::vector<AttributePlace> attributes_of(Primitive& primitive);
+
 struct Mesh {
     std::string name;
     std::vector<Primitive> primitives;

@@ -113,10 +113,12 @@ public:
         for (auto node = model_.roots.rbegin(); node != model_.roots.rend(); ++node) {
             stack.push_back({*node, model_.nodes[*node].local, false});
         }
+        in_scene_ = true;
         if (auto done = fill(root, std::move(stack)); !done) return done;
         scene_.root = static_cast<std::uint32_t>(scene_.objects.size());
         scene_.objects.push_back(std::move(root));
         scene_.rounding = placements_.rounding();
+        scene_.file_rounding = placements_.file_rounding();
         return {};
     }
 
@@ -167,6 +169,7 @@ private:
     void place(ObjectDescription& object, std::uint32_t node, std::uint32_t child,
                const Matrix& to_object, std::uint32_t mask) {
         object.placed_by.push_back(node);
+        if (in_scene_) placements_.place_in_scene(child, to_object);
         object.instances.push_back({child, placements_.round(child, to_object), mask, 0, {}});
     }
 
@@ -176,6 +179,7 @@ private:
     const Masks& masks_;
     SceneDescription& scene_;
     Placements placements_;
+    bool in_scene_ = false;  ///< the root is being filled, whose space is the scene's
     std::vector<std::uint32_t> object_of_;
 };
 

@@ -28,13 +28,29 @@ public:
     /// Returns the rounded transform of a placement of `object`. Entries that do not fit a float
     /// become infinite and are refused later.
     [[nodiscard]] Transform round(std::uint32_t object, const Matrix& to_parent);
-    /// Returns the largest distance by which round() moved a vertex, within its parent.
+    /// Takes a placement in the scene's own space: what float32 cannot tell apart there, rays
+    /// cannot meet either.
+    void place_in_scene(std::uint32_t object, const Matrix& to_scene);
+    /// Returns the largest distance by which round() moved a vertex within its parent, or float32
+    /// moves one in the scene.
     [[nodiscard]] double rounding() const { return rounding_; }
+    /// The largest distance by which the file's vertices may be off in the scene (half_step()).
+    [[nodiscard]] double file_rounding() const { return file_rounding_; }
 
 private:
-    std::vector<WorldPoint> centres_;  ///< by object; 0 for added objects
-    std::vector<double> reaches_;      ///< by object: greatest distance of its parts from zero
+    /// What is known of an object's vertices, in its space.
+    struct Extent {
+        WorldPoint centre{};            ///< was subtracted from a mesh's vertices
+        double reach = 0;               ///< greatest distance of its parts from zero
+        glm::dvec3 lower{0}, upper{0};  ///< box; both 0 where it has no vertices
+        double half_step = 0;           ///< of its vertices as the file has them
+    };
+    /// Returns the map to the parent of an object as it is now: its centre is moved back.
+    [[nodiscard]] Matrix exact_matrix(std::uint32_t object, const Matrix& to_parent) const;
+
+    std::vector<Extent> extents_;  ///< by object
     double rounding_ = 0;
+    double file_rounding_ = 0;
 };
 
 }  // namespace raynest::gltf

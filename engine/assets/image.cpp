@@ -13,7 +13,7 @@ Result<ImageModule> image_module() {
     constexpr std::size_t bytes = 512U << 20;  // about 400 MiB on Debian 12
     const auto symbol = load_module({image_module_file, image_module_symbol, bytes,
                                      "pictures need the image module",
-                                     "install OpenImageIO and build with RAYNEST_OIIO=ON"});
+                                     "install " RAYNEST_IMAGE_PACKAGE " where raynestd runs"});
     if (!symbol) return tl::unexpected<Error>(symbol.error());
     return reinterpret_cast<ImageModuleEntry>(*symbol)();
 }

@@ -95,12 +95,15 @@ struct LightPicture {
     std::uint32_t width = 0;
     std::uint32_t height = 0;
     std::vector<Vec3> rgb;
+    std::uint32_t left_out = 0;  ///< number of pixels that no light can have; they are black
 };
-/// Most radiance of a pixel: sums over a whole picture stay finite.
+/// Most radiance of a pixel: sums over a whole picture stay finite. An infinite pixel that was
+/// written as HDR, whose numbers end at 1.7e38, has more.
 inline constexpr float light_radiance_max = 1e28F;
 /// Decodes an EXR or a Radiance HDR, recognised by magic bytes, with limits and errors as
 /// decode_image() has them. Of an EXR only one part with channels R, G and B, or Y, is taken.
-/// Values are brought between 0 and light_radiance_max; what is no number becomes 0.
+/// Negative values become 0. A pixel with a value that is not finite, or above light_radiance_max,
+/// is left out.
 Result<LightPicture> decode_environment(std::span<const std::byte> file, std::uint32_t side_max,
                                         std::uint64_t bytes_max);
 

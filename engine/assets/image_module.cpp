@@ -9,6 +9,10 @@
 #include <OpenImageIO/imageio.h>
 #include <fmt/format.h>
 
+#ifdef RAYNEST_WEBP
+#include <webp/decode.h>
+#endif
+
 #include <algorithm>
 #include <array>
 #include <bit>
@@ -16,6 +20,7 @@
 #include <memory>
 #include <mutex>
 #include <new>
+#include <optional>
 #include <string>
 #include <system_error>
 #include <utility>
@@ -52,9 +57,8 @@ std::string plugin_name(std::span<const std::byte> file) {
     return {};
 }
 
-/// Walks a JPEG's markers to the end-of-image one. libjpeg fills missing data with grey and reports
-/// success, so this is how a cut file is found.
-bool jpeg_is_complete(std::span<const std::byte> file) {
+/// Walks a JPEG's markers to the end-of-image one.
+bool has_jpeg_end(std::span<const std::byte> file) {
     const auto at = [&](std::size_t i) { return std::to_integer<unsigned>(file[i]); };
     std::size_t i = 2;
     bool in_scan = false;
@@ -99,7 +103,8 @@ std::vector<std::uint8_t> to_rgba(const std::vector<std::uint8_t>& pixels, std::
 }
 
 /// Divides colours by alpha: OpenImageIO's WebP reader multiplies them whatever its settings. This
-/// loses digits only where a pixel is almost transparent.
+/// loses digits where a pixel is almost transparent, and all colour where it is wholly so: decode_webp()
+/// reads what it can.
 void divide_by_alpha(std::vector<std::uint8_t>& rgba) {
     for (std::size_t i = 0; i < rgba.size(); i += 4) {
         const unsigned alpha = rgba[i + 3];
@@ -150,6 +155,39 @@ Result<std::vector<std::byte>> write_to_memory(const char* name, const oiio::Ima
     return std::vector<std::byte>(first, first + bytes.size());
 }
 
+Result<void> check_size(std::uint32_t width, std::uint32_t height, std::uint32_t side_max,
+                        std::uint64_t bytes_max) {
+    if (width <= side_max && height <= side_max && std::uint64_t{width} * height * 4 <= bytes_max)
+        return {};
+    return fail(ErrorCode::limit_exceeded,
+                fmt::format("the picture is {} x {} pixels; at most {} a side and {} MiB decoded are "
+                            "allowed",
+                            width, height, side_max, bytes_max >> 20));
+}
+
+#ifdef RAYNEST_WEBP
+/// Decodes a WebP with straight alpha, so that each pixel has its colour, however transparent. Returns
+/// nothing for an animation: OpenImageIO has its first frame.
+std::optional<Result<ImageDescription>> decode_webp(std::span<const std::byte> file,
+                                                    std::uint32_t side_max,
+                                                    std::uint64_t bytes_max) {
+    const auto* const data = reinterpret_cast<const std::uint8_t*>(file.data());
+    WebPBitstreamFeatures features{};
+    if (WebPGetFeatures(data, file.size(), &features) != VP8_STATUS_OK || features.width <= 0 ||
+        features.height <= 0)
+        return decode_failed(0, "the picture's header cannot be read");
+    if (features.has_animation != 0) return std::nullopt;
+    const auto width = static_cast<std::uint32_t>(features.width);
+    const auto height = static_cast<std::uint32_t>(features.height);
+    if (auto fits = check_size(width, height, side_max, bytes_max); !fits)
+        return tl::unexpected<Error>(fits.error());
+    std::vector<std::uint8_t> rgba(std::size_t{width} * height * 4);
+    if (WebPDecodeRGBAInto(data, file.size(), rgba.data(), rgba.size(), features.width * 4) == nullptr)
+        return decode_failed(rgba.size() * 2, "the picture is damaged or cut short");
+    return ImageDescription{width, height, std::move(rgba)};
+}
+#endif
+
 Result<ImageDescription> decode(std::span<const std::byte> file, std::uint32_t side_max,
                                 std::uint64_t bytes_max) try {
     configure_once();
@@ -157,8 +195,17 @@ Result<ImageDescription> decode(std::span<const std::byte> file, std::uint32_t s
     if (name.empty()) {
         return fail(ErrorCode::scene_unsupported, "the picture is not a PNG, JPEG or WebP file");
     }
-    if (name == "memory.jpg" && !jpeg_is_complete(file)) {
-        return fail(ErrorCode::scene_invalid, "the JPEG picture is cut short");
+#ifdef RAYNEST_WEBP
+    if (name == "memory.webp")
+        if (auto decoded = decode_webp(file, side_max, bytes_max)) return std::move(*decoded);
+#endif
+    // libjpeg fills missing data with grey, and reports success after a warning. With an end of its own
+    // a picture whose data are all there has no warning, and one that was cut has.
+    std::vector<std::byte> ended;
+    if (name == "memory.jpg" && !has_jpeg_end(file)) {
+        ended.assign(file.begin(), file.end());
+        ended.insert(ended.end(), {std::byte{0xFF}, std::byte{0xD9}});
+        file = ended;
     }
 
     // Straight alpha: an associated colour would darken the edge of every leaf.
@@ -179,19 +226,18 @@ Result<ImageDescription> decode(std::span<const std::byte> file, std::uint32_t s
     const auto width = static_cast<std::uint32_t>(spec.width);
     const auto height = static_cast<std::uint32_t>(spec.height);
     const std::uint64_t count = std::uint64_t{width} * height;
-    if (width > side_max || height > side_max || count * 4 > bytes_max) {
-        return fail(
-            ErrorCode::limit_exceeded,
-            fmt::format("the picture is {} x {} pixels; at most {} a side and {} MiB decoded "
-                        "are allowed",
-                        width, height, side_max, bytes_max >> 20));
-    }
+    if (auto fits = check_size(width, height, side_max, bytes_max); !fits)
+        return tl::unexpected<Error>(fits.error());
 
     const auto channels = static_cast<std::size_t>(spec.nchannels);
     std::vector<std::uint8_t> pixels(count * channels);
     if (!input->read_image(0, 0, 0, spec.nchannels, oiio::TypeDesc::UINT8, pixels.data())) {
         static_cast<void>(input->geterror());
         return decode_failed(count * 8, "the picture is damaged or cut short");
+    }
+    if (!ended.empty() && input->has_error()) {
+        static_cast<void>(input->geterror());
+        return fail(ErrorCode::scene_invalid, "the JPEG picture is cut short");
     }
     if (channels != 4) return ImageDescription{width, height, to_rgba(pixels, count, channels)};
     if (name == "memory.webp") divide_by_alpha(pixels);
@@ -370,13 +416,15 @@ Result<LightPicture> decode_light(std::span<const std::byte> file, std::uint32_t
         return decode_failed(needed, "the environment is damaged or cut short");
     }
     picture.rgb.resize(count);
-    for (std::size_t i = 0; i < count; ++i)
-        for (std::size_t c = 0; c < 3; ++c) {
-            const float value = values[i * stride + channels[c]];
-            // Light is neither negative nor infinite, whatever a file says.
-            picture.rgb[i][static_cast<int>(c)] =
-                value > 0 ? std::min(value, light_radiance_max) : 0.0F;
-        }
+    for (std::size_t i = 0; i < count; ++i) {
+        const auto value = [&](std::size_t c) { return values[i * stride + channels[c]]; };
+        const Vec3 pixel(value(0), value(1), value(2));
+        // One infinite pixel would outshine all others. A comparison with NaN is false.
+        if (glm::all(glm::lessThanEqual(glm::abs(pixel), Vec3(light_radiance_max))))
+            picture.rgb[i] = glm::max(pixel, Vec3(0));
+        else
+            ++picture.left_out;
+    }
     return picture;
 } catch (const std::bad_alloc&) {
     return fail(ErrorCode::out_of_memory, no_memory_to_decode);

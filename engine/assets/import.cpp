@@ -100,8 +100,7 @@ Result<BuiltArena> import_arena(const ImportRequest& request, const ImportLimits
     if (!built) return tl::unexpected<Error>(named(request, std::move(built.error())));
     if (const std::uint64_t bytes = built->arena.size(); bytes > limits.scene_bytes_max) {
         return fail(ErrorCode::out_of_memory,
-                    fmt::format("the scene takes {:.1f} MiB, {:.1f} MiB are free", mebibytes(bytes),
-                                mebibytes(limits.scene_bytes_max)));
+                    fmt::format("the scene takes {:.1f} MiB, more than is free", mebibytes(bytes)));
     }
     return built;
 } catch (const std::bad_alloc&) {

@@ -62,6 +62,10 @@ Result<std::shared_ptr<const Snapshot>> import_here(const ImportRequest& request
                                                     const ImportLimits& limits,
                                                     const Registry& registry);
 
+/// Tells whether an import goes on. It gets the bytes that the child holds of the machine's memory,
+/// besides its copy of the files; at the end also those that the caller needs to read its result.
+using StillWanted = std::function<bool(std::uint64_t child_bytes)>;
+
 /// Imports in a child process with limits on memory and time: a crash, a time-out or a limit
 /// becomes an Error and does not harm the caller. `child` is a command line that calls
 /// import_child_main, e.g. {"/usr/bin/raynestd", "--import-child"}. The calling thread polls
@@ -69,7 +73,7 @@ Result<std::shared_ptr<const Snapshot>> import_here(const ImportRequest& request
 /// error. Blocking; thread-safe.
 Result<std::shared_ptr<const Snapshot>> import_in_child(
     const ImportRequest& request, const ImportLimits& limits, std::span<const std::string> child,
-    const std::function<bool()>& wanted = [] { return true; });
+    const StillWanted& wanted = [](std::uint64_t) { return true; });
 
 /// The child's main function: reads the request from fd 3, writes the arena or the error to fd 4.
 /// Returns the process's exit code.

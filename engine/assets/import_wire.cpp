@@ -42,6 +42,7 @@ struct ResultHeader {
     std::uint64_t bytes = 0;  ///< size of the arena, picture or message that follows
     double build_seconds = 0;
     std::uint32_t width = 0, height = 0;  ///< of a picture
+    std::uint64_t left_out = 0;           ///< LightPicture::left_out
 };
 
 Result<void> read_all(int fd, void* bytes, std::size_t size, off_t offset) {
@@ -230,7 +231,9 @@ Result<void> write_result(int fd, const Result<BuiltArena>& result) {
 Result<void> write_result(int fd, const Result<LightPicture>& result) {
     if (!result) return write_error(fd, result.error());
     const auto payload = std::as_bytes(std::span(result->rgb));
-    return write_parts(fd, picture_header(result->width, result->height, 3), payload);
+    ResultHeader header = picture_header(result->width, result->height, 3);
+    header.left_out = result->left_out;
+    return write_parts(fd, header, payload);
 }
 
 Result<void> write_result(int fd, const Result<ExrPlanes>& result) {
@@ -257,8 +260,10 @@ Result<std::shared_ptr<const Snapshot>> read_result(int fd, std::uint64_t scene_
 Result<LightPicture> read_light(int fd, const ImportLimits& limits) {
     const auto header = read_picture_header(fd, limits, 3);
     if (!header) return tl::unexpected<Error>(header.error());
-    LightPicture picture{header->width, header->height,
-                         std::vector<Vec3>(std::size_t{header->width} * header->height)};
+    const std::uint64_t pixels = std::uint64_t{header->width} * header->height;
+    if (header->left_out > pixels) return damaged_result();
+    LightPicture picture{header->width, header->height, std::vector<Vec3>(pixels),
+                         static_cast<std::uint32_t>(header->left_out)};
     if (auto done = read_all(fd, picture.rgb.data(), header->bytes, sizeof *header); !done)
         return damaged_result();
     // The decoder promises this; a child that an attack has taken over does not.

@@ -1,5 +1,7 @@
 #include "engine/assets/npy.h"
 
+#include "engine/scene/precision.h"
+
 #include <fmt/format.h>
 #include <fmt/ranges.h>
 
@@ -21,7 +23,8 @@ namespace {
 struct Array {
     std::vector<std::uint64_t> shape;
     std::vector<float> values;
-    double rounding = 0;  ///< largest distance by which float32 rounding moved a point
+    double rounding = 0;       ///< largest distance by which float32 rounding moved a point
+    double file_rounding = 0;  ///< the same, before the file was written
 };
 
 /// The point in each row of an array, and the origin to subtract from it.
@@ -173,25 +176,36 @@ Result<Array> read_array(const NamedBytes& file, const ImportLimits& limits, con
     }
     std::uint64_t bad = 0;
     double moved_max = 0;  // squared, as is `moved`
+    const bool is_float32 = layout->kind == 'f' && layout->item == 4;
     for (std::uint64_t row = 0; row < count; row += width) {
         double moved = 0;
+        Vec3 stated(0);
+        int stated_axis = 0;
         for (std::uint64_t i = 0; i < width; ++i) {
             const std::uint64_t place =
                 place_of(array.shape, width, row / width, i, layout->is_fortran);
-            const double exact = read(values.data() + place * layout->item, *layout) - shift[i];
+            const double value = read(values.data() + place * layout->item, *layout);
+            const double exact = value - shift[i];
             const auto rounded = static_cast<float>(exact);
             array.values[row + i] = rounded;
             bad += std::isfinite(rounded) ? 0U : 1U;
             if (!is_point[i]) continue;
             const double off = double{rounded} - exact;
             moved += off * off;
+            stated[stated_axis++] = static_cast<float>(value);
         }
         moved_max = std::max(moved_max, moved);
+        if (is_float32) array.file_rounding = std::max(array.file_rounding, half_step(stated));
     }
     array.rounding = std::sqrt(moved_max);
     if (bad != 0)
         return refuse(file.name, fmt::format("has {} values that are not finite float32", bad));
     return array;
+}
+
+void note_rounding(const Array& array, SceneDescription& scene) {
+    scene.rounding = std::max(scene.rounding, array.rounding);
+    scene.file_rounding = std::max(scene.file_rounding, array.file_rounding);
 }
 
 /// True if a record's first three values are its position, so that its bounds move with them.
@@ -221,7 +235,7 @@ std::set<std::string_view> primitive_names(const Registry& registry) {
 
 Result<ObjectDescription> read_records(const ImportRequest& request, const ImportLimits& limits,
                                        const Registry& registry, const WorldPoint& origin,
-                                       double& rounding) {
+                                       SceneDescription& scene) {
     const NamedBytes& file = request.files.front();
     const PackPrimitive* primitive =
         request.primitive.empty() ? nullptr : registry.find_primitive(request.primitive);
@@ -252,7 +266,7 @@ Result<ObjectDescription> read_records(const ImportRequest& request, const Impor
                                 "can be subtracted from them: subtract it before saving",
                                 request.primitive));
     }
-    rounding = std::max(rounding, array->rounding);
+    note_rounding(*array, scene);
 
     ObjectDescription object;
     object.name = request.primitive + "s";
@@ -267,7 +281,7 @@ Result<ObjectDescription> read_records(const ImportRequest& request, const Impor
 Result<std::vector<InstanceDescription>> read_instances(const NamedBytes& file,
                                                         const ImportLimits& limits,
                                                         const WorldPoint& origin,
-                                                        double& rounding) {
+                                                        SceneDescription& scene) {
     auto array = read_array(file, limits, {matrix_point, origin});
     if (!array) return tl::unexpected<Error>(array.error());
     const std::vector<std::uint64_t>& shape = array->shape;
@@ -278,7 +292,7 @@ Result<std::vector<InstanceDescription>> read_instances(const NamedBytes& file,
         return fail(ErrorCode::limit_exceeded,
                     fmt::format("the scene has more than {} instances", limits.instances_max));
     }
-    rounding = std::max(rounding, array->rounding);
+    note_rounding(*array, scene);
     std::vector<InstanceDescription> instances(shape[0]);
     for (std::size_t i = 0; i < instances.size(); ++i) {
         instances[i].object = 0;
@@ -296,14 +310,14 @@ Result<SceneDescription> describe_npy(const ImportRequest& request, const Import
     scene.origin = request.origin;
     // If there are placements, records lie around zero and the placements are in the world.
     const bool is_placed = request.files.size() > 1;
-    auto object = read_records(request, limits, registry, is_placed ? WorldPoint{} : scene.origin,
-                               scene.rounding);
+    auto object =
+        read_records(request, limits, registry, is_placed ? WorldPoint{} : scene.origin, scene);
     if (!object) return tl::unexpected<Error>(object.error());
     scene.objects.push_back(std::move(*object));
     for (std::size_t i = 1; i < request.files.size(); ++i) {
         if (scene.root != 0)
             return refuse(request.files[i].name, "is not used: give only one file of placements");
-        auto instances = read_instances(request.files[i], limits, scene.origin, scene.rounding);
+        auto instances = read_instances(request.files[i], limits, scene.origin, scene);
         if (!instances) return tl::unexpected<Error>(instances.error());
         scene.objects.push_back({"scene", {}, std::move(*instances), {}, {}, {}, {}});
         scene.root = 1;

@@ -18,7 +18,7 @@ namespace raynest {
 /// Runs decode_environment(), within image_side_max and image_bytes_max.
 Result<LightPicture> decode_environment_in_child(
     std::span<const std::byte> file, const ImportLimits& limits, std::span<const std::string> child,
-    const std::function<bool()>& wanted = [] { return true; });
+    const StillWanted& wanted = [](std::uint64_t) { return true; });
 
 /// Runs decode_exr(). The file must have exactly this size and these channels; that is checked before
 /// a process is started. Returns a plane for each of `channels`, in their order.
@@ -26,6 +26,6 @@ Result<std::vector<std::vector<std::uint32_t>>> decode_exr_in_child(
     std::span<const std::byte> file, std::uint32_t width, std::uint32_t height,
     std::span<const ChannelType> channels, const ImportLimits& limits,
     std::span<const std::string> child,
-    const std::function<bool()>& wanted = [] { return true; });
+    const StillWanted& wanted = [](std::uint64_t) { return true; });
 
 }  // namespace raynest

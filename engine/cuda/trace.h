@@ -10,12 +10,10 @@
 
 namespace raynest::cuda {
 
-/// True if an intersector runs on a GPU: it has no outputs. Outputs may depend on the order of the
-/// tests (packs/variant.h), which differs here, so those intersectors run on the CPU.
+/// True if an intersector runs on a GPU: it has no outputs and no tables. Outputs may depend on the
+/// order of the tests (packs/variant.h), which differs here; tables lie in the host's memory.
 template <class Isect>
-inline constexpr bool runs_here = !requires {
-    Isect::outputs;
-};
+inline constexpr bool runs_here = !has_outputs<Isect> && !takes_tables<Isect>();
 
 /// Answers ray i.
 template <class Isect, Query kind, class Trees>

@@ -1,6 +1,6 @@
 // The table of one intersector on GPUs: host functions that launch its kernels.
 //
-// The watertight kernel is the fast one, as on the CPU; counters exist only on the CPU.
+// Counters exist only on the CPU.
 #pragma once
 
 #include "engine/cuda/launch.h"
@@ -19,12 +19,10 @@ template <class Isect, class Kernels>
 PackVariant make_variant(const char* name) {
     PackVariant variant = describe_variant<Isect>(name);
     if constexpr (runs_here<Isect>) {
-        for (auto& traversals : variant.trace) {
-            auto& queries = traversals[traversal_single];
-            queries[query_closest][0] = trace<Isect, Kernels, query_closest>;
-            queries[query_any][0] = trace<Isect, Kernels, query_any>;
-            queries[query_multi][0] = trace<Isect, Kernels, query_multi>;
-        }
+        auto& queries = variant.trace[traversal_single];
+        queries[query_closest][0] = trace<Isect, Kernels, query_closest>;
+        queries[query_any][0] = trace<Isect, Kernels, query_any>;
+        queries[query_multi][0] = trace<Isect, Kernels, query_multi>;
     }
     return variant;
 }

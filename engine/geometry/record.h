@@ -41,17 +41,35 @@ struct Record {
 template <class P, int N>
 using RecordHits = Hits<Record<P>, N>;
 
-/// For intersect() of a record: starts without hits, then add() them nearest first.
+/// The most hits that a primitive can report: a lane is a bit of Hits::mask.
+inline constexpr int record_hits_max = 32;
+
+/// For intersect() of a record with N hits at most: starts without hits, then add_hit() them nearest
+/// first.
 template <int N, class P>
 RAYNEST_INLINE RecordHits<P, N> no_hits(const P& primitive) {
+    static_assert(N >= 1 && N <= record_hits_max, "a primitive reports 1 to 32 hits");
     RecordHits<P, N> hits(Record<P>{&primitive, 0, true});
     hits.t = hits.u = hits.v = Lanes<N>::splat(0);
     return hits;
 }
 
-/// Sets hit number k. Whether it lies in (tmin, tmax] is not the primitive's concern.
+/// The number of a hit among the N of no_hits<N>(): a constant below N, else it does not compile.
+template <int N>
+struct HitNumber {
+    int value;
+    consteval HitNumber(int number) : value(number) {  // NOLINT(google-explicit-constructor)
+        if (number < 0 || number >= N)
+            throw "the second argument of add_hit() is the hit's number, from 0 to below the N of no_hits<N>()";
+    }
+};
+
+/// Sets the hit of that number: each hit of the primitive has its own, 0 the nearest. The number is
+/// `k` of the answer. Whether the hit lies in (tmin, tmax] is not the primitive's concern.
 template <class P, int N>
-RAYNEST_INLINE void add_hit(RecordHits<P, N>& hits, int k, float t, float u, float v, bool front) {
+RAYNEST_INLINE void add_hit(RecordHits<P, N>& hits, std::type_identity_t<HitNumber<N>> number,
+                            float t, float u, float v, bool front) {
+    const int k = number.value;
     hits.t.lane[k] = t;
     hits.u.lane[k] = u;
     hits.v.lane[k] = v;

@@ -177,6 +177,8 @@ struct SceneView {
     std::uint32_t camera_count = 0;
     std::uint32_t root = 0;              ///< index of the outermost object
     std::uint32_t masked_materials = 0;  ///< MASK or BLEND, in use or not
+    std::uint32_t blended_materials = 0;  ///< those of them that are BLEND
+    std::uint32_t cut_triangles = 0;     ///< 1: a tree may name a triangle in several leaves
 
     template <class T>
     [[nodiscard]] RAYNEST_FN const T* attribute(std::uint64_t offset) const {

@@ -32,9 +32,6 @@ void BlamedWork::add(const BlamedWork& other) {
     wasted += other.wasted;
     rays += other.rays;
     hit_rays += other.hit_rays;
-    entries += other.entries;
-    hit_prims += other.hit_prims;
-    hit_entries += other.hit_entries;
     candidates += other.candidates;
     refused += other.refused;
     entered += other.entered;
@@ -85,8 +82,6 @@ void BlameCollector::Rows::end_ray(Contains&& contains) {
         if (row.ray.needed == 0) row.ray.entered = 0;
         if (contains(row.key)) {
             row.ray.hit_rays = 1;
-            row.ray.hit_prims = row.ray.prims;
-            row.ray.hit_entries = row.ray.entries;
         } else {
             row.ray.wasted = row.ray.work();
         }
@@ -147,7 +142,6 @@ void BlameCollector::add(const Step& step) {
         Level root;
         root.object = view_.root;
         root.mesh = touch_mesh(view_.root);
-        rows(BlameTable::meshes).ray_in(root.mesh).entries += 1;
         descent_.begin(root);
     }
     const Level& level = descent_.at(step);
@@ -206,7 +200,6 @@ void BlameCollector::enter(const Step& step) {
     level.object = instance.object;
     level.instance = step.place;
     level.mesh = touch_mesh(instance.object);
-    rows(BlameTable::meshes).ray_in(level.mesh).entries += 1;
     level.group = parent.group;
     const auto depth = static_cast<std::uint32_t>(descent_.levels().size());
     if (blame_.level() == innermost_level || blame_.level() == depth) {

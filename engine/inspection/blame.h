@@ -30,10 +30,6 @@ struct BlamedWork {
     std::uint64_t wasted = 0;      ///< boxes and primitives of rays that hit nothing in it
     std::uint64_t rays = 0;        ///< that entered it; of a material, tested its primitives
     std::uint64_t hit_rays = 0;    ///< of those, rays whose nearest hit lies in it
-    std::uint64_t entries = 0;     ///< of a mesh: how often rays entered its trees
-    /// Primitives that hit_rays tested in a mesh's trees, and their entries.
-    std::uint64_t hit_prims = 0;
-    std::uint64_t hit_entries = 0;
     std::uint64_t candidates = 0;  ///< hits that the intersector judged
     std::uint64_t refused = 0;     ///< of those, refused
     /// Instances in its own tree that were entered by rays whose hit lies in one of them, and those

@@ -51,9 +51,9 @@ std::optional<double> thin_triangles(const Subject& subject) {
 }
 
 std::optional<double> crowded_leaves(const Subject& subject) {
-    const BlamedWork& work = subject.row.work;
-    if (subject.share() < share_min || work.hit_entries == 0) return std::nullopt;
-    return ratio(work.hit_prims, work.hit_entries);
+    const ObjectRecord& object = subject.object();
+    if (object.triangle_count == 0 || subject.share() < share_min) return std::nullopt;
+    return triangles_in_one_place(subject.view, object);
 }
 
 /// The root's tree is none of them: a scene of one mesh has it.

@@ -3,6 +3,7 @@
 #include <algorithm>
 #include <cmath>
 #include <limits>
+#include <new>
 
 namespace raynest {
 namespace {
@@ -31,12 +32,19 @@ std::span<const FilmLayerInfo, film_layers> film_layer_table() {
     return layers;
 }
 
-Film::Film(ImageSize size)
+Film::Film(ImageSize size, const std::function<bool()>& wanted)
     : size_(size),
-      words_(std::make_unique<std::uint32_t[]>(film_layers * size.pixels())) {
-    std::ranges::fill(floats(FilmLayer::z), film_depth_miss);
-    for (const FilmLayer ids : {FilmLayer::instance, FilmLayer::mesh, FilmLayer::material})
-        std::ranges::fill(words(ids), no_id);
+      // The system makes a page of zeros when a thread first adds a sample there: many do so at once.
+      words_(static_cast<std::uint32_t*>(
+          std::calloc(film_layers * size.pixels(), sizeof(std::uint32_t)))) {
+    if (words_ == nullptr) throw std::bad_alloc();
+    constexpr std::uint64_t step = 1 << 20;
+    for (std::uint64_t first = 0; first < size.pixels() && wanted(); first += step) {
+        const std::uint64_t count = std::min(step, size.pixels() - first);
+        std::ranges::fill(floats(FilmLayer::z).subspan(first, count), film_depth_miss);
+        for (const FilmLayer ids : {FilmLayer::instance, FilmLayer::mesh, FilmLayer::material})
+            std::ranges::fill(words(ids).subspan(first, count), no_id);
+    }
 }
 
 void Film::add(std::uint64_t pixel, std::uint32_t first, std::span<const FilmSample> samples) {

@@ -1,5 +1,6 @@
 #include "engine/integrators/generators.h"
 
+#include "engine/math/float_step.h"
 #include "engine/math/random.h"
 
 #include <algorithm>
@@ -28,6 +29,15 @@ struct Frame {
         y = {b, sign + n.y * n.y * a, -n.y};
     }
 };
+
+/// Returns the distance along a unit normal between points that float32 tells apart here. It is far
+/// below the point's distance from zero where the normal is along an axis of small coordinates.
+double step_along(const Vec3& point, const glm::dvec3& normal) {
+    double step = 0;
+    for (int axis = 0; axis < 3; ++axis)
+        step += std::abs(normal[axis]) * float_step(point[axis]);
+    return step;
+}
 
 double fraction(double x) {
     return x - std::floor(x);
@@ -72,7 +82,7 @@ Lidar::Lidar(const SensorPose& sensor_pose, std::span<const LidarChannel> channe
     for (const LidarChannel& channel : channels)
         beams_.push_back({cosine_and_sine(channel.elevation * degree),
                           cosine_and_sine(channel.azimuth_offset * degree),
-                          glm::dvec3(channel.origin_offset)});
+                          channel.origin_offset});
     for (std::uint32_t i = 0; i < count; ++i)
         heads_.push_back(cosine_and_sine((start + (stop - start) * i / count) * degree));
 }
@@ -156,7 +166,11 @@ void generate_rays(const Hemisphere& hemisphere, std::span<const Ray> points,
         const double shift_u = static_cast<double>(random.uniform());
         const double shift_v = static_cast<double>(random.uniform());
         const Frame frame(glm::normalize(glm::dvec3(point.direction)));
-        const Vec3 origin(glm::dvec3(point.origin) + static_cast<double>(hemisphere.margin) * frame.z);
+        const double margin =
+            hemisphere.beyond_rounding
+                ? std::max(hemisphere.margin, step_along(point.origin, frame.z))
+                : hemisphere.margin;
+        const Vec3 origin(glm::dvec3(point.origin) + margin * frame.z);
         for (std::uint64_t s = (first + i) % samples; s < samples && i < out.size(); ++s, ++i) {
             const auto k = static_cast<double>(s);
             const double u = fraction((k + 0.5) / static_cast<double>(samples) + shift_u);

@@ -2,8 +2,8 @@
 // sent (PROTOCOL.md, "Generators").
 //
 // Sensors look along -Z of their pose, +X to the right, +Y up, as cameras do; a
-// lidar's axes are those of robotics: x ahead, y left, z up. Poses are applied as they are, so one
-// that scales also scales t. All is computed in double and rounded once, in the ray.
+// lidar's axes are those of robotics: x ahead, y left, z up. Poses are applied as they are: the caller
+// checks that they do not scale. All is computed in double and rounded once, in the ray.
 #pragma once
 
 #include "engine/geometry/pinhole.h"
@@ -60,7 +60,7 @@ private:
 struct LidarChannel {
     double elevation = 0;       ///< degrees above the plane of x and y
     double azimuth_offset = 0;  ///< degrees
-    Vec3 origin_offset{0};      ///< turns with the head: x along its azimuth
+    glm::dvec3 origin_offset{0};  ///< turns with the head: x along its azimuth
 };
 /// A head that turns about z: `count` azimuths divide [start, stop) degrees, counter-clockwise seen
 /// from above, 0 is ahead. Ray c * count + a is that of channel c at azimuth a; directions have
@@ -123,7 +123,9 @@ void generate_samples(const Sensor& sensor, std::uint32_t samples, std::uint64_t
 struct Hemisphere {
     std::uint32_t samples = 1;  ///< rays per point
     std::uint64_t seed = 0;
-    float margin = 0;  ///< distance along the normal at which rays start, so that they leave the surface
+    double margin = 0;  ///< distance along the normal at which rays start, so that they leave the surface
+    /// Starts rays of each point beyond what float32 tells apart along its normal, where that is farther.
+    bool beyond_rounding = false;
 };
 /// Rays [first, first + out.size()) of all points' rays, sample by sample of point after point.
 /// `points` are those from number `first_point` on: origin, tmin, normal of any length, tmax. A

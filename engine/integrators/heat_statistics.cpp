@@ -62,6 +62,11 @@ struct Reach {
     double p99 = 0;
 };
 
+/// The same everywhere is not the most: it gets the middle of the palette.
+double range_end(double end, double least) {
+    return end == least ? 2 * end : end;
+}
+
 template <class Value>
 Reach reach_of(std::span<const Value> values, const HeatStatistics& statistics) {
     Reach reach{static_cast<double>(statistics.max), static_cast<double>(statistics.p99)};
@@ -75,6 +80,9 @@ Reach reach_of(std::span<const Value> values, const HeatStatistics& statistics) 
             std::erase(distances, 0);
             reach.p99 = static_cast<double>(percentile(distances, 99));
         }
+    } else {
+        const auto least = static_cast<double>(statistics.min);
+        reach = {range_end(reach.most, least), range_end(reach.p99, least)};
     }
     return reach;
 }

@@ -33,23 +33,25 @@
 
 namespace raynest {
 
-/// A picture of the surroundings, all around: linear RGB, row 0 on top, azimuths and elevations as
-/// the generator Equirectangular has them.
+/// A picture of the surroundings, all around: linear RGB, row 0 on top. Its middle lies at +X and
+/// its right half towards +Z, as three.js and Cycles place it.
 struct EnvironmentPicture {
     ImageSize size;
     std::vector<Vec3> pixels;
+    std::uint32_t left_out = 0;  ///< pixels that the decoder took for none and made black
 };
 
 struct IntegratorSettings {
     std::uint32_t depth = 8;  ///< bounces, at most
     float ao_distance = 0;    ///< as far as occluders count; 0: a tenth of the scene's diagonal
     enum class Environment : std::uint8_t {
-        automatic,  ///< the scene's lights, or else sky
+        automatic,  ///< sky, unless the scene has lights of KHR_lights_punctual
         sky,
         none,
         picture
     } environment = Environment::automatic;
     std::shared_ptr<const EnvironmentPicture> picture = nullptr;  ///< of Environment::picture
+    float environment_rotate = 0;  ///< degrees from -Z towards +X by which the picture is turned
     bool sun = false;                                             ///< the two angles count
     float sun_azimuth = 0;    ///< degrees from the north (-Z), eastwards
     float sun_elevation = 0;  ///< degrees above the horizon

@@ -11,26 +11,43 @@
 namespace raynest {
 namespace {
 
-/// Where the sun stands when nobody says: a morning from the south-east.
-constexpr float default_azimuth = 135;
-constexpr float default_elevation = 40;
+/// Where the sun stands when nobody says: 75 degrees beside the camera of a file without one, which
+/// looks from the south-east, so that the three faces of a box that it sees differ.
+constexpr float default_azimuth = 210;
+constexpr float default_elevation = 55;
 
-/// Mean brightness of what a material emits; its texture counts by its smallest copy.
+/// Turns less the whole ones: 0 to below 1.
+float turn_part(double turns) {
+    return std::min(static_cast<float>(turns - std::floor(turns)), one_below);
+}
+
+/// Mean brightness of a texture's copy times a colour.
+float mean_brightness(const TexturePlane& plane, const Vec3& factor) {
+    const std::size_t count = std::size_t{plane.width} * plane.height;
+    const auto& linear = srgb_to_linear();
+    double sum = 0;
+    for (std::size_t i = 0; i < count; ++i) {
+        const std::uint8_t* p = plane.rgba + 4 * i;
+        if ((p[0] | p[1] | p[2]) == 0) continue;
+        sum += static_cast<double>(
+            brightness(factor * Vec3(linear[p[0]], linear[p[1]], linear[p[2]])));
+    }
+    return static_cast<float>(sum / static_cast<double>(count));
+}
+
+/// Mean brightness of what a material emits. A small copy of its texture is enough, unless it is
+/// black: bytes round to 0 where few texels are lit, so a finer copy decides then.
 float mean_brightness(const ShadingView& view, const SurfaceRecord& surface) {
     const float factor = brightness(surface.emission);
     const TextureUse& use = surface.emission_texture;
     if (!(factor > 0) || use.texture == no_id || view.levels == nullptr) return factor;
-    const std::uint32_t last = view.levels[use.texture].count - 1;
-    const TexturePlane plane = texture_plane(view, use.texture, last);
-    const std::size_t count = std::size_t{plane.width} * plane.height;
-    double sum = 0;
-    for (std::size_t i = 0; i < count; ++i) {
-        const std::uint8_t* p = plane.rgba + 4 * i;
-        const auto& linear = srgb_to_linear();
-        sum += static_cast<double>(
-            brightness(surface.emission * Vec3(linear[p[0]], linear[p[1]], linear[p[2]])));
+    constexpr std::uint32_t side_enough = 256;
+    for (std::uint32_t level = view.levels[use.texture].count; level-- > 0;) {
+        const TexturePlane plane = texture_plane(view, use.texture, level);
+        if (level != 0 && std::max(plane.width, plane.height) < side_enough) continue;
+        if (const float mean = mean_brightness(plane, surface.emission); mean > 0) return mean;
     }
-    return static_cast<float>(sum / static_cast<double>(count));
+    return 0;
 }
 
 glm::dmat4x3 placed(const glm::dmat4x3& outer, const ColumnTransform& to_object) {
@@ -64,30 +81,45 @@ Lighting::Lighting(const IntegratorScene& scene, const IntegratorSettings& setti
         weights_.push_back(2.0F * pi * area * material_brightness_[material]);
     }
     near_ = AliasTable(weights_);
-    add_far(settings, !near_.empty() || !far_lights_.empty());
+    add_far(settings);
 }
 
-void Lighting::add_far(const IntegratorSettings& settings, bool scene_has_lights) {
+void Lighting::add_far(const IntegratorSettings& settings) {
     using Kind = IntegratorSettings::Environment;
-    const bool asked = settings.environment == Kind::sky ||
-                       (settings.environment == Kind::automatic && settings.sun);
-    const bool automatic = settings.environment == Kind::automatic && !scene_has_lights;
+    const bool automatic = settings.environment == Kind::automatic;
+    // A lamp or a screen that emits does not light a whole scene; lights are made to do that.
+    const bool file_has_lights = !near_lights_.empty() || !far_lights_.empty();
+    const bool has_sky = settings.environment == Kind::sky ||
+                         (automatic && (settings.sun || !file_has_lights));
     if (automatic && !settings.sun)
         notes_.emplace_back(
-            "the scene has no lights: it is lit by a clear sky; --env and --sun choose another");
+            file_has_lights ? "the file's lights light the scene, without a sky: `environment` sky "
+                              "adds one"
+            : near_.empty() ? "the scene has no lights: it is lit by a clear sky; `environment` and "
+                              "`sun` choose another"
+                            : "the file has no lights but surfaces that emit: a clear sky is added; "
+                              "`environment` none leaves it out");
     if (settings.environment == Kind::picture && settings.picture != nullptr) {
         const EnvironmentPicture& picture = *settings.picture;
-        sky_.environment = Environment(picture.size.width, picture.size.height, picture.pixels);
+        sky_.environment = Environment(
+            picture.size.width, picture.size.height, picture.pixels,
+            turn_part(0.25 + static_cast<double>(settings.environment_rotate) / 360));
+        if (picture.left_out != 0)
+            notes_.push_back("the environment has " + std::to_string(picture.left_out) +
+                             (picture.left_out == 1 ? " pixel" : " pixels") +
+                             " of " + std::to_string(picture.pixels.size()) +
+                             " whose values are infinite or no numbers: they light nothing; save "
+                             "the picture without them");
     }
-    if (asked || automatic || settings.sun) {
+    if (has_sky || settings.sun) {
         Sky sky = make_sky(settings.sun ? settings.sun_azimuth : default_azimuth,
                            settings.sun ? settings.sun_elevation : default_elevation);
         sky_.sun = sky.sun;
-        if (asked || automatic) sky_.environment = std::move(sky.environment);
+        if (has_sky) sky_.environment = std::move(sky.environment);
     }
     has_sun_ = !is_black(sky_.sun.radiance);
     if (empty())
-        notes_.emplace_back("nothing gives light: add lights, or ask for --env sky");
+        notes_.emplace_back("nothing gives light: add lights, or ask for `environment` sky");
 }
 
 void Lighting::find_triangles() {

@@ -50,7 +50,7 @@ private:
         std::uint32_t object, triangle;
     };
 
-    void add_far(const IntegratorSettings& settings, bool scene_has_lights);
+    void add_far(const IntegratorSettings& settings);
     void find_triangles();
     void visit(std::uint32_t object, std::uint64_t path, const glm::dmat4x3& to_world);
     void add_triangles(std::uint32_t object, std::uint64_t path, const glm::dmat4x3& to_world);

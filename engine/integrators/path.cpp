@@ -28,6 +28,10 @@ constexpr float roulette_most = 0.95F;
 /// themselves; a cone of the whole pixel would blur them a second time.
 constexpr float cone_share = 0.25F;
 
+/// A direction that was drawn with at least this density per solid angle comes from a mirror or a
+/// clear pane, in which a viewer sees what lights nothing.
+constexpr float mirror_density = 100;
+
 /// How the cone of a camera ray widens: its width at the start, and per unit of t.
 struct Cone {
     float width = 0, spread = 0;
@@ -252,8 +256,10 @@ void Path::shade(const Ray& ray, const HitRecord& hit, const Sampler& sampler,
 
     const Vec3 outgoing = point.frame.to_local(step.point.viewer);
     with_material(point.kind, point.material, outgoing, [&](const auto& material) {
+        const bool counts =
+            material.lights_others || bounce == 0 || state.density >= mirror_density;
         const Vec3 emitted = material.emitted();
-        if (!is_black(emitted)) {
+        if (counts && !is_black(emitted)) {
             const float cosine = std::abs(glm::dot(point.normal, step.point.viewer));
             const float other =
                 state.density > 0 ? lighting_.triangle_density(hit, distance, cosine) : 0.0F;

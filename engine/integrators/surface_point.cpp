@@ -1,5 +1,6 @@
 #include "engine/integrators/surface_point.h"
 
+#include <algorithm>
 #include <limits>
 
 namespace raynest {
@@ -8,6 +9,22 @@ namespace {
 using Point = glm::dvec3;
 
 constexpr double eps = std::numeric_limits<float>::epsilon();
+
+/// Where two walls meet, a ray that starts on the plane of the other wall, or beyond it, does not
+/// meet that wall: light would leak in along the edges of a closed box. Returns how far, as a share
+/// of the way, a point of a triangle moves towards the triangle's middle, so that it lies some
+/// `reach` from the edges; 0 for points farther inside. `normal` is e1 x e2.
+double inset(const Point& e1, const Point& e2, const Point& normal, double extent, double u,
+             double v, double reach) {
+    // A height of the triangle is |normal| over an edge, and no edge is longer than `extent`.
+    const double nearest = std::min({u, v, 1 - u - v});
+    const double limit = reach * extent;
+    if (nearest * nearest * glm::dot(normal, normal) >= limit * limit) return 0;
+    // Towards an edge of an acute corner the way to the middle comes nearer by a third of itself.
+    constexpr double way = 4;
+    const double left = glm::length((1.0 / 3 - u) * e1 + (1.0 / 3 - v) * e2);
+    return left > way * reach ? way * reach / left : 1;
+}
 
 }  // namespace
 
@@ -20,15 +37,16 @@ SurfacePoint surface_point(const ColumnSource& source, const Ray& ray, const Hit
     Point error;
     Point normal(0);  // of the object, as long as twice the triangle's area there
     Point world(0);   // the same in the world, where its length is how the levels stretch it
+    Point v0(0), e1(0), e2(0);  // a triangle's corner and edges from it
     double extent = 0;
     if (object.triangle_count != 0) {
         const GeometryRecord& geometry = scene.geometry_of(object, hit.triangle);
         const auto* corner = scene.attribute<std::uint32_t>(geometry.indices) +
                              std::size_t{3} * (hit.triangle - geometry.first_triangle);
         const auto* vertices = scene.attribute<Vec3>(geometry.positions);
-        const Point v0(vertices[corner[0]]);
-        const Point e1 = Point(vertices[corner[1]]) - v0;
-        const Point e2 = Point(vertices[corner[2]]) - v0;
+        v0 = Point(vertices[corner[0]]);
+        e1 = Point(vertices[corner[1]]) - v0;
+        e2 = Point(vertices[corner[2]]) - v0;
         extent = glm::length(e1) + glm::length(e2);
         normal = glm::cross(e1, e2);
         world = placement.normal(normal);
@@ -62,6 +80,11 @@ SurfacePoint surface_point(const ColumnSource& source, const Ray& ray, const Hit
         point.lift = 2 * glm::length(error) / (scale > 0 ? scale : 1);
         return point;
     }
+    const auto u = static_cast<double>(hit.u), v = static_cast<double>(hit.v);
+    const double reach = 2 * (error.x + error.y + error.z);
+    if (const double share = inset(e1, e2, normal, extent, u, v, reach); share > 0)
+        point.position = placement.point(v0 + (u + share * (1.0 / 3 - u)) * e1 +
+                                         (v + share * (1.0 / 3 - v)) * e2);
     const double stretch = glm::length(world);
     point.lift = stretch > 0 ? 2 * glm::dot(glm::abs(normal), error) / stretch : 0;
     return point;

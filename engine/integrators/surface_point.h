@@ -7,8 +7,10 @@
 namespace raynest {
 
 struct SurfacePoint {
-    glm::dvec3 position{0};  ///< on the surface, as the kernels' transforms place it
-    Vec3 normal{0};          ///< geometric and outward, unit length; 0 where a type has none
+    /// On the surface, as the kernels' transforms place it; of a triangle, some rounding errors
+    /// away from its edges.
+    glm::dvec3 position{0};
+    Vec3 normal{0};  ///< geometric and outward, unit length; 0 where a type has none
     /// A ray that starts so far from the surface, along the normal, does not meet it again. The
     /// bound follows the rounding of the vertices, of the origin and of each transform on the way
     /// down to the object.

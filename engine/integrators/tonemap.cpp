@@ -4,6 +4,7 @@
 #include <charconv>
 #include <cmath>
 #include <string>
+#include <utility>
 #include <vector>
 
 namespace raynest {
@@ -62,6 +63,11 @@ Vec3 reinhard(const Vec3& colour) {
     return colour / (1 + std::max(luminance(colour), 0.0F));
 }
 
+/// The colour of a premultiplied one; light that is seen where nothing covers a pixel is kept.
+Vec3 shown(const Vec4& colour) {
+    return Vec3(colour) / (colour.w > 0 ? colour.w : 1);
+}
+
 Vec3 mapped(ToneMap tonemap, const Vec3& colour) {
     switch (tonemap) {
         case ToneMap::agx:
@@ -101,12 +107,14 @@ Result<std::optional<float>> parse_exposure(std::string_view text) {
 }
 
 float auto_exposure(const Film& film) {
-    std::vector<float> logs;
+    const std::span<const std::uint32_t> meshes = film.words(FilmLayer::mesh);
+    std::vector<float> logs, behind;
     logs.reserve(film.size().pixels());
     for (std::uint64_t i = 0; i < film.size().pixels(); ++i) {
-        const float y = luminance(Vec3(film.colour(i)));
-        if (y > 0) logs.push_back(std::log2(y));
+        const float y = luminance(shown(film.colour(i)));
+        if (y > 0) (meshes[i] != no_id ? logs : behind).push_back(std::log2(y));
     }
+    if (logs.empty()) logs = std::move(behind);
     if (logs.empty()) return 0;
     // Sorted, so that the sum has one order.
     std::ranges::sort(logs);
@@ -128,8 +136,7 @@ Picture show(const Film& film, const Window& window, ToneMap tonemap, float stop
             const std::uint64_t pixel =
                 std::uint64_t{window.y + y} * film.size().width + window.x + x;
             const Vec4 colour = film.colour(pixel);
-            const float divisor = colour.w > 0 ? colour.w : 1;
-            pixels.emplace_back(mapped(tonemap, gain / divisor * Vec3(colour)), colour.w);
+            pixels.emplace_back(mapped(tonemap, gain * shown(colour)), colour.w);
         }
     }
     return to_picture(window.width, window.height, pixels);

@@ -3,7 +3,8 @@
 //     struct Params { float scale = 8; Pattern pattern = Pattern::discs; };
 //     static constexpr auto params = std::tuple{
 //         param("scale", &Params::scale, 0.001F, 1e6F, "cells per unit of u and v"),
-//         param("pattern", &Params::pattern, choices, "shape of the holes")};
+//         param("pattern", &Params::pattern, choices, "shape of the holes"),
+//         param("curve", &Params::curve, 0.0F, 1.0F, "weight of each step")};    // Table curve;
 //     struct Outputs { std::uint32_t refused = 0; };
 //     static constexpr auto outputs = std::tuple{output("refused", &Outputs::refused, "...")};
 //     Outputs* state = nullptr;            // one per ray of the chunk: state[ray.id]
@@ -12,6 +13,8 @@
 // This declaration is the only source of the names, types, ranges, defaults and texts that `raynest
 // variants`, the check of --set and the columns of a reply use.
 #pragma once
+
+#include "engine/intersectors/table.h"
 
 #include <array>
 #include <cstddef>
@@ -34,6 +37,15 @@ struct Choice {
     const char* name;
     T Owner::*member;
     const std::array<const char*, N>& choices;  ///< names of the enumerators 0..N-1
+    const char* text;
+};
+
+template <class Owner>
+struct TableParam {
+    const char* name;
+    Table Owner::*member;
+    float minimum;
+    float maximum;
     const char* text;
 };
 
@@ -63,6 +75,14 @@ constexpr Choice<Owner, T, N> param(const char* name, T Owner::*member,
     return {name, member, choices, text};
 }
 
+/// Declares a table whose values all lie within [minimum, maximum]. It is empty unless a request
+/// brings values.
+template <class Owner>
+constexpr TableParam<Owner> param(const char* name, Table Owner::*member, float minimum,
+                                  float maximum, const char* text) {
+    return {name, member, minimum, maximum, text};
+}
+
 /// Declares a float or std::uint32_t output per ray, also written for misses.
 template <class Owner, class T>
 requires(std::is_same_v<T, float> ||
@@ -71,5 +91,9 @@ requires(std::is_same_v<T, float> ||
                                                                              const char* text) {
     return {name, member, text};
 }
+
+/// True if the intersector writes outputs per ray.
+template <class Isect>
+inline constexpr bool has_outputs = requires { Isect::outputs; };
 
 }  // namespace raynest

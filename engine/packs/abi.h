@@ -8,13 +8,14 @@
 #include "engine/geometry/hit.h"
 #include "engine/geometry/ray.h"
 #include "engine/geometry/views.h"
+#include "engine/intersectors/table.h"
 #include "engine/packs/observer.h"
 
 #include <cstdint>
 
 namespace raynest {
 
-inline constexpr std::uint32_t pack_abi = 8;
+inline constexpr std::uint32_t pack_abi = 10;
 
 enum Query : std::uint32_t {
 #define RAYNEST_KIND(name, ...) query_##name,
@@ -28,8 +29,7 @@ enum Traversal : std::uint32_t {
     traversal_count,
     traversal_auto = traversal_count  ///< a request's word for: look at the rays (packs/kernel_selector.h)
 };
-enum Precision : std::uint32_t { precision_fast, precision_watertight, precision_count };
-enum ValueType : std::uint32_t { value_f32, value_u32, value_choice };
+enum ValueType : std::uint32_t { value_f32, value_u32, value_choice, value_table };
 /// The counters that a trace function writes to TraceCall::counters.
 enum CounterMode : std::uint32_t {
     counters_none,
@@ -49,6 +49,8 @@ enum TraceStatus : std::int32_t {
 
 inline constexpr std::uint32_t multi_hits_max = 256;
 inline constexpr std::uint32_t all_hits_max = 65536;
+/// Values of all tables of a call.
+inline constexpr std::uint32_t table_values_max = 8192;
 
 /// A parameter of an intersector, set by request.
 struct PackParam {
@@ -57,9 +59,9 @@ struct PackParam {
     ValueType type;
     std::uint32_t choice_count;
     const char* const* choices;  ///< for value_choice; the value is the index
-    double minimum;
+    double minimum;  ///< of a table: of each of its values
     double maximum;
-    double initial;
+    double initial;  ///< of a table, which is empty then: 0
 };
 
 /// A per-ray output of an intersector; written for misses too. u32 or f32.
@@ -72,7 +74,8 @@ struct PackOutput {
 /// One chunk of rays. Thread-safe as long as the output arrays are distinct.
 struct TraceCall {
     const SceneView* scene;
-    const double* params;  ///< one per PackParam, in order; null: all at their initial value
+    const double* params;  ///< one per PackParam, in order; null: all at their initial value. Of
+                           ///< a table not read
     const Ray* rays;
     std::uint32_t ray_count;
     std::uint32_t hits_max;     ///< multi: capacity per ray, 1..multi_hits_max; all: budget per
@@ -96,6 +99,9 @@ struct TraceCall {
     bool (*cancelled)(const void* context) noexcept = nullptr;
     const void* cancelled_context = nullptr;
 
+    /// One per PackParam of type value_table, in order; null: all are empty.
+    const Table* tables = nullptr;
+
     const Observer* observer = nullptr;  ///< of PackVariant::observe; else not read
 
     const void* device = nullptr;  ///< set behind the door of packs/device.h only
@@ -111,7 +117,7 @@ struct PackVariant {
     std::uint32_t param_count;
     std::uint32_t output_count;
     const PackOutput* outputs;
-    TraceFunction trace[precision_count][traversal_count][query_count][counter_modes];
+    TraceFunction trace[traversal_count][query_count][counter_modes];
     TraceFunction observe;  ///< single, closest, each step told to the call's observer
 };
 

@@ -38,6 +38,17 @@ constexpr PackParam describe(const Choice<Owner, T, N>& p, const Owner& initial)
             static_cast<double>(N - 1),
             static_cast<double>(initial.*p.member)};
 }
+template <class Owner>
+constexpr PackParam describe(const TableParam<Owner>& p, const Owner& /*initial*/) {
+    return {p.name,
+            p.text,
+            value_table,
+            0,
+            nullptr,
+            static_cast<double>(p.minimum),
+            static_cast<double>(p.maximum),
+            0.0};
+}
 template <class Owner, class T>
 constexpr PackOutput describe(const Output<Owner, T>& o) {
     return {o.name, o.text, value_type<T>};
@@ -86,19 +97,23 @@ template <class Isect>
 typename ParamsOf<Isect>::type read_params(const TraceCall& call) {
     typename ParamsOf<Isect>::type values;
     if constexpr (requires { Isect::params; }) {
-        if (call.params != nullptr) {
-            const double* from = call.params;
-            const auto assign = [&](const auto& p) {
-                auto& member = values.*p.member;
-                using T = std::remove_reference_t<decltype(member)>;
+        std::size_t param = 0;
+        std::size_t table = 0;
+        const auto assign = [&](const auto& p) {
+            auto& member = values.*p.member;
+            using T = std::remove_reference_t<decltype(member)>;
+            if constexpr (std::is_same_v<T, Table>) {
+                if (call.tables != nullptr) member = call.tables[table++];
+            } else if (call.params != nullptr) {
                 if constexpr (std::is_enum_v<T>) {
-                    member = static_cast<T>(static_cast<std::uint32_t>(*from++));
+                    member = static_cast<T>(static_cast<std::uint32_t>(call.params[param]));
                 } else {
-                    member = static_cast<T>(*from++);
+                    member = static_cast<T>(call.params[param]);
                 }
-            };
-            std::apply([&](const auto&... p) { (assign(p), ...); }, Isect::params);
-        }
+            }
+            ++param;
+        };
+        std::apply([&](const auto&... p) { (assign(p), ...); }, Isect::params);
     }
     return values;
 }
@@ -115,6 +130,15 @@ RAYNEST_FN Isect make_intersector(const SceneView& scene,
 template <class Isect>
 Isect make_intersector(const TraceCall& call) {
     return make_intersector<Isect>(*call.scene, read_params<Isect>(call));
+}
+
+/// True if a parameter is a table, which a device with its own memory cannot read.
+template <class Isect>
+constexpr bool takes_tables() {
+    for (const PackParam& param : describe_params<Isect>()) {
+        if (param.type == value_table) return true;
+    }
+    return false;
 }
 
 struct NoOutputs {};

@@ -43,13 +43,12 @@ bool look_coherent(std::span<const Ray> rays, const Box& bounds) {
 }  // namespace
 
 Result<KernelSelector> KernelSelector::make(const Variant& variant, Query query,
-                                            Precision precision, Traversal traversal,
-                                            CounterMode counters) {
+                                            Traversal traversal, CounterMode counters) {
     KernelSelector selector;
     const bool in_order = counters != counters_none ||
                           (!variant.outputs().empty() && traversal != traversal_reference);
     selector.named_ = in_order ? traversal_single : traversal;
-    const auto& compiled = variant.code->trace[precision];
+    const auto& compiled = variant.code->trace;
     const TraceFunction single = compiled[traversal_single][query][0];
     // An intersector that decides about boxes has no packets: what is named so are single rays.
     if (selector.named_ == traversal_packet && compiled[traversal_packet][query][0] == single)
@@ -62,7 +61,7 @@ Result<KernelSelector> KernelSelector::make(const Variant& variant, Query query,
         }
     }
     const Traversal needed = open ? traversal_single : selector.named_;
-    const auto function = find_function(variant, query, precision, needed, counters);
+    const auto function = find_function(variant, query, needed, counters);
     if (!function) return tl::unexpected(function.error());
     selector.functions_[needed] = *function;
     return selector;

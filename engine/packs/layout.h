@@ -147,6 +147,7 @@ inline TypeLayout traversals_layout() {
 static_assert(static_cast<std::uint32_t>(AlphaMode::blend) == 2);
 static_assert(static_cast<std::uint32_t>(Wrap::mirror) == 2);
 static_assert(counter_modes == 3);
+static_assert(static_cast<std::uint32_t>(value_table) == 3);
 
 /// By value, so that no module shares the list of another.
 inline auto border_types() {
@@ -157,6 +158,7 @@ inline auto border_types() {
         {"AlphaMode", layout::hash_of_names({"opaque", "mask", "blend"})},
         {"Wrap", layout::hash_of_names({"repeat", "clamp", "mirror"})},
         {"CounterMode", layout::hash_of_names({"none", "total", "by_level"})},
+        {"ValueType", layout::hash_of_names({"f32", "u32", "choice", "table"})},
         // A scene
         RAYNEST_LAYOUT(Box, lower, upper),
         RAYNEST_LAYOUT(Transform, m),
@@ -181,14 +183,15 @@ inline auto border_types() {
         RAYNEST_LAYOUT(SceneView, nodes, blocks, records, objects, instances, instance_infos,
                        geometries, materials, textures, cameras, attributes, names, object_count,
                        instance_count, geometry_count, material_count, texture_count, camera_count,
-                       root, masked_materials),
+                       root, masked_materials, blended_materials, cut_triangles),
         // A call
         RAYNEST_LAYOUT(Ray, origin, tmin, direction, tmax),
         RAYNEST_LAYOUT(HitRecord, t, u, v, triangle, path, object, k, front, flags, hit),
         counters_layout(),
         RAYNEST_LAYOUT(TraceCall, scene, params, rays, ray_count, hits_max, mask, flags, hits,
                        hit_counts, counters, outputs, hits_room, ray_flags, rays_done, cancelled,
-                       cancelled_context, observer, device),
+                       cancelled_context, tables, observer, device),
+        RAYNEST_LAYOUT(Table, values, count),
         // The observed steps
         RAYNEST_LAYOUT(Refusal, what, value, relation, limit),
         RAYNEST_LAYOUT(Step, kind, outcome, object, place, path, tested, passed, rejected, first,

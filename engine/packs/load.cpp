@@ -1,6 +1,7 @@
 #include "engine/packs/load.h"
 
 #include "engine/packs/layout.h"
+#include "engine/packs/module_file.h"
 
 #include <dlfcn.h>
 
@@ -43,11 +44,9 @@ Result<Entry> load_entry_point(const std::filesystem::path& path, const char* sy
 }  // namespace
 
 Result<void*> load_symbol(const std::filesystem::path& path, const char* symbol) {
-    // Refuse a pipe: dlopen would wait for ever.
-    std::error_code unreadable;
-    if (!std::filesystem::is_regular_file(path, unreadable))
+    if (const auto whole = check_module_file(path); !whole)
         return fail(ErrorCode::pack_invalid,
-                    "cannot load the kernel pack " + path.string() + ": it is no regular file");
+                    "cannot load the kernel pack " + path.string() + ": " + whole.error().message);
     // RTLD_LOCAL: packs hold templates of the same names compiled for different CPUs.
     void* const module = dlopen(path.c_str(), RTLD_NOW | RTLD_LOCAL);
     if (module == nullptr) {

@@ -5,6 +5,7 @@
 #include "engine/packs/layout.h"
 
 #include <array>
+#include <concepts>
 #include <cstdint>
 
 namespace raynest {
@@ -27,15 +28,36 @@ void record_normal(const void* record, const float point[3], float out[3]) noexc
     for (int axis = 0; axis < 3; ++axis) out[axis] = n[axis];
 }
 
+/// Converts to any argument.
+struct Anything {
+    template <class T>
+    operator T&() const;  // NOLINT(google-explicit-constructor)
+    template <class T>
+    operator T&&() const;  // NOLINT(google-explicit-constructor)
+};
+template <class P>
+concept HasNormal = requires(const P& primitive, const Vec3& point) {
+    { normal(primitive, point) } -> std::convertible_to<Vec3>;
+};
+/// True if there is a normal() of the type that takes other arguments, or returns something else.
+template <class P>
+concept HasOtherNormal = !HasNormal<P> && (
+    requires(P& primitive) { normal(primitive); } ||
+    requires(P& primitive, Anything any) { normal(primitive, any); } ||
+    requires(P& primitive, Anything any) { normal(any, primitive); } ||
+    requires(P& primitive, Anything any) { normal(primitive, any, any); });
+
 template <class P>
 constexpr PackPrimitive describe_primitive(const char* name) {
+    static_assert(!HasOtherNormal<P>,
+                  "normal() of a primitive is Vec3 normal(const P& primitive, const Vec3& point)");
     PackPrimitive primitive{};
     primitive.name = name;
     primitive.record_size = sizeof(P);
     primitive.hits_max =
         decltype(intersect(std::declval<const RayView&>(), std::declval<const P&>()))::lanes;
     primitive.bounds = record_bounds<P>;
-    if constexpr (requires(const P& p, const Vec3& v) { normal(p, v); }) {
+    if constexpr (HasNormal<P>) {
         primitive.normal = record_normal<P>;
     }
     return primitive;
@@ -79,7 +101,7 @@ extern "C" [[gnu::visibility("default")]] const raynest::Pack* raynest_pack() no
         p.primitive_count = static_cast<std::uint32_t>(primitives.size());
         for (const PackVariant& variant : variants) {
             p.kernel_count += variant.observe != nullptr ? 1 : 0;
-            for (const auto& traversal : variant.trace[precision_watertight]) {
+            for (const auto& traversal : variant.trace) {
                 for (const auto& query : traversal) {
                     for (const TraceFunction function : query) {
                         p.kernel_count += function != nullptr ? 1 : 0;

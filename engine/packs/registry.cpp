@@ -1,15 +1,24 @@
 // Finds and loads packs, and keeps the variants that this CPU can run, best target first.
 #include "engine/packs/registry.h"
 
+#include "engine/packs/declarations.h"
 #include "engine/packs/load.h"
 
 #include <algorithm>
 #include <cstdlib>
 #include <iterator>
+#include <map>
 #include <sstream>
 
 namespace raynest {
 namespace {
+
+/// True if an object has records. Objects are in the order of their records.
+bool has_records(const SceneView& scene) {
+    if (scene.object_count == 0) return false;
+    const ObjectRecord& last = scene.objects[scene.object_count - 1];
+    return last.first_record + records_bytes(last) != 0;
+}
 
 // In the order of pack.cmake: a variant runs on the last target that has it.
 constexpr std::string_view cpu_target_names[] = {RAYNEST_CPU_TARGETS};
@@ -33,6 +42,43 @@ Result<std::vector<std::filesystem::path>> find_packs(
         found.insert(found.end(), here->begin(), here->end());
     }
     return found;
+}
+
+struct LoadedPack {
+    const Pack* pack;
+    std::string file;
+};
+
+/// Refuses what two packs call by one name: intersectors of one target, and primitives of different
+/// sizes, because kernels step over records by the size that their own pack has.
+Result<void> check_names(std::span<const LoadedPack> loaded) {
+    std::map<std::string, const LoadedPack*> owners;
+    std::map<std::string, std::pair<const LoadedPack*, std::uint32_t>> sizes;
+    for (const LoadedPack& from : loaded) {
+        const auto refuse = [&](const LoadedPack& other, const std::string& what) {
+            return fail(ErrorCode::pack_invalid,
+                        other.file + " and " + from.file + what +
+                            ": rename one of them, or name their folder once");
+        };
+        const Pack& pack = *from.pack;
+        for (const PackPrimitive& primitive : std::span(pack.primitives, pack.primitive_count)) {
+            const auto [first, fresh] =
+                sizes.try_emplace(primitive.name, &from, primitive.record_size);
+            const auto [other, size] = first->second;
+            if (size == primitive.record_size) continue;
+            return refuse(*other, std::string(" have a primitive named '") + primitive.name +
+                                      "', of " + std::to_string(size) + " and of " +
+                                      std::to_string(primitive.record_size) + " bytes");
+        }
+        for (const PackVariant& variant : std::span(pack.variants, pack.variant_count)) {
+            const auto [first, fresh] =
+                owners.try_emplace(std::string(pack.target) + " " + variant.name, &from);
+            if (fresh) continue;
+            return refuse(*first->second, std::string(" both have an intersector named '") +
+                                              variant.name + "' for target " + pack.target);
+        }
+    }
+    return {};
 }
 
 std::string join(const std::vector<std::string>& names) {
@@ -65,7 +111,8 @@ Result<std::shared_ptr<const Registry>> Registry::load(const Options& options) {
         return fail(ErrorCode::pack_invalid,
                     "unknown target '" + options.target + "': use one of " + known);
     }
-    std::vector<std::filesystem::path> dirs{builtin_pack_directory()};
+    std::vector<std::filesystem::path> dirs{options.packs.empty() ? builtin_pack_directory()
+                                                                  : options.packs};
     dirs.insert(dirs.end(), options.pack_dirs.begin(), options.pack_dirs.end());
     if (const char* more = std::getenv("RAYNEST_PACK_PATH"); more != nullptr) {
         std::stringstream list(more);
@@ -76,7 +123,7 @@ Result<std::shared_ptr<const Registry>> Registry::load(const Options& options) {
     const auto files = find_packs(dirs);
     if (!files) return tl::unexpected(files.error());
 
-    auto registry = std::shared_ptr<Registry>(new Registry);
+    std::vector<LoadedPack> loaded;
     bool target_seen = false;
     for (const auto& file : *files) {
         const auto pack = load_pack(file);
@@ -85,9 +132,12 @@ Result<std::shared_ptr<const Registry>> Registry::load(const Options& options) {
         const bool wanted =
             automatic ? is_of_cpu((*pack)->target) : options.target == (*pack)->target;
         target_seen = target_seen || options.target == (*pack)->target;
-        if (wanted && (*pack)->supported()) registry->packs_.push_back(*pack);
+        if (!wanted || !(*pack)->supported()) continue;
+        if (auto sound = check_declarations(**pack, file); !sound)
+            return tl::unexpected(sound.error());
+        loaded.push_back({*pack, file.string()});
     }
-    if (registry->packs_.empty()) {
+    if (loaded.empty()) {
         return fail(
             ErrorCode::pack_invalid,
             automatic ? "no kernel pack for this CPU in " + dirs.front().string() +
@@ -96,47 +146,38 @@ Result<std::shared_ptr<const Registry>> Registry::load(const Options& options) {
                 ? "this machine does not run target " + options.target + ": use --target auto"
                 : "no kernel pack for target " + options.target + " in " + dirs.front().string());
     }
-    std::stable_sort(
-        registry->packs_.begin(), registry->packs_.end(),
-        [](const Pack* a, const Pack* b) { return rank_of(a->target) < rank_of(b->target); });
+    std::stable_sort(loaded.begin(), loaded.end(), [](const LoadedPack& a, const LoadedPack& b) {
+        return rank_of(a.pack->target) < rank_of(b.pack->target);
+    });
+    if (auto apart = check_names(loaded); !apart) return tl::unexpected(apart.error());
 
-    for (const Pack* pack : registry->packs_) {
-        // Refuse different sizes: kernels step over records by the size that their own pack has.
-        for (std::uint32_t i = 0; i < pack->primitive_count; ++i) {
-            const PackPrimitive& primitive = pack->primitives[i];
-            const PackPrimitive* first = registry->find_primitive(primitive.name);
-            if (first->record_size == primitive.record_size) continue;
-            return fail(ErrorCode::pack_invalid,
-                        std::string("two kernel packs have a primitive named '") + primitive.name +
-                            "', of " + std::to_string(first->record_size) + " and of " +
-                            std::to_string(primitive.record_size) + " bytes: rename one of them");
-        }
-        for (std::uint32_t i = 0; i < pack->variant_count; ++i) {
-            const PackVariant& code = pack->variants[i];
-            Variant* known = nullptr;
-            for (Variant& variant : registry->variants_) {
-                if (variant.name == code.name) known = &variant;
-            }
-            if (known == nullptr) {
-                Variant variant;
-                variant.code = &code;
-                variant.name = code.name;
-                variant.text = code.text;
-                variant.target = pack->target;
-                for (std::uint32_t p = 0; p < pack->primitive_count; ++p) {
-                    variant.record_types.push_back(primitive_type(pack->primitives[p].name));
-                }
-                known = &registry->variants_.emplace_back(std::move(variant));
-            } else if (known->targets.back() == pack->target) {
-                return fail(ErrorCode::pack_invalid, "two kernel packs for target " +
-                                                         std::string(pack->target) +
-                                                         " have an intersector named '" +
-                                                         code.name + "': rename one of them");
-            }
-            known->targets.emplace_back(pack->target);
-        }
+    auto registry = std::shared_ptr<Registry>(new Registry);
+    for (const LoadedPack& from : loaded) {
+        registry->packs_.push_back(from.pack);
+        registry->add_variants(*from.pack);
     }
     return std::shared_ptr<const Registry>(std::move(registry));
+}
+
+void Registry::add_variants(const Pack& pack) {
+    for (const PackVariant& code : std::span(pack.variants, pack.variant_count)) {
+        const auto known =
+            std::find_if(variants_.begin(), variants_.end(),
+                         [&](const Variant& variant) { return variant.name == code.name; });
+        if (known != variants_.end()) {
+            known->targets.emplace_back(pack.target);
+            continue;
+        }
+        Variant variant;
+        variant.code = &code;
+        variant.name = code.name;
+        variant.text = code.text;
+        variant.target = pack.target;
+        variant.targets.emplace_back(pack.target);
+        for (const PackPrimitive& primitive : std::span(pack.primitives, pack.primitive_count))
+            variant.record_types.push_back(primitive_type(primitive.name));
+        variants_.push_back(std::move(variant));
+    }
 }
 
 const Variant* Registry::find(std::string_view name) const {
@@ -146,8 +187,9 @@ const Variant* Registry::find(std::string_view name) const {
 }
 
 Result<const Variant*> Registry::choose(std::string_view name, const SceneView& scene) const {
-    if (name.empty() || name == "auto")
-        name = scene.masked_materials != 0 ? "alpha_mask" : "opaque";
+    const bool automatic = name.empty() || name == "auto";
+    if (automatic)
+        name = scene.masked_materials > scene.blended_materials ? "alpha_mask" : "opaque";
     const Variant* variant = find(name);
     if (variant == nullptr) {
         std::vector<std::string> names;
@@ -155,6 +197,21 @@ Result<const Variant*> Registry::choose(std::string_view name, const SceneView& 
         return fail(ErrorCode::variant_unknown,
                     "no intersector '" + std::string(name) + "'; there are: " + join(names));
     }
+    auto knows = check_types(*variant, scene);
+    if (!knows && automatic) {
+        const auto other =
+            std::find_if(variants_.begin(), variants_.end(), [&](const Variant& candidate) {
+                return check_types(candidate, scene).has_value();
+            });
+        if (other != variants_.end()) return &*other;
+    }
+    if (!knows) return tl::unexpected(knows.error());
+    return variant;
+}
+
+Result<void> Registry::check_types(const Variant& variant, const SceneView& scene) const {
+    // A scene of triangles alone may have a million objects, and jobs ask for each request.
+    if (!has_records(scene)) return {};
     for (std::uint32_t i = 0; i < scene.object_count; ++i) {
         const std::uint32_t type = scene.objects[i].record_type;
         if (type == 0) continue;
@@ -165,17 +222,22 @@ Result<const Variant*> Registry::choose(std::string_view name, const SceneView& 
                             std::to_string(scene.objects[i].record_size) + " bytes, the pack's " +
                             std::to_string(primitive->record_size) + ": import the scene again");
         }
-        if (std::find(variant->record_types.begin(), variant->record_types.end(), type) !=
-            variant->record_types.end()) {
-            continue;
-        }
+        if (variant.knows(type)) continue;
         return fail(ErrorCode::variant_unknown,
-                    "intersector '" + variant->name + "' was not compiled for primitives of type " +
+                    "intersector '" + variant.name + "' was not compiled for primitives of type " +
                         (primitive != nullptr ? primitive->name
                                               : std::string("#").append(std::to_string(type))) +
-                        ": add the type to the PRIMITIVES of its pack");
+                        ": " + advice_for(type));
     }
-    return variant;
+    return {};
+}
+
+std::string Registry::advice_for(std::uint32_t type) const {
+    std::vector<std::string> names;
+    for (const Variant& variant : variants_) {
+        if (variant.knows(type)) names.push_back(variant.name);
+    }
+    return names.empty() ? "load the pack that has it" : "use " + join(names);
 }
 
 const PackPrimitive* Registry::find_primitive(std::uint32_t type) const {

@@ -5,7 +5,9 @@
 #include <array>
 #include <charconv>
 #include <cmath>
+#include <memory>
 #include <sstream>
+#include <utility>
 
 namespace raynest {
 namespace {
@@ -26,6 +28,10 @@ std::string describe_range(const PackParam& param) {
 }
 
 Result<double> parse_value(const PackParam& param, const std::string& text) {
+    if (param.type == value_table)
+        return fail(ErrorCode::param_invalid, std::string("'") + param.name +
+                                                  "' is a table: bring its values from a file or "
+                                                  "an array");
     if (param.type == value_choice) {
         for (std::uint32_t i = 0; i < param.choice_count; ++i) {
             if (text == param.choices[i]) return i;
@@ -50,7 +56,6 @@ constexpr std::array<const char*, query_count> query_names = {
 #define RAYNEST_KIND(name, ...) #name,
 #include "engine/packs/words.def"
 };
-constexpr std::array<const char*, precision_count> precision_names = {"fast", "watertight"};
 constexpr std::array<const char*, traversal_count + 1> traversal_names = {
 #define RAYNEST_TRAVERSAL(name, word, text) word,
 #include "engine/packs/words.def"
@@ -68,6 +73,62 @@ Result<T> parse_name(std::string_view what, std::string_view name,
                                               std::string(name) + "': use one of " + names);
 }
 
+/// The place of a parameter among the variant's.
+Result<std::size_t> place_of(const Variant& variant, std::string_view name) {
+    const auto params = variant.params();
+    const auto found = std::find_if(params.begin(), params.end(),
+                                    [&](const PackParam& param) { return name == param.name; });
+    if (found != params.end()) return static_cast<std::size_t>(found - params.begin());
+    std::string names = common_params().front().name;
+    for (const PackParam& param : params) names += std::string(", ") + param.name;
+    return fail(ErrorCode::param_invalid, "intersector '" + variant.name +
+                                              "' has no parameter '" + std::string(name) +
+                                              "'; it has: " + names);
+}
+
+Result<void> check_table(const PackParam& param, const NamedTable& table) {
+    if (param.type != value_table)
+        return fail(ErrorCode::param_invalid, "'" + table.name + "' is no table: use " +
+                                                  describe_range(param));
+    const auto bad = std::find_if(table.values.begin(), table.values.end(), [&](float value) {
+        return !(static_cast<double>(value) >= param.minimum &&
+                 static_cast<double>(value) <= param.maximum);
+    });
+    if (bad == table.values.end()) return {};
+    std::ostringstream text;
+    text << "value " << bad - table.values.begin() << " of table '" << table.name << "' is " << *bad
+         << ": use " << describe_range(param) << " for each";
+    return fail(ErrorCode::param_invalid, text.str());
+}
+
+Result<std::shared_ptr<const Tables>> read_tables(const Variant& variant,
+                                                  std::span<const NamedTable> tables) {
+    std::vector<const NamedTable*> given(variant.params().size());
+    std::size_t values = 0;
+    for (const NamedTable& table : tables) {
+        if (const PackParam& cull = common_params().front(); table.name == cull.name)
+            return tl::unexpected(check_table(cull, table).error());
+        const auto i = place_of(variant, table.name);
+        if (!i) return tl::unexpected(i.error());
+        if (auto sound = check_table(variant.params()[*i], table); !sound)
+            return tl::unexpected(sound.error());
+        if (std::exchange(given[*i], &table) != nullptr)
+            return fail(ErrorCode::param_invalid, "table '" + table.name + "' comes twice");
+        values += table.values.size();
+    }
+    if (values > table_values_max)
+        return fail(ErrorCode::limit_exceeded,
+                    "the tables have " + std::to_string(values) +
+                        " values, over table_values_max = " + std::to_string(table_values_max));
+    if (values == 0) return nullptr;
+    std::vector<std::vector<float>> all;
+    for (std::size_t i = 0; i < given.size(); ++i) {
+        if (variant.params()[i].type == value_table)
+            all.push_back(given[i] == nullptr ? std::vector<float>() : given[i]->values);
+    }
+    return std::make_shared<const Tables>(std::move(all));
+}
+
 }  // namespace
 
 std::span<const PackParam> common_params() {
@@ -79,8 +140,27 @@ std::span<const PackParam> common_params() {
     return params;
 }
 
+Tables::Tables(std::vector<std::vector<float>> values) : values_(std::move(values)) {
+    for (const std::vector<float>& each : values_)
+        views_.push_back({each.data(), static_cast<std::uint32_t>(each.size())});
+}
+
+void Settings::apply_to(TraceCall& call) const {
+    call.params = params.empty() ? nullptr : params.data();
+    call.tables = tables == nullptr ? nullptr : tables->data();
+    call.flags = flags;
+}
+
+bool Settings::operator==(const Settings& other) const {
+    const bool same_tables =
+        tables == other.tables || (tables != nullptr && other.tables != nullptr &&
+                                   tables->values() == other.tables->values());
+    return params == other.params && flags == other.flags && same_tables;
+}
+
 Result<Settings> parse_settings(const Variant& variant,
-                                std::span<const std::pair<std::string, std::string>> assignments) {
+                                std::span<const std::pair<std::string, std::string>> assignments,
+                                std::span<const NamedTable> tables) {
     Settings settings;
     for (const PackParam& param : variant.params()) settings.params.push_back(param.initial);
     for (const auto& [key, value] : assignments) {
@@ -91,30 +171,25 @@ Result<Settings> parse_settings(const Variant& variant,
             settings.flags = *side != 0 ? std::uint32_t{trace_cull_back} : 0U;
             continue;
         }
-        const auto params = variant.params();
-        std::size_t i = 0;
-        while (i < params.size() && key != params[i].name) ++i;
-        if (i == params.size()) {
-            std::string names = cull.name;
-            for (const PackParam& param : params) names += std::string(", ") + param.name;
-            return fail(ErrorCode::param_invalid, "intersector '" + variant.name +
-                                                      "' has no parameter '" + key +
-                                                      "'; it has: " + names);
-        }
-        const auto parsed = parse_value(params[i], value);
+        const auto i = place_of(variant, key);
+        if (!i) return tl::unexpected(i.error());
+        const auto parsed = parse_value(variant.params()[*i], value);
         if (!parsed) return tl::unexpected(parsed.error());
-        settings.params[i] = *parsed;
+        settings.params[*i] = *parsed;
     }
+    auto read = read_tables(variant, tables);
+    if (!read) return tl::unexpected(read.error());
+    settings.tables = std::move(*read);
     return settings;
 }
 
-Result<TraceFunction> find_function(const Variant& variant, Query query, Precision precision,
-                                    Traversal traversal, CounterMode counters) {
-    const TraceFunction function = variant.code->trace[precision][traversal][query][counters];
+Result<TraceFunction> find_function(const Variant& variant, Query query, Traversal traversal,
+                                    CounterMode counters) {
+    const TraceFunction function = variant.code->trace[traversal][query][counters];
     if (function != nullptr) return function;
     std::string others;
     for (std::size_t other = 0; other < traversal_count; ++other) {
-        if (variant.code->trace[precision][other][query][counters] != nullptr)
+        if (variant.code->trace[other][query][counters] != nullptr)
             others += (others.empty() ? "" : ", ") + std::string(traversal_names[other]);
     }
     if (!others.empty())
@@ -124,17 +199,12 @@ Result<TraceFunction> find_function(const Variant& variant, Query query, Precisi
                         ": leave `traversal` auto");
     return fail(ErrorCode::variant_unknown,
                 "intersector '" + variant.name + "' on target " + variant.target +
-                    " was not compiled for query " + query_names[query] + ", precision " +
-                    precision_names[precision] + ", traversal " + traversal_name(traversal) +
+                    " was not compiled for query " + query_names[query] + ", traversal " + traversal_name(traversal) +
                     (counters != counters_none ? ", counters" : "") + ": try `traversal` auto");
 }
 
 Result<Query> parse_query(std::string_view name) {
     return parse_name<Query>("query kind", name, query_names);
-}
-
-Result<Precision> parse_precision(std::string_view name) {
-    return parse_name<Precision>("precision", name, precision_names);
 }
 
 Result<Traversal> parse_traversal(std::string_view name) {

@@ -6,6 +6,7 @@
 #include "engine/bvh/stream.h"
 #include "engine/bvh/visit.h"
 #include "engine/intersectors/counting.h"
+#include "engine/intersectors/each_once.h"
 #include "engine/packs/abi.h"
 #include "engine/packs/describe.h"
 #include "engine/packs/observe.h"
@@ -103,20 +104,21 @@ RAYNEST_INLINE void trace_singly(const Bvh& root, std::uint32_t count, Isect& is
     }
 }
 
+/// The traversal that a named one with a tree is.
+///
 /// The outputs of an intersector may depend on the order in which it is asked, so one that has them
 /// goes through the single traversal whatever was named: same request, same bytes. One that
 /// decides about boxes has to see each ray's own; packets test them together.
-template <class Isect, Traversal traversal>
-inline constexpr bool singly =
-    traversal == traversal_single || traversal == traversal_reference || requires {
-    Isect::outputs;
-}
-|| (traversal == traversal_packet && Overrides<Isect, BoxRay, Boxes8>);
+template <class Isect, Traversal named>
+inline constexpr Traversal that_runs =
+    has_outputs<Isect> || (named == traversal_packet && Overrides<Isect, BoxRay, Boxes8>)
+        ? traversal_single
+        : named;
 
 template <Traversal traversal, class Isect, class TraceIO>
 RAYNEST_INLINE TraceStatus trace_group(const Bvh& root, std::uint32_t count, Isect& isect,
                                        const TraceIO& io) {
-    if constexpr (singly<Isect, traversal>) {
+    if constexpr (traversal == traversal_single || traversal == traversal_reference) {
         trace_singly<traversal == traversal_reference>(root, count, isect, io);
         return trace_ok;
     } else if constexpr (traversal == traversal_stream) {
@@ -141,6 +143,7 @@ TraceStatus trace(const TraceCall* pointer) noexcept {
     const Bvh root{call.scene, call.scene->root};
     Cancellation cancellation(call.cancelled, call.cancelled_context);
     using Outputs = typename OutputsOf<Isect>::type;
+    MemoryOf<Isect> memory;
     constexpr std::uint32_t group = ray_group<traversal>;
     for (std::uint32_t first = 0; first < call.ray_count; first += group) {
         const std::uint32_t rest = call.ray_count - first;
@@ -155,12 +158,15 @@ TraceStatus trace(const TraceCall* pointer) noexcept {
             Counters* counters = call.counters + std::size_t{first} * sets;
             std::fill_n(counters, std::size_t{count} * sets, Counters{});
             Counting<Isect, by_level> counting{isect, counters, sets};
-            status = trace_group<traversal>(root, count, counting, io);
+            auto&& asked = each_once(counting, memory);
+            status = trace_group<traversal>(root, count, asked, io);
         } else {
-            status = trace_group<traversal>(root, count, isect, io);
+            auto&& asked = each_once(isect, memory);
+            status = trace_group<traversal>(root, count, asked, io);
         }
         if (cancellation.was_seen()) return trace_cancelled;
         if (status != trace_ok) return status;
+        if (memory.is_exhausted()) return trace_out_of_memory;
         write_outputs<Isect>(call, first, count, states.data());
     }
     return trace_ok;
@@ -179,6 +185,8 @@ TraceStatus trace_all(const TraceCall* pointer) noexcept {
     Isect isect = make_intersector<Isect>(call);
     const Bvh root{call.scene, call.scene->root};
     Cancellation cancellation(call.cancelled, call.cancelled_context);
+    MemoryOf<Isect> memory;
+    auto&& asked = each_once(isect, memory);
     std::span<HitRecord> room(call.hits, call.hits_room);
     std::uint32_t done = 0;
     for (; done < call.ray_count; ++done) {
@@ -193,8 +201,9 @@ TraceStatus trace_all(const TraceCall* pointer) noexcept {
         if (is_valid(ray)) {
             RayView view = outermost_view(ray, call.scene, 0, call.mask, call.flags);
             view.object = &call.scene->objects[call.scene->root];
-            trace_one<traversal == traversal_reference>(view, root, isect, query);
+            trace_one<traversal == traversal_reference>(view, root, asked, query);
             if (cancellation.was_seen()) return trace_cancelled;
+            if (memory.is_exhausted()) return trace_out_of_memory;
             if (!query.fits) break;
             query.finish();
             flags = query.truncated ? std::uint8_t{hit_truncated} : std::uint8_t{0};
@@ -220,15 +229,17 @@ TraceStatus observe(const TraceCall* pointer) noexcept {
     const Bvh root{call.scene, call.scene->root};
     Cancellation cancellation(call.cancelled, call.cancelled_context);
     Watch watch{*call.observer};
+    MemoryOf<Isect> memory;
     constexpr std::uint32_t group = ray_group<traversal_single>;
     for (std::uint32_t first = 0; first < call.ray_count; first += group) {
         const std::uint32_t count = std::min(call.ray_count - first, group);
         std::array<typename OutputsOf<Isect>::type, group> states{};
         if constexpr (requires { isect.state = states.data(); }) isect.state = states.data();
         Observing<Isect> observing{isect, watch};
-        trace_singly<false>(root, count, observing,
-                            ObservedIO{{call, first, &cancellation}, watch});
+        auto&& asked = each_once(observing, memory);
+        trace_singly<false>(root, count, asked, ObservedIO{{call, first, &cancellation}, watch});
         if (cancellation.was_seen()) return trace_cancelled;
+        if (memory.is_exhausted()) return trace_out_of_memory;
         write_outputs<Isect>(call, first, count, states.data());
     }
     return trace_ok;
@@ -247,26 +258,26 @@ constexpr void add_counting(TraceFunction (&functions)[counter_modes]) {
 
 /// The kernels compiled per intersector: single {closest, any, multi} with each CounterMode and
 /// plain {all}, observed closest hits, the reference, and except on v2 stream {closest, any, multi}
-/// and packet {closest, any}. A new traversal or precision is a line here.
+/// and packet {closest, any}. A new traversal is a few lines here.
 template <class Isect>
 constexpr PackVariant make_variant(const char* name) {
     PackVariant v = describe_variant<Isect>(name);
     v.observe = observe<Isect>;
-    auto& kernels = v.trace[precision_watertight];
+    auto& kernels = v.trace;
     auto& single = kernels[traversal_single];
     add_counting<Isect, query_closest>(single[query_closest]);
     add_counting<Isect, query_any>(single[query_any]);
     add_counting<Isect, query_multi>(single[query_multi]);
     single[query_all][0] = trace_all<Isect, traversal_single>;
     if constexpr (Lanes<8>::parts == 1) {  // v2 is for correctness, not speed
+        // KernelSelector tells what ran by the functions: those of single rays where they run instead.
+        constexpr Traversal streams = that_runs<Isect, traversal_stream>;
         auto& stream = kernels[traversal_stream];
-        stream[query_closest][0] = trace<Isect, query_closest, traversal_stream, counters_none>;
-        stream[query_any][0] = trace<Isect, query_any, traversal_stream, counters_none>;
-        stream[query_multi][0] = trace<Isect, query_multi, traversal_stream, counters_none>;
+        stream[query_closest][0] = trace<Isect, query_closest, streams, counters_none>;
+        stream[query_any][0] = trace<Isect, query_any, streams, counters_none>;
+        stream[query_multi][0] = trace<Isect, query_multi, streams, counters_none>;
+        constexpr Traversal packets = that_runs<Isect, traversal_packet>;
         auto& packet = kernels[traversal_packet];
-        // The same functions where packets would be no packets: KernelSelector tells what ran by that.
-        constexpr Traversal packets =
-            singly<Isect, traversal_packet> ? traversal_single : traversal_packet;
         packet[query_closest][0] = trace<Isect, query_closest, packets, counters_none>;
         packet[query_any][0] = trace<Isect, query_any, packets, counters_none>;
     }
@@ -275,15 +286,6 @@ constexpr PackVariant make_variant(const char* name) {
     reference[query_any][0] = trace<Isect, query_any, traversal_reference, counters_none>;
     reference[query_multi][0] = trace<Isect, query_multi, traversal_reference, counters_none>;
     reference[query_all][0] = trace_all<Isect, traversal_reference>;
-    // The watertight test costs no more than one that leaks (geometry/intersect_triangle.h), so
-    // there is no other one to compile.
-    for (std::uint32_t t = 0; t < traversal_count; ++t) {
-        for (std::uint32_t q = 0; q < query_count; ++q) {
-            for (std::uint32_t counters = 0; counters < counter_modes; ++counters) {
-                v.trace[precision_fast][t][q][counters] = kernels[t][q][counters];
-            }
-        }
-    }
     return v;
 }
 

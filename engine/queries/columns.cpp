@@ -249,7 +249,7 @@ void write_column(const Column& column, const ColumnSource& source, std::byte* o
     const auto each = [&](auto miss, auto&& value) { write_each(source, out, miss, value); };
     const auto always = [&](auto&& value) { write_always(source, out, value); };
     const auto counter = [&](auto&& value) { write_counter(source, column.level, out, value); };
-    const SceneView& scene = *source.scene;
+    const SceneView* const scene = source.scene;  // null where all columns are counters
     switch (column.field) {
         case Field::hit:
             return each(std::uint8_t{0}, [](Hit, At) { return 1; });
@@ -264,13 +264,13 @@ void write_column(const Column& column, const ColumnSource& source, std::byte* o
             return each(no_id, [&](Hit h, At) {
                 const GeometryRecord* geometry = geometry_of(source, h);
                 const GeometryRecord* first =
-                    scene.geometries + object_of(source, h).first_geometry;
+                    scene->geometries + object_of(source, h).first_geometry;
                 return geometry == nullptr ? 0 : geometry - first;
             });
         case Field::path:
             return each(no_path, [](Hit h, At) { return h.path; });
         case Field::inst:
-            return each(no_id, [&](Hit h, At) { return ends_of(scene, h.path).outermost; });
+            return each(no_id, [&](Hit h, At) { return ends_of(*scene, h.path).outermost; });
         case Field::uid:
             return each(no_id, [&](Hit h, At) { return uid_of(source, h.path); });
         case Field::uv:
@@ -294,20 +294,20 @@ void write_column(const Column& column, const ColumnSource& source, std::byte* o
             return each(no_id, [](Hit h, At) { return h.object; });
         case Field::mask:
             return each(no_id, [&](Hit h, At) {
-                const std::uint32_t innermost = ends_of(scene, h.path).innermost;
-                return innermost == no_id ? no_id : scene.instances[innermost].mask;
+                const std::uint32_t innermost = ends_of(*scene, h.path).innermost;
+                return innermost == no_id ? no_id : scene->instances[innermost].mask;
             });
         case Field::box_share:
             return each(0.0F, [&](Hit h, At) {
                 return geometry_of(source, h) == nullptr
                            ? 0.0F
-                           : box_share(scene, object_of(source, h), h.triangle);
+                           : box_share(*scene, object_of(source, h), h.triangle);
             });
         case Field::tree_depth:
             return each(no_id, [&](Hit h, At) {
                 return geometry_of(source, h) == nullptr
                            ? no_id
-                           : tree_depth(scene, object_of(source, h), h.triangle, h.u, h.v);
+                           : tree_depth(*scene, object_of(source, h), h.triangle, h.u, h.v);
             });
         case Field::origin:
             return always([](Hit, At ray) { return ray.origin; });

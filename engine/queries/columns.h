@@ -57,6 +57,8 @@ struct FieldInfo {
 /// All of them; those of counters alone.
 [[nodiscard]] std::span<const FieldInfo> field_table();
 [[nodiscard]] std::span<const FieldInfo> counter_table();
+/// The block that a query with many hits per ray adds: where the hits of each ray begin.
+inline constexpr std::string_view splits_column = "ray_splits";
 /// field_invalid, with the list of names, when unknown.
 Result<Field> parse_field(std::string_view name);
 /// A field, or COUNTER.LEVEL; field_invalid as parse_field(), also for a level that no scene has.

@@ -5,9 +5,13 @@
 // several roots. It acts as an object of its own: element i takes the path ids after those of the
 // elements before it, so `path` of a hit tells the element (a plain primitive is one placement).
 // The best distance shrinks from element to element.
+//
+// An intersector with `outputs` sees each triangle once per ray. Any other that counts what it sees
+// is asked in each leaf that names a triangle, and trees of a high build name some in several.
 #pragma once
 
 #include "engine/bvh/visit.h"
+#include "engine/intersectors/each_once.h"
 #include "engine/intersectors/opaque.h"
 #include "engine/queries/queries.h"
 
@@ -27,13 +31,15 @@ RAYNEST_INLINE bool visit(R& ray, const P& primitive, Isect& isect, Query& query
 template <class Iterator, class Isect, class Query>
 void trace_range(const Ray& ray, Iterator first, Iterator last, Isect& isect, Query& query) {
     if (!is_valid(ray)) return;
+    MemoryOf<Isect> memory;
+    auto&& asked = each_once(isect, memory);
     RayView view = outermost_view(ray, nullptr, 0, 0xFFFFFFFFU, 0);
     std::uint64_t path = 0;
     for (; first != last; ++first) {
         view.path = path;
         // The way into an instance adds what comes before it in its own object, not in the list.
         if constexpr (InstanceLike<decltype(*first)>) view.path -= first->record().path_base;
-        if (visit(view, *first, isect, query)) return;
+        if (visit(view, *first, asked, query)) return;
         if constexpr (requires { first->placement_count(); }) {
             path += first->placement_count();
         } else {

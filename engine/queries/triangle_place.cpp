@@ -5,8 +5,10 @@
 
 #include <algorithm>
 #include <array>
+#include <bit>
 #include <cmath>
 #include <cstddef>
+#include <vector>
 
 namespace raynest {
 namespace {
@@ -30,6 +32,32 @@ void add(const std::array<Vec3, 3>& triangle, AreaSums& sums) {
     sums.triangles +=
         glm::length(glm::cross(glm::dvec3(triangle[1]) - a, glm::dvec3(triangle[2]) - a)) / 2;
     sums.boxes += static_cast<double>(box.half_area());
+}
+
+/// Places that are compared with each other at once: 8 MiB of hashes.
+constexpr std::size_t places_max = 1U << 20;
+
+/// SplitMix64's mixer (math/random.h).
+std::uint64_t mixed(std::uint64_t z) {
+    z = (z ^ (z >> 30)) * 0xBF58476D1CE4E5B9ULL;
+    z = (z ^ (z >> 27)) * 0x94D049BB133111EBULL;
+    return z ^ (z >> 31);
+}
+
+/// A hash of where a triangle lies, whatever the order of its corners; no two places among 2^20 are
+/// likely to share it. 0 without area.
+std::uint64_t place_of(const std::array<Vec3, 3>& triangle) {
+    if (triangle[0] == triangle[1] || triangle[1] == triangle[2] || triangle[2] == triangle[0])
+        return 0;
+    std::uint64_t sum = 0;
+    for (const Vec3& corner : triangle) {
+        std::uint64_t hash = 0;
+        // -0 is 0.
+        for (int axis = 0; axis < 3; ++axis)
+            hash = mixed(hash + 1 + std::bit_cast<std::uint32_t>(corner[axis] + 0.0F));
+        sum += hash;
+    }
+    return std::max<std::uint64_t>(mixed(sum), 1);
 }
 
 bool contains(const Node& node, std::uint32_t slot, const Vec3& point) {
@@ -66,6 +94,30 @@ AreaSums area_sums(const SceneView& scene, const ObjectRecord& object) {
             add(corners(scene, geometry, i), sums);
     }
     return sums;
+}
+
+double triangles_in_one_place(const SceneView& scene, const ObjectRecord& object) {
+    std::vector<std::uint64_t> places;
+    std::uint64_t skipped = 0;  // bits of a hash that must be 0: all copies of a place share them
+    const auto looks_at = [&](std::uint64_t place) { return (place & skipped) == 0; };
+    for (std::uint32_t g = 0; g < object.geometry_count; ++g) {
+        const GeometryRecord& geometry = scene.geometries[object.first_geometry + g];
+        for (std::uint32_t i = 0; i < geometry.triangle_count; ++i) {
+            const std::uint64_t place = place_of(corners(scene, geometry, i));
+            if (place == 0 || !looks_at(place)) continue;
+            places.push_back(place);
+            if (places.size() < places_max) continue;
+            skipped = 2 * skipped + 1;
+            std::erase_if(places, [&](std::uint64_t other) { return !looks_at(other); });
+        }
+    }
+    std::ranges::sort(places);
+    double sum = 0;
+    for (std::size_t first = 0, last = 0; first < places.size(); first = last) {
+        while (last < places.size() && places[last] == places[first]) ++last;
+        sum += static_cast<double>(last - first) * static_cast<double>(last - first);
+    }
+    return places.empty() ? 0 : sum / static_cast<double>(places.size());
 }
 
 std::uint32_t tree_depth(const SceneView& scene, const ObjectRecord& object, std::uint32_t triangle,

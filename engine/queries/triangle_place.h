@@ -21,6 +21,10 @@ struct AreaSums {
 };
 [[nodiscard]] AreaSums area_sums(const SceneView& scene, const ObjectRecord& object);
 
+/// Returns how many triangles of an object have the same corners, on average over its triangles: 1
+/// where none coincide, 0 without area. Of very large objects it looks at a share of the places.
+[[nodiscard]] double triangles_in_one_place(const SceneView& scene, const ObjectRecord& object);
+
 /// Returns the number of nodes above the leaf that holds a triangle, or no_id where none is found.
 /// Descends into boxes that contain the point (1-u-v) v0 + u v1 + v v2, so that no table is needed:
 /// it opens about as many nodes as a ray.

@@ -125,6 +125,8 @@ private:
             return broken("instances and their names do not match");
         }
         view_.root = view_.object_count - 1;  // children are stored before their parents
+        const auto& header = *reinterpret_cast<const format::Header*>(arena_.data());
+        view_.cut_triangles = header.build == BuildQuality::high ? 1 : 0;
         return {};
     }
 
@@ -198,6 +200,7 @@ private:
                             [](float x) { return std::isfinite(x); });
             if (!sound) return broken("material " + std::to_string(i));
             if (material.alpha_mode != AlphaMode::opaque) ++view_.masked_materials;
+            if (material.alpha_mode == AlphaMode::blend) ++view_.blended_materials;
         }
         return {};
     }

@@ -83,7 +83,7 @@ public:
             const Stopwatch stopwatch(build_seconds_);
             content_.bounds = scene_bounds(content_);
         }
-        warn(rounding_warning(description_.rounding, description_.origin, content_.bounds));
+        warn(rounding_warning(description_, content_.bounds));
         if (const auto lost = graph_.skipped.find("singular_instances");
             lost != graph_.skipped.end()) {
             const bool one = lost->second == 1;

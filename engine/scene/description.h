@@ -119,6 +119,9 @@ struct SceneDescription {
     WorldPoint origin{};
     /// The largest distance by which rounding to float32 moved a vertex or a placement.
     double rounding = 0;
+    /// The largest distance by which float32 coordinates of the file may be off from what they were
+    /// rounded from, before they came here.
+    double file_rounding = 0;
     BuildQuality build = BuildQuality::medium;
     std::vector<MaterialDescription> materials;
     std::vector<TextureDescription> textures;

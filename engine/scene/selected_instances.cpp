@@ -6,7 +6,8 @@
 namespace raynest {
 namespace {
 
-Result<void> check(std::span<const std::uint32_t> chosen, std::uint32_t count, const char* what) {
+Result<void> check_each(std::span<const std::uint32_t> chosen, std::uint32_t count,
+                        const char* what) {
     const auto absent =
         std::ranges::find_if(chosen, [&](std::uint32_t index) { return index >= count; });
     if (absent == chosen.end()) return {};
@@ -39,17 +40,68 @@ Kept keep(const SceneView& scene, std::span<const std::uint32_t> chosen) {
     return kept;
 }
 
+/// Takes the slots out of a tree that lead to hidden instances alone.
+class Pruning {
+public:
+    Pruning(std::span<Node> nodes, std::span<const InstanceRecord> instances)
+        : nodes_(nodes),
+          instances_(instances) {}
+
+    /// True if anything below a child word can be entered. Trees are at most tree_height_max high.
+    bool keeps(std::uint32_t child) {
+        if (is_leaf(child))
+            return kind_of(child) != ChildKind::instance || instances_[leaf_instance(child)].mask != 0;
+        Node& node = nodes_[child];
+        const std::uint32_t valid = node.valid();
+        std::uint32_t kept = 0;
+        for (std::uint32_t slot = 0; slot < 8; ++slot) {
+            if ((valid >> slot & 1U) == 0) continue;
+            if (keeps(node.child[slot]))
+                kept |= 1U << slot;
+            else
+                node.child[slot] = child_empty;
+        }
+        node.order[0] = (node.order[0] & 0xFFFFFFU) | kept << 24;
+        return kept != 0;
+    }
+
+private:
+    std::span<Node> nodes_;
+    std::span<const InstanceRecord> instances_;
+};
+
+/// Fails where one of `hidden` is also one of `shown`.
+Result<void> check_contradiction(std::span<const std::uint32_t> hidden,
+                                 std::span<const std::uint32_t> shown, const char* what) {
+    const auto both = std::ranges::find_if(hidden, [&](std::uint32_t index) {
+        return std::ranges::find(shown, index) != shown.end();
+    });
+    if (both == hidden.end()) return {};
+    return fail(ErrorCode::field_invalid,
+                "`hide` and `only` both name " + std::string(what) + " " + std::to_string(*both) +
+                    ": leave it out of one of them");
+}
+
 }  // namespace
+
+Result<void> SelectedInstances::check(const SceneView& scene, const InstanceSelection& selection) {
+    const ObjectRecord& root = scene.objects[scene.root];
+    for (const auto chosen : {selection.hidden_instances, selection.only_instances})
+        if (auto known = check_each(chosen, root.instance_count, "outermost instance"); !known)
+            return known;
+    for (const auto chosen : {selection.hidden_objects, selection.only_objects})
+        if (auto known = check_each(chosen, scene.object_count, "object"); !known) return known;
+    if (auto clear = check_contradiction(selection.hidden_instances, selection.only_instances,
+                                         "outermost instance");
+        !clear)
+        return clear;
+    return check_contradiction(selection.hidden_objects, selection.only_objects, "object");
+}
 
 Result<std::vector<InstanceRecord>> SelectedInstances::select(const SceneView& scene,
                                                               const InstanceSelection& selection) {
+    if (const auto known = check(scene, selection); !known) return tl::unexpected(known.error());
     const ObjectRecord& root = scene.objects[scene.root];
-    for (const auto chosen : {selection.hidden_instances, selection.only_instances})
-        if (const auto known = check(chosen, root.instance_count, "outermost instance"); !known)
-            return tl::unexpected(known.error());
-    for (const auto chosen : {selection.hidden_objects, selection.only_objects})
-        if (const auto known = check(chosen, scene.object_count, "object"); !known)
-            return tl::unexpected(known.error());
 
     std::vector<InstanceRecord> instances(scene.instances, scene.instances + scene.instance_count);
     const auto outermost = std::span(instances).subspan(root.first_instance, root.instance_count);
@@ -76,6 +128,26 @@ Result<std::vector<InstanceRecord>> SelectedInstances::select(const SceneView& s
     for (InstanceRecord& instance : instances)
         if (hidden[instance.object]) instance.mask = 0;
     return instances;
+}
+
+std::uint64_t SelectedInstances::node_count(const SceneView& scene) {
+    std::uint64_t count = 0;
+    for (std::uint32_t i = 0; i < scene.object_count; ++i)
+        count = std::max(count, scene.objects[i].first_node + scene.objects[i].node_count);
+    return count;
+}
+
+std::vector<Node> SelectedInstances::prune(const SceneView& scene,
+                                           std::span<const InstanceRecord> instances) {
+    std::vector<Node> nodes(scene.nodes, scene.nodes + node_count(scene));
+    for (std::uint32_t i = 0; i < scene.object_count; ++i) {
+        const ObjectRecord& object = scene.objects[i];
+        if (object.instance_count == 0) continue;
+        Pruning(std::span(nodes).subspan(object.first_node, object.node_count),
+                instances.subspan(object.first_instance, object.instance_count))
+            .keeps(object.root);
+    }
+    return nodes;
 }
 
 }  // namespace raynest

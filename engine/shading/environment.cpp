@@ -4,6 +4,14 @@
 #include <cmath>
 
 namespace raynest {
+namespace {
+
+/// Turns less the whole ones: 0 to 1.
+float turn_part(float turns) {
+    return turns - std::floor(turns);
+}
+
+}  // namespace
 
 void Environment::Guide::add(const float* sums, std::size_t count, std::size_t stride) {
     const float total = sums[(count - 1) * stride];
@@ -30,9 +38,11 @@ std::size_t Environment::Guide::find(const float* sums, std::size_t count, std::
     return i;
 }
 
-Environment::Environment(std::uint32_t width, std::uint32_t height, std::span<const Vec3> pixels)
+Environment::Environment(std::uint32_t width, std::uint32_t height, std::span<const Vec3> pixels,
+                         float middle)
     : width_(width),
-      height_(height) {
+      height_(height),
+      middle_(middle) {
     texels_.reserve(pixels.size());
     for (const Vec3& pixel : pixels) {
         Vec4& p = texels_.emplace_back(pixel, 0);
@@ -99,9 +109,9 @@ float Environment::density_at(std::size_t column, std::size_t row, float sine) c
 
 Environment::View Environment::view(const Vec3& d) const {
     if (empty()) return {};
-    const float u = 0.5F + arc_tangent(d.x, -d.z) * (0.5F / pi);
+    const float u = turn_part(0.5F + arc_tangent(d.x, -d.z) * (0.5F / pi) - middle_);
     const float v = arc_cosine(d.y) * (1.0F / pi);
-    const Vec2 at(std::clamp(u, 0.0F, one_below) * static_cast<float>(width_),
+    const Vec2 at(std::min(u, one_below) * static_cast<float>(width_),
                   std::clamp(v, 0.0F, one_below) * static_cast<float>(height_));
     const float sine = std::sqrt(std::max(1.0F - d.y * d.y, 0.0F));
     return {radiance_at(at),
@@ -117,8 +127,8 @@ Vec3 Environment::sample(const Vec2& u, View& view) const {
     const std::size_t x =
         column_guide_.find(&texels_[y * width_].w, width_, 4, y, u.x, across);
     const Vec2 at(static_cast<float>(x) + across, static_cast<float>(y) + down);
-    // A turn behind the picture's middle lies its left edge.
-    const Vec2 azimuth = circle(std::min(at.x / static_cast<float>(width_), 1.0F));
+    // Half a turn behind the picture's middle lies its left edge.
+    const Vec2 azimuth = circle(turn_part(at.x / static_cast<float>(width_) + middle_));
     const Vec2 polar = circle(0.5F * std::min(at.y / static_cast<float>(height_), 1.0F));
     view = {radiance_at(at), density_at(x, y, polar.y)};
     return {-polar.y * azimuth.y, polar.x, polar.y * azimuth.x};

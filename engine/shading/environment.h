@@ -1,5 +1,5 @@
-// Light from all around, as a picture: azimuth across, elevation down, -Z in the middle. Directions
-// are drawn in proportion to the brightness of the picture.
+// Light from all around, as a picture: azimuth across, elevation down. Directions are drawn in
+// proportion to the brightness of the picture.
 #pragma once
 
 #include "engine/shading/sampling.h"
@@ -14,7 +14,10 @@ class Environment {
 public:
     Environment() = default;
     /// Row 0 on top, at most 65,535 pixels a side; values that are negative or not finite count 0.
-    Environment(std::uint32_t width, std::uint32_t height, std::span<const Vec3> pixels);
+    /// Columns go from -Z over +X to +Z; `middle` is the azimuth of the picture's middle from -Z
+    /// towards +X, in turns from 0 to below 1.
+    Environment(std::uint32_t width, std::uint32_t height, std::span<const Vec3> pixels,
+                float middle = 0);
 
     /// What a direction shows.
     struct View {
@@ -65,6 +68,7 @@ private:
     [[nodiscard]] float density_at(std::size_t column, std::size_t row, float sine) const;
 
     std::uint32_t width_ = 0, height_ = 0;
+    float middle_ = 0;
     /// Radiance, and the sum of weights of its row up to and with it: what one sample reads lies
     /// together.
     std::vector<Vec4> texels_;

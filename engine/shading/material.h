@@ -3,6 +3,7 @@
 //
 //     struct Standard {
 //         explicit Standard(const MaterialPoint& point, const Vec3& outgoing);
+//         static constexpr bool lights_others;         // false: emitted() is for viewers alone
 //         Vec3 emitted() const;                        // radiance towards `outgoing`
 //         bool scatters() const;                       // false: the three below are not called
 //         Vec3 evaluate(const Vec3& incoming) const;   // BSDF x |cosine of incoming|
@@ -31,7 +32,19 @@ struct MaterialPoint {
     float transmission = 0;
     bool solid = false;  ///< light is refracted at the surface; else it is a sheet
     bool inside = false;  ///< the ray came from within a solid
+    Vec3 smooth{0, 0, 1};  ///< the normal without the normal texture, in the point's frame
 };
+
+/// Share of the light from a direction that the bumps of a normal texture leave a diffuse base: it falls
+/// to 0 at the horizon of MaterialPoint::smooth, where bumps shadow each other. Without it walls that
+/// light grazes reflect too much. 1 without bumps (Conty Estevez, Lecocq and Stein, "A Microfacet-Based
+/// Shadowing Function to Solve the Bump Terminator Problem", Ray Tracing Gems, 2019; Cycles' polynomial).
+[[nodiscard]] inline float lit_share(const Vec3& smooth, const Vec3& incoming) {
+    const float cosines = incoming.z * smooth.z;
+    const float g = cosines > 0 ? glm::dot(incoming, smooth) / cosines : 0.0F;
+    if (g >= 1) return 1;
+    return g > 0 ? g * (1.0F + g - g * g) : 0.0F;
+}
 
 /// What Material::evaluate() and density() say of one direction.
 struct Scattered {
@@ -43,6 +56,7 @@ template <class M>
 concept MaterialLike = requires(const M& m, const MaterialPoint& point, const Vec3& v, float x,
                                 const Vec2& u) {
     M(point, v);
+    { M::lights_others } -> std::convertible_to<bool>;
     { m.emitted() } -> std::same_as<Vec3>;
     { m.scatters() } -> std::same_as<bool>;
     { m.evaluate(v) } -> std::same_as<Vec3>;

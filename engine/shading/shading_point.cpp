@@ -162,6 +162,29 @@ Vec3 turned_to(const Vec3& n, const Vec3& viewer) {
     return glm::normalize(n + (least - seen) * viewer);
 }
 
+/// Bends a shading normal towards the geometric one until the mirrored viewer leaves the surface:
+/// bumps that lean away from a grazing view would be black otherwise. As Cycles does
+/// (ensure_valid_specular_reflection). Both normals are on the viewer's side.
+Vec3 bent_to_reflect(const Vec3& n, const Vec3& viewer, const Vec3& geometric) {
+    const float viewer_z = glm::dot(viewer, geometric);
+    const float n_z = glm::dot(n, geometric);
+    const float least = std::min(0.9F * viewer_z, 0.01F);
+    if (2.0F * glm::dot(n, viewer) * n_z - viewer_z >= least) return n;
+    const Vec3 aside = n - n_z * geometric;
+    const float length = glm::length(aside);
+    if (!(length > 0)) return n;
+    // With z along the geometric normal and n in the plane of x and z, the mirrored viewer's z is
+    // 2 (n_x v_x + n_z v_z) n_z - v_z. Setting it to `least` is a quadratic in n_z squared.
+    const Vec3 x = aside / length;
+    const float viewer_x = glm::dot(viewer, x);
+    const float a = viewer_x * viewer_x + viewer_z * viewer_z;
+    const float b = a + viewer_z * least;
+    const float c = least + viewer_z;
+    const float root = std::sqrt(std::max(b * b - a * c * c, 0.0F));
+    const float square = std::clamp((viewer_x < 0 ? b + root : b - root) / (2.0F * a), 0.0F, 1.0F);
+    return std::sqrt(1.0F - square) * x + std::sqrt(square) * geometric;
+}
+
 float clamped(float x) {
     return x > 0 ? std::min(x, 1.0F) : 0.0F;
 }
@@ -219,7 +242,9 @@ void begin_point(const ShadingView& view, const Ray& ray, const HitRecord& hit,
     const TexturePlaces places(scene, geometry, corners, area > 0 ? across * across / area : 0.0F);
     const auto look_up = [&](TextureSlot slot, std::uint32_t texture, std::uint32_t set,
                              const float(&m)[6], bool data) {
-        const TexturePlace place = places.find(set, m);
+        TexturePlace place = places.find(set, m);
+        // The mean of bumps is flat, and reflects more than they do: the samples of a pixel average that.
+        if (slot == TextureSlot::normal) place.footprint = {};
         const auto k = static_cast<std::size_t>(slot);
         out.looked_up |= 1U << k;
         batch.add(texture, place.st, place.footprint, data, &out.texels[k]);
@@ -285,14 +310,19 @@ const ShadingPoint& finish_point(UnfinishedPoint& from) {
     if (const Vec4* texel = from.texel(TextureSlot::emission)) material.emission *= Vec3(*texel);
     if (const Vec4* texel = from.texel(TextureSlot::transmission)) material.transmission *= texel->x;
     Vec3 n = from.n;
-    if (const Vec4* texel = from.texel(TextureSlot::normal); texel && from.tangent != Vec3(0)) {
+    const Vec4* texel = from.texel(TextureSlot::normal);
+    const bool has_bumps = texel != nullptr && from.tangent != Vec3(0);
+    if (has_bumps) {
         const float scale = point.surface->normal_scale;
         n = glm::normalize((2.0F * texel->x - 1.0F) * scale * from.tangent +
                            (2.0F * texel->y - 1.0F) * scale * from.bitangent +
                            std::max(2.0F * texel->z - 1.0F, 1e-3F) * n);
     }
     if (!point.front) n = -n;
-    point.frame = frame_around(turned_to(n, from.viewer));
+    n = turned_to(n, from.viewer);
+    if (has_bumps) n = bent_to_reflect(n, from.viewer, point.normal);
+    point.frame = frame_around(n);
+    if (has_bumps) material.smooth = point.frame.to_local(point.front ? from.n : -from.n);
     return point;
 }
 

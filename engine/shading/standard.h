@@ -13,8 +13,11 @@ namespace raynest {
 
 class Standard {
 public:
+    static constexpr bool lights_others = true;
+
     Standard(const MaterialPoint& point, const Vec3& outgoing)
         : emission_(point.emission),
+          smooth_(point.smooth),
           roughness_(std::clamp(point.roughness, roughness_min, 1.0F)),
           glass_{outgoing, roughness_, 1, false, Vec3(0), 1, 1} {
         const float metal = std::clamp(point.metallic, 0.0F, 1.0F);
@@ -58,7 +61,8 @@ public:
         Scattered sum;
         if (i.z > 0) {
             const OneBounce lit = rows_.at(i.z);
-            const Vec3 base = base_ * base_seen_ * (Vec3(1) - varnish_albedo(lit));
+            const Vec3 base =
+                base_ * base_seen_ * (Vec3(1) - varnish_albedo(lit)) * lit_share(smooth_, i);
             const Scattered glossy = glossy_.scatter(i);
             sum.value = glossy.value +
                         (base + more_ * ((1.0F - seen_.full) * (1.0F - lit.full))) * i.z;
@@ -105,7 +109,7 @@ private:
         glass_share_ = clear / total;
     }
 
-    Vec3 emission_;
+    Vec3 emission_, smooth_;
     float roughness_;
     AlbedoRows rows_;
     OneBounce seen_;

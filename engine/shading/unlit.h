@@ -1,4 +1,4 @@
-// KHR_materials_unlit: shows its base colour, whatever the light, and scatters nothing.
+// KHR_materials_unlit: shows its base colour, whatever the light, scatters nothing and lights nothing.
 #pragma once
 
 #include "engine/shading/material.h"
@@ -6,6 +6,8 @@
 namespace raynest {
 
 struct Unlit {
+    static constexpr bool lights_others = false;
+
     Unlit(const MaterialPoint& point, const Vec3& /*outgoing*/) : colour(point.base_colour) {}
     [[nodiscard]] Vec3 emitted() const { return colour; }
     [[nodiscard]] bool scatters() const { return false; }

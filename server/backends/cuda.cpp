@@ -34,7 +34,7 @@ std::uint64_t rays_max(const protocol::Limits& limits) {
 }
 
 device::Kernel kernel_of(const Plan& plan) {
-    return {plan.variant->name, precision_watertight, plan.query, plan.settings.params.size()};
+    return {plan.variant->name, plan.query, plan.settings.params.size()};
 }
 
 class CudaBackend final : public Backend {

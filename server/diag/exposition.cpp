@@ -1,5 +1,6 @@
 #include "server/diag/exposition.h"
 
+#include "server/handlers/quota_use.h"
 #include "server/jobs/admission.h"
 #include "server/jobs/peers.h"
 #include "server/log.h"
@@ -10,10 +11,12 @@
 #include <unistd.h>
 
 #include <algorithm>
+#include <chrono>
 #include <filesystem>
 #include <fstream>
 #include <limits>
 #include <sstream>
+#include <string>
 #include <string_view>
 #include <vector>
 
@@ -23,6 +26,11 @@ namespace {
 using prometheus::ClientMetric;
 using prometheus::MetricFamily;
 using prometheus::MetricType;
+
+/// Most principals with rows of their own: Prometheus keeps each row that it ever saw.
+constexpr std::size_t principals_max = 50;
+
+const auto begun = std::chrono::system_clock::now();
 
 /// Families in the order of their first values.
 class Families {
@@ -98,8 +106,44 @@ void add_durations(const DurationHistogram& durations, const char* name, const c
     families.family(name, MetricType::Histogram, help).metric.push_back(std::move(metric));
 }
 
+void add_principal(const Services& services, const std::string& principal, Families& families) {
+    const auto add = [&](const char* name, MetricType type, std::string_view help, ClientMetric::Label label,
+                         std::uint64_t value) {
+        ClientMetric metric;
+        metric.label.push_back({"principal", principal});
+        if (!label.name.empty()) metric.label.push_back(std::move(label));
+        (type == MetricType::Counter ? metric.counter.value : metric.gauge.value) =
+            static_cast<double>(value);
+        families.family(name, type, help).metric.push_back(std::move(metric));
+    };
+    const auto count = [&](const char* name, std::string_view help, ClientMetric::Label label,
+                           Metrics::Counter Metrics::*counter) {
+        add(name, MetricType::Counter, help, std::move(label),
+            services.metrics.own.of(principal, position_of(counter)));
+    };
+    count("raynest_principal_rays_total", "rays traced for a principal", {}, &Metrics::rays);
+    count("raynest_principal_jobs_total", "jobs started for a principal", {}, &Metrics::jobs_started);
+    constexpr const char* bytes = "bytes of a principal's frames, by direction";
+    count("raynest_principal_bytes_total", bytes, {"direction", "received"}, &Metrics::bytes_received);
+    count("raynest_principal_bytes_total", bytes, {"direction", "sent"}, &Metrics::bytes_sent);
+    for (const QuotaUse& use : quota_uses(services, principal)) {
+        const ClientMetric::Label label{"resource", std::string(use.resource)};
+        add("raynest_principal_used", MetricType::Gauge, "what a principal uses of its quotas", label,
+            use.used);
+        add("raynest_principal_quota", MetricType::Gauge, "the quotas of a principal", label, use.quota);
+    }
+}
+
+void add_principals(const Services& services, const Principal& reader, Families& families) {
+    const auto shown = reader.role == Role::admin ? services.metrics.own.latest(principals_max)
+                                                  : std::vector<std::string>{reader.id};
+    for (const std::string& principal : shown) add_principal(services, principal, families);
+}
+
 /// The names that Prometheus' client libraries give to these.
 void add_process(Families& families) {
+    families.add("process_start_time_seconds", MetricType::Gauge, "", "Unix time of the start",
+                 std::chrono::duration<double>(begun.time_since_epoch()).count());
     rusage used{};
     if (getrusage(RUSAGE_SELF, &used) == 0) {
         const auto seconds = [](const timeval& time) {
@@ -127,7 +171,8 @@ void add_process(Families& families) {
 
 }  // namespace
 
-std::string exposition(const Services& services, std::optional<double> certificate_days_left) {
+std::string exposition(const Services& services, const Principal& reader,
+                       std::optional<double> certificate_days_left) {
     Families families;
     add_build(services, families);
 #define RAYNEST_METRIC(name, family, labels, text)           \
@@ -147,6 +192,7 @@ std::string exposition(const Services& services, std::optional<double> certifica
                   "time from the cancellation of a job to the end of its last task", families);
     add_durations(metrics.load_seconds, "raynest_scene_load_duration_seconds",
                   "time from the request for a scene to its publication", families);
+    add_principals(services, reader, families);
     add_process(families);
     return families.text();
 }

@@ -7,6 +7,7 @@
 #include <mutex>
 #include <string>
 #include <unordered_map>
+#include <vector>
 
 namespace raynest::server {
 
@@ -15,9 +16,13 @@ class OwnCounts {
 public:
     static constexpr std::size_t counters_max = 80;
 
+    /// Adds to a counter of a principal; to none if `principal` is empty, as before Hello.
     void add(const std::string& principal, std::size_t counter, std::uint64_t count);
     /// Returns 0 for a principal that has done nothing, or nothing for long.
     [[nodiscard]] std::uint64_t of(const std::string& principal, std::size_t counter) const;
+
+    /// Returns the principals that did something last, latest first, at most `most` of them.
+    [[nodiscard]] std::vector<std::string> latest(std::size_t most) const;
 
 private:
     struct Row {

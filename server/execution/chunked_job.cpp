@@ -12,6 +12,16 @@ ChunkedJob::ChunkedJob(const Services& services, const Caller& caller, Plan plan
       plan_(std::move(plan)),
       queue_(plan_.worker, total, joins) {}
 
+std::optional<Task> ChunkedJob::prepare() {
+    if (!needs_preparation()) return std::nullopt;
+    Task task;
+    task.run = [this](const Stop& stop) -> Reply<Frames> {
+        if (const auto ready = make_ready(stop); !ready) return tl::unexpected(ready.error());
+        return Frames{};
+    };
+    return task;
+}
+
 std::optional<ChunkedJob::Work> ChunkedJob::next_work() {
     const auto chunk = queue_.next(
         [this](const Backend& backend, const Chunk& rest) { return chunk_size(backend, rest); });

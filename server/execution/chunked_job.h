@@ -18,10 +18,21 @@
 namespace raynest::server {
 
 class ChunkedJob : public Job {
+public:
+    std::optional<Task> prepare() override;
+    [[nodiscard]] std::uint64_t held_bytes() const override {
+        return plan_.selected != nullptr ? plan_.selected->lease.bytes() : 0;
+    }
+
 protected:
     /// `total` is the size of the job in the unit of its chunks. `joins` as in ChunkQueue.
     ChunkedJob(const Services& services, const Caller& caller, Plan plan, std::uint64_t total,
                bool joins);
+
+    /// True if make_ready() has something to do; a task for it costs a small query its latency.
+    [[nodiscard]] virtual bool needs_preparation() const { return plan_.selected != nullptr; }
+    /// Makes what tasks need and what grows with the request or the scene. Runs in prepare()'s task.
+    virtual Reply<void> make_ready(const Stop& /*stop*/) { return plan_.select(); }
 
     /// Returns the maximum size of a chunk that begins at rest.first, for this backend.
     [[nodiscard]] virtual std::uint64_t chunk_size(const Backend& backend,

@@ -1,5 +1,7 @@
 #include "server/execution/fair_thread_pool.h"
 
+#include "server/store/fair_share.h"
+
 #include <time.h>
 
 #include <algorithm>
@@ -21,9 +23,11 @@ std::chrono::nanoseconds now_by(FairThreadPool::Time time) {
 
 }  // namespace
 
-FairThreadPool::FairThreadPool(unsigned threads, Time charged, unsigned spares)
+FairThreadPool::FairThreadPool(unsigned threads, Time charged, unsigned spares,
+                               unsigned places_each)
     : charged_(charged),
       spares_max_(spares),
+      places_each_(places_each),
       regulars_(threads) {
     try {
         for (WorkerThread& worker : regulars_)
@@ -48,6 +52,7 @@ void FairThreadPool::stop() {
         dropped.swap(accounts_);
     }
     wake_.notify_all();
+    wake_spare_.notify_all();
     alarm_.notify_one();
     if (watch_.joinable()) watch_.join();  // first, because it starts spare threads
     for (WorkerThread& worker : regulars_) {
@@ -73,9 +78,12 @@ std::uint64_t FairThreadPool::submit(const std::string& principal, Priority prio
         number = submitted_++;
         queue.push_back({priority, number, std::move(task)});
         std::push_heap(queue.begin(), queue.end(), later);
-        if (std::exchange(resting_, false)) alarm_.notify_one();
+        const bool lacks_thread = account->second.running == 0 && running_ >= threads();
+        alarmed_ = alarmed_ || lacks_thread;
+        if (std::exchange(resting_, false) || lacks_thread) alarm_.notify_one();
     }
     wake_.notify_one();
+    wake_spare_.notify_one();
     return number;
 }
 
@@ -103,21 +111,34 @@ bool FairThreadPool::run_one() noexcept {
     Taken taken;
     {
         const std::lock_guard lock(mutex_);
-        if (turns_.empty()) return false;
-        taken = take(next_in_turn(), here);
+        const auto turn = next_in_turn();
+        if (turn == turns_.end()) return false;
+        taken = take(turn, here);
     }
     run_taken(std::move(taken), here);
     return true;
 }
 
+bool FairThreadPool::has_place(const Account& account) const {
+    if (places_each_ == 0) return true;
+    return account.running < places_each_ &&
+           fair_place(account.running, threads() - std::min(running_, threads()));
+}
+
 FairThreadPool::Turns::iterator FairThreadPool::next_in_turn() {
-    // Cancel the debt of a principal that waits alone: it delays no other.
-    if (turns_.size() == 1) turns_.front()->second.debt = 0;
-    while (turns_.front()->second.debt > 0) {
-        --turns_.front()->second.debt;
+    const auto may_run = [this](Accounts::iterator account) { return has_place(account->second); };
+    const auto candidates = std::ranges::count_if(turns_, may_run);
+    if (candidates == 0) return turns_.end();
+    for (;;) {
+        Account& next = turns_.front()->second;
+        // Ignore the debt of a principal that waits alone: it delays no other.
+        if (has_place(next) && (candidates == 1 || next.debt == 0)) {
+            if (candidates == 1) next.debt = 0;
+            return turns_.begin();
+        }
+        if (has_place(next)) --next.debt;
         turns_.splice(turns_.end(), turns_, turns_.begin());
     }
-    return turns_.begin();
 }
 
 FairThreadPool::Turns::iterator FairThreadPool::least_served() {
@@ -135,6 +156,7 @@ FairThreadPool::Taken FairThreadPool::take(Turns::iterator turn, WorkerThread& w
     Taken taken{account, std::move(queue.back().task)};
     queue.pop_back();
     ++account->second.running;
+    ++running_;
     if (queue.empty())
         turns_.erase(turn);
     else
@@ -151,6 +173,7 @@ void FairThreadPool::run_taken(Taken taken, WorkerThread& worker) {
 
     const std::lock_guard lock(mutex_);
     worker.since = Clock::time_point::max();
+    --running_;
     if (stopping_) return;  // stop() has removed the accounts
     Account& account = taken.account->second;
     account.debt = std::min<std::int64_t>(account.debt + turns, debt_max);
@@ -166,16 +189,19 @@ void FairThreadPool::run(WorkerThread& self) {
         Taken taken;
         {
             std::unique_lock lock(mutex_);
-            wake_.wait(lock, [this] { return stopping_ || !turns_.empty(); });
+            Turns::iterator turn;
+            wake_.wait(lock, [&] { return stopping_ || (turn = next_in_turn()) != turns_.end(); });
             if (stopping_) return;
-            taken = take(next_in_turn(), self);
+            taken = take(turn, self);
         }
+        // The end of a task may have freed places for more than one.
+        if (places_each_ != 0) wake_.notify_one();
         run_taken(std::move(taken), self);
     }
 }
 
-std::size_t FairThreadPool::held() const {
-    const Clock::time_point long_ago = Clock::now() - patience;
+std::size_t FairThreadPool::held(std::chrono::milliseconds time) const {
+    const Clock::time_point long_ago = Clock::now() - time;
     const auto is_held = [long_ago](const WorkerThread& worker) {
         return worker.since <= long_ago;
     };
@@ -195,17 +221,24 @@ std::chrono::nanoseconds FairThreadPool::longest_task() {
     return longest;
 }
 
+bool FairThreadPool::needs_spare() {
+    const auto turn = least_served();
+    if (turn == turns_.end() || spares_.size() >= spares_max_) return false;
+    return spares_.size() < held(patience) ||
+           ((*turn)->second.running == 0 && spares_.size() < threads() &&
+            held(turn_patience) == threads() + spares_.size());
+}
+
 void FairThreadPool::watch() {
     std::unique_lock lock(mutex_);
     for (std::uint64_t seen = submitted_; !stopping_;) {
         std::erase_if(spares_, [](const WorkerThread& worker) { return worker.over; });
-        const std::size_t wanted = std::min(held(), spares_max_);
-        while (spares_.size() < wanted && least_served() != turns_.end()) {
-            if (!start_spare()) break;
+        while (needs_spare() && start_spare()) {
         }
         if (submitted_ != seen || !turns_.empty() || !spares_.empty()) {
             seen = submitted_;
-            alarm_.wait_for(lock, patience, [this] { return stopping_; });
+            alarm_.wait_for(lock, turn_patience,
+                            [this] { return stopping_ || std::exchange(alarmed_, false); });
         } else {
             resting_ = true;
             alarm_.wait(lock, [this] { return stopping_ || !resting_; });
@@ -225,21 +258,27 @@ bool FairThreadPool::start_spare() {
     }
 }
 
+FairThreadPool::Turns::iterator FairThreadPool::next_for_spare() {
+    const auto turn = least_served();
+    if (turn == turns_.end() || (*turn)->second.running == 0) return turn;
+    const auto serving = std::ranges::count(spares_, false, &WorkerThread::over);
+    return static_cast<std::size_t>(serving) <= held(patience) ? turn : turns_.end();
+}
+
 void FairThreadPool::run_spare(WorkerThread& self) {
     std::unique_lock lock(mutex_);
     for (;;) {
-        wake_.wait_for(lock, patience, [this] { return stopping_ || !turns_.empty(); });
-        const auto turn = least_served();
-        const auto serving = std::ranges::count(spares_, false, &WorkerThread::over);
-        const bool is_needed = static_cast<std::size_t>(serving) <= held();
-        if (stopping_ || turn == turns_.end() || !is_needed) break;
+        Turns::iterator turn;
+        const bool is_needed = wake_spare_.wait_for(lock, patience, [&] {
+            return stopping_ || (turn = next_for_spare()) != turns_.end();
+        });
+        if (stopping_ || !is_needed) break;
         Taken taken = take(turn, self);
         lock.unlock();
         run_taken(std::move(taken), self);
         lock.lock();
     }
     self.over = true;
-    wake_.notify_one();  // pass the notification on: this thread takes no more tasks
 }
 
 }  // namespace raynest::server

@@ -12,7 +12,12 @@
 // A task may take much longer than usual, e.g. if its rays meet most of a scene. Spare threads then
 // replace the threads that such tasks occupy, so that waiting tasks still get the full number of
 // threads; the operating system shares the processor among all. One principal can use at most half
-// of the spare threads.
+// of the spare threads. A principal that has no thread, while tasks of others occupy all of them for
+// longer than two turns, gets a spare one at once; there are no more of these than regular threads.
+//
+// Tasks that wait for processes occupy their threads for minutes, and turns do not help those who
+// come meanwhile. Such a pool has places: a principal has at most `places_each` of its threads, and
+// never the last one if it has another (fair_share.h).
 #pragma once
 
 #include "server/jobs/job.h"
@@ -39,8 +44,10 @@ public:
     enum class Time { processor, clock };
 
     /// Throws std::system_error if the system has no threads left. With 0 threads, tasks run in
-    /// run_one(). Up to `spares` more threads replace those that long tasks occupy.
-    explicit FairThreadPool(unsigned threads, Time charged = Time::processor, unsigned spares = 0);
+    /// run_one(). Up to `spares` more threads replace those that long tasks occupy. A principal runs at
+    /// most `places_each` tasks at a time; 0: as many as it gets turns.
+    explicit FairThreadPool(unsigned threads, Time charged = Time::processor, unsigned spares = 0,
+                            unsigned places_each = 0);
     /// Drops tasks that have not started; waits for running ones.
     ~FairThreadPool();
     FairThreadPool(const FairThreadPool&) = delete;
@@ -60,9 +67,10 @@ public:
 
     /// Time that counts as one turn: that of a usual chunk.
     static constexpr std::chrono::milliseconds slice{4};
-    /// Time after which a task counts as long. The watch looks at this interval, so a spare thread
-    /// starts after at most twice this time.
+    /// Time after which a task counts as long.
     static constexpr std::chrono::milliseconds patience{250};
+    /// The same, while a principal has no thread. The watch looks at this interval.
+    static constexpr std::chrono::milliseconds turn_patience = 2 * slice;
 
     [[nodiscard]] std::size_t threads() const { return regulars_.size(); }
     /// Returns for how long the longest of the running tasks has run; 0 if none runs.
@@ -94,7 +102,9 @@ private:
     static bool later(const Waiting& a, const Waiting& b);
     void stop();
     void run(WorkerThread& self);
-    /// Returns the principal whose task a regular thread takes next; `turns_` must not be empty.
+    /// True if the principal may have one more thread.
+    [[nodiscard]] bool has_place(const Account& account) const;
+    /// Returns the principal whose task a regular thread takes next; the end if none may be taken.
     Turns::iterator next_in_turn();
     /// Returns the principal whose task a spare thread takes next: the one with the fewest running
     /// tasks. Returns the end if that one has its share of threads already.
@@ -102,24 +112,32 @@ private:
     /// Removes the next task of a principal; `worker` is the calling thread's.
     Taken take(Turns::iterator turn, WorkerThread& worker);
     void run_taken(Taken taken, WorkerThread& worker);
-    /// Number of threads whose task has run for longer than `patience`.
-    [[nodiscard]] std::size_t held() const;
+    /// Number of threads whose task has run for longer than this.
+    [[nodiscard]] std::size_t held(std::chrono::milliseconds time) const;
+    /// True if one more spare thread is to start.
+    [[nodiscard]] bool needs_spare();
     /// Starts and removes spare threads; runs on a thread of its own.
     void watch();
     /// Returns false if the system has no memory or thread for it.
     bool start_spare();
     void run_spare(WorkerThread& self);
+    /// Returns the principal whose task a spare thread takes next; the end if a regular one is to take it.
+    Turns::iterator next_for_spare();
 
     std::mutex mutex_;
-    std::condition_variable wake_;
+    std::condition_variable wake_;        ///< of regular threads
+    std::condition_variable wake_spare_;  ///< of spare threads
     Accounts accounts_;  ///< principals with waiting or running tasks, or with debt
     Turns turns_;        ///< principals with waiting tasks, each once
     std::uint64_t submitted_ = 0;
     bool stopping_ = false;
     const Time charged_;
     const std::size_t spares_max_;
+    const std::size_t places_each_;  ///< 0: no limit
+    std::size_t running_ = 0;        ///< tasks
     std::condition_variable alarm_;  ///< wakes the thread of watch()
     bool resting_ = false;           ///< watch() sleeps until the next task is submitted
+    bool alarmed_ = false;           ///< a principal without a thread has submitted a task
     std::vector<WorkerThread> regulars_;
     std::list<WorkerThread> spares_;
     std::thread watch_;

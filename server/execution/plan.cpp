@@ -31,57 +31,58 @@ Reply<Priority> parse_priority(std::string_view word) {
                   "unknown priority '" + std::string(word) + "': use one of low, normal, high");
 }
 
-Reply<Settings> read_settings(const Variant& variant, const protocol::StringList* list) {
+Reply<Settings> read_settings(const Variant& variant, const wire::Job& job) {
     std::vector<std::pair<std::string, std::string>> assignments;
-    for (const std::string& text : protocol::strings(list)) {
+    for (const std::string& text : protocol::strings(job.settings())) {
         const auto equals = text.find('=');
         assignments.emplace_back(text.substr(0, equals), text.substr(equals + 1));
     }
-    auto settings = parse_settings(variant, assignments);
+    std::vector<NamedTable> tables;
+    if (job.tables() != nullptr) {
+        for (const wire::ParamTable* table : *job.tables()) {
+            const auto values = protocol::values(*table);
+            tables.push_back({std::string(protocol::text(table->name())),
+                              {values.begin(), values.end()}});
+        }
+    }
+    auto settings = parse_settings(variant, assignments, tables);
     if (!settings) return refuse(settings.error());
     return std::move(*settings);
 }
 
-/// Returns the view of the scene that a job asks for; null if it hides nothing.
-Reply<std::shared_ptr<const Plan::Selected>> select_instances(const Services& services,
-                                                              const SceneView& scene,
-                                                              const wire::Job& job) {
+/// Returns what a job hides, and memory for its view of the scene; null if it hides nothing.
+Reply<std::shared_ptr<Plan::Selected>> reserve_selection(const Services& services,
+                                                         const Caller& caller,
+                                                         const SceneView& scene,
+                                                         const wire::Job& job) {
     const auto list = [](const flatbuffers::Vector<std::uint32_t>* ids) {
-        return ids == nullptr ? std::span<const std::uint32_t>()
-                              : std::span(ids->data(), ids->size());
+        return ids == nullptr ? std::vector<std::uint32_t>()
+                              : std::vector<std::uint32_t>(ids->begin(), ids->end());
     };
-    const InstanceSelection selection{list(job.hidden_instances()), list(job.hidden_objects()),
-                                      list(job.only_instances()), list(job.only_objects())};
-    if (selection.is_everything()) return nullptr;
+    InstanceLists lists{list(job.hidden_instances()), list(job.hidden_objects()),
+                        list(job.only_instances()), list(job.only_objects())};
+    if (lists.selection().is_everything()) return nullptr;
+    if (auto known = SelectedInstances::check(scene, lists.selection()); !known)
+        return refuse(Code::invalid_field, std::move(known.error().message));
     const std::uint64_t most = services.limits.hidden_instances_max;
     if (scene.instance_count > most)
         return refuse(Code::limit_exceeded,
                       "the scene has more instances than hidden_instances_max = " +
                           std::to_string(most) + "; use masks (load --mask) to hide some of them");
-    const std::uint64_t bytes = std::uint64_t{scene.instance_count} * sizeof(InstanceRecord);
-    auto lease = services.budget.reserve(bytes);
+    const bool skips_boxes = job.skip_hidden_boxes();
+    const std::uint64_t bytes =
+        std::uint64_t{scene.instance_count} * sizeof(InstanceRecord) +
+        (skips_boxes ? SelectedInstances::node_count(scene) * sizeof(Node) : 0);
+    auto lease = services.peers.reserve(bytes, caller.principal);
     if (!lease)
-        return refuse(Code::resource_exhausted,
-                      "hiding instances takes " + protocol::bytes_text(bytes) +
-                          ", more than is free of raynestd's --memory; hide none");
-    auto instances = SelectedInstances::select(scene, selection);
-    if (!instances) return refuse(Code::invalid_field, std::move(instances.error().message));
-    return std::shared_ptr<const Plan::Selected>(
-        new Plan::Selected{{scene, std::move(*instances)}, std::move(*lease)});
+        return services.budget.refuse("hiding instances", bytes, caller.principal, "hide none");
+    return std::shared_ptr<Plan::Selected>(
+        new Plan::Selected{std::move(lists), skips_boxes, std::move(*lease)});
 }
 
 RecordNormal record_normal(std::uint32_t type, const void* registry) {
     const PackPrimitive* primitive = static_cast<const Registry*>(registry)->find_primitive(type);
     return primitive == nullptr ? nullptr : primitive->normal;
-}
-
-}  // namespace
-
-namespace {
-
-bool has_blended_materials(const SceneView& scene) {
-    return std::any_of(scene.materials, scene.materials + scene.material_count,
-                       [](const MaterialRecord& m) { return m.alpha_mode == AlphaMode::blend; });
 }
 
 }  // namespace
@@ -100,16 +101,16 @@ Reply<Plan> make_plan(const Services& services, const Caller& caller, const wire
     if (!scene) return tl::unexpected(scene.error());
     plan.scene = std::move(*scene);
     std::string_view intersector = word(job.intersector(), "auto");
-    if (lit && intersector == "auto" && has_blended_materials(plan.scene.snapshot().view()) &&
+    if (lit && intersector == "auto" && plan.scene.snapshot().view().blended_materials != 0 &&
         services.registry.find("alpha_blend") != nullptr)
         intersector = "alpha_blend";
     const auto variant = services.registry.choose(intersector, plan.scene.snapshot().view());
     if (!variant) return refuse(variant.error());
     plan.variant = *variant;
-    auto settings = read_settings(*plan.variant, job.settings());
+    auto settings = read_settings(*plan.variant, job);
     if (!settings) return tl::unexpected(settings.error());
     plan.settings = std::move(*settings);
-    auto selected = select_instances(services, plan.scene.snapshot().view(), job);
+    auto selected = reserve_selection(services, caller, plan.scene.snapshot().view(), job);
     if (!selected) return tl::unexpected(selected.error());
     plan.selected = std::move(*selected);
 
@@ -123,6 +124,12 @@ Reply<Plan> make_plan(const Services& services, const Caller& caller, const wire
 }
 
 Reply<Plan> Plan::with(Plan plan, Query query, CounterMode counters) {
+    if (plan.selected != nullptr && counters != counters_none && plan.counters == counters_none)
+        plan.notes.emplace_back(
+            plan.selected->skips_boxes
+                ? "boxes that lead to hidden instances alone are left out of the counts"
+                : "boxes of hidden instances are tested and counted; `skip_hidden_boxes` leaves "
+                  "them out");
     plan.query = query;
     plan.counters = counters;
     if (counters != counters_none && plan.traversal != traversal_single) {
@@ -133,7 +140,7 @@ Reply<Plan> Plan::with(Plan plan, Query query, CounterMode counters) {
         plan.traversal = traversal_single;
     }
     auto selector =
-        KernelSelector::make(*plan.variant, query, precision_watertight, plan.traversal, counters);
+        KernelSelector::make(*plan.variant, query, plan.traversal, counters);
     if (!selector) return refuse(selector.error());
     plan.selector = *selector;
     return plan;
@@ -148,20 +155,29 @@ Reply<Plan> Plan::observed(Plan plan) {
     return counted;
 }
 
+Reply<void> Plan::select() const {
+    if (selected == nullptr) return {};
+    const SceneView& view = scene.snapshot().view();
+    auto instances = SelectedInstances::select(view, selected->lists.selection());
+    if (!instances) return refuse(Code::invalid_field, std::move(instances.error().message));
+    std::vector<Node> nodes;
+    if (selected->skips_boxes) nodes = SelectedInstances::prune(view, *instances);
+    selected->instances.emplace(view, std::move(*instances), std::move(nodes));
+    return {};
+}
+
 TraceCall Plan::call() const {
     TraceCall call{};
-    call.scene = selected ? &selected->instances.view() : &scene.snapshot().view();
-    call.params = settings.params.empty() ? nullptr : settings.params.data();
+    call.scene = selected ? &selected->instances->view() : &scene.snapshot().view();
+    settings.apply_to(call);
     call.hits_max = hits_max;
     call.mask = mask;
-    call.flags = settings.flags;
     return call;
 }
 
 bool Plan::same_call(const Plan& other) const {
     return scene.held == other.scene.held && variant == other.variant &&
-           settings.params == other.settings.params && settings.flags == other.settings.flags &&
-           query == other.query && traversal == other.traversal && mask == other.mask &&
+           settings == other.settings && query == other.query && traversal == other.traversal && mask == other.mask &&
            selected == other.selected && hits_max == other.hits_max;
 }
 

@@ -26,12 +26,15 @@ struct Plan {
     bool untraced = false;   ///< kind null: every answer is the canonical miss
     bool reads_rays = true;  ///< columns or reducers read the rays besides the hits
     std::uint32_t mask = 0xFFFFFFFFU;
-    /// The view in which instances are hidden, with its memory; null: none are.
+    /// The view in which instances are hidden, with its memory. select() makes it, in a task: it has
+    /// all instances of the scene.
     struct Selected {
-        SelectedInstances instances;
+        InstanceLists lists;
+        bool skips_boxes = false;  ///< boxes that lead to hidden instances alone are not in the view
         Budget::Lease lease;
+        std::optional<SelectedInstances> instances = {};
     };
-    std::shared_ptr<const Selected> selected;
+    std::shared_ptr<Selected> selected;  ///< null: no instance is hidden
     std::uint32_t hits_max = 1;   ///< maximum hits per ray
     std::uint64_t hits_room = 0;  ///< kind all: maximum hit records per call of the kernel
     Priority priority = Priority::normal;
@@ -43,6 +46,10 @@ struct Plan {
 
     /// True if the number of hits per ray varies, so that answers need splits.
     [[nodiscard]] bool csr() const { return query == query_multi || query == query_all; }
+    /// Makes the view of `selected`, if there is one, for all copies of this plan. Call it once, in
+    /// a task, before call(). Fails with INVALID_FIELD for an instance or object that the scene
+    /// lacks.
+    Reply<void> select() const;
     /// Returns a call without rays and output buffers.
     [[nodiscard]] TraceCall call() const;
     /// True if call() is the same for both plans, so that one call can trace rays of both.

@@ -88,7 +88,7 @@ Reply<std::uint64_t> RayInput::feed(protocol::Frame frame) {
                                                " rays; " + std::to_string(missing) +
                                                " are still to come, and a frame holds 1.." +
                                                std::to_string(limits_.chunk_rays_max));
-    auto lease = budget_.reserve(received_bytes);
+    auto lease = budget_.reserve(received_bytes, principal_);
     if (!lease) return refuse(Code::resource_exhausted, "");
     const std::uint64_t rays = sent->count() * rays_each_;
     const std::lock_guard lock(mutex_);

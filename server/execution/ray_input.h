@@ -47,12 +47,14 @@ private:
 class RayInput {
 public:
     /// `sent` is the number of rays that the client sends, or of points with `rays_each` rays each.
+    /// Their memory is charged to `principal`.
     RayInput(std::uint64_t sent, std::uint64_t rays_each, const protocol::Limits& limits,
-             Budget& budget)
+             Budget& budget, std::string principal)
         : sent_(sent),
           rays_each_(rays_each),
           limits_(limits),
-          budget_(budget) {}
+          budget_(budget),
+          principal_(std::move(principal)) {}
 
     /// Takes a QUERY_RAYS frame. Returns the number of the query's rays that come from it.
     Reply<std::uint64_t> feed(protocol::Frame frame);
@@ -84,6 +86,7 @@ private:
     const std::uint64_t rays_each_;
     const protocol::Limits& limits_;
     Budget& budget_;
+    const std::string principal_;
     std::uint64_t received_ = 0;
     std::atomic<std::uint64_t> freed_bytes_{0};
     std::mutex mutex_;

@@ -1,7 +1,10 @@
-// ADMIN: lists and ends connections, changes quotas, reloads and drains the daemon.
+// ADMIN: lists and ends connections, tells and changes quotas, reloads and drains the daemon.
+#include "protocol/text.h"
 #include "server/administration.h"
+#include "server/diag/limited_log.h"
 #include "server/handlers/handler.h"
-#include "server/log.h"
+#include "server/handlers/quota_use.h"
+#include "server/jobs/admission.h"
 #include "server/security/quotas.h"
 #include "server/security/tokens.h"
 
@@ -27,19 +30,40 @@ void list_connections(const Administration& daemon, std::uint64_t after,
     }
 }
 
-Reply<void> set_quota(Administration& daemon, const wire::Admin& message,
-                      wire::AdminReportT& report) {
+/// Tells what a principal uses of its quotas: "bob uses 1 of 128 jobs, 2.0 GiB of 20.0 GiB scene_bytes, …".
+std::string quotas_text(const Services& services, const std::string& principal) {
+    std::string text = principal + " uses";
+    for (const QuotaUse& use : quota_uses(services, principal)) {
+        const auto number = [&](std::uint64_t value) {
+            return use.resource.ends_with("bytes") ? protocol::bytes_text(value) : std::to_string(value);
+        };
+        text += (text.ends_with("uses") ? " " : ", ") + number(use.used) + " of " + number(use.quota) + ' ' +
+                std::string(use.resource);
+    }
+    return text + "; it may send and receive " +
+           protocol::bytes_text(services.admission.quotas().of(principal).second_bytes) + " a second";
+}
+
+/// Tells the quotas of a principal, or changes them if the message has some.
+Reply<void> answer_quota(const Services& services, const wire::Admin& message,
+                         wire::AdminReportT& report) {
+    Administration& daemon = *services.administration;
     std::string text;
     for (const std::string& part : protocol::strings(message.quota()))
         text += (text.empty() ? "" : ",") + part;
-    const auto quota = read_quota(text);
     const std::string principal(protocol::text(message.principal()));
+    const bool changes = !text.empty();
+    const auto quota = changes ? read_quota(text) : Quota();
     if (!quota) return refuse(Code::invalid_field, quota.error().message);
     if (principal.empty())
         return refuse(Code::invalid_field, "the quota needs a principal");
     if (!daemon.knows(principal))
         return refuse(Code::not_found, "nobody is called '" + principal +
                                            "' here: it is not connected, holds nothing and has no token");
+    if (!changes) {
+        report.text = quotas_text(services, principal);
+        return {};
+    }
     daemon.set_quota(principal, *quota);
     report.text = principal + " has " + to_text(*quota) + " until the daemon ends";
     return {};
@@ -67,8 +91,8 @@ Reply<Answer> admin(const Services& services, const Caller& caller,
     Administration& daemon = *services.administration;
     const std::string act(protocol::text(message->act()));
     const std::string principal(protocol::text(message->principal()));
-    log(LogLevel::info, "admin",
-        {{"principal", caller.principal}, {"act", act}, {"on", principal}});
+    log_limited(LogLevel::info, "admin", caller.principal,
+                {{"principal", caller.principal}, {"act", act}, {"on", principal}});
     wire::AdminReportT report;
     if (act == "connections") {
         list_connections(daemon, message->after(), report);
@@ -79,8 +103,8 @@ Reply<Answer> admin(const Services& services, const Caller& caller,
         if (!count) return tl::unexpected(count.error());
         report.text = std::to_string(*count) + (*count == 1 ? " connection" : " connections") + " ended";
     } else if (act == "quota") {
-        if (const auto set = set_quota(daemon, *message.table, report); !set)
-            return tl::unexpected(set.error());
+        if (const auto answered = answer_quota(services, *message.table, report); !answered)
+            return tl::unexpected(answered.error());
     } else if (act == "reload") {
         auto reloaded = daemon.reload();
         if (!reloaded) return tl::unexpected(reloaded.error());

@@ -23,17 +23,11 @@ constexpr std::uint64_t row_bytes = 192;
 constexpr std::uint64_t listed_row_bytes = 2048;
 constexpr std::uint64_t head_bytes = 256 * 1024;
 
-/// Returns the number of instances that rays can enter, counted by the ways to them, or `most`.
-std::uint64_t instances_by_way(const SceneView& view, std::uint64_t most) {
-    std::vector<std::uint64_t> below(view.object_count);
-    for (std::uint32_t i = 0; i < view.object_count; ++i) {  // children come first
-        const ObjectRecord& object = view.objects[i];
-        for (std::uint32_t k = 0; k < object.instance_count; ++k) {
-            const std::uint32_t child = view.instances[object.first_instance + k].object;
-            below[i] = std::min(most, below[i] + 1 + below[child]);
-        }
-    }
-    return below[view.root];
+/// Returns the largest number of instances that rays can enter, counted by the ways to them, or
+/// `most`. Each leads to a placement, and a placement lies in one instance per level.
+std::uint64_t instances_by_way(const Snapshot& scene, std::uint64_t most) {
+    const SceneStatistics& statistics = scene.statistics();
+    return std::min(most, std::min(most, statistics.instances) * statistics.levels);
 }
 
 class BlameJob final : public PictureJob {
@@ -96,7 +90,7 @@ Reply<Answer> blame(const Services& services, const Caller& caller,
     const std::uint32_t top = message->top() == 0 ? default_top : message->top();
     const std::uint64_t most = services.limits.blame_rows_max;
     const std::uint64_t rows = std::min<std::uint64_t>(
-        most, instances_by_way(view, most) + view.object_count + view.material_count + 1);
+        most, instances_by_way(plan->scene.snapshot(), most) + view.object_count + view.material_count + 1);
     const std::uint64_t document = head_bytes + 3 * std::uint64_t{top} * listed_row_bytes;
     auto request =
         make_document_request(services, caller, std::move(*plan), message->camera(),

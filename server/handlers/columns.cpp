@@ -7,8 +7,6 @@
 namespace raynest::server {
 namespace {
 
-constexpr std::string_view splits_name = "ray_splits";
-
 wire::Dtype dtype(FieldType type) {
     switch (type) {
         case FieldType::u8:
@@ -175,7 +173,7 @@ Reply<protocol::Frame> Columns::encode(const Plan& plan, const Registry& registr
 
     // Lay out the blocks: splits, then fields in the order of the request, then outputs.
     protocol::Bulk bulk;
-    if (many) bulk.add(splits_name, wire::Dtype::u64, 1, rows + 1);
+    if (many) bulk.add(splits_column, wire::Dtype::u64, 1, rows + 1);
     const std::size_t first_column = bulk.count();
     for (const Column& column : columns_) {
         const FieldInfo& info = field_info(column.field);

@@ -55,12 +55,9 @@ void ExplainJob::finish(const Chunk& chunk, Traversal traversal,
 Reply<Budget::Lease> reserve_explanation(const Services& services, const Caller& caller,
                                          std::uint64_t entries, std::string_view fewer) {
     const std::uint64_t bytes = explained_head_bytes + entries * explained_entry_bytes;
-    services.peers.make_memory(bytes, caller.principal);
-    auto lease = services.budget.reserve(bytes);
+    auto lease = services.peers.reserve(bytes, caller.principal);
     if (lease) return std::move(*lease);
-    return refuse(Code::resource_exhausted,
-                  "the explanation takes " + protocol::bytes_text(bytes) +
-                      ", more than is free of raynestd's --memory; " + std::string(fewer));
+    return services.budget.refuse("the explanation", bytes, caller.principal, std::string(fewer));
 }
 
 JobSubmission accept_explanation(const Caller& caller, const Plan& plan, std::uint64_t bytes,

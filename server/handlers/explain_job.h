@@ -29,7 +29,9 @@ public:
     std::optional<Task> next() override;
     Reply<void> ended() override;
     [[nodiscard]] bool finished() const override { return explained_ && payload_.finished(); }
-    [[nodiscard]] std::uint64_t held_bytes() const override { return lease_.bytes(); }
+    [[nodiscard]] std::uint64_t held_bytes() const override {
+        return ChunkedJob::held_bytes() + lease_.bytes();
+    }
     Frames farewell() override;
 
 protected:

@@ -2,8 +2,8 @@
 // that still refines a picture has a latest one, which is sent with a DONE that says so.
 #include "server/handlers/handler.h"
 
-#include <algorithm>
 #include <cstring>
+#include <list>
 #include <memory>
 #include <utility>
 
@@ -23,19 +23,21 @@ public:
     FetchJob(const Caller& caller, DetachedJobs::Pointer source)
         : id_(caller.request_id),
           source_(std::move(source)),
-          preview_(source_->ended() ? nullptr : source_->preview()) {}
+          preview_(source_->ended() ? nullptr : source_->preview()),
+          next_(frames().begin()) {}
 
     Frames greeting() override {
         Frames frames;
         // The answer of a running job begins with STARTED, and grows.
-        if (preview_ != nullptr) frames.push_back(copy(source_->answer().front()));
+        if (preview_ != nullptr) frames.push_back(copy(source_->answer().frames.front()));
         return frames;
     }
     std::optional<Task> next() override {
         // Run one task at a time, so that frames leave in the order of the answer.
-        if (running_ || next_ == frames().size()) return std::nullopt;
+        if (running_ || next_ == frames().end()) return std::nullopt;
         running_ = true;
-        const protocol::Frame& frame = frames()[next_++];
+        ++sent_;
+        const protocol::Frame& frame = *next_++;
         Task task;
         task.reply_bytes_max = frame.header.bulk_bytes;
         task.run = [this, &frame](const Stop&) {
@@ -49,7 +51,7 @@ public:
         running_ = false;
         return {};
     }
-    [[nodiscard]] bool finished() const override { return next_ == frames().size(); }
+    [[nodiscard]] bool finished() const override { return next_ == frames().end(); }
     /// Returns nothing for a job that has ended: the kept answer ends with its own DONE.
     Frames farewell() override {
         if (preview_ == nullptr) {
@@ -67,12 +69,12 @@ public:
         return frames;
     }
     [[nodiscard]] std::optional<Progress> progress() const override {
-        return Progress{next_, frames().size(), "fetching"};
+        return Progress{sent_, frames().size(), "fetching"};
     }
 
 private:
-    [[nodiscard]] const std::vector<protocol::Frame>& frames() const {
-        return preview_ != nullptr ? *preview_ : source_->answer();
+    [[nodiscard]] const std::list<protocol::Frame>& frames() const {
+        return preview_ != nullptr ? preview_->frames : source_->answer().frames;
     }
     [[nodiscard]] protocol::Frame copy(const protocol::Frame& frame) const {
         protocol::Frame twin;
@@ -85,8 +87,9 @@ private:
 
     const std::uint64_t id_;
     const DetachedJobs::Pointer source_;
-    const std::shared_ptr<const std::vector<protocol::Frame>> preview_;
-    std::size_t next_ = 0;
+    const std::shared_ptr<const DetachedJob::Answer> preview_;
+    std::list<protocol::Frame>::const_iterator next_;  ///< the first frame that was not sent yet
+    std::uint64_t sent_ = 0;
     bool running_ = false;
 };
 
@@ -103,14 +106,13 @@ Reply<Answer> fetch(const Services& services, const Caller& caller,
             protocol::Error{Code::busy, name + " is not done yet; see `Wait`", retry_ms});
     if (job.error()) return tl::unexpected(*job.error());
     JobSubmission accepted;
-    for (const protocol::Frame& frame : job.ended() ? job.answer() : *job.preview()) {
-        // Refuse larger frames: a client may return credit only after half a window.
-        if (frame.header.bulk_bytes > caller.window_bytes / 2)
-            return refuse(Code::invalid_field,
-                          name + " has frames of " + std::to_string(frame.header.bulk_bytes) +
-                              " bytes: say Hello with window_bytes of twice as much");
-        accepted.answer_bytes += frame.header.bulk_bytes;
-    }
+    const DetachedJob::Answer& answer = job.ended() ? job.answer() : *job.preview();
+    // Refuse larger frames: a client may return credit only after half a window.
+    if (answer.largest_bulk > caller.window_bytes / 2)
+        return refuse(Code::invalid_field,
+                      name + " has frames of " + std::to_string(answer.largest_bulk) +
+                          " bytes: say Hello with window_bytes of twice as much");
+    accepted.answer_bytes = answer.bulk_bytes;
     accepted.kind = "fetch";
     accepted.scene = job.record().scene;
     accepted.deadline_ms = message->deadline_ms();

@@ -13,6 +13,7 @@
 #include "server/handlers/picture_job.h"
 #include "server/handlers/received_file.h"
 
+#include <atomic>
 #include <cstdint>
 #include <memory>
 #include <mutex>
@@ -31,7 +32,10 @@ public:
     std::optional<Task> next() override;
     Reply<void> ended() override;
     [[nodiscard]] bool finished() const override;
-    [[nodiscard]] bool needs_input() const override { return stage_ == Stage::receiving; }
+    [[nodiscard]] bool needs_input() const override {
+        return stage_ == Stage::receiving && (!resumed_.complete() || !environment_.complete());
+    }
+    std::uint64_t take_freed_input() override { return copies_.take_freed(); }
     Reply<std::uint64_t> feed(protocol::Frame frame) override;
     [[nodiscard]] std::optional<Progress> progress() const override;
 
@@ -46,14 +50,21 @@ protected:
     void complete(wire::DoneT& done) const override;
 
 private:
-    enum class Stage { receiving, preparing, tracing, encoding, sending, finished };
+    enum class Stage { receiving, preparing, exposing, tracing, encoding, sending, finished };
 
     [[nodiscard]] std::uint64_t chunk_size(const Backend& backend,
                                            const Chunk& rest) const override;
     Traced<Frames> trace(const Chunk& chunk, const Stop& stop, TraceBuffers& buffers) override;
-    [[nodiscard]] Task prepare_task();
-    Reply<void> prepare(const Stop& stop);
+    void end_receiving();
+    [[nodiscard]] Task film_task();
+    /// Makes the film and the integrator, and reads the files that came with the request.
+    Reply<void> make_film(const Stop& stop);
     void begin_pass();
+    /// Measures the exposure of tiles that are sent before the end.
+    [[nodiscard]] Task exposure_task();
+    void trace_pass();
+    /// Sums over all tiles for progress(), now and then. Any thread.
+    void look_at_tiles(Clock::time_point now);
     /// Ends the stage of tracing or sending.
     void go_on();
     [[nodiscard]] bool is_last_pass() const { return pass_ + 1 == options_.passes.size(); }
@@ -82,8 +93,13 @@ private:
     const Plan any_;
     const FilmOptions options_;
     const Clock::time_point best_by_;
-    Film film_;
-    FilmTiles tiles_;
+    const std::uint64_t tile_count_;
+    std::optional<Film> film_;        ///< made by the task of stage preparing
+    std::optional<FilmTiles> tiles_;  ///< likewise
+    std::atomic<Clock::time_point> looked_{Clock::time_point::min()};
+    std::atomic<std::uint32_t> fewest_{0};  ///< samples per pixel when the tiles were looked at
+    std::atomic<float> noise_{0};           ///< estimated error then
+    UploadCopies copies_;
     ReceivedFile resumed_;
     ReceivedFile environment_;
     std::string environment_hash_;

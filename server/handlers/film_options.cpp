@@ -3,6 +3,7 @@
 #include "protocol/control.h"
 #include "protocol/text.h"
 #include "server/handlers/film_tiles.h"
+#include "server/handlers/picture_job.h"
 #include "server/handlers/received_picture.h"
 #include "server/handlers/selection_text.h"
 
@@ -54,7 +55,19 @@ Reply<IntegratorSettings> integrator_settings(const wire::Render& message) {
                       "the environment's file has " +
                           protocol::bytes_text(message.environment_bytes()) + ", at most " +
                           protocol::bytes_text(environment_bytes_max) + " are taken");
+    settings.environment_rotate = message.environment_rotate();
+    if (settings.environment_rotate != 0 && settings.environment != Environment::picture)
+        return refuse(Code::invalid_field,
+                      "`environment_rotate` turns a picture: give one with `environment`, or place "
+                      "the sun of the sky with `sun`");
+    if (!(std::abs(settings.environment_rotate) <= 360))
+        return refuse(Code::invalid_field,
+                      "`environment_rotate` must lie between -360 and 360 degrees");
     settings.sun = message.sun();
+    if (settings.sun && settings.environment == Environment::none)
+        return refuse(Code::invalid_field,
+                      "`environment` none has no sky, and `sun` is a part of it: leave one of them "
+                      "out");
     settings.sun_azimuth = message.sun_azimuth();
     settings.sun_elevation = message.sun_elevation();
     if (settings.sun && std::abs(settings.sun_elevation) > 90)
@@ -98,8 +111,16 @@ std::vector<Attribute> request_attributes(const wire::Render& message,
     std::string set;
     for (const std::string& setting : protocol::strings(protocol::present(message.job()).settings()))
         set.append(set.empty() ? "" : " ").append(setting);
+    // Another table makes another film; whoever adds samples brings the same one again.
+    if (const auto* tables = protocol::present(message.job()).tables()) {
+        for (const wire::ParamTable* table : *tables)
+            set.append(set.empty() ? "" : " ")
+                .append(protocol::text(table->name()))
+                .append("=")
+                .append(table_text(protocol::values(*table)));
+    }
     const IntegratorSettings& settings = options.settings;
-    return {{"raynest:version", RAYNEST_VERSION},
+    std::vector<Attribute> attributes = {{"raynest:version", RAYNEST_VERSION},
             {"raynest:integrator", options.integrator},
             {"raynest:width", number_text(message.width())},
             {"raynest:height", number_text(message.height())},
@@ -115,6 +136,10 @@ std::vector<Attribute> request_attributes(const wire::Render& message,
             {"raynest:set", set.empty() ? std::string("none") : set},
             {"raynest:camera_asked", asked},
             {"raynest:fov", number_text(fov)}};
+    if (settings.environment == IntegratorSettings::Environment::picture)
+        attributes.push_back(
+            {"raynest:environment_rotate", number_text(settings.environment_rotate)});
+    return attributes;
 }
 
 }  // namespace
@@ -212,6 +237,7 @@ Reply<Payload> encode_film(const Film& film, std::string_view encode, const Look
             const Vec4 colour = film.colour(i);
             std::memcpy(payload.bytes.data() + i * sizeof colour, &colour, sizeof colour);
         }
+        payload.exposure = auto_exposure(film);
         return payload;
     }
     const float stops = look.exposure ? *look.exposure : auto_exposure(film);

@@ -9,8 +9,8 @@ FilmTiles::FilmTiles(ImageSize size, std::uint32_t samples, float noise)
     : size_(size),
       samples_(samples),
       noise_(noise),
-      columns_((size.width + columns - 1) / columns),
-      count_(columns_ * ((size.height + rows - 1) / rows)),
+      columns_(columns_of(size)),
+      count_(count_of(size)),
       states_(std::make_unique<State[]>(count_)) {}
 
 Window FilmTiles::window(std::uint64_t tile) const {
@@ -44,12 +44,13 @@ std::uint32_t FilmTiles::next_samples(std::uint64_t tile, std::uint32_t target,
 }
 
 void FilmTiles::add(std::uint64_t tile, std::uint32_t samples, const Film& film) {
-    states_[tile].taken += samples;
-    measure(tile, film);
+    measure(tile, samples, film);
 }
 
-void FilmTiles::measure(std::uint64_t tile, const Film& film) {
+void FilmTiles::measure(std::uint64_t tile, std::uint32_t samples, const Film& film) {
     State& state = states_[tile];
+    const std::uint64_t settled_before = settled_of(tile);
+    state.taken += samples;
     const Window at = window(tile);
     double squares = 0;
     double light = 0;
@@ -63,11 +64,17 @@ void FilmTiles::measure(std::uint64_t tile, const Film& film) {
     }
     state.squares = static_cast<float>(squares);
     state.light = static_cast<float>(light);
-    const std::uint32_t taken = state.taken;
-    if (noise_ <= 0 || taken == 0 || taken % check_every != 0) return;
-    // Root mean square of the errors against the mean luminance.
-    const auto count = static_cast<double>(pixels(tile));
-    state.stopped = std::sqrt(squares / count) <= static_cast<double>(noise_) * light / count;
+    if (const std::uint32_t taken = state.taken;
+        noise_ > 0 && taken != 0 && taken % check_every == 0) {
+        // Root mean square of the errors against the mean luminance.
+        const auto count = static_cast<double>(pixels(tile));
+        state.stopped = std::sqrt(squares / count) <= static_cast<double>(noise_) * light / count;
+    }
+    settled_ += settled_of(tile) - settled_before;
+}
+
+std::uint64_t FilmTiles::settled_of(std::uint64_t tile) const {
+    return pixels(tile) * (states_[tile].stopped ? samples_ : std::min(samples_, taken(tile)));
 }
 
 bool FilmTiles::restore(const Film& film) {
@@ -77,8 +84,7 @@ bool FilmTiles::restore(const Film& film) {
         for (std::uint32_t y = at.y; y < at.y + at.height; ++y)
             for (std::uint32_t x = at.x; x < at.x + at.width; ++x)
                 if (film.taken(std::uint64_t{y} * size_.width + x) != taken) return false;
-        states_[tile].taken = taken;
-        measure(tile, film);
+        measure(tile, taken, film);
     }
     return true;
 }
@@ -93,13 +99,6 @@ std::uint32_t FilmTiles::most() const {
     std::uint32_t most = 0;
     for (std::uint64_t tile = 0; tile < count_; ++tile) most = std::max(most, taken(tile));
     return most;
-}
-
-std::uint64_t FilmTiles::settled() const {
-    std::uint64_t sum = 0;
-    for (std::uint64_t tile = 0; tile < count_; ++tile)
-        sum += pixels(tile) * (states_[tile].stopped ? samples_ : std::min(samples_, taken(tile)));
-    return sum;
 }
 
 std::uint64_t FilmTiles::noisy() const {

@@ -28,6 +28,10 @@ public:
     FilmTiles(ImageSize size, std::uint32_t samples, float noise);
 
     [[nodiscard]] std::uint64_t count() const { return count_; }
+    /// Number of tiles of a film of this size.
+    [[nodiscard]] static std::uint64_t count_of(ImageSize size) {
+        return columns_of(size) * ((size.height + rows - 1) / rows);
+    }
     [[nodiscard]] Window window(std::uint64_t tile) const;
     /// Place of the tile's first pixel in the tile order, and the number of its pixels.
     [[nodiscard]] std::uint64_t first_pixel(std::uint64_t tile) const;
@@ -44,11 +48,11 @@ public:
     /// Takes the counts of a film that was read from a file. False: pixels of one tile differ.
     [[nodiscard]] bool restore(const Film& film);
 
-    /// Fewest and most samples of a pixel.
+    /// Fewest and most samples of a pixel; as noisy() and noise(), it looks at all tiles.
     [[nodiscard]] std::uint32_t fewest() const;
     [[nodiscard]] std::uint32_t most() const;
     /// Samples of all pixels that are made, or will not be because a tile has stopped.
-    [[nodiscard]] std::uint64_t settled() const;
+    [[nodiscard]] std::uint64_t settled() const { return settled_; }
     [[nodiscard]] std::uint64_t total() const { return size_.pixels() * samples_; }
     /// Tiles that have all their samples while their error is above `noise`.
     [[nodiscard]] std::uint64_t noisy() const;
@@ -62,8 +66,10 @@ private:
         std::atomic<float> squares{0};  ///< sum of the pixels' squared standard errors
         std::atomic<float> light{0};    ///< sum of their luminances
     };
-    /// Updates the sums of a tile, and whether it stops.
-    void measure(std::uint64_t tile, const Film& film);
+    /// Counts samples of a tile; updates its sums, and whether it stops.
+    void measure(std::uint64_t tile, std::uint32_t samples, const Film& film);
+    [[nodiscard]] std::uint64_t settled_of(std::uint64_t tile) const;
+    static std::uint64_t columns_of(ImageSize size) { return (size.width + columns - 1) / columns; }
 
     const ImageSize size_;
     const std::uint32_t samples_;
@@ -71,6 +77,7 @@ private:
     const std::uint64_t columns_;  ///< tiles of a band of 8 rows
     const std::uint64_t count_;
     std::unique_ptr<State[]> states_;
+    std::atomic<std::uint64_t> settled_{0};
 };
 
 /// The sample counts after which all tiles are level: 1, 2, 4, ... 64, then each 64th, up to

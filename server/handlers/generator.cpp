@@ -8,6 +8,7 @@
 #include <array>
 #include <cmath>
 #include <set>
+#include <sstream>
 #include <string>
 #include <string_view>
 #include <vector>
@@ -33,6 +34,11 @@ tl::unexpected<protocol::Error> lacks(std::string_view kind, const char* what) {
     return refuse(Code::invalid_field, "generator " + std::string(kind) + " needs " + what);
 }
 
+/// The way up of a look-at: its own, or +Y.
+glm::dvec3 up_of(const setting::LookAt& look_at) {
+    return look_at.values.size() == 9 ? look_at.vector(2) : glm::dvec3(0, 1, 0);
+}
+
 Reply<Camera> camera_of(const Request& request) {
     const GeneratorSettings& given = request.settings;
     if (given.camera && request.scene.statistics().cameras.empty())
@@ -43,13 +49,43 @@ Reply<Camera> camera_of(const Request& request) {
     if (given.fov) wanted.fov_degrees = given.fov->value;
     if (const auto& look_at = given.lookat) {
         wanted.look_at = true;
-        wanted.eye = look_at->vector(0);
-        wanted.at = look_at->vector(1);
-        if (look_at->values.size() == 9) wanted.up = look_at->vector(2);
+        wanted.eye = Vec3(look_at->vector(0));
+        wanted.at = Vec3(look_at->vector(1));
+        wanted.up = Vec3(up_of(*look_at));
     }
     auto camera = choose_camera(request.scene, wanted);
     if (!camera) return refuse(Code::invalid_field, camera.error().message);
     return std::move(*camera);
+}
+
+/// Reads a pose, which may turn and move a sensor. One that scales would change what t measures,
+/// one that mirrors the way that a head turns. Axes of three digits pass.
+Reply<Pose> rigid_pose(const setting::Matrix& given) {
+    constexpr double tolerance = 2e-3;
+    const auto column = [&](std::size_t i) {
+        return glm::dvec3(given.at(i), given.at(4 + i), given.at(8 + i));
+    };
+    const Pose pose{column(0), column(1), column(2), column(3)};
+    const auto off = [](double value, double wanted) {
+        return !(std::abs(value - wanted) <= tolerance);
+    };
+    const glm::dvec3 lengths(glm::length(pose.x), glm::length(pose.y), glm::length(pose.z));
+    if (off(lengths.x, 1) || off(lengths.y, 1) || off(lengths.z, 1)) {
+        std::ostringstream message;
+        message.precision(3);
+        message << "pose: it scales, its axes have the lengths " << lengths.x << ", " << lengths.y
+                << " and " << lengths.z << ": a sensor is turned and moved only";
+        return refuse(Code::invalid_field, message.str());
+    }
+    if (off(glm::dot(pose.x, pose.y), 0) || off(glm::dot(pose.y, pose.z), 0) ||
+        off(glm::dot(pose.z, pose.x), 0))
+        return refuse(Code::invalid_field,
+                      "pose: its axes are not at right angles: a sensor is turned and moved only");
+    if (glm::dot(glm::cross(pose.x, pose.y), pose.z) < 0)
+        return refuse(
+            Code::invalid_field,
+            "pose: it mirrors, its axes are left-handed: a sensor is turned and moved only");
+    return pose;
 }
 
 Reply<SensorPose> sensor_pose_of(const Request& request) {
@@ -65,9 +101,9 @@ Reply<SensorPose> sensor_pose_of(const Request& request) {
     SensorPose sensor_pose;
     if (given.range) sensor_pose.tmin = given.range->tmin, sensor_pose.tmax = given.range->tmax;
     if (given.pose) {
-        Transform to_world;
-        std::copy_n(given.pose->values.begin(), to_world.m.size(), to_world.m.begin());
-        sensor_pose.pose = pose_of(to_world);
+        const auto pose = rigid_pose(*given.pose);
+        if (!pose) return tl::unexpected(pose.error());
+        sensor_pose.pose = *pose;
     }
     if (given.camera || given.lookat) {
         const auto camera = camera_of(request);
@@ -111,17 +147,26 @@ Reply<Generated> make_equirectangular(const Request& request) {
     return ready(Equirectangular(request.sensor_pose, request.size));
 }
 
-/// Converts a camera's pose to a lidar's: the lidar's x (ahead), y, z are the camera's -z, -x, y.
-Pose lidar_pose(const Pose& camera) {
-    return {-camera.z, -camera.x, camera.y, camera.origin};
+/// Returns the pose of a lidar that stands upright where a camera does: z is up, and x, its ahead,
+/// the level part of the camera's view; of a camera that looks straight down or up, what is up or
+/// down in its picture.
+Pose upright(const Pose& camera, const glm::dvec3& up) {
+    constexpr double level_min = 1e-6;
+    const glm::dvec3 z = glm::normalize(up);
+    const auto level = [&](const glm::dvec3& way) { return way - glm::dot(way, z) * z; };
+    const glm::dvec3 view = -glm::normalize(camera.z);
+    glm::dvec3 ahead = level(view);
+    if (glm::length(ahead) < level_min)
+        ahead = glm::dot(view, z) < 0 ? level(camera.y) : -level(camera.y);
+    const glm::dvec3 x = glm::normalize(ahead);
+    return {x, glm::cross(z, x), z, camera.origin};
 }
 
 Reply<Generated> make_lidar(const Request& request) {
     const GeneratorSettings& given = request.settings;
     if (!given.elevations || !given.azimuths) return lacks(request.kind, "elevations and azimuths");
     std::vector<LidarChannel> channels;
-    for (const float elevation : given.elevations->values)
-        channels.push_back({static_cast<double>(elevation)});
+    for (const double elevation : given.elevations->values) channels.push_back({elevation});
     const auto one_each = [&](const char* name, std::size_t count) -> Reply<void> {
         if (count == channels.size()) return {};
         return refuse(Code::invalid_field, std::string(name) + " must be as many as elevations");
@@ -139,7 +184,9 @@ Reply<Generated> make_lidar(const Request& request) {
             channels[i].origin_offset = offsets->vector(i);
     }
     SensorPose sensor_pose = request.sensor_pose;
-    if (given.camera || given.lookat) sensor_pose.pose = lidar_pose(sensor_pose.pose);
+    if (given.camera || given.lookat)
+        sensor_pose.pose =
+            upright(sensor_pose.pose, given.lookat ? up_of(*given.lookat) : glm::dvec3(0, 1, 0));
     const setting::Sweep sweep = *given.azimuths;
     const ImageSize grid{sweep.count, static_cast<std::uint32_t>(channels.size())};
     return std::make_shared<LateSensor>(grid, [=, channels = std::move(channels)] {
@@ -147,21 +194,20 @@ Reply<Generated> make_lidar(const Request& request) {
     });
 }
 
-/// Twice what rounding moves a point of the scene: some bits of its farthest coordinate.
-float leaving_margin(const Snapshot& scene) {
+/// A millionth of the scene's size, which is the diagonal of its box.
+double leaving_margin(const Snapshot& scene) {
     const Box& box = scene.bounds();
     if (box.is_empty()) return 0;
-    const Vec3 farthest = glm::max(glm::abs(box.lower), glm::abs(box.upper));
-    return 0x1p-20F * std::max({farthest.x, farthest.y, farthest.z});
+    return 0x1p-20 * glm::length(glm::dvec3(box.upper) - glm::dvec3(box.lower));
 }
 
 Reply<Generated> make_hemisphere(const Request& request) {
     const GeneratorSettings& given = request.settings;
     Hemisphere made{given.samples.value_or(setting::Samples{}).value,
-                    given.seed.value_or(setting::Whole{}).value, leaving_margin(request.scene)};
-    if (given.margin) made.margin = given.margin->values[0];
-    if (!std::isfinite(made.margin) || made.margin < 0)
-        return refuse(Code::invalid_field, "margin must be 0 or more");
+                    given.seed.value_or(setting::Whole{}).value, leaving_margin(request.scene),
+                    !given.margin};
+    if (given.margin) made.margin = given.margin->at(0);
+    if (made.margin < 0) return refuse(Code::invalid_field, "margin must be 0 or more");
     return made;
 }
 

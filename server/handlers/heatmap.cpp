@@ -118,11 +118,19 @@ public:
           options_(std::move(options)),
           metrics_(std::move(metrics)),
           uncounted_(std::move(uncounted)),
-          other_(std::move(other)) {
-        for (std::size_t m = 0; m < metrics_.size(); ++m) counts_.push_back(blank<std::uint32_t>());
-    }
+          other_(std::move(other)) {}
 
 protected:
+    void make_arrays() override {
+        for (auto& counts : counts_) counts = blank<std::uint32_t>();
+    }
+    [[nodiscard]] bool needs_preparation() const override {
+        return PictureJob::needs_preparation() || (other_ && other_->counted.selected != nullptr);
+    }
+    Reply<void> make_ready(const Stop& stop) override {
+        if (auto ready = PictureJob::make_ready(stop); !ready) return ready;
+        return other_ ? other_->counted.select() : Reply<void>();
+    }
     [[nodiscard]] CastPlans plans() const override {
         return {uncounted_ ? &*uncounted_ : nullptr, nullptr, &plan_};
     }
@@ -314,7 +322,7 @@ private:
     const std::optional<Plan> uncounted_;
     const std::optional<HeatPlans> other_;
     /// The counts of each metric; of a difference the bits of an i32.
-    std::vector<std::unique_ptr<std::uint32_t[]>> counts_;
+    std::vector<std::unique_ptr<std::uint32_t[]>> counts_{metrics_.size()};
     HeatStatistics statistics_;
 };
 

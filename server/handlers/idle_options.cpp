@@ -29,6 +29,8 @@ constexpr std::array options = {
     Option{"depth", [](const wire::Render& m) { return m.depth() != 0; }, {"path"sv}},
     Option{"ao_distance", [](const wire::Render& m) { return m.ao_distance() != 0; }, {"ao"sv}},
     Option{"environment", has_environment, {"direct"sv, "path"sv}},
+    Option{"environment_rotate", [](const wire::Render& m) { return m.environment_rotate() != 0; },
+           {"direct"sv, "path"sv}},
     Option{"sun", [](const wire::Render& m) { return m.sun(); }, {"direct"sv, "path"sv}},
     Option{"noise", [](const wire::Render& m) { return m.noise() != 0; },
            {"ao"sv, "direct"sv, "path"sv}},

@@ -10,7 +10,7 @@ Reply<Answer> info(const Services& services, const Caller& caller,
     const auto scene = message->hold() ? services.scenes.open(name, caller)
                                        : services.scenes.find(name, 0, caller);
     if (!scene) return tl::unexpected(scene.error());
-    return answer_with(caller, scene_info(*scene, services.limits), services);
+    return answer_with(caller, scene_info(*scene, services.registry, services.limits), services);
 }
 
 }  // namespace raynest::server

@@ -49,7 +49,7 @@ wire::JobInfoT job_info(const DetachedJob& job, const Services& services) {
     info.left_ms = milliseconds_until(job.expiry());
     info.state = "done";
     if (!job.error()) {
-        if (const auto done = protocol::open<wire::Done>(job.answer().back()))
+        if (const auto done = protocol::open<wire::Done>(job.answer().frames.back()))
             info.done = info.total = (*done)->rays();
         return info;
     }

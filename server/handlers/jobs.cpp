@@ -3,7 +3,6 @@
 #include "server/handlers/handler.h"
 #include "server/handlers/job_info.h"
 
-#include <map>
 #include <memory>
 #include <utility>
 
@@ -17,22 +16,29 @@ constexpr std::size_t page_jobs = 32;
 
 Reply<Answer> jobs(const Services& services, const Caller& caller,
                    const protocol::Opened<wire::Jobs>& message) {
-    std::map<std::uint64_t, wire::JobInfoT> found;
     // Another's job tells of scenes that the caller may not see.
     const auto shows = [&](const JobRecord& record) {
         return record.principal == caller.principal || caller.role == Role::admin;
     };
-    for (const auto& [number, record] : services.admission.jobs())
-        if (number > message->after() && shows(record)) found[number] = job_info(record);
-    for (const auto& [number, job] : services.detached.all())
-        if (number > message->after() && shows(job->record()))
-            found[number] = job_info(*job, services);
-
+    // Walk both tables by number: a detached job that runs is in both.
+    const auto& kept_jobs = services.detached.all();
+    const auto& running_jobs = services.admission.jobs();
+    auto kept = kept_jobs.upper_bound(message->after());
+    auto running = running_jobs.upper_bound(message->after());
     wire::JobListT list;
-    for (auto& [number, info] : found) {
-        list.more = list.jobs.size() == page_jobs;
-        if (list.more) break;
-        list.jobs.push_back(std::make_unique<wire::JobInfoT>(std::move(info)));
+    while (!list.more && (kept != kept_jobs.end() || running != running_jobs.end())) {
+        const bool is_kept = running == running_jobs.end() ||
+                             (kept != kept_jobs.end() && kept->first <= running->first);
+        const JobRecord& record = is_kept ? kept->second->record() : running->second;
+        if (shows(record)) {
+            list.more = list.jobs.size() == page_jobs;
+            if (!list.more)
+                list.jobs.push_back(std::make_unique<wire::JobInfoT>(
+                    is_kept ? job_info(*kept->second, services) : job_info(record)));
+        }
+        const std::uint64_t number = is_kept ? kept->first : running->first;
+        if (kept != kept_jobs.end() && kept->first == number) ++kept;
+        if (running != running_jobs.end() && running->first == number) ++running;
     }
     return answer_with(caller, list, services);
 }

@@ -1,18 +1,26 @@
-// LOAD: imports uploaded files, a built-in scene or a file under --scene-root as a named scene.
+// LOAD: imports uploaded files, a built-in scene or a file under --scene-root as a named scene. The start
+// of the daemon loads the sources of --load in the same way.
 //
-//   upload:  NEED ──► UPLOAD pieces ──► import       builtin:, root:  import at once
+//   upload:  NEED ──► UPLOAD pieces ──► import       builtin:, root:, --load  import at once
+//
+// An upload whose files' digests make a scene that the caller may see is published without being sent.
 //
 // The import runs in a process of its own; a thread of the blocking pool waits for it.
 #include "engine/assets/import.h"
 #include "engine/assets/mask_rules.h"
 #include "protocol/hash.h"
+#include "protocol/openssl.h"
 #include "protocol/text.h"
+#include "server/diag/limited_log.h"
 #include "server/handlers/handler.h"
+#include "server/handlers/load_at_start.h"
+#include "server/handlers/received_file.h"
 #include "server/handlers/scene_info.h"
-#include "server/log.h"
+#include "server/store/import_memory.h"
 #include "server/store/scene_files.h"
 
 #include <algorithm>
+#include <array>
 #include <cstring>
 #include <memory>
 #include <numeric>
@@ -42,20 +50,19 @@ std::string default_name(std::string_view source) {
     return std::string(source.substr(0, source.rfind('.')));
 }
 
-tl::unexpected<protocol::Error> refuse_memory(const std::string& what, std::uint64_t bytes,
-                                              const Budget& budget, const std::string& remedy) {
-    return refuse(Code::resource_exhausted,
-                  what + " takes " + protocol::bytes_text(bytes) + " more, " +
-                      protocol::bytes_text(budget.limit() - budget.used()) +
-                      " of raynestd's --memory are free; " + remedy);
-}
-
 /// A file of an upload; its data arrive in pieces.
 struct UploadFile {
     std::string name;
-    std::uint64_t hash = 0;
+    std::uint64_t hash = 0;                          ///< counts where there is no digest
+    std::optional<protocol::Sha256Digest> digest;
     protocol::Buffer bytes;
     std::uint64_t received = 0;
+};
+
+/// A scene in files of this machine: `path` is looked up in the folder `root`.
+struct DiskSource {
+    std::filesystem::path root;
+    std::string path;
 };
 
 /// The checked contents of a LOAD request.
@@ -68,9 +75,43 @@ struct LoadOrder {
     Publication publication;
     WorldPoint origin{};
     std::vector<std::string> masks;
+    std::optional<DiskSource> disk;  ///< nothing: a built-in scene or an upload
     std::vector<UploadFile> files;
     Budget::Lease lease;  ///< for the received bytes of the files
+    std::shared_ptr<const HeldScene> known;  ///< the scene that the upload would make
 };
+
+/// Returns the digest of everything that the import of an upload depends on, or "" where the client
+/// gives no digests.
+std::string digest_of(const LoadOrder& order) {
+    protocol::Sha256 sum;
+    const auto add = [&](const void* bytes, std::uint64_t size) {
+        sum.add(std::as_bytes(std::span(&size, 1)));
+        sum.add({static_cast<const std::byte*>(bytes), size});
+    };
+    const auto add_text = [&](std::string_view text) { add(text.data(), text.size()); };
+    add_text(order.source);
+    add_text(order.primitive);
+    add_text(build_quality_names[static_cast<std::size_t>(order.build)]);
+    add(order.origin.data(), sizeof order.origin);
+    const std::array<std::uint64_t, 2> counts{order.masks.size(), order.files.size()};
+    add(counts.data(), sizeof counts);
+    for (const std::string& mask : order.masks) add_text(mask);
+    for (const UploadFile& file : order.files) {
+        if (!file.digest) return {};
+        add_text(file.name);
+        add(file.digest->data(), file.digest->size());
+    }
+    const auto digest = order.files.empty() ? std::nullopt : sum.digest();
+    return digest ? std::string(digest->begin(), digest->end()) : std::string();
+}
+
+bool is_intact(const UploadFile& file) {
+    if (!file.digest) return protocol::upload_checksum(file.bytes.span()) == file.hash;
+    protocol::Sha256 sum;
+    sum.add(file.bytes.span());
+    return sum.digest() == file.digest;
+}
 
 class LoadJob final : public Job {
 public:
@@ -83,7 +124,7 @@ public:
 
     Frames greeting() override {
         Frames frames;
-        if (order_.files.empty()) return frames;
+        if (order_.files.empty() || order_.known) return frames;
         wire::NeedT need;
         for (std::uint32_t i = 0; i < order_.files.size(); ++i) need.files.push_back(i);
         frames.push_back(*protocol::encode(id_, need));
@@ -107,70 +148,92 @@ public:
                                                    " is longer than its announced " +
                                                    std::to_string(file.bytes.size()) + " bytes");
         // Reserve each piece as it comes: an upload that is announced but not sent takes nothing.
-        services_.peers.make_memory(block->count, order_.caller.principal);
-        auto lease = services_.budget.reserve(block->count);
+        const std::string& principal = order_.caller.principal;
+        auto lease = services_.peers.reserve(block->count, principal, Use::lasting);
         if (!lease)
-            return refuse_memory("the rest of the upload", announced_ - received_, services_.budget,
-                                 memory_remedy());
-        if (block->count != 0)
-            std::memcpy(file.bytes.data() + file.received, block->bytes.data(), block->count);
+            return services_.budget.refuse("the rest of the upload", announced_ - received_,
+                                           principal, memory_remedy());
+        std::byte* const place = file.bytes.data() + file.received;
         file.received += block->count;
         order_.lease.merge(std::move(*lease));
         received_ += block->count;
         skip_complete_files();
-        return frame.header.bulk_bytes;
+        return copies_.add(block->bytes.first(block->count), place, std::move(frame));
     }
 
     std::optional<Task> next() override {
-        if (import_started_ || current_ < order_.files.size()) return std::nullopt;
+        const std::string& principal = order_.caller.principal;
+        // Close paused connections while the import grows: only it knows what it needs.
+        if (memory_ && memory_->missing() != 0)
+            services_.peers.make_memory(memory_->missing(), principal, Use::lasting);
+        if (import_started_) return std::nullopt;
+        if (order_.known) {
+            import_started_ = true;
+            snapshot_ = order_.known->snapshot;
+            Task publish;
+            publish.run = [](const Stop&) -> Reply<Frames> { return Frames{}; };
+            publish.inline_cost = 1;
+            return publish;
+        }
+        if (current_ < order_.files.size() || !copies_.all_copied()) return copies_.next();
         import_started_ = true;
         // Free memory for a copy of the files and a scene of about their size.
-        services_.peers.make_memory(2 * announced_, order_.caller.principal);
+        services_.peers.make_memory(2 * announced_, principal, Use::lasting);
+        memory_.emplace(services_.budget, principal, Use::lasting,
+                        services_.peers.reclaimable_bytes(principal));
         Task task;
         task.pool = &services_.blocking;
-        // Let the import count on memory of paused connections. They are closed when the scene is
-        // published: only the import knows its size.
-        task.run = [this, reclaimable = services_.peers.reclaimable_bytes(order_.caller.principal),
-                    remedy = memory_remedy()](const Stop& stop) -> Reply<Frames> {
-            auto snapshot = import(stop, reclaimable, remedy);
+        task.run = [this, remedy = memory_remedy()](const Stop& stop) -> Reply<Frames> {
+            auto snapshot = import(stop, remedy);
             if (!snapshot) return tl::unexpected(snapshot.error());
             snapshot_ = std::move(*snapshot);
+            huge_bytes_ = snapshot_->huge_bytes();
+            order_.files.clear();
             return Frames{};
         };
         return task;
     }
 
     Reply<void> ended() override {
-        order_.files.clear();
+        if (!import_started_) {
+            copies_.ended();
+            return {};
+        }
         order_.lease = {};
+        memory_.reset();
         // Another's copy saves memory, and is not told.
         reused_ = services_.scenes.shows(snapshot_->digest(), order_.caller);
         if (!services_.scenes.holds(snapshot_->digest()))
-            services_.peers.make_memory(snapshot_->bytes().size(), order_.caller.principal);
+            services_.peers.make_memory(snapshot_->bytes().size(), order_.caller.principal,
+                                        Use::lasting);
         auto scene = services_.scenes.publish(order_.name, std::move(snapshot_), order_.publication,
                                               order_.caller);
         if (!scene) return tl::unexpected(scene.error());
         scene_ = std::move(*scene);
         services_.metrics.count<&Metrics::scenes_loaded>(order_.caller.principal);
         services_.metrics.load_seconds.add(seconds());
-        log(LogLevel::info, "loaded",
-            {{"scene", scene_->name},
-             {"epoch", std::to_string(scene_->epoch)},
-             {"hash", scene_->snapshot().digest()},
-             {"bytes", std::to_string(scene_->snapshot().statistics().bytes)},
-             {"huge_page_bytes", std::to_string(scene_->snapshot().huge_bytes())},
-             {"seconds", std::to_string(seconds())},
-             {"principal", order_.caller.principal}});
+        log_limited(LogLevel::info, "loaded", order_.caller.principal,
+                    {{"scene", scene_->name},
+                     {"epoch", std::to_string(scene_->epoch)},
+                     {"hash", scene_->snapshot().digest()},
+                     {"bytes", std::to_string(scene_->snapshot().statistics().bytes)},
+                     {"huge_page_bytes", std::to_string(huge_bytes_)},
+                     {"seconds", std::to_string(seconds())},
+                     {"principal", order_.caller.principal}});
         return {};
     }
 
     [[nodiscard]] bool finished() const override { return import_started_; }
-    [[nodiscard]] bool needs_input() const override { return current_ < order_.files.size(); }
+    [[nodiscard]] bool needs_input() const override {
+        return !import_started_ && !order_.known && current_ < order_.files.size();
+    }
+    std::uint64_t take_freed_input() override { return copies_.take_freed(); }
     [[nodiscard]] std::uint64_t held_bytes() const override { return order_.lease.bytes(); }
 
     Frames farewell() override {
         wire::LoadedT loaded;
-        loaded.info = std::make_unique<wire::SceneInfoT>(scene_info(*scene_, services_.limits));
+        loaded.info = std::make_unique<wire::SceneInfoT>(
+            scene_info(*scene_, services_.registry, services_.limits));
         loaded.seconds = seconds();
         loaded.reused = reused_;
         Frames frames;
@@ -195,14 +258,15 @@ private:
 
     /// Skips files that need no more pieces: empty ones, and the one that was just completed.
     void skip_complete_files() {
+        if (order_.known) return;
         while (current_ < order_.files.size() &&
                order_.files[current_].received == order_.files[current_].bytes.size())
             ++current_;
     }
 
     /// Imports the scene on a thread of the blocking pool. The io thread does not use order_ then.
-    Reply<std::shared_ptr<const Snapshot>> import(const Stop& stop, std::uint64_t reclaimable,
-                                                  const std::string& remedy) const {
+    Reply<std::shared_ptr<const Snapshot>> import(const Stop& stop, const std::string& remedy) {
+        const std::string& principal = order_.caller.principal;
         const auto with_remedy = [&](Error error) {
             if (error.code == ErrorCode::out_of_memory) error.message += "; " + remedy;
             return refuse(std::move(error));
@@ -214,17 +278,17 @@ private:
         request.origin = order_.origin;
         request.masks = order_.masks;
         for (const UploadFile& file : order_.files) {
-            if (protocol::upload_checksum(file.bytes.span()) != file.hash)
+            if (!is_intact(file))
                 return refuse(Code::scene_invalid,
                               "'" + file.name + "' was damaged on its way: its hash differs");
             request.files.push_back({file.name, file.bytes.span()});
         }
         std::vector<SourceFile> found;
-        if (starts_with(order_.source, root_scheme)) {
-            auto files = read_scene(services_.scene_root,
-                                    std::string_view(order_.source).substr(root_scheme.size()),
+        if (order_.disk) {
+            auto files = read_scene(order_.disk->root, order_.disk->path,
                                     services_.limits.upload_files_max,
-                                    services_.import_limits.file_bytes_max, services_.budget);
+                                    services_.import_limits.file_bytes_max,
+                                    {services_.budget, principal});
             if (!files) return with_remedy(files.error());
             found = std::move(*files);
             request.source = found.front().name;
@@ -233,21 +297,24 @@ private:
         // Reserve memory for the child's copy of the files.
         std::uint64_t copied = 0;
         for (const NamedBytes& file : request.files) copied += file.bytes.size();
-        const auto copy = services_.budget.reserve(copied);
+        const auto copy = services_.budget.reserve(copied, principal, Use::lasting);
         if (!copy)
-            return refuse_memory("the import's copy of the files", copied, services_.budget,
-                                 remedy);
+            return services_.budget.refuse("the import's copy of the files", copied, principal,
+                                           remedy);
         ImportLimits limits = services_.import_limits;
         // Let the child refuse a scene that does not fit, before this process maps it. While it
         // works, a child may hold a few times the bytes of the scene, besides its libraries.
-        limits.scene_bytes_max = services_.budget.limit() - services_.budget.used() + reclaimable;
+        limits.scene_bytes_max = memory_->room();
         limits.bytes_max =
             std::min(limits.bytes_max, import_base_bytes + import_growth * limits.scene_bytes_max);
         // Stop the child with the task; the runner stops that at the job's deadline.
-        auto snapshot = import_in_child(request, limits, services_.import_child,
-                                        [&] { return !stop.requested(); });
+        auto snapshot = import_in_child(
+            request, limits, services_.import_child,
+            [&](std::uint64_t bytes) { return !stop.requested() && memory_->cover(bytes); });
         if (stop.requested()) return refuse(Code::cancelled, "");
+        if (memory_->refused()) return memory_->refusal("the import", remedy);
         if (!snapshot) return with_remedy(snapshot.error());
+        memory_->shrink((*snapshot)->bytes().size());
         return std::move(*snapshot);
     }
 
@@ -260,39 +327,98 @@ private:
         [](std::uint64_t sum, const UploadFile& file) { return sum + file.bytes.size(); });
     std::uint64_t received_ = 0;
     std::size_t current_ = 0;  ///< index of the file that is being received
+    UploadCopies copies_;
     bool import_started_ = false;
+    std::optional<ImportMemory> memory_;  ///< of the import child, then of its scene
     bool reused_ = false;
     std::shared_ptr<const Snapshot> snapshot_;  ///< written by the import task
+    std::size_t huge_bytes_ = 0;                ///< likewise
     std::optional<NamedScene> scene_;
 };
 
 /// Fills in order.files from the message and allocates their memory.
 Reply<void> read_files(const Services& services, const wire::Load& message, LoadOrder& order) {
     const std::vector<std::string> names = protocol::strings(message.file_names());
-    const bool upload =
-        !starts_with(order.source, builtin_scheme) && !starts_with(order.source, root_scheme);
+    const bool upload = !order.disk && !starts_with(order.source, builtin_scheme);
     if (upload == names.empty())
         return refuse(Code::invalid_field,
                       upload ? "'" + order.source + "' needs its files: file_names is empty"
                              : "'" + order.source + "' takes no files");
+    const auto* const digests = message.file_digests();
+    const auto* const hashes = message.file_hashes();
+    for (std::size_t i = 0; i < names.size(); ++i) {
+        UploadFile& file = order.files.emplace_back();
+        file.name = names[i];
+        if (hashes != nullptr && hashes->size() != 0)
+            file.hash = hashes->Get(static_cast<flatbuffers::uoffset_t>(i));
+        if (digests == nullptr || digests->size() == 0) continue;
+        auto& digest = file.digest.emplace();
+        std::copy_n(digests->data() + i * digest.size(), digest.size(), digest.begin());
+    }
+    order.publication.made_of = digest_of(order);
+    if (!order.publication.made_of.empty())
+        order.known = services.scenes.find_made_of(order.publication.made_of, order.caller);
+    if (order.known) return {};
     std::uint64_t total = 0;
     for (std::size_t i = 0; i < names.size(); ++i)
         total += message.file_bytes()->Get(static_cast<flatbuffers::uoffset_t>(i));
     // Refuse an upload that does not fit now, before it is sent. Memory is reserved piece by piece.
-    services.peers.make_memory(total, order.caller.principal);
-    if (!services.budget.reserve(total))
-        return refuse_memory("the upload", total, services.budget,
-                             services.scenes.remedy(order.caller.principal,
-                                                    "start raynestd with a larger --memory"));
-    for (std::size_t i = 0; i < names.size(); ++i) {
-        const auto index = static_cast<flatbuffers::uoffset_t>(i);
-        order.files.push_back({names[i], message.file_hashes()->Get(index),
-                               protocol::Buffer(message.file_bytes()->Get(index)), 0});
-    }
+    const std::string& principal = order.caller.principal;
+    if (total >
+        services.budget.room(principal, Use::lasting, services.peers.reclaimable_bytes(principal)))
+        return services.budget.refuse(
+            "the upload", total, principal,
+            services.scenes.remedy(principal, "start raynestd with a larger --memory"));
+    for (std::size_t i = 0; i < names.size(); ++i)
+        order.files[i].bytes =
+            protocol::Buffer(message.file_bytes()->Get(static_cast<flatbuffers::uoffset_t>(i)));
     return {};
 }
 
+Reply<void> check_name(const Services& services, const LoadOrder& order) {
+    if (order.name.empty() || order.name.size() > services.limits.name_bytes_max)
+        return refuse(Code::invalid_field, "the scene needs a name of 1.." +
+                                               std::to_string(services.limits.name_bytes_max) +
+                                               " bytes; pass another `name`");
+    if (order.name.find('/') != std::string::npos)
+        return refuse(Code::invalid_field, "the name '" + order.name +
+                                               "' has a '/', which stands after an owner's name; "
+                                               "pass another `name`");
+    return {};
+}
+
+JobSubmission submission_of(const Services& services, const Caller& caller, LoadOrder order) {
+    JobSubmission accepted;
+    accepted.kind = "load";
+    accepted.scene = order.name;
+    for (const UploadFile& file : order.files) accepted.input_bytes += file.bytes.size();
+    accepted.job = std::make_unique<LoadJob>(services, caller, std::move(order));
+    return accepted;
+}
+
 }  // namespace
+
+Reply<JobSubmission> load_at_start(const Services& services, const Caller& caller,
+                                   const std::string& source) {
+    LoadOrder order;
+    order.source = source;
+    order.name = default_name(source);
+    order.caller = caller;
+    order.publication.share = {"public"};
+    if (starts_with(source, root_scheme)) {
+        order.disk = {services.scene_root, source.substr(root_scheme.size())};
+    } else if (!starts_with(source, builtin_scheme)) {
+        // A link may lead anywhere; its target's folder has the files that the scene names.
+        std::error_code error;
+        const auto file = std::filesystem::canonical(source, error);
+        if (error) return refuse(Code::scene_invalid, error.message());
+        order.disk = {file.parent_path(), file.filename().string()};
+    }
+    if (const auto name = check_name(services, order); !name) return tl::unexpected(name.error());
+    if (const auto quota = services.scenes.check_quota(order.name, caller, 0); !quota)
+        return tl::unexpected(quota.error());
+    return submission_of(services, caller, std::move(order));
+}
 
 Reply<Answer> load(const Services& services, const Caller& caller,
                    const protocol::Opened<wire::Load>& message) {
@@ -315,26 +441,17 @@ Reply<Answer> load(const Services& services, const Caller& caller,
         return refuse(Code::invalid_field, rules.error().message);
     // `builtin:` alone goes on: its import fails with the list of those there are.
     if (order.name.empty() && starts_with(order.source, builtin_scheme)) order.name = "builtin";
-    if (order.name.empty() || order.name.size() > services.limits.name_bytes_max)
-        return refuse(Code::invalid_field, "the scene needs a name of 1.." +
-                                               std::to_string(services.limits.name_bytes_max) +
-                                               " bytes; pass another `name`");
-    if (order.name.find('/') != std::string::npos)
-        return refuse(Code::invalid_field, "the name '" + order.name +
-                                               "' has a '/', which stands after an owner's name; "
-                                               "pass another `name`");
+    if (const auto name = check_name(services, order); !name) return tl::unexpected(name.error());
+    if (starts_with(order.source, root_scheme))
+        order.disk = {services.scene_root, order.source.substr(root_scheme.size())};
     // Check the quota before the upload.
     if (const auto quota = services.scenes.check_quota(order.name, caller, 0); !quota)
         return tl::unexpected(quota.error());
     if (const auto files = read_files(services, *message.table, order); !files)
         return tl::unexpected(files.error());
 
-    JobSubmission accepted;
-    accepted.kind = "load";
-    accepted.scene = order.name;
+    JobSubmission accepted = submission_of(services, caller, std::move(order));
     accepted.deadline_ms = message->deadline_ms();
-    for (const UploadFile& file : order.files) accepted.input_bytes += file.bytes.size();
-    accepted.job = std::make_unique<LoadJob>(services, caller, std::move(order));
     return Answer{std::move(accepted)};
 }
 

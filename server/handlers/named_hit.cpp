@@ -7,7 +7,10 @@ namespace raynest::server {
 Json HitNames::primitive(std::uint32_t object, std::uint32_t flat) const {
     const SceneView& view = scene_.view();
     const NamedPrimitive named = name_primitive(view, view.objects[object], flat);
-    Json json{{"geom", named.geom}, {"prim", named.prim}, {"material", nullptr}};
+    Json json{{"type", type(view.objects[object])},
+              {"geom", named.geom},
+              {"prim", named.prim},
+              {"material", nullptr}};
     if (named.material != no_id)
         json["material"] =
             clean_text(view.names + view.materials[named.material].name, name_bytes_);
@@ -31,6 +34,14 @@ Json HitNames::hit(const Ray& ray, const HitRecord& hit) const {
 
 std::string HitNames::placement(const PlacementRange& placements, std::size_t depth) const {
     return clean_text(instance_path(scene_, placements, depth), name_bytes_);
+}
+
+std::string HitNames::type(const ObjectRecord& object) const {
+    for (const std::string& name : scene_.record_types()) {
+        if (primitive_type(name.c_str()) == object.record_type)
+            return clean_text(name, name_bytes_);
+    }
+    return "triangle";
 }
 
 std::string HitNames::mesh(std::uint32_t object) const {

@@ -17,7 +17,7 @@ public:
         : scene_(scene),
           name_bytes_(name_bytes) {}
 
-    /// Returns the keys geom, prim and material of a primitive, by its flat index in an object.
+    /// Returns the keys type, geom, prim and material of a primitive, by its flat index in an object.
     [[nodiscard]] Json primitive(std::uint32_t object, std::uint32_t flat) const;
     /// Returns what a ray met; null for a miss.
     [[nodiscard]] Json hit(const Ray& ray, const HitRecord& hit) const;
@@ -26,6 +26,8 @@ public:
     [[nodiscard]] std::string mesh(std::uint32_t object) const;
 
 private:
+    [[nodiscard]] std::string type(const ObjectRecord& object) const;
+
     const Snapshot& scene_;
     const std::size_t name_bytes_;
 };

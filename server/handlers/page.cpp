@@ -4,6 +4,7 @@
 
 #include <algorithm>
 #include <cstdint>
+#include <utility>
 
 namespace raynest::server {
 
@@ -13,7 +14,9 @@ Reply<Answer> page(const Services& services, const Caller& caller,
     if (services.page.empty() || services.page_logins == nullptr)
         return answer_with(caller, address, services);
     address.http = services.page;
-    address.code = services.page_logins->make_code(caller.identity, WallClock::now());
+    auto code = services.page_logins->make_code(caller.identity, WallClock::now());
+    if (!code) return tl::unexpected(code.error());
+    address.code = std::move(*code);
     address.code_ms = static_cast<std::uint32_t>(
         std::min<std::uint64_t>(services.limits.page_code_ms_max, UINT32_MAX));
     return answer_with(caller, address, services);

@@ -64,6 +64,7 @@ Reply<Frames> PayloadSender::make_piece(std::uint64_t offset, std::uint64_t coun
     message.total = payload_.bytes.size();
     message.samples = payload_.samples;
     message.last = payload_.last;
+    message.exposure = payload_.exposure;
     auto frame = protocol::encode(id_, std::move(message), std::move(bulk), limits_);
     if (!frame) return tl::unexpected(frame.error());
     Frames frames;

@@ -1,6 +1,7 @@
 #include "server/handlers/picture_job.h"
 
 #include "engine/assets/image.h"
+#include "protocol/hash.h"
 #include "protocol/text.h"
 #include "server/handlers/ray_source.h"
 #include "server/handlers/scene_info.h"
@@ -35,15 +36,11 @@ Reply<PictureRequest> make_checked(const Services& services, const Caller& calle
     request.plan = std::move(plan);
     request.width = width;
     request.height = height;
-    services.peers.make_memory(bytes, caller.principal);
-    auto lease = services.budget.reserve(bytes);
+    auto lease = services.peers.reserve(bytes, caller.principal);
     if (!lease)
-        return refuse(Code::resource_exhausted,
-                      "a picture of " + std::to_string(width) + "x" + std::to_string(height) +
-                          " takes " + protocol::bytes_text(bytes) + " while it is made, " +
-                          protocol::bytes_text(services.budget.limit() - services.budget.used()) +
-                          " of raynestd's --memory are free; " + std::string(advice) +
-                          ", or start raynestd with a larger --memory");
+        return services.budget.refuse(
+            "a picture of " + std::to_string(width) + "x" + std::to_string(height), bytes,
+            caller.principal, std::string(advice) + ", or start raynestd with a larger --memory");
     request.lease = std::move(*lease);
     return request;
 }
@@ -88,9 +85,29 @@ Reply<PictureRequest> make_document_request(const Services& services, const Call
                         advice);
 }
 
+std::string table_text(std::span<const float> values) {
+    std::array<char, 48> text{};
+    std::snprintf(text.data(), text.size(), "[%zu:%016llx]", values.size(),
+                  static_cast<unsigned long long>(protocol::upload_checksum(std::as_bytes(values))));
+    return text.data();
+}
+
 std::string settings_text(const Plan& plan, bool all) {
     std::string text;
+    std::size_t table = 0;
     for (std::size_t i = 0; i < plan.settings.params.size(); ++i) {
+        if (plan.variant->params()[i].type == value_table) {
+            const Tables* tables = plan.settings.tables.get();
+            const auto values = tables == nullptr ? std::span<const float>()
+                                                  : std::span(tables->values()[table]);
+            ++table;
+            if (!all && values.empty()) continue;
+            text.append(text.empty() ? "" : " ")
+                .append(plan.variant->params()[i].name)
+                .append("=")
+                .append(table_text(values));
+            continue;
+        }
         if (!all && plan.settings.params[i] == plan.variant->params()[i].initial) continue;
         std::array<char, 64> digits{};
         const char* const end =
@@ -167,11 +184,8 @@ bool PictureJob::finished() const {
 }
 
 Frames PictureJob::farewell() {
-    wire::DoneT message = done();
-    complete(message);
-    if (std::string line = hint(message.rays); !line.empty()) message.notes.push_back(std::move(line));
     Frames frames;
-    frames.push_back(*protocol::encode(id_, message));
+    frames.push_back(*protocol::encode(id_, done_));
     return frames;
 }
 
@@ -250,6 +264,7 @@ PixelArrays PictureJob::arrays_for(const PixelRange& pixels, const CastPlans& pl
 }
 
 Traced<Frames> PictureJob::trace(const Chunk& chunk, const Stop& stop, TraceBuffers& buffers) {
+    std::call_once(arrays_made_, [this] { make_arrays(); });
     const PixelRange pixels{sensor_, chunk.first, chunk.count, request_.samples};
     const CastPlans by = plans();
     ChunkCaster caster(by, chunk.backend, stop, buffers);
@@ -277,6 +292,10 @@ Task PictureJob::encode_task() {
         auto payload = encode();
         if (!payload) return tl::unexpected(payload.error());
         payload_.set(std::move(*payload));
+        done_ = done();
+        complete(done_);
+        if (std::string line = hint(done_.rays); !line.empty())
+            done_.notes.push_back(std::move(line));
         return Frames{};
     };
     return task;

@@ -13,6 +13,7 @@
 #include <atomic>
 #include <cstdint>
 #include <memory>
+#include <mutex>
 #include <optional>
 #include <span>
 #include <string>
@@ -40,6 +41,8 @@ struct PictureRequest {
 /// Returns the parameters of a plan's intersector as name=value, joined by blanks: all of them, or
 /// those that differ from their initial value.
 [[nodiscard]] std::string settings_text(const Plan& plan, bool all = true);
+/// Returns "[3:1f2e...]", the number of values and their hash: tables with other values have another text.
+[[nodiscard]] std::string table_text(std::span<const float> values);
 /// Returns a mask as messages show it: 00000001.
 [[nodiscard]] std::string mask_text(std::uint32_t mask);
 
@@ -68,7 +71,9 @@ public:
     std::optional<Task> next() override;
     Reply<void> ended() override;
     [[nodiscard]] bool finished() const override;
-    [[nodiscard]] std::uint64_t held_bytes() const override { return request_.lease.bytes(); }
+    [[nodiscard]] std::uint64_t held_bytes() const override {
+        return ChunkedJob::held_bytes() + request_.lease.bytes();
+    }
     Frames farewell() override;
     [[nodiscard]] std::optional<Progress> progress() const override;
 
@@ -99,11 +104,12 @@ protected:
     virtual Reply<Payload> encode() = 0;
     /// Returns what made the picture, for the header of its file. Equal requests give equal lines.
     [[nodiscard]] std::vector<Attribute> provenance() const;
-    /// Adds the fields of DONE that are specific to this kind of picture.
+    /// Adds the fields of DONE that are specific to this kind of picture. Any thread.
     virtual void complete(wire::DoneT& /*done*/) const {}
 
-    /// Allocates a value for each pixel, uninitialised: zeroing a large picture would block the io
-    /// thread and so all clients.
+    /// Allocates the values of all pixels. The first task calls it.
+    virtual void make_arrays() {}
+    /// Allocates a value for each pixel, uninitialised.
     template <class T>
     [[nodiscard]] std::unique_ptr<T[]> blank() const {
         return std::make_unique_for_overwrite<T[]>(request_.pixels());
@@ -125,7 +131,7 @@ protected:
     [[nodiscard]] const Sensor& sensor() const { return sensor_; }
     [[nodiscard]] PayloadSender& payload() { return payload_; }
     [[nodiscard]] const PayloadSender& payload() const { return payload_; }
-    /// Returns a task that encodes the payload.
+    /// Returns a task that encodes the payload and makes DONE, whose fields sum over the picture.
     Task encode_task();
 
 private:
@@ -143,7 +149,10 @@ private:
     Stage stage_ = Stage::tracing;
     std::uint64_t chunks_running_ = 0;
     bool encode_started_ = false;
-    PayloadSender payload_;  ///< set by the encoding task, sent afterwards
+    std::once_flag arrays_made_;
+    PayloadSender payload_;
+    wire::DoneT done_;  ///< made with the payload
+ ///< set by the encoding task, sent afterwards
 };
 
 }  // namespace raynest::server

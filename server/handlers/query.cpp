@@ -233,11 +233,14 @@ Reply<void> check_frame_bytes(const Plan& plan, const Columns::Cost& cost, const
     const std::uint64_t bytes = cost.bytes(1, plan.hits_max);
     const std::uint64_t most = frame_bytes_max(caller);
     if (bytes <= most) return {};
-    return refuse(Code::limit_exceeded,
-                  std::to_string(plan.hits_max) + " hits of one ray are " + std::to_string(bytes) +
-                      " bytes of columns, over " + std::to_string(most) +
-                      ", half of the window at most; ask for fewer hits or columns, or grant a "
-                      "larger window_bytes");
+    const bool in_a_window = bytes <= answer_frame_bytes_max;
+    std::string message = std::to_string(plan.hits_max) + " hits of one ray are " +
+                          std::to_string(bytes) + " bytes of columns, over " +
+                          std::to_string(in_a_window ? most : answer_frame_bytes_max) +
+                          (in_a_window ? ", half of the window" : ", the most that one answer brings") +
+                          "; ask for fewer hits or columns";
+    if (in_a_window) message += ", or grant window_bytes = " + std::to_string(2 * bytes);
+    return refuse(Code::limit_exceeded, std::move(message));
 }
 
 /// The kind of a query. Kind `null` traces nothing: all rays of a closest query miss.

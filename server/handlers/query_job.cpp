@@ -6,20 +6,16 @@
 #include <utility>
 
 namespace raynest::server {
-namespace {
-
-constexpr std::uint64_t reply_bytes_max = 4ULL << 20;
-
-}  // namespace
 
 std::uint64_t frame_bytes_max(const Caller& caller) {
-    return std::min(reply_bytes_max, caller.window_bytes / 2);
+    return std::min(answer_frame_bytes_max, caller.window_bytes / 2);
 }
 
 QueryJob::QueryJob(const Services& services, const Caller& caller, Plan plan, RaySource source)
     : ChunkedJob(services, caller, std::move(plan), source.rays(), !source.has_points()),
       source_(std::move(source)),
-      input_(source_.sent(), source_.rays_per_point(), services.limits, services.budget) {
+      input_(source_.sent(), source_.rays_per_point(), services.limits, services.budget,
+             caller.principal) {
     if (source_.sent() == 0) queue_.add(0, source_.rays());
 }
 

@@ -11,9 +11,11 @@
 
 namespace raynest::server {
 
-/// Returns the maximum bytes of an answer frame: half of the client's window, so that one frame
-/// never needs more credit than the client returns, but at most 4 MiB, because larger frames fall
-/// out of the cache and cost 1.5 times as much to send.
+/// Maximum bytes of an answer frame, whatever the window: larger frames fall out of the cache and
+/// cost 1.5 times as much to send.
+inline constexpr std::uint64_t answer_frame_bytes_max = 4ULL << 20;
+/// Returns the maximum bytes of an answer frame to this client: half of its window, so that one
+/// frame never needs more credit than the client returns, but at most answer_frame_bytes_max.
 [[nodiscard]] std::uint64_t frame_bytes_max(const Caller& caller);
 
 /// Maximum bytes of an answer's header and control message, which describes at most 64 blocks.

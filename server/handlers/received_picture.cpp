@@ -3,6 +3,7 @@
 #include "engine/assets/exr_header.h"
 #include "engine/assets/picture_child.h"
 #include "protocol/text.h"
+#include "server/store/import_memory.h"
 
 #include <algorithm>
 #include <array>
@@ -21,20 +22,26 @@ namespace {
 /// Address space of a process that decodes a picture, beside the picture: mostly libraries.
 constexpr std::uint64_t decoder_bytes = 1ULL << 30;
 
-using Wanted = std::function<bool()>;
-
 /// Runs a decoder in the import child, with room for the file and some copies of the picture.
 /// `decode` gets the limits, and what tells whether the picture is still wanted.
 template <class Decode>
-auto decode_in_child(const Services& services, std::uint64_t file_bytes,
-                     std::uint64_t picture_bytes, const Stop& stop, const Decode& decode)
-    -> Reply<typename std::invoke_result_t<Decode, const ImportLimits&, const Wanted&>::value_type> {
+auto decode_in_child(const Services& services, const std::string& principal,
+                     std::uint64_t file_bytes, std::uint64_t picture_bytes, const Stop& stop,
+                     const Decode& decode)
+    -> Reply<typename std::invoke_result_t<Decode, const ImportLimits&,
+                                           const StillWanted&>::value_type> {
     ImportLimits limits = services.import_limits;
     limits.image_bytes_max = picture_bytes;
     limits.bytes_max =
         std::min(limits.bytes_max, decoder_bytes + file_bytes + 4 * picture_bytes);
-    auto decoded = decode(limits, [&] { return !stop.requested(); });
+    ImportMemory memory(services.budget, principal, Use::passing);
+    auto decoded = decode(limits, [&](std::uint64_t bytes) {
+        return !stop.requested() && memory.cover(bytes);
+    });
     if (stop.requested()) return refuse(Code::cancelled, "");
+    if (memory.refused())
+        return memory.refusal("decoding the picture", "send a smaller one, or start raynestd with a "
+                                                      "larger --memory");
     if (decoded) return std::move(*decoded);
     const Error& error = decoded.error();
     // Neither the daemon's own failures nor a lack of memory is the fault of the file.
@@ -103,23 +110,25 @@ std::uint64_t environment_room(std::uint64_t file_bytes) {
 }
 
 Reply<std::shared_ptr<const EnvironmentPicture>> read_environment(const Services& services,
+                                                                  const std::string& principal,
                                                                   std::span<const std::byte> file,
                                                                   const Stop& stop) {
     auto decoded = decode_in_child(
-        services, file.size(), environment_room(file.size()), stop,
-        [&](const ImportLimits& limits, const Wanted& wanted) {
+        services, principal, file.size(), environment_room(file.size()), stop,
+        [&](const ImportLimits& limits, const StillWanted& wanted) {
             return decode_environment_in_child(file, limits, services.import_child, wanted);
         });
     if (!decoded) return tl::unexpected(decoded.error());
     auto picture = std::make_shared<EnvironmentPicture>();
     picture->size = {decoded->width, decoded->height};
     picture->pixels = std::move(decoded->rgb);
+    picture->left_out = decoded->left_out;
     return picture;
 }
 
-Reply<void> read_film(const Services& services, std::span<const std::byte> file,
-                      std::span<const Attribute> attributes, std::uint32_t samples,
-                      const Stop& stop, Film& film) {
+Reply<void> read_film(const Services& services, const std::string& principal,
+                      std::span<const std::byte> file, std::span<const Attribute> attributes,
+                      std::uint32_t samples, const Stop& stop, Film& film) {
     // The header's reader is our own and bounded by its limits; no decoder runs here.
     const auto header = read_exr_header(file);
     if (!header) return refuse(Code::invalid_field, header.error().message);
@@ -128,8 +137,8 @@ Reply<void> read_film(const Services& services, std::span<const std::byte> file,
     for (std::size_t i = 0; i < film_layers; ++i)
         types[i] = {std::string(film_layer_table()[i].name), film_layer_table()[i].is_float};
     const auto planes = decode_in_child(
-        services, file.size(), Film::bytes(film.size()), stop,
-        [&](const ImportLimits& limits, const Wanted& wanted) {
+        services, principal, file.size(), Film::bytes(film.size()), stop,
+        [&](const ImportLimits& limits, const StillWanted& wanted) {
             return decode_exr_in_child(file, film.size().width, film.size().height, types, limits,
                                        services.import_child, wanted);
         });

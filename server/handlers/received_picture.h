@@ -1,7 +1,8 @@
 // The pictures that a client sends with a request for a film: decoded in the import child, then
 // checked.
 //
-// Both functions wait for that process: call them on Services::blocking. A stopped task ends it.
+// Both functions wait for that process, whose memory is charged to `principal`: call them on
+// Services::blocking. A stopped task ends it.
 #pragma once
 
 #include "engine/assets/image.h"
@@ -13,6 +14,7 @@
 #include <cstdint>
 #include <memory>
 #include <span>
+#include <string>
 
 namespace raynest::server {
 
@@ -21,6 +23,7 @@ namespace raynest::server {
 
 /// Decodes a picture of the surroundings. Fails with INVALID_FIELD, saying what is wrong with it.
 Reply<std::shared_ptr<const EnvironmentPicture>> read_environment(const Services& services,
+                                                                  const std::string& principal,
                                                                   std::span<const std::byte> file,
                                                                   const Stop& stop);
 
@@ -28,9 +31,9 @@ Reply<std::shared_ptr<const EnvironmentPicture>> read_environment(const Services
 /// write: the file must have the same, except for the number of samples and the names of its scene
 /// and camera. Its pixels must be finite, with at most `samples` samples each. Fails with
 /// INVALID_FIELD, saying what differs, or with the decoder's error.
-Reply<void> read_film(const Services& services, std::span<const std::byte> file,
-                      std::span<const Attribute> attributes, std::uint32_t samples,
-                      const Stop& stop, Film& film);
+Reply<void> read_film(const Services& services, const std::string& principal,
+                      std::span<const std::byte> file, std::span<const Attribute> attributes,
+                      std::uint32_t samples, const Stop& stop, Film& film);
 
 /// Checks the values of a film from outside: floats are finite, the variance is not negative, and
 /// pixels have at most `samples` samples, dropped ones included.

@@ -137,7 +137,9 @@ public:
         return rows_task();
     }
     [[nodiscard]] bool finished() const override { return sorted_ && sent_ == table_.size(); }
-    [[nodiscard]] std::uint64_t held_bytes() const override { return lease_.bytes(); }
+    [[nodiscard]] std::uint64_t held_bytes() const override {
+        return QueryJob::held_bytes() + lease_.bytes();
+    }
 
 protected:
     [[nodiscard]] std::uint64_t chunk_size(const Backend& backend,
@@ -278,13 +280,11 @@ Reply<std::unique_ptr<QueryJob>> reduce_job(const Services& services, const Call
                           "; ask for fewer samples or points");
     const SceneView& scene = plan.scene.snapshot().view();
     const std::uint64_t paths = std::min(source.rays(), scene.objects[scene.root].placement_count);
-    services.peers.make_memory(paths * VisibleJob::path_bytes, caller.principal);
-    auto lease = services.budget.reserve(paths * VisibleJob::path_bytes);
+    const std::uint64_t bytes = paths * VisibleJob::path_bytes;
+    auto lease = services.peers.reserve(bytes, caller.principal);
     if (!lease)
-        return refuse(Code::resource_exhausted,
-                      "a table of " + std::to_string(paths) +
-                          " instance paths needs more memory than --memory has left; ask for "
-                          "fewer rays");
+        return services.budget.refuse("a table of " + std::to_string(paths) + " instance paths",
+                                      bytes, caller.principal, "ask for fewer rays");
     return std::make_unique<VisibleJob>(services, caller, std::move(plan), std::move(source), paths,
                                         std::move(*lease));
 }

@@ -48,10 +48,10 @@ Result<std::vector<std::byte>> encode_linear_exr(std::uint32_t width, std::uint3
 class RenderJob final : public PictureJob {
 public:
     RenderJob(const Services& services, const Caller& caller, PictureRequest asked)
-        : PictureJob(services, caller, std::move(asked)),
-          pixels_(blank<Vec4>()) {}
+        : PictureJob(services, caller, std::move(asked)) {}
 
 protected:
+    void make_arrays() override { pixels_ = blank<Vec4>(); }
     [[nodiscard]] CastPlans plans() const override { return {&plan_}; }
     std::optional<CameraHits> trace_pixels(const PixelRange& pixels, const ColumnSource& scene,
                                            RayCaster& caster, const PixelArrays& arrays) override {
@@ -85,7 +85,7 @@ protected:
     }
 
 private:
-    const std::unique_ptr<Vec4[]> pixels_;
+    std::unique_ptr<Vec4[]> pixels_;
 };
 
 /// A picture of samples, by one of the integrators of engine/integrators/LIST.

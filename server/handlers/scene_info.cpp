@@ -40,7 +40,8 @@ void note_missing(wire::SceneInfoT& info, std::size_t shown, std::size_t total, 
 
 }  // namespace
 
-wire::SceneInfoT scene_info(const NamedScene& scene, const protocol::Limits& limits) {
+wire::SceneInfoT scene_info(const NamedScene& scene, const Registry& registry,
+                            const protocol::Limits& limits) {
     const Snapshot& snapshot = scene.snapshot();
     const SceneStatistics& statistics = snapshot.statistics();
     wire::SceneInfoT info;
@@ -51,13 +52,15 @@ wire::SceneInfoT scene_info(const NamedScene& scene, const protocol::Limits& lim
     info.instanced_triangles = statistics.instanced_triangles;
     info.instances = statistics.instances;
     info.levels = statistics.levels;
+    if (const auto chosen = registry.choose("auto", snapshot.view()))
+        info.intersector = clean_text((*chosen)->name, limits.name_bytes_max);
     info.materials = statistics.materials;
     info.mask_materials = statistics.mask_materials;
-    info.blend_materials = snapshot.view().masked_materials - statistics.mask_materials;
+    info.blend_materials = snapshot.view().blended_materials;
     info.meshes = static_cast<std::uint32_t>(snapshot.meshes().size());
     info.bytes = statistics.bytes;
     info.build = build_quality_names[static_cast<std::size_t>(statistics.build)];
-    info.build_seconds = statistics.build_seconds;
+    info.build_seconds = scene.build_seconds;
     info.sah_cost = statistics.trees.sah_cost;
     info.tree_height = statistics.trees.height;
     info.nodes = statistics.nodes;

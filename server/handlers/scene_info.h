@@ -1,6 +1,7 @@
 // The description of a scene, fitted into a control message.
 #pragma once
 
+#include "engine/packs/registry.h"
 #include "protocol/control.h"
 #include "protocol/text.h"
 #include "server/store/scene_store.h"
@@ -10,6 +11,7 @@ namespace raynest::server {
 using protocol::clean_text;
 
 /// Describes a scene. Long lists are cut to fit a message; a warning counts the missing items.
-[[nodiscard]] wire::SceneInfoT scene_info(const NamedScene& scene, const protocol::Limits& limits);
+[[nodiscard]] wire::SceneInfoT scene_info(const NamedScene& scene, const Registry& registry,
+                                          const protocol::Limits& limits);
 
 }  // namespace raynest::server

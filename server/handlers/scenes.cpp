@@ -21,20 +21,17 @@ std::uint64_t milliseconds(SceneStore::Clock::duration duration) {
 
 Reply<Answer> scenes(const Services& services, const Caller& caller,
                      const protocol::Opened<wire::Scenes>& message) {
-    const std::vector<SceneStore::Listed> all = services.scenes.list(caller);
-    const std::size_t first = std::min<std::size_t>(message->first(), all.size());
-    const std::size_t last = std::min(all.size(), first + page_scenes);
+    const SceneStore::Page page = services.scenes.page(caller, message->first(), page_scenes);
 
     wire::SceneListT list;
-    list.first = static_cast<std::uint32_t>(first);
-    list.total = static_cast<std::uint32_t>(all.size());
+    list.first = static_cast<std::uint32_t>(std::min<std::size_t>(message->first(), page.total));
+    list.total = static_cast<std::uint32_t>(page.total);
     std::size_t text_bytes = 0;
-    for (std::size_t i = first; i < last; ++i) {
-        const SceneStore::Listed& listed = all[i];
+    for (const SceneStore::Listed& listed : page.scenes) {
         const Snapshot& snapshot = listed.scene.snapshot();
         text_bytes += listed.scene.name.size() + snapshot.digest().size() + listed.owner.size() +
                       listed.share.size();
-        if (text_bytes > page_text_bytes && i != first) break;
+        if (text_bytes > page_text_bytes && !list.names.empty()) break;
         list.names.push_back(listed.scene.name);
         list.hashes.push_back(snapshot.digest());
         list.epochs.push_back(listed.scene.epoch);

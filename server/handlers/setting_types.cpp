@@ -5,6 +5,7 @@
 #include <algorithm>
 #include <charconv>
 #include <cmath>
+#include <limits>
 #include <optional>
 #include <span>
 #include <utility>
@@ -55,12 +56,14 @@ Reply<void> read_whole(std::string_view text, Integer& value, std::uint64_t leas
     return {};
 }
 
-/// Parses finite float32 numbers.
-std::optional<std::vector<float>> numbers(std::span<const std::string_view> parts) {
-    std::vector<float> values;
+/// Parses numbers that float32 can hold, but for their last digits.
+std::optional<std::vector<double>> numbers(std::span<const std::string_view> parts) {
+    std::vector<double> values;
     for (const std::string_view part : parts) {
-        const auto value = number<float>(part);
-        if (!value || !std::isfinite(*value)) return std::nullopt;
+        const auto value = number<double>(part);
+        if (!value || !(std::abs(*value) <= double{std::numeric_limits<float>::max()}) ||
+            (*value != 0 && static_cast<float>(*value) == 0))
+            return std::nullopt;
         values.push_back(*value);
     }
     return values;
@@ -94,8 +97,8 @@ Reply<void> read_steps(std::string_view text, const std::string& shape, std::uin
     const auto parts = split(text, ':');
     const auto ends = parts.size() == 3 ? numbers(std::span(parts).first(2)) : std::nullopt;
     if (!ends) return misshapen(text, shape);
-    sweep.start = static_cast<double>((*ends)[0]);
-    sweep.stop = static_cast<double>((*ends)[1]);
+    sweep.start = (*ends)[0];
+    sweep.stop = (*ends)[1];
     return read_whole(parts[2], sweep.count, fewest, most);
 }
 
@@ -161,8 +164,7 @@ Reply<void> read(std::string_view text, Steps& value) {
         !steps)
         return steps;
     const double step = (sweep.stop - sweep.start) / (sweep.count - 1);
-    for (std::uint32_t i = 0; i < sweep.count; ++i)
-        value.values.push_back(static_cast<float>(sweep.start + step * i));
+    for (std::uint32_t i = 0; i < sweep.count; ++i) value.values.push_back(sweep.start + step * i);
     return {};
 }
 

@@ -22,11 +22,12 @@ struct Sent {};
 struct Size {
     ImageSize value;
 };
-/// Finite numbers; their count depends on the derived type.
+/// Finite numbers that fit float32, with all digits of float64: the ray is what rounds them. Their
+/// count depends on the derived type.
 struct Reals {
-    std::vector<float> values;
-    [[nodiscard]] double at(std::size_t i) const { return static_cast<double>(values[i]); }
-    [[nodiscard]] Vec3 vector(std::size_t i) const {
+    std::vector<double> values;
+    [[nodiscard]] double at(std::size_t i) const { return values[i]; }
+    [[nodiscard]] glm::dvec3 vector(std::size_t i) const {
         return {values[3 * i], values[3 * i + 1], values[3 * i + 2]};
     }
 };

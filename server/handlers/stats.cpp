@@ -1,6 +1,7 @@
 // STATS: lists the daemon's counters and gauges by name. Administrators see the whole daemon; others see
-// their own part of what principals did and hold.
+// their own part of what principals did and hold. quota_* are the caller's own for both.
 #include "server/handlers/handler.h"
+#include "server/handlers/quota_use.h"
 #include "server/jobs/admission.h"
 #include "server/jobs/peers.h"
 #include "server/log.h"
@@ -10,7 +11,7 @@
 namespace raynest::server {
 namespace {
 
-/// What one principal holds.
+/// The part of a gauge that one principal holds.
 struct OwnPart {
     const Services& services;
     const std::string& principal;
@@ -69,6 +70,10 @@ Reply<Answer> stats(const Services& services, const Caller& caller,
                                       : services.metrics.own.of(caller.principal, i));
 #define RAYNEST_GAUGE(name, value, ...) add(#name, sees_all ? (value) : own.of(#name, value));
 #include "server/diag/metrics.def"
+    for (const QuotaUse& use : quota_uses(services, caller.principal)) {
+        add("quota_" + std::string(use.resource), use.quota);
+        add("quota_" + std::string(use.resource) + "_used", use.used);
+    }
     statistics.http = services.page;
     return answer_with(caller, statistics, services);
 }

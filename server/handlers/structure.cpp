@@ -1,4 +1,5 @@
-// STRUCTURE: how a scene is built, as a JSON document: objects, placements, or boxes of trees.
+// STRUCTURE: how a scene is built, as a JSON document: objects, placements, boxes of trees, or the
+// texts of paths.
 #include "protocol/text.h"
 #include "server/handlers/payload.h"
 #include "server/handlers/structure_json.h"
@@ -7,6 +8,7 @@
 #include <optional>
 #include <string>
 #include <utility>
+#include <vector>
 
 namespace raynest::server {
 namespace {
@@ -25,7 +27,7 @@ public:
         : limits_(services.limits),
           id_(caller.request_id),
           scene_(std::move(scene)),
-          request_(request),
+          request_(std::move(request)),
           lease_(std::move(lease)),
           payload_(services.limits, caller, "json") {}
 
@@ -34,7 +36,9 @@ public:
         if (std::exchange(started_, true)) return std::nullopt;
         Task task;
         task.run = [this](const Stop& stop) -> Reply<Frames> {
-            payload_.set(json_payload(1, 1, structure_json(scene_, request_, limits_, stop)));
+            auto text = structure_json(scene_, request_, limits_, stop);
+            if (!text) return tl::unexpected(text.error());
+            payload_.set(json_payload(1, 1, std::move(*text)));
             return Frames{};
         };
         return task;
@@ -67,6 +71,7 @@ std::optional<StructureRequest::Kind> parse_kind(std::string_view word) {
     if (word == "objects") return Kind::objects;
     if (word == "placements") return Kind::placements;
     if (word == "boxes") return Kind::boxes;
+    if (word == "paths") return Kind::paths;
     return std::nullopt;
 }
 
@@ -79,7 +84,7 @@ Reply<Answer> structure(const Services& services, const Caller& caller,
     if (!kind)
         return refuse(Code::invalid_field, "unknown kind '" + std::string(word) +
                                                "' of structure: use one of objects, placements, "
-                                               "boxes");
+                                               "boxes, paths");
     auto scene = services.scenes.find(protocol::text(message->scene()), message->epoch(), caller);
     if (!scene) return tl::unexpected(scene.error());
     const SceneView& view = scene->snapshot().view();
@@ -91,15 +96,16 @@ Reply<Answer> structure(const Services& services, const Caller& caller,
                           scene->name + "' has " + std::to_string(levels) +
                           (levels == 1 ? " level, level 0" : " levels, counted from 0"));
 
-    const std::uint32_t count = message->count() == 0 ? default_count : message->count();
+    std::vector<std::uint64_t> paths;
+    if (*kind == StructureRequest::Kind::paths && message->paths() != nullptr)
+        paths.assign(message->paths()->begin(), message->paths()->end());
+    std::uint32_t count = message->count() == 0 ? default_count : message->count();
+    if (*kind == StructureRequest::Kind::paths) count = static_cast<std::uint32_t>(paths.size());
     const std::uint64_t bytes = head_bytes + count * (boxes ? box_bytes : row_bytes);
-    services.peers.make_memory(bytes, caller.principal);
-    auto lease = services.budget.reserve(bytes);
+    auto lease = services.peers.reserve(bytes, caller.principal);
     if (!lease)
-        return refuse(Code::resource_exhausted,
-                      "a document of " + std::to_string(count) + " rows takes " +
-                          protocol::bytes_text(bytes) +
-                          ", more than is free of raynestd's --memory; ask for a smaller `count`");
+        return services.budget.refuse("a document of " + std::to_string(count) + " rows", bytes,
+                                      caller.principal, "ask for a smaller `count`");
     JobSubmission accepted;
     accepted.kind = "structure";
     accepted.detail = word;
@@ -110,7 +116,7 @@ Reply<Answer> structure(const Services& services, const Caller& caller,
     accepted.job = std::make_unique<StructureJob>(
         services, caller, std::move(*scene),
         StructureRequest{*kind, message->first(), count, message->level(), message->depth_min(),
-                         message->depth_max(), message->one()},
+                         message->depth_max(), message->one(), std::move(paths)},
         std::move(*lease));
     return Answer{std::move(accepted)};
 }

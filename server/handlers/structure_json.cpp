@@ -17,7 +17,7 @@ public:
           request_(request),
           limits_(limits) {}
 
-    [[nodiscard]] Json document(const Stop& stop) const {
+    [[nodiscard]] Reply<Json> document(const Stop& stop) const {
         Json json{{"scene", named_.name}, {"hash", scene_.digest()}, {"epoch", named_.epoch}};
         switch (request_.kind) {
             case StructureRequest::Kind::objects:
@@ -28,6 +28,10 @@ public:
                 break;
             case StructureRequest::Kind::boxes:
                 add_boxes(json, stop);
+                break;
+            case StructureRequest::Kind::paths:
+                if (auto added = add_paths(json, stop); !added)
+                    return tl::unexpected(added.error());
                 break;
         }
         return json;
@@ -74,6 +78,21 @@ private:
                  {"triangles", object.triangle_count},
                  {"box", world_box(moved_box(object.bounds, facts.to_scene), scene_.origin())}});
         }
+    }
+
+    Reply<void> add_paths(Json& json, const Stop& stop) const {
+        Json& rows = json["rows"] = Json::array();
+        for (const std::uint64_t path : request_.paths) {
+            if (stop.requested()) break;
+            if (path == no_path) {
+                rows.push_back("");
+                continue;
+            }
+            const auto steps = expand_path(scene_, path);
+            if (!steps) return refuse(Code::invalid_field, steps.error().message);
+            rows.push_back(clean_text(path_name(*steps), limits_.text_bytes_max));
+        }
+        return {};
     }
 
     void add_boxes(Json& json, const Stop& stop) const {
@@ -126,9 +145,11 @@ private:
 
 }  // namespace
 
-std::string structure_json(const NamedScene& scene, const StructureRequest& request,
-                           const protocol::Limits& limits, const Stop& stop) {
-    return text_of(Writer(scene, request, limits).document(stop));
+Reply<std::string> structure_json(const NamedScene& scene, const StructureRequest& request,
+                                  const protocol::Limits& limits, const Stop& stop) {
+    const auto document = Writer(scene, request, limits).document(stop);
+    if (!document) return tl::unexpected(document.error());
+    return text_of(*document);
 }
 
 }  // namespace raynest::server

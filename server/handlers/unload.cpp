@@ -1,7 +1,7 @@
 // UNLOAD: drops references to one scene, to all scenes of the caller, or to those unused for a
 // given time. Running jobs and other connections keep theirs.
+#include "server/diag/limited_log.h"
 #include "server/handlers/handler.h"
-#include "server/log.h"
 
 #include <algorithm>
 #include <chrono>
@@ -38,12 +38,13 @@ Reply<Answer> unload(const Services& services, const Caller& caller,
         for (const std::string& holder : holders)
             still_held_by += (still_held_by.empty() ? "" : ", ") + holder;
         if (holders.empty())
-            log(LogLevel::info, "unloaded", {{"scene", name}, {"principal", caller.principal}});
+            log_limited(LogLevel::info, "unloaded", caller.principal,
+                        {{"scene", name}, {"principal", caller.principal}});
         else
-            log(LogLevel::info, "released",
-                {{"scene", name},
-                 {"principal", caller.principal},
-                 {"still_held_by", still_held_by}});
+            log_limited(LogLevel::info, "released", caller.principal,
+                        {{"scene", name},
+                         {"principal", caller.principal},
+                         {"still_held_by", still_held_by}});
     }
     return answer_with(caller, unloaded, services);
 }

@@ -15,6 +15,7 @@ constexpr std::size_t page_text_bytes = 24 << 10;
 // Kernels and the protocol must have the same limits of hits per ray.
 static_assert(multi_hits_max == protocol::Limits{}.hits_max);
 static_assert(all_hits_max == protocol::Limits{}.all_hits_max);
+static_assert(table_values_max == protocol::Limits{}.table_values_max);
 
 const char* type_name(ValueType type) {
     switch (type) {
@@ -24,6 +25,8 @@ const char* type_name(ValueType type) {
             return "u32";
         case value_choice:
             return "choice";
+        case value_table:
+            return "table";
     }
     return "f32";
 }
@@ -31,7 +34,7 @@ const char* type_name(ValueType type) {
 std::vector<std::string> compiled_queries(const PackVariant& code) {
     std::vector<std::string> queries;
     for (std::uint32_t query = 0; query < query_count; ++query)
-        if (code.trace[precision_fast][traversal_single][query][0] != nullptr)
+        if (code.trace[traversal_single][query][0] != nullptr)
             queries.emplace_back(query_name(static_cast<Query>(query)));
     return queries;
 }

@@ -1,5 +1,7 @@
 #include "server/jobs/admission.h"
 
+#include "server/store/fair_share.h"
+
 #include <algorithm>
 
 namespace raynest::server {
@@ -26,18 +28,29 @@ Reply<Admission::Slot> Admission::enter(JobRecord&& record) {
             principal + " has " + std::to_string(use.rays) + " rays in flight and asks for " +
                 std::to_string(record.rays) + " more, " +
                 quotas_.limit_text(principal, &Quota::rays) + "; wait for your other requests");
-    if (active() >= limits_.total_jobs_max)
-        return tl::unexpected(
-            protocol::Error{Code::busy,
-                            "the daemon works on " + std::to_string(active()) +
-                                " requests, as many as its --total-jobs-max allows",
-                            retry_after_ms()});
+    if (!fair_place(use.jobs, free_places()))
+        return tl::unexpected(protocol::Error{
+            Code::busy,
+            free_places() == 0 ? "the daemon works on " + std::to_string(active()) +
+                                     " requests, as many as its --total-jobs-max allows"
+                               : principal + " has " + std::to_string(use.jobs) +
+                                     " requests in flight, its share of --total-jobs-max " +
+                                     std::to_string(limits_.total_jobs_max) +
+                                     " now; wait for one of them",
+            retry_after_ms()});
 
-    Use& entered = uses_[principal];
-    ++entered.jobs;
-    entered.rays += record.rays;
+    // Both tables change, or none: the step that memory may fail comes before the counts.
+    const auto entered = uses_.try_emplace(principal).first;
+    try {
+        jobs_.try_emplace(last_number_ + 1);
+    } catch (...) {
+        if (entered->second.jobs == 0) uses_.erase(entered);
+        throw;
+    }
+    ++entered->second.jobs;
+    entered->second.rays += record.rays;
     record.number = ++last_number_;
-    jobs_.emplace(last_number_, std::move(record));
+    jobs_.at(last_number_) = std::move(record);
     return Slot(this, last_number_);
 }
 
@@ -45,13 +58,18 @@ std::optional<Peers::Whose> Admission::blocking_limit(const std::string& princip
     const auto known = uses_.find(principal);
     if (known != uses_.end() && known->second.jobs >= quotas_.of(principal).jobs)
         return Peers::Whose::own;
-    if (active() >= limits_.total_jobs_max) return Peers::Whose::everybodys;
+    if (free_places() == 0) return Peers::Whose::everybodys;
+    if (!fair_place(active_of(principal), free_places())) return Peers::Whose::own;
     return std::nullopt;
 }
 
 const JobRecord* Admission::find(std::uint64_t number) const {
     const auto found = jobs_.find(number);
     return found == jobs_.end() ? nullptr : &found->second;
+}
+
+void Admission::forget_job(std::uint64_t number) noexcept {
+    if (const auto job = jobs_.find(number); job != jobs_.end()) job->second.job = nullptr;
 }
 
 void Admission::leave(std::uint64_t number) {

@@ -1,5 +1,5 @@
-// The jobs in flight, and the limits on their number: one for the daemon, and quotas for each
-// principal, so that no principal can lock out the others.
+// The jobs in flight, and the limits on their number: one for the daemon, of which principals have
+// fair shares (fair_share.h), and quotas for each principal.
 //
 // A job counts from its start until its last task has ended, even after a cancel. So a client gains
 // nothing by cancelling jobs and starting new ones.
@@ -11,6 +11,7 @@
 #include "server/jobs/peers.h"
 #include "server/security/quotas.h"
 
+#include <algorithm>
 #include <chrono>
 #include <cstddef>
 #include <cstdint>
@@ -74,7 +75,8 @@ public:
     Admission(const Admission&) = delete;
 
     /// Gives a job a place and a number. Fails with QUOTA if the principal has too much in flight,
-    /// and with BUSY and a retry time if the daemon has. On failure `record` is unchanged.
+    /// and with BUSY and a retry time if the daemon has, or if the principal has its share of that.
+    /// On failure `record` is unchanged.
     Reply<Slot> enter(JobRecord&& record);
 
     /// Returns whose job must end before the principal can start one more; nothing if none must.
@@ -104,6 +106,8 @@ public:
     [[nodiscard]] std::size_t active() const { return jobs_.size(); }
     /// The jobs in flight, by number.
     [[nodiscard]] const std::map<std::uint64_t, JobRecord>& jobs() const { return jobs_; }
+    /// Sets JobRecord::job to null, because the job is about to be destroyed.
+    void forget_job(std::uint64_t number) noexcept;
     /// Returns null if the job is not in flight.
     [[nodiscard]] const JobRecord* find(std::uint64_t number) const;
 
@@ -113,6 +117,10 @@ private:
         std::uint64_t rays = 0;
     };
     void leave(std::uint64_t number);
+    /// Places that are free, of total_jobs_max.
+    [[nodiscard]] std::uint64_t free_places() const {
+        return limits_.total_jobs_max - std::min<std::uint64_t>(active(), limits_.total_jobs_max);
+    }
 
     protocol::Limits limits_;
     Quotas quotas_;

@@ -1,6 +1,6 @@
 #include "server/jobs/coalescer.h"
 
-#include "server/log.h"
+#include "server/diag/limited_log.h"
 
 #include <algorithm>
 #include <chrono>
@@ -54,7 +54,7 @@ void end_one(DispatchedTask& task) {
     try {
         task.done(std::move(task.reply));
     } catch (const std::exception& error) {
-        log(LogLevel::error, "handler_failed", {{"reason", error.what()}});
+        log_limited(LogLevel::error, "handler_failed", "", {{"reason", error.what()}});
     }
 }
 

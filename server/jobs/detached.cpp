@@ -2,6 +2,7 @@
 
 #include "protocol/control.h"
 #include "protocol/text.h"
+#include "server/execution/disposal.h"
 
 #include <algorithm>
 #include <utility>
@@ -23,15 +24,35 @@ bool is(const protocol::Frame& frame) {
 
 }  // namespace
 
-DetachedJob::DetachedJob(const JobContext& context, JobRecord record, Budget::Lease room,
-                         MoreRoom more_room)
+DetachedJob::DetachedJob(const JobContext& context, JobRecord record, Principal owner,
+                         Budget::Lease room, MoreRoom more_room)
     : context_(context),
       record_(std::move(record)),
+      owner_(std::move(owner)),
       room_(std::move(room)),
       more_room_(std::move(more_room)),
       runner_(std::make_shared<Runner>(context, static_cast<Sink&>(*this), record_.principal)) {
     // Grant unlimited credit: the answer is limited by its room in memory, not by a window.
     runner_->set_window(~std::uint64_t{0});
+}
+
+void DetachedJob::Answer::add(protocol::Frame frame) {
+    frame_bytes += frame.header.frame_bytes();
+    bulk_bytes += frame.header.bulk_bytes;
+    largest_bulk = std::max(largest_bulk, frame.header.bulk_bytes);
+    frames.push_back(std::move(frame));
+}
+
+DetachedJob::~DetachedJob() {
+    runner_->abandon();
+    drop(answer_);
+    drop(arriving_);
+}
+
+void DetachedJob::drop(Answer& answer) noexcept {
+    Answer dropped = std::exchange(answer, {});
+    if (dropped.frame_bytes >= disposed_bytes_min)
+        dispose(context_.compute, record_.principal, std::move(dropped));
 }
 
 Clock::time_point DetachedJob::expiry() const {
@@ -52,9 +73,9 @@ void DetachedJob::send(protocol::Frame frame) {
         if (feeder_ != nullptr) feeder_->send(std::move(frame));
         return;
     }
-    answer_bytes_ += frame.header.frame_bytes();
-    if (answer_bytes_ > room_.bytes()) {
-        auto more = more_room_(answer_bytes_ - room_.bytes());
+    const std::uint64_t bytes = kept_bytes() + frame.header.frame_bytes();
+    if (bytes > room_.bytes()) {
+        auto more = more_room_(bytes - room_.bytes());
         if (!more) {
             end(more.error());
             if (feeder_ != nullptr)
@@ -74,39 +95,30 @@ void DetachedJob::send(protocol::Frame frame) {
         }
     }
     const bool done = is<wire::Done>(frame);
-    answer_.push_back(std::move(frame));
+    answer_.add(std::move(frame));
     if (done) end(std::nullopt);
 }
 
 void DetachedJob::keep_preview(protocol::Frame frame, bool begins, bool ends) {
-    const auto release = [this](const std::vector<protocol::Frame>& frames) {
-        for (const protocol::Frame& one : frames) answer_bytes_ -= one.header.frame_bytes();
-    };
-    if (begins) {
-        release(arriving_);
-        arriving_.clear();
-    }
-    arriving_.push_back(std::move(frame));
+    if (begins) drop(arriving_);
+    arriving_.add(std::move(frame));
     if (!ends) return;
-    if (preview_ != nullptr) release(*preview_);
-    preview_ = std::make_shared<const std::vector<protocol::Frame>>(std::exchange(arriving_, {}));
+    preview_ = share_disposable(context_.compute, record_.principal, std::exchange(arriving_, {}));
 }
 
 void DetachedJob::end(std::optional<protocol::Error> error) {
     ended_ = Clock::now();
     error_ = std::move(error);
-    if (error_) answer_.clear();
-    arriving_.clear();
+    if (error_) drop(answer_);
+    drop(arriving_);
     preview_.reset();
-    answer_bytes_ = 0;
-    for (const protocol::Frame& frame : answer_) answer_bytes_ += frame.header.frame_bytes();
     // Return the memory that was reserved for the worst case or for an answer that failed.
-    room_.shrink(std::min(room_.bytes(), base_bytes + answer_bytes_));
+    room_.shrink(std::min(room_.bytes(), base_bytes + answer_.frame_bytes));
 }
 
-Reply<DetachedJobs::Pointer> DetachedJobs::start(const std::string& principal,
-                                                 std::uint64_t request_id, JobSubmission accepted,
-                                                 Sink* feeder) {
+Reply<DetachedJobs::Pointer> DetachedJobs::start(const Principal& owner, std::uint64_t request_id,
+                                                 JobSubmission accepted, Sink* feeder) {
+    const std::string& principal = owner.id;
     const auto kept = [&] {
         return std::count_if(jobs_.begin(), jobs_.end(), [&](const auto& job) {
             return job.second->record().principal == principal;
@@ -122,7 +134,7 @@ Reply<DetachedJobs::Pointer> DetachedJobs::start(const std::string& principal,
     const std::string advice = accepted.advice;
     auto room = make_room(principal, bytes, advice);
     if (!room && room.error().code == Code::resource_exhausted) {
-        context_.peers.make_memory(bytes, principal);
+        context_.peers.make_memory(bytes, principal, Use::lasting);
         room = make_room(principal, bytes, advice);
     }
     if (!room) return tl::unexpected(room.error());
@@ -135,7 +147,10 @@ Reply<DetachedJobs::Pointer> DetachedJobs::start(const std::string& principal,
     record.scene = accepted.scene;
     record.started = Clock::now();
     record.detached = true;
-    auto job = std::make_shared<DetachedJob>(context_, std::move(record), std::move(*room),
+    Principal admitted = owner;
+    admitted.page_login = 0;
+    auto job = std::make_shared<DetachedJob>(context_, std::move(record), std::move(admitted),
+                                             std::move(*room),
                                              [this, principal, advice](std::uint64_t more) {
                                                  return make_room(principal, more, advice);
                                              });
@@ -167,14 +182,13 @@ Reply<Budget::Lease> DetachedJobs::make_room(const std::string& principal, std::
                     ", the limit is --principal-result-bytes-max " + std::to_string(most) + "; " +
                     (bytes > most ? "" : "fetch or cancel a finished job, ") + advice + not_kept +
                     ", or start raynestd with a larger --principal-result-bytes-max");
-    auto room = context_.budget.reserve(bytes);
-    while (!room && drop_fetched("")) room = context_.budget.reserve(bytes);
+    auto room = context_.budget.reserve(bytes, principal, Use::lasting);
+    while (!room && drop_fetched(principal))
+        room = context_.budget.reserve(bytes, principal, Use::lasting);
     if (!room)
-        return refuse(Code::resource_exhausted,
-                      "the answer needs " + protocol::bytes_text(bytes) + " more, " +
-                          protocol::bytes_text(context_.budget.limit() - context_.budget.used()) +
-                          " of raynestd's --memory are free; fetch or cancel a finished job, " +
-                          advice + not_kept + ", or start raynestd with a larger --memory");
+        return context_.budget.refuse("the answer", bytes, principal,
+                                      "fetch or cancel a finished job, " + advice + not_kept +
+                                          ", or start raynestd with a larger --memory");
     return std::move(*room);
 }
 
@@ -182,8 +196,7 @@ bool DetachedJobs::drop_fetched(const std::string& principal) {
     auto oldest = jobs_.end();
     for (auto job = jobs_.begin(); job != jobs_.end(); ++job) {
         const DetachedJob& candidate = *job->second;
-        if (!candidate.fetched_ || (!principal.empty() && candidate.record_.principal != principal))
-            continue;
+        if (!candidate.fetched_ || candidate.record_.principal != principal) continue;
         if (oldest == jobs_.end() || candidate.ended_ < oldest->second->ended_) oldest = job;
     }
     if (oldest == jobs_.end()) return false;
@@ -220,6 +233,13 @@ void DetachedJobs::stop_running() {
                                 "job " + std::to_string(number) +
                                     " was ended by the daemon's shutdown; start it again",
                                 0});
+}
+
+void DetachedJobs::end_unless(const std::function<bool(const Principal&)>& valid,
+                              const protocol::Error& error) {
+    const std::map<std::uint64_t, Pointer> jobs = jobs_;
+    for (const auto& [number, job] : jobs)
+        if (!job->ended() && !valid(job->owner())) job->runner().fail_all(error);
 }
 
 void DetachedJobs::tick(Clock::time_point now) {

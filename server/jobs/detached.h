@@ -9,9 +9,11 @@
 #pragma once
 
 #include "server/jobs/runner.h"
+#include "server/principal.h"
 
 #include <cstdint>
 #include <functional>
+#include <list>
 #include <map>
 #include <memory>
 #include <optional>
@@ -26,18 +28,29 @@ class DetachedJob final : private Sink {
 public:
     /// Reserves `bytes` more for the answer.
     using MoreRoom = std::function<Reply<Budget::Lease>(std::uint64_t bytes)>;
-    DetachedJob(const JobContext& context, JobRecord record, Budget::Lease room,
+    DetachedJob(const JobContext& context, JobRecord record, Principal owner, Budget::Lease room,
                 MoreRoom more_room);
-    ~DetachedJob() { runner_->abandon(); }
+    ~DetachedJob();
     DetachedJob(const DetachedJob&) = delete;
 
     [[nodiscard]] const JobRecord& record() const { return record_; }
+    /// The principal, as it was admitted. Its login of the page may have ended: the job outlives it.
+    [[nodiscard]] const Principal& owner() const { return owner_; }
+    /// Frames that are kept, and sums over them. An answer may have millions, so that the io thread
+    /// looks at each only once.
+    struct Answer {
+        std::list<protocol::Frame> frames = {};
+        std::uint64_t frame_bytes = 0;
+        std::uint64_t bulk_bytes = 0;
+        std::uint64_t largest_bulk = 0;
+
+        void add(protocol::Frame frame);
+    };
+
     /// The frames that an attached client would receive, from Started to Done, without Progress.
-    [[nodiscard]] const std::vector<protocol::Frame>& answer() const { return answer_; }
+    [[nodiscard]] const Answer& answer() const { return answer_; }
     /// The latest whole picture of a running job that refines one, as its frames; null: none yet.
-    [[nodiscard]] const std::shared_ptr<const std::vector<protocol::Frame>>& preview() const {
-        return preview_;
-    }
+    [[nodiscard]] const std::shared_ptr<const Answer>& preview() const { return preview_; }
     /// Bytes of the answer; while the job runs, the bytes reserved for it.
     [[nodiscard]] std::uint64_t bytes() const { return room_.bytes(); }
     [[nodiscard]] bool ended() const { return ended_ != Clock::time_point::max(); }
@@ -63,14 +76,21 @@ private:
 
     const JobContext& context_;
     JobRecord record_;
+    const Principal owner_;
     Budget::Lease room_;
     const MoreRoom more_room_;
     std::shared_ptr<Runner> runner_;
     Sink* feeder_ = nullptr;
-    std::vector<protocol::Frame> answer_;
-    std::vector<protocol::Frame> arriving_;  ///< of a preview that is not yet whole
-    std::shared_ptr<const std::vector<protocol::Frame>> preview_;
-    std::uint64_t answer_bytes_ = 0;
+    /// Frees the frames, many of them on a compute thread.
+    void drop(Answer& answer) noexcept;
+    [[nodiscard]] std::uint64_t kept_bytes() const {
+        return answer_.frame_bytes + arriving_.frame_bytes +
+               (preview_ == nullptr ? 0 : preview_->frame_bytes);
+    }
+
+    Answer answer_;
+    Answer arriving_;  ///< of a preview that is not yet whole
+    std::shared_ptr<const Answer> preview_;
     std::optional<protocol::Error> error_;
     Clock::time_point ended_ = Clock::time_point::max();
     bool fetched_ = false;
@@ -87,12 +107,12 @@ public:
           changed_(std::move(changed)) {}
     DetachedJobs(const DetachedJobs&) = delete;
 
-    /// Starts a job whose frames carry `request_id`. Drops fetched answers, oldest first, to make
-    /// room for the job's answer. Fails with QUOTA if the principal keeps too much, with
+    /// Starts a job whose frames carry `request_id`. Drops fetched answers of the principal, oldest
+    /// first, to make room for the job's answer. Fails with QUOTA if the principal keeps too much, with
     /// RESOURCE_EXHAUSTED if --memory is short. `feeder`, which may be null, receives frames during
     /// this call; afterwards the caller sets the feeder.
-    Reply<Pointer> start(const std::string& principal, std::uint64_t request_id,
-                         JobSubmission accepted, Sink* feeder = nullptr);
+    Reply<Pointer> start(const Principal& owner, std::uint64_t request_id, JobSubmission accepted,
+                         Sink* feeder = nullptr);
 
     /// Fails with JOB_UNKNOWN if there is no such job.
     [[nodiscard]] Reply<Pointer> find(std::uint64_t number) const;
@@ -101,20 +121,23 @@ public:
     [[nodiscard]] const std::map<std::uint64_t, Pointer>& all() const { return jobs_; }
     /// Stops a job if it runs, and drops its answer.
     void cancel(std::uint64_t number);
+    /// Drops all jobs and answers. Call it while the compute threads are there to free them.
+    void clear() { jobs_.clear(); }
     /// Ends all running jobs with DRAINING.
     void stop_running();
+    /// Ends the running jobs of owners for which `valid` returns false with this error. Answers stay.
+    void end_unless(const std::function<bool(const Principal&)>& valid, const protocol::Error& error);
 
     /// Enforces the deadlines of running jobs and the expiry of answers.
     void tick(Clock::time_point now);
     [[nodiscard]] Clock::time_point next_tick() const;
 
 private:
-    /// Reserves memory for an answer; drops fetched answers if needed. `advice` is the remedy for
-    /// the error message on how to ask for a smaller answer.
+    /// Reserves memory for an answer; drops the principal's fetched answers if needed. `advice` is the
+    /// remedy for the error message on how to ask for a smaller answer.
     Reply<Budget::Lease> make_room(const std::string& principal, std::uint64_t bytes,
                                    const std::string& advice);
-    /// Drops the oldest fetched answer of a principal, or of any if `principal` is empty. Returns
-    /// false if there is none.
+    /// Drops the oldest fetched answer of a principal. Returns false if there is none.
     bool drop_fetched(const std::string& principal);
 
     const JobContext& context_;

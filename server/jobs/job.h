@@ -4,9 +4,14 @@
 // and returns frames. Between tasks a job occupies no thread: the job of a slow reader waits and
 // costs only its own memory.
 //
-//   next() -> task ──worker──► frames ──► outbox        feed(frame): rays and pieces of files
-//      ▲                          │                     progress(): a few times a second
-//      └────── ended() ◄──────────┘                     farewell(): the last frames
+//   prepare() -> task ──► greeting()
+//      next() -> task ──worker──► frames ──► outbox     feed(frame): rays and pieces of files
+//         ▲                          │                  progress(): a few times a second
+//         └────── ended() ◄──────────┘                  farewell(): the last frames
+//
+// The io thread serves all connections, so nothing that it calls may take longer for a larger
+// request or scene: tasks allocate, fill, sum up and encode. A job that holds much memory is also
+// destroyed on a worker thread.
 #pragma once
 
 #include "protocol/frame.h"
@@ -115,6 +120,10 @@ public:
     Job& operator=(const Job&) = delete;
     virtual ~Job() = default;
 
+    /// Returns a task that makes what grows with the request or the scene; nothing if there is no
+    /// such thing. Its error ends the job before greeting(). Until it
+    /// has ended, only feed(), needs_input(), held_bytes() and progress() are called.
+    virtual std::optional<Task> prepare() { return std::nullopt; }
     /// Returns the first frames of the answer.
     virtual Frames greeting() { return {}; }
     /// Returns the next task; nothing if the job waits for input or for its running tasks.
@@ -127,7 +136,8 @@ public:
     virtual Frames farewell() = 0;
     /// True if the client must send more data before the job can end.
     [[nodiscard]] virtual bool needs_input() const { return false; }
-    /// Bytes of --memory that the job has reserved itself, besides its windows.
+    /// Bytes of --memory that the job has reserved itself, besides its windows. A job that holds many
+    /// is destroyed on a worker thread.
     [[nodiscard]] virtual std::uint64_t held_bytes() const { return 0; }
     /// Takes bulk data from the client. Returns the bytes that were freed at once.
     virtual Reply<std::uint64_t> feed(protocol::Frame frame);

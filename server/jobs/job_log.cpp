@@ -1,5 +1,6 @@
 #include "server/jobs/job_log.h"
 
+#include "server/diag/limited_log.h"
 #include "server/log.h"
 
 #include <new>
@@ -41,15 +42,15 @@ void log_job(const JobRecord& record, Clock::time_point ended,
     if (!is_logged(level)) return;
     try {
         const double seconds = std::chrono::duration<double>(ended - record.started).count();
-        log(level, "job",
-            {{"number", std::to_string(record.number)},
-             {"principal", record.principal},
-             {"kind", record.kind},
-             {"scene", record.scene},
-             {"seconds", std::to_string(seconds)},
-             {"rays", std::to_string(record.rays)},
-             {"detached", record.detached ? "yes" : "no"},
-             {"outcome", outcome(error)}});
+        log_limited(level, "job", record.principal,
+                    {{"number", std::to_string(record.number)},
+                     {"principal", record.principal},
+                     {"kind", record.kind},
+                     {"scene", record.scene},
+                     {"seconds", std::to_string(seconds)},
+                     {"rays", std::to_string(record.rays)},
+                     {"detached", record.detached ? "yes" : "no"},
+                     {"outcome", outcome(error)}});
     } catch (const std::bad_alloc&) {
         // Skip the line without memory: the job must end anyway.
     }

@@ -1,6 +1,6 @@
 #include "server/jobs/peers.h"
 
-#include "server/log.h"
+#include "server/diag/limited_log.h"
 
 #include <algorithm>
 #include <array>
@@ -34,20 +34,28 @@ std::string seconds_of(Clock::duration time) {
 }  // namespace
 
 void Peers::join(Peer& peer) {
-    if (peers_[peer.principal()].insert(&peer).second) ++size_;
+    // Allocate first; then no step fails.
+    std::set<Peer*> own{&peer};
+    const auto to = peers_.try_emplace(peer.principal()).first;
+    to->second.merge(own);
+    peer.place.at_ = to;
+    ++size_;
 }
 
 void Peers::move(Peer& peer, const std::string& principal) {
-    if (principal == peer.principal()) return;
-    size_ += peers_[principal].insert(&peer).second;
-    leave(peer);
+    if (!peer.place.at_) return;
+    const auto to = peers_.try_emplace(principal).first;
+    const auto from = *std::exchange(peer.place.at_, to);
+    if (from == to) return;
+    to->second.insert(from->second.extract(&peer));
+    if (from->second.empty()) peers_.erase(from);
 }
 
 void Peers::leave(Peer& peer) {
-    const auto of = peers_.find(peer.principal());
-    if (of == peers_.end()) return;
-    size_ -= of->second.erase(&peer);
-    if (of->second.empty()) peers_.erase(of);
+    if (!peer.place.at_) return;
+    const auto from = *std::exchange(peer.place.at_, std::nullopt);
+    size_ -= from->second.erase(&peer);
+    if (from->second.empty()) peers_.erase(from);
 }
 
 std::size_t Peers::size_of(const std::string& principal) const {
@@ -63,6 +71,11 @@ std::uint64_t Peers::held_by(const std::string& principal, Resource resource) co
     return sum;
 }
 
+std::uint64_t Peers::weight_of(const std::string& principal, Resource resource) const {
+    const std::uint64_t peers = held_by(principal, resource);
+    return resource == Resource::memory ? std::max(peers, budget_.held_by(principal)) : peers;
+}
+
 std::optional<Clock::duration> Peers::paused(const Peer& peer, Clock::time_point now) const {
     const auto since = peer.paused_since();
     if (!since || now - *since < std::chrono::milliseconds(limits_.give_way_ms))
@@ -72,19 +85,13 @@ std::optional<Clock::duration> Peers::paused(const Peer& peer, Clock::time_point
 
 Peers::Choice Peers::choose(Resource resource, const std::string& newcomer, Whose whose) const {
     const Clock::time_point now = now_();
-    const auto held_by = [&](const std::set<Peer*>& peers) {
-        std::uint64_t sum = 0;
-        for (const Peer* peer : peers) sum += peer->holds(resource);
-        return sum;
-    };
-    const auto own = peers_.find(newcomer);
-    const std::uint64_t newcomer_holds = own == peers_.end() ? 0 : held_by(own->second);
+    const std::uint64_t newcomer_holds = weight_of(newcomer, resource);
     Choice choice;
     std::uint64_t most = 0;
     for (const auto& [principal, peers] : peers_) {
         const bool is_own = principal == newcomer;
         if (!is_own && whose == Whose::own) continue;
-        const std::uint64_t held = is_own ? newcomer_holds : held_by(peers);
+        const std::uint64_t held = is_own ? newcomer_holds : weight_of(principal, resource);
         if (held < newcomer_holds) continue;
         Choice of;
         for (Peer* peer : peers) {
@@ -110,12 +117,12 @@ bool Peers::make_room(Resource resource, const std::string& newcomer, std::uint6
         // Close no connection if all of them together do not hold enough.
         if (choice.peer == nullptr || (first && choice.held < amount)) return false;
         const std::uint64_t held = choice.peer->holds(resource);
-        log(LogLevel::warn, "gave_way",
-            {{"principal", choice.peer->principal()},
-             {"short", std::string(what.name)},
-             {"held", std::to_string(held)},
-             {"paused_s", seconds_of(choice.paused)},
-             {"newcomer", newcomer}});
+        log_limited(LogLevel::warn, "gave_way", newcomer,
+                    {{"principal", choice.peer->principal()},
+                     {"short", std::string(what.name)},
+                     {"held", std::to_string(held)},
+                     {"paused_s", seconds_of(choice.paused)},
+                     {"newcomer", newcomer}});
         ++(metrics_.*what.gave_way);
         const bool is_idle = choice.peer->holds(Resource::jobs) == 0;
         choice.peer->give_way({Code::slow_consumer,
@@ -129,9 +136,20 @@ bool Peers::make_room(Resource resource, const std::string& newcomer, std::uint6
     return true;
 }
 
-void Peers::make_memory(std::uint64_t bytes, const std::string& newcomer) {
-    const std::uint64_t free = budget_.limit() - budget_.used();
-    if (bytes > free) static_cast<void>(make_room(Resource::memory, newcomer, bytes - free));
+std::optional<Budget::Lease> Peers::reserve(std::uint64_t bytes, const std::string& principal,
+                                            Use use) {
+    auto lease = budget_.reserve(bytes, principal, use);
+    if (lease) return lease;
+    make_memory(bytes, principal, use);
+    return budget_.reserve(bytes, principal, use);
+}
+
+void Peers::make_memory(std::uint64_t bytes, const std::string& newcomer, Use use) {
+    if (bytes <= budget_.room(newcomer, use) ||
+        bytes > budget_.room(newcomer, use, reclaimable_bytes(newcomer)))
+        return;
+    while (bytes > budget_.room(newcomer, use) && make_room(Resource::memory, newcomer)) {
+    }
 }
 
 std::uint64_t Peers::reclaimable_bytes(const std::string& newcomer) const {
@@ -146,7 +164,8 @@ void Peers::dismiss() {
             if (paused(*peer, now)) paused_ones.push_back(peer);
     for (Peer* peer : paused_ones) {
         ++metrics_.gave_way_draining;
-        log(LogLevel::warn, "gave_way", {{"principal", peer->principal()}, {"short", "time"}});
+        log_limited(LogLevel::warn, "gave_way", peer->principal(),
+                    {{"principal", peer->principal()}, {"short", "time"}});
         peer->give_way({Code::draining, "", 0});
     }
 }

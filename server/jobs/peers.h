@@ -25,6 +25,14 @@ namespace raynest::server {
 
 enum class Resource { connections, jobs, memory };
 
+class Peer;
+
+/// Where Peers counts a peer, whatever its principal() returns.
+class PeerPlace {
+    friend class Peers;
+    std::optional<std::map<std::string, std::set<Peer*>>::iterator> at_;  ///< empty: nowhere
+};
+
 /// The interface of a connection for this rule.
 class Peer {
 public:
@@ -39,6 +47,8 @@ public:
     /// Sends the reason if the socket accepts it without waiting, then closes. Frees all that the
     /// peer held.
     virtual void give_way(const protocol::Error& why) = 0;
+
+    PeerPlace place;
 
 protected:
     ~Peer() = default;
@@ -57,8 +67,10 @@ public:
           now_(std::move(now)) {}
     Peers(const Peers&) = delete;
 
+    /// Counts the peer under its principal(). If memory runs out, it is not counted.
     void join(Peer& peer);
-    /// Counts the peer under another principal. Its principal() must return that one afterwards.
+    /// Counts the peer under another principal, which its principal() returns soon. If memory runs out,
+    /// nothing changes.
     void move(Peer& peer, const std::string& principal);
     void leave(Peer& peer);
     [[nodiscard]] std::size_t size() const { return size_; }
@@ -70,9 +82,14 @@ public:
     /// returns false if those that may give way hold less.
     bool make_room(Resource resource, const std::string& newcomer, std::uint64_t amount = 1,
                    Whose whose = Whose::everybodys);
-    /// Closes paused peers if fewer than `bytes` of --memory are free.
-    void make_memory(std::uint64_t bytes, const std::string& newcomer);
-    /// Returns the bytes that make_memory() could free for `newcomer`, besides those already free.
+    /// Reserves bytes of --memory; paused peers give way if needed.
+    [[nodiscard]] std::optional<Budget::Lease> reserve(std::uint64_t bytes,
+                                                       const std::string& principal,
+                                                       Use use = Use::passing);
+    /// Closes paused peers while `newcomer` may not reserve so many bytes of --memory; none if closing
+    /// all that may give way is not enough.
+    void make_memory(std::uint64_t bytes, const std::string& newcomer, Use use = Use::passing);
+    /// Returns the bytes that make_memory() could free for `newcomer`.
     [[nodiscard]] std::uint64_t reclaimable_bytes(const std::string& newcomer) const;
     /// Closes all paused peers, because the daemon drains.
     void dismiss();
@@ -83,6 +100,8 @@ private:
         Clock::duration paused{};
         std::uint64_t held = 0;  ///< amount held by all peers that may give way
     };
+    /// Returns how much a principal holds in all: of memory, its scenes and answers count too.
+    [[nodiscard]] std::uint64_t weight_of(const std::string& principal, Resource resource) const;
     /// Returns the peer that gives way first; null if there is none.
     [[nodiscard]] Choice choose(Resource resource, const std::string& newcomer, Whose whose) const;
     /// Returns how long the peer has paused if that is at least give_way_ms.

@@ -2,7 +2,9 @@
 
 #include "protocol/control.h"
 #include "protocol/text.h"
+#include "server/diag/io_turn.h"
 #include "server/diag/refusals.h"
+#include "server/execution/disposal.h"
 #include "server/jobs/job_log.h"
 
 #include <algorithm>
@@ -80,18 +82,14 @@ Reply<std::uint64_t> Runner::start(std::uint64_t id, JobSubmission accepted) {
     const std::uint64_t window = context_.limits.window_bytes;
     const std::uint64_t input_bytes = std::min(accepted.input_bytes, window);
     const std::uint64_t answer_bytes = std::min(accepted.answer_bytes, window - answers_.bytes());
-    context_.peers.make_memory(input_bytes + answer_bytes, principal_);
-    auto input = context_.budget.reserve(input_bytes);
-    auto answers = context_.budget.reserve(answer_bytes);
+    auto input = context_.peers.reserve(input_bytes, principal_);
+    auto answers = context_.peers.reserve(answer_bytes, principal_);
     if (!input || !answers) {
         context_.metrics.count<&Metrics::jobs_refused>(principal_);
-        return refuse(Code::resource_exhausted,
-                      "the request's data and answers need " +
-                          protocol::bytes_text(input_bytes + answer_bytes) +
-                          " of raynestd's --memory, which are not free; " +
-                          (input_bytes + answer_bytes > context_.budget.limit()
-                               ? "start raynestd with a larger --memory"
-                               : "try again later"));
+        return context_.budget.refuse("the data and answers of the request",
+                                      input_bytes + answer_bytes, principal_,
+                                      "wait for your other requests, or start raynestd with a "
+                                      "larger --memory");
     }
     answers_.merge(std::move(*answers));
     const std::uint64_t number = slot->number();
@@ -106,10 +104,19 @@ Reply<std::uint64_t> Runner::start(std::uint64_t id, JobSubmission accepted) {
     jobs_.push_back(active);
     context_.metrics.count<&Metrics::jobs_started>(principal_);
     guarded(*active, [&] {
-        for (protocol::Frame& frame : active->job->greeting()) sink_->send(std::move(frame));
+        active->parked = active->job->prepare();
+        if (active->parked)
+            submit(active, *std::exchange(active->parked, std::nullopt));
+        else
+            greet(*active);
     });
     pump(active);
     return number;
+}
+
+void Runner::greet(Active& active) {
+    active.prepared = true;
+    for (protocol::Frame& frame : active.job->greeting()) sink_->send(std::move(frame));
 }
 
 bool Runner::expects(std::uint64_t id, std::uint64_t bytes) const {
@@ -189,7 +196,7 @@ void Runner::pump() {
 
 void Runner::pump(const ActivePointer& active) {
     guarded(*active, [&] {
-        while (sink_ != nullptr && !active->error) {
+        while (sink_ != nullptr && !active->error && active->prepared) {
             if (!active->parked) active->parked = active->job->next();
             if (!active->parked || !may_start(*active, *active->parked)) break;
             Task task = *std::exchange(active->parked, std::nullopt);
@@ -197,7 +204,8 @@ void Runner::pump(const ActivePointer& active) {
                 submit(active, std::move(task));
         }
     });
-    const bool done = active->error || (!active->parked && active->job->finished());
+    const bool done =
+        active->error || (active->prepared && !active->parked && active->job->finished());
     if (active->tasks.empty() && done) finish(active);
 }
 
@@ -225,7 +233,7 @@ bool Runner::may_start(const Active& active, const Task& task) const {
 }
 
 bool Runner::waits_for_client() const {
-    return std::all_of(jobs_.begin(), jobs_.end(), [](const ActivePointer& active) {
+    return leaving_ == 0 && std::all_of(jobs_.begin(), jobs_.end(), [](const ActivePointer& active) {
         return !active->error && active->tasks.empty() &&
                (active->parked || active->job->needs_input());
     });
@@ -270,6 +278,7 @@ void Runner::submit(const ActivePointer& active, Task task) {
 
 void Runner::task_ended(const ActivePointer& active, std::list<Outstanding>::iterator task,
                         Reply<Frames> reply) {
+    IoTurn::does("end of a task");
     forget(*active, task);
     if (sink_ == nullptr) return finish(active);
     take_answer(*active, std::move(reply));
@@ -284,7 +293,9 @@ void Runner::forget(Active& active, std::list<Outstanding>::iterator task) {
 
 void Runner::take_answer(Active& active, Reply<Frames> reply) {
     guarded(active, [&] {
-        if (reply && !active.error) {
+        if (reply && !active.error && !active.prepared) {
+            greet(active);
+        } else if (reply && !active.error) {
             for (protocol::Frame& frame : *reply) {
                 active.credit -= std::min(active.credit, frame.header.bulk_bytes);
                 sink_->send(std::move(frame));
@@ -326,40 +337,83 @@ void Runner::finish(const ActivePointer& active) {
     if (!active->tasks.empty()) return;
     const RequestScope scope(active->tag);
     jobs_.remove(active);
+    Frames last = conclude(*active);
+    if (active->job->held_bytes() < disposed_bytes_min || !destroy_elsewhere(active, last))
+        leave(*active, std::move(last));
+}
+
+Frames Runner::conclude(Active& active) {
     context_.metrics.count<&Metrics::jobs_ended>(principal_);
-    if (const JobRecord* record = context_.admission.find(active->slot.number())) {
-        log_job(*record, Clock::now(), active->error);
-        if (active->error && record->kind == "load")
+    if (const JobRecord* record = context_.admission.find(active.slot.number())) {
+        log_job(*record, Clock::now(), active.error);
+        if (active.error && record->kind == "load")
             context_.metrics.count<&Metrics::scenes_refused>(principal_);
     }
-    const std::chrono::duration<double> took = Clock::now() - active->started;
+    const std::chrono::duration<double> took = Clock::now() - active.started;
     context_.admission.record(took);
     context_.metrics.job_seconds.add(took.count());
-    if (!active->error) context_.metrics.count<&Metrics::jobs_done>(principal_);
-    if (sink_ != nullptr && !active->error)
-        guarded(*active, [&] {
-            for (protocol::Frame& frame : active->job->farewell()) sink_->send(std::move(frame));
-        });
-    if (active->error) {
-        const Code code = active->error->code;
+    Frames last;
+    if (!active.error) context_.metrics.count<&Metrics::jobs_done>(principal_);
+    if (sink_ != nullptr && !active.error)
+        guarded(active, [&] { last = active.job->farewell(); });
+    if (active.error) {
+        const Code code = active.error->code;
         if (code == Code::cancelled)
             context_.metrics.count<&Metrics::jobs_cancelled>(principal_);
         else
             context_.metrics.count<&Metrics::jobs_failed>(principal_);
         if (code == Code::cancelled || code == Code::deadline)
             context_.metrics.cancel_seconds.add(
-                std::chrono::duration<double>(Clock::now() - active->stopped).count());
+                std::chrono::duration<double>(Clock::now() - active.stopped).count());
         if (code == Code::deadline)
             ++context_.metrics.deadlines_passed;
         else if (code != Code::cancelled)
             ++refusals_of(context_.metrics, code);
     }
-    if (sink_ != nullptr && active->error)
-        sink_->send(protocol::encode_error(active->id, for_client(*active->error), false));
+    return last;
+}
+
+bool Runner::destroy_elsewhere(const ActivePointer& active, Frames& last) {
+    try {
+        const auto kept = std::make_shared<Frames>();
+        std::function<void()> end = [self = shared_from_this(), active, kept] {
+            IoTurn::does("end of a job");
+            --self->leaving_;
+            self->leave(*active, std::move(*kept));
+        };
+        std::shared_ptr<Job> job = std::move(active->job);
+        kept->swap(last);
+        try {
+            context_.compute.submit(
+                principal_, active->priority,
+                [job = std::move(job), end = std::move(end), &post = context_.post]() mutable {
+                    job.reset();
+                    post_surely(post, end);
+                });
+        } catch (const std::bad_alloc&) {
+            last.swap(*kept);
+            return false;
+        }
+    } catch (const std::bad_alloc&) {
+        return false;
+    }
+    context_.admission.forget_job(active->slot.number());
+    ++leaving_;
+    return true;
+}
+
+void Runner::leave(Active& active, Frames last) {
     // Free the job's memory together with its slot, not when a worker drops the last reference.
-    active->slot = {};
-    active->job.reset();
-    active->input = {};
+    const RequestScope scope(active.tag);
+    active.slot = {};
+    active.job.reset();
+    active.input = {};
+    if (sink_ != nullptr && !active.error)
+        guarded(active, [&] {
+            for (protocol::Frame& frame : last) sink_->send(std::move(frame));
+        });
+    if (sink_ != nullptr && active.error)
+        sink_->send(protocol::encode_error(active.id, for_client(*active.error), false));
     shrink_answers();
 }
 
@@ -375,7 +429,7 @@ void Runner::tick(Clock::time_point now) {
         if (!active->error && now >= active->stop.deadline()) {
             stop(*active, deadline_error());
             pump(active);
-        } else if (now >= active->next_progress) {
+        } else if (active->prepared && now >= active->next_progress) {
             active->next_progress = now + tick_period;
             // Send no progress to a client that has not read everything yet.
             if (const auto progress = active->job->progress();

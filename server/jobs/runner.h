@@ -64,7 +64,8 @@ public:
 
     /// True if a job of this request id is in flight.
     [[nodiscard]] bool knows(std::uint64_t id) const;
-    [[nodiscard]] std::size_t size() const { return jobs_.size(); }
+    /// Number of jobs in flight, including those whose memory is being freed.
+    [[nodiscard]] std::size_t size() const { return jobs_.size() + leaving_; }
 
     /// Starts a job. Reserves memory for the data that its client may send and for unread answers;
     /// paused peers give way if needed. Fails with QUOTA (of the principal; the conversation checks
@@ -116,6 +117,7 @@ private:
               stop(deadline) {}
         const std::uint64_t id;
         std::unique_ptr<Job> job;  ///< null once finished, even if tasks still refer to this
+        bool prepared = false;     ///< the job is greeted, or its greeting can be sent
         const RequestTag tag = RequestScope::current();  ///< for the log
         StopFlag stop;
         Admission::Slot slot;
@@ -135,6 +137,8 @@ private:
     using ActivePointer = std::shared_ptr<Active>;
 
     ActivePointer find(std::uint64_t id) const;
+    /// Sends the first frames of a job that is prepared.
+    void greet(Active& active);
     /// Admits a job; closes a paused peer for it if needed.
     Reply<Admission::Slot> enter(JobRecord record);
     /// Calls `step`; fails the job if memory is short, as in a task.
@@ -160,11 +164,19 @@ private:
     void shrink_answers();
     void stop(Active& active, protocol::Error error);
     void finish(const ActivePointer& active);
+    /// Counts and logs a job that has ended, and returns the last frames for its client.
+    Frames conclude(Active& active);
+    /// Destroys a job that holds much memory on a compute thread, then calls leave(). Returns false
+    /// if memory is short for that.
+    bool destroy_elsewhere(const ActivePointer& active, Frames& last);
+    /// Sends the last frames of a job and frees its place.
+    void leave(Active& active, Frames last);
 
     const JobContext& context_;
     Sink* sink_;  ///< null once abandoned
     std::string principal_;
     std::list<ActivePointer> jobs_;
+    std::size_t leaving_ = 0;  ///< jobs that a compute thread destroys
     std::uint64_t window_bytes_ = 0;
     std::uint64_t in_flight_bytes_ = 0;  ///< reserved by running tasks of all jobs
     /// Memory for the answers of running tasks and for unsent frames, at most a window. It outlives

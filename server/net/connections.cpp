@@ -1,5 +1,7 @@
 #include "server/net/connections.h"
 
+#include "server/store/fair_share.h"
+
 #include <algorithm>
 #include <new>
 #include <string_view>
@@ -9,9 +11,6 @@ namespace raynest::server {
 namespace {
 
 constexpr std::uint32_t retry_ms = 1000;
-/// Connections beyond connections_max for the daemon's own user and root on a Unix socket, so that an
-/// administrator can look at a full daemon.
-constexpr std::uint64_t reserved_places = 4;
 
 }  // namespace
 
@@ -20,47 +19,60 @@ protocol::Error Connections::busy(std::string why) {
     return {Code::busy, "the daemon has no free connections" + std::move(why), retry_ms};
 }
 
-std::optional<std::string> Connections::quota_full(const std::string& principal,
-                                                   std::uint64_t quota) {
-    if (services_.peers.make_room(Resource::connections, principal, 1, Peers::Whose::own))
+std::optional<std::string> Connections::share_full(const std::string& principal,
+                                                   const PeerIdentity& peer) {
+    const std::uint64_t held = greeted_of(principal);
+    const std::uint64_t quota = services_.admission.quotas().of(principal).connections;
+    const std::uint64_t most = services_.limits.connections_max;
+    const std::uint64_t greeted = services_.peers.size() - greeting_.size();
+    const bool has_share = peer.place == PeerIdentity::Place::own_user ||
+                           fair_place(held, most - std::min(most, greeted));
+    if ((held < quota && has_share) ||
+        services_.peers.make_room(Resource::connections, principal, 1, Peers::Whose::own))
         return std::nullopt;
-    return " for " + principal + ", which has all " + std::to_string(quota) +
-           (services_.admission.quotas().is_own(principal, &Quota::connections)
-                ? " of its quota; close one of them, or ask an administrator for more: raynest admin "
-                  "quota " + principal + " connections=N"
-                : " that --principal-connections-max allows; close one of them");
+    const std::string who = " for " + principal + ", which has " + std::to_string(held);
+    if (held < quota)
+        return who + ", its share of --connections-max " + std::to_string(most) +
+               " now; close one of them";
+    return who + (services_.admission.quotas().is_own(principal, &Quota::connections)
+                      ? ", all of its quota; close one of them, or ask an administrator for more: "
+                        "raynest admin quota " + principal + " connections=N"
+                      : ", all that --principal-connections-max allows; close one of them");
 }
 
 std::optional<std::string> Connections::daemon_full(const std::string& principal,
                                                     Descriptors descriptors) {
-    const bool used_up = descriptors == Descriptors::used_up;
+    if (descriptors != Descriptors::free) {
+        // The room is for the next one: this one would keep a reserved descriptor. No newcomer gives way:
+        // one of a crowd would be cut before it is read.
+        services_.peers.make_room(Resource::connections, principal);
+        return ": its " + descriptors_text();
+    }
     const std::uint64_t most = services_.limits.connections_max;
-    if ((!used_up && services_.peers.size() < most) ||
-        services_.peers.make_room(Resource::connections, principal))
+    if (services_.peers.size() < most ||
+        services_.peers.make_room(Resource::connections, principal) || end_oldest_greeting())
         return std::nullopt;
-    return used_up ? ": its file descriptors are used up; raise LimitNOFILE or ulimit -n for it"
-                   : ": it has all " + std::to_string(most) + " that --connections-max allows";
+    return ": it has all " + std::to_string(most) + " that --connections-max allows";
 }
 
 void Connections::accept(std::unique_ptr<Transport> transport, Descriptors descriptors) {
-    ++services_.metrics.connections_accepted;
     const std::string& name = transport->peer().name;
-    const std::uint64_t quota = services_.limits.principal_connections_max;
-    auto full = services_.peers.size_of(name) >= quota ? quota_full(name, quota)
-                                                       : daemon_full(name, descriptors);
-    if (full && descriptors == Descriptors::free && has_reserved_place(transport->peer()))
+    auto full = daemon_full(name, descriptors);
+    if (full && descriptors != Descriptors::used_up && has_reserved_place(transport->peer()))
         full.reset();
     if (full) {
+        ++services_.metrics.connections_accepted;
         ++services_.metrics.connections_closed;
         return write_last_error(*transport, busy(std::move(*full)));
     }
     const auto session =
         std::make_shared<Session>(io_, std::move(transport), *this, services_, context_);
+    ++services_.metrics.connections_accepted;  // from here on stop() counts the end
     try {
         sessions_.insert(session);
         services_.peers.join(*session);
         greeting_.emplace(session->number(), session);
-        limit_greetings();
+        if (greeting_.size() > services_.limits.greeting_connections_max) end_oldest_greeting();
         session->start();
     } catch (const std::bad_alloc&) {
         session->stop();
@@ -70,14 +82,11 @@ void Connections::accept(std::unique_ptr<Transport> transport, Descriptors descr
 Reply<Principal> Connections::authenticate(Session& session, const wire::Hello& hello) {
     auto principal = authenticator_(session.peer(), hello, services_.limits);
     if (!principal) return principal;
-    greeting_.erase(session.number());
-    if (principal->id == session.principal()) return principal;
     services_.admission.quotas().grant(principal->id, principal->quota);
     services_.scenes.quotas().grant(principal->id, principal->quota);
-    const std::uint64_t quota = services_.admission.quotas().of(principal->id).connections;
-    if (services_.peers.size_of(principal->id) >= quota)
-        if (auto full = quota_full(principal->id, quota))
-            return tl::unexpected(busy(std::move(*full)));
+    if (auto full = share_full(principal->id, session.peer()))
+        return tl::unexpected(busy(std::move(*full)));
+    greeting_.erase(session.number());
     services_.peers.move(session, principal->id);
     return principal;
 }
@@ -87,18 +96,26 @@ bool Connections::has_reserved_place(const PeerIdentity& peer) const {
            services_.peers.size() < services_.limits.connections_max + reserved_places;
 }
 
-void Connections::limit_greetings() {
-    if (greeting_.size() <= services_.limits.greeting_connections_max) return;
-    std::map<std::string_view, std::size_t> by_address;
-    for (const auto& [number, session] : greeting_) ++by_address[session->peer().name];
-    const auto most = std::ranges::max_element(
-        by_address, {}, [](const auto& entry) { return entry.second; });
-    const auto oldest = std::ranges::find_if(greeting_, [&](const auto& entry) {
-        return entry.second->peer().name == most->first;
+std::size_t Connections::greeted_of(const std::string& principal) const {
+    const auto waiting = std::ranges::count_if(greeting_, [&](const auto& entry) {
+        return entry.second->principal() == principal;
     });
+    return services_.peers.size_of(principal) - static_cast<std::size_t>(waiting);
+}
+
+bool Connections::end_oldest_greeting() {
+    std::map<std::string_view, std::size_t> by_address;
+    std::size_t most = 0;
+    for (const auto& [number, session] : greeting_)
+        most = std::max(most, ++by_address[session->peer().name]);
+    const auto oldest = std::ranges::find_if(greeting_, [&](const auto& entry) {
+        return by_address[entry.second->peer().name] == most;
+    });
+    if (oldest == greeting_.end()) return false;
     ++services_.metrics.greetings_gave_way;
     const auto session = oldest->second;
     session->stop();
+    return true;
 }
 
 void Connections::leave(const std::shared_ptr<Session>& session) {
@@ -117,11 +134,6 @@ void Connections::drain() {
 void Connections::close_with_error(const protocol::Error& error) {
     const Sessions sessions = sessions_;
     for (const auto& session : sessions) session->close_with_error(error);
-}
-
-void Connections::close_lost() {
-    const Sessions sessions = sessions_;
-    for (const auto& session : sessions) session->stop_if_lost();
 }
 
 std::vector<ConnectionRow> Connections::rows(std::uint64_t after) const {
@@ -146,12 +158,43 @@ std::size_t Connections::kick(std::uint64_t number, const std::string& principal
     return count;
 }
 
-void Connections::close_unless(const std::function<bool(const Principal&)>& valid,
-                               const protocol::Error& error) {
-    const Sessions sessions = sessions_;
-    for (const auto& session : sessions)
-        if (!valid(session->identity()) && session->close_with_error(error))
+void Connections::close_unless(
+    const std::function<bool(const PeerIdentity&, const Principal&)>& valid,
+    const protocol::Error& error) {
+    go_round([this, valid, error](Session& session) {
+        // A Hello that is yet to come meets the rule by itself.
+        if (session.greeted() && !valid(session.peer(), session.identity()) &&
+            session.close_soon_with_error(error))
             ++services_.metrics.revoked;
+    });
+}
+
+void Connections::close_lost() {
+    go_round([](Session& session) { session.stop_if_lost(); });
+}
+
+void Connections::go_round(std::function<void(Session&)> act) {
+    rounds_.push_back({{sessions_.begin(), sessions_.end()}, std::move(act)});
+    go_on();
+}
+
+void Connections::go_on() {
+    const Clock::time_point end = Clock::now() + turn_time;
+    while (!rounds_.empty() && Clock::now() < end) {
+        Round& round = rounds_.front();
+        if (round.left.empty()) {
+            rounds_.pop_front();
+            continue;
+        }
+        const auto session = std::move(round.left.back());
+        round.left.pop_back();
+        try {
+            round.act(*session);
+        } catch (const std::bad_alloc&) {
+            session->stop();  // it may be one that is to go
+        }
+    }
+    if (!rounds_.empty()) asio::post(io_, [this] { go_on(); });
 }
 
 }  // namespace raynest::server

@@ -6,6 +6,7 @@
 // Only the .cpp files of HTTP and WebSocket include Boost.Beast.
 #pragma once
 
+#include "server/net/address_set.h"
 #include "server/net/connections.h"
 #include "server/net/http_site.h"
 #include "server/security/tls_context.h"
@@ -13,6 +14,7 @@
 #include <list>
 #include <memory>
 #include <string>
+#include <utility>
 
 namespace raynest::server {
 
@@ -29,23 +31,34 @@ public:
           services_(services) {}
     HttpServer(const HttpServer&) = delete;
 
-    /// Serves a connection, with TLS unless `tls` is null. If there are too many, the one that has
-    /// waited longest for a request is closed. If none waits, the oldest of the address with most of
-    /// them makes room for another address; else the new one is refused.
-    void accept(Socket socket, Connections::Descriptors descriptors, const TlsContext* tls);
+    /// Sets whose X-Forwarded-* headers count, for requests that come from now on.
+    void set_proxies(AddressSet proxies) { proxies_ = std::move(proxies); }
+
+    /// Serves a connection, with TLS unless `tls` is null. Until its first request has come it
+    /// takes one of greeting_connections_max places, afterwards one of http_connections_max. Where
+    /// there are too many, one of the address with most of them gives way: one that waits for a
+    /// request, else the oldest. At most reserved_places connections have reserved descriptors; a
+    /// newcomer takes the place of one of them.
+    void accept(Socket socket, Descriptors descriptors, const TlsContext* tls);
 
 private:
     friend class HttpConnection;
     using List = std::list<std::shared_ptr<HttpConnection>>;
 
-    /// True once there is room for one more connection of this address.
-    bool make_room(const std::string& address);
+    /// Gives a place to a connection whose first request has come.
+    void admit(HttpConnection& connection);
+    /// Closes the connection of a list that gives way, and counts it.
+    static void end_one(const List& list, Metrics::Counter& counter);
+    /// Closes a connection with a reserved descriptor if there are reserved_places of them.
+    void make_reserved_room();
 
     asio::io_context& io_;
     const HttpSite& site_;
     Connections& connections_;
     const Services& services_;
-    List open_;  ///< by the time of accept()
+    AddressSet proxies_;
+    List strangers_;  ///< no request has come yet; by the time of accept()
+    List open_;       ///< the others, by the time of their first request
 };
 
 }  // namespace raynest::server

@@ -51,11 +51,20 @@ std::string quoted(std::string_view text) {
     return std::string("'").append(protocol::clean_text(text, quoted_bytes_max)).append("'");
 }
 
-std::string lower(std::string_view text) {
-    std::string made(text);
-    std::transform(made.begin(), made.end(), made.begin(),
-                   [](char c) { return c >= 'A' && c <= 'Z' ? static_cast<char>(c + 32) : c; });
-    return made;
+std::string_view scheme_of(const HttpRequest& request) {
+    return request.is_encrypted ? "https" : "http";
+}
+
+/// Returns SCHEME://HOST as browsers write an Origin: in lower case, and without the usual port.
+std::string to_origin(std::string_view scheme, std::string_view host) {
+    const std::string known = lower(scheme);
+    const std::string_view usual_port = known == "https" ? ":443" : ":80";
+    if (host.ends_with(usual_port)) host.remove_suffix(usual_port.size());
+    return known + "://" + lower(host);
+}
+
+std::string own_origin(const HttpRequest& request) {
+    return to_origin(scheme_of(request), request.hosts.front());
 }
 
 struct HostAndPort {
@@ -149,6 +158,13 @@ HttpReply file(std::string_view path, std::string_view if_none_match) {
 
 }  // namespace
 
+std::string lower(std::string_view text) {
+    std::string made(text);
+    std::transform(made.begin(), made.end(), made.begin(),
+                   [](char c) { return c >= 'A' && c <= 'Z' ? static_cast<char>(c + 32) : c; });
+    return made;
+}
+
 bool is_http_host(std::string_view text) {
     constexpr std::size_t bytes_max = 255;
     const auto [name, port] = split_host(text);
@@ -170,7 +186,7 @@ bool HttpSite::is_own_host(const HttpRequest& request) const {
     const auto [name, port] = split_host(whole);
     // Browsers leave the usual port out.
     const std::string own_port = std::to_string(address_.port);
-    const std::string_view usual_port = is_encrypted() ? "443" : "80";
+    const std::string_view usual_port = request.is_encrypted ? "443" : "80";
     if (port.empty() ? own_port == usual_port : port == own_port) {
         const bool is_v6 = address_.host.find(':') != std::string::npos;
         const std::string own = is_v6 ? "[" + address_.host + "]" : address_.host;
@@ -186,13 +202,16 @@ bool HttpSite::is_own_host(const HttpRequest& request) const {
     }
     return std::ranges::any_of(names_, [&, name = name](const std::string& allowed) {
         const std::string known = lower(allowed);
-        return known == whole || known == name;
+        return known == name || to_origin(scheme_of(request), known) == own_origin(request);
     });
 }
 
 HttpReply HttpSite::answer(const HttpRequest& request) const {
-    if (request.hosts.size() != 1) return refuse(400, "a request needs exactly one Host header");
-    if (!is_own_host(request)) {
+    const std::string_view path = path_of(request);
+    const bool is_probe = path == "/healthz" || path == "/readyz";
+    if (request.hosts.size() != 1 && !(is_probe && request.may_lack_host()))
+        return refuse(400, "a request needs exactly one Host header");
+    if (!is_probe && !is_own_host(request)) {
         const std::string host = protocol::clean_text(request.hosts.front(), quoted_bytes_max);
         return refuse_foreign(421, Foreign::host,
                               "the host " + quoted(std::string_view(host)) +
@@ -202,8 +221,7 @@ HttpReply HttpSite::answer(const HttpRequest& request) const {
                                        std::string(split_host(host).name));
     }
     if (!request.target.starts_with('/'))
-        return refuse(400, "a request's target must begin with '/'");
-    const std::string_view path = path_of(request);
+        return refuse(400, "a request's target must begin with '/' or http://");
     const bool is_login = path == login_path || path == logout_path;
     if (request.method == "POST" && is_login) return post(request, path);
     if (request.method != "GET" && request.method != "HEAD") {
@@ -221,7 +239,7 @@ HttpReply HttpSite::route(const HttpRequest& request) const {
     const std::string_view path = path_of(request);
     if (path == "/v1/stream") return stream(request);
     if (request.upgrades) return refuse(404, "the WebSocket is /v1/stream");
-    if (path == "/healthz") return {.text = "ok\n"};
+    if (path == "/healthz") return health();
     if (path == "/readyz") return ready();
     if (path == login_path) return tell(request);
     if (path == logout_path) {
@@ -251,18 +269,26 @@ HttpReply HttpSite::page(const HttpRequest& request, std::string_view path) cons
 // ---- logins -------------------------------------------------------------------------------------
 
 bool HttpSite::is_from_page(const HttpRequest& request) const {
-    return request.origins.size() == 1 && lower(request.origins.front()) ==
-                                              address_.scheme + "://" + lower(request.hosts.front());
+    if (request.origins.size() != 1) return false;
+    const std::string_view origin = request.origins.front();
+    const std::size_t slashes = origin.find("://");
+    return slashes != std::string_view::npos &&
+           to_origin(origin.substr(0, slashes), origin.substr(slashes + 3)) == own_origin(request);
 }
 
 HttpReply HttpSite::refuse_origin(const HttpRequest& request) const {
-    const std::string host = protocol::clean_text(lower(request.hosts.front()), quoted_bytes_max);
+    const bool is_plain_behind_tls = !request.is_encrypted && request.origins.size() == 1 &&
+                                     lower(request.origins.front()).starts_with("https://");
     return refuse_foreign(
         403, Foreign::origin,
         (request.origins.empty()
              ? "this request needs an Origin header"
              : "the page " + quoted(request.origins.front()) + " may not send this request") +
-            "; its Origin must be " + address_.scheme + "://" + host);
+            "; its Origin must be " + protocol::clean_text(own_origin(request), quoted_bytes_max) +
+            (is_plain_behind_tls
+                 ? "; if TLS ends at a proxy, start the daemon with --trusted-proxy "
+                   "ADDRESS, and let the proxy send X-Forwarded-Proto"
+                 : ""));
 }
 
 bool HttpSite::takes_body(const HttpRequest& request) const {
@@ -276,7 +302,7 @@ HttpReply HttpSite::post(const HttpRequest& request, std::string_view path) cons
     if (path == login_path) return log_in(request);
     if (access_ != nullptr) access_->log_out(login_of(request));
     HttpReply reply{.text = "logged out\n"};
-    reply.cookie = cookie_with("");
+    reply.cookie = cookie_with(request, "");
     return reply;
 }
 
@@ -286,10 +312,15 @@ HttpReply HttpSite::log_in(const HttpRequest& request) const {
     if (token.empty() == code.empty())
         return refuse(400, "the body of a login is token=TOKEN or code=CODE");
     if (access_ == nullptr) return refuse(404, "nobody needs to log in here");
-    const auto secret = access_->log_in(*request.peer, token, code);
+    const std::string_view old_login = login_of(request);
+    const std::string question = access_->question_before(request.sender, code, old_login);
+    if (!question.empty() && form_field(request.body, "replace") != "yes")
+        return refuse(409, question + "; send replace=yes, too, if it may");
+    const auto secret = access_->log_in(request.sender, token, code);
     if (!secret) return refuse_sender(secret.error());
+    if (!question.empty()) access_->log_out(old_login);
     HttpReply reply{.text = "logged in\n"};
-    reply.cookie = cookie_with(*secret);
+    reply.cookie = cookie_with(request, *secret);
     return reply;
 }
 
@@ -309,16 +340,16 @@ HttpReply HttpSite::tell(const HttpRequest& request) const {
 
 Reply<Principal> HttpSite::identify(const HttpRequest& request) const {
     if (access_ == nullptr) return Principal{};
-    return access_->identify(*request.peer, bearer_of(request.authorization), login_of(request));
+    return access_->identify(request.sender, bearer_of(request.authorization), login_of(request));
 }
 
-std::string HttpSite::cookie_name() const {
+std::string HttpSite::cookie_name(const HttpRequest& request) const {
     // Browsers take a cookie of this prefix from the host itself alone, and over TLS.
-    return (is_encrypted() ? "__Host-raynest-" : "raynest-") + std::to_string(address_.port);
+    return (request.is_encrypted ? "__Host-raynest-" : "raynest-") + std::to_string(address_.port);
 }
 
 std::string_view HttpSite::login_of(const HttpRequest& request) const {
-    const std::string name = cookie_name();
+    const std::string name = cookie_name(request);
     for (std::string_view cookies : request.cookies) {
         while (!cookies.empty()) {
             std::string_view part = cookies.substr(0, cookies.find(';'));
@@ -331,19 +362,21 @@ std::string_view HttpSite::login_of(const HttpRequest& request) const {
     return {};
 }
 
-std::string HttpSite::cookie_with(std::string_view secret) const {
-    return cookie_name() + "=" + std::string(secret) + "; Path=/; HttpOnly; SameSite=Strict" +
-           (is_encrypted() ? "; Secure" : "") + (secret.empty() ? "; Max-Age=0" : "");
+std::string HttpSite::cookie_with(const HttpRequest& request, std::string_view secret) const {
+    return cookie_name(request) + "=" + std::string(secret) +
+           "; Path=/; HttpOnly; SameSite=Strict" + (request.is_encrypted ? "; Secure" : "") +
+           (secret.empty() ? "; Max-Age=0" : "");
 }
 
 // ---- the daemon ---------------------------------------------------------------------------------
 
 HttpReply HttpSite::metrics(const HttpRequest& request) const {
-    if (const auto sender = identify(request); !sender)
+    const auto sender = identify(request);
+    if (!sender)
         return sender.error().code == Code::busy
                    ? refuse_sender(sender.error())
                    : refuse(401, "/metrics takes a token here: Authorization: Bearer TOKEN");
-    return {.type = exposition_type, .text = metrics_()};
+    return {.type = exposition_type, .text = metrics_(*sender)};
 }
 
 HttpReply HttpSite::stream(const HttpRequest& request) const {
@@ -357,6 +390,12 @@ HttpReply HttpSite::stream(const HttpRequest& request) const {
     reply.status = 101;
     if (access_ != nullptr) reply.sender = std::make_shared<const Principal>(std::move(*sender));
     return reply;
+}
+
+// A daemon that is short of something lives: a restart would help nobody.
+HttpReply HttpSite::health() const {
+    const std::string shortage = shortage_ ? shortage_() : std::string();
+    return {.text = "ok\n" + (shortage.empty() ? shortage : shortage + '\n')};
 }
 
 HttpReply HttpSite::ready() const {

@@ -1,5 +1,6 @@
 #include "server/net/listener.h"
 
+#include "server/diag/limited_log.h"
 #include "server/log.h"
 
 #include <arpa/inet.h>
@@ -14,6 +15,7 @@
 #include <cerrno>
 #include <cstring>
 #include <new>
+#include <string>
 #include <variant>
 
 namespace raynest::server {
@@ -125,6 +127,27 @@ Result<void> clear_path(const Place& place, const sockaddr_un& name) {
     return {};
 }
 
+/// Gives the socket that bind() has made its group, then the mode that gives the group access. Returns
+/// what failed, with errno. Opens the file once: where others may rename files, its path may lead
+/// elsewhere by now.
+const char* widen_access(const char* path, const SocketAccess& access) {
+    const Fd file(::open(path, O_PATH | O_NOFOLLOW | O_CLOEXEC));
+    struct stat status {};
+    if (file.get() < 0 || fstat(file.get(), &status) != 0) return "open";
+    errno = EEXIST;
+    if (!S_ISSOCK(status.st_mode)) return "open";
+    if (access.group && fchownat(file.get(), "", static_cast<uid_t>(-1), *access.group,
+                                 AT_EMPTY_PATH) != 0) {
+        const int why = errno;
+        unlink(path);
+        errno = why;
+        return "chown to --socket-group";
+    }
+    // fchmod() refuses a descriptor of O_PATH.
+    const std::string opened = "/proc/self/fd/" + std::to_string(file.get());
+    return chmod(opened.c_str(), access.mode) == 0 ? nullptr : "chmod to --socket-mode";
+}
+
 Result<Bound> bind_unix(const Place& place, const SocketAccess& access) {
     const auto& address = std::get<UnixAddress>(place.address);
     sockaddr_un name{};
@@ -133,18 +156,8 @@ Result<Bound> bind_unix(const Place& place, const SocketAccess& access) {
     if (const auto clear = clear_path(place, name); !clear) return tl::unexpected(clear.error());
     const auto descriptor = make_socket(place, AF_UNIX);
     if (!descriptor) return tl::unexpected(descriptor.error());
-    // Widen access last: bind() creates the file with at most the socket's mode, 0600; then set the
-    // group, then the mode that gives the group access.
-    const auto prepare = [&]() -> const char* {
-        const char* path = address.path.c_str();
-        if (access.group && chown(path, static_cast<uid_t>(-1), *access.group) != 0) {
-            const int why = errno;
-            unlink(path);
-            errno = why;
-            return "chown to --socket-group";
-        }
-        return chmod(path, access.mode) == 0 ? nullptr : "chmod to --socket-mode";
-    };
+    // Widen access last: bind() creates the file with at most the socket's mode, 0600.
+    const auto prepare = [&] { return widen_access(address.path.c_str(), access); };
     if (fchmod(*descriptor, 0600) != 0) {
         close(*descriptor);
         return failed(place, "fchmod");
@@ -201,7 +214,8 @@ void Listener::hand_on(Socket socket, Descriptors descriptors) {
     try {
         accept_(std::move(socket), descriptors);
     } catch (const std::bad_alloc&) {
-        log(LogLevel::error, "accept_failed", {{"listen", uri()}, {"reason", "out of memory"}});
+        log_limited(LogLevel::error, "accept_failed", "",
+                    {{"listen", uri()}, {"reason", "out of memory"}});
     }
 }
 
@@ -215,7 +229,9 @@ void Listener::accepted(const SystemError& error, Socket socket) {
     if (!acceptor_.is_open()) return;
     if (!error) {
         backoff_ = milliseconds(0);
-        hand_on(std::move(socket), Descriptors::free);
+        const Descriptors left = left_at(socket.native_handle());
+        if (left != Descriptors::free) log_shortage();
+        hand_on(std::move(socket), left);
         return accept_next();
     }
     if (!used_up(error) || spare_.get() < 0) return accept_later(error);
@@ -228,17 +244,21 @@ void Listener::accepted(const SystemError& error, Socket socket) {
     });
 }
 
+void Listener::log_shortage() {
+    const auto now = Clock::now();
+    if (now - told_ < log_period) return;
+    told_ = now;
+    log(LogLevel::warn, "descriptors_used_up", {{"listen", uri()}});
+}
+
 SystemError Listener::accept_newcomer() {
     SystemError error;
     Socket socket = acceptor_.accept(error);
     if (!used_up(error)) {
-        if (!error) hand_on(std::move(socket), Descriptors::free);
+        if (!error) hand_on(std::move(socket), left_at(socket.native_handle()));
         return error;
     }
-    if (const auto now = Clock::now(); now - told_ >= log_period) {
-        told_ = now;
-        log(LogLevel::warn, "descriptors_used_up", {{"listen", uri()}});
-    }
+    log_shortage();
     spare_ = Fd();
     socket = acceptor_.accept(error);
     if (!error) hand_on(std::move(socket), Descriptors::used_up);

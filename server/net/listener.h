@@ -5,7 +5,7 @@
 #include "engine/result.h"
 #include "server/address.h"
 #include "server/net/asio.h"
-#include "server/net/connections.h"
+#include "server/net/descriptors.h"
 
 #include <chrono>
 #include <functional>
@@ -18,8 +18,6 @@ namespace raynest::server {
 /// Listens on one address. Io thread only; must outlive the work of the io_context.
 class Listener {
 public:
-    using Descriptors = Connections::Descriptors;
-
     /// Takes over an accepted socket.
     using Accept = std::function<void(Socket, Descriptors)>;
 
@@ -54,6 +52,8 @@ private:
     SystemError accept_newcomer();
     void accept_later(const SystemError& error);
     void hand_on(Socket socket, Descriptors descriptors);
+    /// Logs that descriptors are used up, at most once a second.
+    void log_shortage();
 
     asio::basic_socket_acceptor<asio::generic::stream_protocol> acceptor_;
     asio::steady_timer pause_;

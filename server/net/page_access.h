@@ -22,6 +22,10 @@ public:
                               std::string_view cookie) override {
         return authentication_.identify_request(peer, bearer, cookie, now(), WallClock::now());
     }
+    std::string question_before(const PeerIdentity& peer, std::string_view code,
+                                std::string_view cookie) override {
+        return authentication_.question_before(peer, code, cookie, WallClock::now());
+    }
     Reply<std::string> log_in(const PeerIdentity& peer, std::string_view token,
                               std::string_view code) override {
         return authentication_.log_in(peer, token, code, now(), WallClock::now());
@@ -29,7 +33,7 @@ public:
     void log_out(std::string_view cookie) override {
         if (authentication_.logins().end(cookie)) end_revoked_();
     }
-    /// Ends logins whose time is over.
+    /// Ends logins whose time is over, and the connections of those that have ended.
     void look_at_logins() {
         if (authentication_.logins().expire(WallClock::now())) end_revoked_();
     }

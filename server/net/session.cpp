@@ -1,5 +1,7 @@
 #include "server/net/session.h"
 
+#include "server/diag/io_turn.h"
+#include "server/diag/limited_log.h"
 #include "server/log.h"
 #include "server/net/connections.h"
 
@@ -18,10 +20,15 @@ constexpr std::size_t stage_bytes = 4096;
 constexpr std::size_t read_bytes_max = 256 << 10;
 /// Time to write the outbox once the conversation is closing.
 constexpr seconds flush_time{5};
+/// The same for a peer that is admitted no more.
+constexpr std::chrono::milliseconds soon{700};
 /// Time after that for the peer to read the last frame and to close.
 constexpr seconds linger_time{1};
 /// Memory of a waiting frame besides its bytes.
 constexpr std::uint64_t waiting_frame_bytes = 256;
+
+/// Damaged messages of a connection in a minute; one more ends it.
+constexpr unsigned damaged_messages_max = 64;
 
 constexpr Clock::time_point never = Clock::time_point::max();
 
@@ -31,9 +38,23 @@ std::uint64_t control_bytes(const protocol::Frame& frame) {
     return waiting_frame_bytes + protocol::header_bytes + frame.control.size();
 }
 
+/// Time for which a read of so many bytes counts as keeping the io thread: a read that finds its bytes
+/// in the transport's buffers comes back without a turn of others.
+Clock::duration read_time(std::size_t bytes) {
+    return std::chrono::nanoseconds(bytes);
+}
+
 /// False for Progress: the daemon sends it by itself, so it does not count as activity of the peer.
 bool shows_life(const protocol::Frame& frame) {
     return frame.header.type != static_cast<std::uint16_t>(wire::Message::Progress);
+}
+
+/// True for an Error that answers a damaged message.
+bool answers_damage(const protocol::Frame& frame) {
+    if (frame.header.type != static_cast<std::uint16_t>(wire::Message::Error)) return false;
+    const auto code =
+        static_cast<Code>(flatbuffers::GetRoot<wire::Error>(frame.control.data())->code());
+    return code == Code::bad_frame || code == Code::unknown_type;
 }
 
 }  // namespace
@@ -62,7 +83,8 @@ Session::Session(asio::io_context& io, std::unique_ptr<Transport> transport,
           [this](const wire::Hello& hello) { return connections_.authenticate(*this, hello); }),
       greeting_deadline_(Clock::now() + milliseconds(services.limits.greeting_ms_max)),
       close_deadline_(never),
-      moved_(Clock::now()) {
+      moved_(Clock::now()),
+      damage_(damaged_messages_max) {
     decoder_.set_frame_bytes_max(services.limits.greeting_bytes_max);
     decoder_.set_admission(
         [this](const protocol::FrameHeader& header) { return conversation_.admit(header); });
@@ -81,8 +103,8 @@ void Session::spawn(Coroutine coroutine, const char* name) {
                        try {
                            std::rethrow_exception(failure);
                        } catch (const std::exception& error) {
-                           log(LogLevel::error, "connection_failed",
-                               {{"coroutine", name}, {"reason", error.what()}});
+                           log_limited(LogLevel::error, "connection_failed", self->principal(),
+                                       {{"coroutine", name}, {"reason", error.what()}});
                        }
                        self->stop();
                    });
@@ -92,6 +114,12 @@ void Session::drain() {
     if (!open_) return;
     conversation_.drain();
     settle();
+}
+
+bool Session::close_soon_with_error(const protocol::Error& error) {
+    // A peer that does not read would keep its place, and the answers that wait for it.
+    if (open_) close_deadline_ = std::min(close_deadline_, Clock::now() + soon);
+    return close_with_error(error);
 }
 
 bool Session::close_with_error(const protocol::Error& error) {
@@ -116,7 +144,8 @@ void Session::stop() {
 void Session::drop(Metrics::Counter& counter, const char* why) {
     ++counter;
     const RequestScope scope({number(), 0});
-    log(LogLevel::info, "dropped",
+    log_limited(
+        LogLevel::info, "dropped", principal(),
         {{"principal", principal()}, {"reason", why}, {"unread", std::to_string(backlog_)}});
     stop();
 }
@@ -133,7 +162,7 @@ ConnectionRow Session::row() const {
             principal(),
             greeted ? std::string(role_name(identity().role)) : "",
             peer().transport,
-            peer().name,
+            peer().whereabouts(),
             static_cast<std::uint64_t>(age.count()),
             static_cast<std::uint32_t>(conversation_.jobs())};
 }
@@ -167,6 +196,7 @@ void Session::send(protocol::Frame frame) {
     if (!open_) return;
     // Restart the pause with the first frame of an answer, which may have taken long.
     if (backlog_ == 0 && !reading_ && shows_life(frame)) moved_ = Clock::now();
+    if (answers_damage(frame)) damage_.count(Clock::now());
     const std::uint64_t bytes = frame.header.frame_bytes();
     outbox_.push_back(std::move(frame));
     backlog_ += bytes;
@@ -229,23 +259,38 @@ asio::awaitable<void> Session::read_some(SystemError& error) {
     if (got == 0)
         if (const auto unreadable = transport_->take_unreadable())
             conversation_.refuse_unreadable(*unreadable);
-    services_.metrics.count<&Metrics::bytes_received>(principal(), got);
+    services_.metrics.count<&Metrics::bytes_received>(conversation_.counted_as(), got);
     services_.admission.bandwidth().spend(principal(), Bandwidth::Direction::receive, got,
                                           Clock::now());
     const std::size_t direct = std::min(got, bulk.size());
     decoder_.filled(direct);
-    reading_ = true;
-    take_frames(std::span<const std::byte>(stage).first(got - direct));
-    reading_ = false;
-    write_at_once();
-    settle();
+    std::span<const std::byte> rest = std::span<const std::byte>(stage).first(got - direct);
+    kept_ += read_time(got);
+    do {
+        reading_ = true;
+        rest = take_frames(rest);
+        reading_ = false;
+        write_at_once();
+        settle();
+        if (turn_is_over()) co_await yield();
+    } while (open_ && !conversation_.closing() && !rest.empty());
 }
 
-void Session::take_frames(std::span<const std::byte> bytes) {
+asio::awaitable<void> Session::yield() {
+    kept_ = {};
+    co_await asio::post(io_, asio::use_awaitable);
+}
+
+std::span<const std::byte> Session::take_frames(std::span<const std::byte> bytes) {
+    const Clock::time_point began = Clock::now();
+    const Clock::duration kept_before = kept_;
     bool moved = false;
     do {
         const auto taken = decoder_.feed(bytes);
-        if (!taken) return conversation_.close_with_error(taken.error());
+        if (!taken) {
+            conversation_.close_with_error(taken.error());
+            return {};
+        }
         bytes = bytes.subspan(*taken);
         if (decoder_.complete()) {
             if (!std::exchange(moved, true)) moved_ = Clock::now();
@@ -255,7 +300,9 @@ void Session::take_frames(std::span<const std::byte> bytes) {
                 decoder_.set_frame_bytes_max(services_.limits.frame_bytes_max);
             }
         }
-    } while (open_ && !conversation_.closing() && !bytes.empty());
+        kept_ = kept_before + (Clock::now() - began);
+    } while (open_ && !conversation_.closing() && !bytes.empty() && !turn_is_over());
+    return bytes;
 }
 
 asio::awaitable<void> Session::linger() {
@@ -274,7 +321,7 @@ bool Session::fill_stream() {
 }
 
 void Session::sent(std::size_t bytes) {
-    services_.metrics.count<&Metrics::bytes_sent>(principal(), bytes);
+    services_.metrics.count<&Metrics::bytes_sent>(conversation_.counted_as(), bytes);
     services_.admission.bandwidth().spend(principal(), Bandwidth::Direction::send, bytes,
                                           Clock::now());
     backlog_ -= bytes;
@@ -285,7 +332,7 @@ void Session::sent(std::size_t bytes) {
         control_backlog_ -= control_bytes(frame);
         moved = moved || shows_life(frame);
     });
-    if (frames != 0) services_.metrics.count<&Metrics::frames_sent>(principal(), frames);
+    if (frames != 0) services_.metrics.count<&Metrics::frames_sent>(conversation_.counted_as(), frames);
     if (moved) moved_ = Clock::now();
 }
 
@@ -334,12 +381,19 @@ asio::awaitable<void> Session::watch() {
     while (open_) {
         watchdog_.expires_at(next_deadline());
         co_await wait(watchdog_);
+        IoTurn::does("watch");
         if (open_) expire(Clock::now());
     }
 }
 
 void Session::settle() {
     if (!open_) return;
+    if (damage_.is_over())
+        conversation_.close_with_error(
+            {Code::bad_frame,
+             "more than " + std::to_string(damage_.most()) +
+                 " damaged messages came in a minute; mend the client before it connects again",
+             0});
     conversation_.settle();
     if (conversation_.closing() && close_deadline_ == never)
         close_deadline_ = Clock::now() + flush_time;

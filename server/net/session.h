@@ -17,6 +17,7 @@
 #include "server/conversation.h"
 #include "server/jobs/bandwidth.h"
 #include "server/net/asio.h"
+#include "server/net/minute_limit.h"
 #include "server/net/transport.h"
 #include "server/net/write_batch.h"
 
@@ -49,6 +50,8 @@ public:
     /// Ends the running jobs, sends the error, then closes.
     /// Returns false if the connection is closing already.
     bool close_with_error(const protocol::Error& error);
+    /// The same, within a second also where the peer does not read.
+    bool close_soon_with_error(const protocol::Error& error);
     /// Closes at once. Idempotent.
     void stop();
     /// Closes if the peer's machine or network is gone.
@@ -57,6 +60,7 @@ public:
     [[nodiscard]] const PeerIdentity& peer() const { return transport_->peer(); }
     [[nodiscard]] std::uint64_t number() const { return conversation_.number(); }
     [[nodiscard]] ConnectionRow row() const;
+    [[nodiscard]] bool greeted() const { return conversation_.greeted(); }
     /// The client, once it is greeted.
     [[nodiscard]] const Principal& identity() const { return conversation_.identity(); }
 
@@ -91,8 +95,13 @@ private:
     /// Counts `bytes` of the batch as sent.
     void sent(std::size_t bytes);
 
-    /// Decodes received bytes and passes complete frames to the conversation.
-    void take_frames(std::span<const std::byte> bytes);
+    /// Decodes received bytes and passes complete frames to the conversation until they or the turn
+    /// end. Returns the bytes that are left.
+    std::span<const std::byte> take_frames(std::span<const std::byte> bytes);
+    /// Lets other connections have their turn, if this one has had its own.
+    asio::awaitable<void> yield();
+    /// True if this connection has kept the io thread for a whole turn.
+    [[nodiscard]] bool turn_is_over() const { return kept_ >= turn_time; }
     /// Updates the conversation and the watchdog. Call it after anything that may have changed a
     /// deadline or closed the conversation.
     void settle();
@@ -121,6 +130,8 @@ private:
     Clock::time_point close_deadline_;  ///< set once the conversation is closing
     const Clock::time_point accepted_ = Clock::now();
     Clock::time_point moved_;           ///< when a whole frame was last sent or received
+    MinuteLimit damage_;                ///< damaged messages; settle() ends a connection with too many
+    Clock::duration kept_{0};           ///< for how long it has kept the io thread in this turn
     bool open_ = true;
     bool opened_ = false;   ///< the transport is ready for frames
     bool reading_ = false;  ///< received frames are being handled

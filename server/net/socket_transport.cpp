@@ -9,6 +9,7 @@
 #include <unistd.h>
 
 #include <algorithm>
+#include <cstddef>
 #include <cstdint>
 #include <utility>
 
@@ -26,6 +27,9 @@ constexpr std::uint32_t silence_ms_max = 20'000;
 /// Number of unanswered window probes in a row that shows a dead peer.
 constexpr int probes_max = 3;
 
+/// Bytes of an IPv6 address that name its network.
+constexpr std::ptrdiff_t network_bytes = 8;
+
 PeerIdentity::Place place_of(uid_t user) {
     // First: in a namespace without any mapping the daemon's own user has that number too.
     if (is_unknown_user(user)) return PeerIdentity::Place::unknown_user;
@@ -35,8 +39,21 @@ PeerIdentity::Place place_of(uid_t user) {
 
 }  // namespace
 
+std::optional<asio::ip::address> remote_address(Socket& socket) {
+    SystemError error;
+    const auto endpoint = socket.remote_endpoint(error);
+    asio::ip::tcp::endpoint tcp;
+    const int family = error ? AF_UNSPEC : endpoint.protocol().family();
+    if ((family != AF_INET && family != AF_INET6) || endpoint.size() > tcp.capacity())
+        return std::nullopt;
+    std::copy_n(reinterpret_cast<const char*>(endpoint.data()), endpoint.size(),
+                reinterpret_cast<char*>(tcp.data()));
+    const auto ip = tcp.address();
+    if (!ip.is_v6() || !ip.to_v6().is_v4_mapped()) return ip;
+    return asio::ip::make_address_v4(asio::ip::v4_mapped, ip.to_v6());
+}
+
 PeerIdentity identity_of(Socket& socket) {
-    using Place = PeerIdentity::Place;
     ucred peer{};
     socklen_t size = sizeof peer;
     sockaddr_storage address{};
@@ -46,17 +63,23 @@ PeerIdentity identity_of(Socket& socket) {
         address.ss_family == AF_UNIX &&
         getsockopt(socket.native_handle(), SOL_SOCKET, SO_PEERCRED, &peer, &size) == 0)
         return {"uid:" + std::to_string(peer.uid), place_of(peer.uid), "unix"};
-    SystemError error;
-    const auto endpoint = socket.remote_endpoint(error);
-    asio::ip::tcp::endpoint tcp;
-    if (error || endpoint.size() > tcp.capacity()) return {"unknown", Place::remote};
-    std::copy_n(reinterpret_cast<const char*>(endpoint.data()), endpoint.size(),
-                reinterpret_cast<char*>(tcp.data()));
-    auto ip = tcp.address();
-    if (ip.is_v6() && ip.to_v6().is_v4_mapped())
-        ip = asio::ip::make_address_v4(asio::ip::v4_mapped, ip.to_v6());
-    if (ip.is_loopback()) return {"127.0.0.1"};
-    return {ip.to_string(), Place::remote};
+    const auto ip = remote_address(socket);
+    return ip ? identity_of(*ip) : PeerIdentity{"unknown", PeerIdentity::Place::remote};
+}
+
+PeerIdentity identity_of(asio::ip::address address) {
+    using Place = PeerIdentity::Place;
+    if (address.is_v6() && address.to_v6().is_v4_mapped())
+        address = asio::ip::make_address_v4(asio::ip::v4_mapped, address.to_v6());
+    if (address.is_loopback()) return {"127.0.0.1"};
+    if (address.is_v4()) return {address.to_string(), Place::remote};
+    // A network card may take each address of its /64: as principals of their own they could fill
+    // every table.
+    auto bytes = address.to_v6().to_bytes();
+    std::fill(bytes.begin() + network_bytes, bytes.end(), std::uint8_t{0});
+    PeerIdentity peer{asio::ip::address_v6(bytes).to_string() + "/64", Place::remote};
+    peer.address = address.to_string();
+    return peer;
 }
 
 bool peer_is_lost(int descriptor) {

@@ -28,8 +28,15 @@ private:
     std::size_t wanted_ = 1;  ///< bytes that must be there before a read returns
 };
 
+/// Returns the identity of a peer by its address. All loopback addresses count as "127.0.0.1": any
+/// program may use any of them. An IPv6 address counts as its /64, all of which one machine may use.
+[[nodiscard]] PeerIdentity identity_of(asio::ip::address address);
+
 /// Returns the user at the other end of a Unix socket, e.g. "uid:1000", or else the peer's address.
-/// All loopback addresses count as "127.0.0.1": any program may use any of them.
 [[nodiscard]] PeerIdentity identity_of(Socket& socket);
+
+/// Returns the address at the other end of a TCP socket, an IPv4 one as such even where the socket
+/// is of IPv6; nothing if it has none.
+[[nodiscard]] std::optional<asio::ip::address> remote_address(Socket& socket);
 
 }  // namespace raynest::server

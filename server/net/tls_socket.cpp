@@ -3,8 +3,12 @@
 #include "protocol/keep_alive.h"
 #include "protocol/subject.h"
 #include "protocol/validate.h"
+#include "server/diag/io_turn.h"
+#include "server/diag/limited_log.h"
+#include "server/net/socket_transport.h"
 #include "server/security/pem_file.h"
 
+#include <fmt/format.h>
 #include <openssl/err.h>
 #include <openssl/x509.h>
 #include <sys/socket.h>
@@ -14,14 +18,25 @@
 #include <utility>
 
 namespace raynest::server {
+namespace {
+
+/// Messages of TLS itself after the handshake, in a minute; one more ends the connection. Clients send
+/// new keys after millions of records, and none asks for another handshake, which is refused.
+constexpr unsigned messages_max = 64;
+
+}  // namespace
 
 TlsSocket::TlsSocket(Socket socket, const TlsContext& context)
     : socket_(std::move(socket)),
-      tls_(SSL_new(context.get())) {
+      context_(context.shared_from_this()),
+      tls_(SSL_new(context.get())),
+      messages_(messages_max) {
     protocol::tune_tcp(socket_.native_handle());
     SystemError ignored;
     socket_.non_blocking(true, ignored);
     if (tls_ == nullptr) throw std::bad_alloc();
+    SSL_set_msg_callback(tls_.get(), take_message);
+    SSL_set_msg_callback_arg(tls_.get(), this);
     SSL_set_fd(tls_.get(), socket_.native_handle());
     SSL_set_accept_state(tls_.get());
 }
@@ -32,10 +47,10 @@ std::array<std::byte, TlsSocket::record_bytes>& TlsSocket::scratch() {
 }
 
 void TlsSocket::tell_subject(PeerIdentity& peer) const {
-    const Certificate certificate(SSL_get1_peer_certificate(tls_.get()));
-    if (!certificate || SSL_get_verify_result(tls_.get()) != X509_V_OK) return;
+    auto certificate = context_->certificate_of(tls_.get());
+    if (certificate == nullptr) return;
     const std::unique_ptr<BIO, protocol::Release<BIO_free>> text(BIO_new(BIO_s_mem()));
-    X509_NAME_print_ex(text.get(), X509_get_subject_name(certificate.get()), 0,
+    X509_NAME_print_ex(text.get(), X509_get_subject_name(certificate->chain.front().get()), 0,
                        XN_FLAG_RFC2253 & ~ASN1_STRFLGS_ESC_MSB);
     char* bytes = nullptr;
     const long size = BIO_get_mem_data(text.get(), &bytes);
@@ -46,8 +61,20 @@ void TlsSocket::tell_subject(PeerIdentity& peer) const {
         peer.subject_fault = "is over " + std::to_string(protocol::subject_bytes_max) + " bytes";
     else if (!protocol::printable(subject))
         peer.subject_fault = "is not printable text";
-    else
+    else {
         peer.subject = std::move(subject);
+        peer.certificate = std::move(certificate);
+    }
+}
+
+void TlsSocket::take_message(int is_sent, int /*version*/, int type, const void* /*bytes*/,
+                             std::size_t /*size*/, SSL* tls, void* self) noexcept {
+    auto& socket = *static_cast<TlsSocket*>(self);
+    if (is_sent != 0 || !socket.accepted_ || (type != SSL3_RT_HANDSHAKE && type != SSL3_RT_ALERT))
+        return;
+    socket.messages_.count(MinuteLimit::Clock::now());
+    // As if the peer had ended the connection: OpenSSL then looks at no more records.
+    if (socket.messages_.is_over()) SSL_set_shutdown(tls, SSL_RECEIVED_SHUTDOWN);
 }
 
 TlsSocket::Outcome TlsSocket::outcome(int result) const {
@@ -83,6 +110,7 @@ asio::awaitable<bool> TlsSocket::starts_plain(SystemError& error) {
 
 asio::awaitable<void> TlsSocket::accept(SystemError& error, std::string& why) {
     while (!error) {
+        IoTurn::does("TLS handshake");
         ERR_clear_error();
         const Outcome now = outcome(SSL_accept(tls_.get()));
         accepted_ = now == Outcome::done;
@@ -101,7 +129,15 @@ TlsSocket::Outcome TlsSocket::read(void* bytes, std::size_t size, std::size_t& g
     got = 0;
     if (!socket_.is_open()) return Outcome::failed;
     ERR_clear_error();
-    return outcome(SSL_read_ex(tls_.get(), bytes, size, &got));
+    const Outcome now = outcome(SSL_read_ex(tls_.get(), bytes, size, &got));
+    if (!messages_.is_over()) return now;
+    const PeerIdentity peer = identity_of(socket_);
+    log_limited(LogLevel::info, "dropped", peer.name,
+                {{"peer", peer.whereabouts()},
+                 {"reason", fmt::format("more than {} messages of TLS itself came in a minute",
+                                        messages_.most())}});
+    got = 0;
+    return Outcome::failed;
 }
 
 TlsSocket::Outcome TlsSocket::write(const void* bytes, std::size_t size, std::size_t& written) {

@@ -5,6 +5,7 @@
 #pragma once
 
 #include "server/net/asio.h"
+#include "server/net/minute_limit.h"
 #include "server/principal.h"
 #include "server/security/tls_context.h"
 
@@ -64,13 +65,20 @@ public:
 
 private:
     [[nodiscard]] Outcome outcome(int result) const;
+    /// OpenSSL calls it for each message and alert. It must not throw.
+    static void take_message(int is_sent, int version, int type, const void* bytes, std::size_t size,
+                             SSL* tls, void* self) noexcept;
     /// A record of bytes that a write gathers.
     static std::array<std::byte, record_bytes>& scratch();
 
     Socket socket_;
+    const std::shared_ptr<const TlsContext> context_;
     std::unique_ptr<SSL, protocol::Release<SSL_free>> tls_;
     std::size_t unsent_ = 0;  ///< bytes of a write that OpenSSL wants again
     bool accepted_ = false;
+    /// Messages of TLS itself after the handshake, such as new keys. OpenSSL handles all that are there
+    /// in one call, and each costs as much as a hundred bytes of payload.
+    MinuteLimit messages_;
 };
 
 }  // namespace raynest::server

@@ -2,7 +2,7 @@
 
 #include "protocol/control.h"
 #include "protocol/frame.h"
-#include "server/diag/line_limit.h"
+#include "server/diag/limited_log.h"
 #include "server/net/socket_transport.h"
 
 #include <sys/socket.h>
@@ -47,7 +47,8 @@ void TlsTransport::refuse_plain() {
 }
 
 void TlsTransport::log_failure(std::string_view why) const {
-    log_failed_handshake(peer_.name, std::string(why));
+    log_limited(LogLevel::info, "handshake_failed", peer_.name,
+                {{"peer", peer_.whereabouts()}, {"reason", std::string(why)}});
 }
 
 asio::awaitable<void> TlsTransport::open(SystemError& error) {
@@ -83,11 +84,20 @@ asio::awaitable<std::size_t> TlsTransport::read(const ReadBuffers& buffers, std:
     std::size_t total = 0;
     if (!tls_.socket().is_open()) error = asio::error::operation_aborted;
     if (error) co_return 0;
+    auto began = Clock::now() - kept_;
     for (const asio::mutable_buffer& buffer : buffers) {
         for (std::size_t filled = 0; filled < buffer.size();) {
+            // A peer may send a record for each byte, and faster than they can be decrypted.
+            if (kept_ >= turn_time) {
+                if (total != 0) co_return total;
+                co_await yield(error);
+                if (error) co_return 0;
+                began = Clock::now();
+            }
             std::size_t got = 0;
             const Outcome now = tls_.read(static_cast<std::byte*>(buffer.data()) + filled,
                                           buffer.size() - filled, got);
+            kept_ = Clock::now() - began;
             filled += got;
             total += got;
             if (now == Outcome::done) continue;
@@ -98,10 +108,18 @@ asio::awaitable<std::size_t> TlsTransport::read(const ReadBuffers& buffers, std:
             if (error) co_return 0;
             set_low_mark(wanted);
             co_await tls_.wait(now, error);
+            kept_ = {};
             if (error) co_return 0;
+            began = Clock::now();
         }
     }
     co_return total;
+}
+
+asio::awaitable<void> TlsTransport::yield(SystemError& error) {
+    kept_ = {};
+    co_await asio::post(tls_.socket().get_executor(), asio::use_awaitable);
+    if (!tls_.socket().is_open()) error = asio::error::operation_aborted;
 }
 
 std::size_t TlsTransport::write_now(const WriteBatch::Rest& rest) {

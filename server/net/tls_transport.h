@@ -4,6 +4,7 @@
 #include "server/net/tls_socket.h"
 #include "server/net/transport.h"
 
+#include <chrono>
 #include <cstddef>
 #include <string_view>
 
@@ -27,14 +28,18 @@ public:
 
 private:
     using Outcome = TlsSocket::Outcome;
+    using Clock = std::chrono::steady_clock;
     /// Answers a client that does not speak TLS in its own language.
     void refuse_plain();
     void set_low_mark(std::size_t wanted);
     void log_failure(std::string_view why) const;
+    /// Lets other connections have their turn.
+    asio::awaitable<void> yield(SystemError& error);
 
     TlsSocket tls_;
     PeerIdentity peer_;
     std::size_t low_mark_ = 1;  ///< encrypted bytes that wake up a read
+    Clock::duration kept_{0};   ///< for how long it has decrypted in this turn
 };
 
 }  // namespace raynest::server

@@ -12,7 +12,6 @@
 #include "server/net/unreadable.h"
 
 #include <cstdint>
-#include <memory>
 #include <span>
 #include <string>
 #include <string_view>
@@ -22,28 +21,16 @@ namespace raynest::server {
 template <class Value>
 using Read = tl::expected<Value, Unreadable>;
 
-/// Converts between frames and messages. Not thread-safe.
-class MessageConverter {
-public:
-    MessageConverter();
-    ~MessageConverter();
-    MessageConverter(const MessageConverter&) = delete;
+// The functions below are thread-safe.
 
-    /// Reads a text message.
-    Read<protocol::Frame> read_text(std::string_view message);
-    /// Reads the header and JSON of a binary message; the frame's bulk part is left empty, while
-    /// its header still announces it.
-    Read<protocol::Frame> read_binary(const protocol::FrameHeader& header, std::string_view json);
-
-    /// Returns a frame's message without its bulk part: a text message if it has no blocks.
-    [[nodiscard]] std::string write(const protocol::FrameHeader& header,
-                                    std::span<const std::byte> control) const;
-
-private:
-    struct Schema;
-    Read<protocol::Frame> read(protocol::FrameHeader header, std::string_view json);
-
-    std::unique_ptr<Schema> schema_;
-};
+/// Reads a text message.
+Read<protocol::Frame> read_text_message(std::string_view message);
+/// Reads the header and JSON of a binary message; the frame's bulk part is left empty, while its
+/// header still announces it.
+Read<protocol::Frame> read_binary_message(const protocol::FrameHeader& header,
+                                          std::string_view json);
+/// Returns a frame's message without its bulk part: a text message if it has no blocks.
+[[nodiscard]] std::string write_message(const protocol::FrameHeader& header,
+                                        std::span<const std::byte> control);
 
 }  // namespace raynest::server

@@ -90,7 +90,6 @@ private:
     const PeerIdentity peer_;
     const PageRequest request_;
     websocket::stream<HttpStream, false> stream_;
-    MessageConverter converter_;
     std::string message_;  ///< received bytes of a message
     std::string frame_;    ///< header and control message of the frame that read() returns
     std::size_t frame_sent_ = 0;
@@ -142,7 +141,7 @@ asio::awaitable<void> WebSocketTransport::read_message(SystemError& error) {
                              std::string("a text message is over ") +
                                  (greeted_ ? "control_bytes_max" : "greeting_bytes_max") + " = " +
                                  std::to_string(most) + " bytes");
-        co_return convert(converter_.read_text(message_));
+        co_return convert(read_text_message(message_));
     }
     if (message_.size() < protocol::header_bytes)
         co_return refuse(Code::bad_frame, "a binary message begins with a header of 32 bytes");
@@ -162,7 +161,7 @@ asio::awaitable<void> WebSocketTransport::read_message(SystemError& error) {
                          "a message holds more or fewer bytes than its header says");
     bulk_left_ = header->bulk_bytes;
     convert(
-        converter_.read_binary(*header, std::string_view(message_).substr(protocol::header_bytes)));
+        read_binary_message(*header, std::string_view(message_).substr(protocol::header_bytes)));
 }
 
 asio::awaitable<void> WebSocketTransport::gather(std::size_t bytes, SystemError& error) {
@@ -212,7 +211,7 @@ WebSocketTransport::Outgoing WebSocketTransport::next_message(const WriteBatch::
         protocol::read_header(bytes_of(*part).first<protocol::header_bytes>(), limits_);
     Outgoing made;
     made.is_text = header->block_count == 0;
-    made.head = converter_.write(*header, bytes_of(*++part));
+    made.head = write_message(*header, bytes_of(*++part));
     if (header->bulk_bytes != 0) made.bulk = *++part;
     made.frame_bytes = header->frame_bytes();
     return made;

@@ -6,16 +6,21 @@
 //   plain loopback              127.0.0.1; --anonymous
 //   plain TCP beyond loopback   its address; --anonymous, but a token where there is a token file
 //   TLS                         as plain TCP where neither --tokens nor --client-ca is given
-//   the page                    the principal of its cookie (page_logins.h), else as TCP or TLS
+//   the page                    the principal of its cookie (page_logins.h); without one
+//   --anonymous for a
+//                               local request, and nobody for others (net/http_sender.h)
 #pragma once
 
+#include "server/diag/metrics.h"
 #include "server/principal.h"
 #include "server/security/page_logins.h"
 #include "server/security/tokens.h"
 
 #include <chrono>
+#include <functional>
 #include <map>
 #include <optional>
+#include <set>
 #include <string>
 
 namespace raynest::server {
@@ -27,6 +32,10 @@ struct AccessPolicy {
     bool certificates = false;                   ///< --client-ca is given
 };
 
+/// Returns the role of a peer that shows neither a token nor a certificate; nothing: it is refused.
+[[nodiscard]] std::optional<Role> role_without(const AccessPolicy& policy, PeerIdentity::Place place,
+                                               std::string_view transport);
+
 /// Counts wrong tokens per address. After a few, other wrong ones of the address must wait, twice as
 /// long each time. Right ones never wait: programs of several users may share the address.
 class LoginFailures {
@@ -35,6 +44,7 @@ public:
     /// Returns how long wrong tokens of the address must wait; zero if they need not.
     [[nodiscard]] std::chrono::milliseconds wait_of(const std::string& address, Time now) const;
     void failed(const std::string& address, Time now);
+    /// A right token came from the address: programs of several users may share it.
     void succeeded(const std::string& address) { addresses_.erase(address); }
 
 private:
@@ -49,14 +59,20 @@ private:
 class Authentication {
 public:
     using Time = std::chrono::steady_clock::time_point;
+    /// True if a certificate that was verified at its handshake would be verified now.
+    using Trust = std::function<bool(const ClientCertificate&, WallClock::time_point)>;
 
-    explicit Authentication(const AccessPolicy& policy = {}, const protocol::Limits& limits = {})
+    /// `refused`, unless null, counts logins that are refused.
+    explicit Authentication(const AccessPolicy& policy = {}, const protocol::Limits& limits = {},
+                            Metrics::Counter* refused = nullptr)
         : policy_(policy),
-          logins_(limits) {}
+          logins_(limits),
+          refused_(refused) {}
 
-    /// Replaces the policy, for peers that come from now on.
+    // After each of these, ask still_valid() about everybody who was admitted.
     void set_policy(const AccessPolicy& policy) { policy_ = policy; }
-    /// Replaces the rows; open connections are checked with still_valid().
+    /// Sets how certificates are judged. Without it no certificate is trusted.
+    void set_trust(Trust trust) { trust_ = std::move(trust); }
     void set_tokens(TokenTable tokens) { tokens_ = std::move(tokens); }
     [[nodiscard]] const TokenTable& tokens() const { return tokens_; }
 
@@ -71,6 +87,11 @@ public:
                                                     std::string_view bearer,
                                                     std::string_view cookie, Time now,
                                                     WallClock::time_point wall);
+    /// Returns the question that a browser must answer before a code ends its login: which principal it
+    /// is and which it becomes; empty if the code ends none, or changes no principal.
+    [[nodiscard]] std::string question_before(const PeerIdentity& peer, std::string_view code,
+                                              std::string_view cookie,
+                                              WallClock::time_point wall) const;
     /// Begins a login of the page by a token or, with an empty token, by a code of `raynest open`.
     /// Returns the secret of its cookie.
     [[nodiscard]] Reply<std::string> log_in(const PeerIdentity& peer, std::string_view token,
@@ -78,9 +99,11 @@ public:
                                             WallClock::time_point wall);
     [[nodiscard]] PageLogins& logins() { return logins_; }
 
-    /// False if the row that let this principal in was revoked, has expired or has changed, or if
-    /// its login of the page has ended.
+    /// True if the principal would be admitted again, as the same: its row has not changed, its
+    /// certificate is trusted, the policy lets its transport in, its login of the page goes on.
     [[nodiscard]] bool still_valid(const Principal& principal, WallClock::time_point wall) const;
+    /// True if a certificate of an admitted peer has expired since the last call: then ask still_valid().
+    [[nodiscard]] bool certificates_ended(WallClock::time_point now);
 
 private:
     /// What is logged: connections that begin and refusals, or refusals alone.
@@ -95,13 +118,23 @@ private:
     [[nodiscard]] Reply<Principal> by_code(const PeerIdentity& peer, std::string_view code, Time now,
                                            WallClock::time_point wall);
     [[nodiscard]] Reply<Principal> by_certificate(const PeerIdentity& peer,
-                                                  WallClock::time_point wall, Audit audited) const;
+                                                  WallClock::time_point wall, Audit audited);
     [[nodiscard]] Reply<Principal> anonymous(const PeerIdentity& peer) const;
+    /// Returns the principal of a certificate; nothing if it is not let in.
+    [[nodiscard]] std::optional<Principal> holder_of(
+        const std::string& subject, const std::shared_ptr<const ClientCertificate>& certificate,
+        WallClock::time_point wall) const;
+    /// Logs and counts a refusal.
+    void refuse_login(const PeerIdentity& peer, const std::string& principal,
+                      const std::string& reason) const;
 
     AccessPolicy policy_;
+    Trust trust_;
     TokenTable tokens_;
+    std::set<WallClock::time_point> certificate_ends_;  ///< of admitted peers
     LoginFailures failures_;
     PageLogins logins_;
+    Metrics::Counter* refused_;
 };
 
 }  // namespace raynest::server

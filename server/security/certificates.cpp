@@ -12,12 +12,17 @@
 #include <openssl/pem.h>
 #include <openssl/rand.h>
 #include <openssl/x509v3.h>
+#include <sys/stat.h>
 #include <unistd.h>
 
 #include <algorithm>
 #include <array>
+#include <cerrno>
+#include <cstdint>
+#include <cstring>
 #include <memory>
 #include <set>
+#include <utility>
 
 namespace raynest::server {
 namespace {
@@ -161,19 +166,34 @@ std::string names_of(X509* certificate) {
     return alternative_names(found);
 }
 
-Result<void> write_new(const fs::path& folder, const std::vector<NewFile>& files) {
+/// Makes the folder if it is missing, and then for this user alone. Returns whether it did.
+Result<bool> make_folder(const fs::path& folder) {
     std::error_code error;
-    for (const NewFile& file : files)
-        if (fs::exists(fs::symlink_status(file.path, error)))
-            return fail(ErrorCode::io_failed, file.path.string() +
+    fs::create_directories(folder.parent_path(), error);
+    if (mkdir(folder.c_str(), 0700) == 0) return true;
+    if (errno == EEXIST && fs::is_directory(folder, error)) return false;
+    return fail(ErrorCode::io_failed, folder.string() + ": " + std::strerror(errno));
+}
+
+/// Writes files, by their names, into a folder that has none of them.
+Result<void> write_new(const fs::path& folder,
+                       const std::vector<std::pair<const char*, std::string>>& files) {
+    const auto is_new = make_folder(folder);
+    if (!is_new) return tl::unexpected(is_new.error());
+    std::vector<NewFile> staged;
+    for (const auto& [name, content] : files) {
+        auto place = FilePlace::find(folder / name);
+        if (!place) return tl::unexpected(place.error());
+        if (place->exists())
+            return fail(ErrorCode::io_failed, place->path().string() +
                                                   " exists, and is not overwritten; give another "
                                                   "DIR, or renew it: raynestd tls renew " +
                                                   folder.string());
-    const bool is_new = fs::create_directories(folder, error);
-    if (error) return fail(ErrorCode::io_failed, folder.string() + ": " + error.message());
-    if (is_new) fs::permissions(folder, fs::perms::owner_all, error);
-    auto written = write_files_atomically(files);
-    if (!written && is_new) fs::remove(folder, error);
+        staged.push_back({std::move(*place), content, true});
+    }
+    auto written = write_files_atomically(staged);
+    std::error_code ignored;
+    if (!written && *is_new) fs::remove(folder, ignored);
     return written;
 }
 
@@ -188,23 +208,31 @@ Result<long> seconds_left(const X509* certificate) {
 
 /// A certificate and its key, as files of one folder hold them.
 struct Pair {
+    FilePlace place;  ///< of the certificate
     Certificate certificate;
     Key key;
 };
 
-Result<Pair> read_pair(const fs::path& folder, const char* certificate_file, const char* key_file,
-                       const std::string& if_missing) {
+Result<FilePlace> find_existing(const fs::path& file, const std::string& if_missing) {
+    auto place = FilePlace::find(file);
     std::error_code error;
-    for (const char* name : {certificate_file, key_file})
-        if (const fs::path file = folder / name; !fs::exists(file, error))
-            return fail(ErrorCode::io_failed,
-                        file.string() + ": " + (error ? error.message() : "it is missing") + "; " +
-                            if_missing);
-    auto certificates = read_certificates(folder / certificate_file);
+    const bool is_missing = place ? !place->exists() : !fs::exists(file.parent_path(), error);
+    if (is_missing)
+        return fail(ErrorCode::io_failed, file.string() + ": it is missing; " + if_missing);
+    return place;
+}
+
+Result<Pair> read_pair(const fs::path& folder, const char* certificate_file, const char* key_file,
+                       Reader reader, const std::string& if_missing) {
+    const auto certificate_place = find_existing(folder / certificate_file, if_missing);
+    if (!certificate_place) return tl::unexpected(certificate_place.error());
+    const auto key_place = find_existing(folder / key_file, if_missing);
+    if (!key_place) return tl::unexpected(key_place.error());
+    auto certificates = read_certificates(*certificate_place);
     if (!certificates) return tl::unexpected(certificates.error());
-    auto key = read_key(folder / key_file, Reader::command);
+    auto key = read_key(*key_place, reader);
     if (!key) return tl::unexpected(key.error());
-    Pair pair{std::move(certificates->front()), std::move(*key)};
+    Pair pair{*certificate_place, std::move(certificates->front()), std::move(*key)};
     const bool fits = X509_check_private_key(pair.certificate.get(), pair.key.get()) == 1;
     (void)tls_error_text();
     if (!fits)
@@ -212,6 +240,19 @@ Result<Pair> read_pair(const fs::path& folder, const char* certificate_file, con
                                               ": this key does not belong to " + certificate_file +
                                               "; bring back the one that was made with it");
     return pair;
+}
+
+/// Fails unless the CA has signed the certificate for this use: the user of the daemon may have put
+/// another in its place.
+Result<void> check_signed(const Pair& pair, const Pair& ca, std::uint32_t use) {
+    const bool is_ours = X509_verify(pair.certificate.get(), ca.key.get()) == 1;
+    (void)tls_error_text();
+    if (is_ours && (X509_get_extended_key_usage(pair.certificate.get()) & use) != 0) return {};
+    return fail(ErrorCode::io_failed,
+                pair.place.path().string() + ": " +
+                    (is_ours ? "it was signed for another use" : "this CA has not signed it") +
+                    ", and it is not renewed; bring the old one back, or make new ones in an empty "
+                    "DIR: raynestd tls init DIR");
 }
 
 }  // namespace
@@ -268,18 +309,18 @@ Result<void> make_certificates(const fs::path& folder, const std::vector<std::st
     if (!client) return tl::unexpected(client.error());
 
     using Files = CertificateFiles;
-    return write_new(folder, {{folder / Files::ca, to_pem(ca->get())},
-                              {folder / Files::ca_key, to_pem(ca_key.get())},
-                              {folder / Files::server, to_pem(server->get())},
-                              {folder / Files::server_key, to_pem(server_key.get())},
-                              {folder / Files::client, to_pem(client->get())},
-                              {folder / Files::client_key, to_pem(client_key.get())}});
+    return write_new(folder, {{Files::ca, to_pem(ca->get())},
+                              {Files::ca_key, to_pem(ca_key.get())},
+                              {Files::server, to_pem(server->get())},
+                              {Files::server_key, to_pem(server_key.get())},
+                              {Files::client, to_pem(client->get())},
+                              {Files::client_key, to_pem(client_key.get())}});
 }
 
 Result<Renewal> renew_certificates(const fs::path& folder) {
     using Files = CertificateFiles;
     const auto ca =
-        read_pair(folder, Files::ca, Files::ca_key,
+        read_pair(folder, Files::ca, Files::ca_key, Reader::signer,
                   "the CA signs anew: bring ca.pem and ca-key.pem back from where they are kept, or "
                   "make another CA: raynestd tls init DIR");
     if (!ca) return tl::unexpected(ca.error());
@@ -295,18 +336,18 @@ Result<Renewal> renew_certificates(const fs::path& folder) {
     std::vector<NewFile> renewed;
     const auto renew = [&](const char* file, const char* key_file,
                            const std::string& common_name, bool is_server) -> Result<void> {
-        const auto old = read_pair(folder, file, key_file,
+        const auto old = read_pair(folder, file, key_file, Reader::command,
                                    "bring it back, or make new ones in an empty DIR: raynestd tls "
                                    "init DIR");
         if (!old) return tl::unexpected(old.error());
+        if (auto good = check_signed(*old, *ca, is_server ? XKU_SSL_SERVER : XKU_SSL_CLIENT); !good)
+            return good;
         const auto made = sign(old->key.get(), common_name, seconds,
                                is_server ? server_extensions(names_of(old->certificate.get()))
                                          : client_extensions(),
                                &issuer);
         if (!made) return tl::unexpected(made.error());
-        const auto place = behind_links(folder / file);
-        if (!place) return tl::unexpected(place.error());
-        renewed.push_back({*place, to_pem(made->get())});
+        renewed.push_back({old->place, to_pem(made->get())});
         return {};
     };
     if (auto done = renew(Files::server, Files::server_key, "raynestd", true); !done)

@@ -35,7 +35,8 @@ struct Renewal {
 };
 
 /// Signs the server and the client certificate of the folder anew, for the same names and keys. Writes
-/// both or none. Fails if a key does not belong to its certificate, or if the CA has expired.
+/// both or none. Fails if a key does not belong to its certificate, if the CA has not signed a
+/// certificate for this use before, if it has expired, or if another user owns its key.
 [[nodiscard]] Result<Renewal> renew_certificates(const std::filesystem::path& folder);
 
 }  // namespace raynest::server

@@ -8,19 +8,25 @@ namespace raynest::server {
 namespace {
 
 /// Logs a failure, and returns what it is given.
-Result<void> logged(Result<void> done, const char* event) {
+template <class Value>
+Result<Value> logged(Result<Value> done, const char* event) {
     if (!done) log(LogLevel::error, event, {{"reason", done.error().message}, {"kept", "old"}});
     return done;
 }
 
 }  // namespace
 
-Credentials::Credentials(const SecurityOptions& options, const protocol::Limits& limits)
-    : options_(options),
-      authentication_(policy_of(options), limits) {}
-
-AccessPolicy Credentials::policy_of(const SecurityOptions& options) {
+AccessPolicy policy_of(const SecurityOptions& options) {
     return {options.anonymous, !options.tokens.empty(), !options.tls.client_ca.empty()};
+}
+
+Credentials::Credentials(const SecurityOptions& options, const protocol::Limits& limits,
+                         Metrics::Counter* refused)
+    : options_(options),
+      authentication_(policy_of(options), limits, refused) {
+    authentication_.set_trust([this](const ClientCertificate& shown, WallClock::time_point now) {
+        return tls_ != nullptr && tls_->trusts(shown, now);
+    });
 }
 
 std::optional<double> Credentials::certificate_days_left(WallClock::time_point now) const {
@@ -37,57 +43,87 @@ Credentials::Version Credentials::version_of(const std::filesystem::path& file) 
 }
 
 Result<void> Credentials::load() {
-    if (auto done = load_tls(); !done) return done;
-    return load_tokens();
+    auto tls = read_tls(options_);
+    if (!tls) return tl::unexpected(tls.error());
+    auto tokens = read_tokens(options_);
+    if (!tokens) return tl::unexpected(tokens.error());
+    take(std::move(*tls));
+    take(std::move(*tokens));
+    return {};
 }
 
 Result<void> Credentials::reload(const SecurityOptions& options) {
+    auto tls = logged(read_tls(options), "certificate_unusable");
+    auto tokens = logged(read_tokens(options), "tokens_unusable");
+    Result<void> done;
+    if (!tls)
+        done = tl::unexpected(tls.error());
+    else if (!tokens)
+        done = tl::unexpected(tokens.error());
+    if (!done && options != options_) {
+        (void)reload(options_);
+        return done;
+    }
     options_ = options;
-    authentication_.set_policy(policy_of(options));
-    const auto tls = logged(load_tls(), "certificate_unusable");
-    const auto tokens = logged(load_tokens(), "tokens_unusable");
-    return tls ? tokens : tls;
+    if (tls) take(std::move(*tls));
+    if (tokens) take(std::move(*tokens));
+    authentication_.set_policy(policy_of(options_));
+    return done;
 }
 
-Result<void> Credentials::load_tls() {
-    if (options_.tls.certificate.empty()) return {};
-    auto context = TlsContext::load(options_.tls);
-    if (!context) return tl::unexpected(context.error());
-    tls_ = std::move(*context);
+Result<Credentials::Tls> Credentials::read_tls(const SecurityOptions& options) {
+    if (options.tls.certificate.empty()) return Tls();
+    return TlsContext::load(options.tls);
+}
+
+void Credentials::take(Tls tls) {
+    tls_ = std::move(tls);
+    if (tls_ == nullptr) return;
     const auto left = tls_->expires() - WallClock::now();
     constexpr int warn_days = 30;
     const auto days = std::chrono::floor<std::chrono::days>(left).count();
     if (days < warn_days)
         log(LogLevel::warn, "certificate_expires",
             {{"days_left", std::to_string(days)}, {"remedy", "raynestd tls renew DIR, then SIGHUP"}});
-    return {};
 }
 
-Result<void> Credentials::load_tokens() {
-    if (options_.tokens.empty()) return {};
+Result<Credentials::Tokens> Credentials::read_tokens(const SecurityOptions& options) {
+    if (options.tokens.empty()) return Tokens();
     // Take the version first: a change during the read is seen by the next look.
-    tokens_version_ = version_of(options_.tokens);
-    auto table = TokenTable::read(options_.tokens, Reader::daemon);
+    const Version version = version_of(options.tokens);
+    auto table = TokenTable::read(options.tokens, Reader::daemon);
     if (!table) return tl::unexpected(table.error());
-    next_expiry_ = WallClock::time_point::max();
-    const auto now = WallClock::now();
-    for (const TokenRow& row : table->rows())
-        if (row.expires && *row.expires > now) next_expiry_ = std::min(next_expiry_, *row.expires);
-    authentication_.set_tokens(std::move(*table));
-    return {};
+    return Tokens{std::move(*table), version};
 }
 
-bool Credentials::look_at_tokens(WallClock::time_point now) {
-    if (options_.tokens.empty()) return false;
-    if (version_of(options_.tokens) != tokens_version_) {
-        const bool good = logged(load_tokens(), "tokens_unusable").has_value();
-        if (good)
-            log(LogLevel::info, "tokens_read",
-                {{"rows", std::to_string(authentication_.tokens().rows().size())}});
-        return good;
+void Credentials::take(Tokens tokens) {
+    tokens_version_ = tokens.version;
+    authentication_.set_tokens(std::move(tokens.table));
+    find_next_expiry(WallClock::now());
+}
+
+void Credentials::find_next_expiry(WallClock::time_point now) {
+    next_expiry_ = WallClock::time_point::max();
+    for (const TokenRow& row : authentication_.tokens().rows())
+        if (row.expires && *row.expires > now) next_expiry_ = std::min(next_expiry_, *row.expires);
+}
+
+bool Credentials::look(WallClock::time_point now) {
+    bool changed = authentication_.certificates_ended(now);
+    if (now >= next_expiry_) {
+        find_next_expiry(now);
+        changed = true;
     }
-    if (now < next_expiry_) return false;
-    (void)load_tokens();
+    if (options_.tokens.empty()) return changed;
+    const Version version = version_of(options_.tokens);
+    if (version == tokens_version_) return changed;
+    // Read each version once: an unusable one is logged once.
+    tokens_version_ = version;
+    auto tokens = logged(read_tokens(options_), "tokens_unusable");
+    if (!tokens) return changed;
+    take(std::move(*tokens));
+    log(LogLevel::info, "tokens_read",
+        {{"rows", std::to_string(authentication_.tokens().rows().size())}});
     return true;
 }
 

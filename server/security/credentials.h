@@ -20,21 +20,33 @@ struct SecurityOptions {
     std::filesystem::path tokens;                ///< empty: no tokens
     std::optional<Role> anonymous = Role::user;  ///< role of peers without a token; empty: none
     bool insecure = false;                       ///< plain TCP beyond loopback is wanted
+
+    bool operator==(const SecurityOptions&) const = default;
 };
+
+/// Returns who may connect by these options.
+[[nodiscard]] AccessPolicy policy_of(const SecurityOptions& options);
 
 /// Io thread only.
 class Credentials {
 public:
-    explicit Credentials(const SecurityOptions& options, const protocol::Limits& limits = {});
+    /// `refused`, unless null, counts logins that are refused.
+    explicit Credentials(const SecurityOptions& options, const protocol::Limits& limits = {},
+                         Metrics::Counter* refused = nullptr);
+    Credentials(const Credentials&) = delete;
 
     /// Reads all files. Fails with the first that is unusable.
     Result<void> load();
-    /// Reads all files again, which `options` may name anew; logs those that are unusable and keeps
-    /// what they said before. Fails with the first of them.
+    /// Reads all files again, which `options` may name anew. A file that is unusable is logged, and
+    /// what it said before stays; of options that changed, then none is taken. Fails with the first
+    /// such file. Afterwards ask still_valid() about everybody who was admitted.
     Result<void> reload(const SecurityOptions& options);
-    /// Reads the token file again if it has changed. True if rows may have changed or expired since
-    /// the last call: open connections must be checked.
-    bool look_at_tokens(WallClock::time_point now);
+    /// Reads the token file again if it has changed. True if rows may have changed, or rows or
+    /// certificates expired since the last call: then ask still_valid() about everybody.
+    bool look(WallClock::time_point now);
+
+    /// The options that count now.
+    [[nodiscard]] const SecurityOptions& options() const { return options_; }
 
     [[nodiscard]] Authentication& authentication() { return authentication_; }
     [[nodiscard]] const std::shared_ptr<const TlsContext>& tls() const { return tls_; }
@@ -50,10 +62,19 @@ private:
         std::int64_t changed_ns = 0;
         bool operator==(const Version&) const = default;
     };
+    /// The token file as it was read; no rows without one.
+    struct Tokens {
+        TokenTable table;
+        Version version;
+    };
+    using Tls = std::shared_ptr<const TlsContext>;
+
     static Version version_of(const std::filesystem::path& file);
-    static AccessPolicy policy_of(const SecurityOptions& options);
-    Result<void> load_tls();
-    Result<void> load_tokens();
+    static Result<Tls> read_tls(const SecurityOptions& options);
+    static Result<Tokens> read_tokens(const SecurityOptions& options);
+    void take(Tls tls);
+    void take(Tokens tokens);
+    void find_next_expiry(WallClock::time_point now);
 
     SecurityOptions options_;
     std::shared_ptr<const TlsContext> tls_;

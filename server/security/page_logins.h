@@ -6,11 +6,11 @@
 #pragma once
 
 #include "protocol/limits.h"
+#include "server/errors.h"
 #include "server/principal.h"
 #include "server/security/tokens.h"
 
 #include <chrono>
-#include <cstddef>
 #include <cstdint>
 #include <map>
 #include <optional>
@@ -24,41 +24,53 @@ class PageLogins {
 public:
     using Time = WallClock::time_point;
 
-    explicit PageLogins(const protocol::Limits& limits = {})
-        : code_time_(limits.page_code_ms_max),
-          login_time_(limits.page_login_ms_max) {}
+    explicit PageLogins(const protocol::Limits& limits = {}) : limits_(limits) {}
 
-    /// Returns a code that begins one login as this principal, within page_code_ms_max.
-    [[nodiscard]] std::string make_code(const Principal& principal, Time now);
-    /// Returns the principal of a code and forgets the code. Nothing if it was used, has expired or
-    /// never was one.
+    /// Changes the limits, also for codes and logins that there are.
+    void set_limits(const protocol::Limits& limits) { limits_ = limits; }
+
+    /// Returns a code that begins one login as this principal, within page_code_ms_max. Fails with BUSY
+    /// if all principals together have too many.
+    [[nodiscard]] Reply<std::string> make_code(const Principal& principal, Time now);
+    /// Returns the principal of a code; null if it was used, has expired or never was one.
+    [[nodiscard]] const Principal* find_code(std::string_view code, Time now) const;
+    /// Returns the principal of a code, likewise, and forgets the code.
     [[nodiscard]] std::optional<Principal> take_code(std::string_view code, Time now);
 
-    /// Begins a login. Returns the secret for its cookie.
-    [[nodiscard]] std::string begin(Principal principal, Time now);
+    /// Begins a login. One that a login of the page has made ends when that ends. Returns the secret for
+    /// its cookie. Fails with BUSY if all principals together have too many.
+    [[nodiscard]] Reply<std::string> begin(Principal principal, Time now);
     /// Returns the principal of a cookie; null if its login has ended.
     [[nodiscard]] const Principal* find(std::string_view secret, Time now) const;
     /// True until the login of this number (Principal::page_login) has ended.
-    [[nodiscard]] bool goes_on(std::uint64_t number) const;
-    /// Ends a login; false if there is none.
+    [[nodiscard]] bool goes_on(std::uint64_t number) const { return logins_.contains(number); }
+    /// Ends a login and those that it has made; false if there is none.
     bool end(std::string_view secret);
-    /// Ends logins whose time is over. True if there were any.
+    /// Ends logins whose time is over. True if any has ended since the last call.
     bool expire(Time now);
 
 private:
     struct Entry {
+        TokenHash hash{};  ///< of the secret
         Principal principal;
-        Time expires;
+        Time begun;  ///< for a login that another has made: when that one began
+        std::uint64_t parent = 0;  ///< number of the login that has made it; 0: none
     };
-    using Entries = std::map<TokenHash, Entry>;
-    /// Adds an entry, and returns its secret. The one that expires first gives way.
-    static std::string add(Entries& entries, std::size_t most, Principal principal, Time expires);
+    /// By number, so the oldest first. Looked through from end to end: there are entries_max at most.
+    using Entries = std::map<std::uint64_t, Entry>;
 
-    const std::chrono::milliseconds code_time_;
-    const std::chrono::milliseconds login_time_;
+    /// Adds an entry, and returns its secret. If its principal has `most`, the oldest of these ends.
+    Reply<std::string> add(Entries& entries, std::uint64_t most, Entry entry);
+    void erase(Entries& entries, Entries::const_iterator entry);
+    [[nodiscard]] static Entries::const_iterator find_secret(const Entries& entries,
+                                                             std::string_view secret,
+                                                             std::uint64_t time_ms, Time now);
+
+    protocol::Limits limits_;
     Entries codes_;
     Entries logins_;
     std::uint64_t last_number_ = 0;
+    bool ended_ = false;
 };
 
 }  // namespace raynest::server

@@ -23,10 +23,8 @@ Memory over(const std::string& content) {
     return Memory(BIO_new_mem_buf(content.data(), static_cast<int>(content.size())));
 }
 
-}  // namespace
-
-Result<std::vector<Certificate>> read_certificates(const std::filesystem::path& file) {
-    const auto content = read_regular_file(file, pem_bytes_max);
+Result<std::vector<Certificate>> to_certificates(const std::filesystem::path& file,
+                                                 const Result<std::string>& content) {
     if (!content) return tl::unexpected(content.error());
     ERR_clear_error();
     std::vector<Certificate> found;
@@ -46,8 +44,8 @@ Result<std::vector<Certificate>> read_certificates(const std::filesystem::path& 
     return found;
 }
 
-Result<Key> read_key(const std::filesystem::path& file, Reader reader) {
-    auto content = read_secret_file(file, pem_bytes_max, reader);
+/// Overwrites the content.
+Result<Key> to_key(const std::filesystem::path& file, Result<std::string> content) {
     if (!content) return tl::unexpected(content.error());
     ERR_clear_error();
     bool wants_password = false;
@@ -63,6 +61,24 @@ Result<Key> read_key(const std::filesystem::path& file, Reader reader) {
                                   file.string() + " -out NEW, and give NEW mode 0600");
     if (!read) return unusable(file, "there is no key in PEM form in it");
     return read;
+}
+
+}  // namespace
+
+Result<std::vector<Certificate>> read_certificates(const std::filesystem::path& file) {
+    return to_certificates(file, read_regular_file(file, pem_bytes_max));
+}
+
+Result<std::vector<Certificate>> read_certificates(const FilePlace& place) {
+    return to_certificates(place.path(), read_regular_file(place, pem_bytes_max));
+}
+
+Result<Key> read_key(const std::filesystem::path& file, Reader reader) {
+    return to_key(file, read_secret_file(file, pem_bytes_max, reader));
+}
+
+Result<Key> read_key(const FilePlace& place, Reader reader) {
+    return to_key(place.path(), read_secret_file(place, pem_bytes_max, reader));
 }
 
 }  // namespace raynest::server

@@ -29,6 +29,10 @@ using Certificate = std::unique_ptr<X509, protocol::Release<X509_free>>;
 /// Reads a key, which others must not be able to read. Fails if it has a password.
 [[nodiscard]] Result<Key> read_key(const std::filesystem::path& file, Reader reader);
 
+/// The same for files whose place was found.
+[[nodiscard]] Result<std::vector<Certificate>> read_certificates(const FilePlace& place);
+[[nodiscard]] Result<Key> read_key(const FilePlace& place, Reader reader);
+
 /// The reason of OpenSSL's first error in this thread; clears them all.
 [[nodiscard]] inline std::string tls_error_text() {
     return protocol::openssl_error_text("OpenSSL does not say why");

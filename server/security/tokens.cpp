@@ -1,6 +1,7 @@
 #include "server/security/tokens.h"
 
 #include "protocol/validate.h"
+#include "server/size.h"
 
 #include <openssl/crypto.h>
 #include <openssl/evp.h>
@@ -53,6 +54,7 @@ std::optional<Number> to_number(std::string_view text) {
 struct QuotaField {
     std::string_view name;
     std::uint64_t Quota::*value;
+    [[nodiscard]] bool is_bytes() const { return name.ends_with("bytes"); }
 };
 constexpr std::array quota_fields = {
     QuotaField{"connections", &Quota::connections},
@@ -135,8 +137,10 @@ std::optional<Quota> parse_quota(std::string_view text) {
         const std::size_t equals = part.find('=');
         if (equals == std::string_view::npos) return std::nullopt;
         const auto field = std::ranges::find(quota_fields, part.substr(0, equals), &QuotaField::name);
-        const auto value = to_number<std::uint64_t>(part.substr(equals + 1));
-        if (field == quota_fields.end() || !value || *value == 0) return std::nullopt;
+        if (field == quota_fields.end()) return std::nullopt;
+        const std::string_view number = part.substr(equals + 1);
+        const auto value = field->is_bytes() ? parse_size(number) : to_number<std::uint64_t>(number);
+        if (!value || *value == 0) return std::nullopt;
         quota.*field->value = *value;
     }
     return quota;
@@ -172,29 +176,40 @@ Result<TokenTable> TokenTable::parse(std::string_view content) {
     return table;
 }
 
-Result<TokenTable> TokenTable::read(const std::filesystem::path& file, Reader reader,
-                                    bool missing_is_empty) {
-    std::error_code error;
-    if (missing_is_empty && !std::filesystem::exists(file, error) && !error) return TokenTable();
-    const auto content = read_secret_file(file, file_bytes_max, reader);
+Result<TokenTable> TokenTable::parse_file(const std::filesystem::path& file,
+                                          const Result<std::string>& content) {
     if (!content) return tl::unexpected(content.error());
     auto table = parse(*content);
     if (!table) table.error().message = file.string() + ", " + table.error().message;
     return table;
 }
 
-Result<void> TokenTable::write(const std::filesystem::path& file) const {
+Result<TokenTable> TokenTable::read(const std::filesystem::path& file, Reader reader) {
+    return parse_file(file, read_secret_file(file, file_bytes_max, reader));
+}
+
+Result<TokenTable> TokenTable::read_to_edit(const FilePlace& place) {
+    if (!place.exists()) return TokenTable();
+    return parse_file(place.path(), read_secret_file(place, file_bytes_max, Reader::command));
+}
+
+Result<void> TokenTable::write(const FilePlace& place) const {
     const std::string text = to_text();
+    const std::string file = place.path().string();
     if (text.size() > file_bytes_max)
-        return fail(ErrorCode::limit_exceeded,
-                    file.string() + " would be over " + std::to_string(file_bytes_max) +
-                        " bytes; revoke tokens that nobody uses");
+        return fail(ErrorCode::limit_exceeded, file + " would be over " +
+                                                   std::to_string(file_bytes_max) +
+                                                   " bytes; revoke tokens that nobody uses");
     const auto same = parse(text);
     if (!same || same->rows() != rows_)
-        return fail(ErrorCode::param_invalid,
-                    file.string() + " would become unusable, and stays as it was" +
-                        (same ? "" : ": " + same.error().message));
-    return write_files_atomically({{file, text}});
+        return fail(ErrorCode::param_invalid, file + " would become unusable, and stays as it was" +
+                                                  (same ? "" : ": " + same.error().message));
+    return write_files_atomically({{place, text}});
+}
+
+Result<void> TokenTable::write(const std::filesystem::path& file) const {
+    const auto place = FilePlace::find(file);
+    return place ? write(*place) : tl::unexpected(place.error());
 }
 
 std::string TokenTable::to_text() const {

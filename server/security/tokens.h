@@ -49,7 +49,8 @@ struct TokenRow {
 /// can be mistaken for one.
 [[nodiscard]] bool is_token_name(std::string_view name);
 
-/// Parses "jobs=8,rays=1000000,scene_bytes=…,connections=…,second_bytes=…". Returns nothing if a part is invalid.
+/// Parses "jobs=8,rays=1000000,scene_bytes=20G,connections=…,second_bytes=…"; size.h has the sizes. Returns
+/// nothing if a part is invalid.
 [[nodiscard]] std::optional<Quota> parse_quota(std::string_view text);
 [[nodiscard]] std::string to_text(const Quota& quota);
 
@@ -58,11 +59,12 @@ class TokenTable {
 public:
     /// Parses the content of a file; errors name the line.
     static Result<TokenTable> parse(std::string_view content);
-    /// Reads a file, which only its owner may read. `missing_is_empty`: a file that does not exist
-    /// has no rows.
-    static Result<TokenTable> read(const std::filesystem::path& file, Reader reader,
-                                   bool missing_is_empty = false);
+    /// Reads a file as read_secret_file() does.
+    static Result<TokenTable> read(const std::filesystem::path& file, Reader reader);
+    /// Reads a file for a command that writes it again. A file that does not exist has no rows.
+    static Result<TokenTable> read_to_edit(const FilePlace& place);
     /// Replaces a file. Fails, and changes nothing, if read() would refuse the new content.
+    [[nodiscard]] Result<void> write(const FilePlace& place) const;
     [[nodiscard]] Result<void> write(const std::filesystem::path& file) const;
     [[nodiscard]] std::string to_text() const;
 
@@ -78,6 +80,9 @@ public:
     bool erase(std::string_view name);
 
 private:
+    static Result<TokenTable> parse_file(const std::filesystem::path& file,
+                                         const Result<std::string>& content);
+
     std::vector<TokenRow> rows_;
 };
 

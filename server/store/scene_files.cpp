@@ -69,10 +69,10 @@ std::vector<std::string> named_files(std::span<const std::byte> main_file) {
 
 Result<std::vector<SourceFile>> read_scene(const std::filesystem::path& root, std::string_view path,
                                            std::size_t files_max, std::uint64_t bytes_max,
-                                           Budget& budget) {
+                                           const LoadMemory& memory) {
     const std::filesystem::path whole(path);
     const std::filesystem::path folder = whole.parent_path();
-    auto main = read_under_root(root, folder, whole.filename().string(), bytes_max, budget);
+    auto main = read_under_root(root, folder, whole.filename().string(), bytes_max, memory);
     if (!main) return tl::unexpected(main.error());
     if (!*main)
         return fail(ErrorCode::scene_invalid,
@@ -87,7 +87,7 @@ Result<std::vector<SourceFile>> read_scene(const std::filesystem::path& root, st
     files.push_back(std::move(**main));
     for (const std::string& name : names) {
         if (name == files.front().name) continue;
-        auto file = read_under_root(root, folder, name, left, budget);
+        auto file = read_under_root(root, folder, name, left, memory);
         if (!file) return tl::unexpected(file.error());
         // Skip a missing file; the import reports it if it needs it.
         if (!*file) continue;

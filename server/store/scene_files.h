@@ -22,6 +22,6 @@ namespace raynest::server {
 /// exceeded. Blocking.
 Result<std::vector<SourceFile>> read_scene(const std::filesystem::path& root, std::string_view path,
                                            std::size_t files_max, std::uint64_t bytes_max,
-                                           Budget& budget);
+                                           const LoadMemory& memory);
 
 }  // namespace raynest::server

@@ -5,6 +5,7 @@
 #include "server/access.h"
 
 #include <algorithm>
+#include <new>
 #include <utility>
 
 namespace raynest::server {
@@ -53,7 +54,9 @@ std::string SceneStore::Entry::name_for(const ConnectionId& caller) const {
 }
 
 NamedScene SceneStore::Entry::scene_for(const ConnectionId& caller) const {
-    return {name_for(caller), scene.epoch, scene.held};
+    NamedScene named = scene;
+    named.name = name_for(caller);
+    return named;
 }
 
 std::size_t SceneStore::Entry::connections() const {
@@ -123,8 +126,27 @@ bool SceneStore::found_by(const Entry& entry, const ConnectionId& caller) const 
 void SceneStore::disconnect(const ConnectionId& caller) noexcept {
     for (auto entry = entries_.begin(); entry != entries_.end();) {
         const auto next = std::next(entry);
-        if (entry->second.held_by(caller) && entry->second.release(caller)) entries_.erase(entry);
+        if (entry->second.held_by(caller)) {
+            const auto held = entry->second.scene.held;
+            if (entry->second.release(caller)) entries_.erase(entry);
+            settle_charge(*held);
+        }
         entry = next;
+    }
+}
+
+void SceneStore::settle_charge(const HeldScene& held) const noexcept {
+    const Entry* heir = nullptr;
+    for (const auto& [name, entry] : entries_) {
+        if (entry.scene.held.get() != &held) continue;
+        if (entry.charged_to(held.lease.principal())) return;
+        heir = &entry;
+    }
+    if (heir == nullptr) return;  // running jobs alone use it
+    try {
+        held.lease.charge(heir->kept ? heir->owner : heir->holders.begin()->first);
+    } catch (const std::bad_alloc&) {
+        // It stays as it is until the next holder leaves.
     }
 }
 
@@ -134,14 +156,17 @@ Reply<std::shared_ptr<const HeldScene>> SceneStore::hold(std::shared_ptr<const S
     if (auto held = known.lock()) return held;
 
     const std::uint64_t bytes = snapshot->bytes().size();
-    auto lease = budget_.reserve(bytes);
+    auto lease = budget_.reserve(bytes, principal, Use::lasting);
     if (!lease)
-        return refuse(Code::resource_exhausted,
-                      "the scene takes " + protocol::bytes_text(bytes) + ", " +
-                          protocol::bytes_text(budget_.limit() - budget_.used()) +
-                          " of raynestd's --memory are free; " + remedy(principal, "start raynestd with a larger --memory"));
-    auto held =
-        std::make_shared<const HeldScene>(HeldScene{std::move(snapshot), std::move(*lease)});
+        return budget_.refuse("the scene", bytes, principal,
+                              remedy(principal, "start raynestd with a larger --memory"));
+    const std::shared_ptr<const HeldScene> held(
+        new HeldScene{std::move(snapshot), std::move(*lease)},
+        [dispose = dispose_](const HeldScene* scene) {
+            auto freed = scene->snapshot;
+            delete scene;
+            if (*dispose) (*dispose)(std::move(freed));
+        });
     known = held;
     return held;
 }
@@ -216,6 +241,7 @@ Reply<NamedScene> SceneStore::publish(const std::string& name,
     // Complete the entry before it enters the table, so that a lack of memory changes nothing.
     Entry entry = taken ? found->second : Entry();
     entry.used = now_();
+    entry.scene.build_seconds = snapshot->statistics().build_seconds;
     if (!equal) {
         auto held = hold(std::move(snapshot), caller.principal);
         if (!held) return tl::unexpected(held.error());
@@ -224,7 +250,9 @@ Reply<NamedScene> SceneStore::publish(const std::string& name,
         ++entry.scene.epoch;
         entry.owner = caller.principal;
         entry.loaded = entry.used;
+        entry.made_of.clear();
     }
+    if (!how.made_of.empty()) entry.made_of = std::move(how.made_of);
     if (!how.share.empty()) entry.share = {how.share.begin(), how.share.end()};
     if (!how.temporary) entry.kept = true;
     const bool temporary = how.temporary && (!entry.held_by(caller) || entry.temporary_of(caller));
@@ -241,7 +269,11 @@ Reply<NamedScene> SceneStore::publish(const std::string& name,
         return !known.second.listed && known.second.owner == caller.principal &&
                known.second.held_by(caller);
     });
-    if (before != last && before->second.release(caller)) entries_.erase(before);
+    if (before != last) {
+        const auto held = before->second.scene.held;
+        if (before->second.release(caller)) entries_.erase(before);
+        settle_charge(*held);
+    }
     return scene;
 }
 
@@ -254,6 +286,14 @@ bool SceneStore::shows(const std::string& hash, const ConnectionId& caller) cons
     return std::ranges::any_of(entries_, [&](const auto& entry) {
         return entry.second.visible_to(caller) && entry.second.scene.snapshot().digest() == hash;
     });
+}
+
+std::shared_ptr<const HeldScene> SceneStore::find_made_of(const std::string& digest,
+                                                          const ConnectionId& caller) const {
+    std::shared_ptr<const HeldScene> found;
+    for (const auto& [name, entry] : entries_)
+        if (entry.made_of == digest && entry.visible_to(caller)) found = entry.scene.held;
+    return found;
 }
 
 protocol::Error SceneStore::not_found(std::string_view name, const ConnectionId& caller) const {
@@ -304,12 +344,14 @@ Reply<std::vector<std::string>> SceneStore::unload(std::string_view name,
         return tl::unexpected(allowed.error());
 
     if (may_drop_name && !entry.temporary_of(caller)) entry.kept = entry.listed = false;
+    const auto held = entry.scene.held;
     const bool last = entry.release(caller);
     std::vector<std::string> holders;
     if (entry.kept) holders.push_back(entry.owner + " (by its name)");
     for (const auto& [principal, connections] : entry.holders)
         holders.push_back(principal + " (" + counted(connections.size(), "connection") + ")");
     if (last) entries_.erase(found);
+    settle_charge(*held);
     return holders;
 }
 
@@ -330,19 +372,20 @@ std::vector<SceneStore::Unloaded> SceneStore::unload_idle(Clock::duration idle, 
     return unloaded;
 }
 
-std::vector<SceneStore::Listed> SceneStore::list(const ConnectionId& caller) const {
+SceneStore::Page SceneStore::page(const ConnectionId& caller, std::size_t first,
+                                  std::size_t most) const {
     const Clock::time_point now = now_();
-    std::vector<Listed> scenes;
-    scenes.reserve(entries_.size());
+    Page page;
     for (const auto& [name, known] : entries_) {
         if (!found_by(known, caller)) continue;
+        if (page.total++ < first || page.scenes.size() == most) continue;
         std::string share;
         for (const std::string& principal : known.share)
             share.append(share.empty() ? "" : ",").append(protocol::in_list(principal));
-        scenes.push_back({known.scene_for(caller), known.owner, std::move(share),
-                          now - known.loaded, now - known.used, known.connections()});
+        page.scenes.push_back({known.scene_for(caller), known.owner, std::move(share),
+                               now - known.loaded, now - known.used, known.connections()});
     }
-    return scenes;
+    return page;
 }
 
 std::uint64_t SceneStore::bytes() const {

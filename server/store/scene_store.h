@@ -33,13 +33,16 @@ namespace raynest::server {
 /// A snapshot and its memory reservation. Shared by names, requests and running jobs.
 struct HeldScene {
     std::shared_ptr<const Snapshot> snapshot;
-    Budget::Lease lease;
+    mutable Budget::Lease lease;  ///< charged to one of those who hold the scene; io thread only
 };
 
 /// The scene of a name at one epoch.
 struct NamedScene {
     std::string name;         ///< as its caller finds it: "car", or "OWNER/car" of another owner
     std::uint64_t epoch = 0;  ///< 1 for the first content of a name
+    /// Of the load that published it. Equal content is held once, and the time that another's load
+    /// took would tell that it is there.
+    double build_seconds = 0;
     std::shared_ptr<const HeldScene> held;
     [[nodiscard]] const Snapshot& snapshot() const { return *held->snapshot; }
 };
@@ -57,6 +60,8 @@ struct Publication {
     bool temporary = false;  ///< true: drop the scene when its last connection closes
     /// Principals that may use the scene too, or "public". Empty: as before, and at first nobody.
     std::vector<std::string> share = {};
+    /// Digest of the upload that the scene is made of, with all that its import depends on; empty: none.
+    std::string made_of = {};
 };
 
 /// The table of scenes. Io thread only.
@@ -71,6 +76,12 @@ public:
           limits_(limits),
           quotas_(limits),
           now_(std::move(now)) {}
+
+    /// Frees a scene's memory, which may take seconds; its bytes have been returned to the budget.
+    /// Called on any thread.
+    using Dispose = std::function<void(std::shared_ptr<const Snapshot>)>;
+    /// Call it while no job runs: before the first scene, and with an empty function at the end.
+    void set_disposal(Dispose dispose) { *dispose_ = std::move(dispose); }
 
     /// Changes the limits; scenes beyond them stay.
     void set_limits(const protocol::Limits& limits) {
@@ -102,6 +113,11 @@ public:
     [[nodiscard]] bool holds(const std::string& hash) const;
     /// True if the caller may see a scene of this content.
     [[nodiscard]] bool shows(const std::string& hash, const ConnectionId& caller) const;
+
+    /// Returns the scene that an upload of this digest makes, if the caller may see one; else null.
+    /// Looks at every entry, so that the time does not tell of others.
+    [[nodiscard]] std::shared_ptr<const HeldScene> find_made_of(const std::string& digest,
+                                                                const ConnectionId& caller) const;
 
     /// Returns the scene that the caller means by a name: its own, one that it holds, or one that is
     /// shared with it. `epoch` must be 0 or the current epoch. Fails with SCENE_UNKNOWN and a
@@ -136,8 +152,17 @@ public:
         Clock::duration idle{};   ///< time since a request last used the scene
         std::size_t holders = 0;  ///< number of open connections that loaded or opened the scene
     };
-    /// Returns the scenes that find() can return to the caller, by name.
-    [[nodiscard]] std::vector<Listed> list(const ConnectionId& caller) const;
+    /// The scenes that find() can return to the caller, by name: at most `most` from number `first` on,
+    /// and the number of all.
+    struct Page {
+        std::vector<Listed> scenes;
+        std::size_t total = 0;
+    };
+    [[nodiscard]] Page page(const ConnectionId& caller, std::size_t first, std::size_t most) const;
+    /// Returns all of these scenes.
+    [[nodiscard]] std::vector<Listed> list(const ConnectionId& caller) const {
+        return page(caller, 0, entries_.size()).scenes;
+    }
 
     /// Number of scenes: listed ones, and unlisted ones, which only connections hold.
     [[nodiscard]] std::size_t size() const { return entries_.size(); }
@@ -165,6 +190,7 @@ private:
         bool listed = true;   ///< true: callers find the scene by its name
         bool kept = false;    ///< true: the name is a reference; false: only connections hold it
         std::set<std::string> share;  ///< principals, or "public"
+        std::string made_of;          ///< as in Publication
         /// Connections of each principal; the value is true if it loaded the scene as temporary.
         std::map<std::string, std::map<std::uint64_t, bool>> holders;
 
@@ -198,6 +224,9 @@ private:
     [[nodiscard]] bool found_by(const Entry& entry, const ConnectionId& caller) const;
     Reply<void> check_quota(const Entry* changed, const ConnectionId& caller,
                             std::uint64_t bytes) const;
+    /// Charges the memory of a scene to another principal if the one that it is charged to holds the
+    /// scene no more.
+    void settle_charge(const HeldScene& held) const noexcept;
     Reply<std::shared_ptr<const HeldScene>> hold(std::shared_ptr<const Snapshot> snapshot,
                                                  const std::string& principal);
 
@@ -205,6 +234,9 @@ private:
     protocol::Limits limits_;
     Quotas quotas_;
     const Now now_;
+    /// Shared with the scenes: a job may hold one for longer than this store. Empty: a scene is freed
+    /// where its last reference is dropped.
+    const std::shared_ptr<Dispose> dispose_ = std::make_shared<Dispose>();
     Entries entries_;
     std::map<std::string, std::weak_ptr<const HeldScene>> by_digest_;
     std::uint64_t last_connection_ = 0;

@@ -10,29 +10,38 @@
 #include <unistd.h>
 
 #include <cerrno>
+#include <filesystem>
+#include <iterator>
 #include <utility>
 
 namespace raynest::server {
 namespace {
 
-class Descriptor {
-public:
-    explicit Descriptor(int value) : value_(value) {}
-    Descriptor(const Descriptor&) = delete;
-    ~Descriptor() {
-        if (value_ >= 0) close(value_);
+/// Opens a path part by part and follows no link, where openat2() is taken away: systemd's
+/// RestrictSUIDSGID= does so with ENOSYS, because it cannot look into the call's structure.
+Fd open_by_parts(int folder, const std::filesystem::path& path, int flags) {
+    Fd at(fcntl(folder, F_DUPFD_CLOEXEC, 0));
+    const std::filesystem::path plain = path.lexically_normal();
+    for (auto part = plain.begin(); part != plain.end(); ++part) {
+        const bool is_last = std::next(part) == plain.end();
+        const int inner = O_PATH | O_DIRECTORY | O_CLOEXEC;
+        if (*part == "..") {
+            errno = EXDEV;
+            return Fd();
+        }
+        at = Fd(openat(at.get(), part->c_str(), (is_last ? flags : inner) | O_NOFOLLOW));
+        if (at.get() < 0) break;
     }
-    [[nodiscard]] int value() const { return value_; }
+    return at;
+}
 
-private:
-    int value_;
-};
-
-int open_beneath(int folder, const std::string& path, std::uint64_t flags) {
+Fd open_beneath(int folder, const std::string& path, std::uint64_t flags) {
     open_how how{};
     how.flags = flags;
     how.resolve = RESOLVE_BENEATH | RESOLVE_NO_MAGICLINKS;
-    return static_cast<int>(syscall(SYS_openat2, folder, path.c_str(), &how, sizeof how));
+    Fd opened(static_cast<int>(syscall(SYS_openat2, folder, path.c_str(), &how, sizeof how)));
+    if (opened.get() >= 0 || errno != ENOSYS) return opened;
+    return open_by_parts(folder, path, static_cast<int>(flags));
 }
 
 tl::unexpected<Error> cannot_open(const std::string& name) {
@@ -41,7 +50,8 @@ tl::unexpected<Error> cannot_open(const std::string& name) {
     std::string why = system_says(error);
     if (error == EXDEV)
         why = "link leaves the folder; only relative links that end inside it are followed";
-    if (error == ELOOP) why = "links lead in a circle";
+    if (error == ELOOP)
+        why = "links lead in a circle, or are not followed here (RestrictSUIDSGID= of the unit)";
     return fail(scarce ? ErrorCode::io_failed : ErrorCode::scene_invalid,
                 "cannot open root:" + name + ": " + why);
 }
@@ -51,7 +61,7 @@ tl::unexpected<Error> cannot_open(const std::string& name) {
 Result<std::optional<SourceFile>> read_under_root(const std::filesystem::path& root,
                                                   const std::filesystem::path& folder,
                                                   const std::string& name, std::uint64_t bytes_max,
-                                                  Budget& budget) {
+                                                  const LoadMemory& memory) {
     const std::string shown = (folder / name).string();
     if (root.empty())
         return fail(ErrorCode::scene_unsupported,
@@ -71,17 +81,15 @@ Result<std::optional<SourceFile>> read_under_root(const std::filesystem::path& r
                     "root:PATH takes the path of a file below --scene-root, without a leading /");
 
     constexpr std::uint64_t folder_flags = O_PATH | O_DIRECTORY | O_CLOEXEC;
-    const Descriptor top(open(root.c_str(), folder_flags));
-    const Descriptor inside(
-        open_beneath(top.value(), folder.empty() ? "." : folder.string(), folder_flags));
-    const Descriptor file(
-        inside.value() < 0
-            ? -1
-            : open_beneath(inside.value(), name, O_RDONLY | O_CLOEXEC | O_NONBLOCK | O_NOCTTY));
-    if (file.value() < 0 && (errno == ENOENT || errno == ENOTDIR)) return std::nullopt;
-    if (file.value() < 0) return cannot_open(shown);
+    const Fd top(open(root.c_str(), folder_flags));
+    const Fd inside = open_beneath(top.get(), folder.empty() ? "." : folder.string(), folder_flags);
+    const Fd file = inside.get() < 0 ? Fd()
+                                     : open_beneath(inside.get(), name,
+                                                    O_RDONLY | O_CLOEXEC | O_NONBLOCK | O_NOCTTY);
+    if (file.get() < 0 && (errno == ENOENT || errno == ENOTDIR)) return std::nullopt;
+    if (file.get() < 0) return cannot_open(shown);
     struct stat status {};
-    if (fstat(file.value(), &status) != 0 || !S_ISREG(status.st_mode))
+    if (fstat(file.get(), &status) != 0 || !S_ISREG(status.st_mode))
         return fail(ErrorCode::scene_invalid, "root:" + shown + " is not a regular file");
     const auto size = static_cast<std::uint64_t>(status.st_size);
     if (size > bytes_max)
@@ -89,19 +97,19 @@ Result<std::optional<SourceFile>> read_under_root(const std::filesystem::path& r
                                                    " bytes, the limit is " +
                                                    std::to_string(bytes_max));
 
-    auto lease = budget.reserve(size);
+    auto lease = memory.budget.reserve(size, memory.principal, Use::lasting);
     if (!lease)
         return fail(ErrorCode::out_of_memory,
-                    "root:" + shown + " has " + protocol::bytes_text(size) + ", " +
-                        protocol::bytes_text(budget.limit() - budget.used()) +
-                        " of raynestd's --memory are free");
+                    "root:" + shown + " takes " + protocol::bytes_text(size) +
+                        " of raynestd's --memory, more than " + memory.principal +
+                        " may take now");
 
     // Read only the size that was checked, even if the file grows; fail if it shrinks.
     SourceFile result{name, std::vector<std::byte>(size), std::move(*lease)};
     std::size_t done = 0;
     while (done < result.bytes.size()) {
         const ssize_t got =
-            read(file.value(), result.bytes.data() + done, result.bytes.size() - done);
+            read(file.get(), result.bytes.data() + done, result.bytes.size() - done);
         if (got < 0 && errno == EINTR) continue;
         if (got <= 0) return fail(ErrorCode::io_failed, "cannot read root:" + name + " to its end");
         done += static_cast<std::size_t>(got);

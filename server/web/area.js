@@ -1,6 +1,7 @@
 // The panel "Area": statistics of the pixels in a rectangle that was dragged over the picture.
 import { element, pairs } from "./dom.js";
-import { shortNumber, statistics } from "./histogram.js";
+import { statistics } from "./histogram.js";
+import { countText, percentText, valueText } from "./numbers.js";
 
 export const areaPanel = { id: "area", title: "Area", build };
 
@@ -30,9 +31,9 @@ function build({ store, picture, area }, place) {
     const total = values.reduce((sum, value) => sum + (Number.isFinite(value) ? value : 0), 0);
     const all = image.values.reduce((sum, value) => sum + (Number.isFinite(value) ? value : 0), 0);
     facts.replaceChildren(element("h2", {}, area.rectangle ? "Rectangle" : "Whole picture"), pairs([
-      ["Metric", image.view.label], ["From", from.join(", ")], ["To", to.join(", ")], ["Pixels", String(s.count)],
-      ...["min", "mean", "p50", "p90", "p99", "max"].map((name) => [name, String(Number(s[name].toPrecision(6)))]),
-      ["Sum", shortNumber(total)], ["Share of all", all ? `${((100 * total) / all).toFixed(2)} %` : "0 %"]]));
+      ["Metric", image.view.label], ["From", from.join(", ")], ["To", to.join(", ")], ["Pixels", countText(s.count)],
+      ...["min", "mean", "p50", "p90", "p99", "max"].map((name) => [name, valueText(s[name])]),
+      ["Sum", valueText(total)], ["Share of all", percentText(all ? total / all : 0, 2)]]));
   };
   area.addEventListener("change", show);
   picture.addEventListener("image", show);

@@ -35,7 +35,7 @@ function lightOptions(state) {
   if (state.integrator === "path" && state.depth !== DEFAULTS.depth) all.push(["--depth", "depth", state.depth]);
   if (state.integrator === "ao" && state.aoDistance !== 0) all.push(["--ao-distance", "ao_distance", state.aoDistance]);
   if (state.env !== DEFAULTS.env) all.push(["--env", "environment", state.env]);
-  if (sunOf(state.sun)) all.push(["--sun", "sun", sunOf(state.sun)]);
+  if (sunOf(state.sun) && state.env !== "none") all.push(["--sun", "sun", sunOf(state.sun)]);
   if (state.tonemap !== "") all.push(["--tonemap", "tonemap", state.tonemap]);
   if (state.exposure !== "") all.push(["--exposure", "exposure", state.exposure]);
   return all;
@@ -50,6 +50,7 @@ export function asCommand(state, size) {
   if (parseInt(p.mask, 16) !== 0xffffffff) common.push("--mask", p.mask);
   for (const text of selected(state.hidden)) common.push("--hide", text);
   for (const text of selected(state.isolated)) common.push("--only", text);
+  if (state.skipHiddenBoxes && state.hidden.length + state.isolated.length) common.push("--skip-hidden-boxes");
   const orthographic = p.camera.projection === "orthographic";
   const camera = [`--lookat=${p.lookat}`, "--fov", String(p.camera.fov), "--size", p.size];
   let words;
@@ -85,6 +86,7 @@ export function asPython(state, size) {
   if (parseInt(state.mask, 16) !== 0xffffffff) job.push(`mask=0x${state.mask}`);
   if (state.hidden.length) job.push(`hide=${JSON.stringify(selected(state.hidden))}`);
   if (state.isolated.length) job.push(`only=${JSON.stringify(selected(state.isolated))}`);
+  if (state.skipHiddenBoxes && state.hidden.length + state.isolated.length) job.push("skip_hidden_boxes=True");
   let lines;
   if (view.counter && !orthographic && state.kind === "closest") {
     const span = Array.isArray(state.range) ? point(state.range) : literal(range);

@@ -1,8 +1,12 @@
 // The picture as a PNG file with its legend, and a report of one self-contained HTML file.
+import { add, cameraTable } from "./camera.js";
+import { askBytes, askDocument } from "./documents.js";
 import { element } from "./dom.js";
-import { shortNumber } from "./histogram.js";
-import { numberText } from "./ranking.js";
+import { bytesText, valueText, vectorText } from "./numbers.js";
+import { compares, jobOf } from "./requests.js";
 import { rankingOf } from "./selection.js";
+import { fillTemplate } from "./template.js";
+import { viewOf } from "./views.js";
 
 function save(blob, name) {
   const url = URL.createObjectURL(blob);
@@ -13,59 +17,78 @@ function save(blob, name) {
   setTimeout(() => URL.revokeObjectURL(url), 10000);
 }
 
-/** Draws picture and legend into one canvas. */
-function composed(picture, legend) {
+/** What a picture is of, in one line: scene, metric and camera. */
+function captionOf({ store, model, picture }) {
+  const { camera, cameraName, scene } = store.values;
+  const named = cameraName === "" ? "" : cameraName === "automatic" ? "whole scene" : model.info?.cameras?.[Number(cameraName)] || `camera ${cameraName}`;
+  const at = (point) => `(${vectorText(add(point, model.origin), 4)})`;
+  return { scene, metric: picture.image.view.label, camera: `${named ? `${named}, ` : ""}from ${at(camera.eye)} to ${at(camera.at)}, ${valueText(camera.fov, 4)}°` };
+}
+
+const CAPTION = { line: 20, margin: 10, font: "13px system-ui, sans-serif" };
+
+/** Breaks words into lines that fit. */
+function lines(context, text, width) {
+  const made = [""];
+  for (const word of text.split(" ")) {
+    const longer = made.at(-1) ? `${made.at(-1)} ${word}` : word;
+    if (made.at(-1) && context.measureText(longer).width > width) made.push(word); else made[made.length - 1] = longer;
+  }
+  return made;
+}
+
+/** Draws picture, legend and what it is of into one canvas. */
+function composed(app, legend) {
+  const { canvas: picture } = app, { scene, metric, camera } = captionOf(app);
   const strip = !legend || legend.hidden || !legend.width ? 0 : Math.round((legend.height * picture.width) / legend.width);
-  const canvas = element("canvas", { width: picture.width, height: picture.height + strip });
+  const canvas = element("canvas", { width: picture.width, height: picture.height });
   const context = canvas.getContext("2d");
+  context.font = CAPTION.font;
+  const caption = [`${scene}: ${metric}`, `Camera: ${camera}`].flatMap((text) => lines(context, text, picture.width - 2 * CAPTION.margin));
+  canvas.height = picture.height + strip + caption.length * CAPTION.line + CAPTION.margin;
   context.fillStyle = getComputedStyle(document.documentElement).getPropertyValue("--raised");
   context.fillRect(0, 0, canvas.width, canvas.height);
   context.drawImage(picture, 0, 0);
   if (strip) context.drawImage(legend, 0, picture.height, picture.width, strip);
+  context.fillStyle = getComputedStyle(document.documentElement).getPropertyValue("--ink");
+  context.font = CAPTION.font;
+  caption.forEach((text, i) => context.fillText(text, CAPTION.margin, picture.height + strip + (i + 1) * CAPTION.line));
   return canvas;
 }
 
 const fileName = (state, extension) => `${state.scene.replace(/[^\w.-]+/g, "_")}-${state.view}.${extension}`;
 
 export function downloadPng(app) {
-  const canvas = composed(app.canvas, document.querySelector("#legend canvas"));
+  const canvas = composed(app, document.querySelector("#legend canvas"));
   canvas.toBlob((blob) => save(blob, fileName(app.store.values, "png")), "image/png");
 }
 
-const escaped = (text) => String(text).replace(/[&<>"']/g, (c) => `&#${c.charCodeAt(0)};`);
-
-/** Returns the text of the report: picture, statistics, scene, link and commands. All texts are escaped. */
-export function reportText({ title, picture, rows, ranking, commands, link }) {
-  const table = (list) => `<table>${list.map(([a, b]) => `<tr><th>${escaped(a)}</th><td>${escaped(b)}</td></tr>`).join("")}</table>`;
-  return `<!DOCTYPE html><html lang="en"><head><meta charset="utf-8"><title>${escaped(title)}</title>
-<meta http-equiv="Content-Security-Policy" content="default-src 'none'; img-src data:; style-src 'unsafe-inline'">
-<style>body{font:14px/1.5 system-ui,sans-serif;margin:24px auto;max-width:1000px;padding:0 16px;color:#1b2027}img{max-width:100%}
-th{text-align:left;padding-right:24px;font-weight:600}pre{background:#f0f2f5;padding:12px;white-space:pre-wrap;overflow-wrap:anywhere}</style></head><body>
-<h1>${escaped(title)}</h1><img alt="Picture with its legend" src="${escaped(picture)}">${table(rows)}${ranking ? rankingText(ranking) : ""}
-<h2>The same again</h2>${commands.map((text) => `<pre>${escaped(text)}</pre>`).join("")}<p>View: <code>${escaped(link)}</code></p></body></html>`;
+/** The bytes of an answer as base64. */
+async function base64(blob) {
+  const url = await new Promise((resolve) => {
+    const reader = new FileReader();
+    reader.onload = () => resolve(reader.result);
+    reader.readAsDataURL(blob);
+  });
+  return url.slice(url.indexOf(",") + 1);
 }
 
-const percent = (share) => `${(100 * share).toFixed(1)} %`;
-
-/** The tables and findings of a ranking (client/EXPLAIN.md), ten rows each. */
-function rankingText(document) {
-  const line = (tag, cells) => `<tr>${cells.map((cell) => `<${tag}>${escaped(cell)}</${tag}>`).join("")}</tr>`;
-  const table = (name) => `<h2>Work by ${name}</h2><table>${line("th", ["Name", "No.", "Share", "Wasted", "Per ray"])}${document[name].rows.slice(0, 10)
-    .map((row) => line("td", [row.name || "(unnamed)", row.path ?? row.index ?? "", percent(row.share), percent(row.wasted), Number(row.work_per_ray.toPrecision(3))])).join("")}</table>`;
-  const findings = document.findings.map((finding) => `<li>${escaped(`${finding.finding.replaceAll("_", " ")}: ${finding.subject}${numberText(finding)}: ` +
-    `${Number(finding.figure.toPrecision(3))} ${finding.unit}, ${finding.side} ${finding.threshold}. Remedy: ${finding.remedy}.`)}</li>`).join("");
-  return `${["instances", "meshes", "materials"].map(table).join("")}<h2>Diagnosis</h2>${findings ? `<ul>${findings}</ul>` : "<p>Nothing stands out.</p>"}`;
-}
-
+/**
+ * Saves the report that `raynest heatmap -o report.html` makes: the same text, filled with the same documents. The heat map
+ * is that of the view, or of the total where the view counts nothing; the picture beside it is what the page shows then.
+ */
 export async function downloadReport(app, commands) {
-  const { store, model, picture, legend } = app;
-  const { info } = model, s = legend.statistics, { image } = picture;
-  const rows = [["Scene", info.name], ["Digest", info.hash], ["Triangles", `${shortNumber(Number(info.instanced_triangles))}, ${shortNumber(Number(info.unique_triangles))} unique`],
-    ["Instances", info.instances], ["Levels", info.levels], ["View", image.view.label], ["Size", `${image.width} x ${image.height}`],
-    ["Ran", `${image.started?.intersector}, ${image.done?.traversal}`],
-    ...(image.view.value ? ["min", "mean", "p50", "p90", "p99", "max"].map((name) => [name, Number(s[name].toPrecision(6))]) : [])];
-  const ranking = await rankingOf(app).catch(() => null);  // an orthographic camera has none
-  const text = reportText({ title: `${info.name}: ${image.view.label}`, rows, ranking, commands, link: location.href,
-    picture: composed(app.canvas, document.querySelector("#legend canvas")).toDataURL("image/png") });
-  save(new Blob([text], { type: "text/html" }), fileName(store.values, "html"));
+  const { store, daemon, canvas } = app, state = store.values, view = viewOf(state.view);
+  if (state.camera.projection === "orthographic") return app.inform("A report needs a perspective camera: press P");
+  app.inform("The report is being made");
+  const { width, height } = canvas, job = jobOf(state), camera = cameraTable(state.camera);
+  const metric = view.counter ? view.fields(state)[0] : "total";
+  const heatmap = { job, camera, width, height, metric, palette: state.palette, scale: state.log ? "log" : "linear", encode: "json+png",
+    range: view.counter ? [state.range].flat().join(":") : "p99", ...(compares(state) && view.counter ? { other: jobOf(state, state.compare) } : {}) };
+  const [text, heat, ranking, shown] = await Promise.all([fetch("report.html").then((answer) => answer.text()), askDocument(daemon, "Heatmap", heatmap), rankingOf(app, { top: 0 }),
+    view.counter ? askBytes(daemon, "Render", { job, camera, width, height, integrator: "primary", encode: "png" }).then((bytes) => new Blob([bytes]))
+      : new Promise((resolve) => { canvas.toBlob(resolve, "image/png"); })]);
+  const report = fillTemplate(text, { heat, ranking, picture: await base64(shown), limits: false, checks: [], commands, camera: captionOf(app).camera,
+    version: daemon.welcome.server.split(" ").at(-1), link: location.href }, bytesText);
+  save(new Blob([report], { type: "text/html" }), fileName(state, "html"));
 }

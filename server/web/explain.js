@@ -11,8 +11,8 @@ const COLOURS = ["#ffd166", "#06d6a0", "#4cc9f0", "#f72585", "#b5e48c", "#ff9f1c
 export const levelColour = (level) => COLOURS[level % COLOURS.length];
 
 /** Asks for the traversal of the ray of a hit record. */
-export function askExplanation({ daemon, store, picture }, { x, y, columns }, signal) {
-  const state = store.values, { width, height } = picture.image;
+export function askExplanation({ daemon, store, canvas }, { x, y, columns }, signal) {
+  const state = store.values, { width, height } = canvas;
   const vec = ([a, b, c]) => ({ x: a, y: b, z: c });
   const ray = state.camera.projection === "orthographic"
     ? { origin: vec(columns.origin), direction: vec(columns.direction) }
@@ -32,7 +32,7 @@ export function stepText(step) {
     return `Node ${step.node}: ${step.entered} of ${plural(step.boxes, "box", "boxes")} entered${step.behind ? `, ${step.behind} of them behind the hit` : ""}`;
   }
   if (step.kind === "leaf") return `Leaf ${step.leaf}: ${plural(step.prims, "primitive")} tested, ${step.hits} hit${step.refused ? `, ${step.refused} refused` : ""}`;
-  const what = `Primitive ${step.prim} of geometry ${step.geom}${step.material === null ? "" : `, material ${step.material}`}, t ${Number(step.t).toPrecision(5)}`;
+  const what = `${step.type === "triangle" ? `Triangle ${step.prim} of geometry ${step.geom}` : `Primitive ${step.prim} (${step.type})`}${step.material === null ? "" : `, material ${step.material}`}, t ${Number(step.t).toPrecision(5)}`;
   return step.outcome === "accepted" ? what : `${what}: ${step.why}`;
 }
 

@@ -25,8 +25,10 @@ export function rangeOf(setting, stats, diverging) {
     const most = Math.max(largest, 1e-9);
     return { low: -most, high: most };
   }
-  const high = setting === "auto" ? stats.max : stats.p99;
   const low = Math.min(0, stats.min);
+  let high = setting === "auto" ? stats.max : stats.p99;
+  // The same everywhere is not the most: it has the middle of the palette.
+  if (high === stats.min && high > 0) high *= 2;
   return { low, high: Math.max(high, low + (Number.isInteger(high) ? 1 : 1e-9)) };
 }
 
@@ -66,11 +68,4 @@ export function ticks(scale, count) {
   const step = [1, 2, 5, 10].map((digit) => digit * power).find((size) => size >= wanted);
   for (let i = Math.ceil(scale.low / step - 1e-9); i * step <= scale.high * (1 + 1e-9); ++i) found.push(i * step);
   return found;
-}
-
-/** 12, 0.5, 250k, 3M: as short as a tick allows. */
-export function shortNumber(value) {
-  const size = Math.abs(value);
-  const [divisor, unit] = size >= 1e9 ? [1e9, "G"] : size >= 1e6 ? [1e6, "M"] : size >= 1e4 ? [1e3, "k"] : [1, ""];
-  return `${Number((value / divisor).toPrecision(4))}${unit}`;
 }

@@ -18,6 +18,7 @@ export class Image {
     this.base = new Uint8Array(4 * count);
     this.columns = {};
     this.linear = null;  // of a lit picture: RGBA, premultiplied
+    this.stops = 0;  // of a lit picture: exposure auto, as the daemon has measured it
     this.samples = 0;
   }
 
@@ -25,6 +26,7 @@ export class Image {
   startFrom(other) {
     if (this.view.lit && other.linear) this.linear = new Float32Array(4 * this.width * this.height);
     const linear = other.linear && this.linear;
+    this.stops = other.stops;
     for (let y = 0; y < this.height; ++y) {
       const row = Math.min(Math.floor((y * other.height) / this.height), other.height - 1) * other.width;
       for (let x = 0; x < this.width; ++x) {

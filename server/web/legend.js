@@ -1,7 +1,8 @@
 // The legend: palette, range, scale and opacity, and the histogram of the picture above its colours.
 // Dragging on the histogram sets the range; a double click brings the automatic range back.
 import { element } from "./dom.js";
-import { histogram, rangeOf, shortNumber, statistics, ticks } from "./histogram.js";
+import { histogram, rangeOf, statistics, ticks } from "./histogram.js";
+import { valueText } from "./numbers.js";
 import { PALETTE_NAMES, paletteBytes, position, valueAt } from "./palette.js";
 
 const BINS = 128;
@@ -102,7 +103,7 @@ export class Legend {
     this.#palette.title = image.diverging ? "A difference is drawn with diverging" : "";
     if (document.activeElement !== this.#low) this.#low.value = Number(scale.low.toPrecision(5));
     if (document.activeElement !== this.#high) this.#high.value = Number(scale.high.toPrecision(5));
-    this.#stats.textContent = ["min", "mean", "p50", "p99", "max"].map((name) => `${name} ${shortNumber(s[name])}`).join("  ");
+    this.#stats.textContent = ["min", "mean", "p50", "p99", "max"].map((name) => `${name} ${valueText(s[name], 4)}`).join(" · ");
     this.#canvas.setAttribute("aria-label", `Histogram of ${image.view.label}: ${this.#stats.textContent}. Set the range with the fields above.`);
     this.#paint(this.#canvas.getContext("2d"), dpr, wide, scale);
   }
@@ -134,7 +135,7 @@ export class Legend {
     context.font = "11px system-ui, sans-serif";
     let free = -Infinity;
     for (const value of ticks(axis, Math.max(wide / 90, 2))) {
-      const text = shortNumber(value), half = context.measureText(text).width / 2;
+      const text = valueText(value), half = context.measureText(text).width / 2;
       const x = Math.min(Math.max(position(value, axis) * wide, half), wide - half);
       if (x - half < free) continue;
       context.fillText(text, x - half, HEIGHT - 3);

@@ -4,7 +4,7 @@ import { element, field, fillSelect } from "./dom.js";
 import { INTEGRATORS } from "./lists.js";
 import { TONEMAP_NAMES, lookOf } from "./tonemap.js";
 
-export const ENVIRONMENTS = [["auto", "the scene's lights, or sky"], ["sky", "sky"], ["none", "none"]];
+export const ENVIRONMENTS = [["auto", "sky, unless the file has lights"], ["sky", "sky"], ["none", "none"]];
 const SAMPLES = [1, 4, 16, 64, 256, 1024, 4096];
 
 /** Returns azimuth and elevation in degrees, or null. */
@@ -13,11 +13,14 @@ export function sunOf(text) {
   return more === undefined && Math.abs(azimuth) <= 360 && Math.abs(elevation) <= 90 ? [azimuth, elevation] : null;
 }
 
+/** True if the picture follows light, which is then stopped in part by blended surfaces. */
+export const followsLight = ({ view, integrator }) => view === "lit" && integrator !== "primary";
+
 /** Returns the fields of a Render that choose its paths. */
 export function lightOf({ integrator, seed, depth, aoDistance, env, sun }) {
   const angles = sunOf(sun);
   return { integrator, seed, depth, ao_distance: aoDistance, environment: env,
-           ...(angles ? { sun: true, sun_azimuth: angles[0], sun_elevation: angles[1] } : {}) };
+           ...(angles && env !== "none" ? { sun: true, sun_azimuth: angles[0], sun_elevation: angles[1] } : {}) };
 }
 
 const number = (store, key, properties) => {
@@ -39,14 +42,16 @@ export function lightSection(store) {
   };
   store.on(["env", "sun"], (state) => {
     fillSelect(env, ENVIRONMENTS, state.env);
-    sun.value = state.sun;
+    // The sun is a part of the sky, which none has not.
+    sun.disabled = state.env === "none";
+    sun.value = sun.disabled ? "" : state.sun;
   }, true);
   const depth = field("Bounces", number(store, "depth", { id: "bounces", min: 1, max: 1024, step: 1 }), "Of path: at most so many");
   const distance = field("Distance", number(store, "aoDistance", { id: "ao-distance", min: 0, step: "any" }), "Of ao: as far as things hide the sky; 0: a tenth of the scene");
   const section = element("section", { ariaLabel: "Light" }, element("h2", {}, "Light"), field("Surroundings", env), field("Sun", sun, "Degrees from the north (-Z) eastwards, degrees above the horizon"),
     depth, distance, field("Seed", number(store, "seed", { id: "seed", min: 0, max: Number.MAX_SAFE_INTEGER, step: 1 })));
   store.on(["view", "integrator"], ({ view, integrator }) => {
-    section.hidden = view !== "lit" || integrator === "primary";
+    section.hidden = !followsLight({ view, integrator });
     depth.hidden = integrator !== "path";
     distance.hidden = integrator !== "ao";
   }, true);
@@ -55,18 +60,18 @@ export function lightSection(store) {
 
 /** The row below a lit picture: integrator, samples, exposure and tone map, and what there is so far. */
 export function lightRow({ store, picture }) {
-  const select = (id, key, options, value = (text) => text) => {
+  const select = (id, key, options, value = (text) => text, others = []) => {
     const made = element("select", { id });
     made.onchange = () => store.set({ [key]: value(made.value) });
-    store.on([key], (state) => fillSelect(made, options(state), String(state[key])), true);
+    store.on([key, ...others], (state) => fillSelect(made, options(state), String(state[key])), true);
     return made;
   };
   const integrator = select("integrator", "integrator", () => INTEGRATORS.map((name) => [name, name]));
   const samples = select("samples", "samples", (state) => [...new Set([...SAMPLES, state.samples])].sort((a, b) => a - b).map((n) => [String(n), String(n)]), Number);
-  const tonemap = select("tonemap", "tonemap", () => [["", "default"], ...TONEMAP_NAMES.map((name) => [name, name])]);
+  const tonemap = select("tonemap", "tonemap", ({ integrator: by }) => [["", `default (${by === "ao" ? "none" : "agx"})`], ...TONEMAP_NAMES.map((name) => [name, name])], String, ["integrator"]);
   const exposure = element("input", { type: "number", id: "exposure", min: -64, max: 64, step: 0.5 });
   exposure.onchange = () => { if (exposure.reportValidity()) store.set({ exposure: exposure.value }); };
-  const auto = element("button", { type: "button", id: "exposure-auto", title: "Exposure by the picture's middle", onclick: () => store.set({ exposure: "" }) }, "auto");
+  const auto = element("button", { type: "button", id: "exposure-auto", title: "Exposure by the surfaces in the picture", onclick: () => store.set({ exposure: "" }) }, "auto");
   const facts = element("span", { className: "stats", id: "samples-so-far", role: "status" });
   const label = (text, control) => element("label", {}, text, control);
   const look = [label("Exposure", exposure), auto, label("Tone map", tonemap)];

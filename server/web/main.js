@@ -3,6 +3,7 @@ import { asCommand, asPython, inWorld } from "./commands.js";
 import { cameraOfRays, frame as frameBox, rounded } from "./camera.js";
 import { steer } from "./controls.js";
 import { byId, element, fillSelect } from "./dom.js";
+import { changesText, Follower, sameCamera, versionOf } from "./follow.js";
 import { downloadPng, downloadReport } from "./download.js";
 import { Hover } from "./hover.js";
 import { showDialog, startKeys } from "./keys.js";
@@ -24,7 +25,7 @@ import { fitted, readFragment, toFragment } from "./url.js";
 import { viewOf, viewOptions } from "./views.js";
 import { visibility } from "./visibility.js";
 
-const PIXELS_MAX = 1280 * 800;
+const PIXELS_MAX = 2560 * 1600;
 const notLoggedIn = await redeemCode();  // before the view is read from the address
 const LEGEND_MS = 250;  // the histogram follows coarse pictures at this interval
 const frame = byId("frame"), canvas = byId("picture");
@@ -41,7 +42,7 @@ app.hover = new Hover(app);
 app.overlay = new Overlay(app, byId("overlay"));
 app.selection = new Selection(app);
 app.actions = visibility(app);
-app.hover.addEventListener("found", () => { if (app.hover.pinned) app.selection.chooseHit(app.hover.pinned); });
+app.hover.addEventListener("found", ({ chooses }) => { if (chooses) app.selection.chooseHit(app.hover.pinned); });
 let surface = null;
 try {
   surface = new Surface(canvas);
@@ -49,11 +50,11 @@ try {
   say(error.message, true);
 }
 
-/** Pixels of the fine picture: as chosen, or as many as the page shows, up to a limit. */
+/** Pixels of the fine picture: as chosen, or one for each pixel of the device, up to a limit. */
 function tracedSize() {
   const chosen = /^(\d{1,5})x(\d{1,5})$/.exec(store.values.size);
   if (chosen) return [Math.min(Math.max(Number(chosen[1]), 8), 4096), Math.min(Math.max(Number(chosen[2]), 8), 4096)];
-  const { clientWidth: w, clientHeight: h } = frame;
+  const dpr = globalThis.devicePixelRatio || 1, [w, h] = [frame.clientWidth * dpr, frame.clientHeight * dpr];
   const shrink = Math.min(1, Math.sqrt(PIXELS_MAX / Math.max(w * h, 1)));
   return [Math.max(Math.floor(w * shrink), 16), Math.max(Math.floor(h * shrink), 16)];
 }
@@ -94,12 +95,16 @@ app.pixelAt = (x, y) => {
 
 function showCamera(camera) { store.set({ camera: rounded(camera), cameraName: "" }); }
 
+let pointer = null;
+function hoverAt(x, y) {
+  pointer = x === null ? null : [x, y];
+  const pixel = pointer && app.pixelAt(x, y);
+  if (pixel) app.hover.at(...pixel); else app.hover.leave();
+}
+
 steer(frame, store, {
   change: showCamera,
-  hover: (x, y) => {
-    const pixel = x === null ? null : app.pixelAt(x, y);
-    if (pixel) app.hover.at(...pixel); else app.hover.leave();
-  },
+  hover: hoverAt,
   click: (x, y) => {
     const pixel = app.pixelAt(x, y);
     if (pixel) keepRay(pixel);
@@ -126,15 +131,21 @@ frame.addEventListener("keydown", (event) => {
 });
 
 picture.addEventListener("image", () => {
+  // The record under a pointer that rests is that of the new picture.
+  if (picture.image.complete && pointer && !app.hover.found) hoverAt(...pointer);
+  // The daemon traces what is loaded now, which may be newer than what the page has been told.
+  if (picture.image.started && model.info && picture.image.started.hash !== model.info.hash) follower.look();
   if (picture.image.complete || !picture.image.fine || picture.image.linear) legend.show(picture.image, picture.image.fine ? 0 : LEGEND_MS);
   say("");
   draw();
 });
 picture.addEventListener("failed", ({ error }) => {
   const { hidden, isolated } = store.values;
-  // A link, or an epoch before, may hide what the scene lacks.
+  // A link may hide what the scene lacks, and the page what the scene had before it was replaced.
   if (error.name === "INVALID_FIELD" && hidden.length + isolated.length && /there is no (outermost instance|object)/.test(error.message)) {
-    notUnderstood([...hidden.length ? [`hidden=${hidden}`] : [], ...isolated.length ? [`isolated=${isolated}`] : []]);
+    const linked = String([link.state.hidden ?? [], link.state.isolated ?? []]) === String([hidden, isolated]) && !followed;
+    if (linked) notUnderstood([...hidden.length ? [`hidden=${hidden}`] : [], ...isolated.length ? [`isolated=${isolated}`] : []]);
+    else notice(`${followed ? `${followed} ` : ""}What was hidden or isolated is not in the scene any more: all of it is shown.`);
     store.set({ hidden: [], isolated: [] });
     return;
   }
@@ -151,12 +162,13 @@ new ResizeObserver(() => {
 
 // ---- scene, camera, view ----------------------------------------------------------------------
 
+let followed = "";  // what was said last about a scene that changed
+let missing = "";   // the scene that was shown and is not loaded now
+
 async function open() {
   try {
     await model.refresh();
-    const { scene } = store.values;
-    if (!scene && model.scenes.length === 0) return say("No scene is loaded that this page may see. Load one, for example: raynest load builtin:forest; then raynest open shows what is yours");
-    if (!scene) store.set({ scene: model.scenes[0] });
+    if (!store.values.scene && !chooseFirst()) return say("No scene is loaded that this page may see. Load one, for example: raynest load builtin:forest; then raynest open shows what is yours");
     await chooseScene(store.values.camera);
   } catch (error) {
     if (error.name === "SCENE_UNKNOWN") return sceneIsGone(store.values.scene);
@@ -164,51 +176,110 @@ async function open() {
   }
 }
 
-/** Offers the loaded scenes in place of one that a link names. */
-function sceneIsGone(scene) {
-  fillSelect(byId("scene"), [["", "choose"], ...model.scenes.map((name) => [name, name])], "");
-  say(`The scene "${scene}" is not loaded. Choose another one, or load it: raynest load FILE --name ${scene}`, true);
+/** Chooses the first scene of the daemon; false where it has none. */
+function chooseFirst() {
+  if (model.scenes.length === 0) return false;
+  store.set({ scene: model.scenes[0] });
+  return true;
 }
 
-let fitLink = true;
+/** Offers the loaded scenes in place of one that a link names, or that has been unloaded. */
+function sceneIsGone(scene) {
+  missing = scene;
+  const was = lastInfo?.name === scene;
+  model.forget();
+  fillSelect(byId("scene"), [["", "choose"], ...model.scenes.filter((name) => name !== scene).map((name) => [name, name])], "");
+  say(`The scene "${scene}" is not loaded${was ? " any more; the picture is the last one of it" : ""}. Choose another one, or load it: raynest load FILE --name ${scene}. The page shows it as soon as it is there.`, true);
+}
 
-/** Says in one line which parts of the link have their default in the picture. */
-function notUnderstood(parts) {
-  if (parts.length === 0) return;
-  const short = parts.slice(0, 4).map((text) => (text.length > 30 ? `${text.slice(0, 30)}…` : text));
-  if (parts.length > 4) short.push(`${parts.length - 4} more`);
-  byId("notice").replaceChildren(element("span", {}, `Not understood in this link: ${short.join(", ")}. Defaults are shown.`),
+const follower = new Follower(app, {
+  gone: async (scene) => {
+    await model.refresh().catch(() => {});
+    sceneIsGone(scene);
+  },
+  loaded: async () => {
+    await model.refresh();
+    if (chooseFirst()) await chooseScene(null);
+  },
+  changed: (info) => chooseScene(store.values.camera, info),
+});
+
+// Answers that take longer than this have a sign that they are on their way.
+const SLOW_MS = 400;
+let waitingSince = null;
+setInterval(() => {
+  const waits = picture.waiting || (!picture.image?.linear && daemon.pending > 0) || daemon.state === "connecting";
+  waitingSince = waits ? waitingSince ?? performance.now() : null;
+  byId("busy").hidden = !waits || performance.now() - waitingSince < SLOW_MS;
+}, 100);
+
+/** Shows a line over the picture, until it is closed or another one comes. */
+function notice(text) {
+  byId("notice").replaceChildren(element("span", {}, text),
     element("button", { type: "button", ariaLabel: "Close this note", onclick: () => byId("notice").replaceChildren() }, "×"));
 }
 
+let fitLink = true;
+const listed = (parts) => {
+  const short = parts.slice(0, 4).map((text) => (text.length > 30 ? `${text.slice(0, 30)}…` : text));
+  return [...short, ...parts.length > 4 ? [`${parts.length - 4} more`] : []].join(", ");
+};
+
+/** Says in one line which parts of the link have their default in the picture. */
+function notUnderstood(parts) {
+  if (parts.length) notice(`Not understood in this link: ${listed(parts)}. Defaults are shown.`);
+}
+
+let lastInfo = null;  // of the scene that was shown last
+
+/** Asks for everything about the scene, and says what is not as it was when the page showed it last. */
 async function chooseScene(camera) {
-  const { scene } = store.values;
+  const { scene, cameraName } = store.values;
+  const before = lastInfo?.name === scene ? lastInfo : null;
   const info = await model.choose(scene);
+  if (store.values.scene !== scene) return;
+  lastInfo = info;
+  const came = missing === scene;
+  missing = "";
   fillSelect(byId("scene"), [...new Set([...model.scenes, scene])].sort().map((name) => [name, name]), scene);
-  fillSelect(byId("camera"), [["", "own"], ...info.cameras?.length ? info.cameras.map((name, i) => [String(i), name || `camera ${i}`]) : [["automatic", "whole scene"]]], store.values.cameraName);
+  fillSelect(byId("camera"), [["", "own"], ...info.cameras?.length ? info.cameras.map((name, i) => [String(i), name || `camera ${i}`]) : [["automatic", "whole scene"]]], cameraName);
   const levels = Array.from({ length: info.levels }, (_, level) => [String(level), level === 0 ? "0 (root)" : String(level)]);
   fillSelect(byId("level"), [["", "all"], ...levels], store.values.level);
-  if (fitLink) {
-    fitLink = false;
-    const { patch, ignored } = fitted(store.values, model);
-    store.set(patch);
-    notUnderstood([...link.ignored, ...ignored]);
+  const { patch, ignored } = fitted(store.values, model);
+  store.set(patch);
+  if (fitLink) notUnderstood([...link.ignored, ...ignored]);
+  fitLink = false;
+  const changed = before && versionOf(before) !== versionOf(info);
+  let again = cameraName;
+  if (changed || (before && came)) {
+    again = sameCamera(cameraName, before, info);
+    const gone = cameraName && !again ? " Its camera is gone: the view stays." : "";
+    followed = `"${scene}" ${came ? "is loaded again" : "was replaced"}: ${changesText(before, info)}.${gone}${ignored.length ? ` Not in it: ${listed(ignored)}.` : ""}`;
+    notice(followed);
+    if (cameraName !== again) store.set({ cameraName: again });
+    app.selection.follow();
   }
-  if (camera) picture.restart(); else await chooseCamera(info.cameras?.length ? "0" : "automatic");
+  // A camera of the file, and the one that sees the whole scene, are as the new content has them.
+  if (!camera) await chooseCamera(info.cameras?.length ? "0" : "automatic");
+  else if (changed && again) await chooseCamera(again);
+  if (camera) picture.restart();
 }
 
 /** Takes the pose of a camera of the file from the rays that it makes. */
 async function chooseCamera(name) {
   const { low, high } = model.box;
   const target = { center: low.map((x, i) => (x + high[i]) / 2), radius: Math.max(Math.hypot(...high.map((x, i) => x - low[i])) / 2, 1e-6) };
-  const settings = ["size=2x2", ...(name === "automatic" ? [] : [`camera=${name}`])];
-  for await (const { type, columns } of daemon.request("Query", { job: { scene: store.values.scene }, kind: "null",
+  const settings = ["size=2x2", ...(name === "automatic" ? [] : [`camera=${name}`])], { scene } = store.values;
+  for await (const { type, columns } of daemon.request("Query", { job: { scene }, kind: "null",
     fields: ["origin", "direction"], generator: { kind: "camera", settings } })) {
-    if (type === "Chunk") store.set({ camera: cameraOfRays(columns, target), cameraName: name });
+    if (type === "Chunk" && store.values.scene === scene) store.set({ camera: cameraOfRays(columns, target), cameraName: name });
   }
 }
 
 byId("scene").onchange = async ({ target }) => {
+  if (!target.value) return;
+  followed = missing = "";
+  byId("notice").replaceChildren();
   store.set({ scene: target.value, camera: null, level: "", hidden: [], isolated: [], compare: "" });
   try { await chooseScene(null); } catch (error) { failed(error); }
 };
@@ -288,13 +359,13 @@ async function copy(text, what) {
     showDialog(what, element("pre", { tabIndex: 0 }, text));
   }
 }
-const ready = (run) => () => { if (picture.image) run(); };
+const ready = (run) => () => { if (picture.image && model.info) run(); };
 const switchTheme = startTheme(() => legend.draw());
 const frameScene = ready(() => showCamera(frameBox(store.values.camera, model.box.low, model.box.high)));
 const show = ready(() => showDialog("This view again", element("div", {}, element("h2", {}, "Command"), element("pre", { tabIndex: 0, id: "command" }, texts()[0]),
   element("h2", {}, "Python"), element("pre", { tabIndex: 0, id: "python" }, texts()[1])),
   ...[["Copy as command", () => copy(texts()[0], "Command")], ["Copy as Python", () => copy(texts()[1], "Python")], ["Copy link", () => copy(location.href, "Link")],
-      ["PNG", () => downloadPng(app)], ["Report", () => downloadReport(app, texts())]]
+      ["PNG", () => downloadPng(app)], ["Report", () => downloadReport(app, texts()).catch(failed)]]
     .map(([text, onclick]) => element("button", { type: "button", onclick }, text))));
 const actions = [
   { key: "0", text: "Show the whole scene", run: frameScene },

@@ -1,5 +1,6 @@
 // The daemon's scenes and intersectors, as it describes them.
 import { askDocument } from "./documents.js";
+import { versionOf } from "./follow.js";
 import { facts } from "./views.js";
 
 const OBJECTS_MAX = 4096;
@@ -25,25 +26,42 @@ export class Model extends EventTarget {
     this.#changed();
   }
 
-  /** Asks about a scene and holds it, so that it stays while it is watched. */
+  /** Names the content that is shown: what was asked of another one is out of date. */
+  get version() { return versionOf(this.info); }
+
+  /** The scene is not loaded any more. */
+  forget() {
+    this.info = null;
+    facts.objects = this.objects = [];
+    facts.materials = this.materials = [];
+    this.#changed();
+  }
+
+  /**
+   * Asks about a scene. It is not held: a connection that holds one keeps its name for itself, and would not see
+   * another content that is loaded under that name after an unload. Tables of other content go at once.
+   */
   async choose(scene) {
-    this.info = await this.daemon.ask("Info", { scene, hold: true });
+    const info = await this.daemon.ask("Info", { scene });
+    if (versionOf(info) !== this.version) this.objects = this.materials = [];
+    this.info = info;
     this.#changed();
     const [objects, parts] = await Promise.all([
       askDocument(this.daemon, "Structure", { scene, kind: "objects", count: OBJECTS_MAX }),
       this.daemon.askPages("Parts", { scene, kind: "materials" }, ["names", "triangles", "alpha_modes"])]);
-    if (this.info.name !== objects.scene) return this.info;
+    if (this.version !== versionOf(info)) return info;  // another one was chosen meanwhile
     facts.objects = this.objects = objects.rows;
     facts.materials = this.materials = parts.names.map((name, index) =>
       ({ index, name, alpha: parts.alpha_modes[index], triangles: Number(parts.triangles[index]) }));
     this.#changed();
-    return this.info;
+    return info;
   }
 
-  /** Returns the intersector that `auto` stands for, by the rule of PROTOCOL.md. */
-  resolve(intersector) {
+  /** Returns the intersector that `auto` stands for, `lit` in a picture that follows light. */
+  resolve(intersector, lit = false) {
     if (intersector !== "auto") return intersector;
-    return (this.info?.mask_materials ?? 0) + (this.info?.blend_materials ?? 0) > 0 ? "alpha_mask" : "opaque";
+    if (lit && Number(this.info?.blend_materials) > 0 && this.variants.some(({ name }) => name === "alpha_blend")) return "alpha_blend";
+    return this.info?.intersector ?? "opaque";
   }
 
   /** The world's point that places of the page are relative to. */

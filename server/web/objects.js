@@ -3,15 +3,16 @@
 import { boxesSection } from "./boxes.js";
 import { askDocument, latest } from "./documents.js";
 import { element } from "./dom.js";
-import { shortNumber } from "./histogram.js";
+import { bytesText, countText, valueText, vectorText } from "./numbers.js";
 import { sortableTable } from "./tables.js";
 import { visibilityBar } from "./visibility.js";
 
 export const objectsPanel = { id: "objects", title: "Scene", build };
 
 const PAGE = 200n;
-const number = (title, value, text = shortNumber) => ({ title, number: true, value, text: (row) => text(value(row)) });
-const short = (value) => String(Number(Number(value).toPrecision(3)));
+const number = (title, value, text = countText) => ({ title, number: true, value, text: (row) => text(value(row)) });
+const short = (value) => valueText(Number(value), 3);
+const WAITING = "Asking the daemon.", NO_SCENE = "No scene is shown.";
 
 function build(app, place) {
   place.append(visibilityBar(app), element("h2", {}, "Objects"), objects(app), element("h2", {}, "Instances"), ...instances(app),
@@ -21,12 +22,12 @@ function build(app, place) {
 function objects({ model, selection }) {
   const table = sortableTable("Objects", [
     { title: "Name", value: (row) => row.name || `(${row.object})` }, number("Triangles", (row) => row.triangles),
-    number("Instances", (row) => Number(row.placements)), number("Bytes", (row) => row.bytes), number("Depth", (row) => row.height),
-    number("SAH", (row) => row.sah_cost ?? 0, short), number("Fill", (row) => row.box_share ?? 0, short)],
+    number("Instances", (row) => Number(row.placements)), number("Memory", (row) => row.bytes, bytesText), number("SAH", (row) => row.sah_cost ?? 0, short),
+    number("Fill", (row) => row.box_share ?? 0, short), number("Depth", (row) => row.height)],
   { choose: (row) => selection.choose({ kind: "object", object: row.object, name: row.name }) },
-  { SAH: "Node visits that a ray through its box is expected to need", Fill: "Area of its triangles over half that of their boxes: 1 is good, 0 is bad",
-    Depth: "Nodes on the longest path of its tree" });
-  const show = () => { table.show(model.objects); mark(); };
+  { titles: { SAH: "Node visits that a ray through its box is expected to need", Fill: "Area of its triangles over half that of their boxes: 1 is good, 0 is bad",
+    Depth: "Nodes on the longest path of its tree" }, empty: WAITING });
+  const show = () => { table.show(model.objects, model.info ? WAITING : NO_SCENE); mark(); };
   const mark = () => table.mark((row) => selection.hasObject(row.object));
   model.addEventListener("change", show);
   selection.addEventListener("change", mark);
@@ -37,7 +38,7 @@ function objects({ model, selection }) {
 function materials({ store, model, selection }) {
   const table = sortableTable("Materials", [{ title: "Name", value: (row) => row.name || `(${row.index})` }, { title: "Alpha", value: (row) => row.alpha },
     number("Triangles", (row) => row.triangles)], { choose: (row) => selection.choose({ kind: "material", material: row.index, name: row.name }) });
-  const show = () => { table.show(model.materials); mark(); };
+  const show = () => { table.show(model.materials, !model.info ? NO_SCENE : model.info.materials ? WAITING : "The scene has no materials."); mark(); };
   const mark = () => table.mark((row) => selection.hasMaterial(row.index));
   model.addEventListener("change", show);
   selection.addEventListener("change", mark);
@@ -48,11 +49,11 @@ function materials({ store, model, selection }) {
 
 function instances(app) {
   const { daemon, store, model, selection, failed } = app;
-  const place = (row) => (row.box ? row.box[0].map((x, i) => short((x + row.box[1][i]) / 2)).join(" ") : "");
+  const place = (row) => vectorText(row.box ? row.box[0].map((x, i) => (x + row.box[1][i]) / 2) : [], 4);
   const table = sortableTable("Instances", [
-    { ...number("Path", (row) => Number(row.path), String), ascending: true }, { title: "Name", value: (row) => row.name || "(the root)" }, { title: "Object", value: (row) => row.mesh },
-    { title: "Mask", value: (row) => row.mask.toString(16) }, { title: "Centre", value: place }],
-  { choose: (row) => selection.choose({ kind: "placements", first: BigInt(row.path), count: 1n, object: row.object, name: row.name }) });
+    { title: "Name", value: (row) => row.name || "(the root)" }, { ...number("Path", (row) => Number(row.path), String), ascending: true },
+    { title: "Object", value: (row) => row.mesh, least: 84 }, { title: "Centre", value: place, least: 400 }, { title: "Mask", value: (row) => row.mask.toString(16) }],
+  { choose: (row) => selection.choose({ kind: "placements", first: BigInt(row.path), count: 1n, object: row.object, name: row.name }) }, { by: 1, empty: WAITING });
   const range = element("span", { className: "hint" });
   let first = 0n, total = 0n;
   const step = (text, by) => element("button", { type: "button", onclick: () => load(first + by * PAGE) }, text);
@@ -63,10 +64,10 @@ function instances(app) {
     return run(async (signal) => {
       const document = await askDocument(daemon, "Structure", { scene: store.values.scene, kind: "placements", first: String(first), count: Number(PAGE) }, { signal });
       total = BigInt(document.total);
-      table.show(document.rows);
+      table.show(document.rows, "The scene has no instances.");
       mark();
       const last = first + BigInt(document.rows.length);
-      range.textContent = total === 0n ? "none" : `${first} to ${last - 1n} of ${shortNumber(Number(total))}`;
+      range.textContent = total === 0n ? "none" : `${countText(first)} to ${countText(last - 1n)} of ${countText(total)}`;
       before.disabled = first === 0n;
       after.disabled = last >= total;
     });
@@ -79,9 +80,11 @@ function instances(app) {
   });
   let shown = "";
   const change = () => {
-    if (!model.info || `${model.info.name} ${model.info.epoch}` === shown) return;
-    shown = `${model.info.name} ${model.info.epoch}`;
-    load(0n);
+    if (model.version === shown) return;
+    shown = model.version;
+    table.show([], model.info ? WAITING : NO_SCENE);
+    range.textContent = "";
+    if (model.info) load(0n);
   };
   model.addEventListener("change", change);
   change();

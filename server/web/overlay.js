@@ -2,7 +2,7 @@
 import { add, basis, dot, projector, scale, sub } from "./camera.js";
 
 const HALO = "rgb(0 0 0 / .55)";
-const DIM = 60, EDGE = 150;  // alphas: enough to find what is marked, and little enough to see what is around it
+const RINGS = [[255, 255, 255, 255], [0, 0, 0, 200]];  // around what is marked, from the inside outwards
 const EDGES = [[0, 1], [2, 3], [4, 5], [6, 7], [0, 2], [1, 3], [4, 6], [5, 7], [0, 4], [1, 5], [2, 6], [3, 7]];
 
 /** The corners of a box, moved to the world by a 3x4 matrix (row by row) where one is given. */
@@ -40,7 +40,7 @@ export class Overlay {
     this.draw();
   }
 
-  /** Dims the pixels outside of {width, height, inside} and draws its outline; null: nothing is dimmed. */
+  /** Draws an outline around the pixels `inside` of {width, height, inside}, which keep their colours; null: none. */
   mask(marked) {
     if (!marked && !this.#mask) return;
     this.#mask = marked && maskCanvas(marked);
@@ -94,14 +94,20 @@ export class Overlay {
   }
 }
 
+/** The rings lie outside of what is marked: colours of a legend stay true, also where that is one pixel wide. */
 function maskCanvas({ width, height, inside }) {
   const canvas = new OffscreenCanvas(width, height), context = canvas.getContext("2d");
   const pixels = context.createImageData(width, height);
-  for (let i = 0; i < inside.length; ++i) {
-    const x = i % width;
-    const edge = inside[i] && ((x > 0 && !inside[i - 1]) || (x < width - 1 && !inside[i + 1]) || !(inside[i - width] ?? 1) || !(inside[i + width] ?? 1));
-    if (edge) pixels.data.set([255, 255, 255, EDGE], 4 * i);
-    else if (!inside[i]) pixels.data[4 * i + 3] = DIM;
+  let grown = inside;
+  for (const colour of RINGS) {
+    const next = grown.slice();
+    for (let i = 0; i < grown.length; ++i) {
+      const x = i % width;
+      if (grown[i] || !((x > 0 && grown[i - 1]) || (x < width - 1 && grown[i + 1]) || grown[i - width] || grown[i + width])) continue;
+      next[i] = 1;
+      pixels.data.set(colour, 4 * i);
+    }
+    grown = next;
   }
   context.putImageData(pixels, 0, 0);
   return canvas;

@@ -33,12 +33,13 @@ export function pathLines(rays, origin, far) {
 }
 
 export function lightPath(app, place) {
-  const { daemon, hover, overlay, model, store, picture } = app;
+  const { daemon, hover, overlay, model, store, canvas } = app;
   const summary = element("p", { className: "hint", id: "path-summary" });
+  const earlier = element("p", { className: "hint", hidden: true }, "The pixel is that of the view in which it was clicked.");
   const list = element("ol", { className: "tree", id: "path-rays", ariaLabel: "Rays of the path" });
   const step = (text, title, by) => element("button", { type: "button", title, onclick: () => store.set({ sample: Math.max(store.values.sample + by, 0) }) }, text);
   const buttons = element("div", { className: "buttons" }, step("Previous sample", "The path of the sample before", -1), step("Next sample", "The path of the next sample", 1));
-  const section = element("section", { hidden: true, ariaLabel: "Path of light" }, element("h2", {}, "Path of light"), buttons, summary, list);
+  const section = element("section", { hidden: true, ariaLabel: "Path of light" }, element("h2", {}, "Path of light"), buttons, earlier, summary, list);
   place.append(section);
   const run = latest((error) => app.failed(error));
   let asked = null;
@@ -70,6 +71,7 @@ export function lightPath(app, place) {
       const document = await askDocument(daemon, "Render", { ...mine, samples: store.values.sample + 1 }, { signal });
       if (asked !== mine) return;
       section.hidden = false;
+      earlier.hidden = JSON.stringify(asked.camera) === JSON.stringify(cameraTable(store.values.camera));
       app.path = { document, clear };
       show(document);
     });
@@ -77,10 +79,23 @@ export function lightPath(app, place) {
   hover.addEventListener("found", () => {
     const state = store.values, { pinned } = hover;
     if (!pinned || !viewOf(state.view).lit || state.integrator === "primary" || state.camera.projection === "orthographic") return;
-    const { width, height } = picture.image;
+    const { width, height } = canvas;
     asked = { job: jobOf(state), camera: cameraTable(state.camera), width, height, ...lightOf(state), encode: `path+${pinned.x},${pinned.y}` };
     ask();
   });
+  /** Follows the same ray again where the scene, or how light is followed, has changed. */
+  function again() {
+    if (!asked) return;
+    asked = { ...asked, job: jobOf(store.values), ...lightOf(store.values) };
+    ask();
+  }
   store.on(["sample"], () => { if (asked) ask(); });
+  store.on(["camera"], () => { earlier.hidden = !asked || JSON.stringify(asked.camera) === JSON.stringify(cameraTable(store.values.camera)); });
+  store.on(["intersector", "settings", "mask", "hidden", "isolated", "skipHiddenBoxes", "seed", "depth", "aoDistance", "env", "sun"], again);
+  let version = model.version;
+  model.addEventListener("change", () => {
+    if (version !== model.version && model.info) again();
+    version = model.version;
+  });
   store.on(["scene", "view", "integrator"], clear);
 }

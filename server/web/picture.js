@@ -33,9 +33,12 @@ export class Picture extends EventTarget {
     this.#store = store;
     this.#size = size;
     store.on(["camera"], () => this.moved());
-    store.on(["scene", "view", "level", "compare", "intersector", "settings", "mask", "kind", "hidden", "isolated"], () => this.restart());
+    store.on(["scene", "view", "level", "compare", "intersector", "settings", "mask", "kind", "hidden", "isolated", "skipHiddenBoxes"], () => this.restart());
     store.on(["integrator", "samples", "seed", "depth", "aoDistance", "env", "sun"], ({ view }) => { if (viewOf(view).lit) this.restart(); });
   }
+
+  /** True while a picture is traced and what it shows is not yet its own, in all pixels. */
+  get waiting() { return Boolean(this.#running) && !(this.image?.fine && this.image.linear && this.image.samples > 0 && this.#running.fine); }
 
   /** True if the fine picture of what the page shows now is complete. */
   get current() {
@@ -152,8 +155,8 @@ export class Picture extends EventTarget {
     const { signal } = running.controller;
     const begun = performance.now();
     const traced = await traceLit(this.#daemon, message, image.width * image.height, { signal,
-      onPass: (linear, samples) => {
-        Object.assign(image, { linear, samples });
+      onPass: (linear, samples, stops) => {
+        Object.assign(image, { linear, samples, stops });
         this.#show(image, signal);
       },
       onProgress: ({ noise = 0, left_ms: left = 0 }) => Object.assign(image, { noise, left: Number(left) }) });
@@ -166,9 +169,9 @@ export class Picture extends EventTarget {
 
 /** The state that a picture depends on. */
 const wantedOf = (state) => {
-  const { scene, camera, view, level, compare, intersector, settings, mask, kind, hidden, isolated } = state;
+  const { scene, camera, view, level, compare, intersector, settings, mask, kind, hidden, isolated, skipHiddenBoxes } = state;
   const light = viewOf(view).lit ? { ...lightOf(state), samples: state.samples } : null;
-  return { scene, camera, view, level, compare, intersector, settings, mask, kind, hidden, isolated, light };
+  return { scene, camera, view, level, compare, intersector, settings, mask, kind, hidden, isolated, skipHiddenBoxes, light };
 };
 
 const pause = (ms, signal) => new Promise((resolve, reject) => {

@@ -2,7 +2,7 @@
 // and what to do about it. The document is described in client/EXPLAIN.md.
 import { latest } from "./documents.js";
 import { element, field, fillSelect } from "./dom.js";
-import { shortNumber } from "./histogram.js";
+import { countText, percentText, valueText } from "./numbers.js";
 import { jobOf } from "./requests.js";
 import { rankingOf } from "./selection.js";
 import { sortableTable } from "./tables.js";
@@ -10,21 +10,21 @@ import { sortableTable } from "./tables.js";
 export const rankingPanel = { id: "ranking", title: "Ranking", build };
 
 const TABLES = ["instances", "meshes", "materials"];
-const percent = (share) => `${(100 * share).toFixed(1)} %`;
+const FIRST_PIXELS = 120 * 68;  // of a first ranking, which comes at once; the other one refines it
 
 function build(app, place) {
-  const { store, model, picture, selection } = app;
+  const { store, model, picture, selection, canvas } = app;
   const level = element("select", { id: "ranking-level" });
   const kind = element("select", { id: "ranking-table" });
   fillSelect(kind, TABLES.map((name) => [name, name]), "instances");
-  const hint = element("p", { className: "hint", id: "ranking-hint" });
-  const share = (title, key) => ({ title, number: true, value: (row) => row[key], text: (row) => percent(row[key]) });
+  const hint = element("p", { className: "hint", id: "ranking-hint", role: "status" });
+  const share = (title, key) => ({ title, number: true, value: (row) => row[key], text: (row) => percentText(row[key]) });
   // Equal names have different numbers: paths of instances, objects of meshes.
   const numberIn = (row) => row.path ?? row.index ?? "";
-  const table = sortableTable("Ranking by work", [share("Share", "share"), { title: "Name", value: (row) => row.name || "(unnamed)" },
+  const table = sortableTable("Ranking by work", [share("Share", "share"), { title: "Name", value: (row) => row.name || "(unnamed)", least: 72 },
     { title: "No.", number: true, ascending: true, value: (row) => Number(numberIn(row)), text: (row) => String(numberIn(row)) }, share("Wasted", "wasted"),
-    { title: "Per ray", number: true, value: (row) => row.work_per_ray, text: (row) => shortNumber(Number(row.work_per_ray.toPrecision(3))) }], { choose },
-  { "No.": "First path of an instance, number of an object or material: it tells equal names apart" });
+    { title: "Per ray", number: true, value: (row) => row.work_per_ray, text: (row) => valueText(row.work_per_ray, 3) }], { choose },
+  { titles: { "No.": "First path of an instance, number of an object or material: it tells equal names apart", Wasted: "Part of its work on rays that hit nothing in it" } });
   const rest = element("p", { className: "hint" });
   const findings = element("div", { id: "findings" });
   place.append(field("Table", kind), field("Group by", level), hint, table.node, rest, element("h2", {}, "Diagnosis"), findings);
@@ -47,50 +47,73 @@ function build(app, place) {
       return selection.hasMaterial(row.index);
     });
   }
-  function show() {
+
+  /** Shows words in place of everything that the ranking says. */
+  function say(words) {
+    document = null;
+    hint.textContent = words;
+    table.show([], "There is no ranking yet.");
+    rest.textContent = "";
+    findings.replaceChildren(element("p", { className: "hint" }, "It follows the ranking."));
+  }
+
+  function show(refining = false) {
     if (!document) return;
     const { rows, others, remainder } = document[kind.value];
-    table.show(rows);
+    table.show(rows, kind.value === "materials" ? "No material has any work: the rays meet no primitive." : "No ray enters any of them.");
     mark();
-    rest.textContent = [others.rows ? `${others.rows} others: ${percent(others.share)}.` : "",
-                        `${kind.value === "materials" ? "Boxes" : "Trees above them"}: ${percent(remainder.share)}.`].join(" ");
-    hint.textContent = `${document.size.join(" x ")} rays, ${shortNumber(document.total.work)} boxes and primitives tested. ` +
-      "Wasted is the part spent on rays that hit nothing in it.";
+    rest.textContent = [others.rows ? `${countText(others.rows)} others: ${percentText(others.share)}.` : "",
+                        `${kind.value === "materials" ? "Boxes" : "Trees above them"}: ${percentText(remainder.share)}.`].join(" ");
+    hint.textContent = `${document.size.join(" x ")} rays, ${countText(document.total.work)} boxes and primitives tested. ` +
+      `Wasted is the part spent on rays that hit nothing in it.${refining ? " More rays refine it." : ""}`;
     findings.replaceChildren(...document.findings.length === 0 ? [element("p", { className: "hint" }, "Nothing stands out.")]
       : document.findings.map((finding) => element("button", { type: "button", className: "finding", onclick: () =>
           chooseNumbered(...numberOf(finding), finding.subject) },
         element("strong", {}, `${capital(finding.finding.replaceAll("_", " "))}: ${finding.subject || "(unnamed)"}${numberText(finding)}`),
-        element("span", {}, `${Number(finding.figure.toPrecision(3))} ${finding.unit}, ${finding.side} ${finding.threshold}; ${percent(finding.share)} of all work.`),
+        element("span", {}, `${valueText(finding.figure, 3)} ${finding.unit}, ${finding.side} ${finding.threshold}; ${percentText(finding.share)} of all work.`),
         element("span", {}, `Remedy: ${finding.remedy}.`))));
   }
 
-  const run = latest((error) => { hint.textContent = error.message; });
-  let shown = "";
+  const run = latest((error) => say(error.message));
+  let wanted = "";
+  const keyNow = () => JSON.stringify([jobOf(store.values), store.values.camera, canvas.width, canvas.height, level.value, model.version]);
+
+  /** What was counted for another view or scene goes at once: it says nothing about this one. */
+  function forget() {
+    if (wanted === keyNow()) return;
+    wanted = "";
+    say(model.info ? "Counting." : "No scene is shown.");
+  }
+
+  /** Counts as soon as a picture has any pixel of its own: with few rays, then with more. */
   function ask() {
-    const state = store.values;
-    if (!picture.image?.complete || state.panel !== "ranking" || !state.camera) return;
-    const key = JSON.stringify([jobOf(state), state.camera, picture.image.width, picture.image.height, level.value]);
-    if (key === shown) return;
-    shown = key;
-    hint.textContent = "Counting.";
+    const state = store.values, { image } = picture;
+    forget();
+    if (!model.info || !image?.fine || state.panel !== "ranking" || !state.camera || wanted) return;
+    const key = wanted = keyNow();
     run(async (signal) => {
-      document = await rankingOf(app, Number(level.value), signal);
-      show();
+      for (const pixels of [FIRST_PIXELS, undefined]) {
+        const found = await rankingOf(app, { level: Number(level.value), signal, pixels });
+        if (key !== keyNow()) return;
+        document = found;
+        show(Boolean(pixels));
+      }
     });
   }
   function levels() {
     const count = Number(model.info?.levels ?? 1);
     fillSelect(level, [["0", "innermost instance"], ...Array.from({ length: Math.max(count - 1, 0) }, (_, i) => [String(i + 1), `instance at level ${i + 1}`])], level.value || "0");
     if (level.selectedIndex < 0) level.value = "0";
+    ask();
   }
   level.onchange = ask;
-  kind.onchange = show;
+  kind.onchange = () => show();
   selection.addEventListener("change", mark);
   model.addEventListener("change", levels);
   picture.addEventListener("image", ask);
-  store.on(["panel"], ask);
+  store.on(["panel", "camera", "scene", "intersector", "settings", "mask", "hidden", "isolated", "skipHiddenBoxes", "size"], ask);
+  say("Counting.");
   levels();
-  ask();
 }
 
 /** The kind and number of a finding's subject: ["object", 3]. */

@@ -54,11 +54,11 @@ export class Daemon extends EventTarget {
   }
 
   /** Sends a request; an async iterator of its frames, up to the last one. Throws DaemonError. */
-  async *request(type, message = {}, { signal, columns } = {}) {
+  async *request(type, message = {}, { signal, columns, background = false } = {}) {
     signal?.throwIfAborted();
     if (this.state !== "open") throw new DaemonError("CONNECTION_LOST", "the daemon is away");
     const id = this.#nextId++;
-    const request = { frames: [], wake: null, consumed: 0 };
+    const request = { frames: [], wake: null, consumed: 0, background };
     this.#requests.set(id, request);
     const abort = () => { request.frames = [{ failed: signal.reason }]; request.wake?.(); };
     signal?.addEventListener("abort", abort, { once: true });
@@ -111,8 +111,8 @@ export class Daemon extends EventTarget {
     this.#socket?.close();
   }
 
-  /** Number of requests whose end has not come; for tests. */
-  get pending() { return this.#requests.size; }
+  /** Number of requests whose end has not come, without those in the `background`. */
+  get pending() { return [...this.#requests.values()].filter(({ background }) => !background).length; }
 
   #connect() {
     const { Socket, headers } = this.#options;

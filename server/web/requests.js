@@ -11,6 +11,7 @@ export function jobOf(state, other = "") {
   const shown = { hidden_instances: chosen(state.hidden, "i"), hidden_objects: chosen(state.hidden, "o"),
                   only_instances: chosen(state.isolated, "i"), only_objects: chosen(state.isolated, "o") };
   for (const name of Object.keys(shown)) if (shown[name].length === 0) delete shown[name];
+  if (state.skipHiddenBoxes && Object.keys(shown).length) shown.skip_hidden_boxes = true;
   const job = { ...shown, scene: state.scene, intersector: state.intersector, mask: parseInt(state.mask, 16),
                 settings: Object.entries(state.settings).map(([name, text]) => `${name}=${text}`) };
   if (kind === "intersector") return { ...job, intersector: value, settings: [] };

@@ -1,5 +1,5 @@
 // The selection, in tables and picture alike: placements by their paths, an object, or a material. The
-// pixels that show it stay bright, the others are dimmed.
+// pixels that show it have an outline.
 import { cameraTable, generator } from "./camera.js";
 import { askDocument, latest } from "./documents.js";
 import { jobOf } from "./requests.js";
@@ -19,7 +19,7 @@ export class Selection extends EventTarget {
     this.#app = app;
     this.#run = latest((error) => app.failed(error));
     app.picture.addEventListener("image", () => { if (app.picture.image.complete) this.#mark(); });
-    app.store.on(["camera", "scene"], () => app.overlay?.mask(null));
+    app.store.on(["camera", "scene", "hidden", "isolated", "skipHiddenBoxes", "intersector", "settings", "mask", "size"], () => app.overlay?.mask(null));
     app.store.on(["scene"], () => this.choose(null));
   }
 
@@ -27,6 +27,13 @@ export class Selection extends EventTarget {
     this.chosen = chosen;
     this.dispatchEvent(new Event("change"));
     this.#mark();
+  }
+
+  /** Numbers mean others in new content: what a kept ray hits is chosen again, and anything else let go. */
+  follow() {
+    const had = Boolean(this.chosen);
+    this.choose(null);
+    this.#app.hover.again(had);
   }
 
   /** Chooses the placement of a hit record; a miss chooses nothing. */
@@ -68,9 +75,9 @@ export class Selection extends EventTarget {
 
   /** Which placement, object and material each pixel shows; asked for once for each picture. */
   async #ids(signal) {
-    const { store, daemon, picture } = this.#app, { width, height } = picture.image;
+    const { store, daemon, model, picture } = this.#app, { width, height } = picture.image;
     const job = jobOf(store.values), rays = generator(store.values.camera, width, height);
-    const key = JSON.stringify([job, rays]);
+    const key = JSON.stringify([job, rays, model.version]);
     if (key !== this.#key) {
       const { columns } = await traceQuery(daemon, { job, fields: ["path", "object", "material"], generator: rays }, width * height, { signal });
       [this.#columns, this.#key] = [columns, key];
@@ -80,8 +87,8 @@ export class Selection extends EventTarget {
 
   #mark() {
     const { overlay, picture, store } = this.#app;
-    // Isolated placements stand out without dimming the rest; in a lit picture brightness means light.
-    if (!this.chosen || !picture.image?.complete || store.values.isolated.length || picture.image.view.lit) return overlay?.mask(null);
+    // Isolated placements stand alone.
+    if (!this.chosen || !picture.image?.complete || store.values.isolated.length) return overlay?.mask(null);
     return this.#run(async (signal) => {
       const { width, height } = picture.image;
       const columns = await this.#ids(signal);
@@ -95,12 +102,12 @@ export class Selection extends EventTarget {
 
 const RANKED_PIXELS_MAX = 480 * 270;
 
-/** Asks for the ranking of what the page shows, with fewer rays than the picture. Throws where the camera has none. */
-export async function rankingOf({ daemon, store, picture }, level = 0, signal) {
+/** Asks for the ranking of what the page shows, with at most `pixels` rays. Throws where the camera has none. */
+export async function rankingOf({ daemon, store, canvas }, { level = 0, signal, pixels = RANKED_PIXELS_MAX, top = 100 } = {}) {
   const { camera } = store.values;
   if (camera.projection === "orthographic") throw new Error("The ranking needs a perspective camera: press P.");
-  const { width, height } = picture.image;
-  const shrink = Math.min(1, Math.sqrt(RANKED_PIXELS_MAX / (width * height)));
+  const { width, height } = canvas;
+  const shrink = Math.min(1, Math.sqrt(pixels / (width * height)));
   const side = (length) => Math.max(Math.round(length * shrink), 1);
-  return askDocument(daemon, "Blame", { job: jobOf(store.values), camera: cameraTable(camera), width: side(width), height: side(height), level, top: 100 }, { signal });
+  return askDocument(daemon, "Blame", { job: jobOf(store.values), camera: cameraTable(camera), width: side(width), height: side(height), level, top }, { signal });
 }

@@ -1,8 +1,8 @@
 // The panel "Setup": what decides the rays and their hits, and what the scene holds.
 import { AXES, add, cross, distance, dot, length, sub, unit, basis, scale, rounded } from "./camera.js";
 import { element, field, fillSelect, pairs } from "./dom.js";
-import { shortNumber } from "./histogram.js";
-import { lightSection } from "./light.js";
+import { followsLight, lightSection } from "./light.js";
+import { bytesText, countText, timeText, valueText, vectorText } from "./numbers.js";
 
 const SIZES = [["fit", "As large as shown"], ["320x180", "320 x 180"], ["640x360", "640 x 360"], ["960x540", "960 x 540"],
                ["1280x720", "1280 x 720"], ["1920x1080", "1920 x 1080"]];
@@ -21,14 +21,14 @@ function intersector({ store, model }) {
   const place = element("div", { id: "parameters" });
   select.onchange = () => store.set({ intersector: select.value, settings: {} });
   const show = (state) => {
-    const variants = model.variants;
-    fillSelect(select, [["auto", "auto"], ...variants.map(({ name }) => [name, name])], state.intersector);
-    const ran = model.resolve(state.intersector);
+    const variants = model.variants, auto = model.resolve("auto", followsLight(state));
+    fillSelect(select, [["auto", `auto (${auto})`], ...variants.map(({ name }) => [name, name])], state.intersector);
+    const ran = state.intersector === "auto" ? auto : state.intersector;
     const variant = variants.find(({ name }) => name === ran);
-    text.textContent = variant ? `${state.intersector === "auto" ? `${ran}: ` : ""}${variant.text}` : "";
+    text.textContent = variant ? `${state.intersector === "auto" ? `auto takes ${ran}: ` : ""}${variant.text}` : "";
     place.replaceChildren(...(variant?.params ?? []).map((param) => parameter(store, param)));
   };
-  store.on(["intersector", "settings"], show);
+  store.on(["intersector", "settings", "view", "integrator"], show);
   model.addEventListener("change", () => show(store.values));
   show(store.values);
   return element("div", {}, field("Intersector", select), text, place);
@@ -42,6 +42,7 @@ function parameter(store, param) {
     if (value === "") delete settings[param.name]; else settings[param.name] = value;
     store.set({ settings });
   };
+  if (param.type === "table") return element("p", { className: "hint" }, `${param.name}: ${param.text}; a table, which raynest and Python bring`);
   if (param.type === "choice") {
     const select = element("select", {});
     const initial = param.choices[param.initial] ?? param.choices[0];
@@ -122,7 +123,7 @@ function cameraFields({ store, showCamera }) {
     if (!camera) return;
     [control.value, axis.value, projection.value] = [kind, upAxis, camera.projection];
     if (document.activeElement !== fov) fov.value = camera.fov;
-    facts.replaceChildren(pairs([["Eye", camera.eye.join("  ")], ["Looks at", camera.at.join("  ")]]));
+    facts.replaceChildren(pairs([["Eye", vectorText(camera.eye)], ["Looks at", vectorText(camera.at)]]));
   }, true);
   return element("div", {}, field("Control", control), field("Projection", projection), field("Up axis", axis),
                  field("Angle of view", fov), facts);
@@ -141,10 +142,12 @@ function sceneFacts({ model }) {
   const show = () => {
     const { info } = model;
     place.replaceChildren(info ? pairs([
-      ["Triangles", `${shortNumber(info.instanced_triangles)} (${shortNumber(info.unique_triangles)} unique)`],
-      ["Instances", shortNumber(info.instances)], ["Levels", info.levels], ["Materials", info.materials],
-      ["Memory", `${shortNumber(info.bytes)}B`], ["Tree height", info.tree_height], ["SAH cost", Number(info.sah_cost.toPrecision(4))],
-      ["Digest", info.hash.slice(0, 16)]]) : "");
+      ["Triangles", `${countText(info.instanced_triangles)} (${countText(info.unique_triangles)} unique)`],
+      ...(info.record_types ?? []).map((type, i) => ["Primitives", `${countText(info.record_counts[i])} ${type}`]),
+      ["Intersector", info.intersector ? `auto is ${info.intersector}` : "none knows these primitives"],
+      ["Instances", countText(info.instances)], ["Levels", info.levels], ["Materials", countText(info.materials ?? 0)],
+      ["Memory", bytesText(info.bytes)], ["Tree height", info.tree_height], ["SAH cost", valueText(info.sah_cost, 4)],
+      ["Digest", info.hash.slice(0, 16)]]) : element("p", { className: "hint" }, "No scene is shown."));
   };
   model.addEventListener("change", show);
   show();
@@ -155,11 +158,12 @@ function pictureFacts({ picture }) {
   const place = element("div");
   const show = () => {
     const { image } = picture;
-    if (!image?.complete) return;
-    const { done, started } = image;
-    place.replaceChildren(pairs([["Rays", `${image.width} x ${image.height}, ${shortNumber(Number(done.hits))} hit`],
-      ["Traced in", `${(1000 * done.seconds).toFixed(1)} ms`], ["Arrived in", `${image.ms.toFixed(0)} ms`],
-      ["Ran", `${started.intersector}, ${done.traversal}, ${done.target}`]]));
+    // Figures of an earlier picture say nothing about this one.
+    if (!image?.complete) return place.replaceChildren(element("p", { className: "hint" }, image ? "It is being traced." : "There is none yet."));
+    const { done, started } = image, notes = [...new Set([...started.notes ?? [], ...done.notes ?? []])];
+    return place.replaceChildren(pairs([["Rays", `${image.width} x ${image.height}, ${countText(done.hits)} hit`],
+      ["Traced in", timeText(1000 * done.seconds)], ["Arrived in", timeText(image.ms)],
+      ["Ran", `${started.intersector}, ${done.traversal}, ${done.target}`], ...notes.map((note) => ["Note", note])]));
   };
   picture.addEventListener("image", show);
   show();

@@ -6,7 +6,7 @@ export const DEFAULTS = {
   view: "total", level: "", compare: "",
   intersector: "auto", settings: {}, mask: "ffffffff", kind: "closest",
   palette: "turbo", range: "p99", log: false, opacity: 1, size: "fit",
-  control: "orbit", upAxis: "y", panel: "setup", hidden: [], isolated: [], boxes: "",
+  control: "orbit", upAxis: "y", panel: "setup", hidden: [], isolated: [], skipHiddenBoxes: false, boxes: "",
   // The lit view. Empty texts stand for what the daemon does by itself.
   integrator: "path", samples: 64, seed: 0, depth: 8, aoDistance: 0, env: "auto", sun: "", exposure: "", tonemap: "", sample: 0,
 };

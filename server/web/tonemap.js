@@ -3,8 +3,6 @@
 import { TONEMAPS } from "./lists.js";
 
 export const TONEMAP_NAMES = Object.keys(TONEMAPS);
-const MIDDLE_GREY = 0.18;
-const STOPS_MAX = 64;
 
 /** Shader code: vec3 displayed(int tonemap, vec3 linear) gives sRGB; `tonemap` is an index in TONEMAP_NAMES. */
 export const TONEMAP_SHADER = `
@@ -32,31 +30,10 @@ ${TONEMAP_NAMES.map((name, i) => (name === "none" ? "" : `  if (tonemap == ${i})
   return mix(12.92 * c, 1.055 * pow(c, vec3(1.0 / 2.4)) - 0.055, greaterThan(c, vec3(0.0031308)));
 }`;
 
-/** Returns the stops that bring the middle of a picture to a middle grey, as the daemon does for exposure auto. */
-export function autoExposure(linear) {
-  const logs = new Float32Array(linear.length / 4);
-  let count = 0;
-  for (let i = 0; i < linear.length; i += 4) {
-    const y = 0.2126 * linear[i] + 0.7152 * linear[i + 1] + 0.0722 * linear[i + 2];
-    if (y > 0) logs[count++] = Math.log2(y);
-  }
-  if (count === 0) return 0;
-  const sorted = logs.subarray(0, count).sort();  // a typed array: sort() is numeric
-  const cut = Math.floor(count / 20);
-  let sum = 0;
-  for (let i = cut; i < count - cut; ++i) sum += sorted[i];
-  const stops = Math.log2(MIDDLE_GREY) - sum / (count - 2 * cut);
-  return Math.min(Math.max(stops, -STOPS_MAX), STOPS_MAX);
-}
-
-/** Returns {tonemap, gain} of a picture; empty settings stand for the daemon's: agx and auto, of ao none and 0. */
+/** Returns {tonemap, stops} of a picture; empty settings stand for the daemon's: agx and auto, of ao none and 0. */
 export function lookOf({ integrator, tonemap, exposure }, image) {
   const lit = integrator !== "ao";
   const name = TONEMAP_NAMES.includes(tonemap) ? tonemap : lit ? "agx" : "none";
   const automatic = exposure === "auto" || (exposure === "" && lit);
-  if (automatic && image.exposedFor !== image.linear) {
-    image.exposedFor = image.linear;
-    image.stops = autoExposure(image.linear);
-  }
   return { tonemap: TONEMAP_NAMES.indexOf(name), stops: automatic ? image.stops : Number(exposure) || 0 };
 }

@@ -20,8 +20,8 @@ export async function traceQuery(daemon, message, count, { signal, onRows = () =
 }
 
 /**
- * Runs a request for a lit picture of linear values, four floats per pixel; calls onPass(linear, samples) for
- * each whole picture, and onProgress(message).
+ * Runs a request for a lit picture of linear values, four floats per pixel; calls onPass(linear, samples, stops)
+ * for each whole picture, with the stops of exposure auto, and onProgress(message).
  */
 export async function traceLit(daemon, message, count, { signal, onPass = () => {}, onProgress = () => {} } = {}) {
   let started = null, done = null, bytes = null;
@@ -33,7 +33,7 @@ export async function traceLit(daemon, message, count, { signal, onPass = () => 
     const first = Number(news.offset ?? 0), { data } = columns;
     if (first === 0) bytes = new Uint8Array(16 * count);
     bytes.set(data, first);
-    if (first + data.length === bytes.length) onPass(new Float32Array(bytes.buffer), news.samples ?? 0);
+    if (first + data.length === bytes.length) onPass(new Float32Array(bytes.buffer), news.samples ?? 0, news.exposure ?? 0);
   }
   return { columns: {}, started, done };
 }

@@ -39,6 +39,7 @@ export function toFragment(state) {
   for (const [name, value] of Object.entries(state.settings)) parts.append("set", `${name}=${value}`);
   if (state.range !== DEFAULTS.range) parts.set("range", [state.range].flat().join(","));
   if (state.log) parts.set("log", "1");
+  if (state.skipHiddenBoxes) parts.set("skipHiddenBoxes", "1");
   if (state.opacity !== 1) parts.set("opacity", state.opacity);
   if (state.hidden.length) parts.set("hidden", state.hidden.join(","));
   if (state.isolated.length) parts.set("isolated", state.isolated.join(","));
@@ -76,7 +77,7 @@ export function readFragment(fragment) {
     const limits = numbers(text, 2);
     return text === "auto" || text === "p99" ? set("range", text) : limits && limits[0] < limits[1] && set("range", limits);
   });
-  take("log", (text) => text === "0" || (text === "1" && set("log", true)));
+  for (const key of ["log", "skipHiddenBoxes"]) take(key, (text) => text === "0" || (text === "1" && set(key, true)));
   take("opacity", (text) => {
     const [value] = numbers(text, 1) ?? [NaN];
     return value >= 0 && value <= 1 && set("opacity", value);
@@ -87,7 +88,7 @@ export function readFragment(fragment) {
     if (good.length < ids.length) ignored.push(`${key}=${clean(ids.filter((id) => !good.includes(id)).join(","))}`);
     if (good.length) state[key] = good;
   }
-  const known = new Set([...Object.keys(TEXTS), ...Object.keys(NUMBERS), "projection", "camera", "set", "range", "log", "opacity", "hidden", "isolated"]);
+  const known = new Set([...Object.keys(TEXTS), ...Object.keys(NUMBERS), "projection", "camera", "set", "range", "log", "skipHiddenBoxes", "opacity", "hidden", "isolated"]);
   for (const name of new Set(parts.keys())) if (!known.has(name)) ignored.push(clean(name));
   return { state, ignored };
 }

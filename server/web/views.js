@@ -30,7 +30,7 @@ const SIDES = { front: [86, 156, 214], back: [230, 126, 60] };
 /** Views of colours that mean something have a `key`: pairs of a word and its colour. */
 export const VIEWS = [
   ...counters,
-  { id: "picture", group: "Picture", label: "Picture (base colour, darker where it turns away)", render: true, fields: () => ["ng"],
+  { id: "picture", group: "Picture", label: "Picture (base colour)", render: true, fields: () => ["ng"],
     colour: (columns, i) => columns.rgba ? columns.rgba.subarray(4 * i, 4 * i + 3) : null },
   { id: "lit", group: "Picture", label: "Lit (lights and shadows)", lit: true, fields: () => ["ng"], colour: () => null },
   { id: "depth", group: "Geometry", label: "Depth (t)", fields: () => ["t"],

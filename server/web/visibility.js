@@ -1,7 +1,7 @@
 // Focus, hide, isolate and show all: what is selected, and which instances rays enter. Hidden instances are
 // hidden in the daemon, so that every count is that of the scene without them.
 import { frame } from "./camera.js";
-import { element } from "./dom.js";
+import { element, field } from "./dom.js";
 
 const HIDDEN_MAX = 256;
 
@@ -52,13 +52,18 @@ export function visibilityBar(app) {
   const state = element("p", { className: "hint", id: "hidden-count" });
   const buttons = [["Focus", "F", actions.focus], ["Hide", "H", actions.hide], ["Isolate", "I", actions.isolate], ["Show all", "J", actions.showAll]]
     .map(([text, key, onclick]) => element("button", { type: "button", title: `${text} (${key})`, onclick }, text));
+  const skip = element("input", { type: "checkbox", id: "skip-hidden-boxes", onchange: () => store.set({ skipHiddenBoxes: skip.checked }) });
+  const boxes = field("Leave out their boxes", skip, "Boxes that lead to hidden instances alone are tested and counted unless they are left out");
   const show = () => {
     name.textContent = selection.chosen ? selection.chosen.name || "(unnamed)" : "Nothing is selected.";
-    const { hidden, isolated } = store.values;
-    state.textContent = [hidden.length ? `${hidden.length} hidden.` : "", isolated.length ? `${isolated.length} isolated.` : ""].join(" ");
+    const { hidden, isolated, skipHiddenBoxes } = store.values;
+    state.textContent = [hidden.length ? `${hidden.length} hidden.` : "", isolated.length ? `${isolated.length} isolated.` : "",
+      !hidden.length && !isolated.length ? "" : skipHiddenBoxes ? "Boxes of what is hidden are not counted." : "Boxes of what is hidden are still counted."].filter(Boolean).join(" ");
+    skip.checked = skipHiddenBoxes;
+    boxes.hidden = !hidden.length && !isolated.length;
   };
   selection.addEventListener("change", show);
-  store.on(["hidden", "isolated"], show);
+  store.on(["hidden", "isolated", "skipHiddenBoxes"], show);
   show();
-  return element("div", {}, name, element("div", { className: "buttons" }, buttons), state);
+  return element("div", {}, name, element("div", { className: "buttons" }, buttons), state, boxes);
 }

@@ -45,7 +45,7 @@ Differences compare(const Answers& a, const Answers& b, const AtMaskBorder& at_m
 /// Closest hits against a file; `inst` is compared where the file has one.
 Differences compare(const Answers& a, std::span<const Reference> b);
 
-/// Rays whose bytes differ: 0 among our own variants of one precision.
+/// Rays whose bytes differ: 0 among our own variants.
 std::uint64_t count_unequal(const Answers& a, const Answers& b);
 
 }  // namespace raynest::bench

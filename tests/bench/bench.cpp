@@ -11,6 +11,7 @@
 #include <algorithm>
 #include <filesystem>
 #include <iostream>
+#include <string_view>
 #include <utility>
 
 namespace raynest::bench {
@@ -29,7 +30,10 @@ Result<Loaded> load(const Options& options) {
     }
     if (std::any_of(options.peers.begin(), options.peers.end(),
                     [](const std::string& name) { return name != "own"; })) {
-        auto peers = load_peers();
+        std::string_view most;
+        for (const auto& registry : loaded.registries)
+            most = std::max<std::string_view>(most, registry->packs().front()->target);
+        auto peers = load_peers(most);
         if (!peers) return tl::unexpected(peers.error());
         loaded.peers = std::move(*peers);
     }

@@ -18,7 +18,7 @@ import table
 
 BENCH, TARGETS, PEER = "", [], False
 SCENES = ["terrain", "cards", "forest1", "forest3", "forest3-flat", "interior"]
-KEYS = {"scene", "rays", "kind", "traversal", "intersector", "precision", "target", "threads", "mrays",
+KEYS = {"scene", "rays", "kind", "traversal", "intersector", "target", "threads", "mrays",
         "peer", "peer_mrays", "ratio", "mismatches"}
 UNIT = [1, 0, 0, 0, 0, 1, 0, 0, 0, 0, 1, 0]
 # Two triangles, at z = 0 and z = -1, and three rays: down on both, down on the second, past both.
@@ -69,7 +69,7 @@ class Measuring(unittest.TestCase):
         self.assertTrue(row["command"].startswith("raynest-bench --json"))
 
     def test_counting_has_rows_over_the_first_variant_with_its_answers(self):
-        rows = self.rows("--scene", "gen:forest3?scale=0.01", "--rays", "primary", "--precision", "watertight",
+        rows = self.rows("--scene", "gen:forest3?scale=0.01", "--rays", "primary",
                          "--traversal", "single", "--counters", "none,total,level", "--peers", "own")
         counted = [row for row in rows if row["peer"] == "own"]
         self.assertEqual([row["counters"] for row in counted], ["total", "level"])
@@ -262,7 +262,7 @@ class Table(unittest.TestCase):
 
     def row(self, scene, rays, peer, ratio, **more):
         return {"scene": scene, "rays": rays, "kind": "closest", "traversal": "single", "intersector": "opaque",
-                "precision": "fast", "target": "v4", "threads": 1, "peer": peer, "peer_mrays": 1.0,
+                "target": "v4", "threads": 1, "peer": peer, "peer_mrays": 1.0,
                 "ratio": ratio, "ratio_adjusted": ratio / 1.04, "mismatches": 1, "command": "bench X", **more}
 
     def test_a_line_is_the_geometric_mean_of_exactly_its_rows(self):

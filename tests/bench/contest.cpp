@@ -38,7 +38,7 @@ Result<RayMask> prepare_rays(const Options& options, const Loaded& loaded, const
             loaded.registries.front()->choose("opaque", loaded.workload.scene->view());
         if (!opaque) return tl::unexpected(opaque.error());
         const auto finder =
-            find_function(**opaque, query_closest, precision_fast, traversal_single);
+            find_function(**opaque, query_closest, traversal_single);
         if (!finder) return tl::unexpected(finder.error());
         set.rays = make_rays(loaded.workload, *kind, options.count, *finder);
         set.query = natural_query(*kind);
@@ -85,23 +85,16 @@ private:
             for (const std::string& intersector : options_.intersectors) {
                 const auto variant = registry->choose(intersector, workload.scene->view());
                 if (!variant) return tl::unexpected(variant.error());
-                for (const std::string& precision : options_.precisions) {
-                    if (auto added = add_traversals(workload, **variant, precision, threads);
-                        !added) {
-                        return added;
-                    }
-                }
+                if (auto added = add_traversals(workload, **variant, threads); !added) return added;
             }
         }
         return {};
     }
 
-    Result<void> add_traversals(const Workload& workload, const Variant& variant,
-                                const std::string& precision, unsigned threads) {
+    Result<void> add_traversals(const Workload& workload, const Variant& variant, unsigned threads) {
         for (const std::string& traversal : options_.traversals) {
             for (const std::string& counters : options_.counters) {
-                Label label{"own",     traversal, variant.name,   precision,
-                            counters, variant.target, threads};
+                Label label{"own", traversal, variant.name, counters, variant.target, threads};
                 if (auto added = add_variant(workload, variant, std::move(label)); !added)
                     return added;
             }
@@ -110,19 +103,17 @@ private:
     }
 
     Result<void> add_variant(const Workload& workload, const Variant& variant, Label label) {
-        const auto precision = parse_precision(label.precision);
-        if (!precision) return tl::unexpected(precision.error());
         const auto traversal = parse_traversal(label.traversal);
         if (!traversal) return tl::unexpected(traversal.error());
-        const auto selector = KernelSelector::make(variant, set_.query, *precision, *traversal,
+        const auto selector = KernelSelector::make(variant, set_.query, *traversal,
                                                    counter_mode(label.counters));
         // Where single rays stand in for what was named, a row of that name would be theirs.
         const bool stands = selector && (*traversal == traversal_auto ||
                                        selector->choose({}, workload.scene->view()) == *traversal);
         if (!stands) {
             static std::set<std::string> said;
-            const std::string skipped = variant.name + ", " + label.traversal + ", " +
-                                        label.precision + " on " + variant.target;
+            const std::string skipped =
+                variant.name + ", " + label.traversal + " on " + variant.target;
             if (said.insert(skipped).second) {
                 std::cerr << "raynest-bench: skipped, not compiled: " << skipped << "\n";
             }
@@ -164,11 +155,11 @@ private:
 /// Every variant of ours gives the bits of the first one that asks the same. v2 has no fma: its
 /// bits are its own.
 Result<void> check_own(const std::vector<Side>& sides) {
-    std::map<std::tuple<bool, bool, bool, std::string>, const Side*> first;
+    std::map<std::tuple<bool, bool, bool>, const Side*> first;
     for (const Side& side : sides) {
         if (side.peer != nullptr) continue;
         const auto [at, added] = first.try_emplace(
-            {side.masks, side.over, side.label.target == "v2", side.label.precision}, &side);
+            {side.masks, side.over, side.label.target == "v2"}, &side);
         const std::uint64_t unequal = count_unequal(*side.answers, *at->second->answers);
         if (unequal == 0) continue;
         const Label& a = side.label;
@@ -199,7 +190,6 @@ std::vector<const Side*> opponents_of(const Side& ours, const std::vector<Side>&
     for (const Side& side : sides) {
         const bool own_form = side.over && side.label.traversal == ours.label.traversal &&
                               side.label.intersector == ours.label.intersector &&
-                              side.label.precision == ours.label.precision &&
                               side.label.counters == ours.label.counters &&
                               side.label.target == ours.label.target;
         if (own_form || (side.peer != nullptr && side.masks == ours.masks)) {

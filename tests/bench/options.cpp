@@ -48,7 +48,6 @@ std::optional<Options> parse_options(int argc, char** argv, int& exit_code) {
     app.add_option("--traversal", options.traversals, "auto, single, stream, packet")
         ->delimiter(',');
     app.add_option("--intersector", options.intersectors, "")->delimiter(',');
-    app.add_option("--precision", options.precisions, "fast, watertight")->delimiter(',');
     app.add_option("--counters", options.counters,
                    "none, total, level: what a heat map counts, by single rays")
         ->delimiter(',')

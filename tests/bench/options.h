@@ -22,7 +22,6 @@ struct Options {
     std::uint32_t hits_max = 8;
     std::vector<std::string> traversals{"single", "stream", "packet"};
     std::vector<std::string> intersectors{"opaque"};
-    std::vector<std::string> precisions{"fast"};
     std::vector<std::string> counters{"none"};
     std::vector<std::string> targets{"auto"};
     std::vector<unsigned> threads{1};

@@ -23,10 +23,11 @@ std::filesystem::path module_dir() {
     return self.parent_path().parent_path() / "lib" / "raynest-bench";
 }
 
-Result<std::unique_ptr<PeerLibrary>> load_peers() {
+Result<std::unique_ptr<PeerLibrary>> load_peers(std::string_view target_max) {
     for (const std::string_view target : std::array<std::string_view, 3>{"v4", "v3", "v2"}) {
         const auto module = module_dir() / ("embree-" + std::string(target) + ".so");
-        if (!runs(target) || !std::filesystem::exists(module)) continue;
+        // The names are in the order of what they can do.
+        if (target > target_max || !runs(target) || !std::filesystem::exists(module)) continue;
         // RTLD_LOCAL, as for kernel packs: modules hold the same templates for different CPUs.
         void* loaded = dlopen(module.c_str(), RTLD_NOW | RTLD_LOCAL);
         void* entry = loaded != nullptr ? dlsym(loaded, peer_symbol) : nullptr;

@@ -18,6 +18,7 @@
 #include <memory>
 #include <span>
 #include <string>
+#include <string_view>
 #include <vector>
 
 namespace raynest::bench {
@@ -83,7 +84,8 @@ using PeerEntry = PeerLibrary* (*)();
 /// Where the build puts what only raynest-bench loads.
 std::filesystem::path module_dir();
 
-/// Loads the module of the best target that this CPU runs; variant_unknown when none was built.
-Result<std::unique_ptr<PeerLibrary>> load_peers();
+/// Loads the module of the best target up to `target_max` (v2, v3, v4) that this CPU runs; variant_unknown
+/// when none was built.
+Result<std::unique_ptr<PeerLibrary>> load_peers(std::string_view target_max);
 
 }  // namespace raynest::bench

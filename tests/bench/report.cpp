@@ -46,7 +46,6 @@ nlohmann::ordered_json row_of(const Options& options, const Setting& setting,
                                {"kind", setting.kind},
                                {"traversal", label.traversal},
                                {"intersector", label.intersector},
-                               {"precision", label.precision},
                                {"counters", label.counters},
                                {"target", label.target},
                                {"threads", label.threads},
@@ -96,8 +95,8 @@ nlohmann::ordered_json row_of(const Options& options, const Setting& setting,
 
 void print_header(const Options& options) {
     if (options.json || options.build) return;
-    std::printf("%-12s %-8s %-8s %-9s %-12s %-10s %-6s %3s %9s  %-16s %9s %6s %6s %10s %6s\n",
-                "scene", "rays", "kind", "traversal", "intersector", "precision", "target", "thr",
+    std::printf("%-12s %-8s %-8s %-9s %-12s %-6s %3s %9s  %-16s %9s %6s %6s %10s %6s\n",
+                "scene", "rays", "kind", "traversal", "intersector", "target", "thr",
                 "Mrays/s", "peer", "Mrays/s", "ratio", "adj.", "mismatches", "ties");
 }
 
@@ -110,9 +109,9 @@ void print_row(const Options& options, const Setting& setting, const Outcome& ou
     const Label& label = outcome.ours.label;
     const std::string traversal =
         label.traversal + (label.counters == "none" ? "" : "+" + label.counters);
-    std::printf("%-12s %-8s %-8s %-9s %-12s %-10s %-6s %3u %9.2f", setting.scene.c_str(),
+    std::printf("%-12s %-8s %-8s %-9s %-12s %-6s %3u %9.2f", setting.scene.c_str(),
                 setting.rays.c_str(), setting.kind.c_str(), traversal.c_str(),
-                label.intersector.c_str(), label.precision.c_str(), label.target.c_str(),
+                label.intersector.c_str(), label.target.c_str(),
                 label.threads, row["mrays"].get<double>());
     if (outcome.opponent != nullptr) {
         std::printf("  %-16s %9.2f %6.2f %6.2f %10llu %6llu", outcome.opponent->label.name.c_str(),

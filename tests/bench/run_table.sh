@@ -26,7 +26,7 @@ bench() {
 : >"$rows"
 kinds=primary,diffuse,random,shadow,ao
 for scene in terrain cards interior; do
-    bench --scene "gen:$scene" --rays "$kinds" --precision fast,watertight \
+    bench --scene "gen:$scene" --rays "$kinds" \
         --peers embree,embree-coherent,embree-robust
     bench --scene "gen:$scene" --build --quality medium --rounds 3 --threads 1,2 --peers embree
 done
@@ -40,11 +40,11 @@ bench --scene gen:forest3-flat --build --peers embree
 bench --scene gen:terrain --rays primary,diffuse --traversal single --threads 1,2 --peers own
 for scene in terrain cards forest3; do
     for traversal in single auto; do
-        bench --scene "gen:$scene" --rays primary,diffuse --precision watertight \
+        bench --scene "gen:$scene" --rays primary,diffuse \
             --traversal "$traversal" --counters none,total,level --peers own
     done
 done
-bench --scene gen:cards --rays primary,diffuse --precision watertight --traversal single \
+bench --scene gen:cards --rays primary,diffuse --traversal single \
     --intersector alpha_mask --counters none,total,level --peers own
 bench --scene gen:cards --rays primary,diffuse,ao --traversal single \
     --intersector no_test,pointer_null,pointer_noop --peers own

@@ -19,7 +19,6 @@ struct Label {
     std::string name;  ///< as opponent: "embree-packet", "own", "own-over"
     std::string traversal = {};
     std::string intersector = {};
-    std::string precision = {};
     std::string counters = {};  ///< none | total | level
     std::string target = {};
     unsigned threads = 1;

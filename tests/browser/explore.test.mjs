@@ -114,7 +114,7 @@ browserTest("tables of the scene, and hide, isolate, show all, focus", async ({ 
   assert.equal(await page.locator("#selected").textContent(), before.name);
   // The table of instances turns to the page of what was clicked.
   await page.waitForFunction((path) => [...document.querySelectorAll('#panel-objects tr[aria-selected="true"]')]
-    .some((line) => line.firstChild.textContent === path), before.first);
+    .some((line) => [...line.children].some((cell) => cell.textContent === path)), before.first);
   await page.focus("#frame");
   await page.keyboard.press("h");
   await page.waitForFunction(() => globalThis.raynest.store.values.hidden.length === 1);
@@ -202,7 +202,6 @@ browserTest("colours by structure have the values of a query's columns", async (
 browserTest("boxes of a range of tree depths of a level", async ({ open }) => {
   const page = await open(daemon, { ...FOREST, panel: "objects", boxes: "0:1:2:0" });
   await fine(page);
-  assert.ok(await page.evaluate(() => document.querySelector("#panel-objects td").getBoundingClientRect().width) >= 130);
   const text = () => page.textContent("#boxes-hint");
   await page.waitForFunction(() => /^\d+ boxes of 1 trees/.test(document.getElementById("boxes-hint").textContent));
   const count = Number.parseInt(await text(), 10);
@@ -241,12 +240,12 @@ browserTest("a level of a counter, and a rectangle's statistics", async ({ open 
   await page.mouse.move(...to, { steps: 5 });
   await page.mouse.up();
   await page.keyboard.up("Shift");
-  await page.waitForFunction(() => document.querySelector("#area-statistics")?.textContent.includes("1200"));
+  await page.waitForFunction(() => document.querySelector("#area-statistics")?.textContent.includes("1,200"));
   const expected = await app(page, ({ picture: { image } }) => {
     const inside = [];
     for (let y = 60; y < 90; ++y) for (let x = 100; x < 140; ++x) inside.push(image.values[y * image.width + x]);
     return { max: Math.max(...inside), min: Math.min(...inside) };
   });
-  const text = await page.textContent("#area-statistics");
+  const text = (await page.textContent("#area-statistics")).replaceAll(",", "");
   assert.ok(text.includes(`max${expected.max}`) && text.includes(`min${expected.min}`), text);
 });

@@ -77,10 +77,10 @@ export class TestDaemon {
   async json(...args) { return (await this.jsonLines(...args))[0]; }
 
   /** Loads a scene of triangles; see gltf(). */
-  async loadMeshes(name, meshes) {
+  async loadMeshes(name, meshes, ...options) {
     const file = join(this.folder, `${name}.gltf`);
     writeFileSync(file, gltf(meshes));
-    await this.json("load", file, "--name", name);
+    await this.json("load", file, "--name", name, ...options);
   }
 }
 

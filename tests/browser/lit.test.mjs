@@ -19,19 +19,25 @@ browserTest("after all samples the pixels are the command line's", async ({ open
 });
 
 browserTest("it refines while the camera rests: noise falls, and a move cancels", async ({ open }) => {
-  const page = await open(daemon, { ...VIEW, samples: "64" });
-  const told = await page.evaluate(() => new Promise((resolve) => {
-    const { picture } = globalThis.raynest, seen = [];
+  const page = await open(daemon, { ...VIEW, samples: "1" });
+  await fine(page);
+  // Every picture that is shown from here on; the number of samples changes after the listener stands.
+  await page.evaluate(() => {
+    const { picture } = globalThis.raynest;
+    globalThis.seen = [];
     picture.addEventListener("image", () => {
-      const { image } = picture;
-      if (image.linear && (seen.length === 0 || seen.at(-1).linear !== image.linear)) seen.push({ fine: image.fine, samples: image.samples, linear: image.linear, width: image.width });
-      if (!image.complete) return;
-      // Errors of the passes against the last one.
-      const last = image.linear;
-      const error = (linear) => Math.sqrt(linear.reduce((sum, x, i) => sum + (i % 4 === 3 ? 0 : (x - last[i]) ** 2), 0) / linear.length);
-      resolve(seen.map((pass) => ({ fine: pass.fine, samples: pass.samples, width: pass.width, error: pass.linear.length === last.length ? error(pass.linear) : null })));
+      const { fine: isFine, samples, width, linear, complete, wanted } = picture.image;
+      if (linear && linear !== globalThis.seen.at(-1)?.linear) globalThis.seen.push({ fine: isFine, samples, width, linear, wanted: wanted.light.samples });
+      if (complete && globalThis.seen.length) globalThis.seen.at(-1).complete = true;
     });
-  }));
+  });
+  await page.selectOption("#samples", "64");
+  const told = await page.waitForFunction(() => {
+    const { seen } = globalThis, last = seen.at(-1);
+    if (!last?.complete) return null;
+    const error = (linear) => Math.sqrt(linear.reduce((sum, x, i) => sum + (i % 4 === 3 ? 0 : (x - last.linear[i]) ** 2), 0) / linear.length);
+    return seen.map(({ fine: isFine, samples, width, linear }) => ({ fine: isFine, samples, width, error: linear.length === last.linear.length ? error(linear) : null }));
+  }).then((handle) => handle.jsonValue());
   assert.deepEqual([told[0].fine, told[0].width], [false, 40], "coarse first");
   const passes = told.filter(({ fine: isFine }) => isFine);
   assert.deepEqual(passes.map(({ samples }) => samples), [1, 2, 4, 8, 16, 32, 64]);
@@ -42,12 +48,13 @@ browserTest("it refines while the camera rests: noise falls, and a move cancels"
 
   // Hours of work, which a move ends; the picture then begins anew.
   await page.selectOption("#samples", "4096");
-  await page.waitForFunction(() => globalThis.raynest.picture.image.fine && globalThis.raynest.picture.image.samples >= 2);
+  await page.waitForFunction(() => globalThis.seen.some(({ wanted, fine: isFine, samples }) => wanted === 4096 && isFine && samples >= 2));
   const { cancelled } = await app(page, ({ picture }) => picture.counts);
+  await page.evaluate(() => { globalThis.seen = []; });
   await page.focus("#frame");
   await page.keyboard.press("ArrowLeft");
   await page.waitForFunction((before) => globalThis.raynest.picture.counts.cancelled > before, cancelled);
-  await page.waitForFunction(() => !globalThis.raynest.picture.image.fine);
+  await page.waitForFunction(() => globalThis.seen.some(({ fine: isFine }) => !isFine));
   await page.selectOption("#samples", "1");
   await fine(page);
   await until(async () => {
@@ -62,7 +69,7 @@ browserTest("exposure and tone map send nothing, and are in the link", async ({ 
   await page.evaluate(() => {
     globalThis.sent = 0;
     const { send } = WebSocket.prototype;
-    WebSocket.prototype.send = function count(data) { ++globalThis.sent; send.call(this, data); };
+    WebSocket.prototype.send = function count(data) { if (!String(data).startsWith("Info ")) ++globalThis.sent; send.call(this, data); };
   });
   const light = () => page.evaluate(() => {
     const gl = document.getElementById("picture").getContext("webgl2"), bytes = new Uint8Array(4 * 160 * 90);

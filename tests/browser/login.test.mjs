@@ -77,6 +77,27 @@ browserTest("raynest open logs in as its caller, once", async ({ context, errors
   errors.length = 0;
 });
 
+browserTest("a link that logs in as another asks first", async ({ open, context, errors }) => {
+  const bob = token("add", "bob");
+  const page = await open(daemon, FOREST);
+  await logIn(page, bob);
+  await fine(page);
+  const address = () => JSON.parse(said(raynest, ["--server", daemon.listen, "--json", "open", "alice/forest"], { DISPLAY: "", WAYLAND_DISPLAY: "" })).address;
+  for (const agrees of [false, true]) {
+    const other = await context.newPage();
+    const asked = [];
+    other.on("dialog", (dialog) => { asked.push(dialog.message()); agrees ? dialog.accept() : dialog.dismiss(); });
+    await other.goto(address());
+    await fine(other);
+    assert.equal(asked.length, 1);
+    assert.match(asked[0], /logged in as bob, and the address logs it in as alice/);
+    assert.match(await other.getAttribute("#state", "title"), agrees ? /as alice/ : /as bob/);
+    await other.close();
+  }
+  token("revoke", "bob");
+  errors.length = 0;
+});
+
 browserTest("a revoked token ends the open page", async ({ open, errors }) => {
   const mallory = token("add", "mallory");
   try {

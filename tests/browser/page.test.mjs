@@ -140,7 +140,7 @@ browserTest("the page outlives its daemon", async ({ open }) => {
     await own.json("load", "builtin:forest");
     await page.selectOption("#view", "prims");
     await fine(page);
-    assert.equal(await page.evaluate(() => globalThis.raynest.daemon.pending), 0);
+    await page.waitForFunction(() => globalThis.raynest.daemon.pending === 0);
   } finally {
     await own.end();
   }

@@ -1,5 +1,6 @@
 // Pictures: their pixels, palette, legend and histogram, and that changing those asks the daemon for nothing.
 import assert from "node:assert/strict";
+import { readdirSync } from "node:fs";
 import { browserTest, daemonWith, fine, pixel, until, windowPoint } from "./harness.mjs";
 import { differences, runCommand } from "./images.mjs";
 
@@ -52,7 +53,8 @@ browserTest("palette, range, scale and opacity send nothing", async ({ open }) =
   await page.evaluate(() => {
     globalThis.sent = 0;
     const { send } = WebSocket.prototype;
-    WebSocket.prototype.send = function count(data) { ++globalThis.sent; send.call(this, data); };
+    // The page asks in the background whether the scene is still the same: message Info.
+    WebSocket.prototype.send = function count(data) { if (!String(data).startsWith("Info ")) ++globalThis.sent; send.call(this, data); };
   });
   sent.length = 0;
   const before = await pixel(page, 160, 90);
@@ -118,6 +120,7 @@ browserTest("coarse first, then fine, at most 1.1 times the rays", async ({ open
 browserTest("moving the camera cancels the fine picture and leaves nothing behind", async ({ open }) => {
   const page = await open(daemon, { scene: "forest", size: "960x540" });
   await fine(page);
+  const descriptors = () => readdirSync(`/proc/${daemon.process.pid}/fd`).length, files = descriptors();
   const [x, y] = await windowPoint(page, 480, 270);
   await page.mouse.move(x, y);
   await page.mouse.down();
@@ -134,4 +137,7 @@ browserTest("moving the camera cancels the fine picture and leaves nothing behin
   assert.equal(started, ended);
   const { connections_accepted: later } = await daemon.json("stats");
   assert.equal(later - accepted, 1, "only the command line connected");
+  await until(() => descriptors() <= files + 1, "no socket is left over");
+  await page.close();
+  await until(async () => (await daemon.json("stats")).connections_open <= 1, "its connection ends with the page");
 });

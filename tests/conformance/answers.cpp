@@ -19,6 +19,9 @@ Answer ask_all(const Variant& variant, TraceFunction function, TraceCall call) {
     Answer answer;
     answer.counts.resize(n);
     answer.ray_flags.resize(n);
+    answer.outputs.assign(variant.outputs().size(), std::vector<std::uint32_t>(n));
+    std::vector<void*> columns(answer.outputs.size());
+    call.outputs = columns.data();
     std::vector<HitRecord> room(std::size_t{2} * call.hits_max);
     call.hits = room.data();
     call.hits_room = room.size();
@@ -28,6 +31,8 @@ Answer ask_all(const Variant& variant, TraceFunction function, TraceCall call) {
         call.ray_count = n - done;
         call.hit_counts = answer.counts.data() + done;
         call.ray_flags = answer.ray_flags.data() + done;
+        for (std::size_t i = 0; i < columns.size(); ++i)
+            columns[i] = answer.outputs[i].data() + done;
         check_call(function(&call), variant);
         if (fresh == 0) {
             throw std::runtime_error(variant.name + ": the buffer is too small for ray " +
@@ -61,17 +66,17 @@ Answer ask(const Variant& variant, TraceFunction function, const SceneView& scen
     answer.outputs.assign(variant.outputs().size(), std::vector<std::uint32_t>(n));
     std::vector<void*> columns;
     for (auto& column : answer.outputs) columns.push_back(column.data());
-    const TraceCall call{&scene,
-                         settings.params.data(),
-                         rays.data(),
-                         n,
-                         question.hits_max,
-                         0xFFFFFFFFU,
-                         settings.flags,
-                         answer.hits.data(),
-                         answer.counts.data(),
-                         answer.counters.data(),
-                         columns.data()};
+    TraceCall call{};
+    settings.apply_to(call);
+    call.scene = &scene;
+    call.rays = rays.data();
+    call.ray_count = n;
+    call.hits_max = question.hits_max;
+    call.mask = 0xFFFFFFFFU;
+    call.hits = answer.hits.data();
+    call.hit_counts = answer.counts.data();
+    call.counters = answer.counters.data();
+    call.outputs = columns.data();
     if (question.query == query_all) return ask_all(variant, function, call);
     check_call(function(&call), variant);
     for (std::size_t i = 0; i < n; ++i) {
@@ -102,6 +107,23 @@ Difference differing_rays(const Answer& a, const Answer& b) {
         if (!same && different.rays++ == 0) different.first = i;
     }
     return different;
+}
+
+std::optional<std::uint64_t> compare_outputs(const Answer& a, const Answer& b,
+                                             const Question& question) {
+    std::uint64_t compared = 0;
+    for (std::size_t i = 0; i < a.counts.size(); ++i) {
+        const bool met_all = question.query == query_all ? (b.ray_flags[i] & hit_truncated) == 0
+                             : question.query == query_multi
+                                 ? b.counts[i] < question.hits_max
+                                 : b.of(i).front().hit == 0;
+        if (!met_all) continue;
+        for (std::size_t output = 0; output < a.outputs.size(); ++output) {
+            if (a.outputs[output][i] != b.outputs[output][i]) return std::nullopt;
+            if (b.outputs[output][i] != 0) ++compared;
+        }
+    }
+    return compared;
 }
 
 }  // namespace raynest::conformance

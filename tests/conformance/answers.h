@@ -5,6 +5,7 @@
 
 #include <cstddef>
 #include <cstdint>
+#include <optional>
 #include <span>
 #include <vector>
 
@@ -46,6 +47,11 @@ struct Difference {
     std::uint64_t rays = 0;
     std::size_t first = 0;  ///< index of the first such ray
 };
+
+/// Compares the outputs of rays whose search nothing cut short: they have met every candidate. Returns
+/// how many were not 0; nothing if one differs.
+std::optional<std::uint64_t> compare_outputs(const Answer& a, const Answer& b,
+                                             const Question& question);
 
 /// Returns the rays whose answers differ in any byte.
 Difference differing_rays(const Answer& a, const Answer& b);

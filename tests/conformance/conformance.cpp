@@ -6,9 +6,10 @@
 // reference itself.
 //
 //   conformance [--against v3] [--target v2|v3|v4|cuda]... [--pack-dir DIR]... [--intersector NAME]
-//               [--edge-rays N] [--rays N]
+//               [--edge-rays N] [--rays N] [--outputs 1]
 //
-// --against: this target also answers, with its reference only. --rays: rays of each kind and scene
+// --outputs 1: compares outputs, too, of an intersector that overrides no boxes (one that does sees
+// fewer candidates with a tree). --against: this target also answers, with its reference only. --rays: rays of each kind and scene
 // (1500).
 //
 //   conformance --kernels all        prints how many kernels each pack holds, and nothing else
@@ -48,6 +49,7 @@ struct Case {
     std::uint32_t depth;
     std::shared_ptr<const Snapshot> scene;
     std::vector<Ray> rays;
+    std::shared_ptr<const Snapshot> uncut = nullptr;  ///< the same scene, no triangle of it cut
 };
 
 void print_ray(const Case& test, const Answer& answer, const Answer& expected, std::size_t ray) {
@@ -66,6 +68,22 @@ void print_ray(const Case& test, const Answer& answer, const Answer& expected, s
                   << h.v << " triangle " << h.triangle << " path " << h.path << " k " << int{h.k}
                   << " (of " << from->counts[ray] << ")" << std::endl;
     }
+}
+
+/// Places the scene's first object three times, turned and moved.
+SceneDescription placed(SceneDescription scene, Random& random) {
+    ObjectDescription root;
+    root.name = "root";
+    for (int i = 0; i < 3; ++i) {
+        InstanceDescription one;
+        one.object = 0;
+        const Vec3 at = random.in_box(2);
+        one.transform = Transform{{0, 1, 0, at.x, 0, 0, 1, at.y, 1, 0, 0, at.z}};
+        root.instances.push_back(one);
+    }
+    scene.objects.push_back(std::move(root));
+    scene.root = 1;
+    return scene;
 }
 
 std::vector<Case> make_cases(std::uint32_t edge_ray_count, std::uint32_t ray_count) {
@@ -97,6 +115,14 @@ std::vector<Case> make_cases(std::uint32_t edge_ray_count, std::uint32_t ray_cou
         add("nested-" + std::to_string(depth), depth, nested_scene(depth, 1), 8);
     }
     add("spheres-1", 1, sphere_scene(5), 8);
+    for (const std::uint32_t depth : {1U, 2U}) {
+        SceneDescription scene = depth == 1 ? needles(400, 5) : placed(needles(150, 6), random);
+        const std::string name = "cut-" + std::to_string(depth);
+        scene.build = BuildQuality::high;
+        add(name, depth, scene, 8);
+        scene.build = BuildQuality::medium;
+        cases.back().uncut = built(name, scene);
+    }
     add("nested-32", 32, nested_scene(32, 1), 8);
     const std::uint32_t bad_ray_count = test::sanitized_share(std::min(512U, ray_count), 8U);
     for (BadInput& bad : bad_inputs(bad_ray_count, random)) {
@@ -120,7 +146,7 @@ std::vector<Case> make_cases(std::uint32_t edge_ray_count, std::uint32_t ray_cou
 }
 
 struct CheckCounts {
-    std::uint64_t comparisons = 0, rays = 0, differences = 0, hits = 0, failures = 0;
+    std::uint64_t comparisons = 0, rays = 0, differences = 0, hits = 0, failures = 0, outputs = 0;
 };
 
 /// Checks one variant on all cases, one after the other.
@@ -128,10 +154,12 @@ class VariantCheck {
 public:
     /// `golden` holds the answers of other targets' references, by question. With `reference_only`
     /// this variant's reference answers go there, and its other kernels are not tested.
-    VariantCheck(const Variant& variant, std::map<std::string, Answer>& golden, bool reference_only)
+    VariantCheck(const Variant& variant, std::map<std::string, Answer>& golden, bool reference_only,
+                 bool with_outputs)
         : variant_(variant),
           golden_(golden),
-          reference_only_(reference_only) {}
+          reference_only_(reference_only),
+          with_outputs_(with_outputs) {}
 
     void check(const Case& test, const Settings& settings) {
         if (variant_.target == "cuda" && test.depth > cuda::levels_max) {
@@ -143,13 +171,14 @@ public:
         for (const Question& question : questions) {
             if (edges_only && question.query != query_closest) continue;
             const auto reference =
-                find_function(variant_, question.query, precision_fast, traversal_reference);
+                find_function(variant_, question.query, traversal_reference);
             if (!reference) {
                 check_without_reference(test, question, settings);
                 continue;
             }
+            const Snapshot& asked = test.uncut != nullptr ? *test.uncut : *test.scene;
             const Answer expected =
-                ask(variant_, *reference, test.scene->view(), test.rays, question, settings);
+                ask(variant_, *reference, asked.view(), test.rays, question, settings);
             check_targets(test, question, settings, expected);
             if (reference_only_) continue;
             check_traversals(test, question, settings, expected);
@@ -165,12 +194,12 @@ private:
     // A GPU's kernels must refuse a scene that is nested too deep for them.
     void check_refusal(const Case& test, const Settings& settings) {
         const auto function =
-            find_function(variant_, query_closest, precision_fast, traversal_single);
+            find_function(variant_, query_closest, traversal_single);
         if (!function) return;
         std::vector<HitRecord> hits(test.rays.size());
         TraceCall call{};
         call.scene = &test.scene->view();
-        call.params = settings.params.data();
+        settings.apply_to(call);
         call.rays = test.rays.data();
         call.ray_count = static_cast<std::uint32_t>(test.rays.size());
         call.hits_max = 1;
@@ -182,6 +211,8 @@ private:
 
     void check_traversals(const Case& test, const Question& question, const Settings& settings,
                           const Answer& expected) {
+        if (test.uncut != nullptr)
+            check_traversal(test, question, settings, traversal_reference, counters_none, expected);
         for (std::uint32_t t = 0; t < traversal_reference; ++t) {
             for (const CounterMode counters : {counters_none, counters_total, counters_by_level}) {
                 if (test.name.starts_with("edges") && counters != counters_none) continue;
@@ -200,7 +231,7 @@ private:
         }
         for (std::uint32_t t = 0; t < traversal_reference; ++t) {
             const auto traversal = static_cast<Traversal>(t);
-            if (!find_function(variant_, question.query, precision_fast, traversal)) continue;
+            if (!find_function(variant_, question.query, traversal)) continue;
             ++counts_.failures;
             if (printed_++ >= 2) continue;
             std::printf("FAILED: %s %s %s query %u: no reference to compare it with\n",
@@ -212,13 +243,14 @@ private:
     [[nodiscard]] std::string key_of(const Case& test, const Question& question,
                                      const Settings& settings) const {
         return variant_.name + "/" + test.name + "/" + std::to_string(question.query) + "/" +
-               std::to_string(question.hits_max) + "/" + std::to_string(settings.flags);
+               std::to_string(question.hits_max) + "/" + std::to_string(settings.flags) +
+               (settings.tables != nullptr ? "/tables" : "");
     }
 
     void check_traversal(const Case& test, const Question& question, const Settings& settings,
                          Traversal traversal, CounterMode counters, const Answer& expected) {
         const auto function =
-            find_function(variant_, question.query, precision_fast, traversal, counters);
+            find_function(variant_, question.query, traversal, counters);
         if (!function) return;
         const Answer answer =
             ask(variant_, *function, test.scene->view(), test.rays, question, settings, counters);
@@ -233,6 +265,7 @@ private:
                 static_cast<unsigned long long>(different.rays));
             print_ray(test, answer, expected, different.first);
         }
+        if (with_outputs_) check_outputs(test, question, traversal, answer, expected);
         if (counters != counters_none && question.query == query_closest && settings.flags == 0) {
             check_counters(test, answer);
         }
@@ -242,6 +275,19 @@ private:
                         variant_.name.c_str(), test.name.c_str());
             ++counts_.failures;
         }
+    }
+
+    void check_outputs(const Case& test, const Question& question, Traversal traversal,
+                       const Answer& answer, const Answer& expected) {
+        if (const auto compared = compare_outputs(answer, expected, question)) {
+            counts_.outputs += *compared;
+            return;
+        }
+        ++counts_.failures;
+        if (printed_++ >= 2) return;
+        std::printf("FAILED: %s %s %s query %u traversal %u: outputs differ\n",
+                    variant_.target.c_str(), variant_.name.c_str(), test.name.c_str(),
+                    question.query, traversal);
     }
 
     // v3 and v4 agree bit for bit; v2 rounds differently and has its own reference.
@@ -312,22 +358,41 @@ private:
     const Variant& variant_;
     std::map<std::string, Answer>& golden_;
     const bool reference_only_;
+    const bool with_outputs_;
     CheckCounts counts_;
     std::vector<Counters> totals_;  ///< of the question asked last
     int printed_ = 0;
 };
 
+/// Whole numbers from 0 on, as far as its range goes, for each parameter that is a table.
+std::vector<NamedTable> some_tables(const Variant& variant) {
+    std::vector<NamedTable> tables;
+    for (const PackParam& param : variant.params()) {
+        if (param.type != value_table) continue;
+        NamedTable& table = tables.emplace_back(NamedTable{param.name, {}});
+        for (int i = 0; i < 24; ++i)
+            table.values.push_back(static_cast<float>(
+                std::clamp(static_cast<double>(i), param.minimum, param.maximum)));
+    }
+    return tables;
+}
+
 void check_variant(const Variant& variant, const std::vector<Case>& cases, bool with_edges,
-                   bool reference_only, CheckCounts& total, std::map<std::string, Answer>& golden) {
-    VariantCheck checked(variant, golden, reference_only);
+                   bool reference_only, bool with_outputs, CheckCounts& total,
+                   std::map<std::string, Answer>& golden) {
+    VariantCheck checked(variant, golden, reference_only, with_outputs);
     const auto plain = parse_settings(variant, {});
     const std::vector<std::pair<std::string, std::string>> cull{{"cull", "back"}};
     const auto culled = parse_settings(variant, cull);
+    const std::vector<NamedTable> tables = some_tables(variant);
+    const auto tabled = parse_settings(variant, {}, tables);
     for (const Case& test : cases) {
         const bool edges_only = test.name.starts_with("edges");
         if (edges_only && !with_edges) continue;
         checked.check(test, *plain);
-        if (!edges_only) checked.check(test, *culled);
+        if (edges_only) continue;
+        checked.check(test, *culled);
+        if (!tables.empty()) checked.check(test, *tabled);
     }
     if (reference_only) return;
     const CheckCounts& counts = checked.counts();
@@ -342,12 +407,14 @@ void check_variant(const Variant& variant, const std::vector<Case>& cases, bool 
     total.differences += counts.differences;
     total.hits += counts.hits;
     total.failures += counts.failures;
+    total.outputs += counts.outputs;
 }
 
 int main_checked(int argc, char** argv) {
     std::vector<std::string> targets;
     Registry::Options options;
     std::string only, against;
+    bool with_outputs = false;
     std::uint32_t ray_count = 1500;
     std::uint32_t edge_ray_count = test::sanitized_share(test::usual_share(1'000'000U, 4U), 25U);
     for (int i = 1; i + 1 < argc; i += 2) {
@@ -356,6 +423,7 @@ int main_checked(int argc, char** argv) {
         if (flag == "--pack-dir") options.pack_dirs.emplace_back(argv[i + 1]);
         if (flag == "--intersector") only = argv[i + 1];
         if (flag == "--against") against = argv[i + 1];
+        if (flag == "--outputs") with_outputs = std::string(argv[i + 1]) != "0";
         if (flag == "--rays") ray_count = static_cast<std::uint32_t>(std::stoul(argv[i + 1]));
         if (flag == "--edge-rays")
             edge_ray_count = static_cast<std::uint32_t>(std::stoul(argv[i + 1]));
@@ -394,8 +462,12 @@ int main_checked(int argc, char** argv) {
         bool with_edges = true;  // only for one variant: all share the box rule
         for (const Variant& variant : registry->variants()) {
             if (!only.empty() && variant.name != only) continue;
-            check_variant(variant, cases, with_edges, reference_only, total, golden);
+            check_variant(variant, cases, with_edges, reference_only, with_outputs, total, golden);
             with_edges = false;
+        }
+        if (with_outputs && total.outputs == 0) {
+            std::printf("FAILED: no output was compared\n");
+            ++total.failures;
         }
         if (named && !reference_only && total.comparisons == compared) {
             std::printf("FAILED: target %s: nothing was compared\n",

@@ -1,6 +1,6 @@
 """Builds the intersector and the primitive of engine/INTERSECTORS.md outside the tree, against the
 installed headers, and queries them by name: in the conformance matrix (no BVH, one BVH, under
-instances) and through a daemon.
+instances) and through a daemon. Builds and runs the program of engine/EMBEDDING.md.
 
 usage: own_pack_test.py SOURCE_DIR BUILD_DIR CMAKE
 """
@@ -29,9 +29,9 @@ def run(*command, **options):
     return done.stdout
 
 
-def files_of_the_page():
+def files_of_the_page(name="INTERSECTORS.md"):
     """Returns {file name: text} of every fenced block that follows a line with a file name."""
-    page = (SOURCE / "engine/INTERSECTORS.md").read_text()
+    page = (SOURCE / "engine" / name).read_text()
     return dict(re.findall(r"^`([\w.]+)`\n```\w*\n(.*?)^```", page, re.M | re.S))
 
 
@@ -155,13 +155,41 @@ class OwnPack(unittest.TestCase):
             self.assertEqual(tree[1]["hits"], [])  # between the discs
         self.assertEqual(self.hits("twice", *rays[:2], *clip(3))[0]["hits"], [])
 
+    def test_the_program_of_the_page_finds_the_packs_of_its_installation(self):
+        project = self.scratch / "embed"
+        project.mkdir()
+        for name, text in files_of_the_page("EMBEDDING.md").items():
+            (project / name).write_text(text)
+        run(CMAKE, "-S", project, "-B", project / "build", "-G", "Ninja",
+            f"-DCMAKE_PREFIX_PATH={self.scratch / 'installed'}")
+        run(CMAKE, "--build", project / "build")
+        clean = {name: value for name, value in os.environ.items() if not name.startswith("RAYNEST_")}
+        for more in ([], [self.packs]):
+            told = run(project / "build/embed", *more, cwd=self.scratch, env=clean).split("\n")
+            self.assertRegex(told[0], r"^opaque on v[234], (packet|single)$")
+            self.assertEqual([line.split(":")[0] for line in told[1:5]], ["ray 0", "ray 21", "ray 42", "ray 63"])
+            for line in told[1:5]:
+                self.assertRegex(line, r"t [45]\d\S*, triangle \d+, path 0$")
+
+    def test_auto_is_the_intersector_that_knows_the_primitive(self):
+        write_npy(self.scratch / "two.npy", [(0, 0, 0, 1, 0, 0, 1), (0, 0, -1, 1, 0, 0, 1)], (2, 7))
+        self.raynest("load", str(self.scratch / "two.npy"), "--primitive", "disc", "--name", "pair")
+        told = self.raynest("info", "pair")
+        self.assertRegex(told, r"(?m)^records +2 disc$")
+        self.assertRegex(told, r"(?m)^intersector +auto is clip_plane$")
+        self.assertEqual(json.loads(self.raynest("--json", "info", "pair"))["intersector"], "clip_plane")
+        # A rising ray from below: the plane at height 0 removes nothing.
+        ray = ["--ray", "0,-0.5,3,0,0,-1"]
+        self.assertEqual(self.hits("pair", *ray)[0]["hits"][0]["prim"], 0)
+        self.assertRegex(self.raynest("explain", "pair", *ray), r"(?m)^hit .* disc 0, t 3,")
+
     def test_an_intersector_that_does_not_know_the_primitive_says_so(self):
         write_npy(self.scratch / "one.npy", [(0, 0, 0, 1, 0, 0, 1)], (1, 7))
         self.raynest("load", str(self.scratch / "one.npy"), "--primitive", "disc", "--name", "one")
-        done = subprocess.run([str(BIN / "raynest"), "--server", self.uri, "query", "one", "--ray", "0,0,1,0,0,-1"],
-                              capture_output=True, text=True, timeout=60)
+        done = subprocess.run([str(BIN / "raynest"), "--server", self.uri, "query", "one", "--ray", "0,0,1,0,0,-1",
+                               "--intersector", "opaque"], capture_output=True, text=True, timeout=60)
         self.assertEqual(done.returncode, 5)
-        self.assertIn("was not compiled for primitives of type disc", done.stderr)
+        self.assertIn("was not compiled for primitives of type disc: use clip_plane", done.stderr)
 
 
 if __name__ == "__main__":

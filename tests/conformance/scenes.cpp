@@ -192,6 +192,25 @@ SceneDescription sphere_scene(std::uint64_t seed) {
     return scene;
 }
 
+SceneDescription needles(std::uint32_t count, std::uint64_t seed) {
+    Random random(seed);
+    GeometryDescription geometry;
+    for (std::uint32_t i = 0; i < count; ++i) {
+        const Vec3 at = random.in_box(6);
+        const Vec3 along = random.direction() * random.between(0.5F, 8);
+        const float ratio = std::pow(10.0F, -3 * random.unit());
+        const Vec3 across = random.direction() * ratio * glm::length(along);
+        for (const Vec3& p : {at, at + along, at + random.unit() * along + across}) {
+            geometry.indices.push_back(static_cast<std::uint32_t>(geometry.positions.size()));
+            geometry.positions.push_back(p);
+        }
+    }
+    SceneDescription scene;
+    scene.objects.resize(1);
+    scene.objects[0].geometries.push_back(std::move(geometry));
+    return scene;
+}
+
 SceneDescription sheet_scene(std::uint32_t triangles, std::uint32_t depth, std::uint64_t seed) {
     Random random(seed);
     SceneDescription scene;

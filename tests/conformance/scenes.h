@@ -44,6 +44,10 @@ SceneDescription nested_scene(std::uint32_t depth, std::uint64_t seed);
 /// Returns a BVH of spheres: two hits per primitive.
 SceneDescription sphere_scene(std::uint64_t seed);
 
+/// Returns one mesh of triangles up to 1000 times as long as high, at random in a box: their boxes
+/// overlap a lot, and a high build cuts them.
+SceneDescription needles(std::uint32_t count, std::uint64_t seed);
+
 /// Returns one mesh of `triangles` connected triangles (a bent sheet): many shared edges and
 /// vertices.
 SceneDescription sheet_scene(std::uint32_t triangles, std::uint32_t depth, std::uint64_t seed);

@@ -149,8 +149,7 @@ int main_checked(std::uint32_t count) {
             const Variant& opaque = *registry->find("opaque");
             for (const Query query : {query_closest, query_any}) {
                 for (std::uint32_t t = 0; t < traversal_reference; ++t) {
-                    const auto function = find_function(opaque, query, precision_watertight,
-                                                        static_cast<Traversal>(t));
+                    const auto function = find_function(opaque, query, static_cast<Traversal>(t));
                     if (!function) continue;
                     const std::uint64_t lost = misses(*function, (*scene)->view(), rays, hits);
                     traced += rays.size();

@@ -36,14 +36,11 @@ TEST_CASE("the cuda pack has a kernel for every intersector of the CPU's packs")
         const PackVariant& variant = pack.variants[i];
         CAPTURE(variant.name);
         CHECK((*registry)->find(variant.name) != nullptr);
-        for (const Precision precision : {precision_fast, precision_watertight}) {
-            const auto& queries = variant.trace[precision][traversal_single];
-            for (const Query query : {query_closest, query_any, query_multi}) {
-                // Outputs depend on the order of the traversal, so these intersectors run on the
-                // CPU.
-                CHECK((queries[query][0] != nullptr) == (variant.output_count == 0));
-                CHECK((queries[query][1] == nullptr));  // counters exist only on the CPU
-            }
+        const auto& queries = variant.trace[traversal_single];
+        for (const Query query : {query_closest, query_any, query_multi}) {
+            // Outputs depend on the order of the traversal, so these intersectors run on the CPU.
+            CHECK((queries[query][0] != nullptr) == (variant.output_count == 0));
+            CHECK((queries[query][1] == nullptr));  // counters exist only on the CPU
         }
     }
 }
@@ -78,7 +75,7 @@ TEST_CASE("a call is answered, or reports that there is no GPU") {
     call.hits = hits.data();
     const Pack& pack = cuda_pack();
     const TraceFunction closest =
-        pack.variants[0].trace[precision_fast][traversal_single][query_closest][0];
+        pack.variants[0].trace[traversal_single][query_closest][0];
     CHECK(closest(&call) == (pack.supported() ? trace_ok : trace_no_device));
 
     call.hits = nullptr;

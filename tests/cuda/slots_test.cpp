@@ -128,7 +128,7 @@ TEST_CASE("through slots every kernel gives the CPU's bytes") {
                                                                                   device.unload);
         const auto compare = [&](const PackVariant& variant, const Question& question,
                                  Query query) {
-            const TraceFunction kernel = variant.trace[precision_fast][traversal_single][query][0];
+            const TraceFunction kernel = variant.trace[traversal_single][query][0];
             if (kernel == nullptr) return;
             ++kernels;
             Answers expected;
@@ -137,7 +137,7 @@ TEST_CASE("through slots every kernel gives the CPU's bytes") {
             call.rays = question.rays.data();
             const Variant* const cpu = (*registry)->find(variant.name);
             REQUIRE((cpu != nullptr));
-            REQUIRE(cpu->code->trace[precision_fast][traversal_single][query][0](&call) ==
+            REQUIRE(cpu->code->trace[traversal_single][query][0](&call) ==
                     trace_ok);
             std::array<Answers, 2> answers;
             for (std::size_t i = 0; i < slots.size(); ++i) {

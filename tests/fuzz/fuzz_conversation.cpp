@@ -124,6 +124,8 @@ wire::LoadT load(Program& program) {
         load.file_hashes.push_back(0xCBF29CE484222325ULL);
         load.file_bytes.push_back(64 * program.below(64));
     }
+    // Digests of nothing, so that the corpus keeps its meaning without a byte more.
+    if (load.replace) load.file_digests.assign(32 * load.file_names.size(), 7);
     return load;
 }
 

@@ -14,14 +14,9 @@ using namespace raynest;
 
 namespace {
 
-server::MessageConverter& converter() {
-    static server::MessageConverter made;
-    return made;
-}
-
 /// As http.cpp does: a text message, or a binary one with its header.
 server::Read<protocol::Frame> read(std::string_view message, bool is_text) {
-    if (is_text) return converter().read_text(message);
+    if (is_text) return server::read_text_message(message);
     const server::Unreadable unreadable{0, 0, {protocol::Code::bad_frame, "no frame", 0}, true};
     if (message.size() < protocol::header_bytes) return tl::unexpected(unreadable);
     const auto* bytes = reinterpret_cast<const std::byte*>(message.data());
@@ -30,8 +25,8 @@ server::Read<protocol::Frame> read(std::string_view message, bool is_text) {
         protocol::Limits{});
     if (!header || message.size() < protocol::header_bytes + header->control_bytes)
         return tl::unexpected(unreadable);
-    return converter().read_binary(*header,
-                                   message.substr(protocol::header_bytes, header->control_bytes));
+    return server::read_binary_message(
+        *header, message.substr(protocol::header_bytes, header->control_bytes));
 }
 
 }  // namespace
@@ -39,7 +34,7 @@ server::Read<protocol::Frame> read(std::string_view message, bool is_text) {
 std::vector<fuzz::Input> fuzz::seeds() {
     std::vector<Input> seeds;
     for (const golden::Example& example : golden::examples()) {
-        const std::string text = converter().write(
+        const std::string text = server::write_message(
             example.frame.header, {example.frame.control.data(), example.frame.control.size()});
         Input seed{static_cast<std::uint8_t>(example.frame.header.block_count == 0)};
         seed.insert(seed.end(), text.begin(), text.end());
@@ -58,7 +53,7 @@ int LLVMFuzzerTestOneInput(const std::uint8_t* data, std::size_t size) {
     }
     if (!golden::open_any(*frame)) return 0;
     const std::string again =
-        converter().write(frame->header, {frame->control.data(), frame->control.size()});
+        server::write_message(frame->header, {frame->control.data(), frame->control.size()});
     const auto same = read(again, frame->header.block_count == 0);
     fuzz::require(same.has_value() && same->header.type == frame->header.type &&
                   same->header.request_id == frame->header.request_id);

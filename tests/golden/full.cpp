@@ -63,6 +63,10 @@ private:
                     .CreateVector(std::vector{flatbuffers::Offset<void>(table(element, path))})
                     .o;
             }
+            case BaseType::UByte: {
+                constexpr std::size_t digest_bytes = 32;  // the only such list: a digest of one file
+                return builder_.CreateVector(std::vector(digest_bytes, std::uint8_t{1})).o;
+            }
             case BaseType::UInt:
                 return numbers(std::uint32_t{1});
             case BaseType::ULong:

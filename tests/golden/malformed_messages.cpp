@@ -103,6 +103,13 @@ void add_bad_loads(Table& table) {
     };
     add("Load with a name too few", Code::invalid_field, [](auto& l) { l.file_names = {}; });
     add("Load with a hash too few", Code::invalid_field, [](auto& l) { l.file_hashes = {}; });
+    add("Load with half a digest", Code::invalid_field, [](auto& l) { l.file_digests.assign(16, 1); });
+    add("Load with digests for more files than it has", Code::invalid_field,
+        [](auto& l) { l.file_digests.assign(64, 1); });
+    add("Load with a digest and too many hashes", Code::invalid_field, [](auto& l) {
+        l.file_digests.assign(32, 1);
+        l.file_hashes = {1, 2};
+    });
     add("Load with a size too many", Code::invalid_field, [](auto& l) { l.file_bytes = {1, 2}; });
     add("Load of 2^63 bytes", Code::limit_exceeded, [](auto& l) { l.file_bytes = {1ULL << 63}; });
     add("Load of sizes that wrap", Code::limit_exceeded, [](auto& l) {
@@ -151,6 +158,17 @@ void add_bad_queries(Table& table) {
         [](auto& q) { q.job->settings = {"cutoff"}; });
     add("Query with 513 settings", Code::limit_exceeded,
         [](auto& q) { q.job->settings.assign(513, "a=1"); });
+    const auto add_table = [](wire::QueryT& q, const char* name, std::size_t values) {
+        q.job->tables.push_back(std::make_unique<wire::ParamTableT>());
+        q.job->tables.back()->name = name;
+        q.job->tables.back()->values.resize(values);
+    };
+    add("Query with a nameless table", Code::invalid_field,
+        [&](auto& q) { add_table(q, "", 1); });
+    add("Query with 8193 values in two tables", Code::limit_exceeded, [&](auto& q) {
+        add_table(q, "curve", 8192);
+        add_table(q, "ids", 1);
+    });
 }
 
 void add_bad_generators(Table& table) {

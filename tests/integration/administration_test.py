@@ -160,7 +160,7 @@ class Administration(unittest.TestCase):
         daemon = self.daemon("--pack-dir", self.folder)
         line = self.lines(daemon, "pack_dir_empty")[0]
         self.assertEqual(line["level"], "warning")
-        self.assertIn(str(self.folder), line["folder"])
+        self.assertIn(str(self.folder), line["reason"])
 
     def test_a_unix_socket_is_opened_to_a_group(self):
         group = next((g for g in os.getgroups() if g != os.getgid()), os.getgid())
@@ -222,7 +222,7 @@ class Administration(unittest.TestCase):
         self.assertRegex(line["target"], "v[234]")
 
     def test_too_few_descriptors_are_named_with_their_remedy(self):
-        done = subprocess.run(["prlimit", "--nofile=15", self.raynestd, "--cuda", "off", "--listen",
+        done = subprocess.run(["prlimit", "--nofile=31", self.raynestd, "--cuda", "off", "--listen",
                                "tcp://127.0.0.1:0"], stdin=subprocess.DEVNULL, capture_output=True,
                               check=False, text=True, timeout=PATIENCE)
         self.assertEqual(done.returncode, 1)

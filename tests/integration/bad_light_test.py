@@ -191,11 +191,82 @@ class BadLight(DaemonTest):
             with self.subTest(name=name):
                 self.refused(code, says, "render", "bad", "-o", self.out / "x.png", *PATH, "--env", self.out / name)
         self.assertFalse((self.out / "x.png").exists())
-        # The brightest that a file can say.
-        (self.out / "bright.hdr").write_bytes(b"#?RADIANCE\nFORMAT=32-bit_rle_rgbe\n\n-Y 4 +X 8\n" + b"\xff" * 128)
-        layers, told = self.rendered("--env", self.out / "bright.hdr")
+        # The brightest that counts as light.
+        bright = self.out / "bright.hdr"
+        header = b"#?RADIANCE\nFORMAT=32-bit_rle_rgbe\n\n-Y 4 +X 8\n"
+        bright.write_bytes(header + bytes((255, 255, 255, 220)) * 32)
+        layers, told = self.rendered("--env", bright)
         self.assertEqual(told["dropped"], 0)
         self.assertGreater(min(layers["R"]), 1e26)
+
+    def test_pixels_of_an_environment_that_are_not_finite_light_nothing(self):
+        self.load(square())
+        header = b"#?RADIANCE\nFORMAT=32-bit_rle_rgbe\n\n-Y 4 +X 8\n"
+        grey, infinite = bytes((128, 128, 128, 129)), b"\xff" * 4
+        file = self.out / "some.hdr"
+        file.write_bytes(header + grey * 3 + infinite + grey * 28)
+        layers, told = self.rendered("--env", file)
+        self.assertIn("the environment has 1 pixel of 32 whose values are infinite or no numbers: they light nothing",
+                      " ".join(told["notes"]))
+        self.assertLess(max(layers["R"]), 2)
+        # Nothing of them is left, not even a ring around them.
+        file.write_bytes(header + grey * 3 + bytes(4) + grey * 28)
+        black, told = self.rendered("--env", file)
+        self.assertEqual(layers["R"], black["R"])
+        self.assertNotIn("the environment has", " ".join(told["notes"]))
+
+    def test_a_picture_of_the_surroundings_is_turned(self):
+        """A mirror that faces the camera shows what lies behind it: red where the picture is red."""
+        self.load(square({"pbrMetallicRoughness": {"roughnessFactor": 0, "metallicFactor": 1}}))
+        header = b"#?RADIANCE\nFORMAT=32-bit_rle_rgbe\n\n-Y 4 +X 8\n"
+        red, blue = bytes((128, 0, 0, 129)), bytes((0, 0, 128, 129))
+        view = ("--size", "9x9", "--lookat", "0,0,4,0,0,0", "--fov", "1", "--integrator", "path")
+        file, out = self.out / "two.hdr", self.out / "turned.exr"
+        file.write_bytes(header + (blue * 5 + red * 2 + blue) * 4)  # columns 5 and 6, the middle of the right half, look to +Z
+
+        def reds(*words):
+            self.client.json("render", "bad", *view, "--spp", "4", "--env", file, "-o", out, *words)
+            layers = read_exr(out.read_bytes())[2]
+            return sum(layers["R"]) / (sum(layers["R"]) + sum(layers["B"]))
+        self.assertGreater(reds(), 0.9)
+        # Those 90 degrees clockwise before it are blue, and come to +Z when the picture turns on.
+        for turn, share in ((90, 0), (-90, 0), (180, 0), (360, 1), (-360, 1)):
+            self.assertAlmostEqual(reds("--env-rotate", turn), share, delta=0.1, msg=turn)
+        file.write_bytes(header + (blue * 3 + red * 2 + blue * 3) * 4)
+        self.assertGreater(reds("--env-rotate", 90), 0.9)
+        self.assertLess(reds("--env-rotate=-90"), 0.1)
+        # A picture that is continued stands as before.
+        self.client.json("render", "bad", *view, "--spp", "4", "--env", file, "--env-rotate", "90", "-o", out)
+        self.client.json("resume", out, "--env", file, "--spp", "8")
+        resumed = out.read_bytes()
+        self.client.json("render", "bad", *view, "--env", file, "--env-rotate", "90", "--spp", "8", "-o", out)
+        self.assertEqual(resumed, out.read_bytes())
+        self.refused(2, "--env-rotate turns a picture: give one with --env, or place the sun of the sky with --sun",
+                     "render", "bad", *view, "--env-rotate", "90", "-o", out)
+        for wrong in ("nan", "361", "x"):
+            self.refused(2, "--env-rotate", "render", "bad", *view, "--env", file, "--env-rotate", wrong, "-o", out)
+
+    def test_the_default_sun_gives_the_faces_of_a_box_a_tone_each(self):
+        self.client.json("load", self.box(), "--name", "bad", "--replace")
+        self.client.json("render", "bad", "--integrator", "path", "--spp", "64", "--size", "96x64", "-o", self.out / "box.exr")
+        layers = read_exr((self.out / "box.exr").read_bytes())[2]
+        tones = []
+        for axis in "XYZ":
+            face = [value for value, along in zip(layers["G"], layers["N." + axis]) if along > 0.999]
+            self.assertGreater(len(face), 300)
+            tones.append(sum(face) / len(face))
+        tones.sort()
+        for darker, brighter in zip(tones, tones[1:]):
+            self.assertGreater(brighter, 1.25 * darker, tones)
+
+    def box(self):
+        """A cube without a camera: a square six times."""
+        file, half = square({"doubleSided": True}), math.sqrt(0.5)
+        turns = ((0, 0, 0, 1), (0, 1, 0, 0), (half, 0, 0, half), (-half, 0, 0, half), (0, half, 0, half), (0, -half, 0, half))
+        ways = ((0, 0, 1), (0, 0, -1), (0, -1, 0), (0, 1, 0), (1, 0, 0), (-1, 0, 0))
+        file["nodes"] = [{"mesh": 0, "rotation": turn, "translation": way} for turn, way in zip(turns, ways)]
+        (self.out / "box.gltf").write_text(json.dumps(file))
+        return self.out / "box.gltf"
 
     def test_samples_that_are_not_finite_are_counted_dropped_and_shown(self):
         self.load(square(light={"type": "point", "intensity": 1e30}, height=1e-5))

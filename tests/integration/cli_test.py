@@ -164,7 +164,7 @@ class Cli(DaemonTest):
         client.json("load", "builtin:terrain?size=8")
         done = client.run("render", "terrain", "--size", "8x8", "-o", self.out / "none.png")
         self.assertEqual(done.returncode, 5, done.stderr)
-        self.assertIn("install OpenImageIO", done.stderr)
+        self.assertIn("install libopenimageio", done.stderr)
         for command, of_pixels in (("heatmap", ("<u4", (4, 8))), ("render", ("|u1", (4, 8, 4)))):
             client.json(command, "terrain", "--size", "8x4", "-o", self.out / "some.npy")
             dtype, shape, _ = read_npy((self.out / "some.npy").read_bytes())

@@ -106,7 +106,7 @@ class Connections(unittest.TestCase):
             until(lambda: read_frame(self.connect(daemon)) == WELCOME)
 
     def test_answers_that_nobody_reads_are_bounded(self):
-        daemon = Daemon(self.raynestd, "--give-way-ms", "300", "--connections-max", "9")
+        daemon = Daemon(self.raynestd, "--give-way-ms", "300", "--connections-max", "12")
         self.addCleanup(daemon.stop)
         client = Client(self.raynest, daemon.uri)
         before = daemon.resident_bytes()
@@ -164,25 +164,32 @@ class Connections(unittest.TestCase):
     def test_readers_that_pause_give_way_to_a_load(self):
         """Checks that a scene fits once those have gone that pause: the import alone knows its
         size."""
-        daemon = Daemon(self.raynestd, "--memory", "48M", "--give-way-ms", "500")
+        daemon = Daemon(self.raynestd, "--memory", "128M", "--give-way-ms", "500")
         self.addCleanup(daemon.stop)
         client = Client(self.raynest, daemon.uri)
         client.json("load", "builtin:terrain?size=8", "--name", "hills")
-        for _ in range(2):
+        # The import takes about 65 MiB; readers that pause leave it no more than 40.
+        for _ in range(10):
             paused = client.start("query", "hills", "--generate", "equirectangular",
                                   "size=2000x1000", "--fields", "t,path,position,ng,uv")
             self.addCleanup(paused.communicate)
             self.addCleanup(paused.kill)
-        until(lambda: client.json("stats")["memory_used_bytes"] > 16 << 20)
 
         def loaded():
-            done = client.run("load", "builtin:terrain")
+            done = client.run("load", "builtin:terrain", "--name", "land")
             if done.returncode != 0:
                 self.assertEqual(done.returncode, 6, done.stderr)
             return done.returncode == 0
 
+        def has_given_way():
+            """True once a load has ended a reader. On a slow machine a load may come before the readers
+            have filled the memory; its scene makes room for them again."""
+            if loaded():
+                client.json("unload", "land")
+            return client.json("stats")["gave_way_memory"] >= 1
+
+        until(has_given_way)
         until(loaded)
-        self.assertGreaterEqual(client.json("stats")["gave_way_memory"], 1)
 
     def switches(self, daemon):
         """Returns how often the daemon's io thread has yielded the processor to wait."""
@@ -210,13 +217,11 @@ class Connections(unittest.TestCase):
         self.assertLess(self.switches(daemon) - before, 20)
         lines = daemon.log().count("descriptors_used_up")
         self.assertTrue(0 < lines <= 1 + time.monotonic() - began, lines)
-        # When a load's own connection takes the last descriptor, the load itself has none.
+        # An import has descriptors of its own, also when its connection took the last of the others.
         served.pop().close()
         until(lambda: client.run("scenes").returncode == 0)
-        short = client.run("load", "builtin:terrain?size=16")
-        self.assertEqual(short.returncode, 6, short.stderr)
-        self.assertIn("file descriptors", short.stderr)
-        self.assertIn("ulimit -n", short.stderr)
+        loaded = client.run("load", "builtin:terrain?size=16")
+        self.assertEqual(loaded.returncode, 0, loaded.stderr)
         for connection in served:
             connection.sendall(PING)
             self.assertEqual(read_frame(connection), PONG)

@@ -125,6 +125,13 @@ class Films(DaemonTest):
         passes, _ = self.render("o.exr", *words, "--progressive")
         self.assertEqual(once, passes)
 
+    def test_a_deadline_that_leaves_pixels_without_a_sample_is_told(self):
+        done = self.client.run("--json", "render", "woods", "-o", self.out / "early.png", "--integrator", "path",
+                               "--spp", "65536", "--size", "1600x1600", "--deadline", "0.1")
+        self.assertEqual(done.returncode, 8, done.stderr)
+        told = json.loads(done.stdout)
+        self.assertEqual((told["samples"], told["incomplete"]), (0, True))
+
     def test_tone_maps_and_exposure(self):
         pictures = {}
         for tonemap in ("agx", "aces", "reinhard", "none"):

@@ -14,7 +14,7 @@ from unittest import mock
 import numpy
 
 from daemon import Client, Daemon, DaemonTest
-from exr import read_exr
+from exr import read_exr, read_texts
 from npy import read_npy
 from picture_test import coloured_square
 
@@ -188,6 +188,7 @@ class Ranges(Heat):
         first = self.client.json("heatmap", "woods", *VIEW, "-o", self.out / "first.exr")
         other = self.client.json("heatmap", "grove", *VIEW, "-o", self.out / "o.png")
         self.assertNotEqual(first["range_high"], other["range_high"])
+        self.assertEqual(read_texts((self.out / "first.exr").read_bytes())["raynest:count"], "traversed")
         told = self.client.json("heatmap", "grove", *VIEW, "--range-from", self.out / "first.exr", "-o", self.out / "o.png")
         self.assertEqual((told["range_low"], told["range_high"]), (first["range_low"], first["range_high"]))
         again = self.client.json("heatmap", "grove", *VIEW, "--range-from", self.out / "first.exr", "-o", self.out / "o.exr")

@@ -107,12 +107,12 @@ class Local(unittest.TestCase):
         self.assertEqual(done.returncode, 5, done.stderr)
         self.assert_nothing_is_left()
 
-    def start_long(self):
+    def start_long(self, **options):
         """Starts a command of minutes, and returns it once its daemon traces."""
         process = subprocess.Popen(
             [self.raynest, "--local", "--quiet", "render", self.out / "square.gltf", "--size",
              "4096x4096", "--spp", "1024", "-o", self.out / "long.png"], env=self.environment,
-            stdin=subprocess.DEVNULL, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
+            stdin=subprocess.DEVNULL, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, **options)
         self.addCleanup(process.communicate)
         self.addCleanup(process.kill)
         # The folder goes as soon as the client is connected.
@@ -129,6 +129,28 @@ class Local(unittest.TestCase):
 
     def test_a_killed_command_leaves_no_daemon(self):
         process = self.start_long()
+        process.kill()
+        process.wait(PATIENCE)
+        self.assert_nothing_is_left()
+
+    def test_the_end_of_the_terminal_ends_the_daemon_too(self):
+        process = self.start_long()
+        process.send_signal(signal.SIGHUP)
+        self.assertEqual(process.wait(PATIENCE), 130)
+        self.assert_nothing_is_left()
+
+    def test_the_daemon_has_nothing_of_the_program(self):
+        reading, writing = os.pipe()
+        self.addCleanup(os.close, reading)
+        self.environment["RAYNEST_TOKEN"] = "rnt_secret"
+        process = self.start_long(pass_fds=(writing,))
+        os.close(writing)
+        daemon, = processes_with(str(self.temporary))
+        folder = pathlib.Path(f"/proc/{daemon}")
+        self.assertNotIn(f"pipe:[{os.stat(reading).st_ino}]",
+                         {os.readlink(entry) for entry in (folder / "fd").iterdir()})
+        self.assertEqual({os.readlink(folder / "fd" / number) for number in "01"}, {"/dev/null"})
+        self.assertNotIn(b"rnt_secret", (folder / "environ").read_bytes())
         process.kill()
         process.wait(PATIENCE)
         self.assert_nothing_is_left()
@@ -155,6 +177,32 @@ class Local(unittest.TestCase):
         self.assert_nothing_is_left()
 
 
+class Browser(DaemonTest):
+    arguments = ("--http", "127.0.0.1:0")
+
+    def test_a_browser_that_goes_on_holds_nothing(self):
+        """xdg-open may be the browser itself: `raynest open` ends, and with it its output."""
+        noted = self.out / "noted"
+        (self.out / "xdg-open").write_text(f'#!/bin/sh\necho $$ > "{noted}.new" && mv "{noted}.new" "{noted}"\n'
+                                           "exec sleep 600\n")
+        (self.out / "xdg-open").chmod(0o755)
+        reading, writing = os.pipe()
+        self.addCleanup(os.close, reading)
+        environment = {"DISPLAY": ":99", "PATH": f"{self.out}:{os.environ['PATH']}",
+                       "RAYNEST_SERVER": self.daemon.uri, "RAYNEST_TOKEN": ""}
+        done = subprocess.run([self.raynest, "open"], env={**os.environ, **environment}, capture_output=True,
+                              text=True, timeout=PATIENCE, stdin=subprocess.DEVNULL, pass_fds=(writing,))
+        os.close(writing)
+        browser = int(noted.read_text())
+        self.addCleanup(os.kill, browser, signal.SIGKILL)
+        self.assertEqual((done.returncode, done.stderr), (0, ""))
+        folder = pathlib.Path(f"/proc/{browser}")
+        self.assertEqual({os.readlink(entry) for entry in (folder / "fd").iterdir()}, {"/dev/null"})
+        self.assertEqual(os.getsid(browser), browser)
+        self.assertNotIn(b"RAYNEST_TOKEN", (folder / "environ").read_bytes())
+
+
 if __name__ == "__main__":
+    Browser.raynestd, Browser.raynest = sys.argv[1:3]
     Files.raynestd, Files.raynest = Local.raynestd, Local.raynest = sys.argv[1:3]
     unittest.main(argv=sys.argv[:1])

@@ -69,8 +69,8 @@ class Notes(DaemonTest):
     def test_options_without_effect_are_named(self):
         to = ("-o", self.out / "a.png")
         woods = ("render", "woods", *VIEW)
-        error = self.says(0, "no effect with integrator primary: --env, --sun, --noise, --tonemap", *woods, "--sun", "130,35",
-                          "--noise", "0.1", "--tonemap", "agx", "--env", "sky", *to)
+        error = self.says(0, "no effect with integrator primary: --env, --env-rotate, --sun, --noise, --tonemap", *woods, "--sun", "130,35",
+                          "--noise", "0.1", "--tonemap", "agx", "--env", "sky", "--env-rotate", "-5", *to)
         self.assertEqual(error.count("\n"), 1, error)
         self.says(0, "no effect with integrator ao: --depth, --env, --sun", *woods, "--integrator", "ao", "--spp", "1",
                   "--sun", "130,35", "--env", "sky", "--depth", "3", *to)

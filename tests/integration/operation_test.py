@@ -13,6 +13,7 @@ import subprocess
 import sys
 import tempfile
 import time
+import tomllib
 import unittest
 from urllib.request import urlopen
 
@@ -133,7 +134,7 @@ class Operation(unittest.TestCase):
             done = subprocess.run([self.raynestd, "--config", self.config, "--print-config", *arguments],
                                   env=dict(os.environ, **variables), capture_output=True, text=True,
                                   timeout=PATIENCE, check=True)
-            return dict(re.findall(r'^([a-z-]+)="(.*)"$', done.stdout, re.M))
+            return tomllib.loads(done.stdout)
         self.assertEqual(printed()["drain-ms-max"], "100")
         told = printed(RAYNEST_DRAIN_MS_MAX="200", RAYNEST_CUDA="off")
         self.assertEqual((told["drain-ms-max"], told["principal-scenes-max"], told["cuda"]), ("200", "1", "off"))
@@ -270,7 +271,7 @@ class Operation(unittest.TestCase):
         for act in ("unload", "info"):
             said = self.says(root.run(act, "car"), 5, "several owners have a scene 'car'").stderr
             self.assertRegex(said, r"name one of (bob/car, carol/car|carol/car, bob/car)")
-        # What the alert about memory advises.
+        # The alert about memory advises this.
         self.says(root.run("unload", "bob/car"), 0)
         self.assertEqual([scene["owner"] for scene in root.json("scenes")["scenes"]], ["carol"])
 

@@ -17,6 +17,7 @@ sys.path.insert(0, str(pathlib.Path(__file__).parents[2] / "client/python"))
 
 import raynest
 from raynest import generators
+from raynest._gltf import mesh_glb
 from daemon import DaemonTest
 
 FAR = np.array([5e5, 4.5e6, 100.0])
@@ -176,6 +177,20 @@ class Origin(DaemonTest):
             scene.trace(ray)
             self.python.mesh(SQUARE - FAR, FACES, "near").trace(coarse)
 
+    def test_light_of_a_far_scene_is_warned_of(self):
+        """Exact in float32, so that only rays between surfaces lose their place."""
+        corners = np.array([1e5, 1e5, 1e5]) + [[0, 0, 0], [2, 0, 0], [2, 0, 2], [0, 0, 2]]
+        self.python.mesh(corners, FACES, "plate")
+        out = ("--size", "16x9", "--spp", "1", "-o", self.out / "plate.exr")
+        for integrator in ("ao", "direct", "path"):
+            notes = " ".join(self.client.json("render", "plate", "--integrator", integrator, *out)["notes"])
+            self.assertIn("light starts beside the surfaces that it leaves", notes)
+            self.assertIn("for example --origin 100000,100000,100000", notes)
+        with self.assertWarnsRegex(raynest.RayWarning, "light starts beside"):
+            self.python.scene("plate").render(integrator="path", spp=1, size=(16, 9))
+        self.python.mesh(corners, FACES, "near plate", origin=(1e5, 1e5, 1e5))
+        self.assertNotIn("light starts", " ".join(self.client.json("render", "near plate", "--integrator", "path", *out)["notes"]))
+
     def test_rays_that_lose_digits_on_their_way_are_counted(self):
         """Counts rays, names the first, and says what helps: the scene's origin where the scene is
         far, a nearer start where only the rays are."""
@@ -212,6 +227,20 @@ class Origin(DaemonTest):
             self.python.scene("afar").trace(rays[:2])
         self.assertEqual(self.client.run("query", "near", "--rays", self.out / "rays32.npy").stderr, "")
 
+    def test_a_sensor_that_loses_digits_on_its_way_is_told_of(self):
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore")
+            self.python.mesh((SQUARE - FAR) * 100 + FAR, FACES, "afar")
+            self.python.mesh(SQUARE, FACES, "square", origin=FAR)
+        place = ABOVE + 1 / 3
+        for words_of in (lambda at: "lookat=" + words(at, at + DOWN),
+                         lambda at: "pose=" + words(np.column_stack([np.eye(3), at]))):
+            asked = ("--generate", "pinhole", "size=1x1", "fx=9", words_of(place))
+            done = self.client.run("query", "afar", *asked)
+            self.assertRegex(done.stderr, "the sensor stands so far .* moves it by up to 0.0*[1-9].* its digits load "
+                             "the scene with --origin 500000,4500000,100$")
+            self.assertEqual(self.client.run("query", "square", *asked).stderr, "")
+
     def test_a_scene_that_moves_takes_its_clients_along(self):
         with warnings.catch_warnings():
             warnings.simplefilter("error")
@@ -243,8 +272,30 @@ class Origin(DaemonTest):
         self.assertIn("for example --origin 500000,4500000,100", done.stdout)
         with self.assertWarnsRegex(raynest.SceneWarning, r"with an origin near it, for example origin=\(500000,4500000,100\)"):
             self.python.load(self.out / "far.npy", "again", primitive="sphere")
+        # Vertices and records that were rounded before they came, in a mesh, a .glb and a .npy.
+        rough = np.random.default_rng(0).uniform(-10, 10, (300, 3))
+        corners = np.arange(300).reshape(-1, 3)
+        for origin, remedy in ((None, "as float64, with an origin near them, for example"), (FAR, "as float64$")):
+            with self.assertWarnsRegex(raynest.SceneWarning, r"vertices are float32, .* by up to 0\.\d+; .*" + remedy):
+                self.python.mesh((rough + FAR).astype(np.float32), corners, origin=origin)
+        (self.out / "rough.glb").write_bytes(mesh_glb((rough + FAR).astype(np.float32), corners))
+        np.save(self.out / "rough.npy", np.column_stack([rough + FAR, np.ones(300)]).astype(np.float32))
+        for origin in (None, FAR):
+            for name, options in (("rough.glb", {}), ("rough.npy", {"primitive": "sphere"})):
+                with self.assertWarnsRegex(raynest.SceneWarning, "float32 coordinates of the file are so far"):
+                    self.python.load(self.out / name, "rough", replace=True, origin=origin, **options)
+        # A mesh near zero that its origin carries away.
+        (self.out / "local.glb").write_bytes(mesh_glb(rough, corners))
+        with self.assertWarnsRegex(raynest.SceneWarning, "rounding to float32 moves the scene's parts by up to 0"):
+            self.python.load(self.out / "local.glb", "local", origin=FAR)
         with warnings.catch_warnings():
             warnings.simplefilter("error")
+            self.python.load(self.out / "local.glb", "beside")
+            # Numbers of few digits are what they say, in float32 as well.
+            whole = (rough.round() + FAR).astype(np.float32)
+            self.python.mesh(whole, corners)
+            (self.out / "whole.glb").write_bytes(mesh_glb(whole, corners))
+            self.python.load(self.out / "whole.glb", "whole")
             self.python.mesh(SQUARE, FACES, "kept", origin=FAR)
             self.python.mesh(SQUARE - FAR, FACES, "near")
             # A triangle that never had an area is counted but causes no warning.
@@ -264,7 +315,7 @@ class InvalidRays(DaemonTest):
 
     def test_the_command_line_says_how_many_and_which_is_first(self):
         rays = [word for ray in ("0,50,0,0,-1,0", "0,50,0,0,0,0", "1,50,0,0,1,0",
-                                 "0,50,0,0,-1,0,9,3") for word in ("--ray", ray)]
+                                 "nan,50,0,0,-1,0") for word in ("--ray", ray)]
         done = self.client.run("--json", "query", "hills", *rays)
         self.assertEqual(done.returncode, 0, done.stderr)
         lines = [json.loads(line) for line in done.stdout.splitlines()]

@@ -127,7 +127,7 @@ class PageTest(unittest.TestCase):
                              (f"{socket.gethostname()}:{port}", 200), (f"localhost:{port}", 200),
                              (f"[::1]:{port}", 200), ("gpu.example.org", 421),
                              (f"cpu.example.org:{port}", 421), (f"x.gpu.example.org:{port}", 421)):
-            self.assertEqual(get(self.http, "/healthz", host=host)[0], status, host)
+            self.assertEqual(get(self.http, "/login.html", host=host)[0], status, host)
 
     def test_plain_text_on_the_encrypted_port_and_tls_on_the_plain_one_are_told_apart(self):
         text = raw(self.http.replace("https", "http"), b"GET / HTTP/1.1\r\nHost: x\r\n\r\n")
@@ -193,7 +193,8 @@ class PageTest(unittest.TestCase):
         self.assertTrue(address.startswith(daemon.http.replace("0.0.0.0", "127.0.0.1")), address)
         insecure = Daemon(self.raynestd, "--http", "0.0.0.0:0", "--insecure", "--http-host", "gpu")
         self.addCleanup(insecure.stop)
-        self.assertEqual(get(insecure.http, host="gpu")[0], 200)
+        self.assertEqual(get(insecure.http, "/login.html", host="gpu")[0], 200)
+        self.assertEqual(get(insecure.http, host="gpu")[0], 401, "it lacks encryption, but still asks who comes")
         self.assertEqual(get(insecure.http, host="192.0.2.1")[0], 421)
 
     # ---- logins
@@ -209,6 +210,7 @@ class PageTest(unittest.TestCase):
                 status, answered, body = get(self.http, path, headers=headers)
                 self.assertEqual(status, 401, path)
                 self.assertEqual(answered["cache-control"], "no-store")
+                self.assertEqual(answered["www-authenticate"], "Bearer")
                 if path in ("/", "/index.html"):
                     self.assertEqual(body, FORM)
                 else:
@@ -286,6 +288,61 @@ class PageTest(unittest.TestCase):
         with greeted(daemon.http, headers=cookie) as stream:
             until(lambda: self.who(daemon.http, cookie) == 401)
             self.assertTrue(self.hears_of_the_end(stream))
+
+    def page_code(self, http, cookie):
+        """A code that the page of this login asks for."""
+        with greeted(http, headers=cookie) as stream:
+            return stream.ask("Page", 1)[-1][2]["code"]
+
+    def test_a_login_that_a_login_has_made_ends_with_it_and_when_it_does(self):
+        daemon = self.own_daemon("--http", "https://127.0.0.1:0", "--page-login-ms-max", "4000")
+        begun = time.monotonic()
+        first = self.log_in(daemon.http, token=self.secrets["user"])
+        second = self.log_in(daemon.http, code=self.page_code(daemon.http, first))
+        time.sleep(max(0, begun + 2 - time.monotonic()))
+        last = self.log_in(daemon.http, code=self.page_code(daemon.http, second))
+        # The middle one takes its own along, and leaves its parent.
+        self.assertEqual(post(daemon.http, "/v1/logout", headers=second)[0], 200)
+        self.assertEqual([self.who(daemon.http, each) == 401 for each in (first, second, last)], [False, True, True])
+        last = self.log_in(daemon.http, code=self.page_code(daemon.http, first))
+        with greeted(daemon.http, headers=last) as stream:
+            self.assertTrue(self.hears_of_the_end(stream))
+        # 6 s would be a time of its own; a slow machine may be late, too.
+        print(f"the login of a login ended after {time.monotonic() - begun:.1f} s of 4", file=sys.stderr)
+        self.assertEqual(self.who(daemon.http, first), 401)
+        self.assertEqual(self.who(daemon.http, last), 401)
+
+    def test_a_code_asks_before_it_replaces_the_login_of_another(self):
+        mine = self.log_in(self.http, token=self.secrets["user"])
+        code = self.code(self.client("viewer"))
+        status, headers, body = post(self.http, "/v1/login", "code=" + code, headers=mine)
+        self.assertEqual(status, 409, body)
+        self.assertIn(b"is logged in as test-user, and the address logs it in as test-viewer", body)
+        self.assertNotIn("set-cookie", headers)
+        self.assertEqual(self.who(self.http, mine)["principal"], "test-user")
+        with greeted(self.http, headers=mine) as stream:
+            status, headers, _ = post(self.http, "/v1/login", f"code={code}&replace=yes", headers=mine)
+            self.assertEqual(status, 200)
+            self.assertTrue(self.hears_of_the_end(stream))
+        self.assertEqual(self.who(self.http, mine), 401)
+        now = ["Cookie: " + headers["set-cookie"].split(";")[0]]
+        self.assertEqual(self.who(self.http, now)["principal"], "test-viewer")
+        # One's own code, a used code and a token ask nothing.
+        self.assertEqual(post(self.http, "/v1/login", "code=" + self.code(self.client("viewer")), headers=now)[0], 200)
+        self.assertEqual(post(self.http, "/v1/login", "code=" + code, headers=now)[0], 401)
+        self.assertEqual(post(self.http, "/v1/login", "token=" + self.secrets["user"], headers=now)[0], 200)
+
+    def test_codes_and_logins_of_one_principal_void_no_others(self):
+        admins = self.code(self.client("admin"))
+        cookie = self.log_in(self.http, token=self.secrets["admin"])
+        bearer = ["Authorization: Bearer " + self.secrets["viewer"]]
+        with greeted(self.http, headers=bearer) as stream:
+            for number in range(1, 301):
+                self.assertEqual(stream.ask("Page", number)[-1][0], "PageAddress")
+        for _ in range(70):
+            self.log_in(self.http, token=self.secrets["viewer"])
+        self.assertEqual(self.who(self.http, cookie)["principal"], "test-admin")
+        self.log_in(self.http, code=admins)
 
     def test_the_cookie_of_another_daemon_is_none(self):
         other = self.own_daemon("--http", "https://127.0.0.1:0")

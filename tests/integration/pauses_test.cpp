@@ -118,7 +118,7 @@ TEST_CASE_FIXTURE(Hasty, "a frame that stops in the middle waits for its rest") 
 }
 
 TEST_CASE("a newcomer gets the place of the connection that moved a whole frame longest ago") {
-    const Daemon daemon({"--give-way-ms", "50", "--connections-max", "3"});
+    const Daemon daemon({"--give-way-ms", "50", "--connections-max", "4"});
     Crowd crowd;
     for (int i = 0; i < 3; ++i) join(crowd, daemon);
     // Bytes that complete no frame do not count: the first peer stays the first to go.
@@ -140,11 +140,12 @@ TEST_CASE("a newcomer gets the place of the connection that moved a whole frame 
 }
 
 TEST_CASE("where nobody pauses a newcomer hears that the daemon is full") {
-    const Daemon daemon({"--connections-max", "2", "--give-way-ms", "600000"});
+    const Daemon daemon({"--connections-max", "3", "--give-way-ms", "600000"});
     Crowd crowd;
     join(crowd, daemon);
     join(crowd, daemon);
     Peer newcomer(daemon);
+    REQUIRE(newcomer.say(0, wire::HelloT{}));
     const auto frame = newcomer.read();
     REQUIRE(frame);
     const auto error = protocol::open<wire::Error>(*frame);
@@ -157,7 +158,7 @@ TEST_CASE("where nobody pauses a newcomer hears that the daemon is full") {
 }
 
 TEST_CASE("a request takes the place of one whose client pauses") {
-    Hasty house({"--total-jobs-max", "2"});
+    Hasty house({"--total-jobs-max", "3"});
     Crowd crowd;
     for (int i = 0; i < 2; ++i) {
         Peer& guest = join(crowd, house.daemon);

@@ -60,14 +60,18 @@ class Tokens:
 
 def fake_ssh(folder, host, port):
     """Writes a program `ssh` that forwards as `ssh -L LOCAL:REMOTE` does, and refuses another host or
-    port. Returns its folder, for PATH."""
+    port. It writes its process id, socket and environment into FOLDER/state. Returns its folder, for
+    PATH."""
     program = pathlib.Path(folder) / "ssh"
     program.parent.mkdir()
     program.write_text(f"""#!{sys.executable}
-import os, socket, sys, threading
+import json, os, pathlib, socket, sys, threading
 if sys.argv[-2:] != ["--", "{host}"] or "-p" not in sys.argv or sys.argv[sys.argv.index("-p") + 1] != "{port}":
     sys.exit("ssh: Could not resolve hostname " + sys.argv[-1])
 here, there = sys.argv[sys.argv.index("-L") + 1].split(":")
+state = pathlib.Path(__file__).with_name("state")
+state.with_suffix(".new").write_text(json.dumps([os.getpid(), here, dict(os.environ)]))
+state.with_suffix(".new").rename(state)
 def copy(source, target):
     while data := source.recv(65536):
         target.sendall(data)
@@ -78,7 +82,12 @@ server.listen()
 os.rename(here + ".new", here)  # whoever sees it can connect
 while True:
     near, far = server.accept()[0], socket.socket(socket.AF_UNIX)
-    far.connect(there)
+    try:
+        far.connect(there)
+    except OSError as error:
+        print(f"channel 2: open failed: connect failed: {{error.strerror}}", file=sys.stderr, flush=True)
+        near.close()
+        continue
     for pair in ((near, far), (far, near)):
         threading.Thread(target=copy, args=pair, daemon=True).start()
 """)

@@ -12,9 +12,11 @@ import shutil
 import subprocess
 import sys
 import tempfile
+import tomllib
 import unittest
 
-from daemon import PATIENCE, Client, Daemon, is_sanitized, run_tests
+from daemon import PATIENCE, Client, Daemon, is_sanitized, run_tests, until
+from running_test import CORNERS, TRIANGLE
 
 PACKAGE = pathlib.Path(__file__).resolve().parents[2] / "server" / "package"
 UNIT = PACKAGE / "raynestd.service"
@@ -121,14 +123,14 @@ class Service(unittest.TestCase):
                 shown = subprocess.run([self.raynest, *command.split()[:1], "--help"], text=True,
                                        capture_output=True, timeout=PATIENCE, check=False)
                 self.assertEqual(shown.returncode, 0, command)
-            # Of itself it frees only what its caller holds, and it needs a time.
+            # By itself it frees only what its caller holds, and it needs a time.
             self.assertNotIn("--idle", line)
 
     def test_the_unit_and_the_configuration_name_the_same_sockets(self):
         done = subprocess.run([self.raynestd, "--config", PACKAGE / "raynestd.toml", "--print-config"],
                               capture_output=True, text=True, check=True, timeout=PATIENCE)
-        wanted = {uri.removeprefix("unix:").removeprefix("tcp://")
-                  for uri in re.findall(r'^(?:listen|http)="(.*)"$', done.stdout, re.M)}
+        printed = tomllib.loads(done.stdout)
+        wanted = {uri.removeprefix("unix:").removeprefix("tcp://") for uri in [*printed["listen"], printed["http"]]}
         socket = (PACKAGE / "raynestd.socket").read_text()
         self.assertEqual(set(re.findall(r"^ListenStream=(.*)$", socket, re.M)), wanted)
 
@@ -187,7 +189,13 @@ class Service(unittest.TestCase):
         self.addCleanup(plain.stop)
         expected = Client(self.raynest, plain.uri)
         # The ready file, which the harness reads, is written in the one folder that is writable.
-        daemon = ConfinedDaemon(self.confined(), self.raynestd, self.folder / "state")
+        scenes = self.folder / "scenes"
+        (scenes / "inner").mkdir(parents=True)
+        (scenes / "inner" / "corner.gltf").write_text(json.dumps(TRIANGLE))
+        (scenes / "inner" / "corners.bin").write_bytes(CORNERS)
+        (scenes / "link.gltf").symlink_to("inner/corner.gltf")
+        daemon = ConfinedDaemon(self.confined(), self.raynestd, self.folder / "state", "--scene-root", scenes,
+                                "--load", scenes / "inner" / "*.gltf")
         self.addCleanup(daemon.stop)
         client = Client(self.raynest, daemon.uri)
         answers = []
@@ -200,24 +208,51 @@ class Service(unittest.TestCase):
             self.assertEqual(drawn.returncode, 0, drawn.stderr)
             answers.append((loaded["hash"], hits.stdout, picture.read_bytes()))
         self.assertEqual(*answers)
+        # The unit takes openat2() away: files are found without it, and links are not followed.
+        corner = client.json("load", "root:inner/corner.gltf", "--name", "again")
+        until(lambda: client.run("info", "corner").returncode == 0)
+        self.assertEqual(client.json("info", "corner")["hash"], corner["hash"])
+        for name, why in (("link.gltf", "links"), ("../corner.gltf", "the path leaves"), ("none.gltf", "no such file")):
+            refused = client.run("load", f"root:{name}")
+            self.assertEqual(refused.returncode, 5, refused.stderr)
+            self.assertIn(why, refused.stderr)
+
+    def test_an_import_that_runs_out_of_memory_ends_alone(self):
+        self.assertEqual(values("OOMPolicy"), ["continue"])
+
+    def test_a_kernel_without_a_sandbox_is_named_at_the_start(self):
+        self.skip_without_confine()
+        kept = allowed_calls() - {"seccomp"} - {f"landlock_{word}" for word in
+                                                ("create_ruleset", "add_rule", "restrict_self")}
+        calls = self.folder / "fewer"
+        calls.write_text("\n".join(sorted(kept)))
+        says = "no seccomp filter can be set here, and the kernel offers no Landlock"
+        checked = subprocess.run([self.confine, calls, self.raynestd, "--check-config"],
+                                 capture_output=True, text=True, check=True, timeout=PATIENCE)
+        self.assertIn(f"warning: {says}", checked.stdout)
+        daemon = Daemon(self.raynestd, under=(self.confine, calls))
+        self.addCleanup(daemon.stop)
+        self.assertIn(f' import_sandbox_weak reason="{says}', daemon.log())
+        plain = Daemon(self.raynestd)
+        self.addCleanup(plain.stop)
+        self.assertNotIn(" import_sandbox_weak ", plain.log())
 
     def test_the_import_process_closes_itself_off_there_too(self):
         self.skip_without_confine()
         done = subprocess.run([*map(str, self.confined()), str(self.import_child), "--sandbox"],
                               capture_output=True, check=False, timeout=PATIENCE)
-        # 100: it may do nothing more, and still finds its libraries.
+        # 100: every call that an attacker would try is refused.
         self.assertEqual(done.returncode, 100, done.stderr)
 
 
 class ConfinedDaemon:
-    def __init__(self, command, raynestd, state):
+    def __init__(self, command, raynestd, state, *arguments):
         ready = state / "ready.json"
         self.log = open(state.parent / "log", "wb")
         self.process = subprocess.Popen(
             [*map(str, command), str(raynestd), "--listen", "tcp://127.0.0.1:0", "--http", "off",
-             "--cuda", "off", "--state", str(state), "--ready-file", str(ready)],
+             "--cuda", "off", "--state", str(state), "--ready-file", str(ready), *map(str, arguments)],
             stdin=subprocess.DEVNULL, stdout=self.log, stderr=self.log)
-        from daemon import until
         until(lambda: ready.exists() or self.process.poll() is not None)
         if not ready.exists():
             raise AssertionError((state.parent / "log").read_text())

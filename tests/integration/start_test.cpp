@@ -35,17 +35,17 @@ TEST_CASE("an address in use is an error that names it and a remedy") {
 
 TEST_CASE("what --print-config writes, --config reads") {
     const TemporaryFolder folder;
-    const std::string file = (folder.path() / "raynestd.conf").string();
+    const std::string file = (folder.path() / "raynestd.toml").string();
     const Ended first = run_raynestd({"--threads", "3", "--memory", "1G", "--log-level", "warn",
                                       "--listen", "unix:/tmp/a", "--print-config"});
     REQUIRE(first.exit_code == 0);
     CHECK(has(first, "frame_bytes_max = 67108864"));
-    CHECK(has(first, "give-way-ms=\"5000\""));
+    CHECK(has(first, "give-way-ms = \"5000\""));
     std::ofstream(file) << first.output;
     const Ended second = run_raynestd({"--config", file, "--print-config"});
     CHECK(second.exit_code == 0);
     CHECK(second.output == first.output);
-    CHECK(has(second, "threads=\"3\""));
+    CHECK(has(second, "threads = \"3\""));
 }
 
 TEST_CASE("a Unix socket is private, replaces a dead one, and goes with the daemon") {

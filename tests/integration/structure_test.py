@@ -133,6 +133,30 @@ class Structure(DaemonTest):
             self.assertEqual((done.returncode, done.stderr.count("\n")), (code, 1), done.stderr)
             self.assertIn(says, done.stderr)
 
+    def test_what_is_hidden_and_shown_at_once_is_a_contradiction(self):
+        for thing, words in (("inst=2", "outermost instance 2"), ("object=1", "object 1")):
+            done = self.client.run("heatmap", "forest", "--hide", thing, "--only", thing, "-o", self.out / "x.png")
+            self.assertNotEqual(done.returncode, 0)
+            self.assertIn(f"--hide and --only both name {words}: leave it out of one of them", done.stderr)
+        done = self.client.run("render", "forest", "--integrator", "path", "--env", "none", "--sun", "90,30", "-o", self.out / "x.png")
+        self.assertIn("--env none has no sky, and --sun is a part of it", done.stderr)
+
+    def test_boxes_of_hidden_instances_are_counted_unless_they_are_left_out(self):
+        whole = self.columns(["inst"])["inst"]
+        chosen = int(numpy.bincount(whole[whole != 0xffffffff]).argmax())
+        camera = ("--size", "48x32", "--lookat", "0.5,2,13,0,3,0", "--only", f"inst={chosen}", "-o", self.out / "heat.npy")
+        charged, skipped = (self.client.run("heatmap", "forest", *camera, *more) for more in ((), ("--skip-hidden-boxes",)))
+        self.assertIn("boxes of hidden instances are tested and counted; --skip-hidden-boxes leaves them out", charged.stdout + charged.stderr)
+        self.assertIn("boxes that lead to hidden instances alone are left out of the counts", skipped.stdout + skipped.stderr)
+        fields = ["t", "inst", "path", "prim", "boxes", "instances"]
+        all_boxes, fewer = (self.columns(fields, only_instances=[chosen], skip_hidden_boxes=skips) for skips in (False, True))
+        for name in ("t", "inst", "path", "prim", "instances"):
+            self.assertEqual(all_boxes[name].tolist(), fewer[name].tolist(), name)
+        self.assertTrue((fewer["boxes"] <= all_boxes["boxes"]).all())
+        self.assertLess(fewer["boxes"].sum(), all_boxes["boxes"].sum())
+        # With nothing hidden it says nothing.
+        self.assertEqual(self.columns(["boxes"])["boxes"].tolist(), self.columns(["boxes"], skip_hidden_boxes=True)["boxes"].tolist())
+
     def test_files_say_what_was_hidden(self):
         camera = ("--size", "48x32", "--lookat", "0.5,2,13,0,3,0")
         lit = ("--integrator", "ao", "--hide", "inst=2", "--only", "object=0", *camera)
@@ -177,9 +201,17 @@ class Structure(DaemonTest):
                                             "width": 96, "height": 64, "pixel_x": 48, "pixel_y": 32})
         self.assertEqual(frames[-1][0], "Done")
 
+    def test_paths_have_their_texts_in_the_order_of_the_request(self):
+        rows = self.ask(kind="placements", count=5)["rows"]
+        asked = [4, 0, 2**64 - 1, 2]
+        self.assertEqual(self.ask(kind="paths", paths=asked)["rows"],
+                         [rows[number]["name"] if number < 5 else "" for number in asked])
+        self.assertEqual(self.ask(kind="paths")["rows"], [])
+
     def test_mistakes(self):
         for fields, says in (({"kind": "colours"}, "objects, placements, boxes"), ({"kind": "boxes", "level": 77}, "level 77"),
                              ({"kind": "boxes", "depth_min": 3}, "depth_min"), ({"kind": "objects", "count": 99999}, "structure_rows_max"),
+                             ({"kind": "paths", "paths": [0, 2**60]}, "path"), ({"kind": "paths", "paths": [0] * 7681}, "7681"),
                              ({"kind": "objects", "scene": "nothing"}, "nothing"), ({"kind": "objects", "scene": ""}, "scene")):
             error = self.ask(**{"kind": "objects", **fields})
             self.assertIn(error["name"], ("INVALID_FIELD", "LIMIT_EXCEEDED", "SCENE_UNKNOWN"))

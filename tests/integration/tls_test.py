@@ -178,6 +178,10 @@ class Tls(unittest.TestCase):
     def test_a_key_must_be_private_and_fit_its_certificate(self):
         other = Certificates(self.raynestd, self.out / "unfit")
         listen = ("--listen", "tls://127.0.0.1:0", "--tls-cert", self.certificates.folder / "cert.pem")
+        self.not_started(1, "client-cert.pem: this certificate is not for servers: its extended key usage "
+                         "lacks serverAuth", "--listen", "tls://127.0.0.1:0", "--tls-cert",
+                         self.certificates.folder / "client-cert.pem", "--tls-key",
+                         self.certificates.folder / "client-key.pem")
         self.not_started(1, "does not fit the certificate", *listen, "--tls-key",
                          other.folder / "key.pem")
         (other.folder / "key.pem").chmod(0o644)

@@ -281,13 +281,22 @@ class Ends(DaemonTest):
     """A daemon's end, and its limits, as a WebSocket sees them."""
     arguments = ("--http", "127.0.0.1:0", "--principal-connections-max", "3")
 
-    def test_too_many_are_told_over_http(self):
+    def test_a_principal_with_all_its_connections_is_told(self):
         open_ones = [greeted(self.daemon.http) for _ in range(3)]
-        with self.assertRaises(ConnectionError) as refused:
-            WebSocket(self.daemon.http)
-        self.assertEqual(refused.exception.args, (503,))
+        with WebSocket(self.daemon.http) as one_more:
+            one_more.say("Hello", 0, {"client": "test"})
+            name, _, message, _ = one_more.hear()
+        self.assertEqual(name, "Error")
+        self.assertIn("--principal-connections-max", message["message"])
         for ws in open_ones:
             ws.close()
+
+    def test_too_many_are_told_over_http(self):
+        daemon = Daemon(self.raynestd, "--http", "127.0.0.1:0", "--connections-max", "1")
+        self.addCleanup(daemon.stop)
+        with greeted(daemon.http), self.assertRaises(ConnectionError) as refused:
+            WebSocket(daemon.http)
+        self.assertEqual(refused.exception.args, (503,))
 
     def test_a_drain_and_a_restart(self):
         daemon = Daemon(self.raynestd, "--http", "127.0.0.1:0")

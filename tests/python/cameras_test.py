@@ -44,7 +44,7 @@ class Cameras(WithDaemon):
                  {"name": "away", "camera": 1, "translation": [0, 0, -10]},
                  {"name": "inside", "camera": 1}]
         file = cls.out / "cube.glb"
-        file.write_bytes(with_cameras(mesh_glb(CORNERS, FACES), cameras, nodes))
+        file.write_bytes(with_cameras(bytes(mesh_glb(CORNERS, FACES)), cameras, nodes))
         cls.cube = cls.client.load(file, "cube")
 
     def notes(self):

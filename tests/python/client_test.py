@@ -51,6 +51,18 @@ class Scenes(WithDaemon):
             self.assertIn(name, self.cli.run("path", "woods", path).stdout)
             self.assertEqual(self.woods.path_of(int(path)), name)
         self.assertEqual(self.woods.path_of(paths[:0]), [])
+        with self.assertRaisesRegex(raynest.Error, "no path"):
+            self.woods.path_of([int(paths[0]), 2**60])
+        with self.assertRaisesRegex(raynest.Error, "epoch 77|at epoch"):
+            self.woods.path_of(int(paths[0]), epoch=77)
+        # However many there are, they are one request.
+        ids = np.arange(3000)
+        before = self.client.connection._id
+        texts = self.woods.path_of(ids)
+        self.assertEqual(self.client.connection._id, before + 1)
+        self.assertEqual(len(set(texts)), len(ids))
+        for number in (0, 1234, 2999):
+            self.assertEqual(texts[number], self.woods.path(number)["name"])
 
     def test_files_outside_of_the_folder_are_not_sent(self):
         folder = self.out / "scene"
@@ -285,7 +297,7 @@ class Errors(WithDaemon):
         for function, arguments, given in (
                 (raynest.connect, (), {"uri": self.socket}), (job.wait, (), {}),
                 (job.fetch, (), {}), (self.client.load, ("builtin:forest?trees=20",), {}),
-                (self.client.mesh, (np.eye(3), [[0, 1, 2]]), {}),
+                (self.client.mesh, (np.eye(3),), {"faces": [[0, 1, 2]]}),
                 (self.woods.trace, (ray,), {}), (self.woods.stream, (ray,), {}),
                 (self.woods.occluded, points, {}), (self.woods.path_of, (0,), {}),
                 (self.woods.render, (), small), (self.woods.heatmap, (), small),

@@ -151,6 +151,11 @@ class Examples(DaemonTest):
         self.assertIn(f"{hours.min():.1f} to {hours.max():.1f} hours", said)
         self.assertTrue((hours >= 0).all() and 3 < hours.max() < 17)
         self.example("sun_hours.py", FOREST, "--place", "north", code=2)
+        # South of the equator, and every other value that begins with a minus.
+        self.example("sun_hours.py", FOREST, "--place", "-33.9,151.2", "--day", "2026-12-21", "--grid", 4,
+                     "--minutes", 240, "-o", "south.npy")
+        self.example("lidar.py", FOREST, "--at", "-1.5e1", "-2", "-.5", "--elevations", "-3e1", "-1e-1",
+                     "--azimuths", 8, "--channels", 2, "-o", "minus.ply")
 
     def test_hours_of_sun_are_the_same_far_from_zero(self):
         """As in projected coordinates: a tower on the ground, at zero and 5,800 km away."""

@@ -100,6 +100,22 @@ class Films(WithDaemon):
         self.assertEqual(red[..., 1].max(), 0)
         (self.out / "red.hdr").write_bytes(HDR)
         np.testing.assert_array_equal(self.woods.render(environment=self.out / "red.hdr", **words)["rgba"], red)
+        # Two halves; a turn by half of one exchanges them.
+        words["look_at"] = ((0, 90, 0), (0, 99, 0), (0, 0, -1))  # at nothing but the surroundings
+        header = b"#?RADIANCE\nFORMAT=32-bit_rle_rgbe\n\n-Y 2 +X 4\n"
+        bright, dim, infinite = b"\x80\x80\x80\x81", b"\x40\x40\x40\x81", b"\xff" * 4
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore")
+            one = self.woods.render(environment=header + (bright * 2 + dim * 2) * 2, environment_rotate=180, **words)["rgba"]
+            other = self.woods.render(environment=header + (dim * 2 + bright * 2) * 2, **words)["rgba"]
+        np.testing.assert_allclose(one, other, atol=1e-3)
+        self.assertGreater(one[..., 0].max(), 1.5 * one[..., 0].min())
+        with self.assertWarnsRegex(raynest.RayWarning, "1 pixel of 8 whose values are infinite"):
+            self.woods.render(environment=header + bright * 7 + infinite, **words)
+        with self.assertRaisesRegex(raynest.UsageError, "environment_rotate= turns a picture: give one with environment="):
+            self.woods.render(environment="sky", environment_rotate=180, **words)
+        with self.assertRaisesRegex(raynest.UsageError, "environment_rotate"):
+            self.woods.render(environment_rotate=180)
         dark = self.woods.render(environment="none", **words)["rgba"]
         self.assertEqual(dark[..., :3].max(), 0)
         with self.assertRaises(raynest.UsageError):
@@ -112,6 +128,14 @@ class Films(WithDaemon):
         self.assertTrue(any("fewer" in str(one.message) for one in caught))
         self.assertLess(layers["samples"].max(), 65536)
         self.assertTrue(self.client.outcome["incomplete"])
+
+    def test_a_deadline_that_leaves_pixels_without_a_sample_is_told(self):
+        with self.assertWarnsRegex(raynest.RayWarning, "fewer than"):
+            self.woods.render(integrator="path", spp=65536, size=(1600, 1600), deadline=0.1, encode="png")
+        self.assertEqual(self.client.outcome["samples"], 0)
+        self.assertTrue(self.client.outcome["incomplete"])
+        self.woods.render(size=(16, 16))  # a picture without samples is not incomplete
+        self.assertNotIn("incomplete", self.client.outcome)
 
     def test_mistakes_are_told(self):
         for words in ({"integrator": "ao", "spp": -1}, {"integrator": "path", "depth": 5000},

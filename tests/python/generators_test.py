@@ -6,6 +6,8 @@
 That the daemon's formulas are those of PROTOCOL.md is shown in tests/integration; here: that what
 is asked for in Python's words arrives.
 """
+import warnings
+
 import numpy as np
 
 import raynest
@@ -132,6 +134,78 @@ class Generators(WithDaemon):
         size = np.array([300, 250], np.uint16)
         generator = generators.orthographic((1, 1), size=size)
         self.assertEqual(len(self.woods.trace(generator, fields=("t",))["t"]), 75000)
+
+    def test_the_margin_follows_the_size_of_the_scene_and_not_its_place(self):
+        """Sky view factors in a street canyon, at coordinates that float32 holds: (cos a + cos b) / 2."""
+        def slab(low, high):
+            low, high = np.array(low, float), np.array(high, float)
+            corners = np.stack(np.meshgrid([0, 1], [0, 1], [0, 1], indexing="ij"), -1).reshape(8, 3)
+            return corners * (high - low) + low
+        box = np.array([[0, 1, 3], [0, 3, 2], [4, 6, 7], [4, 7, 5], [0, 4, 5], [0, 5, 1], [2, 3, 7],
+                        [2, 7, 6], [0, 2, 6], [0, 6, 4], [1, 5, 7], [1, 7, 3]])
+        walls = np.concatenate([slab((-18, -2000, 0), (-8, 2000, 12)), slab((8, -2000, 0), (18, 2000, 20))])
+        x = np.array([-7, -3, 0, 3, 7.0])
+        points = np.stack([x, 0 * x, 0 * x], 1)
+        exact = (np.cos(np.arctan2(12, x + 8)) + np.cos(np.arctan2(20, 8 - x))) / 2
+        for place in ((0, 0, 0), (1e5, 0, 0), (432000, 5412000, 0)):
+            with self.client.mesh(walls + place, np.concatenate([box, box + 8])) as scene:
+                rays = generators.hemisphere(points + place, [0, 0, 1], samples=4096)
+                seen = 1 - scene.trace(rays, reduce="hit_fraction")["hit_fraction"]
+                np.testing.assert_allclose(seen, exact, atol=2e-3)
+                start = scene.trace(generators.hemisphere(points + place, [0, 0, 1], samples=1),
+                                    fields=("origin",))["origin"]
+                np.testing.assert_allclose(start[:, 2], 4000 * 2.0**-20, rtol=0.01)
+
+    def test_accumulated_azimuths_keep_their_digits(self):
+        first = self.made(generators.lidar([0], (12.3, 372.3, 8)))[1]
+        for turns in (10_000, 1_000_000):
+            begin = 360.0 * turns + 12.3
+            ways = self.made(generators.lidar([0], (begin, begin + 360, 8)))[1]
+            np.testing.assert_allclose(ways, first, atol=2 * ULP)
+
+    def test_a_sensor_that_float32_moves_is_told_of_as_rays_are(self):
+        off = np.array([432123.37, 5412345.86, 312.5])
+        corners, faces = np.array([[-100, -100, 0], [100, -100, 0], [0, 100, 0.0]]), [[0, 1, 2]]
+        far = self.client.mesh(corners + off.round(), faces)
+        near = self.client.mesh(corners + off.round(), faces, origin=off.round())
+        eye = off + [0, 0, 50]
+        pose = np.eye(4)
+        pose[:3, 3] = eye
+        narrow = lambda value: np.asarray(value, np.float32)
+        lidar = lambda **place: generators.lidar([0.0], (0, 360, 4), **place)
+        points = lambda at, way: generators.hemisphere(at, way, samples=4, margin=0)
+        for scene, make, says in (
+                (far, lambda: lidar(pose=pose), "with origin="),
+                (far, lambda: lidar(look_at=(eye, off)), "with origin="),
+                (far, lambda: points(eye, [0, 0, -1]), "with origin="),
+                (near, lambda: lidar(pose=narrow(pose)), "pass the pose as float64"),
+                (near, lambda: lidar(look_at=narrow((eye, off))), "pass the look_at as float64"),
+                (near, lambda: points(narrow(eye), [0, 0, -1]), "pass the points as float64"),
+                (near, lambda: points(narrow(eye), narrow([0, 0, -1])), "pass the points as float64")):
+            with self.assertWarnsRegex(raynest.RayWarning, r"start so far .* float32 moves them .*" + says):
+                scene.trace(make(), fields=("t",))
+        with self.assertWarnsRegex(raynest.RayWarning, "pass the look_at as float64"):
+            near.render(size=(8, 8), look_at=narrow((eye, off)))
+        with warnings.catch_warnings():
+            warnings.simplefilter("error")
+            for make in (lambda: lidar(pose=pose), lambda: lidar(look_at=(eye, off)),
+                         lambda: points(eye, narrow([0, 0, -1]))):
+                start = near.trace(make(), fields=("origin",))["origin"][0]
+                np.testing.assert_allclose(start, eye, atol=1e-5)
+            near.render(size=(8, 8), look_at=(eye, off))
+            lone = self.client.mesh(corners, faces)
+            lone.trace(lidar(pose=narrow(np.eye(4))), fields=("t",))
+
+    def test_a_lidar_stands_upright_where_a_view_pitches(self):
+        ways = self.made(generators.lidar([0], (0, 360, 2), look_at=((0, 0, 2), (5, 0, 0), (0, 0, 1))))[1]
+        np.testing.assert_allclose(ways, [[1, 0, 0], [-1, 0, 0]], atol=ULP)
+
+    def test_a_pose_that_scales_or_mirrors_is_refused_by_name(self):
+        for scale, says in (((2, 2, 2), "pose: it scales"), ((1, 1, -1), "pose: it mirrors")):
+            for make in (lambda pose: generators.lidar([0.0], pose=pose),
+                         lambda pose: generators.pinhole(9, pose=pose)):
+                with self.assertRaisesRegex(raynest.UsageError, says):
+                    self.woods.trace(make(np.diag([*scale, 1.0])))
 
     def test_a_surface_does_not_hide_the_points_that_lie_on_it(self):
         """Points as a trace gives them, on a level floor, a tilted one, and one far from zero."""

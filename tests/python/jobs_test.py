@@ -15,6 +15,8 @@ ENDLESS = generators.hemisphere(np.full((20000, 3), 3.0), [0, 1, 0], samples=655
 
 
 class Jobs(WithDaemon):
+    arguments = ("--principal-result-bytes-max", "1G")
+
     def endless(self):
         job = self.woods.trace(ENDLESS, reduce="hit_fraction", detach=True)
         self.addCleanup(self.forget, job)
@@ -96,8 +98,10 @@ class Jobs(WithDaemon):
         runs, kept = self.endless(), self.woods.trace(rain(9), detach=True).wait()
         runs.cancel()
         kept.cancel()
-        for call in (runs.wait, runs.fetch, runs.cancel, kept.wait, kept.fetch, kept.cancel,
-                     lambda: kept.info, lambda: self.client.job(kept.number)):
+        for call in (runs.wait, runs.fetch, kept.wait, kept.fetch):
+            with self.assertRaisesRegex(raynest.CancelledError, "was cancelled"):
+                call()
+        for call in (runs.cancel, kept.cancel, lambda: kept.info, lambda: self.client.job(kept.number)):
             with self.assertRaises(raynest.InvalidError) as caught:
                 call()
             self.assertEqual((caught.exception.name, caught.exception.exit_code),

@@ -133,6 +133,39 @@ class Rays(WithDaemon):
             with self.assertRaises(raynest.UsageError):
                 wall.occluded([0, 0, 1], ends, margin=margin)
 
+    def test_a_wall_ahead_counts_however_long_the_line(self):
+        wall = self.client.mesh([[0.5, -5, -5], [0.5, 5, -5], [0.5, 0, 9.0]], [[0, 1, 2]])
+        for length in (10, 1000, 6000, 50_000, 1e6):
+            for dtype in (np.float32, np.float64):
+                a, b = np.zeros(3, dtype), np.array([length, 0, 0], dtype)
+                self.assertTrue(wall.occluded(a, b)[0], (length, dtype))
+                self.assertTrue(wall.occluded(b, a, margin_distance=1e-3)[0], (length, dtype))
+            self.assertEqual(wall.occluded(a, b, margin=1e-4)[0], length < 5000)
+        self.assertTrue(wall.occluded([0.499, 0, 0], [6000, 0, 0])[0])
+
+    def test_points_on_a_surface_do_not_hide_themselves(self):
+        """Points of a bumpy ground, small and large, near and far: seen from above, as a trace finds them."""
+        side = np.linspace(-1, 1, 40)
+        x, z = (axis.ravel() for axis in np.meshgrid(side, side))
+        ground = np.stack([x, 0.1 * np.sin(5 * x) * np.cos(4 * z), z], 1)
+        i = np.arange(1600).reshape(40, 40)
+        a, b, c, d = (part.ravel() for part in (i[:-1, :-1], i[:-1, 1:], i[1:, :-1], i[1:, 1:]))
+        faces = np.concatenate([np.stack([a, c, b], 1), np.stack([b, c, d], 1)])
+        chance = np.random.default_rng(4)
+        for size in (0.01, 1, 100, 10_000):
+            for place in ((0, 0, 0), (size * 30, size, -size * 50)):
+                with warnings.catch_warnings():
+                    warnings.simplefilter("ignore")
+                    scene = self.client.mesh(ground * size + place, faces)
+                    starts = chance.uniform(-0.9, 0.9, (4000, 3)) * size + place
+                    starts[:, 1] = place[1] + size
+                    seen = scene.trace(starts, [0, -1.0, 0], fields=("position", "ng"))
+                    # To lights above, within 80 degrees of the normal: nothing is between.
+                    over = seen["position"] + size * np.array([chance.uniform(-0.3, 0.3), 2, 0.1])
+                    hidden = scene.occluded(seen["position"], over)
+                    self.assertEqual(np.count_nonzero(hidden), 0, (size, place))
+                    self.assertEqual(np.count_nonzero(scene.occluded(over, seen["position"])), 0)
+
     def test_occluded_warns_of_ends_that_are_nowhere(self):
         wall = self.client.mesh([[-1, -1, 0], [1, -1, 0], [0, 1, 0]], [[0, 1, 2]])
         behind = [[0, 0, -1]] * 4

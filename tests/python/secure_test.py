@@ -139,7 +139,7 @@ class Secure(unittest.TestCase):
             except raynest.errors.Error as error:
                 return error
             return None
-        self.assertIn("revoked", str(until(ended)))
+        self.assertIn("is admitted no more", str(until(ended)))
 
     def connect_or_none(self, secret):
         try:

@@ -124,6 +124,31 @@ class Streams(WithDaemon):
         stream.close()
         self.assertTrue(self.client.scenes())
 
+    def test_other_threads_are_told_of_an_open_stream(self):
+        """A consumer that hands chunks to a worker which asks the same client would wait for ever."""
+        told = []
+
+        def ask():
+            try:
+                self.woods.path_of(0)
+            except raynest.UsageError as error:
+                told.append(str(error))
+        pictures = self.woods.render_stream(size=(64, 36), integrator="ao", spp=64)
+        for stream in (self.woods.stream(rain(200000)), pictures):
+            next(stream)
+            worker = threading.Thread(target=ask, daemon=True)
+            worker.start()
+            worker.join(PATIENCE)
+            self.assertFalse(worker.is_alive())
+            stream.close()
+        self.assertEqual(len(told), 2)
+        for line in told:
+            self.assertRegex(line, r"another thread has an open stream .* connect\(\) once more")
+        worker = threading.Thread(target=ask)
+        worker.start()
+        worker.join(PATIENCE)
+        self.assertEqual(len(told), 2)
+
     def test_an_exception_in_the_loop_leaves_the_connection_usable(self):
         with self.assertRaises(ZeroDivisionError):
             self.woods.trace(rain(200000), progress=lambda *_: 1 // 0)
@@ -276,12 +301,14 @@ class Interrupts(WithDaemon):
         cancel = threading.Event()
 
         def hold():
-            for first, columns in self.woods.stream(rain(100_000), fields=("t",)):
-                answers.append(len(columns["t"]))
+            def wait(*_):
+                begun.set()
                 cancel.wait(PATIENCE)
+            answers.append(len(self.woods.trace(rain(100_000), fields=("t",), progress=wait)["t"]))
+        begun = threading.Event()
         holder = threading.Thread(target=hold)
         holder.start()
-        until(lambda: answers)
+        self.assertTrue(begun.wait(PATIENCE))
         timer = threading.Timer(0.2, os.kill, (os.getpid(), signal.SIGINT))
         with self.assertRaises(KeyboardInterrupt):
             timer.start()

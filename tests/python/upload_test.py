@@ -4,8 +4,15 @@
 
   upload_test.py RAYNESTD RAYNEST FLATC
 """
+import hashlib
 import json
+import types
+from unittest import mock
 
+import numpy as np
+
+import raynest
+from raynest._gltf import mesh_glb
 from daemon import SHARED_SCENES
 from with_daemon import WithDaemon, main
 
@@ -25,6 +32,52 @@ class Upload(WithDaemon):
                 self.assertTrue(news)
                 loaded += 1
         self.assertGreater(loaded, 2)
+
+    def stages(self, load):
+        """Returns the stages of a load, without those that repeat, and its scene."""
+        seen = []
+        scene = load(lambda _done, _total, stage: seen.append(stage))
+        return list(dict.fromkeys(seen)), scene
+
+    def test_equal_content_is_not_sent_again(self):
+        corners = np.random.default_rng(5).uniform(-1, 1, (900, 3))
+        faces = np.arange(900).reshape(-1, 3)
+        (self.out / "a.glb").write_bytes(mesh_glb(corners, faces))
+        (self.out / "b.glb").write_bytes(mesh_glb(corners + 1, faces))
+        other = raynest.connect(self.daemon.uri)
+        self.addCleanup(other.close)
+        for load, again in (
+                (lambda told: self.client.mesh(corners, faces, progress=told),
+                 lambda told: other.mesh(corners, faces, progress=told)),
+                (lambda told: self.client.load(self.out / "a.glb", "first", progress=told),
+                 lambda told: other.load(self.out / "a.glb", "second", progress=told))):
+            stages, scene = self.stages(load)
+            self.assertIn("uploading", stages)
+            stages, twin = self.stages(again)
+            self.assertEqual(stages, ["loaded"])
+            self.assertEqual(twin.info["hash"], scene.info["hash"])
+            self.assertEqual(twin.trace([0, 0, 9, 0, 0, -1])["t"], scene.trace([0, 0, 9, 0, 0, -1])["t"])
+        # A name that is taken is taken, whether the content is there or not.
+        with self.assertRaisesRegex(raynest.Error, "NAME_TAKEN|another scene is called"):
+            other.load(self.out / "b.glb", "first")
+        # What the import depends on is part of the question.
+        for options in ({"build": "high"}, {"masks": {"mesh": 1}}, {"origin": (1, 2, 3)}):
+            stages, _ = self.stages(lambda told: other.load(self.out / "a.glb", "third", replace=True,
+                                                            progress=told, **options))
+            self.assertIn("uploading", stages, options)
+        # Nothing is made of it any more once nobody holds it.
+        with raynest.connect(self.daemon.uri) as short:
+            short.mesh(corners * 3, faces)
+        stages, _ = self.stages(lambda told: other.mesh(corners * 3, faces, progress=told))
+        self.assertIn("uploading", stages)
+
+    def test_a_digest_must_be_that_of_the_bytes(self):
+        """Otherwise one client could put its scene in the place of another's."""
+        (self.out / "honest.glb").write_bytes(mesh_glb(np.eye(3), [[0, 1, 2]]))
+        lie = types.SimpleNamespace(sha256=lambda _data: hashlib.sha256(b"another file"))
+        with mock.patch.object(raynest._upload, "hashlib", lie):
+            with self.assertRaisesRegex(raynest.Error, "'honest.glb' was damaged on its way"):
+                self.client.load(self.out / "honest.glb")
 
 
 if __name__ == "__main__":

@@ -91,7 +91,7 @@ class WithFake(unittest.TestCase):
                     peer = Peer(accepted)
                     if welcome is not None:
                         peer.read()
-                        accepted.sendall(frame("Welcome", welcome, 0))
+                        peer.send("Welcome", welcome)
                     script(peer)
         thread = threading.Thread(target=serve, daemon=True)
         thread.start()

@@ -1,10 +1,12 @@
 #!/usr/bin/env python3
 """Compares path-traced pictures with Blender's Cycles, which this project did not write.
 
-  cycles_compare.py RAYNESTD RAYNEST SCENE --out DIR --size 256x256 --spp 256 (--camera NAME | --lookat ...) [--env FILE]
+  cycles_compare.py RAYNESTD RAYNEST SCENE --out DIR --size 256x256 --spp 256 (--camera NAME | --lookat ...)
+      [--env FILE [--env-rotate DEG]]
 
 Both sides get the same camera, lights, surroundings and depth. Prints one JSON line: differences of
-8x8 blocks, all and those with surfaces (`surface_`), and CPU seconds. Writes ours.png, cycles.png and
+8x8 blocks, all and those with surfaces (`surface_`; `surface_bias` is the median with its sign, which noise
+leaves alone), and CPU seconds. Writes ours.png, cycles.png and
 difference.png: red where ours is brighter, blue where it is darker, full colour at 10 %. With
 --noise both render again with another seed: `noise` is the mean relative variance of a pixel on
 surfaces, `equal_noise` our CPU seconds over those of Cycles for equal noise.
@@ -136,7 +138,7 @@ def render_cycles(options, view, out, seed=1):
                str(options.scene), str(out), "--spp", str(options.cycles_spp or options.spp),
                "--seed", str(seed), *view]
     if options.env:
-        command += ["--env", str(options.env)]
+        command += ["--env", str(options.env), "--env-rotate", str(options.env_rotate)]
     done = subprocess.run(command, capture_output=True, text=True, check=False)
     told = re.findall(r'^\{"cpu_seconds".*\}$', done.stdout, re.M)
     if done.returncode != 0 or not told:
@@ -151,12 +153,13 @@ def cpu_seconds(pid):
 
 def render_ours(options, view, out, seed=1):
     daemon = Daemon(options.raynestd, "--log-level", "warn")
+    light = ["--env", options.env, "--env-rotate", options.env_rotate] if options.env else ["--env", "none"]
     try:
         client = Client(options.raynest, daemon.uri)
         client.json("load", options.scene, "--name", "scene")
         before = cpu_seconds(daemon.process.pid)
         done = client.run("render", "scene", "--integrator", "path", "--intersector", "alpha_blend", "-o", out,
-                          "--seed", seed, "--spp", options.spp, "--env", options.env or "none", *view, timeout=3600)
+                          "--seed", seed, "--spp", options.spp, *light, *view, timeout=3600)
         if done.returncode != 0:
             raise RuntimeError(done.stderr)
         return cpu_seconds(daemon.process.pid) - before
@@ -185,7 +188,8 @@ def compare(options):
         told["cycles_noise"] = noise(theirs, read_colours(options.out / "cycles2.exr"))
         told["equal_noise"] = told["noise"] * our_seconds / (told["cycles_noise"] * their_seconds)
     depth = read_colours(ours_at, "ZZZ")[..., :1].repeat(3, 2)
-    solid = size[blocks(depth < 1e9)[..., 0] > 0.5]
+    is_solid = blocks(depth < 1e9)[..., 0] > 0.5
+    solid = size[is_solid]
     scale = 0.5 / max(float(numpy.median(theirs[theirs > 0])), 1e-9)
     write_png(options.out / "ours.png", shown(ours, scale))
     write_png(options.out / "cycles.png", shown(theirs, scale))
@@ -196,6 +200,7 @@ def compare(options):
             "mean": round(float(size.mean()), 5), "median": round(float(numpy.median(size)), 5),
             "p95": round(float(numpy.percentile(size, 95)), 5), "worst": round(float(size.max()), 4),
             "surface_mean": round(float(solid.mean()), 5), "surface_median": round(float(numpy.median(solid)), 5),
+            "surface_bias": round(float(numpy.median(signed[is_solid])), 5),
             "bias": round(float(ours.mean() / theirs.mean() - 1), 5),
             "cpu_seconds": round(our_seconds, 2), "cycles_cpu_seconds": their_seconds,
             **{name: round(value, 5) for name, value in told.items()}}
@@ -215,6 +220,7 @@ def main():
     parser.add_argument("--lookat")
     parser.add_argument("--fov", type=float, default=40)
     parser.add_argument("--env")
+    parser.add_argument("--env-rotate", type=float, default=0)
     parser.add_argument("--noise", action="store_true")
     options = parser.parse_args()
     print(json.dumps(compare(options)))

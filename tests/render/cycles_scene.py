@@ -1,7 +1,7 @@
 """Renders a glTF file with Blender's Cycles, its materials replaced by nodes that equal RayNest's.
 
   blender -b --factory-startup --python-exit-code 1 --python cycles_scene.py -- \
-      SCENE OUT.exr --size 256x256 --spp 64 (--camera NAME | --lookat ex,ey,ez,ax,ay,az --fov DEG) [--env FILE]
+      SCENE OUT.exr --size 256x256 --spp 64 (--camera NAME | --lookat ex,ey,ez,ax,ay,az --fov DEG) [--env FILE [--env-rotate DEG]]
 
 Coordinates are the file's. The last line of the output says the CPU seconds of the render as JSON.
 """
@@ -323,7 +323,7 @@ def set_camera(scene, options, width, height):
     scene.render.resolution_percentage = 100
 
 
-def set_world(scene, path):
+def set_world(scene, path, rotate):
     scene.world = bpy.data.worlds.new("world")
     scene.world.use_nodes = True
     nodes, links = scene.world.node_tree.nodes, scene.world.node_tree.links
@@ -333,9 +333,9 @@ def set_world(scene, path):
         return
     picture = nodes.new("ShaderNodeTexEnvironment")
     picture.image = bpy.data.images.load(path)
-    # Azimuth 0, the middle of the picture, is -Z in the file and +Y here; Blender has -X in the middle.
+    # The middle of the picture lies at +X, in the file as here: only --env-rotate turns it. The file's -Z is +Y here.
     turn, place = nodes.new("ShaderNodeMapping"), nodes.new("ShaderNodeTexCoord")
-    turn.inputs["Rotation"].default_value = (0, 0, -math.pi / 2)
+    turn.inputs["Rotation"].default_value = (0, 0, math.radians(rotate))
     links.new(place.outputs["Generated"], turn.inputs["Vector"])
     links.new(turn.outputs["Vector"], picture.inputs["Vector"])
     links.new(picture.outputs[0], background.inputs[0])
@@ -375,6 +375,7 @@ def parse_options():
     parser.add_argument("--lookat")
     parser.add_argument("--fov", type=float, default=40)
     parser.add_argument("--env")
+    parser.add_argument("--env-rotate", type=float, default=0)
     return parser.parse_args(sys.argv[sys.argv.index("--") + 1:])
 
 
@@ -385,7 +386,7 @@ bpy.ops.wm.read_factory_settings(use_empty=True)
 bpy.ops.import_scene.gltf(filepath=OPTIONS.scene, import_shading="NORMALS")
 SCENE = bpy.context.scene
 set_camera(SCENE, OPTIONS, *(int(x) for x in OPTIONS.size.split("x")))
-set_world(SCENE, OPTIONS.env and str(Path(OPTIONS.env).resolve()))
+set_world(SCENE, OPTIONS.env and str(Path(OPTIONS.env).resolve()), OPTIONS.env_rotate)
 set_cycles(SCENE, OPTIONS)
 replace_all(FILE)
 BEGUN = time.process_time()

@@ -1,6 +1,7 @@
 """Shared by the examples: connection options, a line of progress, errors on one line."""
 import argparse
 import os
+import re
 import sys
 
 import numpy as np
@@ -14,6 +15,8 @@ def parser(description, example):
     """Returns a parser whose help starts with an example."""
     made = argparse.ArgumentParser(usage=f"{example}\n\n%(prog)s [SOURCE] [options]",
                                    description=description)
+    # No option begins with a digit: -33.9,151.2 is a value, as -1 is.
+    made._negative_number_matcher = re.compile(r"^-[\d.]")
     made.add_argument("source", nargs="?", default="builtin:forest", metavar="SOURCE",
                       help=".glb, .gltf, builtin:NAME or root:PATH, or the name of a loaded "
                       "scene (%(default)s)")

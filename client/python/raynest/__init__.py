@@ -13,7 +13,7 @@ import sys
 
 from . import compat, generators
 from ._version import VERSION as __version__
-from .client import Client, connect
+from .client import Client, connect, logout
 from .errors import (BusyError, CancelledError, ConnectError, DeadlineError, Error, FailedError,
                      InvalidError, NotAllowedError, ProtocolError, RayWarning, SceneWarning,
                      UsageError)
@@ -29,4 +29,4 @@ if sys.byteorder != "little":
 __all__ = ["BusyError", "CancelledError", "Client", "ConnectError", "DeadlineError", "Error",
            "FailedError", "Heatmap", "Image", "InvalidError", "Job", "Layers", "NotAllowedError", "ProtocolError", "RayWarning",
            "Scene", "SceneWarning", "UsageError", "compat", "connect", "generators",
-           "read_layers", "__version__"]
+           "logout", "read_layers", "__version__"]

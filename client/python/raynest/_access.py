@@ -2,12 +2,12 @@
 from __future__ import annotations
 
 import os
-import pathlib
 import re
-import stat
-from typing import Any, NamedTuple, Optional
+from typing import NamedTuple, Optional
 
 from . import errors
+from ._hosts import find_host
+from ._uri import authority_of, is_this_machine
 
 TOKEN_BYTES_MAX = 256
 
@@ -24,70 +24,35 @@ def find_access(uri: str, token: Optional[str], ca: Optional[str], cert: Optiona
                 key: Optional[str], verify: bool) -> Access:
     """Looks up what the arguments leave out: RAYNEST_TOKEN, RAYNEST_CA, RAYNEST_CERT and RAYNEST_KEY,
     then the daemon's entry in hosts.toml, which `raynest login` writes."""
-    host = _host_entry(uri)
+    host = find_host(uri)
 
-    def value(given: Optional[str], variable: str, entry: str) -> str:
-        if given is not None:
-            return os.fspath(given)
-        return os.environ.get(variable) or str(host.get(entry, ""))
+    def value(given: Optional[str], variable: str) -> Optional[str]:
+        return os.fspath(given) if given is not None else os.environ.get(variable) or None
 
-    access = Access(value(token, "RAYNEST_TOKEN", "token"), value(ca, "RAYNEST_CA", "ca"),
-                    value(cert, "RAYNEST_CERT", "cert"), value(key, "RAYNEST_KEY", "key"), verify)
+    words = [value(token, "RAYNEST_TOKEN"), value(ca, "RAYNEST_CA"), value(cert, "RAYNEST_CERT"),
+             value(key, "RAYNEST_KEY")]
+    if words[2] is None and words[3] is None:  # the two belong together
+        words[2:] = host.get("cert"), host.get("key")
+    access = Access(_token(host.get("token", "") if words[0] is None else words[0]),
+                    host.get("ca", "") if words[1] is None else words[1], words[2] or "",
+                    words[3] or "", verify)
     if bool(access.certificate) != bool(access.key):
         raise errors.UsageError("cert and key belong together; give both")
-    if access.token and _is_readable_by_others(uri):
-        raise errors.UsageError(f"a token is not sent to {uri}: tcp:// would show it to the network; "
-                                "use tls://, or unset RAYNEST_TOKEN")
+    # connect() refuses an address that cannot be split.
+    if access.token and uri.startswith("tcp://") and authority_of(uri) and not is_this_machine(uri):
+        raise not_secret(uri)
     return access
 
 
-def hosts_file() -> pathlib.Path:
-    config = os.environ.get("XDG_CONFIG_HOME", "")
-    base = pathlib.Path(config) if config.startswith("/") else pathlib.Path.home() / ".config"
-    return base / "raynest" / "hosts.toml"
+def not_secret(uri: str) -> errors.UsageError:
+    """The error for a token that would be sent where others can read it."""
+    return errors.UsageError(f"a token is not sent to {uri}: tcp:// would show it to the network; "
+                             "use tls://, or unset RAYNEST_TOKEN")
 
 
-def _host_entry(uri: str) -> dict[str, Any]:
-    file = hosts_file()
-    try:
-        if not file.exists():
-            return {}
-        if stat.S_IMODE(file.stat().st_mode) & 0o077:
-            raise errors.UsageError(f"other users may read {file}, and it holds a token; chmod 600 "
-                                    f"{file}")
-        hosts = _parse(file)
-    except OSError as error:
-        raise errors.UsageError(f"cannot read {file}: {error.strerror}") from None
-    except ValueError as error:
-        if isinstance(error, errors.Error):
-            raise
-        raise errors.UsageError(f"{file}: {error}") from None
-    entry = hosts.get(uri, {})
-    return entry if isinstance(entry, dict) else {}
-
-
-def _parse(file: pathlib.Path) -> dict[str, Any]:
-    try:
-        import tomllib
-    except ImportError:  # before Python 3.11: what `raynest login` writes is simple enough
-        return _parse_simple(file.read_text(encoding="utf-8"))
-    with open(file, "rb") as opened:
-        return tomllib.load(opened)
-
-
-def _parse_simple(text: str) -> dict[str, Any]:
-    hosts: dict[str, Any] = {}
-    entry: dict[str, Any] = {}
-    for line in text.splitlines():
-        table = re.fullmatch(r"""\s*\[(?:'([^']*)'|"([^"\\]*)")\]\s*""", line)
-        row = re.fullmatch(r"""\s*(\w+)\s*=\s*(?:'([^']*)'|"([^"\\]*)")\s*""", line)
-        if table:
-            entry = hosts.setdefault(table[1] or table[2], {})
-        elif row:
-            entry[row[1]] = row[2] or row[3] or ""
-    return hosts
-
-
-def _is_readable_by_others(uri: str) -> bool:
-    return uri.startswith("tcp://") and \
-        not uri.startswith(("tcp://127.", "tcp://localhost:", "tcp://[::1]:"))
+def _token(text: str) -> str:
+    token = text.strip(" \t\r\n")
+    if text and not re.fullmatch(f"[!-~]{{1,{TOKEN_BYTES_MAX}}}", token):
+        raise errors.UsageError("the token, of token= or RAYNEST_TOKEN, is none: it must be one word of "
+                                "printable letters")
+    return token

@@ -7,12 +7,11 @@ import socket
 from typing import Union
 
 from . import errors
-from ._access import Access
+from ._access import Access, not_secret
 from ._tls import TlsSocket
+from ._uri import authority_of, is_loopback, is_this_machine
 
 DEFAULT_URI = "tcp://127.0.0.1:31060"
-
-_TCP = re.compile(r"(?:tcp|tls)://(\[[^]]+\]|[^:]+):(\d{1,5})")
 
 
 def connect(uri: str, seconds_max: float, access: Access) -> Union[socket.socket, TlsSocket]:
@@ -20,7 +19,7 @@ def connect(uri: str, seconds_max: float, access: Access) -> Union[socket.socket
     opened: Union[socket.socket, TlsSocket]
     try:
         opened = _connect_unix(uri[5:], seconds_max) if re.match("unix:.", uri) else \
-            _connect_tcp(uri, seconds_max)
+            _connect_tcp(uri, seconds_max, access)
         if uri.startswith("tls://"):
             opened = _encrypt(opened, uri, access)
     except errors.Error:
@@ -42,14 +41,16 @@ def _start_hint(uri: str, error: OSError) -> str:
         return "it is no socket: name the PATH that a daemon was given with --listen unix:PATH"
     if uri == DEFAULT_URI:
         return "start a daemon with: raynestd &"
-    if uri.startswith(("unix:", "tcp://127.", "tcp://localhost:", "tcp://[::1]:")):
+    if is_this_machine(uri) and not uri.startswith("tls://"):
         return f"start a daemon with: raynestd --listen {uri} &"
     return "is raynestd running there?"
 
 
 def _encrypt(plain: socket.socket, uri: str, access: Access) -> TlsSocket:
+    authority = authority_of(uri)
+    assert authority is not None  # it is connected to
     try:
-        return TlsSocket(plain, uri[6:].rpartition(":")[0].strip("[]"), access)
+        return TlsSocket(plain, authority[0], access)
     except BaseException:
         plain.close()
         raise
@@ -74,16 +75,19 @@ def _keep_alive(opened: socket.socket) -> None:
             opened.setsockopt(socket.IPPROTO_TCP, getattr(socket, name), value)
 
 
-def _connect_tcp(uri: str, seconds_max: float) -> socket.socket:
-    address = _TCP.fullmatch(uri)
+def _connect_tcp(uri: str, seconds_max: float, access: Access) -> socket.socket:
+    address = authority_of(uri)
     if address is None:
+        if uri.startswith(("tcp://", "tls://")):
+            raise errors.UsageError(f"{uri!r} is not {uri[:6]}HOST:PORT with a port from 1 to 65535")
         hint = f"; did you mean unix:{uri}?" if uri.startswith("/") else ""
         raise errors.UsageError(f"{uri!r} is no server: use tcp://HOST:PORT, tls://HOST:PORT, "
                                 f"ssh://HOST or unix:PATH{hint}")
-    host, port = address[1].strip("[]"), int(address[2])
-    if not 1 <= port <= 65535:
-        raise errors.UsageError(f"{uri!r} needs a port from 1 to 65535")
-    opened = socket.create_connection((host, port), seconds_max)
+    opened = socket.create_connection(address, seconds_max)
+    # The name of localhost may lead elsewhere.
+    if uri.startswith("tcp://") and access.token and not is_loopback(opened.getpeername()[0]):
+        opened.close()
+        raise not_secret(uri)
     opened.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
     _keep_alive(opened)
     return opened

@@ -57,6 +57,12 @@ def whole(what: str, value: Any, most: int, least: int = 1) -> int:
     return number
 
 
+def count_of(what: str, value: Any, most: int) -> int:
+    """The same for a number of things, which arithmetic and arrays may have made a float: 1000.0."""
+    is_float = isinstance(value, (float, np.floating)) and float(value).is_integer()
+    return whole(what, int(value) if is_float else value, most)
+
+
 # Masks of placements, by patterns of their paths.
 Masks = Union[Mapping[str, int], Iterable[tuple[str, int]]]
 
@@ -64,7 +70,8 @@ Masks = Union[Mapping[str, int], Iterable[tuple[str, int]]]
 def mask_rules(masks: Masks) -> list[str]:
     """Returns the rules as Load expects them, "GLOB=HEX"."""
     rules = []
-    for pair in masks.items() if isinstance(masks, Mapping) else masks:
+    pairs = masks.items() if isinstance(masks, Mapping) else masks
+    for pair in pairs if isinstance(pairs, Iterable) else (None,):
         if not isinstance(pair, (tuple, list)) or len(pair) != 2 or \
                 not isinstance(pair[0], str) or not pair[0]:
             raise UsageError(f"masks of {reprlib.repr(masks)}: it must be a dict of patterns and "

@@ -19,7 +19,7 @@ import select
 import socket
 import threading
 import time
-from typing import Callable, Generator, NamedTuple, NoReturn, Optional, Sequence, TypeVar
+from typing import Callable, Generator, NoReturn, Optional, Sequence, TypeVar
 
 import numpy as np
 
@@ -27,8 +27,9 @@ from . import _limits, errors
 from ._access import Access
 from ._address import connect
 from ._control import Message, decode, encode
-from ._frame import (HEADER, Array, Block, Header, describe, padding, read_blocks, read_header,
-                     write_header)
+from ._daemon import Daemon, read_welcome
+from ._frame import (HEADER, Array, Block, Header, describe, first_request_id, padding,
+                     read_blocks, read_header, write_header)
 from ._interrupts import Interrupts
 from ._reconnect import ATTEMPTS_MAX, open_again, open_first
 from ._schema import SCHEMA
@@ -45,6 +46,9 @@ BUFFERS_MAX = 64  # of one system call
 # Explains a connection that the daemon closed in the middle of an answer, where no ERROR fits.
 CUT_SHORT = " within an answer: the daemon ended, or this reader paused and gave way to another client"
 
+# The beginning of what a TLS server answers to bytes that are not TLS.
+TLS_ALERT = b"\x15\x03"
+
 # Requests that change nothing in the daemon.
 HARMLESS = {"Info", "Jobs", "Parts", "Path", "Ping", "Scenes", "Stats", "Variants"}
 
@@ -52,24 +56,8 @@ T = TypeVar("T")
 Frame = tuple[str, Message]
 # Returns the arrays that receive the blocks of a frame, each with exactly its block's bytes.
 Place = Callable[[str, Message, Sequence[Block]], Sequence[Array]]
-
-
-class Daemon(NamedTuple):
-    """The daemon's properties and limits, from its Welcome."""
-
-    name: str
-    version: int
-    window_bytes: int
-    chunk_rays_max: int
-    bulk_bytes_max: int  # of one frame: credit for so much always comes back
-    principal: str       # the name under which the daemon knows this client
-    role: str            # viewer, user or admin
-
-
-def first_request_id() -> int:
-    """Returns the id before a connection's first request, as protocol/request_id.h makes it: random, so
-    that a log has an id once."""
-    return int.from_bytes(os.urandom(4), "little") << 16
+# Returns the error to raise where no daemon answers.
+Explain = Callable[[errors.ConnectError], errors.ConnectError]
 
 
 def anywhere(_name: str, _message: Message, blocks: Sequence[Block]) -> Sequence[Array]:
@@ -81,25 +69,35 @@ def _bytes_of(array: Array) -> memoryview:
 
 
 class Connection:
-    def __init__(self, uri: str, access: Access, window_bytes: int, reconnect: float = 0.0) -> None:
+    def __init__(self, uri: str, access: Access, window_bytes: int, reconnect: float = 0.0,
+                 explain: Optional[Explain] = None) -> None:
         self.uri = uri
+        self._explain = explain or (lambda error: error)
         self._access = access
         self._window_bytes = window_bytes
         self._reconnect = reconnect         # seconds to look for a daemon that went away
         self._left = False                  # the caller has closed this
         self.closed = True
+        self._opened = 0                    # times that the daemon has greeted this
         self._process = os.getpid()
         self._turn = threading.Lock()
-        self._owner = 0                     # thread whose turn it is
+        self._owner, self._streams = 0, False  # thread whose turn it is; has it an open stream?
         self.interrupts = Interrupts()
         self._scrap = bytearray(64 << 10)
         open_first(self._open, reconnect, self.interrupts.check)
 
     def _open(self) -> None:
+        try:
+            self._open_once()
+        except errors.ConnectError as error:
+            raise self._explain(error) from None
+
+    def _open_once(self) -> None:
         self._outbox: collections.deque[list[memoryview]] = collections.deque()
         self._begun = False                 # was part of the first frame there sent?
         self._id = first_request_id()       # the greeting's: the log names it where it is refused
         self._greeted = False
+        self._head = bytearray()            # the header of the last frame, as far as it has come
         self._begin(GREETING_SECONDS)
         before = getattr(self, "_socket", None)
         if before is not None:
@@ -115,6 +113,7 @@ class Connection:
             self._shut()
             raise
         self._greeted = True
+        self._opened += 1
 
     def again(self, work: Callable[[], T]) -> T:
         """Returns work(), which sends requests that change nothing. Where the daemon goes away
@@ -165,15 +164,18 @@ class Connection:
     # ---- requests -------------------------------------------------------------------------------
 
     def exchange(self, name: str, message: Message, deadline: float = 0.0, place: Place = anywhere,
-                 feed: Callable[[], object] = lambda: None) -> Generator[Frame, None, None]:
+                 feed: Callable[[], object] = lambda: None,
+                 streams: bool = False) -> Generator[Frame, None, None]:
         """Sends a request and yields its frames, the last one included. `feed` is called before
-        each wait and may queue more frames of the request. A Ctrl-C outside of `interrupts` comes
+        each wait and may queue more frames. `streams`: the user's code runs between two frames, and
+        other threads are told, not kept waiting for an end that may wait for them. A Ctrl-C outside of `interrupts` comes
         between two frames, where it does no harm."""
         mine = False
         try:
             with self.interrupts:
                 self._check_process()
                 mine = self._take_turn()
+                self._streams = streams
                 if self.closed and not self._left and self._reconnect:
                     open_again(self._open, self._reconnect, self.interrupts.check)
                 if self.closed:
@@ -206,7 +208,7 @@ class Connection:
                     if mine:
                         if self.closed:
                             self._outbox.clear()  # also releases the caller's arrays
-                        self._owner = 0
+                        self._owner, self._streams = 0, False
                         self._turn.release()
                         if self.closed:
                             self._free()
@@ -249,6 +251,9 @@ class Connection:
                                     "is not read to its end, or the one that calls progress=: end "
                                     "it first, or use a second connection")
         while not self._turn.acquire(timeout=TICK_MS / 1000):
+            if self._streams:
+                raise errors.UsageError("another thread has an open stream on this connection: end it "
+                                        "first, or connect() once more for this thread")
             self.interrupts.check()
         self._owner = threading.get_ident()
         return True
@@ -279,18 +284,14 @@ class Connection:
                                       "is it raynestd that listens there?", lost=True,
                                       silent=True) from None
         except errors.FailedError as error:
-            raise errors.ConnectError(f"no RayNest daemon answers: {error}", lost=True) from None
+            # Only a connection that ended is `lost`: a server that has answered says no more later.
+            is_tls = self._head.startswith(TLS_ALERT)
+            reason = "this port is encrypted: connect to it with tls:// in place of tcp://" if is_tls else error
+            raise errors.ConnectError(f"no RayNest daemon answers: {reason}",
+                                      lost=error.lost and not is_tls) from None
         if name != "Welcome":
             raise errors.ConnectError(f"no RayNest daemon answers: it says {name}")
-        # A daemon may be configured to accept less than this client could send, never more.
-        window = min(welcome["window_bytes"], _limits.window_bytes_max)
-        frame = min(welcome["frame_bytes_max"], _limits.frame_bytes_max)
-        daemon = Daemon(welcome["server"], welcome["version"], window,
-                        min(welcome["chunk_rays_max"], _limits.chunk_rays_max),
-                        min(window, frame) // 2 & -64, welcome["principal"], welcome["role"])
-        if daemon.chunk_rays_max == 0 or daemon.bulk_bytes_max == 0:
-            raise errors.FailedError("the daemon takes no data: its limits are too small")
-        return daemon
+        return read_welcome(welcome)
 
     def _abandon(self) -> None:
         """Cancels the running request and reads the frames that are still on their way."""
@@ -343,7 +344,7 @@ class Connection:
         if name == "Error" and (ours or header.request_id == 0):
             self._end(message["closing"])
             raise errors.from_daemon(message["code"], message["message"],
-                                     message["retry_after_ms"], f"{self._id:x}")
+                                     message["retry_after_ms"], f"{self._id:x}", self._opened > 1)
         if not ours or not name:
             return None
         if name == "Credit":
@@ -392,7 +393,9 @@ class Connection:
                                        "longer deadline, or ask for less", "DEADLINE")
 
     def _read_frame(self, place: Place) -> tuple[Header, str, Message]:
-        header = read_header(self._receive_bytes(HEADER.size, within=False))
+        self._head = bytearray(HEADER.size)
+        self._receive([memoryview(self._head)], within=False)
+        header = read_header(bytes(self._head))
         control = self._receive_bytes(header.control_bytes)
         name = SCHEMA.names.get(header.type, "")
         if header.request_id not in (0, self._id) or not name:
@@ -455,9 +458,9 @@ class Connection:
                 self._outbox.popleft()
                 self._begun = False
 
-    def _receive_bytes(self, count: int, within: bool = True) -> bytes:
+    def _receive_bytes(self, count: int) -> bytes:
         data = bytearray(count)
-        self._receive([memoryview(data)] if count else [], within)
+        self._receive([memoryview(data)] if count else [])
         return bytes(data)
 
     def _skip(self, count: int) -> None:

@@ -16,7 +16,7 @@ from ._film import film_message, is_lit
 from ._frame import Array
 from ._job import Outcome, Progress
 from ._picture import Picture
-from .errors import ProtocolError, UsageError
+from .errors import ProtocolError, UsageError, shown_text
 
 
 def ray_message(ray: Any, origin: Array) -> Message:
@@ -50,7 +50,8 @@ def path_message(pixel: Sequence[int], integrator: str, sample: int, seed: int, 
                          "without files")
     samples = whole("sample", sample, _limits.samples_max - 1, 0) + 1
     place = pixel_message(pixel)
-    return {**film_message(integrator, samples, seed, {**light, "noise": 0.0, "tonemap": "", "exposure": ""}),
+    unused = {"environment_rotate": 0.0, "noise": 0.0, "tonemap": "", "exposure": ""}
+    return {**film_message(integrator, samples, seed, {**light, **unused}),
             "environment": environment, "encode": f"path+{place['pixel_x']},{place['pixel_y']}"}
 
 
@@ -61,8 +62,18 @@ def receive_document(connection: Connection, request: str, message: Message, pro
     text = answer.receive(connection, request, message, progress, seconds)
     try:
         document = json.loads(text)
-    except ValueError:
+        document = _shown(document)
+    except (ValueError, RecursionError):
         document = None
     if not isinstance(document, dict):
         raise ProtocolError("the daemon sent something else than a JSON document")
     return document, answer.outcome
+
+
+def _shown(value: Any) -> Any:
+    """The value with all its texts, and the names of members, as shown_text() makes them."""
+    if isinstance(value, dict):
+        return {shown_text(name): _shown(member) for name, member in value.items()}
+    if isinstance(value, list):
+        return [_shown(item) for item in value]
+    return shown_text(value) if isinstance(value, str) else value

@@ -10,7 +10,7 @@ import zlib
 import numpy as np
 
 from ._frame import Array
-from .errors import ProtocolError
+from .errors import ProtocolError, shown_text
 
 MAGIC = 20000630
 LINES = 16  # of a block
@@ -28,7 +28,7 @@ def read_exr(data: bytes, pixels_max: int) -> tuple[dict[str, Array], dict[str, 
 
 def _word(data: memoryview, at: int) -> tuple[str, int]:
     end = bytes(data[at:at + 256]).index(0)
-    return bytes(data[at:at + end]).decode(), at + end + 1
+    return shown_text(bytes(data[at:at + end]).decode()), at + end + 1
 
 
 def _read(data: memoryview, pixels_max: int) -> tuple[dict[str, Array], dict[str, str]]:
@@ -43,7 +43,7 @@ def _read(data: memoryview, pixels_max: int) -> tuple[dict[str, Array], dict[str
         size, = struct.unpack_from("<I", data, at)
         header[name], at = data[at + 4:at + 4 + size], at + 4 + size
         if kind == "string":
-            texts[name] = bytes(header[name]).decode(errors="replace")
+            texts[name] = shown_text(bytes(header[name]).decode(errors="replace"))
     at += 1
     left, top, right, bottom = struct.unpack("<4i", header["dataWindow"])
     width, height = right - left + 1, bottom - top + 1

@@ -30,8 +30,10 @@ def path_text(what: str, path: Any) -> str:
     """Returns a str or os.PathLike as a str. Bytes are refused: their encoding would be a guess."""
     text = os.fspath(path) if isinstance(path, os.PathLike) else path
     if not isinstance(text, str):
-        raise TypeError(f"{what} of type {type(path).__name__}: it must be a str or a path, and "
-                        "os.fsdecode() makes one of bytes")
+        content = isinstance(path, (bytes, bytearray, memoryview)) and bytes(path[:4]) in (b"glTF", b"\x93NUM")
+        raise TypeError(f"{what} of type {type(path).__name__}: it must be a str or a path"
+                        + ("; write these bytes to a file and pass its name" if content else
+                           ", and os.fsdecode() makes one of bytes"))
     return text
 
 

@@ -7,7 +7,7 @@ from typing import Any, Optional, Union
 import numpy as np
 
 from . import _limits
-from ._arguments import numbers, real, whole
+from ._arguments import count_of, numbers, real, whole
 from ._connection import Connection
 from ._control import Message
 from ._exr import read_exr
@@ -48,14 +48,14 @@ def film_message(integrator: str, spp: int, seed: int, fields: dict[str, Any]) -
     lit = NOISE_SAMPLES if fields["noise"] else LIT_SAMPLES
     samples = spp or (lit if is_lit(integrator) else 1)
     message: Message = {"integrator": integrator, "seed": seed,
-                        "samples": whole("spp", samples, _limits.samples_max)}
+                        "samples": count_of("spp", samples, _limits.samples_max)}
     if not is_lit(integrator):
         given = sorted(name for name, value in fields.items() if value)
         if given:
             raise UsageError(f"{', '.join(given)}: only of a lit picture; pass integrator='path'")
         return message
     message["depth"] = whole("depth", fields["depth"], _limits.bounces_max, 0)
-    for name in ("ao_distance", "noise"):
+    for name in ("ao_distance", "noise", "environment_rotate"):
         message[name] = real(name, fields[name])
     message["tonemap"] = fields["tonemap"]
     exposure = fields["exposure"]
@@ -127,12 +127,12 @@ def layers_of(file: bytes, outcome: Outcome, last: bool) -> Layers:
 def warn_of_options(outcome: Outcome) -> None:
     """Warns of options that changed nothing or did not suffice."""
     for note in outcome.get("notes", ()):
-        if note.startswith(("primary ", "no effect ", "the error ")):
+        if note.startswith(("primary ", "no effect ", "the error ", "the environment ", "light starts ")):
             warn(note, RayWarning)
 
 
 def warn_if_incomplete(outcome: Outcome) -> None:
     if outcome.get("incomplete"):
-        warn(f"the deadline passed: the picture has {outcome.get('samples', 0)} samples per pixel, "
-             "fewer than it was asked for", RayWarning)
+        warn(f"the deadline passed: pixels of the picture have {outcome.get('samples', 0)} samples or "
+             "more, fewer than it was asked for", RayWarning)
 

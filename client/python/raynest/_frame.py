@@ -2,6 +2,7 @@
 from __future__ import annotations
 
 import dataclasses
+import os
 import struct
 from typing import Any, NamedTuple
 
@@ -21,6 +22,12 @@ Array = np.ndarray[Any, np.dtype[Any]]
 # In the order of the schema's Dtype.
 DTYPES = tuple(np.dtype({"u8": np.uint8, "u32": np.uint32, "u64": np.uint64,
                          "f32": np.float32}[name]) for name in SCHEMA.enums["Dtype"])
+
+
+def first_request_id() -> int:
+    """Returns the id before a connection's first request, as protocol/request_id.h makes it: random, so
+    that a log has an id once."""
+    return int.from_bytes(os.urandom(4), "little") << 16
 
 
 class Header(NamedTuple):

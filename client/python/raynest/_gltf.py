@@ -21,6 +21,7 @@ NAME_BYTES_MAX = 1024
 _GLB, _JSON, _BIN = 0x46546C67, 0x4E4F534A, 0x004E4942
 _ESCAPE = re.compile(rb"%([0-9A-Fa-f]{2})?")
 _FLOAT, _UINT = 5126, 5125
+_HEAD_BYTES = 2048  # of a mesh's .glb before its vertices: two headers, the JSON and a third header
 
 
 def _refuse(why: str) -> NoReturn:
@@ -124,23 +125,30 @@ def triangles(vertices: Any, faces: Any) -> tuple[Array, Array]:
     return points, corners
 
 
-def mesh_glb(vertices: Any, faces: Any, origin: Array = np.zeros(3)) -> bytes:
+def mesh_glb(vertices: Any, faces: Any, origin: Array = np.zeros(3)) -> memoryview:
     """Returns a mesh as a .glb: vertices (N, 3), faces (M, 3) of indices. `origin` is subtracted
     before the vertices become float32 and is the position of their node, so that they stay in
     place. Triangle i of the scene is row i of `faces`."""
     points, corners = triangles(vertices, faces)
     moves = bool(origin.any())
-    with np.errstate(over="ignore"):
-        positions = (points - origin if moves else points).astype("<f4")
-    indices = corners.astype("<u4")
-    lost = np.flatnonzero(~np.isfinite(positions).all(1))
-    if len(lost):
+    position_bytes, index_bytes = 4 * points.size, 4 * corners.size
+    # Written in place: copies of a large mesh would take as long as all the rest.
+    whole = np.empty(_HEAD_BYTES + position_bytes + index_bytes, np.uint8)
+    body = whole[_HEAD_BYTES:]
+    positions = body[:position_bytes].view("<f4").reshape(points.shape)
+    with np.errstate(over="ignore", invalid="ignore"):
+        positions[...] = points - origin if moves else points
+    body[position_bytes:].view("<u4")[...] = corners.ravel()
+    low, high = box_of(positions)
+    if not (np.isfinite(low).all() and np.isfinite(high).all()):
+        lost = np.flatnonzero(~np.isfinite(positions).all(1))
         used = lost[np.isin(lost, corners)]
         if len(used):
             raise UsageError(f"{len(used)} vertices that faces use are not finite in float32, the "
                              f"first is {used[0]}: leave out those faces, as "
                              "faces[np.isfinite(vertices[faces]).all((1, 2))]")
         positions[lost] = 0
+        low, high = box_of(positions)
     document = {
         "asset": {"version": "2.0"}, "scene": 0, "scenes": [{"nodes": [0]}],
         "nodes": [{"mesh": 0, "name": "mesh",
@@ -148,16 +156,21 @@ def mesh_glb(vertices: Any, faces: Any, origin: Array = np.zeros(3)) -> bytes:
         "meshes": [{"primitives": [{"attributes": {"POSITION": 0}, "indices": 1}]}],
         "accessors": [
             {"bufferView": 0, "componentType": _FLOAT, "type": "VEC3", "count": len(positions),
-             "min": positions.min(0).tolist(), "max": positions.max(0).tolist()},
-            {"bufferView": 1, "componentType": _UINT, "type": "SCALAR", "count": indices.size}],
+             "min": low.tolist(), "max": high.tolist()},
+            {"bufferView": 1, "componentType": _UINT, "type": "SCALAR", "count": corners.size}],
         "bufferViews": [
-            {"buffer": 0, "byteLength": positions.nbytes},
-            {"buffer": 0, "byteOffset": positions.nbytes, "byteLength": indices.nbytes}],
-        "buffers": [{"byteLength": positions.nbytes + indices.nbytes}]}
+            {"buffer": 0, "byteLength": position_bytes},
+            {"buffer": 0, "byteOffset": position_bytes, "byteLength": index_bytes}],
+        "buffers": [{"byteLength": len(body)}]}
     text = json.dumps(document).encode()
-    text += b" " * (-len(text) % 4)
-    body = positions.tobytes() + indices.tobytes()
-    length = 12 + 8 + len(text) + 8 + len(body)
-    return b"".join([struct.pack("<3I", _GLB, 2, length),
-                     struct.pack("<2I", len(text), _JSON), text,
-                     struct.pack("<2I", len(body), _BIN), body])
+    text = text.ljust(_HEAD_BYTES - 28)  # blanks to the chunk's end
+    head = struct.pack("<5I", _GLB, 2, len(whole), len(text), _JSON) + text
+    head += struct.pack("<2I", len(body), _BIN)
+    whole[:_HEAD_BYTES] = np.frombuffer(head, np.uint8)
+    return whole.data
+
+
+def box_of(points: Array) -> tuple[Array, Array]:
+    """Returns the corners of the box of (N, 3) points; NaN where one of them has it."""
+    axes = [points[:, axis] for axis in range(3)]  # three times as fast as along the first axis
+    return np.array([axis.min() for axis in axes]), np.array([axis.max() for axis in axes])

@@ -3,12 +3,16 @@ from __future__ import annotations
 
 import difflib
 import reprlib
-from typing import Any, Callable, Mapping, Optional, Sequence, TypedDict
+from typing import Any, Callable, Mapping, Optional, TypedDict
 
+import numpy as np
+
+from . import _limits
 from ._arguments import milliseconds
 from ._control import Message
 from ._frame import Array
 from ._lists import Worker
+from ._selection import InstanceOf, selection_lists
 from ._wording import localize_message
 from .errors import RayWarning, UsageError, warn
 
@@ -21,15 +25,16 @@ class JobOptions(TypedDict, total=False):
     default."""
 
     intersector: Optional[str]      # a variant's name; "auto" masks by alpha where the scene does
-    params: Optional[Mapping[str, object]]  # of the intersector: {"cutoff": 0.3}
+    params: Optional[Mapping[str, object]]  # of the intersector: {"cutoff": 0.3}, a table as an array
     traversal: Optional[str]        # "auto", or one of those that `raynest query --help` lists
     mask: Optional[int]             # rays see instances that share a bit with it
     epoch: Optional[int]            # of the scene; 0 is the current one
     deadline: Optional[float]       # seconds; 0 is none
     priority: Optional[str]         # "normal", "low" or "high"
     worker: Optional[Worker]        # "auto" lets the daemon choose
-    hide: Optional[Sequence[str]]   # what no ray enters: "inst=3", "object=2", as in those columns
-    only: Optional[Sequence[str]]   # if any: rays enter nothing else
+    hide: Any                       # what no ray enters: 3, "inst=3", "object=2", a path, or a list of them
+    only: Any                       # the same: if any, rays enter nothing else
+    skip_hidden_boxes: Optional[bool]  # boxes that lead to what is hidden alone are not tested, nor counted
 
 
 class Outcome(dict[str, Any]):
@@ -52,7 +57,8 @@ class Outcome(dict[str, Any]):
         self["notes"] = notes
         if not self.get("invalid"):
             self.pop("first_invalid", None)
-        if not self.get("samples"):
+        # Only pictures have samples; one that its deadline ended may have pixels without one.
+        if not self.get("samples") and not self.get("incomplete"):
             for key in ("samples", "dropped", "incomplete"):
                 self.pop(key, None)
         if name == "Started":
@@ -121,7 +127,7 @@ def origin_of(message: dict[str, Any]) -> list[float]:
     return [message.pop(f"origin_{axis}") for axis in "xyz"]
 
 
-def job_message(scene: str, options: JobOptions) -> Message:
+def job_message(scene: str, options: JobOptions, instance_of: InstanceOf) -> Message:
     unknown = options.keys() - JobOptions.__annotations__.keys()
     if unknown:
         raise TypeError(_no_option(sorted(unknown)[0]))
@@ -129,53 +135,67 @@ def job_message(scene: str, options: JobOptions) -> Message:
                         if key not in ("params", "deadline", "hide", "only")}
     message["scene"] = scene
     for key, prefix in (("hide", "hidden"), ("only", "only")):
-        message.update(selection_lists(key, prefix, options.get(key)))
+        message.update(selection_lists(key, prefix, options.get(key), instance_of))
     params = options.get("params")
     if not isinstance(params, (Mapping, type(None))):
         raise UsageError(f"params of {reprlib.repr(params)}: it must be a dict, for example "
                          "{'cutoff': 0.3}")
     message["settings"] = [f"{key}={value}" for key, value in (params or {}).items()
-                           if value is not None]
+                           if value is not None and not _is_table(value)]
+    message["tables"] = [{"name": key, "values": _table(key, value)}
+                         for key, value in (params or {}).items() if _is_table(value)]
     message["deadline_ms"] = milliseconds(options.get("deadline"))
     return message
 
 
-def selection_lists(key: str, prefix: str, texts: Any) -> Message:
-    """The lists of a Job that "inst=3" and "object=2" stand for."""
-    lists: Message = {f"{prefix}_instances": [], f"{prefix}_objects": []}
-    kinds = {"inst": "instances", "object": "objects"}
-    for text in [texts] if isinstance(texts, str) else texts or ():
-        kind, _, digits = str(text).partition("=")
-        if kind not in kinds or not (digits.isascii() and digits.isdigit()):
-            raise UsageError(f"{key} of {reprlib.repr(text)}: it must be inst=NUMBER or "
-                             "object=NUMBER, as the columns inst and object have them")
-        lists[f"{prefix}_{kinds[kind]}"].append(min(int(digits), 2**32 - 1))
-    return lists
+def _is_table(value: object) -> bool:
+    return isinstance(value, (list, tuple)) or isinstance(value, np.ndarray) and value.ndim > 0
 
 
-# What users of the command line and of other libraries write.
+def _table(name: str, value: Any) -> list[float]:
+    """Returns the values of a parameter that is a table, as float32 has them."""
+    try:
+        values = np.asarray(value, np.float32)
+    except (TypeError, ValueError):
+        values = np.empty((0, 0))
+    if values.ndim != 1:
+        raise UsageError(f"params['{name}'] of {reprlib.repr(value)}: a table is a list or an array "
+                         "of numbers, of one dimension")
+    if len(values) > _limits.table_values_max:
+        raise UsageError(f"params['{name}'] has {len(values)} values: the tables of a job have at most "
+                         f"{_limits.table_values_max}")
+    return [float(each) for each in values]
+
+
+_RANGES = ("rays (N, 8) have a range each: ox oy oz tmin dx dy dz tmax; a generator takes tmin= and tmax= "
+           "itself")
+# Options of the calls themselves, for those who misspell one.
+_OWN = ("kind", "fields", "max_hits", "reduce", "origin", "progress", "detach", "camera", "look_at", "fov",
+        "size", "encode", "integrator", "spp", "seed", "noise", "environment", "environment_rotate", "sun", "metric", "diff",
+        "pixel", "steps", "top")
+# Words of the command line and of other libraries.
 _MEANT = {"env": "render() has environment=", "samples": "render() has spp=",
           "lookat": "look_at= is of pictures, and of raynest.generators for rays",
-          "tmin": "rays (N, 8) have a range each: ox oy oz tmin dx dy dz tmax",
-          "tmax": "rays (N, 8) have a range each: ox oy oz tmin dx dy dz tmax",
+          "tmin": _RANGES, "tmax": _RANGES,
           "set": "params={'cutoff': 0.3}", "level": "metric='boxes.1' is that of a level",
           "palette": "heatmap() has it, and png() of its answer"}
 
 
 def _no_option(name: str) -> str:
-    near = _MEANT.get(name) or next(iter(difflib.get_close_matches(name, JobOptions.__annotations__, 1)), "")
+    near = _MEANT.get(name) or next(iter(difflib.get_close_matches(
+        name, [*JobOptions.__annotations__, *_OWN], 1)), "")
     meant = f": {near}" if name in _MEANT else f": did you mean {near}=?" if near else ""
     return (f"this call has no option {name}{meant}. Besides its own, which help() shows, it has "
             f"{', '.join(JobOptions.__annotations__)}")
 
 
-def other_message(scene: str, job: JobOptions, diff: Any) -> Optional[Message]:
+def other_message(scene: str, job: JobOptions, diff: Any, instance_of: InstanceOf) -> Optional[Message]:
     """The job that a difference subtracts: `diff` is another Scene, or the options that differ."""
     if diff is None:
         return None
     name = getattr(diff, "name", None)
     if isinstance(name, str):
-        return job_message(name, JobOptions({**job, "epoch": 0, "hide": None, "only": None}))
+        return job_message(name, JobOptions({**job, "epoch": 0, "hide": None, "only": None}), instance_of)
     if not isinstance(diff, Mapping):
         raise UsageError(f"diff of {reprlib.repr(diff)}: it must be a Scene, or a dict of the options "
                          "that differ, as {'intersector': 'opaque'}")
@@ -185,4 +205,4 @@ def other_message(scene: str, job: JobOptions, diff: Any) -> Optional[Message]:
         options["params"] = {**(job.get("params") or {}), **(diff.get("params") or {})}
     else:
         options["params"] = diff.get("params")
-    return job_message(scene, options)  # type: ignore[arg-type]
+    return job_message(scene, options, instance_of)  # type: ignore[arg-type]

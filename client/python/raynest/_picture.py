@@ -75,11 +75,11 @@ class Picture:
         return self.result()
 
     def passes(self, connection: Connection, request: str, message: Message, progress: Progress,
-               seconds: float = 0.0,
-               feed: Callable[[], object] = lambda: None) -> Iterator[None]:
+               seconds: float = 0.0, feed: Callable[[], object] = lambda: None,
+               streams: bool = False) -> Iterator[None]:
         """Yields after each payload that a later one replaces; result() is that one. Reads the
         answer to its end."""
-        frames = connection.exchange(request, message, seconds, self._place, feed)
+        frames = connection.exchange(request, message, seconds, self._place, feed, streams)
         with contextlib.closing(frames):
             for kind, news in frames:
                 self.outcome.take(kind, news)

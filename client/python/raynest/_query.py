@@ -42,8 +42,8 @@ class Answer:
     def answered(self) -> int:
         return self._answered.count
 
-    def chunks(self, place: PlaceChunk) -> Generator[Chunk, None, None]:
-        """Runs the request. Closing the generator before its end cancels the rest."""
+    def chunks(self, place: PlaceChunk, streams: bool = False) -> Generator[Chunk, None, None]:
+        """Runs the request; `streams` as in Connection.exchange(). Closing the generator before its end cancels the rest."""
         arrived: list[Chunk] = []
 
         def place_blocks(name: str, message: Message, blocks: Sequence[Block]) -> Sequence[Array]:
@@ -55,7 +55,7 @@ class Answer:
 
         hidden: Sequence[str] = ()  # columns that users did not ask for
         frames = self._connection.exchange(self._request, self._message, self._seconds,
-                                           place_blocks, self.feed)
+                                           place_blocks, self.feed, streams)
         with contextlib.closing(frames):
             for name, message in frames:
                 self.outcome.take(name, message)

@@ -20,6 +20,26 @@ from ._frame import Array
 from .errors import RayWarning, UsageError, warn
 
 
+@dataclasses.dataclass(frozen=True)
+class Starts:
+    """Where rays start, of the dtype in which the caller has it: (n, 3), or (1, 3) for all rays."""
+
+    points: Array
+    count: int                          # number of rays
+    shift: Optional[Array]              # is subtracted from them, in float64
+    given: str = "rays"                 # what the caller passes them in
+
+    def moved(self, first: int, count: int) -> Array:
+        """Returns how far float32 moves each of the points; for float32 input, half a step of it."""
+        points = self.points[first:first + count]
+        with np.errstate(over="ignore", invalid="ignore"):
+            if points.dtype == np.float32:
+                return half_step(points)
+            exact = points - (0.0 if self.shift is None else self.shift)
+            off: Array = exact.astype(np.float32) - exact
+        return np.sqrt((off * off).sum(1))
+
+
 class Rays:
     """Rays, checked for their shape only: the daemon answers an invalid ray with a miss and flag 1.
     `tmin` and `tmax` hold for rays without a range of their own."""
@@ -48,9 +68,9 @@ class Rays:
         else:
             raise UsageError(f"rays of shape {np.shape(rays)}: they must be (N, 6) [ox oy oz dx dy "
                              "dz], (N, 8) [ox oy oz tmin dx dy dz tmax], or origins and directions")
-        self.starts = first[None] if "origin" in self.common else (
-            self._rest[:0] if self._origins is None else self._origins)
         self.count = len(self._rest)
+        self.starts = Starts(first[None] if "origin" in self.common else (
+            self._rest[:0] if self._origins is None else self._origins), self.count, self._shift)
         self.width = self._rest.shape[1] + (0 if self._origins is None else 3)
 
     def frame(self, first: int, count: int) -> Array:
@@ -66,16 +86,6 @@ class Rays:
                 out[:, :3] = self._shifted(self._origins[part])
             out[:, self.width - self._rest.shape[1]:] = self._rest[part]
         return out
-
-    def moved(self, first: int, count: int) -> Array:
-        """Returns how far float32 moves each of `starts`; for float32 input, half a step of it."""
-        points = self.starts[first:first + count]
-        with np.errstate(over="ignore", invalid="ignore"):
-            if points.dtype == np.float32:
-                return half_step(points)
-            exact = points - (0.0 if self._shift is None else self._shift)
-            off: Array = exact.astype(np.float32) - exact
-        return np.sqrt((off * off).sum(1))
 
     def _shifted(self, points: Array) -> Array:
         """Subtracts the origin in float64, before digits are lost."""
@@ -93,6 +103,11 @@ class Source:
     sent: Rays                              # the rays, or the points that rays start from
     count: int                              # number of rays that will be traced
     generator: Optional[Message] = None     # makes the rays in the daemon
+    stands: Optional[Starts] = None         # where it stands, if the caller says it
+
+    @property
+    def starts(self) -> Starts:
+        return self.stands or self.sent.starts
 
 
 def half_step(points: Array) -> Array:
@@ -112,18 +127,19 @@ def vector(what: str, value: Any) -> Array:
     return out
 
 
-# Default share of a line of sight that is left out at each end.
-SEGMENT_MARGIN = 1e-4
+# Default part of a line of sight that is left out at each end, in steps between float32 numbers: the
+# end and the surface on which it lies are rounded, and the ray meets that at an angle.
+SEGMENT_STEPS = 4.0
 
 
 def segments(a: Any, b: Any, margin: Optional[float], margin_distance: Optional[float],
-             origin: Any) -> Rays:
+             origin: Any, size: float = 0.0) -> Rays:
     """Returns rays from a to b whose t is in units of their distance. A share `margin`, or
-    `margin_distance`, is left out at each end."""
+    `margin_distance`, is left out at each end; by default what float32 does not tell from the end in a
+    scene of this `size`, whose triangles may be as large."""
     if margin is not None and margin_distance is not None:
         raise UsageError("margin is a share and margin_distance a distance: pass one of them")
-    margin = SEGMENT_MARGIN if margin is None else margin
-    if not 0 <= real("margin", margin) < 0.5:
+    if margin is not None and not 0 <= real("margin", margin) < 0.5:
         raise UsageError(f"margin of {margin!r}: it must be a share from 0 to less than 0.5")
     if margin_distance is not None and not 0 <= real("margin_distance", margin_distance) < math.inf:
         raise UsageError(f"margin_distance of {margin_distance!r}: it must be a distance, 0 or more")
@@ -135,14 +151,32 @@ def segments(a: Any, b: Any, margin: Optional[float], margin_distance: Optional[
     if unseen.any():
         warn(f"{np.count_nonzero(unseen)} of {len(unseen)} lines of sight have an end that is not "
              f"finite in float32, and count as free; the first is {unseen.argmax()}", RayWarning)
-    if margin_distance is None:
+    if margin is not None:
         return Rays(a if np.shape(a) == (3,) else start, ways, origin, tmin=margin, tmax=1 - margin)
-    with np.errstate(over="ignore", invalid="ignore"):
+    with np.errstate(over="ignore", invalid="ignore", divide="ignore"):
         lengths = np.linalg.norm(ways.astype(np.float64), axis=1)
-    # A segment shorter than both margins keeps an empty interval, which has no hit.
-    ends = np.minimum(0.5, np.divide(margin_distance, lengths, out=np.full(len(ways), 0.5),
-                                     where=lengths > 0)).astype(ways.dtype)
-    return Rays(np.column_stack([start, ends, ways, 1 - ends]), origin=origin)
+        if margin_distance is None:
+            step = float(np.spacing(np.float32(size)))
+            near = SEGMENT_STEPS * (_steps_along(start, ways, lengths, origin) + step)
+            far = SEGMENT_STEPS * (_steps_along(end, ways, lengths, origin) + step
+                                   + np.spacing(float32(lengths)))
+        else:
+            near = far = np.full(len(ways), float(margin_distance))
+        # A segment shorter than both margins keeps an empty interval, which has no hit.
+        low, high = (np.minimum(0.5, np.divide(part, lengths, out=np.full(len(ways), 0.5),
+                                               where=lengths > 0)) for part in (near, far))
+    rows = np.column_stack([start, low, ways, 1 - high])
+    return Rays(rows.astype(ways.dtype), origin=origin)
+
+
+def _steps_along(points: Array, ways: Array, lengths: Array, origin: Any) -> Array:
+    """Returns the distance along a way that a step of float32 in each coordinate explains: of the
+    points less the origin, and of float32 points as they are, whose digits are lost already."""
+    steps = np.abs(np.spacing(float32(points - vector("origin", origin))))
+    if points.dtype == np.float32:
+        steps = np.maximum(steps, np.abs(np.spacing(points)))
+    along: Array = (steps * np.abs(ways)).sum(1) / lengths
+    return along
 
 
 def flat_pairs(first: Any, second: Any) -> tuple[Array, Array, tuple[int, ...]]:

@@ -27,6 +27,8 @@ class Renders:
     if TYPE_CHECKING:
         _at: Callable[..., Any]
         _look_up: Callable[[JobOptions], None]
+        _instance_of: Callable[[str], int]
+        _warn_of_eye: Callable[[Optional[Sequence[Any]]], None]
 
     @none_is_default
     def render(self, *, camera: Union[str, int] = "", look_at: Optional[Sequence[Any]] = None,
@@ -34,6 +36,7 @@ class Renders:
                spp: int = 0, seed: int = 0, encode: str = "", progress: Progress = None,
                detach: bool = False, samples: Optional[int] = None,
                depth: int = 0, ao_distance: float = 0.0, environment: Environment = "",
+               environment_rotate: float = 0.0,
                sun: Optional[Sequence[float]] = None, noise: float = 0.0, tonemap: str = "",
                exposure: Union[str, float] = "", **job: Unpack[JobOptions]) -> Any:
         """Renders a picture. `integrator` "primary" gives base colours, darker where a surface turns
@@ -44,21 +47,24 @@ class Renders:
 
         `camera` is a camera of the scene, by name or index, by default the first; or `look_at` is
         (eye, at) or (eye, at, up). `fov` is vertical, in degrees. `spp`, or `samples`, is the number
-        of samples per pixel, 16 by default, with `noise` 1024. `environment` is "sky", "none", "auto" (the scene's lights,
-        or else sky), or an EXR or HDR file, or its bytes; `sun` is (azimuth from the north (-Z)
-        eastwards, elevation) in degrees. `noise` ends parts of the picture whose relative error is
+        of samples per pixel, 16 by default, with `noise` 1024. `environment` is "sky", "none", "auto" (sky, unless the
+        file has lights), or an EXR or HDR file, or its bytes; the middle of its picture lies at +X, and
+        `environment_rotate` turns it by so many degrees from -Z towards +X. `sun` is (azimuth from the
+        north (-Z) eastwards, elevation) in degrees. `noise` ends parts of the picture whose relative error is
         below it. `tonemap` (agx, aces, reinhard, none) and `exposure` (stops, or "auto") are for
         Images and png. A `deadline` gives a lit picture with the samples made by then, and a warning.
         """
         film = _Film(self, camera, look_at, fov, size, encode, detach, job, {
             "integrator": integrator, "spp": spp if samples is None else samples, "seed": seed,
-            "depth": depth, "ao_distance": ao_distance, "environment": environment, "sun": sun,
-            "noise": noise, "tonemap": tonemap, "exposure": exposure})
+            "depth": depth, "ao_distance": ao_distance, "environment": environment,
+            "environment_rotate": environment_rotate, "sun": sun, "noise": noise, "tonemap": tonemap,
+            "exposure": exposure})
         if detach:
             self._look_up(job)
         answer = self._at(None, lambda origin, _: film.ask(origin, progress), repeats=not detach)
         if not detach:
             self._client.outcome.warn_of_view()
+            self._warn_of_eye(look_at)
             warn_of_options(self._client.outcome)
             warn_if_incomplete(self._client.outcome)
         return answer
@@ -69,6 +75,7 @@ class Renders:
                       size: tuple[int, int] = (960, 540), integrator: str = "path", spp: int = 0,
                       seed: int = 0, encode: str = "", progress: Progress = None, depth: int = 0,
                       ao_distance: float = 0.0, environment: Environment = "",
+                      environment_rotate: float = 0.0,
                       sun: Optional[Sequence[float]] = None, noise: float = 0.0,
                       tonemap: str = "", exposure: Union[str, float] = "",
                       **job: Unpack[JobOptions]) -> Iterator[Any]:
@@ -77,8 +84,9 @@ class Renders:
         connection takes no other request; leaving the loop cancels the job."""
         film = _Film(self, camera, look_at, fov, size, encode, False, job, {
             "integrator": integrator, "spp": spp, "seed": seed, "depth": depth,
-            "ao_distance": ao_distance, "environment": environment, "sun": sun, "noise": noise,
-            "tonemap": tonemap, "exposure": exposure})
+            "ao_distance": ao_distance, "environment": environment,
+            "environment_rotate": environment_rotate, "sun": sun, "noise": noise, "tonemap": tonemap,
+            "exposure": exposure})
         if not is_lit(integrator):
             raise UsageError("primary has one sample per pixel, which nothing refines: use render()")
         yield from self._at(None, lambda origin, _: film.stream(origin, progress))
@@ -107,7 +115,7 @@ class _Film:
 
     def _message(self, origin: Array) -> tuple[Message, float]:
         """The request, and the seconds after which a daemon without an answer counts as lost."""
-        options = job_message(self._scene.name, self._job)
+        options = job_message(self._scene.name, self._job, self._scene._instance_of)
         camera, look_at, fov = self._view
         message: Message = {"job": {**options, "detach": self._detach}, **self._shape,
                             "camera": camera_message(camera, look_at, fov, origin),
@@ -138,7 +146,8 @@ class _Film:
         client = self._scene._client
         picture = self._picture(origin)
         passes = picture.passes(client.connection, "Render", {**message, "progressive": True},
-                                progress, seconds, lambda: self._file.feed(client.connection))
+                                progress, seconds, lambda: self._file.feed(client.connection),
+                                streams=True)
         try:
             with contextlib.closing(passes):  # type: ignore[type-var]
                 for _ in passes:

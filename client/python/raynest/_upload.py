@@ -9,8 +9,9 @@
 """
 from __future__ import annotations
 
+import hashlib
 import os
-from typing import Iterator, NamedTuple
+from typing import Iterator, NamedTuple, Union
 
 import numpy as np
 
@@ -21,7 +22,6 @@ from ._files import (STANDARD, head_of, is_nameless, is_pipe, read_file, read_fi
                      sendable)
 from ._frame import Array, padding
 from ._gltf import file_names
-from ._hash import upload_checksum
 
 # Bytes of a file per frame: headers do not matter at this size, and it fits any frame limit.
 PIECE_BYTES = 1 << 20
@@ -29,10 +29,20 @@ PIECE_BYTES = 1 << 20
 # Endings of packed files, which are not unpacked here.
 _PACKED = (".xz", ".gz", ".bz2", ".zst", ".zip", ".7z", ".tar", ".tgz")
 
+_POINTS = ("points have no surface to hit: load spheres around them, a .npy with primitive='sphere', or make "
+           "a mesh of them")
+# Files of other programs that hold no triangles.
+_OF_OTHERS = {
+    **dict.fromkeys((".las", ".laz", ".e57", ".pcd", ".xyz"), _POINTS),
+    **dict.fromkeys((".tif", ".tiff", ".asc"), "a raster of heights becomes a mesh by its grid: read it with "
+                    "rasterio and pass vertices and faces to mesh()"),
+    ".epw": "weather is not part of a scene: take the sun's directions from it and trace rays to them",
+    **dict.fromkeys((".exr", ".hdr"), "it is a picture: pass it as environment= of render()")}
+
 
 class File(NamedTuple):
     name: str  # as the main file names it
-    data: bytes
+    data: Union[bytes, memoryview]
 
 
 class Upload(NamedTuple):
@@ -41,9 +51,10 @@ class Upload(NamedTuple):
     files: tuple[File, ...] = ()
 
     def message(self) -> Message:
+        """The daemon asks for the files unless it finds a scene by their digests."""
         return {"source": self.source, "name": self.scene_name,
                 "file_names": [file.name for file in self.files],
-                "file_hashes": [upload_checksum(file.data) for file in self.files],
+                "file_digests": b"".join(hashlib.sha256(file.data).digest() for file in self.files),
                 "file_bytes": [len(file.data) for file in self.files]}
 
 
@@ -98,8 +109,9 @@ def _not_a_scene(source: str) -> str:
         return "is a folder; name the .glb or .gltf file in it"
     if os.path.splitext(source)[1].lower() in _PACKED:
         return "is packed; unpack it and load what comes out"
-    return ("is not a .glb, .gltf or .npy file, nor builtin:NAME; read it with trimesh and pass its "
-            "vertices and faces to mesh(), or convert it to .glb")
+    kind = "is not a .glb, .gltf or .npy file, nor builtin:NAME; "
+    return kind + _OF_OTHERS.get(os.path.splitext(source)[1].lower(), "read it with trimesh and pass its "
+                                 "vertices and faces to mesh(), or convert it to .glb")
 
 
 def _sniff(data: bytes) -> str:

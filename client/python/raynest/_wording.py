@@ -11,12 +11,14 @@ WORDS = {
     # fields
     "ao_distance": "ao_distance=", "camera": "camera=", "count": "count=",
     "deadline_ms": "deadline=", "depth": "depth=",
-    "detach": "detach=", "environment": "environment=", "epoch": "epoch=",
-    "exposure": "exposure=", "level": "level=",
+    "detach": "detach=", "environment": "environment=", "environment_rotate": "environment_rotate=",
+    "epoch": "epoch=",
+    "exposure": "exposure=", "hide": "hide=", "level": "level=",
     "look_at": "look_at=", "mask": "mask=", "name": "name=", "noise": "noise=",
-    "origin": "origin=", "primitive": "primitive=",
+    "only": "only=", "origin": "origin=", "primitive": "primitive=",
     "replace": "replace=True",
-    "samples": "spp=", "size": "size=", "sun": "sun=", "tonemap": "tonemap=", "top": "top=",
+    "samples": "spp=", "size": "size=",
+    "skip_hidden_boxes": "skip_hidden_boxes=", "sun": "sun=", "tonemap": "tonemap=", "top": "top=",
     "traversal": "traversal=", "worker": "worker="}
 
 

@@ -49,7 +49,7 @@ def _param(message: Message) -> dict[str, Any]:
     param = {key: message[key] for key in ("name", "type", "text")}
     if not message["choices"]:
         return {**param, "minimum": message["minimum"], "maximum": message["maximum"],
-                "default": message["initial"]}
+                "default": [] if message["type"] == "table" else message["initial"]}
     param["choices"] = message["choices"]
     if 0 <= message["initial"] < len(message["choices"]):
         param["default"] = message["choices"][int(message["initial"])]

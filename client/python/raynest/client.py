@@ -19,9 +19,9 @@ from ._control import Message
 from ._files import path_text
 from ._gltf import mesh_glb
 from ._handles import Handles
-from ._hash import upload_checksum
+from ._hosts import forget_host
 from ._job import Outcome, Progress
-from ._precision import rounding_warning
+from ._precision import ROUNDING_WORDS, rounding_warning
 from ._principals import split_principals
 from ._rays import vector
 from ._reconnect import seconds_of
@@ -65,16 +65,23 @@ def connect(uri: Optional[str] = None, *, token: Optional[str] = None, ca: Optio
     return Client(uri, access, window_bytes or _limits.window_bytes, seconds_of(reconnect))
 
 
+def logout(uri: Optional[str] = None) -> bool:
+    """Removes what `raynest login` kept of a daemon, by default of RAYNEST_SERVER, else of
+    tcp://127.0.0.1:31060: token and certificates. Returns False where nothing was kept. The token itself is
+    valid until the daemon's administrator revokes it."""
+    return forget_host(uri or os.environ.get("RAYNEST_SERVER") or DEFAULT_URI)
+
+
 class Client:
-    """A connection, which runs one request at a time: threads take turns. For concurrent requests,
-    open several. As a context manager it closes itself."""
+    """A connection, which runs one request at a time: threads take turns, but for an open stream, during
+    which all others are told. For concurrent requests, open several. As a context manager it closes itself."""
 
     def __init__(self, uri: str, access: Access, window_bytes: int, reconnect: float = 0.0) -> None:
         self._uri = uri
         self._tunnel = SshTunnel(uri) if uri.startswith("ssh://") else None
         try:
-            self.connection = Connection(self._tunnel.uri if self._tunnel else uri, access,
-                                         window_bytes, reconnect)
+            self.connection = Connection(self._tunnel.uri if self._tunnel else uri, access, window_bytes,
+                                         reconnect, self._tunnel.explain if self._tunnel else None)
         except BaseException:
             if self._tunnel:
                 self._tunnel.close()
@@ -132,6 +139,9 @@ class Client:
         subtracted before they are lost. It stays with the scene; rays, cameras and positions are in
         the world for every client. A SceneWarning says when an origin would help.
 
+        The daemon is asked by the files' SHA-256 first: it publishes a scene of the same content
+        that you may see under the new name, and nothing is sent.
+
         `masks` sets what trace(mask=) sees: {"stand-*": 0x1} gives placements whose path matches,
         or lies below a match, this mask instead of 0xFFFFFFFF. "*" stands for any text. If several
         patterns match, from a dict or a list of pairs, the last one wins.
@@ -152,37 +162,44 @@ class Client:
         return self._load(upload, message, progress)[0]
 
     @none_is_default
-    def mesh(self, vertices: Any, faces: Any, name: Optional[str] = None, *, origin: Any = None,
+    def mesh(self, vertices: Any, faces: Any = None, name: Optional[str] = None, *, origin: Any = None,
              keep: bool = False, replace: bool = False, build: str = "medium",
              progress: Progress = None) -> Scene:
         """Loads triangles: vertices (N, 3), faces (M, 3). The column prim is a row of faces.
 
         float64 vertices become float32 after `origin` was subtracted, as in load(); a SceneWarning
-        says when they lose digits that matter. Without a name the scene is named after its content
-        and `build`, so that the same mesh is built only once. Such a scene belongs to this
+        says when they lose digits that matter, or have lost them before, being float32. Without a
+        name the scene is named after its content and `build`. Equal content is sent and built only
+        once, as in load(). Such a scene belongs to this
         connection: it goes with its last Scene object (`with c.mesh(...) as s:`), or with the
         connection. A name or `keep` keeps it in the daemon.
         """
+        if faces is None and hasattr(vertices, "vertices") and hasattr(vertices, "faces"):
+            raise TypeError("vertices is a mesh: pass mesh.vertices and mesh.faces")
+        if faces is None:
+            raise TypeError("mesh() takes vertices and faces")
         shift = np.zeros(3) if origin is None else vector("origin", origin)
-        data = mesh_glb(vertices, faces, shift)
-        built = "" if build == "medium" else f"-{build}"
-        upload = Upload("mesh.glb", name or f"mesh-{upload_checksum(data):016x}{built}",
-                        (File("mesh.glb", data),))
+        upload = Upload("mesh.glb", name or "", (File("mesh.glb", mesh_glb(vertices, faces, shift)),))
         message = {**upload.message(), **_origin_message(shift), "replace": replace, "build": build,
                    "temporary": not name and not keep}
-        scene, info = self._load(upload, message, progress)
+        if not name:
+            built = "" if build == "medium" else f"-{build}"
+            message["name"] = f"mesh-{message['file_digests'][:8].hex()}{built}"
+        # The daemon sees float32 only, and cannot tell whether that lost anything.
+        scene, info = self._load(upload, message, progress, hides=ROUNDING_WORDS)
         lost = rounding_warning(vertices, faces, shift, info["degenerate_triangles"])
         if lost:
             warn(lost, SceneWarning)
         return scene
 
-    def _load(self, upload: Upload, message: Message,
-              progress: Progress) -> tuple[Scene, dict[str, Any]]:
+    def _load(self, upload: Upload, message: Message, progress: Progress,
+              hides: str = "") -> tuple[Scene, dict[str, Any]]:
         self.drop_unused()
-        return self.connection.again(lambda: self._load_once(upload, message, progress))
+        return self.connection.again(lambda: self._load_once(upload, message, progress, hides))
 
-    def _load_once(self, upload: Upload, message: Message,
-                   progress: Progress) -> tuple[Scene, dict[str, Any]]:
+    def _load_once(self, upload: Upload, message: Message, progress: Progress,
+                   hides: str) -> tuple[Scene, dict[str, Any]]:
+        """Warns of what the daemon warns of, but for lines with the words `hides`."""
         sender = Sender(self.connection, upload)
         frames = self.connection.exchange("Load", message, feed=sender.feed)
         loaded: Message = {}
@@ -202,7 +219,8 @@ class Client:
         if progress:
             progress(1, 1, "loaded")
         for text in info["warnings"]:
-            warn(text, SceneWarning)
+            if not hides or hides not in text:
+                warn(text, SceneWarning)
         if None in (info["box_min"], info["box_max"]):
             warn(f"the scene {info['name']!r} is empty: nothing can be hit", SceneWarning)
         scene = Scene(self, info["name"], info)  # first: it keeps the name from drop_unused()

@@ -20,6 +20,7 @@ Ctrl-C raises KeyboardInterrupt as everywhere in Python, after the request was c
 """
 from __future__ import annotations
 
+import re
 import sys
 import warnings
 
@@ -115,11 +116,20 @@ TABLE: tuple[tuple[str, type[Error]], ...] = tuple(
     (name, _BY_EXIT_CODE[exit_code]) for name, exit_code in ERRORS)
 
 
-def from_daemon(code: int, message: str, retry_after_ms: int, request: str = "") -> Error:
-    """Returns the exception for an ERROR frame; an unknown code, of a later version, gives INTERNAL."""
+def shown_text(text: str) -> str:
+    """The text as a terminal may show it: one line, "?" in the place of control characters."""
+    return re.sub("[\x00-\x1f\x7f-\x9f]", "?", re.sub("[\n\r\t]", " ", text))
+
+
+def from_daemon(code: int, message: str, retry_after_ms: int, request: str = "",
+                again: bool = False) -> Error:
+    """Returns the exception for an ERROR frame; an unknown code, of a later version, gives INTERNAL. `again`:
+    the connection is not the first to this daemon."""
     known = 1 <= code <= len(TABLE)
     name, kind = TABLE[code - 1] if known else INTERNAL
     seconds = retry_after_ms / 1000
     hint = f" (try again in {retry_after_ms} ms)" if retry_after_ms else ""
+    if again and name == "SCENE_UNKNOWN":
+        hint += "; the daemon was restarted, or the connection to it broke, since this client connected first"
     return kind(localize_message(message or name) + hint, name, code, seconds, request,
                 name == "DRAINING")

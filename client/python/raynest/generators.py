@@ -7,8 +7,9 @@
 
 Images go row by row from the top; the centre of pixel (x, y) is at (x + 0.5, y + 0.5). A sensor
 looks along -Z with +X to the right and +Y up; a lidar has x ahead, y left, z up. A pose maps that
-frame to the world; without a pose, camera or look_at it is the identity. With a camera or look_at a
-lidar stands upright and faces where the camera would. Angles are in degrees. PROTOCOL.md, 6 has the
+frame to the world, turned and moved only; without a pose, camera or look_at it is the identity. With
+a camera or look_at a lidar stands upright, whatever the pitch of that view, and faces where it does.
+Angles are in degrees. PROTOCOL.md, 6 has the
 formulas; the columns `origin` and `direction` show the rays.
 """
 from __future__ import annotations
@@ -20,12 +21,12 @@ from typing import Any, Callable, Optional, Sequence, TypedDict, Union, cast
 import numpy as np
 
 from . import _limits
-from ._arguments import Unpack, float32, none_is_default, numbers, real, whole
+from ._arguments import Unpack, count_of, float32, none_is_default, numbers, real, whole
 from ._control import Message
 from ._frame import Array
 from ._lists import GENERATORS
 from ._picture import camera_message, size_message
-from ._rays import Rays, Source, pair, vector
+from ._rays import Rays, Source, Starts, pair, vector
 from .errors import UsageError
 
 
@@ -44,13 +45,18 @@ class Generator:
 
     def __init__(self, kind: str, settings: dict[str, str], count: int,
                  points: Optional[Array] = None, sensor: Optional[SensorPose] = None,
-                 fov: float = 0.0) -> None:
+                 fov: float = 0.0, start: Optional[Array] = None) -> None:
         self.count = count
         self._kind = kind
         self._points = points       # (N, 8): point, tmin, normal, tmax
+        self._start = start         # where the rays start, of the dtype that it was passed in
         self._sensor = _given(sensor or {})
         self._settings = {**settings, **_range_of(self._sensor)}
         self._pose = _pose(self._sensor["pose"]) if "pose" in self._sensor else None
+        if self._pose is not None:
+            self._start = self._pose[None, :, 3]
+        elif "look_at" in self._sensor:
+            self._start = numbers("look_at", self._sensor["look_at"])[:1]
         self._fov = fov
 
     def __repr__(self) -> str:
@@ -58,25 +64,27 @@ class Generator:
 
     def source(self, origin: Any) -> Source:
         """Returns the generator's message, and its points if it has any, relative to `origin`."""
-        if self._points is not None:
-            return Source(Rays(self._points, origin=origin), self.count, self._message({}))
         shift = np.zeros(3) if origin is None else vector("origin", origin)
+        given = next((name for name in ("pose", "look_at") if name in self._sensor), "points")
+        stands = None if self._start is None else Starts(self._start, self.count, shift, given)
+        if self._points is not None:
+            return Source(Rays(self._points, origin=origin), self.count, self._message({}), stands)
         look_at, camera = self._sensor.get("look_at"), self._sensor.get("camera")
         camera = "" if camera is None else camera
         pose, place = self._pose, {}
         if pose is None and "pose" in GENERATORS[self._kind] and camera == "" and look_at is None:
             pose = np.eye(3, 4)
         if pose is not None:
-            place["pose"] = _text("pose", pose - np.pad(shift[:, None], ((0, 0), (3, 0))))
+            place["pose"] = _exact_text("pose", pose - np.pad(shift[:, None], ((0, 0), (3, 0))))
         if camera != "" or look_at is not None or self._fov:
             message = camera_message(camera, look_at, self._fov, shift)
             if message["name"]:
                 place["camera"] = message["name"]
             if look_at is not None:
-                place["lookat"] = _text("look_at", [message[at] for at in ("eye", "at", "up")])
+                place["lookat"] = _exact_text("look_at", [message[at] for at in ("eye", "at", "up")])
             if self._fov:
                 place["fov"] = _text("fov", self._fov)
-        return Source(Rays(np.empty((0, 8), np.float32)), self.count, self._message(place))
+        return Source(Rays(np.empty((0, 8), np.float32)), self.count, self._message(place), stands)
 
     def _message(self, place: dict[str, str]) -> Message:
         settings = {**self._settings, **place}
@@ -141,9 +149,7 @@ def lidar(elevations: Any, azimuths: tuple[float, float, int] = (0.0, 360.0, 204
     except (TypeError, ValueError):
         raise UsageError(f"azimuths of {reprlib.repr(azimuths)}: they must be (start, stop, count)"
                          ) from None
-    if isinstance(azimuth_count, (float, np.floating)) and float(azimuth_count).is_integer():
-        azimuth_count = int(azimuth_count)  # as an array of the three has it
-    count = whole("the count of azimuths", azimuth_count, _limits.azimuths_max)
+    columns = count_of("the count of azimuths", azimuth_count, _limits.azimuths_max)
     offsets = _offsets(origin_offsets)
     each = {"elevations": numbers("elevations", elevations).size,
             "azimuth_offsets": numbers("azimuth_offsets", azimuth_offsets).size,
@@ -156,12 +162,12 @@ def lidar(elevations: Any, azimuths: tuple[float, float, int] = (0.0, 360.0, 204
         if each[name] not in (0, channels):
             raise UsageError(f"{name} must be one for each of the {channels} elevations, or none")
     settings = {"elevations": _text("elevations", elevations),
-                "azimuths": f"{_text('azimuths', real('azimuths', start))}:"
-                            f"{_text('azimuths', real('azimuths', stop))}:{count}",
+                "azimuths": f"{_exact_text('azimuths', real('azimuths', start))}:"
+                            f"{_exact_text('azimuths', real('azimuths', stop))}:{columns}",
                 "azimuth_offsets": _text("azimuth_offsets", azimuth_offsets),
                 "origin_offsets": _text("origin_offsets", offsets)}
     return Generator("lidar", {name: text for name, text in settings.items() if text},
-                     channels * count, sensor=sensor)
+                     channels * columns, sensor=sensor)
 
 
 # ---- points -------------------------------------------------------------------------------------
@@ -171,17 +177,17 @@ def hemisphere(points: Any, normals: Any, *, samples: int = 64, seed: int = 0, t
                tmax: float = math.inf, margin: Optional[float] = None) -> Generator:
     """`samples` cosine-weighted rays from each point (N, 3), around its normal. Average them with
     trace(..., reduce="hit_fraction"). Ray p * samples + s is sample s of point p. Rays start
-    `margin` along the normal, by default a millionth of the scene's size, so that the surface on
-    which a point lies does not hide it."""
+    `margin` along the normal, so that the surface on which a point lies does not hide it: by
+    default a millionth of the scene's size, or what float32 tells apart there if that is more."""
     low, high = _range(tmin, tmax)
     places, ways = pair(points, normals)
     rows = np.empty((len(places), 8), np.result_type(places, ways, np.float32))
     rows[:, :3], rows[:, 3], rows[:, 4:7], rows[:, 7] = places, low, ways, high
-    seed, samples = whole("seed", seed, 2**64 - 1, 0), whole("samples", samples, _limits.samples_max)
+    seed, samples = whole("seed", seed, 2**64 - 1, 0), count_of("samples", samples, _limits.samples_max)
     settings = {"seed": str(seed), "samples": str(samples)}
     if margin is not None:
         settings["margin"] = _text("margin", real("margin", margin))
-    return Generator("hemisphere", settings, len(rows) * samples, rows)
+    return Generator("hemisphere", settings, len(rows) * samples, rows, start=places)
 
 
 # ---- others -------------------------------------------------------------------------------------
@@ -240,7 +246,7 @@ def _range(tmin: Any, tmax: Any) -> tuple[float, float]:
 
 
 def _pose(value: Any) -> Array:
-    pose = numbers("pose", value).astype(np.float64)
+    pose = numbers("pose", value)
     if pose.shape == (4, 4) and (pose[3] == (0, 0, 0, 1)).all():
         pose = pose[:3]
     if pose.shape == (4, 4):
@@ -252,9 +258,14 @@ def _pose(value: Any) -> Array:
 
 
 def _text(what: str, value: Any) -> str:
-    """Returns numbers with the digits of float32. Larger ones become infinite, which the daemon
-    refuses."""
+    """Returns numbers with the digits of float32, which keeps long lists short. Larger ones become
+    infinite, which the daemon refuses."""
     return ",".join(map(str, float32(numbers(what, value)).ravel()))
+
+
+def _exact_text(what: str, value: Any) -> str:
+    """Returns numbers with all their digits: the daemon computes in float64 and rounds the ray."""
+    return ",".join(map(repr, numbers(what, value).astype(np.float64).ravel().tolist()))
 
 
 def _offsets(value: Any) -> Array:

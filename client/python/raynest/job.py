@@ -26,6 +26,7 @@ class Job:
     def __init__(self, client: clients.Client, number: int) -> None:
         self.number = whole("job", number, 2**64 - 1)
         self._client = client
+        self._cancelled = False     # by this object
 
     def __repr__(self) -> str:
         return f"<raynest.Job {self.number} at {self._client.uri}>"
@@ -44,7 +45,8 @@ class Job:
     def wait(self, *, deadline: float = 0.0, progress: Progress = None) -> Job:
         """Waits for the job's end and returns the job; raises its error if it failed. Raises
         DeadlineError after `deadline` seconds (0: no limit). That, like Ctrl-C, ends the wait and
-        not the job."""
+        not the job. After cancel() it raises CancelledError."""
+        self._check_cancelled()
         return self._client.connection.again(lambda: self._wait(deadline, progress))
 
     def _wait(self, deadline: float, progress: Progress) -> Job:
@@ -68,6 +70,7 @@ class Job:
     def fetch(self, *, progress: Progress = None) -> Any:
         """Returns the answer of the original call, any number of times; BusyError until wait() returns.
         An answer that was fetched gives way when the daemon needs its room."""
+        self._check_cancelled()
         return self._client.connection.again(lambda: self._fetch(progress))
 
     def _fetch(self, progress: Progress) -> Any:
@@ -91,6 +94,13 @@ class Job:
     def cancel(self) -> None:
         """Cancels the job and drops its answer."""
         self._client.connection.ask("CancelJob", {"job": self.number}, "JobInfo")
+        self._cancelled = True
+
+    def _check_cancelled(self) -> None:
+        """The daemon forgets a job that is cancelled, and would not know why."""
+        if self._cancelled:
+            raise errors.CancelledError(f"job {self.number} was cancelled, and its answer dropped",
+                                        "CANCELLED")
 
 
 def job_infos(connection: Connection, after: int = 0) -> Iterator[Message]:

@@ -12,25 +12,26 @@ import numpy as np
 
 from . import _limits, _lists
 from . import client as clients  # which imports this module: its names are there later
-from ._arguments import Unpack, none_is_default, whole, whole_numbers
-from ._columns import MISS, Columns, Whole, anywhere, as_usual
+from ._arguments import Unpack, none_is_default, numbers, whole
+from ._columns import Columns, Whole, anywhere, as_usual
 from ._control import Message
 from ._explain import path_message, pixel_message, ray_message, receive_document
 from ._frame import Array
 from ._job import JobOptions, Outcome, Progress, SceneMoved, job_message, origin_of, other_message
+from ._paths import Paths
 from ._picture import Picture, camera_message, size_message
 from ._precision import ray_warning
 from ._query import Query
-from ._rays import Rays, Source, flat_pairs, segments, vector
+from ._rays import Rays, Source, Starts, flat_pairs, segments, vector
 from ._render import Renders
-from ._words import path_info, scene_info
+from ._words import scene_info
 from .errors import InvalidError, RayWarning, UsageError, warn
 from .generators import Generator as RayGenerator, one_sample
 from .images import HeatView, with_view
 from .job import Job
 
 
-class Scene(Renders):
+class Scene(Renders, Paths):
     """A scene, made by Client.load(), mesh() or scene(). Rays, cameras and positions are in the
     world: the scene's origin is subtracted before they are sent and added to answers, in float64."""
 
@@ -48,6 +49,12 @@ class Scene(Renders):
     def __del__(self) -> None:
         if getattr(self, "_open", False):
             self._client.handles.leave(self.name)
+
+    def __copy__(self) -> Scene:
+        """Another object of the same scene: it holds the scene as this one does."""
+        twin = Scene(self._client, self.name)
+        twin._origin, twin._box = self._origin, self._box
+        return twin
 
     def close(self) -> None:
         """Ends this object's use of the scene. A mesh without a name is unloaded, unless another
@@ -140,7 +147,7 @@ class Scene(Renders):
             if source.count == 0:
                 raise UsageError("a detached job needs rays: pass some, or leave detach away")
             number = query.detach()
-            self._warn_of_rounding(source.sent)
+            self._warn_of_rounding(source.starts)
             return Job(self._client, number)
         answer = Whole(query.rows, reduce)
         with self._client.connection.interrupts, \
@@ -154,7 +161,7 @@ class Scene(Renders):
             query.outcome.pop("first_invalid", None)
             query.outcome.update(rays=0, misses=0, invalid=0)
             columns = {name: column[:int(name == "ray_splits")] for name, column in columns.items()}
-        self._warn_of_rounding(source.sent)
+        self._warn_of_rounding(source.starts)
         return columns
 
     def stream(self, rays: Any, directions: Any = None, *, kind: Optional[str] = None,
@@ -162,7 +169,9 @@ class Scene(Renders):
                origin: Any = None,
                **job: Unpack[JobOptions]) -> Generator[tuple[int, Columns], None, None]:
         """Like trace(), but yields (first_ray, columns) for some thousand rays at a time as they are
-        traced, in any order. Leaving the loop cancels the rest.
+        traced, in any order. Leaving the loop cancels the rest. While it is open the client takes no
+        other request: calls from this and from other threads raise UsageError. connect() once more
+        for those.
 
         `rays` may be an iterator of arrays or generators. Each item is a query; all see the same
         epoch, and first_ray counts on. If the scene is replaced meanwhile, the next query fails
@@ -197,14 +206,14 @@ class Scene(Renders):
                 return None
             query = self._query(source, shift, asked["origin"] is None, asked["kind"],
                                 asked["fields"], asked["max_hits"], job)
-            with contextlib.closing(query.chunks(anywhere)) as chunks:
+            with contextlib.closing(query.chunks(anywhere, streams=True)) as chunks:
                 for chunk in chunks:
                     yield before + chunk.first, as_usual(chunk.columns)
         except SceneMoved as moved:  # before the first chunk
             self._moved(moved.origin)
             return (yield from self._stream(rays, directions, before, asked, job))
         query.outcome.warn_of_rays(before)
-        self._warn_of_rounding(source.sent)
+        self._warn_of_rounding(source.starts)
         return query.outcome
 
     @none_is_default
@@ -212,17 +221,24 @@ class Scene(Renders):
                  margin_distance: Optional[float] = None, origin: Any = None,
                  progress: Progress = None, **job: Unpack[JobOptions]) -> Array:
         """Returns, as bool, whether anything lies between points a and b: (N, 3) each, or any two
-        shapes (..., 3) that broadcast, so that a[:, None], b[None] asks for all pairs. Both ends of each segment are left out, so that points on a surface do not hide
-        themselves: a share `margin` (1e-4), or `margin_distance` in the scene's units, metres in
-        glTF. The answer is False for a segment no longer than both margins, and for one with an end
+        shapes (..., 3) that broadcast, so that a[:, None], b[None] asks for all pairs. Both ends of
+        each segment are left out, so that points on a surface do not hide themselves: by default
+        four steps of float32 at that end's coordinates, the scene's size and, at b, the segment's
+        length, 0.3 mm in a scene of 500 m; else a share `margin` of the segment, or
+        `margin_distance` in the scene's units, metres in glTF. The answer is False for a segment no
+        longer than both margins, and for one with an end
         that is masked or not finite; a RayWarning counts the latter."""
         a, b, shape = flat_pairs(a, b)
 
         def ask(shift: Array, expected: bool) -> Any:
-            source = self._source(segments(a, b, margin, margin_distance, shift), None, shift)
+            source = self._source(segments(a, b, margin, margin_distance, shift, self._size()),
+                                  None, shift)
             return self._trace(source, shift, expected, "any", ("hit",), None, job, "", progress,
                                False)
         return np.asarray(self._at(origin, ask)["hit"] != 0).reshape(shape)
+
+    def _size(self) -> float:
+        return 0.0 if self._box is None else float(np.linalg.norm(self._box[1] - self._box[0]))
 
     def _learn(self, info: dict[str, Any]) -> None:
         """Takes the scene's place from its info."""
@@ -233,11 +249,16 @@ class Scene(Renders):
     def _moved(self, origin: Array) -> None:
         self._learn({**self.info, "origin": origin})
 
-    def _warn_of_rounding(self, rays: Rays) -> None:
+    def _warn_of_rounding(self, starts: Starts) -> None:
         """Must follow the answer, which tells whether the scene lies where it was thought to lie."""
-        lost = ray_warning(rays, self._box, self._origin)
+        lost = ray_warning(starts, self._box, self._origin)
         if lost:
             warn(lost, RayWarning)
+
+    def _warn_of_eye(self, look_at: Optional[Sequence[Any]]) -> None:
+        if look_at is not None:
+            eye = numbers("look_at", look_at)[:1]
+            self._warn_of_rounding(Starts(eye, 1, self._origin, "look_at"))
 
     def _shift(self, origin: Any) -> Array:
         return self._origin if origin is None else vector("origin", origin)
@@ -295,7 +316,7 @@ class Scene(Renders):
             raise UsageError(f"max_hits is of the kinds {' and '.join(_lists.CSR)}, not of {kind}")
         most = _limits.hits_max if kind == "multi" else _limits.all_hits_max
         return Query(self._client.connection, {
-            "job": job_message(self.name, job), "kind": kind, "fields": fields,
+            "job": job_message(self.name, job, self._instance_of), "kind": kind, "fields": fields,
             "max_hits": 0 if max_hits is None else whole("max_hits", max_hits, most),
             "reduce": reduce}, source, origin, expected)
 
@@ -325,7 +346,7 @@ class Scene(Renders):
             range = f"{float(range[0])!r}:{float(range[1])!r}"
         answer = self._picture("Heatmap", camera, look_at, fov, size, progress, detach, job, {
             "metric": metric, "palette": palette, "scale": scale, "range": range, "count": count,
-            "encode": encode, "other": other_message(self.name, job, diff)})
+            "encode": encode, "other": other_message(self.name, job, diff, self._instance_of)})
         if detach or encode != "raw":
             return answer
         outcome = dict(self._client.outcome)
@@ -343,7 +364,7 @@ class Scene(Renders):
                  job: JobOptions, fields: Message) -> Any:
         if detach:
             self._look_up(job)
-        options = job_message(self.name, job)
+        options = job_message(self.name, job, self._instance_of)
         shape = {**size_message(size), "encode": fields["encode"]}
         connection = self._client.connection
 
@@ -360,6 +381,7 @@ class Scene(Renders):
         answer = self._at(None, ask, repeats=not detach)
         if not detach:
             self._client.outcome.warn_of_view()
+            self._warn_of_eye(look_at)
         return answer
 
     @none_is_default
@@ -379,7 +401,7 @@ class Scene(Renders):
             raise UsageError("explain() takes a ray or a pixel, and not both")
         if integrator and ray is not None:
             raise UsageError("a path begins at a pixel: pass pixel=(x, y) in place of a ray")
-        options = job_message(self.name, job)
+        options = job_message(self.name, job, self._instance_of)
         fields = {**size_message(size), "job": options}
         if integrator and pixel is not None:
             fields.update(path_message(pixel, integrator, sample, seed, environment, {
@@ -397,6 +419,7 @@ class Scene(Renders):
                 options["deadline_ms"] / 1000, origin)
             return document
         answer: dict[str, Any] = self._at(None, ask)
+        self._warn_of_eye(look_at)
         return answer
 
     @none_is_default
@@ -407,7 +430,7 @@ class Scene(Renders):
         """Ranks instances, meshes and materials by the work that the rays of a picture do inside
         them, with a diagnosis: the document of client/EXPLAIN.md. `level` 0 is the innermost
         instance, 1 those of the root, and so on; cameras are those of render()."""
-        options = job_message(self.name, job)
+        options = job_message(self.name, job, self._instance_of)
         fields = {**size_message(size), "job": options,
                   "top": whole("top", top, _limits.list_items_max),
                   "level": whole("level", level, 31, 0)}
@@ -419,6 +442,7 @@ class Scene(Renders):
                 options["deadline_ms"] / 1000, None if look_at is None else origin)
             return document
         answer: dict[str, Any] = self._at(None, ask)
+        self._warn_of_eye(look_at)
         return answer
 
     # ---- what it is -----------------------------------------------------------------------------
@@ -444,49 +468,6 @@ class Scene(Renders):
         pages = self._client.pages("Parts", "PartList", "names", scene=self.name, kind=kind)
         return [dict(zip(keys, row)) for page in pages
                 for row in zip(*(page[plural.get(key, key)] for key in keys))]
-
-    @overload
-    def path_of(self, ids: int, *, epoch: int = 0) -> str: ...
-    @overload
-    def path_of(self, ids: Union[Sequence[int], Array], *, epoch: int = 0) -> list[str]: ...
-
-    def path_of(self, ids: Any, *, epoch: int = 0) -> Any:
-        """Returns the texts of path ids, such as "stand-3/birch-17/leaves": a text for one id, a
-        list for many; "" for a miss. An id belongs to its epoch."""
-        paths = whole_numbers("a path id", ids)
-        unique, index = np.unique(paths, return_inverse=True)
-        names = ["" if path == MISS else self._path({"path": path}, epoch)["name"]
-                 for path in unique.tolist()]
-        return names[0] if paths.ndim == 0 else [names[i] for i in index.ravel()]
-
-    @overload
-    def path_ids(self, texts: str, *, epoch: int = 0) -> int: ...
-    @overload
-    def path_ids(self, texts: Sequence[str], *, epoch: int = 0) -> Array: ...
-
-    def path_ids(self, texts: Any, *, epoch: int = 0) -> Any:
-        """Returns the ids of path texts: a number for one text, an array of u64 for many. The id of
-        "" is that of a miss, as path_of() gives it."""
-        if isinstance(texts, str):
-            return MISS if texts == "" else self.path(texts, epoch=epoch)["path"]
-        ids = {text: self.path_ids(text, epoch=epoch) for text in dict.fromkeys(texts)}
-        return np.array([ids[text] for text in texts], np.uint64)
-
-    def path(self, which: Union[int, str], *, epoch: int = 0) -> dict[str, Any]:
-        """Describes a path, given by its id or text: path (the id), name (the text) and steps,
-        outermost first. A step has name, instance (its place among its parent's steps), uid, and
-        node, its index in a glTF file or None."""
-        if isinstance(which, str):
-            if not which:
-                raise UsageError("a path must not be empty: pass an id or a text")
-            message = self._path({"text": which}, epoch)
-        else:
-            message = self._path({"path": whole("a path id", which, 2**64 - 1, 0)}, epoch)
-        return path_info(message)
-
-    def _path(self, which: Message, epoch: int) -> Message:
-        message = {"scene": self.name, "epoch": epoch, **which}
-        return self._client.connection.ask("Path", message, "PathName")
 
     def unload(self) -> list[str]:
         """Releases the name's hold of the scene, and this connection's. Returns the remaining

@@ -233,8 +233,7 @@ Result<void> Supervisor::probe_process(Process& process) {
                      // Allow the first call seconds: the driver translates kernels that were not
                      // compiled for this GPU.
                      const auto attempt = [&] {
-                         return trace_on(process, 0, {variant.name, precision_watertight, query},
-                                         scene, call, made,
+                         return trace_on(process, 0, {variant.name, query}, scene, call, made,
                                          milliseconds(limits_.cuda_start_ms_max));
                      };
                      auto traced = attempt();
@@ -372,7 +371,6 @@ tl::expected<bool, Unavailable> Supervisor::trace_on(Process& process, std::uint
     Request request;
     request.scene = SceneText(scene.digest());
     request.variant = *variant;
-    request.precision = kernel.precision;
     request.query = kernel.query;
     request.ray_count = call.ray_count;
     request.hits_max = call.hits_max;

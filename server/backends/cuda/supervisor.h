@@ -35,7 +35,6 @@ namespace raynest::server::device {
 /// Selects a kernel of the device.
 struct Kernel {
     std::string_view variant;
-    Precision precision = precision_watertight;
     Query query = query_closest;
     std::size_t param_count = 0;
 };

@@ -128,7 +128,6 @@ struct Request {
 
     // The rest is for Order::trace; the rays lie in the slot's memory.
     std::uint32_t variant = 0;  ///< index in Ready
-    std::uint32_t precision = 0;
     std::uint32_t query = 0;
     std::uint32_t ray_count = 0;
     std::uint32_t hits_max = 0;

@@ -32,7 +32,7 @@ Ready describe(const DevicePack& from, std::string_view name) {
         to.name = Text<64>(variant.name);
         to.params = fingerprint({variant.params, variant.param_count});
         for (std::uint32_t query = 0; query < query_count; ++query) {
-            const auto& functions = variant.trace[precision_watertight][traversal_single];
+            const auto& functions = variant.trace[traversal_single];
             if (functions[query][0] != nullptr) to.queries |= 1U << query;
         }
     }
@@ -108,12 +108,10 @@ private:
     }
 
     [[nodiscard]] TraceFunction kernel_of(const Request& request) const {
-        const bool known = request.variant < pack_.pack->variant_count &&
-                           request.precision < precision_count && request.query < query_count;
-        if (!known) return nullptr;
+        if (request.variant >= pack_.pack->variant_count || request.query >= query_count) return nullptr;
         const PackVariant& variant = pack_.pack->variants[request.variant];
         if (variant.param_count > params_max) return nullptr;
-        return variant.trace[request.precision][traversal_single][request.query][0];
+        return variant.trace[traversal_single][request.query][0];
     }
 
     static Outcome refuse(std::string_view why) { return {Verdict::refused, Text<256>(why)}; }

@@ -8,10 +8,32 @@
 #include <embree3/rtcore.h>
 #endif
 
+#include <cstdint>
+
 namespace raynest::bench {
 
+// The library uses the instructions of the module's target, as our kernels do, and packets have its
+// native width: wider ones it traces ray by ray.
+#if defined(__AVX512F__)
 inline constexpr const char* device_options =
     "set_affinity=0,frequency_level=simd512,hugepages=1,threads=";
+using RayPacket = RTCRay16;
+using RayHitPacket = RTCRayHit16;
+#define RAYNEST_EMBREE_PACKET(name) name##16
+#elif defined(__AVX2__)
+inline constexpr const char* device_options =
+    "isa=avx2,set_affinity=0,frequency_level=simd256,hugepages=1,threads=";
+using RayPacket = RTCRay8;
+using RayHitPacket = RTCRayHit8;
+#define RAYNEST_EMBREE_PACKET(name) name##8
+#else
+inline constexpr const char* device_options =
+    "isa=sse4.2,set_affinity=0,frequency_level=simd128,hugepages=1,threads=";
+using RayPacket = RTCRay4;
+using RayHitPacket = RTCRayHit4;
+#define RAYNEST_EMBREE_PACKET(name) name##4
+#endif
+inline constexpr std::uint32_t packet_rays = sizeof(RayPacket::tfar) / sizeof(float);
 
 /// A query in flight. Filters get its address back as `context` and may cast it to what they
 /// derived from it.
@@ -36,11 +58,11 @@ struct Asker : RTCRayQueryContext {
 
     void closest(RTCScene scene, RTCRayHit& ray) { rtcIntersect1(scene, &ray, &intersect_); }
     void any(RTCScene scene, RTCRay& ray) { rtcOccluded1(scene, &ray, &occluded_); }
-    void closest(const int* valid, RTCScene scene, RTCRayHit16& rays) {
-        rtcIntersect16(valid, scene, &rays, &intersect_);
+    void closest(const int* valid, RTCScene scene, RayHitPacket& rays) {
+        RAYNEST_EMBREE_PACKET(rtcIntersect)(valid, scene, &rays, &intersect_);
     }
-    void any(const int* valid, RTCScene scene, RTCRay16& rays) {
-        rtcOccluded16(valid, scene, &rays, &occluded_);
+    void any(const int* valid, RTCScene scene, RayPacket& rays) {
+        RAYNEST_EMBREE_PACKET(rtcOccluded)(valid, scene, &rays, &occluded_);
     }
 
 private:
@@ -67,11 +89,11 @@ struct Asker : RTCIntersectContext {
 
     void closest(RTCScene scene, RTCRayHit& ray) { rtcIntersect1(scene, this, &ray); }
     void any(RTCScene scene, RTCRay& ray) { rtcOccluded1(scene, this, &ray); }
-    void closest(const int* valid, RTCScene scene, RTCRayHit16& rays) {
-        rtcIntersect16(valid, scene, this, &rays);
+    void closest(const int* valid, RTCScene scene, RayHitPacket& rays) {
+        RAYNEST_EMBREE_PACKET(rtcIntersect)(valid, scene, this, &rays);
     }
-    void any(const int* valid, RTCScene scene, RTCRay16& rays) {
-        rtcOccluded16(valid, scene, this, &rays);
+    void any(const int* valid, RTCScene scene, RayPacket& rays) {
+        RAYNEST_EMBREE_PACKET(rtcOccluded)(valid, scene, this, &rays);
     }
 };
 

@@ -25,7 +25,7 @@ void fill(RTCRay& to, const Ray& ray) {
     to.flags = 0;
 }
 
-void fill(RTCRay16& to, const Ray* rays, std::uint32_t count) {
+void fill(RayPacket& to, const Ray* rays, std::uint32_t count) {
     for (std::uint32_t i = 0; i < count; ++i) {
         to.org_x[i] = rays[i].origin.x;
         to.org_y[i] = rays[i].origin.y;
@@ -36,9 +36,9 @@ void fill(RTCRay16& to, const Ray* rays, std::uint32_t count) {
         to.dir_z[i] = rays[i].direction.z;
         to.tfar[i] = rays[i].tmax;
     }
-    std::fill_n(to.time, 16, 0.0F);
-    std::fill_n(to.mask, 16, 0xFFFFFFFFU);
-    std::fill_n(to.flags, 16, 0U);
+    std::fill_n(to.time, packet_rays, 0.0F);
+    std::fill_n(to.mask, packet_rays, 0xFFFFFFFFU);
+    std::fill_n(to.flags, packet_rays, 0U);
 }
 
 HitRecord record_of(const RTCRayHit& query) {
@@ -54,7 +54,7 @@ HitRecord record_of(const RTCRayHit& query) {
     return record;
 }
 
-HitRecord record_of(const RTCRayHit16& query, std::uint32_t i) {
+HitRecord record_of(const RayHitPacket& query, std::uint32_t i) {
     HitRecord record;
     if (query.hit.geomID[i] == RTC_INVALID_GEOMETRY_ID) return record;
     record.t = query.ray.tfar[i];
@@ -95,37 +95,37 @@ void any_single(RTCScene scene, RTCFilterFunctionN filter, const PeerCall& call)
     }
 }
 
-/// Lanes of the last packet that hold no ray stay inactive.
-alignas(64) constexpr int first_lanes[32] = {-1, -1, -1, -1, -1, -1, -1, -1, -1, -1, -1,
-                                             -1, -1, -1, -1, -1, 0,  0,  0,  0,  0,  0,
-                                             0,  0,  0,  0,  0,  0,  0,  0,  0,  0};
+/// Calls `ask(first, count, valid)` for each packet; lanes of the last one that hold no ray are not valid.
+template <class Ask>
+void for_packets(std::uint32_t ray_count, Ask ask) {
+    for (std::uint32_t first = 0; first < ray_count; first += packet_rays) {
+        const std::uint32_t count = std::min(packet_rays, ray_count - first);
+        alignas(64) int valid[packet_rays] = {};
+        std::fill_n(valid, count, -1);
+        ask(first, count, valid);
+    }
+}
 
 void closest_packets(RTCScene scene, bool coherent, const PeerCall& call) {
     Asker asker(coherent, nullptr);
-    for (std::uint32_t first = 0; first < call.ray_count; first += 16) {
-        const std::uint32_t count = std::min(16U, call.ray_count - first);
-        alignas(64) int valid[16];
-        std::copy_n(first_lanes + 16 - count, 16, valid);
-        RTCRayHit16 query;
+    for_packets(call.ray_count, [&](std::uint32_t first, std::uint32_t count, const int* valid) {
+        RayHitPacket query;
         fill(query.ray, call.rays + first, count);
-        std::fill_n(query.hit.geomID, 16, RTC_INVALID_GEOMETRY_ID);
-        std::fill_n(query.hit.instID[0], 16, RTC_INVALID_GEOMETRY_ID);
+        std::fill_n(query.hit.geomID, packet_rays, RTC_INVALID_GEOMETRY_ID);
+        std::fill_n(query.hit.instID[0], packet_rays, RTC_INVALID_GEOMETRY_ID);
         asker.closest(valid, scene, query);
         for (std::uint32_t i = 0; i < count; ++i) call.hits[first + i] = record_of(query, i);
-    }
+    });
 }
 
 void any_packets(RTCScene scene, bool coherent, const PeerCall& call) {
     Asker asker(coherent, nullptr);
-    for (std::uint32_t first = 0; first < call.ray_count; first += 16) {
-        const std::uint32_t count = std::min(16U, call.ray_count - first);
-        alignas(64) int valid[16];
-        std::copy_n(first_lanes + 16 - count, 16, valid);
-        RTCRay16 query;
+    for_packets(call.ray_count, [&](std::uint32_t first, std::uint32_t count, const int* valid) {
+        RayPacket query;
         fill(query, call.rays + first, count);
         asker.any(valid, scene, query);
         for (std::uint32_t i = 0; i < count; ++i) call.hits[first + i] = occluded(query.tfar[i]);
-    }
+    });
 }
 
 void list_single(RTCScene scene, const PeerCall& call) {

@@ -11,7 +11,7 @@
 namespace raynest::bench {
 
 /// embree                   rtcIntersect1, rtcOccluded1
-/// embree-packet            rtcIntersect16, rtcOccluded16
+/// embree-packet            rtcIntersect16, rtcOccluded16; with AVX2 ...8, with SSE ...4: the native width
 /// embree-coherent          the same with the coherent flag
 /// embree-robust            rtcIntersect1, rtcOccluded1 on a ROBUST scene
 /// embree-filter            single rays, alpha test as filter of the geometry

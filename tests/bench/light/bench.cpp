@@ -64,8 +64,7 @@ public:
     TimedCaster(const SceneView& scene, const Variant& variant, Traversal traversal)
         : scene_(scene) {
         for (const Query query : {query_closest, query_any})
-            selectors_.emplace(query, must(KernelSelector::make(variant, query, precision_watertight,
-                                                                traversal)));
+            selectors_.emplace(query, must(KernelSelector::make(variant, query, traversal)));
     }
     double seconds = 0;                ///< CPU time of all calls
     std::uint64_t rays = 0;
@@ -211,7 +210,7 @@ private:
             must(side.registry->choose(blends ? "alpha_blend" : options_.intersector, view));
         side.caster = std::make_unique<TimedCaster>(view, *variant, traversal_auto);
         const bool stream =
-            variant->code->trace[precision_watertight][traversal_stream][query_closest][0] !=
+            variant->code->trace[traversal_stream][query_closest][0] !=
             nullptr;
         side.bare = std::make_unique<TimedCaster>(view, *variant,
                                                   stream ? traversal_stream : traversal_single);

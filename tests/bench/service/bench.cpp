@@ -115,7 +115,7 @@ public:
     InProcess(const Workload& workload, const Variant& variant)
         : scene_(workload.scene->view()),
           selector_(must(
-              KernelSelector::make(variant, query_closest, precision_watertight, traversal_auto))),
+              KernelSelector::make(variant, query_closest, traversal_auto))),
           hits_(chunk_rays) {}
 
     void trace(std::span<const Ray> rays, std::uint64_t first, Answer& answer) {
@@ -226,7 +226,11 @@ Lidar lidar_of(const Workload& workload, std::span<const LidarChannel> channels,
                std::uint32_t azimuths) {
     const Pose camera = pose_of(must(choose_camera(*workload.scene, {})).to_world);
     SensorPose sensor_pose;
-    sensor_pose.pose = {-camera.z, -camera.x, camera.y, camera.origin};
+    // Upright, ahead where the camera looks, as the daemon stands it.
+    const glm::dvec3 up(0, 1, 0);
+    const glm::dvec3 view = -glm::normalize(camera.z);
+    const glm::dvec3 ahead = glm::normalize(view - glm::dot(view, up) * up);
+    sensor_pose.pose = {ahead, glm::cross(up, ahead), up, camera.origin};
     return {sensor_pose, channels, 0, 360, azimuths};
 }
 
@@ -328,7 +332,7 @@ void run(Options options) {
 
     const RayKind kind = must(parse_ray_kind(options.rays));
     const TraceFunction trace =
-        must(find_function(variant, query_closest, precision_watertight, traversal_single));
+        must(find_function(variant, query_closest, traversal_single));
     std::vector<Ray> rays = make_rays(workload, kind, options.count, trace);
     options.count = static_cast<std::uint32_t>(rays.size()) / chunk_rays * chunk_rays;
     rays.resize(options.count);

@@ -7,6 +7,8 @@ attackers    throughput of 50 clients beside 1,000 slow peers of the TLS port (h
              second, back at once when closed), over that beside a process that uses as much CPU
 handshakes   p99 of a connected client beside 2,000 TLS handshakes in 10 s, over its p99 beside a process
              that uses as much CPU
+largest      p99 of a connected client beside a viewer who sends the largest requests in a loop, over its p99 beside
+             a process that uses as much CPU
 line         1 M rays through 50 ms and 100 Mbit/s: bytes of rays per second over that rate
 idle         resident bytes of the daemon per idle TLS connection
 """
@@ -14,6 +16,7 @@ import argparse
 import contextlib
 import json
 import multiprocessing
+import os
 import pathlib
 import resource
 import socket
@@ -33,8 +36,9 @@ sys.path[:0] = [str(ROOT / "tests/integration"), str(ROOT / "client/python"), st
 import raynest  # noqa: E402
 from connections_test import HELLO, read_frame  # noqa: E402
 from link import Link  # noqa: E402
-from secure_daemon import Certificates, SecureClient, SecureDaemon  # noqa: E402
-from tls import daemon_cpu  # noqa: E402
+from secure_daemon import Certificates, SecureClient, SecureDaemon, Tokens  # noqa: E402
+from tls import children_cpu, daemon_cpu  # noqa: E402
+from websocket import WebSocket  # noqa: E402
 
 RAY = np.float32([[0, 500, 0, 0, -1, 0]])
 PLACES = ("--connections-max", "20000", "--principal-connections-max", "20000")
@@ -46,15 +50,21 @@ class Bench:
         folder = tempfile.TemporaryDirectory()
         self.folder, self.out = folder, pathlib.Path(folder.name)
         self.certificates = Certificates(words.raynestd, self.out / "tls")
+        self.tokens = Tokens(words.raynestd, self.out / "tokens")
+        self.token = self.tokens.add("client")
+        self.viewer = self.tokens.add("viewer", "--role", "viewer")
+        self.token_file = self.out / "token"
+        self.token_file.touch(0o600)
+        self.token_file.write_text(self.token)
         self.ca = str(self.certificates.ca)
         self.context = ssl.create_default_context(cafile=self.ca)
 
     @contextlib.contextmanager
     def daemon(self, *arguments):
         daemon = SecureDaemon(self.words.raynestd, self.certificates, *PLACES, *arguments)
-        client = SecureClient(self.words.raynest, daemon.tls, self.ca)
+        client = SecureClient(self.words.raynest, daemon.tls, self.ca, self.token)
         try:
-            if client.run("load", "builtin:terrain", "--name", "hills").returncode != 0:
+            if client.run("load", "builtin:terrain", "--name", "hills", "--share", "public").returncode != 0:
                 raise SystemExit("the scene is not loaded")
             yield daemon
         finally:
@@ -64,7 +74,7 @@ class Bench:
 
     def busy(self, uri):
         """Queries per second of 50 clients."""
-        done = subprocess.run([self.words.raynest, "--ca", self.ca, "--server", uri, "--json", "load-test", "hills",
+        done = subprocess.run([self.words.raynest, "--ca", self.ca, "--token-file", self.token_file, "--server", uri, "--json", "load-test", "hills",
                                "--clients", "50", "--seconds", str(self.words.seconds), "--rays", "1000"],
                               capture_output=True, text=True, check=True)
         return json.loads(done.stdout)["daemon"]["requests_per_second"]
@@ -89,35 +99,46 @@ class Bench:
     # ---- handshakes
 
     def handshakes(self):
-        count, seconds = 2000, 10.0
         with self.daemon() as daemon:
-            scene = raynest.connect(daemon.tls, ca=self.ca).scene("hills")
+            return self.late(daemon, shake_hands, daemon.port, self.ca, 2000)
 
-            def p99(until):
-                trips = []
-                while not until.is_set():
-                    begun = time.perf_counter()
-                    scene.trace(RAY, fields=("t",))
-                    trips.append(time.perf_counter() - begun)
-                    time.sleep(0.002)
-                return 1e3 * sorted(trips)[int(0.99 * len(trips))], len(trips)
+    # ---- largest requests
 
-            def beside(target, *arguments):
-                before = daemon_cpu(daemon.process.pid)
-                process = multiprocessing.Process(target=target, args=arguments)
-                ended = threading.Event()
-                process.start()
-                threading.Thread(target=lambda: (process.join(), ended.set())).start()
-                late, trips = p99(ended)
-                return late, trips, daemon_cpu(daemon.process.pid) - before
+    def largest(self):
+        # The attacker's jobs have their memory; the client's answers need some, too.
+        with self.daemon("--http", "127.0.0.1:0", "--memory", "12G", "--tokens", self.tokens.file) as daemon:
+            return self.late(daemon, ask_for_most, daemon.http, self.viewer)
 
-            rows = []
-            for _ in range(3):
-                late, trips, used = beside(shake_hands, daemon.port, self.ca, count, seconds)
-                alone, _, _ = beside(burn, seconds, used)
-                rows.append({"p99_ms": late, "p99_ms_beside_cpu": alone, "ratio": late / alone,
-                             "daemon_cpu_seconds": used, "trips": trips})
-            return {"rounds": rows, "ratio": statistics.median(row["ratio"] for row in rows)}
+    def late(self, daemon, attacker, *arguments, seconds=10.0):
+        """The p99 of a client beside an attacker, over that beside the same CPU."""
+        scene = raynest.connect(daemon.tls, ca=self.ca, token=self.token).scene("hills")
+
+        def p99(until):
+            trips = []
+            while not until.is_set():
+                begun = time.perf_counter()
+                scene.trace(RAY, fields=("t",))
+                trips.append(time.perf_counter() - begun)
+                time.sleep(0.002)
+            return 1e3 * sorted(trips)[int(0.99 * len(trips))], len(trips)
+
+        def beside(target, *given):
+            before = daemon_cpu(daemon.process.pid) + children_cpu()
+            process = multiprocessing.Process(target=target, args=given)
+            ended = threading.Event()
+            process.start()
+            threading.Thread(target=lambda: (process.join(), ended.set())).start()
+            late, trips = p99(ended)
+            process.join()
+            return late, trips, daemon_cpu(daemon.process.pid) + children_cpu() - before
+
+        rows = []
+        for _ in range(3):
+            late, trips, used = beside(attacker, *arguments, seconds)
+            alone, _, _ = beside(burn_all, seconds, used)
+            rows.append({"p99_ms": late, "p99_ms_beside_cpu": alone, "ratio": late / alone,
+                         "cpu_seconds": used, "trips": trips})
+        return {"rounds": rows, "ratio": statistics.median(row["ratio"] for row in rows)}
 
     # ---- a long line
 
@@ -128,7 +149,7 @@ class Bench:
         rays[:, [0, 2]] = chance.uniform(-400, 400, (len(rays), 2))
         rays[:, 1], rays[:, 4] = 500, -1
         with self.daemon() as daemon, Link(daemon.port, round_trip=0.05, rate=rate) as link:
-            scene = raynest.connect(f"tls://127.0.0.1:{link.port}", ca=self.ca).scene("hills")
+            scene = raynest.connect(f"tls://127.0.0.1:{link.port}", ca=self.ca, token=self.token).scene("hills")
             rows = []
             for _ in range(3):
                 begun = time.perf_counter()
@@ -152,7 +173,7 @@ class Bench:
                 read_frame(wrapped)
                 crowd.append(wrapped)
             each = (daemon.resident_bytes() - before) / count
-            client = SecureClient(self.words.raynest, daemon.tls, self.ca)
+            client = SecureClient(self.words.raynest, daemon.tls, self.ca, self.token)
             answers = client.run("scenes").returncode == 0
             for connection in crowd:
                 connection.close()
@@ -188,7 +209,7 @@ def attack(port, used, tries):
 
 
 def burn_like(used):
-    burn(3600, 3600 * used.value / 2)
+    burn(3600, 3600 * used.value)
 
 
 def shake_hands(port, ca, count, seconds):
@@ -201,17 +222,52 @@ def shake_hands(port, ca, count, seconds):
             pass
 
 
+def ask_for_most(http, token, seconds):
+    """Asks for the largest films and pictures, eight in one packet, and cancels them."""
+    job = {"scene": "hills"}
+    film = {"job": job, "integrator": "ao", "samples": 1, "width": 4096, "height": 4096, "encode": "raw"}
+    asked = (("Render", film), ("Render", {"job": job, "width": 8192, "height": 8192, "encode": "raw"}),
+             ("Heatmap", {"job": job, "width": 4096, "height": 4096, "encode": "raw"}),
+             ("Structure", {"scene": "hills", "kind": "boxes", "count": 16384, "depth_max": 32}))
+    with WebSocket(http, headers=["Authorization: Bearer " + token]) as peer:
+        peer.say("Hello", 0, {"client": "attacker"})
+        begun, number = time.monotonic(), 0
+        while time.monotonic() - begun < seconds:
+            numbers = range(number + 1, number + 9)
+            number += 8
+            for i in numbers:
+                peer.say(asked[i % len(asked)][0], i, asked[i % len(asked)][1])
+            time.sleep(0.05)
+            for i in numbers:
+                peer.say("Cancel", i, {})
+            open_ones = set(numbers)
+            while open_ones:
+                name, request, _, _ = peer.hear()
+                if name in ("Error", "Done"):
+                    open_ones.discard(request)
+
+
+def burn_all(seconds, cpu_seconds):
+    """Uses CPU evenly on every core, as much in all as the attacker and the daemon did."""
+    cores = os.cpu_count()
+    others = [multiprocessing.Process(target=burn, args=(seconds, cpu_seconds / cores)) for _ in range(cores)]
+    for process in others:
+        process.start()
+    for process in others:
+        process.join()
+
+
 def burn(seconds, cpu_seconds):
-    """Uses CPU evenly: as much as the handshakes cost at both ends."""
+    """Uses CPU of one core evenly."""
     begun, used = time.monotonic(), time.process_time()
-    share = min(1.0, 2 * cpu_seconds / seconds)
+    share = min(1.0, cpu_seconds / seconds)
     while time.monotonic() - begun < seconds:
         if time.process_time() - used > share * (time.monotonic() - begun):
             time.sleep(0.001)
 
 
 def main():
-    parts = ("attackers", "handshakes", "line", "idle")
+    parts = ("attackers", "handshakes", "largest", "line", "idle")
     made = argparse.ArgumentParser()
     made.add_argument("raynestd")
     made.add_argument("raynest")

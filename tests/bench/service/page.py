@@ -4,7 +4,7 @@
   page.py BIN_DIR [--json] [--rounds N]      e.g. page.py build/bin
 
 It asks as the page does, over the WebSocket, for counts and normals of the built-in forest at 960x540: a
-coarse picture of 1/16 of the rays, then the fine one. The browser's own share is in figures.test.mjs.
+coarse picture of 1/16 of the rays, then the fine one. The browser's own share is in figures.mjs.
 
   first_coarse   time to the coarse picture, over a tenth of that to the fine one plus 30 ms
   coarse_rays    rays of both pictures, over 1.10 of the fine one's

@@ -49,7 +49,7 @@ bool check(const OpenDevice& device, const Pack& cpu, const Work& work) {
         const PackVariant* const other = find_variant(cpu, variant.name);
         for (const Question& question : questions) {
             const auto of = [&](const PackVariant& from) {
-                return from.trace[precision_fast][traversal_single][question.query][0];
+                return from.trace[traversal_single][question.query][0];
             };
             if (of(variant) == nullptr) continue;
             if (other == nullptr || of(*other) == nullptr)

@@ -79,7 +79,7 @@ std::string in_flight(const std::string& name, std::uint32_t slots, std::uint32_
 }
 
 TraceFunction kernel_of(const PackVariant& variant, const Question& question) {
-    return variant.trace[precision_fast][traversal_single][question.query][0];
+    return variant.trace[traversal_single][question.query][0];
 }
 
 /// Returns the best result of a way over all numbers of slots.

@@ -77,6 +77,35 @@ TEST_CASE("a server that cannot be meant is a usage error") {
         CHECK(exit_of_open(uri) == Exit::usage);
 }
 
+TEST_CASE("a token goes in clear text to a loopback address only, whatever the name said") {
+    const auto [listener, port] = client::listen_on_every_address();
+    const std::string away = client::other_address();
+    if (!away.empty()) {
+        const auto refused = Connection::open("tcp://" + away + ":" + port, "secret");
+        REQUIRE(!refused);
+        CHECK(refused.error().exit == Exit::usage);
+        CHECK(refused.error().message.find("is not sent to") != std::string::npos);
+        const int accepted = client::accept_one(listener);
+        std::byte byte{};
+        CHECK(::recv(accepted, &byte, 1, 0) == 0);
+        ::close(accepted);
+    }
+    ::close(listener);
+}
+
+TEST_CASE("a TLS server's alert is told in words, and not tried again") {
+    FakeDaemon daemon([](Peer& peer) {
+        peer.receive();
+        constexpr std::array<unsigned char, 7> alert = {21, 3, 1, 0, 2, 2, 70};
+        peer.send_bytes(std::as_bytes(std::span(alert)));
+    });
+    const auto connection = Connection::open(daemon.uri(), "");
+    REQUIRE(!connection);
+    CHECK(connection.error().exit == Exit::cannot_connect);
+    CHECK(connection.error().message.find("tls:// in place of tcp://") != std::string::npos);
+    CHECK_FALSE(connection.error().lost);
+}
+
 TEST_CASE("the greeting brings the daemon's limits") {
     FakeDaemon daemon([](Peer& peer) { peer.welcome(1U << 20, 1000); });
     const auto connection = Connection::open(daemon.uri(), "");

@@ -5,12 +5,14 @@
 
 #include <arpa/inet.h>
 #include <doctest/doctest.h>
+#include <ifaddrs.h>
 #include <netinet/in.h>
 #include <poll.h>
 #include <sys/socket.h>
 #include <sys/un.h>
 #include <unistd.h>
 
+#include <array>
 #include <atomic>
 #include <cstring>
 #include <stdexcept>
@@ -52,6 +54,33 @@ std::pair<int, std::string> listen_somewhere() {
         ::listen(listener, 4) != 0)
         throw std::runtime_error("cannot listen on " + path);
     return {listener, path};
+}
+
+std::pair<int, std::string> listen_on_every_address() {
+    const int listener = ::socket(AF_INET, SOCK_STREAM | SOCK_CLOEXEC, 0);
+    sockaddr_in bound = {};
+    socklen_t size = sizeof bound;
+    if (::listen(listener, 4) != 0 ||  // without bind(): any address, any port
+        ::getsockname(listener, reinterpret_cast<sockaddr*>(&bound), &size) != 0)
+        throw std::runtime_error("cannot listen");
+    return {listener, std::to_string(ntohs(bound.sin_port))};
+}
+
+std::string other_address() {
+    ifaddrs* all = nullptr;
+    if (::getifaddrs(&all) != 0) return "";
+    std::string found;
+    for (const ifaddrs* each = all; each != nullptr; each = each->ifa_next) {
+        if (each->ifa_addr == nullptr || each->ifa_addr->sa_family != AF_INET) continue;
+        sockaddr_in four = {};
+        std::memcpy(&four, each->ifa_addr, sizeof four);
+        if (ntohl(four.sin_addr.s_addr) >> 24 == 127) continue;
+        std::array<char, INET_ADDRSTRLEN> text{};
+        ::inet_ntop(AF_INET, &four.sin_addr, text.data(), text.size());
+        found = text.data();
+    }
+    ::freeifaddrs(all);
+    return found;
 }
 
 int accept_one(int listener) {

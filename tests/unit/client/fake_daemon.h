@@ -72,6 +72,10 @@ private:
 
 /// Returns a listening Unix socket in the temporary folder, for tests that accept by themselves.
 std::pair<int, std::string> listen_somewhere();
+/// Returns a listening TCP socket of all addresses, and its port.
+std::pair<int, std::string> listen_on_every_address();
+/// Returns an IPv4 address of this machine that is not the loopback's, or "".
+std::string other_address();
 /// Returns the next connection of a listener, or -1 when patience ends.
 int accept_one(int listener);
 

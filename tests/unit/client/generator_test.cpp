@@ -43,7 +43,7 @@ TEST_CASE("words go to the daemon as they are") {
 TEST_CASE("places are shifted by the scene's origin, in float64") {
     const client::WorldPoint origin{4e6, 5e6, 100};
     const Generate posed = parsed({"lidar", "pose=1,0,0,4000000.25,0,1,0,5000000,0,0,1,109"});
-    CHECK(posed.at({}).settings == Words{"pose=1,0,0,4000000.2,0,1,0,5e+06,0,0,1,109"});
+    CHECK(posed.at({}).settings == Words{"pose=1,0,0,4000000.25,0,1,0,5e+06,0,0,1,109"});
     CHECK(posed.at(origin).settings == Words{"pose=1,0,0,0.25,0,1,0,0,0,0,1,9"});
     const Generate looking = parsed({"camera", "lookat=4000001,5000002,103,4000000,5000000,100,0,0,1"});
     CHECK(looking.at(origin).settings == Words{"lookat=1,2,3,0,0,0,0,0,1"});

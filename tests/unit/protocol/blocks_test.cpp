@@ -48,6 +48,18 @@ TEST_CASE("columns come back as they were written, empty ones too") {
         CHECK(frame.bulk.data()[i] == std::byte{0});
 }
 
+TEST_CASE("names of columns stand in tables and JSON as they are") {
+    for (const char* name : {"", "a b", "a\x1b[31m", "a\"b", "a\\b", "a\x7f", "\xc2\x9b", "\xc3\xa4"}) {
+        Bulk bulk;
+        bulk.add(name, wire::Dtype::u8, 1, 1);
+        bulk.allocate();
+        const protocol::Frame frame = chunk_of(std::move(bulk));
+        const auto opened = protocol::open<wire::Chunk>(frame);
+        REQUIRE_MESSAGE(!opened, name);
+        CHECK(opened.error().code == protocol::Code::bad_frame);
+    }
+}
+
 TEST_CASE("a message with the wrong block reports the expected one") {
     const auto only = [](std::string_view name, wire::Dtype dtype, std::uint32_t width) {
         Bulk bulk;

@@ -14,6 +14,8 @@ TEST_CASE("a text is cut between two letters, on one line and printable") {
     CHECK(clean_text("two\nlines\t\xc3\xa4", 99) == "two lines \xc3\xa4");
     CHECK(clean_text("a\x1b[2J", 9) == "a?[2J");
     CHECK(clean_text("\xff\xfe", 9) == "??");
+    CHECK(clean_text("\xc3\xa4\xc2\x9b\xc2\xa0", 9) == "\xc3\xa4?\xc2\xa0");
+    CHECK(clean_text("a\xc2\x9b", 2) == "a");
 }
 
 TEST_CASE("a percent code is two hexadecimal digits after its sign") {

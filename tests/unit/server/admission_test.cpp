@@ -2,6 +2,9 @@
 
 #include <doctest/doctest.h>
 
+#include <string>
+#include <vector>
+
 namespace raynest::server {
 namespace {
 
@@ -79,6 +82,27 @@ TEST_CASE("every job has a number of its own, and is known while it is in flight
     CHECK(admission.find(number) == nullptr);
     CHECK(admission.enter(asked("me", 5))->number() > number);
 }
+
+TEST_CASE("principals that take all they can leave a place for the next one") {
+    protocol::Limits limits;
+    limits.principal_jobs_max = limits.total_jobs_max = 1000;
+    Admission admission(limits);
+    std::vector<Admission::Slot> slots;
+    for (const std::string greedy : {"a", "b", "c", "d"}) {
+        auto entered = admission.enter(asked(greedy, 0));
+        REQUIRE(entered);
+        for (; entered; entered = admission.enter(asked(greedy, 0)))
+            slots.push_back(std::move(*entered));
+        CHECK(entered.error().code == Code::busy);
+        CHECK(entered.error().retry_after_ms >= 10);
+        CHECK(entered.error().message.starts_with(greedy + " has "));
+        // Its own paused peers may give way for it, not those of others.
+        CHECK(admission.blocking_limit(greedy) == Peers::Whose::own);
+    }
+    CHECK(admission.active_of("a") == 800);
+    CHECK(admission.enter(asked("single", 0)));
+}
+
 
 }  // namespace
 }  // namespace raynest::server

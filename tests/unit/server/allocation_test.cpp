@@ -4,6 +4,8 @@
 // the usual answer.
 #include "tests/golden/examples.h"
 #include "tests/sanitized.h"
+#include "tests/unit/server/counted_memory.h"
+#include "tests/unit/server/small_daemon.h"
 #include "tests/unit/server/small_daemon.h"
 
 #include <doctest/doctest.h>
@@ -15,6 +17,7 @@
 #include <iostream>
 #include <new>
 #include <optional>
+#include <string>
 #include <utility>
 #include <vector>
 
@@ -23,12 +26,13 @@ namespace {
 constexpr long never = -1;
 /// Number of allocations of this thread before the one that fails; only one fails.
 thread_local long until_failure = never;
-/// Largest allocation of this thread since a test set it to 0.
-thread_local std::size_t largest_bytes = 0;
+
+namespace test = raynest::test;
 
 void* allocate(std::size_t size, std::size_t alignment) {
     if (until_failure != never && until_failure-- == 0) throw std::bad_alloc();
-    largest_bytes = std::max(largest_bytes, size);
+    test::largest_bytes = std::max(test::largest_bytes, size);
+    test::allocated_bytes += size;
     const std::size_t rounded = (size + alignment) / alignment * alignment;
     if (void* memory = std::aligned_alloc(alignment, rounded)) return memory;
     throw std::bad_alloc();
@@ -238,6 +242,69 @@ TEST_CASE("an allocation that fails at any moment fails one request or one conne
     CHECK(failures > 400 / stride);
     std::cout << "tally: allocations that fail: " << failures
               << ": one request or connection each\n";
+}
+
+/// A peer whose principal is not yet known.
+class Newcomer final : public server::Peer {
+public:
+    [[nodiscard]] const std::string& principal() const override { return address; }
+    [[nodiscard]] std::uint64_t holds(server::Resource /*resource*/) const override { return 1; }
+    [[nodiscard]] std::optional<server::Clock::time_point> paused_since() const override {
+        return std::nullopt;
+    }
+    void give_way(const protocol::Error& /*why*/) override {}
+
+    const std::string address = "an address with a name of some length";
+};
+
+TEST_CASE("a peer whose admission fails at any allocation is counted as a whole, and leaves as one") {
+    const protocol::Limits limits;
+    server::Metrics metrics;
+    server::Budget budget(1 << 20);
+    server::Peers peers(limits, budget, metrics);
+    long failures = 0;
+    for (long n = 0;; ++n, ++failures) {
+        CAPTURE(n);
+        Newcomer peer;
+        until_failure = n;
+        try {
+            peers.join(peer);
+            peers.move(peer, principal);
+        } catch (const std::bad_alloc&) {
+        }
+        const bool failed = until_failure == never;
+        until_failure = never;
+        // Its principal() is still the address, as when the greeting fails after the move.
+        CHECK(peers.size() == peers.size_of(peer.address) + peers.size_of(principal));
+        peers.leave(peer);
+        CHECK(peers.size() == 0);
+        CHECK(peers.size_of(peer.address) + peers.size_of(principal) == 0);
+        if (!failed) break;
+    }
+    CHECK(failures > 3);
+}
+
+TEST_CASE("a job whose entry fails at any allocation counts nowhere") {
+    const protocol::Limits limits;
+    server::Admission admission(limits);
+    for (long n = 0;; ++n) {
+        CAPTURE(n);
+        server::JobRecord record;
+        record.principal = principal;
+        until_failure = n;
+        server::Reply<server::Admission::Slot> slot;
+        try {
+            slot = admission.enter(std::move(record));
+        } catch (const std::bad_alloc&) {
+            slot = server::refuse(server::Code::resource_exhausted, "");
+        }
+        const bool failed = until_failure == never;
+        until_failure = never;
+        CHECK(admission.active_of(principal) == (slot ? 1 : 0));
+        CHECK(admission.active() == (slot ? 1 : 0));
+        if (!failed) break;
+    }
+    CHECK(admission.active() == 0);
 }
 
 TEST_CASE("the tables of a lidar are left to its tasks") {

@@ -1,9 +1,14 @@
 #include "server/security/authentication.h"
 
+#include "server/security/tls_context.h"
+
 #include <doctest/doctest.h>
 
 #include <chrono>
+#include <functional>
+#include <memory>
 #include <string>
+#include <vector>
 
 namespace raynest::server {
 namespace {
@@ -16,13 +21,21 @@ const WallClock::time_point noon{std::chrono::hours(12)};
 
 /// A daemon with a token of alice, a user, and one of vera, a viewer for an hour.
 struct GuardedDaemon {
-    AccessPolicy policy{.tokens = true};
+    AccessPolicy policy{.tokens = true, .certificates = true};
     std::string alice = new_token();
     std::string vera = new_token();
     Authentication authentication{policy};
     Steady now{1h};
 
-    GuardedDaemon() { put(rows()); }
+    bool trusts_certificates = true;
+
+    GuardedDaemon() {
+        put(rows());
+        authentication.set_trust([this](const ClientCertificate& shown, WallClock::time_point wall) {
+            return trusts_certificates && wall < shown.expires;
+        });
+    }
+    GuardedDaemon(const GuardedDaemon&) = delete;
     [[nodiscard]] TokenTable rows() const {
         TokenTable table;
         table.put({TokenRow::Kind::token, "alice", Role::user, hash_token(alice), {}, {.jobs = 3}});
@@ -38,6 +51,15 @@ struct GuardedDaemon {
 };
 
 const PeerIdentity stranger{"192.0.2.7", Place::remote, "tls"};
+
+/// A stranger whose certificate ends tomorrow at noon.
+PeerIdentity holder(const std::string& subject) {
+    PeerIdentity peer = stranger;
+    peer.subject = subject;
+    peer.certificate = std::make_shared<const ClientCertificate>(
+        ClientCertificate{{}, noon + 24h, nullptr});
+    return peer;
+}
 
 TEST_CASE("a token gives its principal, role and quota, until it expires") {
     GuardedDaemon guarded;
@@ -69,6 +91,98 @@ TEST_CASE("a revoked, changed or expired row is no longer valid for open connect
     CHECK_FALSE(guarded.authentication.still_valid(*alice, noon));
     CHECK_FALSE(guarded.authentication.still_valid(*vera, noon));
     CHECK(guarded.authentication.still_valid({"uid:0", {}, Role::admin, ""}, noon));
+}
+
+TEST_CASE("each kind of admission is valid only while its rule admits it again") {
+    GuardedDaemon guarded;
+    Authentication& daemon = guarded.authentication;
+    struct Admitted {
+        const char* name;
+        PeerIdentity peer;
+        std::string token;
+    };
+    const Admitted admitted[] = {
+        {"token", stranger, guarded.alice},
+        {"certificate with a row", holder("CN=robot"), ""},
+        {"certificate alone", holder("CN=somebody"), ""},
+        {"plain loopback", {"127.0.0.1", Place::loopback, "tcp"}, ""},
+        {"another user of the machine", {"uid:9", Place::other_user, "unix"}, ""},
+        {"the daemon's user", {"uid:0", Place::own_user, "unix"}, ""},
+    };
+    struct Change {
+        const char* name;
+        std::function<void(GuardedDaemon&)> act;
+        std::string stay;  ///< a letter for each of those above; '-' where it must go
+    };
+    const auto policy = [](auto set) {
+        return [set](GuardedDaemon& changed) {
+            AccessPolicy now = changed.policy;
+            set(now);
+            changed.authentication.set_policy(now);
+        };
+    };
+    const auto row = [](TokenRow added) {
+        return [added](GuardedDaemon& changed) {
+            TokenTable table = changed.rows();
+            table.put(added);
+            changed.put(std::move(table));
+        };
+    };
+    using Kind = TokenRow::Kind;
+    const Change changes[] = {
+        {"none", [](GuardedDaemon&) {}, "tcclou"},
+        {"the rows were read again", [](GuardedDaemon& g) { g.put(g.rows()); }, "tcclou"},
+        {"no rows", [](GuardedDaemon& g) { g.put({}); }, "--clou"},
+        {"another token", row({Kind::token, "alice", Role::user, hash_token("x"), {}, {.jobs = 3}}),
+         "-cclou"},
+        {"another role", row({Kind::certificate, "CN=robot", Role::user, {}, {}, {}}), "t-clou"},
+        {"a row that shuts out", row({Kind::shut_out, "CN=somebody", Role::user, {}, {}, {}}),
+         "tc-lou"},
+        {"a row with a role", row({Kind::certificate, "CN=somebody", Role::viewer, {}, {}, {}}),
+         "tc-lou"},
+        {"another CA", [](GuardedDaemon& g) { g.trusts_certificates = false; }, "t--lou"},
+        {"no CA", policy([](AccessPolicy& p) { p.certificates = false; }), "t--lou"},
+        {"no tokens", policy([](AccessPolicy& p) { p.tokens = false; }), "-cclou"},
+        {"nobody anonymous", policy([](AccessPolicy& p) { p.anonymous.reset(); }), "tcc--u"},
+        {"anonymous viewers", policy([](AccessPolicy& p) { p.anonymous = Role::viewer; }), "tcc--u"},
+    };
+    for (const Change& change : changes) {
+        INFO(std::string(change.name));
+        GuardedDaemon fresh;
+        // The tokens of both daemons are the same.
+        fresh.alice = guarded.alice;
+        fresh.vera = guarded.vera;
+        fresh.put(fresh.rows());
+        std::vector<Principal> principals;
+        for (const Admitted& one : admitted)
+            principals.push_back(fresh.come(one.peer, one.token).value());
+        change.act(fresh);
+        std::size_t i = 0;
+        for (const Admitted& one : admitted) {
+            INFO(std::string(one.name));
+            const bool stays = change.stay[i] != '-';
+            CHECK(fresh.authentication.still_valid(principals[i], noon) == stays);
+            // A code and a cookie end with what let their principal in.
+            const std::string code = fresh.authentication.logins().make_code(principals[i], noon).value();
+            CHECK(fresh.authentication.log_in(stranger, "", code, fresh.now, noon).has_value() == stays);
+            ++i;
+        }
+    }
+    CHECK(daemon.tokens().rows().size() == 3);
+}
+
+TEST_CASE("a certificate that has expired is told once, and lets nobody stay") {
+    GuardedDaemon guarded;
+    const auto robot = guarded.come(holder("CN=robot"), "");
+    REQUIRE(robot);
+    CHECK_FALSE(guarded.authentication.certificates_ended(noon + 23h));
+    CHECK(guarded.authentication.still_valid(*robot, noon + 23h));
+    CHECK(guarded.authentication.certificates_ended(noon + 24h));
+    CHECK_FALSE(guarded.authentication.certificates_ended(noon + 24h));
+    CHECK_FALSE(guarded.authentication.still_valid(*robot, noon + 24h));
+    PeerIdentity bare = stranger;
+    bare.subject = "CN=robot";
+    CHECK(guarded.come(bare, "").error().code == Code::not_allowed);
 }
 
 TEST_CASE("wrong tokens of an address wait longer after each, and right ones do not") {
@@ -114,7 +228,7 @@ TEST_CASE("the table of failures is bounded") {
     LoginFailures failures;
     const Steady now{1h};
     for (int i = 0; i < 5; ++i) failures.failed("first", now);
-    for (int i = 0; i < 5000; ++i) failures.failed(std::to_string(i), now + 1ms);
+    for (int i = 0; i < 4200; ++i) failures.failed(std::to_string(i), now + 1ms);
     CHECK(failures.wait_of("first", now) == 0ms);
 }
 
@@ -147,8 +261,7 @@ TEST_CASE("without a token the transport decides") {
 
 TEST_CASE("a certificate's subject is the principal, and its row gives the role") {
     GuardedDaemon guarded;
-    PeerIdentity peer = stranger;
-    peer.subject = "CN=robot";
+    PeerIdentity peer = holder("CN=robot");
     CHECK(guarded.come(peer, "")->role == Role::admin);
     peer.subject = "CN=somebody,O=Lab";
     CHECK(guarded.come(peer, "")->role == Role::user);
@@ -221,14 +334,14 @@ TEST_CASE("a code logs in once, in time, and as its caller") {
     const auto log_in = [&](const std::string& code, WallClock::time_point wall) {
         return daemon.log_in(browser, "", code, guarded.now, wall);
     };
-    const std::string code = daemon.logins().make_code(caller, noon);
+    const std::string code = daemon.logins().make_code(caller, noon).value();
     const auto secret = log_in(code, noon + 1min);
     REQUIRE(secret);
     const auto known = daemon.identify_request(browser, "", *secret, guarded.now, noon);
     CHECK(known->id == "uid:0");
     CHECK(known->role == Role::admin);
     CHECK(log_in(code, noon + 1min).error().code == Code::not_allowed);
-    CHECK(log_in(daemon.logins().make_code(caller, noon), noon + 3min).error().code ==
+    CHECK(log_in(daemon.logins().make_code(caller, noon).value(), noon + 3min).error().code ==
           Code::not_allowed);
     CHECK(log_in("", noon).error().code == Code::not_allowed);
 }
@@ -249,14 +362,93 @@ TEST_CASE("wrong tokens and codes of a page make its address wait") {
     CHECK(daemon.log_in(browser, guarded.alice, "", guarded.now, noon));
 }
 
-TEST_CASE("the oldest code gives way when there are too many") {
+TEST_CASE("a principal's codes and logins void its own alone") {
     PageLogins logins;
-    const Principal caller{"me", {}, Role::user};
-    const std::string first = logins.make_code(caller, noon);
+    const Principal viewer{"vera", {}, Role::viewer};
+    const Principal admin{"root", {}, Role::admin};
+    const std::string others = logins.make_code(admin, noon).value();
+    const std::string first = logins.make_code(viewer, noon).value();
+    const std::string cookie = logins.begin(admin, noon).value();
     std::string last;
-    for (int i = 0; i < 256; ++i) last = logins.make_code(caller, noon + 1s);
+    for (int i = 0; i < 4200; ++i) {
+        last = logins.make_code(viewer, noon + 1s).value();
+        CHECK(logins.begin(viewer, noon + 1s));
+    }
     CHECK_FALSE(logins.take_code(first, noon + 1s));
     CHECK(logins.take_code(last, noon + 1s));
+    CHECK(logins.find_code(others, noon + 1s)->id == "root");
+    CHECK(logins.find(cookie, noon + 1s)->id == "root");
+    // Many principals together are refused: they void nobody's.
+    Code code{};
+    for (int i = 0; i < 4200; ++i)
+        if (const auto made = logins.begin({std::to_string(i), {}, Role::user}, noon); !made)
+            code = made.error().code;
+    CHECK(code == Code::busy);
+    CHECK(logins.find(cookie, noon + 1s) != nullptr);
+    CHECK(logins.find_code(others, noon + 2min) == nullptr);
+}
+
+TEST_CASE("a login that a login has made ends with it, and when it does") {
+    PageLogins logins;
+    const auto made_by = [&](const std::string& cookie, WallClock::time_point now) {
+        const std::string code = logins.make_code(*logins.find(cookie, now), now).value();
+        return logins.begin(logins.take_code(code, now).value(), now).value();
+    };
+    const std::string first = logins.begin({"alice", {}, Role::user}, noon).value();
+    const std::string second = made_by(first, noon + 8h);
+    const std::string third = made_by(second, noon + 11h);
+    CHECK(logins.find(third, noon + 11h + 59min) != nullptr);
+    CHECK(logins.find(third, noon + 12h) == nullptr);
+    const std::uint64_t number = logins.find(third, noon)->page_login;
+    CHECK(logins.goes_on(number));
+    // The one in the middle takes the last one with it, and not the first.
+    CHECK(logins.end(second));
+    CHECK(logins.find(first, noon) != nullptr);
+    CHECK_FALSE(logins.goes_on(number));
+    CHECK(logins.expire(noon));
+    CHECK_FALSE(logins.expire(noon));
+    // A chain of any length keeps those that it goes with.
+    std::string cookie = made_by(first, noon);
+    for (int i = 0; i < 60; ++i) cookie = made_by(cookie, noon);
+    for (int i = 0; i < 60; ++i) (void)made_by(first, noon);
+    CHECK(logins.find(first, noon) != nullptr);
+    CHECK(logins.expire(noon + 12h));
+    CHECK(logins.find(cookie, noon) == nullptr);
+}
+
+TEST_CASE("a code asks before it replaces the login of another") {
+    GuardedDaemon guarded;
+    Authentication& daemon = guarded.authentication;
+    const std::string cookie = daemon.log_in(browser, guarded.alice, "", guarded.now, noon).value();
+    const auto code_of = [&](const char* name) {
+        return daemon.logins().make_code({name, {}, Role::admin}, noon).value();
+    };
+    const std::string other = code_of("mallory");
+    const PeerIdentity page{"192.0.2.9", Place::remote, "https"};
+    PeerIdentity bob = page;
+    bob.subject = "CN=bob";
+    CHECK(daemon.question_before(bob, other, "", noon).find("CN=bob") != std::string::npos);
+    const std::string question = daemon.question_before(page, other, cookie, noon);
+    CHECK(question.find("logged in as alice") != std::string::npos);
+    CHECK(question.find("mallory") != std::string::npos);
+    CHECK(daemon.question_before(page, code_of("alice"), cookie, noon).empty());
+    CHECK(daemon.question_before(page, other, "", noon).empty());
+    CHECK(daemon.question_before(page, "", cookie, noon).empty());
+    CHECK(daemon.question_before(page, other, cookie, noon + 3min).empty());
+    guarded.put({});
+    CHECK(daemon.question_before(page, other, cookie, noon).empty());
+}
+
+TEST_CASE("a changed limit counts for logins that there are") {
+    PageLogins logins;
+    const std::string cookie = logins.begin({"alice", {}, Role::user}, noon).value();
+    const std::string code = logins.make_code({"alice", {}, Role::user}, noon).value();
+    protocol::Limits limits;
+    limits.page_login_ms_max = limits.page_code_ms_max = 1000;
+    logins.set_limits(limits);
+    CHECK(logins.find(cookie, noon) != nullptr);
+    CHECK(logins.find(cookie, noon + 1s) == nullptr);
+    CHECK(logins.find_code(code, noon + 1s) == nullptr);
 }
 
 }  // namespace

@@ -19,7 +19,7 @@ namespace raynest::server {
 
 inline protocol::Limits few_jobs() {
     protocol::Limits limits;
-    limits.total_jobs_max = 4;
+    limits.total_jobs_max = 5;  // 4 of one principal
     return limits;
 }
 

@@ -113,7 +113,7 @@ TEST_CASE(
     const auto& job = *daemon.detached.all().begin()->second;
     CHECK(job.ended());
     CHECK_FALSE(job.error());
-    CHECK(job.answer().front().header.type == static_cast<std::uint16_t>(wire::Message::Started));
+    CHECK(job.answer().frames.front().header.type == static_cast<std::uint16_t>(wire::Message::Started));
 }
 
 TEST_CASE("a connection has so many requests in flight, those included that are to be detached") {
@@ -307,7 +307,7 @@ TEST_CASE("an answer is fetched where half of the window holds its frames") {
     const auto& [number, job] = *daemon.detached.all().begin();
     REQUIRE(job->ended());
     std::uint64_t largest = 0;
-    for (const protocol::Frame& frame : job->answer())
+    for (const protocol::Frame& frame : job->answer().frames)
         largest = std::max(largest, frame.header.bulk_bytes);
     REQUIRE(largest >= 64 << 10);
     wire::FetchT fetch;

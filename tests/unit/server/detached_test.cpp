@@ -27,7 +27,7 @@ struct Store {
             accept(std::make_unique<ScriptedJob>(tasks, bytes, std::move(work)));
         accepted.detach = true;
         accepted.result_bytes = room;
-        return jobs.start(principal, 1, std::move(accepted));
+        return jobs.start({principal, {}, Role::user}, 1, std::move(accepted));
     }
     /// Runs a job to its end, fetched or not; returns its number.
     std::uint64_t keep(const std::string& principal, std::uint64_t bytes, bool fetched) {
@@ -59,11 +59,30 @@ TEST_CASE("an answer is kept whole, and the room it did not need goes back") {
     CHECK_FALSE(job->ended());
     REQUIRE(store.bench.run_until([&] { return job->ended(); }));
     CHECK_FALSE(job->error());
-    REQUIRE(job->answer().size() == 6);
-    CHECK(job->answer().back().header.type == static_cast<std::uint16_t>(wire::Message::Done));
+    REQUIRE(job->answer().frames.size() == 6);
+    CHECK(job->answer().frames.back().header.type == static_cast<std::uint16_t>(wire::Message::Done));
     CHECK(store.bench.budget.used() < room);
     CHECK(store.bench.budget.used() > 5 * 1000);
     CHECK(store.bench.admission.active() == 0);
+}
+
+TEST_CASE("running jobs of owners who are admitted no more end, and their answers stay") {
+    Store store;
+    const std::uint64_t kept = store.keep("mallory", 1000, false);
+    const auto endless = [](const Stop& stop) -> Reply<void> {
+        while (!stop.requested()) std::this_thread::yield();
+        return {};
+    };
+    const auto ends = store.start("mallory", 1, 1000, endless).value();
+    const auto goes_on = store.start("me", 1, 1000, endless).value();
+    store.jobs.end_unless([](const Principal& owner) { return owner.id == "me"; },
+                          {Code::not_allowed, "revoked", 0});
+    REQUIRE(store.bench.run_until([&] { return ends->ended(); }));
+    CHECK(ends->error()->code == Code::not_allowed);
+    CHECK_FALSE(goes_on->ended());
+    CHECK(store.has(kept));
+    store.jobs.cancel(goes_on->record().number);
+    REQUIRE(store.bench.run_until_idle());
 }
 
 TEST_CASE("an answer goes away when its time is over, and not before") {
@@ -103,20 +122,22 @@ TEST_CASE("fetched results make room, the oldest first, and others are never dro
     CHECK(store.bench.admission.active() == 0);
 }
 
-TEST_CASE("when --memory is short, anybody's fetched answers go, then a new job is refused") {
+TEST_CASE("when --memory is short, the principal's own fetched answers go, then its job is refused") {
     Store store;
     const std::uint64_t dear = store.keep("me", 60'000, false);
+    const std::uint64_t fetched = store.keep("me", 60'000, true);
     const std::uint64_t foreign = store.keep("you", 60'000, true);
-    auto rest =
-        store.bench.budget.reserve(store.bench.budget.limit() - store.bench.budget.used() - 30'000);
+    Budget& budget = store.bench.budget;
+    auto rest = budget.reserve(budget.limit() - budget.used() - 50'000);
     REQUIRE(rest);
     const auto started = store.start("me", 1, 1000);
     CHECK(started);
-    CHECK_FALSE(store.has(foreign));
+    CHECK_FALSE(store.has(fetched));
     const auto refused = store.start("me", 1, 1000);
     REQUIRE_FALSE(refused);
     CHECK(refused.error().code == Code::resource_exhausted);
     CHECK(store.has(dear));
+    CHECK(store.has(foreign));
     REQUIRE(store.bench.run_until_idle());
 }
 
@@ -135,7 +156,7 @@ TEST_CASE("a failed job keeps its error and no bytes") {
     REQUIRE(store.bench.run_until([&] { return (*job)->ended(); }));
     REQUIRE((*job)->error());
     CHECK((*job)->error()->code == Code::scene_invalid);
-    CHECK((*job)->answer().empty());
+    CHECK((*job)->answer().frames.empty());
     CHECK(store.bench.budget.used() < room);
     REQUIRE(store.bench.run_until_idle());
 }
@@ -147,7 +168,7 @@ TEST_CASE("an answer that outgrows its room takes more, from fetched results if 
     auto job = store.start("me", 12, 10'000).value();
     REQUIRE(store.bench.run_until([&] { return job->ended(); }));
     CHECK_FALSE(job->error());
-    CHECK(job->answer().size() == 13);
+    CHECK(job->answer().frames.size() == 13);
     CHECK(job->bytes() >= 120'000);
     CHECK(store.has(dear));
     CHECK_FALSE(store.has(fetched));
@@ -217,7 +238,7 @@ TEST_CASE("the sender of a job's data gets its credit and its failure") {
     Feeder feeder;
     JobSubmission accepted = accept(std::make_unique<Sponge>());
     accepted.detach = true;
-    const auto job = store.jobs.start("me", 1, std::move(accepted)).value();
+    const auto job = store.jobs.start({"me", {}, Role::user}, 1, std::move(accepted)).value();
     job->set_feeder(&feeder);
     CHECK(job->runner().needs_client(1));
     job->runner().feed(chunk_of(store.bench.limits.window_bytes / 4));
@@ -239,7 +260,7 @@ TEST_CASE("the sender of a job's data gets a failure at its very start") {
     Feeder feeder;
     JobSubmission accepted = accept(std::make_unique<Failing>());
     accepted.detach = true;
-    const auto job = store.jobs.start("me", 1, std::move(accepted), &feeder).value();
+    const auto job = store.jobs.start({"me", {}, Role::user}, 1, std::move(accepted), &feeder).value();
     REQUIRE(job->error());
     CHECK(job->error()->code == Code::resource_exhausted);
     CHECK(feeder.types ==

@@ -6,10 +6,13 @@
 
 #include <atomic>
 #include <chrono>
+#include <condition_variable>
 #include <ctime>
 #include <future>
 #include <latch>
+#include <map>
 #include <memory>
+#include <mutex>
 #include <string>
 #include <thread>
 #include <utility>
@@ -277,6 +280,25 @@ TEST_CASE("there are as many spare threads as held ones") {
     }
 }
 
+TEST_CASE("a principal without a thread waits for two turns of others, not until their tasks count as long") {
+    // On a busy machine a thread may come late: one good round of many is enough.
+    const auto end = std::chrono::steady_clock::now() + test::patience();
+    for (;;) {
+        FairThreadPool workers(2, FairThreadPool::Time::processor, 4);
+        const Hold heavy(workers, "heavy", 4);
+        while (heavy.begun() < 2) std::this_thread::yield();
+        std::promise<std::pair<std::chrono::nanoseconds, int>> seen;
+        workers.submit("light", Priority::normal,
+                       [&] { seen.set_value({workers.longest_task(), heavy.begun()}); });
+        const auto [held, begun] = seen.get_future().get();
+        if (held < FairThreadPool::patience) {
+            CHECK(begun == 2);  // the thread was for the one who had none
+            break;
+        }
+        REQUIRE(std::chrono::steady_clock::now() < end);
+    }
+}
+
 TEST_CASE("one principal may use at most half of the spare threads") {
     FairThreadPool workers(1, FairThreadPool::Time::processor, 4);
     const Hold heavy(workers, "heavy", 10);
@@ -302,6 +324,48 @@ TEST_CASE("the longest running task is told, and none once it has ended") {
     }
     CHECK(test::eventually([&] { return workers.longest_task() == std::chrono::nanoseconds(0); }));
 }
+
+TEST_CASE("tasks that last leave places to principals that have none, however many wait") {
+    constexpr unsigned threads = 5;
+    constexpr unsigned each = 2;
+    std::promise<void> release;
+    const std::shared_future<void> released = release.get_future().share();
+    std::mutex mutex;
+    std::condition_variable changed;
+    std::map<std::string, int> running;
+    FairThreadPool imports(threads, FairThreadPool::Time::clock, 0, each);
+    const auto submit = [&](const std::string& principal) {
+        imports.submit(principal, Priority::normal, [&, principal] {
+            {
+                const std::lock_guard lock(mutex);
+                ++running[principal];
+            }
+            changed.notify_all();
+            released.wait();
+        });
+    };
+    const auto comes_to_run = [&](const std::string& principal, int count) {
+        std::unique_lock lock(mutex);
+        return changed.wait_for(lock, test::patience(), [&] { return running[principal] == count; });
+    };
+    for (const char* greedy : {"a", "b"})
+        for (int i = 0; i < 20; ++i) submit(greedy);
+    CHECK(comes_to_run("a", 2));
+    CHECK(comes_to_run("b", 2));
+    submit("single");
+    CHECK(comes_to_run("single", 1));
+    submit("late");  // all places are taken; it waits for one
+    {
+        const std::lock_guard lock(mutex);
+        CHECK(running["a"] + running["b"] == 4);
+        CHECK(running["late"] == 0);
+    }
+    release.set_value();
+    CHECK(comes_to_run("late", 1));
+    CHECK(comes_to_run("a", 20));
+    CHECK(comes_to_run("b", 20));
+}
+
 
 }  // namespace
 }  // namespace raynest::server

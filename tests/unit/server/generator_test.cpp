@@ -6,6 +6,7 @@
 
 #include <cmath>
 #include <string>
+#include <tuple>
 #include <utility>
 #include <vector>
 
@@ -97,6 +98,61 @@ TEST_CASE("a sensor stands where a camera, a look-at or a pose says") {
     CHECK(mentions(complaint("lidar", {"camera=1", pose}), "camera and pose each say where"));
     CHECK(mentions(complaint("camera", {look_at, "camera=1"}), "camera and lookat each say where"));
     CHECK(mentions(complaint("camera", {"camera=unheard"}), "camera"));
+}
+
+TEST_CASE("a pose turns and moves; one that scales, shears or mirrors is refused by name") {
+    const Words sweep = {"elevations=0", "azimuths=0:1:1"};
+    const auto with = [&](const std::string& place) {
+        Words words = sweep;
+        words.push_back(place);
+        return words;
+    };
+    for (const auto& [place, says] : std::vector<std::pair<std::string, std::string>>{
+             {"pose=2,0,0,0,0,2,0,0,0,0,2,0", "pose: it scales, its axes have the lengths 2, 2 and 2"},
+             {"pose=1,0,0,0,0,1,0,0,0,0,0,0", "lengths 1, 1 and 0"},
+             {"pose=1,0,0,0,0,1,0,0,0,0,-1,0", "pose: it mirrors"},
+             {"pose=1,0.6,0,0,0,0.8,0,0,0,0,1,0", "pose: its axes are not at right angles"}})
+        CHECK(mentions(complaint("lidar", with(place)), says));
+    CHECK(mentions(complaint("pinhole", {"fx=9", "pose=3,0,0,0,0,3,0,0,0,0,3,0"}), "pose: it scales"));
+    // Digits as people write them are turns still.
+    CHECK(generated("lidar", with("pose=0.707,-0.707,0,1,0.707,0.707,0,2,0,0,1,3")).has_value());
+}
+
+TEST_CASE("a lidar stands upright where a camera or a look-at says, whatever their pitch") {
+    const auto ahead = [&](const std::string& place) {
+        return sensor<Lidar>("lidar", {"elevations=0,90", "azimuths=0:360:4", place});
+    };
+    const auto near = [](const Vec3& a, const Vec3& b) { return glm::length(a - b) < 1e-6F; };
+    // 45 degrees down along -z, with y up; down along x with z up; along -y with -z up; and straight along
+    // the up vector, where ahead is any level way.
+    for (const auto& [place, x, z] : std::vector<std::tuple<std::string, Vec3, Vec3>>{
+             {"lookat=0,9,0,0,0,-9", {0, 0, -1}, {0, 1, 0}},
+             {"lookat=0,0,2,5,0,0,0,0,1", {1, 0, 0}, {0, 0, 1}},
+             {"lookat=0,9,0,0,0,0,0,0,-1", {0, -1, 0}, {0, 0, -1}},
+             {"lookat=0,0,9,0,0,0,0,0,7", {0, 0, 0}, {0, 0, 1}}}) {
+        CAPTURE(place);
+        const Lidar lidar = ahead(place);
+        const Vec3 first = lidar.ray(0, 0).direction;
+        CHECK(near(lidar.ray(0, 1).direction, z));
+        CHECK(std::abs(glm::dot(first, z)) < 1e-6F);
+        CHECK(near(lidar.ray(1, 0).direction, glm::cross(z, first)));
+        if (x != Vec3(0)) CHECK(near(first, x));
+    }
+}
+
+TEST_CASE("settings keep the digits of float64 until a ray is rounded") {
+    const auto after = [](double turns) {
+        const double start = 360 * turns + 12.3;
+        return sensor<Lidar>("lidar", {"elevations=0", "azimuths=" + std::to_string(start) + ":" +
+                                                           std::to_string(start + 360) + ":1"})
+            .ray(0, 0)
+            .direction;
+    };
+    for (const double turns : {1e4, 1e5, 1e6})
+        CHECK(glm::length(after(turns) - after(0)) < 2e-7F);
+    const auto place = sensor<Pinhole>("pinhole", {"fx=9", "pose=1,0,0,0.1,0,1,0,0,0,0,1,0"});
+    CHECK(place.sensor_pose.pose.origin.x == 0.1);
+    CHECK(mentions(complaint("pinhole", {"fx=1e-60"}), "not a number"));
 }
 
 TEST_CASE("a hemisphere has samples and a seed") {

@@ -164,7 +164,7 @@ public:
         auto peer = std::make_unique<MemoryPeer>(daemon.limits);
         peer->wire->opens = opens;
         connections.accept(std::make_unique<MemoryTransport>(io, peer->wire, name),
-                           server::Connections::Descriptors::free);
+                           server::Descriptors::free);
         settle();
         return peer;
     }

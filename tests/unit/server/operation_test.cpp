@@ -1,6 +1,6 @@
 // Small rules of running a daemon: which users the system names, how often a line is logged, what a
 // client is told of files.
-#include "server/diag/line_limit.h"
+#include "server/diag/limited_log.h"
 #include "server/diag/own_counts.h"
 #include "server/principal.h"
 #include "server/security/authentication.h"
@@ -45,12 +45,20 @@ TEST_CASE("a few lines per second are written, and the rest is counted") {
     LineLimit limit;
     const LineLimit::Time begin{100s};
     unsigned written = 0;
-    for (int i = 0; i < 20; ++i) written += limit.admit(begin + i * 10ms);
+    for (int i = 0; i < 20; ++i) written += limit.admit("noisy", begin + i * 10ms);
     CHECK(written == LineLimit::lines_max);
-    CHECK(limit.take_left_out(begin + 500ms) == 0);
-    CHECK(limit.take_left_out(begin + 1s) == 20 - LineLimit::lines_max);
-    CHECK(limit.take_left_out(begin + 1s) == 0);
-    CHECK(limit.admit(begin + 2s));
+    CHECK(limit.admit("another", begin + 400ms));
+    CHECK(limit.take_left_out(begin + 500ms).lines == 0);
+    for (int i = 0; i < 7; ++i) limit.admit("another", begin + 600ms);
+    const LineLimit::LeftOut left_out = limit.take_left_out(begin + 1s);
+    CHECK(left_out.lines == 20 - LineLimit::lines_max + 8 - LineLimit::lines_max);
+    CHECK(left_out.source == "noisy");
+    CHECK(limit.take_left_out(begin + 1s).lines == 0);
+    CHECK(limit.admit("noisy", begin + 2s));
+    written = 0;
+    for (int i = 0; i < 1000; ++i) written += limit.admit(std::to_string(i), begin + 4s);
+    CHECK(written == LineLimit::sources_max);
+    CHECK(limit.take_left_out(begin + 5s).lines == 1000 - LineLimit::sources_max);
 }
 
 TEST_CASE("each principal has its own counts, and only so many are remembered") {
@@ -64,6 +72,8 @@ TEST_CASE("each principal has its own counts, and only so many are remembered") 
     CHECK(counts.of("alice", 3) == 0);
     CHECK(counts.of("bob", 3) == 1);
     CHECK(counts.of("p1022", 0) == 1);
+    counts.add("bob", 3, 1);
+    CHECK(counts.latest(2) == std::vector<std::string>{"bob", "p1022"});
 }
 
 TEST_CASE("clients are told the names of files, not their folders") {

@@ -38,6 +38,7 @@ public:
             house_.gone.push_back(name_);
             house_.why = why;
             house_.peers.leave(*this);
+            lease = {};
         }
 
     private:
@@ -48,12 +49,14 @@ public:
     public:
         Clock::time_point moved;
         std::uint64_t bytes = 0;
+        Budget::Lease lease;  ///< for `bytes`, if there is room
         bool works = false;  ///< is the daemon working for this peer?
     };
 
     Guest& guest(const std::string& name, const std::string& principal, std::uint64_t bytes = 0) {
         guests_.push_back(std::make_unique<Guest>(*this, name, principal));
         guests_.back()->bytes = bytes;
+        if (auto lease = budget.reserve(bytes)) guests_.back()->lease = std::move(*lease);
         now += milliseconds(1);  // in order of arrival
         return *guests_.back();
     }
@@ -144,18 +147,28 @@ TEST_CASE("at a principal's limit, only its own peers give way") {
 
 TEST_CASE("memory comes from as many peers as needed, and from none if all are not enough") {
     House house;
-    auto scenes = house.budget.reserve(940);
+    const auto scenes = house.budget.reserve(900);
     house.guest("idle", "a");
     house.guest("small", "a", 10);
     house.guest("large", "b", 30);
     house.guest("later", "b", 20);
     house.now += seconds(60);
-    house.peers.make_memory(60, "c");  // is still free
-    house.peers.make_memory(121, "c");
+    house.peers.make_memory(32, "c");  // four fifths of what is free
+    house.peers.make_memory(81, "c");  // more than that of all they hold besides
     CHECK(house.gone.empty());
-    house.peers.make_memory(95, "c");
+    house.peers.make_memory(70, "c");
     CHECK(house.gone == House::Names{"large", "later"});
     CHECK(house.metrics.gave_way_memory == 2);
+}
+
+TEST_CASE("scenes and answers weigh as much as what a principal's connections hold") {
+    House house;
+    const auto scenes = house.budget.reserve(500, "loader", Use::lasting);
+    house.guest("reader", "single", 100);
+    house.now += seconds(60);
+    // The loader holds more than the reader, who stays.
+    CHECK_FALSE(house.peers.make_room(Resource::memory, "loader"));
+    CHECK(house.peers.make_room(Resource::memory, "another"));
 }
 
 TEST_CASE("a daemon that ends needs all places") {
@@ -169,6 +182,18 @@ TEST_CASE("a daemon that ends needs all places") {
     house.peers.dismiss();
     CHECK(house.gone == House::Names{"reader"});
     CHECK(house.why.code == Code::draining);
+}
+
+TEST_CASE("a peer that moved and never took its new name leaves as a whole") {
+    House house;
+    House::Guest& guest = house.guest("a", "address");
+    house.peers.move(guest, "alice");
+    CHECK(house.peers.size_of("alice") == 1);
+    CHECK(house.peers.size_of("address") == 0);
+    house.peers.leave(guest);
+    house.peers.leave(guest);
+    CHECK(house.peers.size_of("alice") == 0);
+    CHECK(house.peers.size() == 0);
 }
 
 }  // namespace

@@ -58,7 +58,7 @@ struct Decoder {
         daemon.services.import_limits.time_max = std::chrono::seconds(1);
     }
     Reply<void> read(const Made& made) {
-        return read_film(daemon.services, made.file(), made.attributes, samples, stop, film);
+        return read_film(daemon.services, "me", made.file(), made.attributes, samples, stop, film);
     }
     SmallDaemon daemon;
     StopFlag stop{Clock::time_point::max()};
@@ -111,7 +111,7 @@ TEST_CASE("without a working import child a good picture is not decoded") {
                               Channel{"B", plane, {}}};
     const auto file = encode_exr(4, 2, channels);
     REQUIRE(file);
-    CHECK(refusal_of(read_environment(broken.daemon.services, *file, broken.stop)).code ==
+    CHECK(refusal_of(read_environment(broken.daemon.services, "me", *file, broken.stop)).code ==
           Code::internal);
 }
 

@@ -385,16 +385,20 @@ TEST_CASE("a full daemon takes the places and the memory of jobs that wait for t
     JobSubmission large = accept(std::make_unique<ScriptedJob>(1, 10));
     large.answer_bytes = bench.limits.window_bytes;
     REQUIRE(other->start(1, std::move(large)));  // its client grants no credit
-    for (std::uint64_t id = 2; id <= bench.limits.total_jobs_max; ++id)
+    // Its share is all places but one, which a third has.
+    for (std::uint64_t id = 2; id < bench.limits.total_jobs_max; ++id)
         REQUIRE(other->start(id, accept(std::make_unique<ScriptedJob>(1, 10))));
+    const auto third = std::make_shared<Runner>(bench.engine, bench, "third");
+    REQUIRE(third->start(1, accept(std::make_unique<ScriptedJob>(1, 10))));
     CHECK(other->held_bytes() == bench.limits.window_bytes);
     auto rest = bench.budget.reserve(bench.budget.limit() - bench.budget.used());
     JobSubmission newcomer = accept(std::make_unique<ScriptedJob>(1, 10));
-    newcomer.answer_bytes = bench.limits.window_bytes;
+    newcomer.answer_bytes = bench.limits.window_bytes / 2;
     REQUIRE(bench.runner->start(1, std::move(newcomer)));
     CHECK(bench.metrics.gave_way_jobs == 1);
     CHECK(other->size() == 0);
     CHECK(other->held_bytes() == 0);
+    third->abandon();
     REQUIRE(bench.run_until_idle());
     CHECK(bench.count(wire::Message::Done) == 1);
 }
@@ -450,12 +454,13 @@ TEST_CASE("memory for a client's input is reserved before it sends, and returns 
     // The reservation never exceeds the credit, whatever a request announces.
     REQUIRE(bench.runner->start(2, sponge(1ULL << 40)));
     CHECK(bench.budget.used() == 1000 + bench.limits.window_bytes);
-    auto rest = bench.budget.reserve(bench.budget.limit() - bench.budget.used() - 10);
-    const auto refused = bench.runner->start(3, sponge(11));
+    auto rest = bench.budget.reserve(bench.budget.limit() - bench.budget.used() - (4 << 20));
+    const std::uint64_t most = bench.budget.room("me", Use::passing);
+    const auto refused = bench.runner->start(3, sponge(most + 1));
     REQUIRE_FALSE(refused);
     CHECK(refused.error().code == Code::resource_exhausted);
     CHECK(bench.admission.active() == 2);
-    REQUIRE(bench.runner->start(3, sponge(10)));
+    REQUIRE(bench.runner->start(3, sponge(most)));
     for (std::uint64_t id = 1; id <= 3; ++id) bench.runner->cancel(id);
     *rest = {};
     CHECK(bench.budget.used() == 0);

@@ -211,5 +211,27 @@ TEST_CASE("quotas count opened scenes too, and name the least recently used one"
     CHECK(scenes.open("one", store.b));
 }
 
+TEST_CASE("the memory of a scene is charged to one of those who hold it") {
+    Store store;
+    SceneStore& scenes = store.scenes;
+    const auto square_bytes = square(1)->bytes().size();
+    REQUIRE(scenes.publish("town", square(1), store.shared, store.a));
+    CHECK(store.budget.held_by("me") == square_bytes);
+    REQUIRE(scenes.open("town", store.stranger));
+    CHECK(store.budget.held_by("you") == 0);
+    REQUIRE(scenes.unload("town", store.a));
+    CHECK(store.budget.held_by("me") == 0);
+    CHECK(store.budget.held_by("you") == square_bytes);
+    // The same content is held once.
+    REQUIRE(scenes.publish("village", square(1), {}, store.b));
+    CHECK(store.budget.used() == square_bytes);
+    scenes.disconnect(store.stranger);
+    CHECK(store.budget.held_by("you") == 0);
+    CHECK(store.budget.held_by("me") == square_bytes);
+    REQUIRE(scenes.unload("village", store.b));
+    CHECK(store.budget.used() == 0);
+}
+
+
 }  // namespace
 }  // namespace raynest::server

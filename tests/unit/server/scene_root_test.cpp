@@ -17,11 +17,13 @@ std::span<const std::byte> bytes_of(const std::string& text) {
     return std::as_bytes(std::span(text));
 }
 
+const std::string me = "me";
+
 /// Reads a file directly below the root, or below `folder` there.
 Result<std::optional<SourceFile>> read(const test::TemporaryFolder& root, const std::string& path,
                                        std::uint64_t bytes_max, Budget& budget,
                                        const std::string& folder = {}) {
-    return read_under_root(root.path(), folder, path, bytes_max, budget);
+    return read_under_root(root.path(), folder, path, bytes_max, {budget, me});
 }
 
 TEST_CASE("a file beneath the root is read whole") {
@@ -87,7 +89,7 @@ TEST_CASE("nothing outside of the root is opened, and no message names a folder"
           std::string::npos);
     CHECK(read(folder, "round", 100, budget).error().message.find("in a circle") !=
           std::string::npos);
-    CHECK_FALSE(read_under_root({}, {}, "a", 100, budget));
+    CHECK_FALSE(read_under_root({}, {}, "a", 100, {budget, me}));
     const auto refusal = [&](const char* name, const char* below) {
         return read(folder, name, 100, budget, below).error().message;
     };
@@ -117,26 +119,26 @@ TEST_CASE("a scene is read with the files that it names beneath its own folder")
     folder.write("sub/a.bin", "1234");
     folder.write("other.bin", "secret");
     std::filesystem::create_symlink("../other.bin", folder.path() / "sub/link.bin");
-    const auto outside = read_scene(folder.path(), "sub/outside.gltf", 10, 1000, budget);
+    const auto outside = read_scene(folder.path(), "sub/outside.gltf", 10, 1000, {budget, me});
     REQUIRE_FALSE(outside);
     CHECK(outside.error().message.find("root:sub/link.bin: link leaves") != std::string::npos);
-    CHECK_FALSE(read_scene(folder.path(), "sub/none.gltf", 10, 1000, budget));
-    const auto files = read_scene(folder.path(), "sub/scene.gltf", 10, 1000, budget);
+    CHECK_FALSE(read_scene(folder.path(), "sub/none.gltf", 10, 1000, {budget, me}));
+    const auto files = read_scene(folder.path(), "sub/scene.gltf", 10, 1000, {budget, me});
     REQUIRE(files);
     REQUIRE(files->size() == 2);
     CHECK((*files)[0].name == "scene.gltf");
     CHECK((*files)[1].name == "a.bin");
     CHECK((*files)[1].bytes.size() == 4);
-    CHECK_FALSE(read_scene(folder.path(), "sub/scene.gltf", 3, 1000, budget));
+    CHECK_FALSE(read_scene(folder.path(), "sub/scene.gltf", 3, 1000, {budget, me}));
     const std::uint64_t bytes = (*files)[0].bytes.size() + (*files)[1].bytes.size();
-    CHECK(read_scene(folder.path(), "sub/scene.gltf", 10, bytes, budget));
-    CHECK_FALSE(read_scene(folder.path(), "sub/scene.gltf", 10, bytes - 1, budget));
+    CHECK(read_scene(folder.path(), "sub/scene.gltf", 10, bytes, {budget, me}));
+    CHECK_FALSE(read_scene(folder.path(), "sub/scene.gltf", 10, bytes - 1, {budget, me}));
 
     // The second file must not count as missing: that would be another scene.
     CHECK(budget.used() == bytes);
     for (const std::uint64_t free : {bytes - 1, std::uint64_t{4}}) {
         Budget tight(free);
-        const auto refused = read_scene(folder.path(), "sub/scene.gltf", 10, 1000, tight);
+        const auto refused = read_scene(folder.path(), "sub/scene.gltf", 10, 1000, {tight, me});
         REQUIRE_FALSE(refused);
         CHECK(refused.error().code == ErrorCode::out_of_memory);
         CHECK(tight.used() == 0);

@@ -1,5 +1,6 @@
 #include "server/store/scene_store.h"
 
+#include "engine/packs/registry.h"
 #include "server/handlers/scene_info.h"
 #include "tests/unit/engine/small_scenes.h"
 
@@ -104,6 +105,28 @@ TEST_CASE("a private scene is for others like one that does not exist") {
     CHECK(store.shows(mine->snapshot().digest(), other));
 }
 
+TEST_CASE("the digest of an upload finds a scene for those alone who may see it") {
+    Budget budget(1 << 30);
+    SceneStore store(budget);
+    const ConnectionId me = of("me"), you = of("you", 2), root{"root", 9, Role::admin};
+    REQUIRE(store.publish("car", square(1), {.made_of = "files"}, me));
+    const auto mine = store.find_made_of("files", me);
+    REQUIRE(mine);
+    CHECK(mine->snapshot->bounds().upper.x == 1);
+    CHECK(store.find_made_of("files", root) == mine);
+    CHECK_FALSE(store.find_made_of("files", you));
+    CHECK_FALSE(store.find_made_of("others", me));
+
+    REQUIRE(store.publish("car", square(1), {.share = {"you"}}, me));  // equal content, of no upload
+    CHECK(store.find_made_of("files", you) == mine);
+    REQUIRE(store.publish("car", square(2), {.replace = true}, me));
+    CHECK_FALSE(store.find_made_of("files", me));
+    REQUIRE(store.publish("car", square(3), {.replace = true, .made_of = "files"}, me));
+    CHECK(store.find_made_of("files", me)->snapshot->bounds().upper.x == 3);
+    CHECK(store.unload("car", me));
+    CHECK_FALSE(store.find_made_of("files", me));
+}
+
 TEST_CASE("a shared scene is found by those whom it is shared with") {
     Budget budget(1 << 30);
     SceneStore store(budget);
@@ -169,7 +192,8 @@ TEST_CASE("names from a file are made safe to send, and long lists are cut with 
     const auto named = store.publish("a", build_scene(scene), {}, of("me"));
     REQUIRE(named);
     const protocol::Limits limits;
-    const auto frame = protocol::encode(1, scene_info(*named, limits), limits);
+    const auto registry = Registry::load({}).value();
+    const auto frame = protocol::encode(1, scene_info(*named, *registry, limits), limits);
     REQUIRE(frame);
     const auto info = protocol::open<wire::SceneInfo>(*frame, limits);
     REQUIRE(info);

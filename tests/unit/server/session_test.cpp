@@ -3,6 +3,7 @@
 #include "server/net/session.h"
 
 #include "engine/math/random.h"
+#include "server/net/socket_transport.h"
 #include "tests/unit/server/memory_transport.h"
 
 #include <doctest/doctest.h>
@@ -11,8 +12,10 @@
 #include <array>
 #include <functional>
 #include <memory>
+#include <new>
 #include <optional>
 #include <string>
+#include <thread>
 #include <utility>
 #include <vector>
 
@@ -132,6 +135,21 @@ bool first_gives_way(MemoryDaemon& house, MemoryPeer& first, MemoryPeer& second)
     house.settle();
     REQUIRE(first.wire->closed != second.wire->closed);
     return first.wire->closed;
+}
+
+TEST_CASE("a peer that sends many requests at once lets others have their turns") {
+    MemoryDaemon house;
+    const auto many = greeted(house, "many");
+    const auto one = greeted(house, "one");
+    constexpr std::size_t requests = 60;
+    for (std::size_t id = 1; id <= requests; ++id) many->say(id, wire::VariantsT{});
+    one->say(1, wire::PingT{});
+    house.io.restart();
+    while (one->wire->to_peer.empty()) REQUIRE(house.io.poll_one() != 0);
+    const std::size_t answered = many->take_frames().size();
+    CHECK(answered < requests);
+    house.settle();
+    CHECK(answered + many->take_frames().size() == requests);
 }
 
 TEST_CASE("a peer that sends single bytes gives way before one that sent a whole frame later") {
@@ -262,6 +280,103 @@ TEST_CASE("who a peer is, and what it may have, is decided by its greeting") {
     CHECK(is(other->take_frames().at(0), wire::Message::Welcome));
     CHECK(peers.size_of("token:a") == 1);
 }
+
+TEST_CASE("who is admitted no more is closed, and who has said no Hello meets the rule by it") {
+    MemoryDaemon house({}, by_token);
+    const auto silent = house.connect();
+    const auto known = greeted(house);
+    house.connections.close_unless([](const PeerIdentity&, const Principal&) { return false; },
+                                   {Code::not_allowed, "revoked", 0});
+    house.settle();
+    CHECK(last_error(*known) == Code::not_allowed);
+    CHECK(silent->wire->to_peer.empty());
+    CHECK(house.daemon.metrics.revoked == 1);
+    silent->say(0, wire::HelloT{});
+    house.settle();
+    CHECK(is(silent->take_frames().at(0), wire::Message::Welcome));
+}
+
+TEST_CASE("asking many peers whether they are admitted lets others have their turns") {
+    MemoryDaemon house;
+    std::vector<std::unique_ptr<MemoryPeer>> peers;
+    for (int i = 0; i < 12; ++i) peers.push_back(greeted(house));
+    std::size_t asked = 0;
+    bool first = true;
+    house.connections.close_unless(
+        [&](const PeerIdentity&, const Principal&) {
+            // As slow as the verification of a certificate; memory ends once.
+            std::this_thread::sleep_for(turn_time);
+            ++asked;
+            if (std::exchange(first, false)) throw std::bad_alloc();
+            return asked % 2 == 0;
+        },
+        {Code::not_allowed, "revoked", 0});
+    std::size_t asked_at_turn = 0;
+    asio::post(house.io, [&] { asked_at_turn = asked; });
+    house.settle();
+    CHECK(asked == peers.size());
+    CHECK(asked_at_turn < peers.size() / 2);
+    CHECK(house.daemon.metrics.revoked == peers.size() / 2 - 1);
+    // The others read their errors first; this one could not be asked.
+    CHECK(house.connections.size() == peers.size() - 1);
+}
+
+TEST_CASE("all addresses of an IPv6 network are one peer, and the log still tells them apart") {
+    const auto peer = [](const char* address) { return identity_of(asio::ip::make_address(address)); };
+    for (const char* address : {"2001:db8:1:2::1", "2001:db8:1:2:ffff:ffff:ffff:ffff"}) {
+        CHECK(peer(address).name == "2001:db8:1:2::/64");
+        CHECK(peer(address).whereabouts() == address);
+        CHECK(peer(address).place == PeerIdentity::Place::remote);
+    }
+    CHECK(peer("2001:db8:1:3::1").name == "2001:db8:1:3::/64");
+    CHECK(peer("192.0.2.7").name == "192.0.2.7");
+    CHECK(peer("::ffff:192.0.2.7").name == "192.0.2.7");
+    CHECK(peer("192.0.2.7").whereabouts() == "192.0.2.7");
+    for (const char* loopback : {"::1", "127.8.9.1", "::ffff:127.0.0.1"}) {
+        CHECK(peer(loopback).name == "127.0.0.1");
+        CHECK(peer(loopback).place == PeerIdentity::Place::loopback);
+    }
+}
+
+TEST_CASE("peers that have sent no Hello take no connection from the principal of their address") {
+    protocol::Limits limits;
+    limits.principal_connections_max = 1;
+    MemoryDaemon house(limits);
+    const auto silent = house.connect();
+    const auto first = greeted(house);
+    const auto second = house.connect();
+    second->say(0, wire::HelloT{});
+    house.settle();
+    CHECK(last_error(*second) == Code::busy);
+    CHECK_FALSE(silent->wire->finished);
+}
+
+TEST_CASE("a daemon full of peers without a Hello ends the oldest of the address with most") {
+    protocol::Limits limits;
+    limits.connections_max = 4;
+    MemoryDaemon house(limits);
+    const auto single = house.connect("single");
+    std::vector<std::unique_ptr<MemoryPeer>> crowd;
+    for (int i = 0; i < 3; ++i) crowd.push_back(house.connect("crowd"));
+    const auto client = greeted(house, "client");
+    CHECK(crowd[0]->wire->closed);
+    CHECK_FALSE(crowd[1]->wire->closed);
+    CHECK_FALSE(single->wire->closed);
+    CHECK(house.daemon.metrics.greetings_gave_way == 1);
+}
+
+TEST_CASE("what a peer does before its Hello is counted for the daemon alone") {
+    MemoryDaemon house;
+    const auto client = greeted(house, "client");
+    const Metrics& metrics = house.daemon.metrics;
+    constexpr std::size_t received = position_of(&Metrics::bytes_received);
+    CHECK(metrics.bytes_received > 0);
+    CHECK(metrics.own.of("client", received) == 0);
+    client->say(1, wire::PingT{});
+    house.settle();
+    CHECK(metrics.own.of("client", received) > 0);
+}
+
 
 }  // namespace
 }  // namespace raynest::server

@@ -20,7 +20,9 @@ namespace raynest::test {
 
 class SmallDaemon final : public server::Sink {
 public:
-    explicit SmallDaemon(const protocol::Limits& within = {}) : limits(within) {
+    explicit SmallDaemon(const protocol::Limits& within = {}, std::uint64_t memory = 1 << 26)
+        : limits(within),
+          budget(memory) {
         // The scene that the examples use; another owner holds it, so that none of them can unload
         // it.
         SceneDescription forest = tree_scene();
@@ -66,7 +68,7 @@ public:
     const protocol::Limits limits;
     const std::shared_ptr<const Registry> registry = Registry::load({}).value();
     server::Metrics metrics;
-    server::Budget budget{1 << 26};
+    server::Budget budget;
     server::Peers peers{limits, budget, metrics};
     server::SceneStore scenes{budget, {}, [] { return server::SceneStore::Clock::time_point(); }};
     server::Admission admission{limits};

@@ -15,6 +15,12 @@ namespace {
 
 using namespace std::chrono_literals;
 
+FilePlace place_of(const std::filesystem::path& file) {
+    auto place = FilePlace::find(file);
+    REQUIRE_MESSAGE(place.has_value(), (place ? "" : place.error().message));
+    return *place;
+}
+
 TEST_CASE("a token has 256 random bits, and its hash is SHA-256") {
     const std::string token = new_token();
     CHECK(token.size() == 4 + 64);
@@ -60,16 +66,16 @@ TEST_CASE("an invalid row is named by its line") {
 TEST_CASE("a file that others can read is refused") {
     const test::TemporaryFolder folder;
     const std::filesystem::path file = folder.path() / "tokens";
-    REQUIRE(TokenTable().write(file));
+    REQUIRE(TokenTable().write(place_of(file)));
     CHECK(TokenTable::read(file, Reader::daemon));
-    for (const mode_t mode : {0640U, 0604U, 0620U}) {
+    for (const mode_t mode : {0644U, 0604U, 0620U, 0660U}) {
         REQUIRE(chmod(file.c_str(), mode) == 0);
         const auto read = TokenTable::read(file, Reader::command);
         REQUIRE_FALSE(read);
         CHECK(read.error().message.find("chmod 600") != std::string::npos);
     }
     CHECK_FALSE(TokenTable::read(folder.path() / "none", Reader::command));
-    CHECK(TokenTable::read(folder.path() / "none", Reader::command, true)->rows().empty());
+    CHECK(TokenTable::read_to_edit(*FilePlace::find(folder.path() / "none"))->rows().empty());
 }
 
 TEST_CASE("rows that could not be read again are not written") {
@@ -77,11 +83,11 @@ TEST_CASE("rows that could not be read again are not written") {
     const std::filesystem::path file = folder.path() / "tokens";
     TokenTable good;
     good.put({TokenRow::Kind::token, "alice", Role::user, hash_token("x"), {}, {}});
-    REQUIRE(good.write(file));
+    REQUIRE(good.write(place_of(file)));
     for (const char* name : {"", "CN=a\nb", "CN=\x1b", " "}) {
         TokenTable bad = good;
         bad.put({TokenRow::Kind::certificate, name, Role::user, {}, {}, {}});
-        const auto written = bad.write(file);
+        const auto written = bad.write(place_of(file));
         REQUIRE_FALSE_MESSAGE(written, name);
         CHECK(written.error().message.find("would become unusable") != std::string::npos);
     }
@@ -90,40 +96,16 @@ TEST_CASE("rows that could not be read again are not written") {
     const std::string subject = "CN=" + std::string(1000, 'a');
     for (int i = 0; i < 5000; ++i)
         large.put({TokenRow::Kind::certificate, subject + std::to_string(i), Role::user, {}, {}, {}});
-    CHECK(large.write(file).error().code == ErrorCode::limit_exceeded);
+    CHECK(large.write(place_of(file)).error().code == ErrorCode::limit_exceeded);
     CHECK(TokenTable::read(file, Reader::daemon)->rows() == good.rows());
-}
-
-TEST_CASE("a replaced file keeps its mode, and a link leads to its target") {
-    const test::TemporaryFolder folder;
-    const std::filesystem::path file = folder.path() / "target";
-    const std::filesystem::path link = folder.path() / "link";
-    REQUIRE(write_files_atomically({{file, "old"}}));
-    REQUIRE(chmod(file.c_str(), 0640) == 0);
-    REQUIRE(write_files_atomically({{file, "new"}}));
-    struct stat status {};
-    REQUIRE(stat(file.c_str(), &status) == 0);
-    CHECK((status.st_mode & 07777U) == 0640);
-    std::filesystem::create_symlink("target", link);
-    CHECK(std::filesystem::equivalent(*behind_links(link), file));
-    CHECK_FALSE(std::filesystem::is_symlink(*behind_links(link)));
-    CHECK(*behind_links(file) == file);
-    CHECK(*behind_links(folder.path() / "none") == folder.path() / "none");
-    REQUIRE(unlink(file.c_str()) == 0);
-    CHECK_FALSE(behind_links(link));
-}
-
-TEST_CASE("files are written all or none, and no temporary ones stay") {
-    const test::TemporaryFolder folder;
-    const std::filesystem::path first = folder.path() / "first";
-    CHECK_FALSE(write_files_atomically({{first, "1"}, {folder.path() / "none" / "second", "2"}}));
-    CHECK(std::filesystem::is_empty(folder.path()));
 }
 
 TEST_CASE("quotas are read and written") {
     CHECK(parse_quota("")->jobs == 0);
     CHECK(to_text(*parse_quota("rays=1,jobs=2")) == "jobs=2,rays=1");
-    for (const char* wrong : {"jobs", "jobs=", "jobs=-1", "jobs=1.5", "job=1", "jobs=1;rays=2"})
+    CHECK(parse_quota("scene_bytes=20G")->scene_bytes == 20ULL << 30);
+    CHECK(to_text(*parse_quota("second_bytes=1.5M")) == "second_bytes=1572864");
+    for (const char* wrong : {"scene_bytes=20X", "scene_bytes=G", "jobs=1K", "rays=1M", "jobs", "jobs=", "jobs=-1", "jobs=1.5", "job=1", "jobs=1;rays=2"})
         CHECK_FALSE_MESSAGE(parse_quota(wrong), wrong);
 }
 

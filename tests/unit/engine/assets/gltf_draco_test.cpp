@@ -20,6 +20,7 @@ const std::vector<float> quad{0, 0, 0, 1, 0, 0, 0, 1, 0, 1, 1, 0};
 
 const Stream sequential(std::begin(test::draco_sequential), std::end(test::draco_sequential));
 const Stream edgebreaker(std::begin(test::draco_edgebreaker), std::end(test::draco_edgebreaker));
+const Stream shaded(std::begin(test::draco_shaded), std::end(test::draco_shaded));
 const Stream skinned(std::begin(test::draco_skinned), std::end(test::draco_skinned));
 
 /// True if this build has Draco; prints a message if not.
@@ -123,6 +124,41 @@ TEST_CASE("a Draco mesh may be skinned and morphed") {
           std::vector<Vec3>{{10, 0, 2}, {11, 0, 2}, {15, 1, 2}, {21, 1, 2}});
 }
 
+TEST_CASE("every attribute that is read from plain geometry is read from Draco's") {
+    if (!have_draco()) return;
+    CompressedScene scene = quad_scene();
+    const auto add = [&](const char* name, int id, const char* type, std::size_t width) {
+        scene.add(name, id, scene.writer.add_floats(std::vector<float>(4 * width, 0), type, width));
+    };
+    add("NORMAL", 1, "VEC3", 3);
+    add("TANGENT", 2, "VEC4", 4);
+    add("TEXCOORD_0", 3, "VEC2", 2);
+    add("TEXCOORD_1", 4, "VEC2", 2);
+    add("COLOR_0", 5, "VEC4", 4);
+    const auto described = test::must_describe(
+        scene.glb(shaded,
+                  R"("images":[{"uri":"data:image/png;base64,AA=="}],"textures":[{"source":0}],
+        "materials":[{"normalTexture":{"index":0}}],"nodes":[{"mesh":0}])",
+                  ",\"material\":0"));
+    const GeometryDescription& geometry = described.objects[0].geometries[0];
+    CHECK(geometry.normals ==
+          std::vector<Vec3>{{0, 0, 1}, {0.6F, 0, 0.8F}, {0, 0.6F, 0.8F}, {-0.6F, 0, 0.8F}});
+    CHECK(geometry.tangents ==
+          std::vector<Vec4>{{1, 0, 0, 1}, {1, 0, 0, 1}, {0, 1, 0, -1}, {0, 1, 0, -1}});
+    CHECK(geometry.texcoords[0] == std::vector<Vec2>{{0, 0}, {1, 0}, {0, 1}, {1, 1}});
+    CHECK(geometry.texcoords[1] == std::vector<Vec2>{{2, 0}, {3, 0}, {2, 1}, {3, 1}});
+    CHECK(geometry.colours == std::vector<std::uint8_t>{255, 0, 0, 255, 0, 255, 0, 255, 0, 0, 255,
+                                                        255, 255, 255, 255, 0});
+
+    // THE LIST is that of both: none of its attributes is missing above, or in the skinned test.
+    gltf::Primitive primitive;
+    primitive.joint_sets.resize(1);
+    std::vector<std::string> names;
+    for (const auto& attribute : gltf::attributes_of(primitive)) names.push_back(attribute.name);
+    CHECK(names == std::vector<std::string>{"POSITION", "TEXCOORD_0", "TEXCOORD_1", "COLOR_0",
+                                            "NORMAL", "TANGENT", "JOINTS_0", "WEIGHTS_0"});
+}
+
 TEST_CASE("Draco data that does not fit its accessors is refused by name") {
     if (!have_draco()) return;
     const Stream& stream = sequential;
@@ -168,7 +204,7 @@ TEST_CASE("a Draco header that declares millions of faces is refused before they
 TEST_CASE("damaged Draco streams end in an error or in some numbers") {
     if (!have_draco()) return;
     std::mt19937 random(6);
-    for (const Stream& whole : {sequential, edgebreaker, skinned}) {
+    for (const Stream& whole : {sequential, edgebreaker, skinned, shaded}) {
         for (std::size_t cut = 0; cut < whole.size(); ++cut) {
             const auto end = whole.begin() + static_cast<std::ptrdiff_t>(cut);
             const auto mesh = decode(Stream(whole.begin(), end));

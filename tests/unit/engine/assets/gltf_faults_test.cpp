@@ -2,9 +2,11 @@
 #include "tests/unit/engine/assets/describe.h"
 
 using namespace raynest;
+using test::contains;
 using test::GlbWriter;
 using test::must_describe;
 using test::one_triangle_mesh;
+using test::refusal;
 
 namespace {
 
@@ -18,6 +20,34 @@ void check_turned_and_scaled(const Transform& transform) {
 }
 
 }  // namespace
+
+TEST_CASE("attributes of the application place nothing, but tell how many placements there are") {
+    GlbWriter writer;
+    const std::string mesh = one_triangle_mesh(writer);
+    const int two = writer.add_floats({7, 8}, "SCALAR", 1);
+    const int three = writer.add_floats({7, 8, 9}, "SCALAR", 1);
+    const int places = writer.add_floats({1, 0, 0, 2, 0, 0, 3, 0, 0}, "VEC3", 3);
+    const auto glb = [&](const std::string& attributes) {
+        return writer.glb(mesh +
+                          R"(,"extensionsRequired":["EXT_mesh_gpu_instancing"],"nodes":[{"mesh":0,
+            "extensions":{"EXT_mesh_gpu_instancing":{"attributes":{)" +
+                          attributes + "}}}}]");
+    };
+    const std::string id2 = "\"_ID\":" + std::to_string(two);
+    const auto scene = must_describe(glb(id2));
+    const auto& instances = scene.objects[scene.root].instances;
+    REQUIRE(instances.size() == 2);
+    for (const InstanceDescription& instance : instances)
+        CHECK(instance.transform.point({1, 2, 3}) == Vec3(1, 2, 3));
+    // Where something places instances, attributes of the application are not looked at.
+    const auto placed = must_describe(glb("\"TRANSLATION\":" + std::to_string(places) + "," + id2));
+    CHECK(placed.objects[placed.root].instances.size() == 3);
+    CHECK(contains(refusal(glb(id2 + ",\"_AGE\":" + std::to_string(three))),
+                   "elements where others have"));
+    CHECK(contains(refusal(glb("\"_ID\":99")), "accessor"));
+    CHECK(contains(refusal(glb("\"_ID\":\"x\"")), "_ID names no accessor"));
+    CHECK(contains(refusal(glb("\"ID\":" + std::to_string(two))), "without a placement"));
+}
 
 TEST_CASE("a node is scaled before it is turned, and an instance of EXT_mesh_gpu_instancing too") {
     GlbWriter writer;

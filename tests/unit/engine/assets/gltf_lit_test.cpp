@@ -195,6 +195,9 @@ TEST_CASE("lights that make no sense are left out or mended, each with a line") 
         {R"({"type":"point","range":-1})", 1, "range"},
         {R"({"type":"spot","spot":{"innerConeAngle":2,"outerConeAngle":1}})", 1, "cone"},
         {R"({"type":"spot","spot":{"outerConeAngle":1e300}})", 1, "cone"},
+        {R"({"type":"spot"})", 1, "has no member spot; cone angles of 0 and 45 degrees"},
+        {R"({"type":"spot","spot":7})", 1, "has no member spot"},
+        {R"({"intensity":2})", 0, "unknown type ''"},
         {R"({"type":"point","extras":{"raynest":{"light":"laser"}}})", 1, "this build has point"},
     };
     for (const auto& [light, lights, warning] : cases) {

@@ -98,6 +98,59 @@ TEST_CASE("a WebP keeps its straight alpha" * doctest::test_suite("images")) {
     CHECK(pixels[3] == 128);
 }
 
+TEST_CASE("a WebP keeps its colours where it is transparent, wholly or almost" *
+          doctest::test_suite("images")) {
+    if (!test::have_images()) return;
+    // 4 pixels of (128, 127, 200), of alpha 0, 1, 5 and 40, lossless.
+    const std::string file(
+        "\x52\x49\x46\x46\x26\x00\x00\x00\x57\x45\x42\x50\x56\x50\x38\x4c\x19\x00\x00"
+        "\x00\x2f\x03\x00\x00\x10\x1f\x30\x7f\x03\x38\xc8\x04\x02\x94\xa9\xc2\x13\x71"
+        "\x20\x86\xa3\xe4\x11\xfd\x0f\x00",
+        46);
+    CHECK(pixels_of(test::to_bytes(file)) == std::vector<std::uint8_t>{128, 127, 200, 0, 128, 127,
+                                                                       200, 1, 128, 127, 200, 5,
+                                                                       128, 127, 200, 40});
+    for (std::size_t length = 12; length < file.size() - 2; ++length) {
+        CAPTURE(length);
+        CHECK_FALSE(
+            decode_image(test::to_bytes(file.substr(0, length)), side_max, bytes_max).has_value());
+    }
+    const auto refused = decode_image(test::to_bytes(file), 3, bytes_max);
+    REQUIRE_FALSE(refused.has_value());
+    CHECK(refused.error().code == ErrorCode::limit_exceeded);
+}
+
+TEST_CASE("a JPEG may lack its end marker, and no more" * doctest::test_suite("images")) {
+    if (!test::have_images()) return;
+    // 16 x 16 grey pixels.
+    const std::string file(
+        "\xff\xd8\xff\xe0\x00\x10\x4a\x46\x49\x46\x00\x01\x01\x00\x00\x01\x00\x01\x00"
+        "\x00\xff\xdb\x00\x43\x00\x1b\x12\x14\x17\x14\x11\x1b\x17\x16\x17\x1e\x1c\x1b"
+        "\x20\x28\x42\x2b\x28\x25\x25\x28\x51\x3a\x3d\x30\x42\x60\x55\x65\x64\x5f\x55"
+        "\x5d\x5b\x6a\x78\x99\x81\x6a\x71\x90\x73\x5b\x5d\x85\xb5\x86\x90\x9e\xa3\xab"
+        "\xad\xab\x67\x80\xbc\xc9\xba\xa6\xc7\x99\xa8\xab\xa4\xff\xc0\x00\x0b\x08\x00"
+        "\x10\x00\x10\x01\x01\x11\x00\xff\xc4\x00\x15\x00\x01\x01\x00\x00\x00\x00\x00"
+        "\x00\x00\x00\x00\x00\x00\x00\x00\x00\x02\x03\xff\xc4\x00\x1e\x10\x01\x00\x02"
+        "\x03\x01\x01\x00\x03\x00\x00\x00\x00\x00\x00\x00\x00\x01\x02\x21\x03\x11\x12"
+        "\x00\x32\x22\x41\x52\xff\xda\x00\x08\x01\x01\x00\x00\x3f\x00\x9e\x8c\x78\xf9"
+        "\x40\xc7\x22\x80\x61\x16\x82\x8f\xa9\x17\x67\x9a\x11\xd6\x29\x87\x0b\xf8\x92"
+        "\x10\x6f\xf8\x8d\xa5\x52\xbe\x63\x6a\xba\xdc\xb5\xd9\x2e\x7a\x77\x43\x92\x57"
+        "\xb0\x3f\x45\xfa\x3a\x31\xe3\xe5\x03\x1c\x8a\x01\x84\x5a\x0a\x3e\xa4\x5d\x9e"
+        "\xff\xd9",
+        230);
+    const auto whole = pixels_of(test::to_bytes(file));
+    REQUIRE(whole.size() == 16 * 16 * 4);
+    // The marker has two bytes.
+    for (const std::size_t without : {1U, 2U})
+        CHECK(pixels_of(test::to_bytes(file.substr(0, file.size() - without))) == whole);
+    for (std::size_t without = 5; without < file.size(); ++without) {
+        CAPTURE(without);
+        CHECK_FALSE(
+            decode_image(test::to_bytes(file.substr(0, file.size() - without)), side_max, bytes_max)
+                .has_value());
+    }
+}
+
 TEST_CASE("an oversized picture is refused by its header" * doctest::test_suite("images")) {
     if (!test::have_images()) return;
     const Bytes wide = raw_png(5000, 2, 8, 0, std::string("\0\x10", 2));

@@ -1,21 +1,34 @@
 // The tests' import child: `--import-child` is the real one; other arguments misbehave as a
 // crashed, hung or hijacked child would.
+#include "engine/assets/child_process.h"
 #include "engine/assets/import.h"
 #include "engine/assets/import_wire.h"
 #include "engine/assets/sandbox.h"
+#include "tests/unit/engine/assets/forbidden_calls.h"
 
+#include <arpa/inet.h>
 #include <fcntl.h>
+#include <linux/landlock.h>
+#include <netinet/in.h>
+#include <sys/file.h>
+#include <sys/mman.h>
 #include <sys/prctl.h>
 #include <sys/resource.h>
 #include <sys/socket.h>
+#include <sys/stat.h>
+#include <sys/syscall.h>
 #include <unistd.h>
 
+#include <algorithm>
+#include <array>
 #include <cerrno>
 #include <csignal>
 #include <cstddef>
 #include <cstdint>
 #include <cstdlib>
+#include <string>
 #include <string_view>
+#include <thread>
 #include <utility>
 #include <vector>
 
@@ -29,26 +42,107 @@ rlim_t limit_of(decltype(RLIMIT_AS) resource) {
     return limit.rlim_cur;
 }
 
+/// Files about this process, opened before it closes itself off, and its environment.
+struct Facts {
+    raynest::Fd score{::open("/proc/self/oom_score_adj", O_RDONLY)};
+    raynest::Fd status{::open("/proc/self/status", O_RDONLY)};
+    const char* secret = std::getenv("RAYNEST_TEST_SECRET");
+};
+
+bool says(const raynest::Fd& file, std::string_view part) {
+    std::string text(4096, '\0');
+    return ::read(file.get(), text.data(), text.size()) > 0 && text.find(part) != text.npos;
+}
+
 /// Returns the limits of this process as the exit code, one bit each.
-int report_limits() {
+int report_limits(const Facts& facts) {
+    const bool goes_first = says(facts.score, "1000\n");
+    const bool is_nobody = says(facts.status, "CapEff:\t0000000000000000\n");
     return (::prctl(PR_GET_NO_NEW_PRIVS, 0, 0, 0, 0) == 1 ? 1 : 0) |
            (::prctl(PR_GET_DUMPABLE) == 0 ? 2 : 0) | (limit_of(RLIMIT_NOFILE) <= 64 ? 4 : 0) |
            (limit_of(RLIMIT_FSIZE) != RLIM_INFINITY ? 8 : 0) |
            (limit_of(RLIMIT_CPU) != RLIM_INFINITY ? 16 : 0) |
-           (limit_of(RLIMIT_AS) != RLIM_INFINITY ? 32 : 0);
+           (limit_of(RLIMIT_AS) != RLIM_INFINITY ? 32 : 0) | (goes_first ? 64 : 0) |
+           (is_nobody ? 128 : 0);
 }
 
-/// Returns what the sandbox still allows as the exit code, one bit each.
-int report_sandbox() {
-    raynest::enter_sandbox();
+/// Tries all forbidden calls. Returns the number of the first that is not refused, counted from 1; 0 if
+/// all are. EACCES is Landlock's answer about a file that the filter lets it judge.
+int first_not_refused() {
+    int number = 0;
+    for (const auto& call : raynest::test::forbidden_calls()) {
+        ++number;
+        errno = 0;
+        if (call.attempt() >= 0 || (errno != ENOSYS && errno != EACCES)) return number;
+    }
+    return 0;
+}
+
+/// Returns what Landlock alone still allows as the exit code, one bit each. `folder` holds a file
+/// "victim" of this user. What this kernel's Landlock lacks is not tried.
+int report_files(const std::string& folder) {
+    const long version =
+        ::syscall(SYS_landlock_create_ruleset, nullptr, 0, LANDLOCK_CREATE_RULESET_VERSION);
+    const std::string victim = folder + "/victim";
+    const std::string other = folder + "/other";
+    if (!raynest::restrict_files()) return 255;
+    sockaddr_in nobody{};
+    nobody.sin_family = AF_INET;
+    nobody.sin_port = htons(9);
+    nobody.sin_addr.s_addr = htonl(INADDR_LOOPBACK);
     const int socket = ::socket(AF_INET, SOCK_STREAM, 0);
-    const int secret = ::open("/etc/passwd", O_RDONLY);
-    const int created = ::open("/tmp/raynest-sandbox", O_WRONLY | O_CREAT, 0600);
+    const bool connects =
+        ::connect(socket, reinterpret_cast<sockaddr*>(&nobody), sizeof nobody) == 0 || errno != EACCES;
+    const bool changes_paths =
+        ::rename(victim.c_str(), other.c_str()) == 0 || ::link(victim.c_str(), other.c_str()) == 0 ||
+        ::mkdir(other.c_str(), 0700) == 0 || ::symlink("x", other.c_str()) == 0 ||
+        ::unlink(victim.c_str()) == 0;
+    const int library = ::open("/etc/ld.so.cache", O_RDONLY);
     char* const words[] = {const_cast<char*>("true"), nullptr};
-    const bool runs = ::execv("/usr/bin/true", words) == 0 || errno != EPERM;
-    const int library = ::open("/usr/lib", O_RDONLY | O_DIRECTORY);
-    return (socket >= 0 ? 1 : 0) | (runs ? 2 : 0) | (secret >= 0 ? 4 : 0) |
-           (created >= 0 ? 8 : 0) | (library < 0 ? 16 : 0);
+    return (::open(victim.c_str(), O_RDONLY) >= 0 || ::open(victim.c_str(), O_WRONLY) >= 0 ? 1 : 0) |
+           (::open(other.c_str(), O_WRONLY | O_CREAT, 0600) >= 0 || changes_paths ? 2 : 0) |
+           (version >= 3 && ::truncate(victim.c_str(), 0) == 0 ? 4 : 0) |
+           (version >= 4 && connects ? 8 : 0) |
+           (version >= 6 && ::kill(::getppid(), 0) == 0 ? 16 : 0) |
+           (::execv("/usr/bin/true", words) == 0 || errno != EACCES ? 32 : 0) |
+           (library < 0 ? 64 : 0);
+}
+
+/// Changes the memory file of the request. Returns what succeeds as the exit code, one bit each.
+int change_request() {
+    const bool writes = ::pwrite(wire::request_fd, "x", 1, 0) >= 0;
+    const bool grows = ::pwrite(wire::request_fd, "x", 1, 1 << 20) >= 0;
+    const bool maps = ::mmap(nullptr, 1, PROT_READ | PROT_WRITE, MAP_SHARED, wire::request_fd, 0) !=
+                      MAP_FAILED;
+    return (writes ? 1 : 0) | (grows ? 2 : 0) | (maps ? 4 : 0);
+}
+
+/// Starts many threads that do nothing.
+int start_threads() {
+    std::vector<std::jthread> threads;
+    for (int i = 0; i < 1000; ++i) threads.emplace_back([] { ::pause(); });
+    return 0;
+}
+
+/// Leaves a process behind that holds a lock on a file until it ends.
+int leave_a_process(const char* file) {
+    std::array<int, 2> ready{};
+    if (::pipe(ready.data()) != 0) return 1;
+    if (::fork() == 0) {
+        ::alarm(600);
+        if (::flock(::open(file, O_RDWR | O_CREAT, 0600), LOCK_EX) != 0) return 1;
+        if (::write(ready[1], "", 1) != 1) return 1;
+        for (;;) ::pause();
+    }
+    char byte = 0;
+    return ::read(ready[0], &byte, 1) == 1 ? 7 : 1;
+}
+
+/// Makes a system call by its number on i386, where 1 ends the process with this exit code.
+void exit_as_i386([[maybe_unused]] int code) {
+#ifdef __x86_64__
+    __asm__ volatile("int $0x80" : : "a"(1), "b"(code) : "memory");
+#endif
 }
 
 /// Decodes an EXR and answers with all its bytes, but false sizes.
@@ -74,6 +168,20 @@ int answer_falsely(std::string_view mode) {
     return wire::write_result(wire::result_fd, exr) ? 0 : 1;
 }
 
+/// Answers with a scene of 256 MiB that takes no memory here: all but its header is a hole.
+int answer_with_holes() {
+    constexpr std::uint64_t scene_bytes = 256ULL << 20;
+    constexpr off_t size_place = 16;  // in the header of the result
+    const raynest::Result<raynest::BuiltArena> small{raynest::BuiltArena{raynest::Arena(64)}};
+    if (!wire::write_result(wire::result_fd, small)) return 1;
+    const off_t header_bytes = ::lseek(wire::result_fd, 0, SEEK_END) - 64;
+    return ::ftruncate(wire::result_fd, header_bytes + static_cast<off_t>(scene_bytes)) == 0 &&
+                   ::pwrite(wire::result_fd, &scene_bytes, sizeof scene_bytes, size_place) ==
+                       sizeof scene_bytes
+               ? 0
+               : 1;
+}
+
 }  // namespace
 
 int main(int count, char** words) {
@@ -85,7 +193,17 @@ int main(int count, char** words) {
     if (mode == "--killed") std::raise(SIGKILL);
     if (mode == "--hang") ::pause();
     if (mode == "--fail") return 7;
-    if (mode == "--sandbox") return 100 + report_sandbox();
+    if (mode == "--sandbox") return raynest::enter_sandbox() ? 100 + first_not_refused() : 1;
+    if (mode == "--calls") return raynest::restrict_calls() ? 100 + first_not_refused() : 1;
+    if (mode == "--files") return 100 + report_files(words[2]);
+    if (mode == "--change-request") return 100 + change_request();
+    if (mode == "--threads") return start_threads();
+    if (mode == "--holes") return answer_with_holes();
+    if (mode == "--leave-a-process") return leave_a_process(words[2]);
+    if (mode == "--other-architecture") {
+        if (!raynest::restrict_calls()) return 1;
+        exit_as_i386(7);
+    }
     if (mode == "--junk") {
         for (int i = 0; i < 64; ++i) {
             if (::write(4, "this is no snapshot", 19) != 19) return 1;
@@ -110,8 +228,13 @@ int main(int count, char** words) {
         return wire::write_result(wire::result_fd, result) ? 0 : 1;
     }
     if (mode == "--transposed" || mode == "--regrouped") return answer_falsely(mode);
-    if (mode != "--import-child" && mode != "--report-limits") return 0;
+    const std::array imports{"--import-child", "--hijacked", "--report-limits", "--environment"};
+    if (std::ranges::find(imports, mode) == imports.end()) return 0;
     if (!registry) return 9;
+    const Facts facts;
     const int code = raynest::import_child_main(**registry);
-    return mode == "--import-child" ? code : report_limits();
+    if (mode == "--import-child") return code;
+    if (mode == "--hijacked") return 100 + first_not_refused();
+    if (mode == "--report-limits") return report_limits(facts);
+    return facts.secret == nullptr ? 1 : 100 + (*facts.secret != '\0') + (::environ != nullptr ? 2 : 0);
 }

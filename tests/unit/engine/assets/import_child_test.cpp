@@ -1,13 +1,20 @@
+#include "engine/assets/child_process.h"
 #include "engine/assets/import.h"
+#include "engine/assets/sandbox.h"
+#include "tests/patience.h"
 #include "tests/sanitized.h"
+#include "tests/temporary_folder.h"
 #include "tests/unit/engine/assets/describe.h"
+#include "tests/unit/engine/assets/forbidden_calls.h"
 #include "tests/unit/engine/assets/samples.h"
 
 #include <fcntl.h>
 #include <fmt/format.h>
+#include <sys/file.h>
 #include <unistd.h>
 
 #include <chrono>
+#include <algorithm>
 #include <cmath>
 #include <thread>
 
@@ -49,10 +56,23 @@ bool does_not_fit(std::uint64_t bytes) {
            scene.error().message.find("more memory than an import may take") != std::string::npos;
 }
 
-std::string refusal(const char* mode, const ImportLimits& limits = {}) {
-    const auto scene = import(builtin("builtin:flake?depth=2"), mode, limits);
+std::string refusal(const std::vector<std::string>& command, const ImportLimits& limits = {}) {
+    const auto scene = import_in_child(builtin("builtin:flake?depth=2"), limits, command);
     REQUIRE_FALSE(scene.has_value());
     return scene.error().message;
+}
+
+std::string refusal(const char* mode, const ImportLimits& limits = {}) {
+    return refusal(child(mode), limits);
+}
+
+/// Names the forbidden call that a child was not refused; empty if it was refused all.
+std::string not_refused(const char* mode) {
+    const std::string message = refusal(mode);
+    for (std::size_t i = 0; i <= test::forbidden_calls().size(); ++i)
+        if (message.ends_with(fmt::format("exit code {}", 100 + i)))
+            return i == 0 ? "" : std::string(test::forbidden_calls()[i - 1].name);
+    return message;
 }
 
 }  // namespace
@@ -90,11 +110,26 @@ TEST_CASE("a child that crashes, fails, hangs or answers falsely is an error") {
 
 TEST_CASE("a child whose result is unwanted is killed") {
     int asked = 0;
-    const auto scene =
-        import_in_child(builtin("builtin:flake"), {}, child("--hang"), [&] { return ++asked < 3; });
+    const auto scene = import_in_child(builtin("builtin:flake"), {}, child("--hang"),
+                                       [&](std::uint64_t) { return ++asked < 3; });
     REQUIRE_FALSE(scene.has_value());
     CHECK(scene.error().message.find("abandoned") != std::string::npos);
     CHECK(asked == 3);
+}
+
+TEST_CASE("the caller is told how much memory a child holds, and can end one that takes too much") {
+    const ImportRequest request = builtin("builtin:terrain?size=200");
+    std::uint64_t most = 0;
+    const auto scene = import_in_child(request, {}, child("--import-child"), [&](std::uint64_t bytes) {
+        most = std::max(most, bytes);
+        return true;
+    });
+    REQUIRE(scene.has_value());
+    CHECK(most > (*scene)->bytes().size());
+    const auto ended = import_in_child(request, {}, child("--import-child"),
+                                       [&](std::uint64_t bytes) { return bytes < most / 2; });
+    REQUIRE_FALSE(ended.has_value());
+    CHECK(ended.error().message.find("abandoned") != std::string::npos);
 }
 
 TEST_CASE("a scene larger than allowed is not read, whatever the child claims") {
@@ -105,7 +140,23 @@ TEST_CASE("a scene larger than allowed is not read, whatever the child claims") 
     CHECK(import(builtin("builtin:flake?depth=2"), "--boundless", limits).has_value());
     --limits.scene_bytes_max;
     CHECK(refusal("--boundless", limits).find("incomplete result") != std::string::npos);
-    CHECK(refusal("--import-child", limits).find("MiB are free") != std::string::npos);
+    CHECK(refusal("--import-child", limits).find("MiB, more than is free") != std::string::npos);
+}
+
+TEST_CASE("what a result takes here is asked for before it is read, whatever it took the child") {
+    std::uint64_t most = 0;
+    const auto answer = [&](std::uint64_t bytes_max) {
+        const auto scene = import_in_child(builtin("builtin:flake"), {}, child("--holes"),
+                                           [&](std::uint64_t bytes) {
+                                               most = std::max(most, bytes);
+                                               return bytes <= bytes_max;
+                                           });
+        REQUIRE_FALSE(scene.has_value());
+        return scene.error().message;
+    };
+    CHECK(answer(~std::uint64_t{0}).find("RNSCENE") != std::string::npos);
+    CHECK(most > 256 << 20);
+    CHECK(answer(256 << 20).find("abandoned") != std::string::npos);
 }
 
 TEST_CASE("the child inherits only its two files") {
@@ -118,14 +169,57 @@ TEST_CASE("the child inherits only its two files") {
 }
 
 TEST_CASE("the child drops its privileges before it reads a file") {
-    // No new privileges, not dumpable, few files, and limits on output, processor and memory.
-    const int all = test::sanitized ? 31 : 63;
+    // No new privileges, not dumpable, few files, limits on output, processor and memory, the first to
+    // end when memory runs out, and no capabilities.
+    const int all = test::sanitized ? 255 - 32 : 255;
     CHECK(refusal("--report-limits").find(fmt::format("exit code {}", all)) != std::string::npos);
 }
 
-TEST_CASE("the child opens no socket or file and starts no program, but finds its libraries") {
+TEST_CASE("nothing is left out of the sandbox here") {
+    CHECK(sandbox_gaps().empty());
+}
+
+TEST_CASE("after an import the child is refused every call that an attacker would try") {
     if (test::sanitized) return;
-    CHECK(refusal("--sandbox").find("exit code 100") != std::string::npos);
+    CHECK(not_refused("--hijacked") == "");
+}
+
+TEST_CASE("the filter of calls refuses them without Landlock, but the reading of files") {
+    if (test::sanitized) return;
+    CHECK(not_refused("--calls") == "openat of a secret");
+    CHECK(refusal("--other-architecture").find("Bad system call") != std::string::npos);
+}
+
+TEST_CASE("Landlock refuses files, connections, signals and programs without the filter") {
+    if (test::sanitized) return;
+    const test::TemporaryFolder folder;
+    folder.write("victim", "secret");
+    CHECK(refusal({RAYNEST_TEST_IMPORT_CHILD, "--files", folder.path().string()})
+              .ends_with("exit code 100"));
+}
+
+TEST_CASE("the child keeps nothing of the daemon's environment") {
+    if (test::sanitized) return;
+    REQUIRE(::setenv("RAYNEST_TEST_SECRET", "secret", 1) == 0);
+    CHECK(refusal("--environment").ends_with("exit code 100"));
+    CHECK(::unsetenv("RAYNEST_TEST_SECRET") == 0);
+}
+
+TEST_CASE("the child cannot change or grow its request") {
+    CHECK(refusal("--change-request").ends_with("exit code 100"));
+}
+
+TEST_CASE("a child that starts many threads is stopped") {
+    CHECK(refusal("--threads").find("threads and was stopped") != std::string::npos);
+}
+
+TEST_CASE("what a child has started ends with it") {
+    const test::TemporaryFolder folder;
+    const std::string lock = folder.file("lock");
+    CHECK(refusal({RAYNEST_TEST_IMPORT_CHILD, "--leave-a-process", lock}).ends_with("exit code 7"));
+    const Fd held(::open(lock.c_str(), O_RDWR));
+    REQUIRE(held.get() >= 0);
+    CHECK(test::eventually([&] { return ::flock(held.get(), LOCK_EX | LOCK_NB) == 0; }));
 }
 
 TEST_CASE("a limit on memory ends in an error that names it") {

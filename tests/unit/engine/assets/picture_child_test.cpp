@@ -12,6 +12,7 @@
 #include <array>
 #include <bit>
 #include <chrono>
+#include <limits>
 #include <string>
 #include <vector>
 
@@ -66,6 +67,38 @@ TEST_CASE("a picture of the surroundings comes through the child as from this pr
     CHECK(there->height == 2);
     CHECK(there->rgb == here->rgb);
     CHECK(there->rgb[3].x == 2 * there->rgb[3].y);
+}
+
+TEST_CASE("pixels of the surroundings that are not finite are left out and counted, in any format" *
+          doctest::test_suite("images")) {
+    if (!test::have_images()) return;
+    constexpr float infinite = std::numeric_limits<float>::infinity();
+    std::vector<float> red(8, 2.0F), green(8, -1.0F), blue(8, light_radiance_max);
+    red[1] = infinite;
+    green[3] = std::numeric_limits<float>::quiet_NaN();
+    blue[4] = 2 * light_radiance_max;
+    green[6] = -infinite;
+    const std::array channels{Channel{"R", red, {}}, Channel{"G", green, {}},
+                              Channel{"B", blue, {}}};
+    const auto exr = encode_exr(4, 2, channels);
+    REQUIRE(exr.has_value());
+    // A Radiance picture ends at 1.7e38, which stands for what is infinite.
+    const std::string brightest = "\xff\xff\xff\xff";
+    const std::string hdr =
+        radiance(4, 2, plain_pixels(1) + brightest + plain_pixels(1) + brightest + brightest +
+                           plain_pixels(1) + brightest + plain_pixels(1));
+    for (const std::string& file :
+         {std::string(reinterpret_cast<const char*>(exr->data()), exr->size()), hdr}) {
+        const auto picture = surroundings(file);
+        REQUIRE_MESSAGE(picture.has_value(), (picture ? "" : picture.error().message));
+        CHECK(picture->left_out == 4);
+        for (std::size_t i = 0; i < 8; ++i) {
+            const bool left_out = i == 1 || i == 3 || i == 4 || i == 6;
+            CHECK((picture->rgb[i] == Vec3(0)) == left_out);
+        }
+    }
+    const auto picture = surroundings(std::string(reinterpret_cast<const char*>(exr->data()), exr->size()));
+    CHECK(picture->rgb[0] == Vec3(2, 0, light_radiance_max));
 }
 
 TEST_CASE("hostile pictures of the surroundings end in an error of the child" *

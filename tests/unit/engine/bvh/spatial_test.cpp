@@ -20,29 +20,9 @@
 #include <vector>
 
 using namespace raynest;
+using conformance::needles;
 
 namespace {
-
-/// Returns triangles up to 1000 times as long as high, at random in a box: their boxes overlap a
-/// lot.
-SceneDescription needles(std::uint32_t count, std::uint64_t seed) {
-    conformance::Random random(seed);
-    GeometryDescription geometry;
-    for (std::uint32_t i = 0; i < count; ++i) {
-        const Vec3 at = random.in_box(6);
-        const Vec3 along = random.direction() * random.between(0.5F, 8);
-        const float ratio = std::pow(10.0F, -3 * random.unit());
-        const Vec3 across = random.direction() * ratio * glm::length(along);
-        for (const Vec3& p : {at, at + along, at + random.unit() * along + across}) {
-            geometry.indices.push_back(static_cast<std::uint32_t>(geometry.positions.size()));
-            geometry.positions.push_back(p);
-        }
-    }
-    SceneDescription scene;
-    scene.objects.resize(1);
-    scene.objects[0].geometries.push_back(std::move(geometry));
-    return scene;
-}
 
 std::shared_ptr<const Snapshot> built(SceneDescription scene, BuildQuality build) {
     scene.build = build;
@@ -75,7 +55,7 @@ std::vector<Ray> grazing_rays(const SceneDescription& scene, std::uint32_t count
 
 std::vector<HitRecord> trace(const Variant& variant, const Snapshot& scene, Traversal traversal,
                              const std::vector<Ray>& rays) {
-    const auto function = find_function(variant, query_closest, precision_fast, traversal);
+    const auto function = find_function(variant, query_closest, traversal);
     REQUIRE(function.has_value());
     std::vector<HitRecord> hits(rays.size());
     const TraceCall call{&scene.view(),
@@ -102,7 +82,7 @@ struct All {
 
 All trace_all(const Variant& variant, const Snapshot& scene, Traversal traversal,
               std::uint32_t budget, const std::vector<Ray>& rays) {
-    const auto function = find_function(variant, query_all, precision_fast, traversal);
+    const auto function = find_function(variant, query_all, traversal);
     REQUIRE(function.has_value());
     All all{std::vector<std::uint32_t>(rays.size()), std::vector<std::uint8_t>(rays.size()),
             std::vector<HitRecord>(rays.size() * 32)};
@@ -127,7 +107,7 @@ All trace_all(const Variant& variant, const Snapshot& scene, Traversal traversal
 /// Returns the first `budget` hits of each ray, in the form of All.
 All trace_multi(const Variant& variant, const Snapshot& scene, Traversal traversal,
                 std::uint32_t budget, const std::vector<Ray>& rays) {
-    const auto function = find_function(variant, query_multi, precision_fast, traversal);
+    const auto function = find_function(variant, query_multi, traversal);
     REQUIRE(function.has_value());
     std::vector<HitRecord> room(rays.size() * budget);
     All multi{std::vector<std::uint32_t>(rays.size()), {}, {}};
@@ -222,7 +202,7 @@ TEST_CASE("multi reports the first hits of all once, though several leaves hold 
     for (const std::uint32_t budget : {2U, 8U}) {
         const All expected = trace_all(opaque, *high, traversal_single, budget, rays);
         for (const Traversal traversal : {traversal_single, traversal_stream}) {
-            if (!find_function(opaque, query_multi, precision_fast, traversal)) continue;
+            if (!find_function(opaque, query_multi, traversal)) continue;
             CAPTURE(budget);
             CAPTURE(traversal);
             const All multi = trace_multi(opaque, *high, traversal, budget, rays);

@@ -329,6 +329,15 @@ TEST_CASE("finding: instances that overlap") {
     }
     const Seen apart = look(placed(parts));
     CHECK(apart.has("overlapping_instances"));
+    // Split by where they lie, they are no more within each other.
+    std::vector<std::vector<Vec3>> columns(12);
+    for (std::size_t i = 0; i < all.size(); i += 3) {
+        const auto column = static_cast<std::size_t>(std::clamp((all[i].x + 1) * 6, 0.0F, 11.0F));
+        columns[column].insert(columns[column].end(), &all[i], &all[i] + 3);
+    }
+    std::vector<ObjectDescription> beside;
+    for (const auto& corners : columns) beside.push_back(mesh("column", corners));
+    CHECK_FALSE(look(placed(beside)).has("overlapping_instances"));
     const Seen joined = look(placed({mesh("joined", all)}));
     CHECK_FALSE(joined.has("overlapping_instances"));
     CHECK(joined.work < apart.work / 2);
@@ -355,6 +364,28 @@ TEST_CASE("finding: crowded leaves") {
     const Seen plain = look(placed({mesh("plain", once)}));
     CHECK_FALSE(plain.has("crowded_leaves"));
     CHECK(plain.work < crowded.work / 2);
+    // A few places with many copies are found among many places; whatever the order of corners is.
+    std::vector<Vec3> mixed = speckles(3000, 9);
+    for (int copy = 0; copy < 600; ++copy)
+        for (std::size_t corner = 0; corner < 3; ++corner)
+            mixed.push_back(once[(corner + static_cast<std::size_t>(copy)) % 3]);
+    CHECK(look(placed({mesh("mixed", mixed)})).has("crowded_leaves"));
+}
+
+TEST_CASE("leaves that are crowded without copies are not blamed on copies") {
+    // Sheets so close together that a ray tests most of them.
+    std::vector<Vec3> sheets;
+    for (int i = 0; i < 200; ++i) {
+        const float z = 1e-4F * static_cast<float>(i);
+        for (const Vec3& corner : {Vec3(-1, -1, z), Vec3(1, -1, z + 0.9F), Vec3(0, 1, z - 0.9F)})
+            sheets.push_back(corner);
+    }
+    const Seen seen = look(placed({mesh("sheets", sheets)}));
+    CHECK_FALSE(seen.has("crowded_leaves"));
+    // Points and lines in one place are no triangles that a ray could hit.
+    std::vector<Vec3> points = speckles(20, 3);
+    points.resize(points.size() + 3000, Vec3(0.5F));
+    CHECK_FALSE(look(placed({mesh("points", points)})).has("crowded_leaves"));
 }
 
 TEST_CASE("finding: levels that hold one child") {

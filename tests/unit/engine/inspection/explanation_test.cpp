@@ -110,8 +110,7 @@ TEST_CASE("an explanation's totals are the counters of its ray") {
                 const Settings settings =
                     parse_settings(variant, {{{"cull", std::string(cull)}}}).value();
                 const auto counting =
-                    KernelSelector::make(variant, query_closest, precision_watertight,
-                                         traversal_single, counters_total)
+                    KernelSelector::make(variant, query_closest, traversal_single, counters_total)
                         .value();
                 const conformance::Answer counted =
                     conformance::ask(variant, counting.function(traversal_single), scene->view(),

@@ -103,6 +103,16 @@ TEST_CASE(
                   part);
     for (std::size_t i = 0; i < part.size(); ++i) CHECK(same(part[i], all[samples + 300 + i]));
 
+    // Beyond rounding: a step of float32 along the normal, where that is more than the margin.
+    const std::vector<Ray> far = {{Vec3(5e6F, 1, 0), 0, Vec3(1, 0, 0), 9},
+                                  {Vec3(5e6F, 1, 0), 0, Vec3(0, 0, 2), 9}};
+    for (const bool beyond : {false, true}) {
+        std::array<Ray, 2> starts;
+        generate_rays(Hemisphere{1, 7, 1e-3, beyond}, far, 0, 0, starts);
+        CHECK(starts[0].origin.x == (beyond ? 5e6F + 0.5F : 5e6F));
+        CHECK(starts[1].origin == Vec3(5e6F, 1, 1e-3F));
+    }
+
     std::vector<Ray> other(samples);
     generate_rays(Hemisphere{samples, 8}, points, 10, 10 * samples, other);
     CHECK_FALSE(same(other[0], all[0]));

@@ -2,6 +2,7 @@
 
 #include "engine/geometry/sphere_shape.h"
 #include "engine/integrators/surface_point.h"
+#include "engine/math/random.h"
 #include "tests/unit/engine/integrators/kernel_caster.h"
 #include "tests/unit/engine/small_scenes.h"
 
@@ -10,6 +11,7 @@
 #include <array>
 #include <cmath>
 #include <cstring>
+#include <numbers>
 #include <vector>
 
 using namespace raynest;
@@ -179,6 +181,76 @@ TEST_CASE("a ray that leaves a surface by its lift does not meet it again, near 
         };
         CHECK(again(lifted) == 0);
         if (far > 0) CHECK(again(resting) > 0);
+    }
+}
+
+namespace {
+
+/// A closed prism over a triangle with a right angle and another angle of so many degrees.
+GeometryDescription prism(double degrees) {
+    const auto width = static_cast<float>(2 / std::tan(degrees * std::numbers::pi / 180));
+    GeometryDescription shape;
+    for (const float z : {-1.5F, 1.5F})
+        for (const Vec2& corner : {Vec2(0, 0), Vec2(width, 0), Vec2(0, 2)})
+            shape.positions.emplace_back(corner, z);
+    shape.indices = {0, 2, 1, 3, 4, 5, 0, 1, 4, 0, 4, 3, 1, 2, 5, 1, 5, 4, 2, 0, 3, 2, 3, 5};
+    return shape;
+}
+
+}  // namespace
+
+TEST_CASE("a ray that leaves a wall of a closed room meets another one, from the edges, too") {
+    const double turn = 0.4;
+    const auto c = static_cast<float>(std::cos(turn)), s = static_cast<float>(std::sin(turn));
+    for (const double degrees : {60.0, 45.0, 30.0}) {
+        for (const float far : {0.0F, 1000.0F}) {
+            for (const bool turned : {false, true}) {
+                CAPTURE(degrees);
+                CAPTURE(far);
+                CAPTURE(turned);
+                Transform place = test::translation(far, -far, 2 * far);
+                if (turned) place = {{c * c, -s, c * s, far, c * s, c, s * s, -far, -s, 0, c, 2 * far}};
+                SceneDescription description;
+                description.objects.resize(2);
+                description.objects[0].geometries = {prism(degrees)};
+                description.objects[1].instances = {test::place(0, place)};
+                description.root = 1;
+                Studio studio(description);
+                const GeometryDescription& shape = description.objects[0].geometries[0];
+                Vec3 middle(0);
+                for (const Vec3& corner : shape.positions) middle += corner / 6.0F;
+                const std::array<float, 12>& m = place.m;
+                const Vec3 inside(m[0] * middle.x + m[1] * middle.y + m[2] * middle.z + m[3],
+                                  m[4] * middle.x + m[5] * middle.y + m[6] * middle.z + m[7],
+                                  m[8] * middle.x + m[9] * middle.y + m[10] * middle.z + m[11]);
+                std::vector<Ray> rays;
+                Random random(7);
+                for (int i = 0; i < 40000; ++i) {
+                    HitRecord hit;
+                    hit.hit = 1;
+                    hit.object = 0;
+                    hit.path = 0;
+                    hit.triangle = static_cast<std::uint32_t>(i % 8);
+                    const float along = random.uniform();
+                    const float away = i % 3 == 0 ? 0 : 1e-6F * random.uniform();
+                    const int edge = i / 8 % 3;
+                    hit.u = edge == 0 ? away : edge == 1 ? along : (1 - away) * along;
+                    hit.v = edge == 0 ? along : edge == 1 ? away : 1 - away - hit.u;
+                    hit.v = std::clamp(hit.v, 0.0F, 1 - hit.u);
+                    const SurfacePoint point = surface_point(studio.source, Ray{}, hit);
+                    const Vec3 to_middle = inside - Vec3(point.position);
+                    const Vec3 side = glm::dot(to_middle, point.normal) > 0 ? point.normal : -point.normal;
+                    const float u = random.uniform();
+                    const Vec3 direction = cosine_direction(side, {u, random.uniform()});
+                    rays.push_back({point.origin(direction), 0, direction});
+                }
+                std::vector<HitRecord> hits(rays.size());
+                REQUIRE(studio.caster.closest(rays, hits));
+                std::size_t leaks = 0;
+                for (const HitRecord& hit : hits) leaks += hit.hit == 0 ? 1U : 0U;
+                CHECK(leaks == 0);
+            }
+        }
     }
 }
 

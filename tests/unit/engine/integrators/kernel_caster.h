@@ -42,7 +42,7 @@ public:
 private:
     void trace(Query query, std::span<const Ray> all, std::span<HitRecord> hits) {
         const Variant& variant = *registry_->find(variant_);
-        const auto function = find_function(variant, query, precision_fast, traversal_single);
+        const auto function = find_function(variant, query, traversal_single);
         REQUIRE(function);
         TraceCall call{};
         call.scene = &scene_;

@@ -128,6 +128,34 @@ TEST_CASE("a rectangle lights a point as its form factor says") {
     check_near(stage, "path", lit_by(none), {0, 1, 0}, 1e-3, 0.5 * 10 * factor);
 }
 
+TEST_CASE("an unlit surface is seen, and lights nothing") {
+    std::vector<GeometryDescription> parts = {rectangle({0, 0, 0}, {0, 0, 5}, {5, 0, 0}, 0),
+                                              rectangle({0, 2, 0}, {5, 0, 0}, {0, 0, 5}, 1)};
+    MaterialDescription unlit = diffuse(0.8F);
+    unlit.surface.kind = *material_kind("unlit");
+    Stage stage(scene_of(parts, {diffuse(0.5F), unlit}));
+    CHECK(stage.measure("path", lit_by(none), {0, 1, 0}, 1e-3).value == 0);
+    CHECK(stage.measure("path", lit_by(none), {0, 3, 0}, 1e-3).value == doctest::Approx(0.8));
+}
+
+TEST_CASE("a lamp is a light also where few texels of its picture are lit") {
+    const std::vector<GeometryDescription> parts = {
+        rectangle({0, 0, 0}, {0, 0, 5}, {5, 0, 0}, 0),
+        rectangle({0, 2, 0}, {0.5F, 0, 0}, {0, 0, 0.5F}, 1)};
+    for (const std::uint32_t side : {128U, 1024U}) {
+        SceneDescription scene = scene_of(parts, {diffuse(0.5F), diffuse(0, 1000)});
+        ImageDescription picture{side, side, {}};
+        picture.rgba.assign(3, 255);
+        picture.rgba.resize(std::size_t{4} * side * side);
+        scene.images.push_back(picture);
+        scene.textures.push_back({0});
+        scene.materials[1].surface.emission_texture.texture = 0;
+        Stage stage(scene);
+        (void)stage.measure("direct", lit_by(none), {0, 1, 0}, 1e-3, 4);
+        CHECK(stage.notes.empty());
+    }
+}
+
 TEST_CASE("a sphere lights a point by the square of its apparent size") {
     GeometryDescription sphere;
     constexpr std::uint32_t rows = 64, columns = 128;
@@ -177,6 +205,68 @@ TEST_CASE("a plane under a uniform sky reflects its albedo of it") {
     settings.picture = picture;
     check_near(stage, "path", settings, {0, 1, 0}, 1, 1.4);
     check_near(stage, "direct", settings, {0, 1, 0}, 1, 1.4);
+}
+
+TEST_CASE("a picture stands as three.js places it, and turns from -Z towards +X") {
+    const SceneDescription scene =
+        scene_of({rectangle({0, -9, 0}, {0, 0, 1}, {1, 0, 0}, 0)}, {diffuse(1)});
+    constexpr std::uint32_t width = 64;
+    auto picture = std::make_shared<EnvironmentPicture>();
+    picture->size = {width, 32};
+    for (std::uint32_t i = 0; i < width * 32; ++i)
+        picture->pixels.emplace_back(static_cast<float>(1 + i % width));
+    const auto built = test::build_scene(scene);
+    IntegratorScene in{{}, built->bounds(), &built->shading()};
+    in.source.scene = &built->view();
+    auto settings = lit_by(IntegratorSettings::Environment::picture);
+    settings.picture = picture;
+    for (const float rotate : {0.0F, 45.0F, -90.0F, 360.0F, -360.0F}) {
+        settings.environment_rotate = rotate;
+        const Lighting lighting(in, settings);
+        CAPTURE(rotate);
+        for (std::uint32_t column = 0; column < width; ++column) {
+            // equirectUv() of three.js, backwards: u = atan2(z, x) / 2 pi + 1/2.
+            const double angle = ((column + 0.5) / width - 0.5 + static_cast<double>(rotate) / 360) * tau;
+            const Vec3 direction(glm::dvec3(std::cos(angle), 0, std::sin(angle)));
+            CAPTURE(column);
+            CHECK(lighting.far(direction).radiance.x ==
+                  doctest::Approx(1 + column).epsilon(column % (width - 1) == 0 ? 1e-2 : 1e-4));
+        }
+    }
+    CHECK(Lighting(in, settings).notes().empty());
+    picture->left_out = 3;
+    const Lighting lighting(in, settings);
+    REQUIRE(lighting.notes().size() == 1);
+    CHECK(lighting.notes()[0].starts_with("the environment has 3 pixels of 2048 "));
+}
+
+TEST_CASE("auto is the sky unless the file has lights, and a note says what was chosen") {
+    LightDescription lamp;
+    lamp.light.kind = *light_kind("point");
+    lamp.light.intensity = Vec3(1);
+    for (const bool emits : {false, true}) {
+        for (const bool has_light : {false, true}) {
+            SceneDescription scene = scene_of({rectangle({0, -9, 0}, {0, 0, 1}, {1, 0, 0}, 0)},
+                                              {diffuse(0.5F, emits ? 1.0F : 0.0F)});
+            if (has_light) scene.lights = {lamp};
+            const auto built = test::build_scene(scene);
+            IntegratorScene in{{}, built->bounds(), &built->shading()};
+            in.source.scene = &built->view();
+            const Lighting lighting(in, {});
+            CAPTURE(emits);
+            CAPTURE(has_light);
+            CHECK(is_black(lighting.far(Vec3(0, 1, 0)).radiance) == has_light);
+            REQUIRE(lighting.notes().size() == 1);
+            const std::string& note = lighting.notes()[0];
+            CHECK(note.find(has_light ? "without a sky" : "a clear sky") != std::string::npos);
+            CHECK(note.find("`environment`") != std::string::npos);
+            CHECK((note.find("emit") != std::string::npos) == (emits && !has_light));
+            IntegratorSettings with_sun;
+            with_sun.sun = true;
+            with_sun.sun_elevation = 30;
+            CHECK_FALSE(is_black(Lighting(in, with_sun).far(Vec3(0, 1, 0)).radiance));
+        }
+    }
 }
 
 TEST_CASE("a plane under the physical sky reflects sky and sun") {

@@ -59,6 +59,27 @@ TEST_CASE("the automatic exposure puts the mean at middle grey, and black stays 
     CHECK(auto_exposure(plain(Vec3(0))) == 0);
 }
 
+TEST_CASE("the automatic exposure meters surfaces, not what lies behind them") {
+    // One pixel in fifty shows a surface.
+    Film film({50, 1});
+    for (std::uint64_t pixel = 0; pixel < 50; ++pixel) {
+        std::vector<FilmSample> sample(1);
+        sample[0].radiance = Vec3(pixel == 7 ? 2.0F : 1000.0F);
+        sample[0].alpha = 1;
+        if (pixel == 7) sample[0].mesh = 0;
+        film.add(pixel, 0, sample);
+    }
+    CHECK(2 * std::exp2(auto_exposure(film)) == doctest::Approx(0.18F));
+    // At an edge a surface covers half of a pixel, before nothing.
+    Film edge({2, 1});
+    std::vector<FilmSample> sample(2);
+    sample[0].radiance = Vec3(3);
+    sample[0].alpha = 1;
+    sample[0].mesh = 0;
+    edge.add(1, 0, sample);
+    CHECK(3 * std::exp2(auto_exposure(edge)) == doctest::Approx(0.18F));
+}
+
 TEST_CASE("colours are divided by alpha, and light without coverage is seen") {
     const auto half = show(plain(Vec3(0.25F), 0.5F), {0, 0, 1, 1}, ToneMap::none, 0).rgba;
     CHECK(half[0] == red(ToneMap::none, 0.5F));

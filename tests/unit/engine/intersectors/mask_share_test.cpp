@@ -31,7 +31,7 @@ double solid_share(const std::string& pattern, double fill) {
         {"scale", pattern == "noise" ? "256" : "2"}};
     const auto settings = parse_settings(**variant, assignments);
     REQUIRE(settings.has_value());
-    const auto function = find_function(**variant, query_any, precision_fast, traversal_single);
+    const auto function = find_function(**variant, query_any, traversal_single);
     constexpr std::uint32_t side = 256;
     std::vector<Ray> rays(side * side);
     for (std::uint32_t i = 0; i < rays.size(); ++i) {

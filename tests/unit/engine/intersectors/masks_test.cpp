@@ -56,7 +56,7 @@ bool is_hit(const SceneDescription& description, float x, float y, const char* i
     REQUIRE(variant.has_value());
     const auto parsed = parse_settings(**variant, settings);
     REQUIRE_MESSAGE(parsed.has_value(), (parsed ? "" : parsed.error().message));
-    const auto function = find_function(**variant, query_closest, precision_fast, traversal_single);
+    const auto function = find_function(**variant, query_closest, traversal_single);
     Ray ray;
     ray.origin = {x, y, -direction};
     ray.direction = {0, 0, direction};

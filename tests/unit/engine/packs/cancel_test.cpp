@@ -71,7 +71,7 @@ void for_each_function(const Variant& variant, const Check& check) {
         for (std::uint32_t query = 0; query < query_count; ++query) {
             for (const std::uint32_t counting : {0U, 1U, 2U}) {
                 const TraceFunction function =
-                    variant.code->trace[precision_watertight][traversal][query][counting];
+                    variant.code->trace[traversal][query][counting];
                 if (function == nullptr) continue;
                 ++functions;
                 check(std::string(traversals[traversal]) + " " + queries[query] +

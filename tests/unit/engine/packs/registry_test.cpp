@@ -59,7 +59,8 @@ TEST_CASE("two packs of one target with the same intersector refuse to load") {
     REQUIRE(builtin != nullptr);
     const auto twice = Registry::load({{builtin}, "auto"});
     REQUIRE(!twice);
-    CHECK(twice.error().message.find("have an intersector named") != std::string::npos);
+    CHECK(twice.error().message.find("both have an intersector named") != std::string::npos);
+    CHECK(twice.error().message.starts_with(builtin));  // the file
 }
 
 TEST_CASE("two packs with primitives of one name and two sizes refuse to load") {
@@ -67,6 +68,35 @@ TEST_CASE("two packs with primitives of one name and two sizes refuse to load") 
     REQUIRE(!odd);
     CHECK(odd.error().code == ErrorCode::pack_invalid);
     CHECK(odd.error().message.find("a primitive named 'sphere'") != std::string::npos);
+}
+
+TEST_CASE("auto is a variant that knows the scene's primitives, wherever the packs lie") {
+    const char* builtin = std::getenv("RAYNEST_BUILTIN_PACKS");
+    REQUIRE(builtin != nullptr);
+    const auto registry = Registry::load({{}, "auto", builtin});
+    REQUIRE(registry.has_value());
+    const auto nowhere = Registry::load({{}, "auto", "/nonexistent"});
+    CHECK(nowhere.error().message.find("/nonexistent") != std::string::npos);
+
+    ObjectRecord root{};
+    SceneView scene;
+    scene.objects = &root;
+    scene.object_count = 1;
+    CHECK((*(*registry)->choose("auto", scene))->name == "opaque");
+    // Queries see panes; only a mask makes holes.
+    scene.masked_materials = scene.blended_materials = 2;
+    CHECK((*(*registry)->choose("auto", scene))->name == "opaque");
+    scene.blended_materials = 1;
+    CHECK((*(*registry)->choose("auto", scene))->name == "alpha_mask");
+    scene.masked_materials = scene.blended_materials = 0;
+    root.record_type = primitive_type("sphere");
+    root.record_size = sizeof(float) * 4;
+    root.record_count = 1;
+    CHECK((*(*registry)->choose("auto", scene))->name == "opaque");
+    root.record_type = primitive_type("disc");
+    CHECK((*registry)->choose("auto", scene).error().message ==
+          "intersector 'opaque' was not compiled for primitives of type #" +
+              std::to_string(root.record_type) + ": load the pack that has it");
 }
 
 TEST_CASE("parameters are checked by name, type, range and choice") {
@@ -95,9 +125,9 @@ TEST_CASE("parameters are checked by name, type, range and choice") {
 TEST_CASE("a combination that was not compiled is refused with a remedy") {
     const auto registry = registry_for("auto");
     const Variant& opaque = *registry->find("opaque");
-    CHECK(find_function(opaque, query_closest, precision_fast, traversal_single, counters_total)
+    CHECK(find_function(opaque, query_closest, traversal_single, counters_total)
               .has_value());
-    const auto missing = find_function(opaque, query_multi, precision_watertight, traversal_packet);
+    const auto missing = find_function(opaque, query_multi, traversal_packet);
     REQUIRE(!missing);
     CHECK(missing.error().message ==
           "kind multi of intersector 'opaque' has no traversal packet; it has single, stream, "
@@ -107,7 +137,7 @@ TEST_CASE("a combination that was not compiled is refused with a remedy") {
 TEST_CASE("a malformed call is refused, not traced") {
     const auto registry = registry_for("auto");
     const auto function =
-        find_function(*registry->find("opaque"), query_multi, precision_fast, traversal_single);
+        find_function(*registry->find("opaque"), query_multi, traversal_single);
     TraceCall call{};
     CHECK((*function)(&call) == trace_bad_call);
     SceneView scene;
@@ -121,7 +151,7 @@ TEST_CASE("a malformed call is refused, not traced") {
     CHECK((*function)(&call) == trace_bad_call);
 
     const auto all =
-        find_function(*registry->find("opaque"), query_all, precision_fast, traversal_single);
+        find_function(*registry->find("opaque"), query_all, traversal_single);
     std::uint32_t count = 0;
     std::uint32_t done = 0;
     std::uint8_t flags = 0;
@@ -162,7 +192,7 @@ TEST_CASE("traversal auto depends on the rays, a named one does not") {
     }
     const auto make = [&](Query query, Traversal traversal, CounterMode counters) {
         const auto selector =
-            KernelSelector::make(opaque, query, precision_watertight, traversal, counters);
+            KernelSelector::make(opaque, query, traversal, counters);
         REQUIRE(selector.has_value());
         return *selector;
     };
@@ -198,12 +228,12 @@ TEST_CASE("traversal auto depends on the rays, a named one does not") {
 
     // A variant that overloads boxes: its packets are single rays, and reported as such.
     PackVariant code = *opaque.code;
-    auto& compiled = code.trace[precision_watertight];
+    auto& compiled = code.trace;
     compiled[traversal_packet][query_closest][0] = compiled[traversal_single][query_closest][0];
     Variant boxes = opaque;
     boxes.code = &code;
     const auto selector = [&](Traversal traversal) {
-        return KernelSelector::make(boxes, query_closest, precision_watertight, traversal).value();
+        return KernelSelector::make(boxes, query_closest, traversal).value();
     };
     CHECK(selector(traversal_packet).choose(alike, scene) == traversal_single);
     CHECK(selector(traversal_auto).choose(alike, scene) == traversal_single);

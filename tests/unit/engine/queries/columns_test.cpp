@@ -169,8 +169,7 @@ TEST_CASE("normals are unit length and outward under rotation, stretching and mi
 TEST_CASE("front is set if the ray meets the side that the normal points to, also mirrored") {
     const auto registry = Registry::load({});
     REQUIRE(registry.has_value());
-    const auto closest = find_function(*(*registry)->find("opaque"), query_closest, precision_fast,
-                                       traversal_single);
+    const auto closest = find_function(*(*registry)->find("opaque"), query_closest, traversal_single);
     REQUIRE(closest.has_value());
     for (const Transform& transform :
          {scaling(1, 1, 1), scaling(-1, 1, 1), scaling(1, 1, -1), scaling(-1, -2, -3)}) {

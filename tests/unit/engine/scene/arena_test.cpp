@@ -5,7 +5,7 @@
 #include "engine/intersectors/texture.h"
 #include "engine/scene/format.h"
 #include "engine/shading/texture_lookup.h"
-#include "tests/unit/engine/small_scenes.h"
+#include "tests/unit/engine/rich_scene.h"
 
 #include <doctest/doctest.h>
 
@@ -22,49 +22,6 @@ Arena copy_of(std::span<const std::byte> bytes) {
     Arena arena(bytes.size());
     std::copy(bytes.begin(), bytes.end(), arena.data());
     return arena;
-}
-
-/// Returns a scene with some of everything: triangles in trees of several nodes, records, textures,
-/// cameras, names.
-std::shared_ptr<const Snapshot> rich_scene() {
-    SceneDescription scene = test::tree_scene();
-    scene.objects.resize(4);
-    GeometryDescription& many = scene.objects[0].geometries[0];
-    for (std::uint32_t i = 0; i < 140; ++i) {
-        const auto base = static_cast<std::uint32_t>(many.positions.size());
-        const auto x = static_cast<float>(i % 8), y = static_cast<float>(i / 8);
-        for (const Vec3& p : test::unit_square().positions)
-            many.positions.push_back(p + Vec3(x, y, x));
-        for (const std::uint32_t index : {0U, 1U, 2U}) many.indices.push_back(base + index);
-    }
-    many.texcoords[0].resize(many.positions.size());
-    many.colours.resize(4 * many.positions.size());
-    many.normals.resize(many.positions.size());
-    many.tangents.resize(many.positions.size());
-    many.material = 0;
-    scene.materials.resize(2);
-    scene.materials[0].texture = 0;
-    scene.materials[0].alpha_mode = AlphaMode::mask;
-    scene.images = {{3, 2, std::vector<std::uint8_t>(24, 100)}};
-    scene.textures = {{0, Wrap::repeat, Wrap::clamp, true},
-                      {0, Wrap::repeat, Wrap::clamp, false, true, false}};
-    scene.materials[0].surface.normal.texture = 1;
-    scene.materials[1].surface.emission_texture.texture = 0;
-    scene.materials[1].surface.emission = Vec3(1);
-    scene.lights.resize(1);
-    scene.lights[0].name = "lamp";
-    scene.cameras = {{"eye", test::translation(0, 0, 5), 0.7F, 1}};
-    scene.skipped = {{"points", 1}};
-    scene.warnings = {"a warning"};
-    ObjectDescription& marbles = scene.objects[3];
-    marbles.record_type = "marble";
-    for (int i = 0; i < 20; ++i) {
-        const Vec3 at(static_cast<float>(i * 7 % 20), 0, 0);
-        marbles.record_bounds.push_back({at, at + Vec3(1)});
-    }
-    marbles.records.resize(20 * 8);
-    scene.objects[2].instances.push_back(test::place(3, Transform{}, "bag"));
-    return test::build_scene(scene);
 }
 
 /// Reads everything that traversal and columns may reach; false if it reads out of bounds. Every
@@ -223,7 +180,7 @@ private:
 }  // namespace
 
 TEST_CASE("an arena opened from its bytes is the same scene") {
-    const auto built = rich_scene();
+    const auto built = test::rich_scene();
     const auto opened = Snapshot::open({copy_of(built->bytes())});
     REQUIRE(opened.has_value());
     CHECK((*opened)->digest() == built->digest());
@@ -236,7 +193,7 @@ TEST_CASE("an arena opened from its bytes is the same scene") {
 }
 
 TEST_CASE("an arena cut short or grown is refused") {
-    const auto built = rich_scene();
+    const auto built = test::rich_scene();
     const std::span<const std::byte> bytes = built->bytes();
     for (std::size_t cut = 0; cut < bytes.size(); cut += 61) {
         CHECK_FALSE(Snapshot::open({copy_of(bytes.first(cut))}).has_value());
@@ -247,7 +204,7 @@ TEST_CASE("an arena cut short or grown is refused") {
 }
 
 TEST_CASE("an arena of another version is an error with a remedy") {
-    const auto built = rich_scene();
+    const auto built = test::rich_scene();
     Arena arena = copy_of(built->bytes());
     arena.data()[offsetof(format::Header, version)] = std::byte{format::version + 1};
     const auto opened = Snapshot::open({std::move(arena)});
@@ -285,7 +242,7 @@ TEST_CASE("data copied out of an arena is bounded, whoever wrote it") {
 }
 
 TEST_CASE("invalid trees are refused") {
-    const auto built = rich_scene();
+    const auto built = test::rich_scene();
     const SceneView& view = built->view();
     const ObjectRecord* const object = view.objects;
     REQUIRE(object->node_count > 1);
@@ -306,7 +263,7 @@ TEST_CASE("invalid trees are refused") {
 }
 
 TEST_CASE("a damaged arena is refused, or every walk over it stays in range") {
-    const auto built = rich_scene();
+    const auto built = test::rich_scene();
     const std::span<const std::byte> bytes = built->bytes();
     std::mt19937_64 random(20);
     constexpr std::uint32_t words[] = {0, 1, 0x7FFFFFFF, 0x80000000, 0xFFFFFFFF, 0x7F800000};
@@ -337,7 +294,7 @@ TEST_CASE("a damaged arena is refused, or every walk over it stays in range") {
 }
 
 TEST_CASE("every word of the records is checked or harmless") {
-    const auto built = rich_scene();
+    const auto built = test::rich_scene();
     const std::span<const std::byte> bytes = built->bytes();
     const auto* header = reinterpret_cast<const format::Header*>(bytes.data());
     const auto& attributes =

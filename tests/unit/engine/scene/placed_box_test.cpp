@@ -219,7 +219,7 @@ TEST_CASE("rays along the sides of instances' boxes hit as in brute force") {
     REQUIRE(registry.has_value());
     const Variant& opaque = *(*registry)->find("opaque");
     const auto function = [&](Traversal traversal) {
-        const auto found = find_function(opaque, query_closest, precision_fast, traversal);
+        const auto found = find_function(opaque, query_closest, traversal);
         REQUIRE(found.has_value());
         return *found;
     };

@@ -167,6 +167,31 @@ TEST_CASE("opaque materials are reciprocal") {
     }
 }
 
+TEST_CASE("bumps take light from near the horizon of the surface away from the diffuse base") {
+    MaterialPoint flat = white(1, 0), bumpy = flat;
+    flat.ior = bumpy.ior = 1;
+    bumpy.smooth = direction(0.8F, 0);
+    const Vec3 seen = direction(0.9F);
+    const auto share = [&](const Vec3& incoming) {
+        return Standard(bumpy, seen).evaluate(incoming).x / Standard(flat, seen).evaluate(incoming).x;
+    };
+    // Towards the side that the bump leans away from, the horizon comes first; straight to it none is lost.
+    CHECK(share(bumpy.smooth) == doctest::Approx(1));
+    CHECK(share(direction(0.9F, 0)) == doctest::Approx(1));
+    const float tilt = std::acos(0.8F);
+    const auto below = [&](float angle) { return Vec3(-std::sin(angle - tilt), 0, std::cos(angle - tilt)); };
+    float last = 1;
+    for (const float angle : {0.9F, 1.1F, 1.3F, 1.5F}) {
+        const Vec3 incoming = below(angle);
+        CAPTURE(angle);
+        const float g = std::cos(angle) / (incoming.z * 0.8F);
+        CHECK(share(incoming) == doctest::Approx(g + g * g - g * g * g).epsilon(1e-3));
+        CHECK(share(incoming) < last);
+        last = share(incoming);
+    }
+    CHECK(share(below(1.6F)) < 0.01F);  // the varnish's part
+}
+
 TEST_CASE("directions are drawn with the density that a material states") {
     const Vec3 outgoing = direction(0.7F);
     for (const float roughness : {0.25F, 0.5F, 1.0F}) {

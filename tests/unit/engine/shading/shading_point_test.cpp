@@ -13,9 +13,10 @@ using namespace raynest;
 namespace {
 
 /// A square that faces +z, in the middle of which one texel gives the normal.
-SceneDescription bumpy_square(bool has_tangents, const Transform& placement) {
+SceneDescription bumpy_square(bool has_tangents, const Transform& placement,
+                              ImageDescription image = {1, 1, {127, 77, 207, 255}}) {
     SceneDescription scene;
-    scene.images.push_back({1, 1, {127, 77, 207, 255}});
+    scene.images.push_back(std::move(image));
     scene.textures.push_back({0});
     scene.textures[0].linear = true;
     scene.materials.resize(1);
@@ -39,8 +40,9 @@ SceneDescription nested(SceneDescription scene, const Transform& placement) {
     return scene;
 }
 
-/// Shades the middle of the first triangle, seen along -z in the world.
-ShadingPoint seen(const SceneDescription& description) {
+/// Shades the middle of the first triangle, seen along a direction in the world by a cone of this width.
+ShadingPoint seen(const SceneDescription& description, const Vec3& direction = {0, 0, -1},
+                  float width = 1e-3F) {
     const auto scene = test::build_scene(description);
     HitRecord hit;
     hit.hit = 1;
@@ -50,12 +52,12 @@ ShadingPoint seen(const SceneDescription& description) {
     Placement placement;
     placement.set(scene->view(), 0);
     Ray ray;
-    ray.direction = {0, 0, -1};
+    ray.direction = direction;
     const Vec3 normal(glm::normalize(placement.normal({0, 0, 1})));
     const TextureTable table(scene->shading());
     TextureBatch batch(table);
     UnfinishedPoint point;
-    begin_point(scene->shading(), ray, hit, normal, 1, 1e-3F, placement, batch, point);
+    begin_point(scene->shading(), ray, hit, normal, 1, width, placement, batch, point);
     batch.run();
     ShadingPoint shaded = finish_point(point);
     shaded.surface = nullptr;  // it goes with the scene
@@ -88,6 +90,41 @@ TEST_CASE("a placement that mirrors mirrors what a normal texture shows, with ta
         CHECK_FALSE(back.front);
         CHECK(glm::length(back.frame.z - Vec3(-n.x, -n.y, n.z)) < 1e-5F);
     }
+}
+
+TEST_CASE("bumps that lean away from a grazing view bend until the mirrored view leaves the surface") {
+    const SceneDescription bumpy = bumpy_square(true, Transform{});
+    for (int azimuth = 0; azimuth < 360; azimuth += 15) {
+        for (const float height : {0.02F, 0.1F, 0.3F, 0.6F}) {
+            CAPTURE(azimuth);
+            CAPTURE(height);
+            const float angle = static_cast<float>(azimuth) * 0.0174533F;
+            const Vec3 viewer = glm::normalize(Vec3(std::cos(angle), std::sin(angle), height));
+            const Vec3 n = seen(bumpy, -viewer).frame.z;
+            CHECK(glm::length(n) == doctest::Approx(1).epsilon(1e-4));
+            CHECK(glm::dot(n, viewer) > 0);
+            CHECK((2.0F * glm::dot(n, viewer) * n - viewer).z > 0);
+        }
+    }
+}
+
+TEST_CASE("a wide cone does not flatten bumps") {
+    // Every texel leans, half of them to either side.
+    ImageDescription image{16, 16, {}};
+    for (unsigned texel = 0; texel < 256; ++texel)
+        for (const unsigned value : {127U, texel % 16 < 8 ? 47U : 207U, 207U, 255U})
+            image.rgba.push_back(static_cast<std::uint8_t>(value));
+    const SceneDescription bumpy = bumpy_square(true, Transform{}, image);
+    const Vec3 fine = seen(bumpy).frame.z;
+    CHECK(std::abs(fine.y) > 0.5F);
+    CHECK(glm::length(seen(bumpy, {0, 0, -1}, 10).frame.z - fine) < 1e-6F);
+}
+
+TEST_CASE("a material knows the normal below its bumps") {
+    const ShadingPoint point = seen(bumpy_square(true, Transform{}));
+    CHECK(glm::length(point.frame.to_world(point.material.smooth) - Vec3(0, 0, 1)) < 1e-5F);
+    const ShadingPoint back = seen(bumpy_square(true, test::scaling(1, 1, -1)));
+    CHECK(glm::length(back.frame.to_world(back.material.smooth) - Vec3(0, 0, 1)) < 1e-5F);
 }
 
 TEST_CASE("colours of vertices are stored on sRGB's curve and mixed in linear light") {

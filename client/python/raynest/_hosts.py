@@ -1,0 +1,128 @@
+"""hosts.toml: what `raynest login` keeps of each daemon. client/hosts.h says how it is read."""
+from __future__ import annotations
+
+import contextlib
+import os
+import pathlib
+import re
+import stat
+import tempfile
+from typing import Any, NamedTuple
+
+from . import errors
+from ._uri import comparable
+
+FILES = ("ca", "cert", "key")
+
+
+class Hosts(NamedTuple):
+    lines: list[tuple[str, str]]        # its text, and the comparable address that it is about or ""
+    entries: dict[str, dict[str, Any]]  # by comparable addresses
+    broken: list[int]                   # numbers of the lines that were left out
+
+
+def hosts_file() -> pathlib.Path:
+    config = os.environ.get("XDG_CONFIG_HOME", "")
+    base = pathlib.Path(config) if config.startswith("/") else pathlib.Path.home() / ".config"
+    return base / "raynest" / "hosts.toml"
+
+
+def find_host(uri: str) -> dict[str, str]:
+    """Returns token, ca, cert and key, as far as they are kept; the last three are absolute paths. Warns
+    of lines that were left out."""
+    hosts = _read()
+    for number in hosts.broken:
+        errors.warn(f"{hosts_file()}: line {number} cannot be read and is left out; correct or remove it",
+                    errors.Warning)
+    entry = {key: value for key, value in hosts.entries.get(comparable(uri), {}).items()
+             if isinstance(value, str) and value}
+    return {key: str(hosts_file().parent / value) if key in FILES else value
+            for key, value in entry.items()}
+
+
+def forget_host(uri: str) -> bool:
+    """Removes all that is kept of a daemon. Returns False where nothing was."""
+    hosts, name = _read(), comparable(uri)
+    kept = [text for text, about in hosts.lines if about != name or text.startswith("#")]
+    if len(kept) == len(hosts.lines):
+        return False
+    file = hosts_file()
+    try:
+        descriptor, made = tempfile.mkstemp(prefix="hosts.toml.", dir=file.parent)  # mode 0600
+        with open(descriptor, "wb") as opened:
+            opened.write("".join(text + "\n" for text in kept).encode("utf-8", "surrogateescape"))
+        os.replace(made, file)
+    except OSError as error:
+        raise errors.UsageError(f"cannot write {file}: {error.strerror}") from None
+    for key in FILES:
+        copy = hosts.entries.get(name, {}).get(key, "")
+        # A path from elsewhere is not this package's to remove.
+        if isinstance(copy, str) and copy.endswith(".pem") and "/" not in copy:
+            with contextlib.suppress(OSError):
+                (file.parent / copy).unlink()
+    return True
+
+
+def _read() -> Hosts:
+    file = hosts_file()
+    try:
+        with open(file, "rb") as opened:
+            mode = os.fstat(opened.fileno()).st_mode
+            if not stat.S_ISREG(mode) or mode & 0o077:
+                raise errors.UsageError(f"other users may read {file}, and it holds a token; chmod 600 "
+                                        f"{file}")
+            return _parse(opened.read().decode("utf-8", "surrogateescape"))
+    except FileNotFoundError:
+        return Hosts([], {}, [])
+    except OSError as error:
+        raise errors.UsageError(f"cannot read {file}: {error.strerror}") from None
+
+
+def _parse(content: str) -> Hosts:
+    """Reads line by line. A broken heading hides the lines below it."""
+    hosts = Hosts([], {}, [])
+    name, hidden = "", False
+    for number, text in enumerate(content.split("\n")[:-1] if content.endswith("\n") else
+                                  content.split("\n"), 1):
+        text = text[:-1] if text.endswith("\r") else text
+        heading = text.lstrip(" \t").startswith("[")
+        try:
+            row = _parse_line(text)
+            broken = heading and not (len(row) == 1 and isinstance(next(iter(row.values())), dict))
+        except ValueError:
+            row, broken = {}, True
+        if heading:
+            name, hidden = "" if broken else comparable(next(iter(row))), broken
+        if broken:
+            hosts.broken.append(number)
+        about = name
+        for key, value in {} if heading or hidden else row.items():
+            if name:
+                hosts.entries.setdefault(name, {})[key] = value
+            elif isinstance(value, dict):  # URI = { token = "..." }
+                about = comparable(key)
+                hosts.entries[about] = value
+        hosts.lines.append((text, about))
+    return hosts
+
+
+def _parse_line(text: str) -> dict[str, Any]:
+    """Returns a line of TOML as a dict; ValueError where it is none."""
+    text.encode("utf-8")  # ValueError for bytes that are not UTF-8
+    try:
+        import tomllib
+    except ImportError:  # before Python 3.11: what `raynest login` writes is simple enough
+        return _parse_simple(text)
+    return tomllib.loads(text)
+
+
+def _parse_simple(text: str) -> dict[str, Any]:
+    heading = re.fullmatch(r"""\s*\[\s*(?:'([^']*)'|"([^"\\]*)")\s*\]\s*(?:#.*)?""", text)
+    row = re.fullmatch(r"""\s*(\w+)\s*=\s*(?:'([^']*)'|"([^"\\]*)")\s*(?:#.*)?""", text)
+    if heading:
+        return {heading[1] or heading[2] or "": {}}
+    if row:
+        return {row[1]: row[2] or row[3] or ""}
+    if re.fullmatch(r"\s*(?:#.*)?", text):
+        return {}
+    raise ValueError

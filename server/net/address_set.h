@@ -1,0 +1,32 @@
+// A set of addresses, given one by one or as networks: 192.0.2.7, 10.0.0.0/8, 2001:db8::/32.
+#pragma once
+
+#include "server/net/asio.h"
+
+#include <array>
+#include <string>
+#include <vector>
+
+namespace raynest::server {
+
+class AddressSet {
+public:
+    AddressSet() = default;
+    /// Holds all of the texts that add() takes.
+    explicit AddressSet(const std::vector<std::string>& texts);
+
+    /// Adds ADDRESS or ADDRESS/BITS. Returns what is wrong with the text; empty if nothing is.
+    [[nodiscard]] std::string add(const std::string& text);
+    /// True for a member. An IPv4 address is the same as the IPv6 address that maps it.
+    [[nodiscard]] bool contains(const asio::ip::address& address) const;
+
+private:
+    /// IPv4 networks are kept as those of IPv6 that map them.
+    struct Network {
+        std::array<unsigned char, 16> bytes{};
+        unsigned bits = 0;  ///< leading bits of a member that are those of `bytes`
+    };
+    std::vector<Network> networks_;
+};
+
+}  // namespace raynest::server

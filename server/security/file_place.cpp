@@ -1,0 +1,85 @@
+#include "server/security/file_place.h"
+
+#include <fcntl.h>
+#include <sys/stat.h>
+#include <unistd.h>
+
+#include <algorithm>
+#include <array>
+#include <cerrno>
+#include <climits>
+#include <cstring>
+#include <vector>
+
+namespace raynest::server {
+namespace {
+
+namespace fs = std::filesystem;
+
+/// As many as Linux follows itself.
+constexpr std::size_t links_max = 40;
+
+tl::unexpected<Error> failed(const fs::path& file, const std::string& why) {
+    return fail(ErrorCode::io_failed, file.string() + ": " + why);
+}
+
+/// Returns the target of a symbolic link that was opened with O_PATH; empty on failure.
+fs::path target_of(const Fd& link) {
+    std::array<char, PATH_MAX> text{};
+    const ssize_t size = readlinkat(link.get(), "", text.data(), text.size());
+    return std::string(text.data(), size < 0 ? 0 : static_cast<std::size_t>(size));
+}
+
+}  // namespace
+
+bool FilePlace::enter(const fs::path& path) {
+    const std::string parent = path.has_parent_path() ? path.parent_path().string() : ".";
+    const int base = folder_ == nullptr ? AT_FDCWD : folder_->get();
+    Fd opened(openat(base, parent.c_str(), O_PATH | O_DIRECTORY | O_CLOEXEC));
+    if (opened.get() < 0) return false;
+    folder_ = std::make_shared<const Fd>(std::move(opened));
+    path_ = (path_.parent_path() / path).lexically_normal();
+    name_ = path.filename().string();
+    return true;
+}
+
+Result<FilePlace> FilePlace::find(const fs::path& path) {
+    const auto leads_nowhere = [&](int error) {
+        return failed(path, "what this link leads to: " + std::string(std::strerror(error)) +
+                                "; make it, or remove the link");
+    };
+    FilePlace place;
+    if (!place.enter(path)) return failed(path.parent_path(), std::strerror(errno));
+    std::vector<uid_t> owners;  // of the links
+    for (;;) {
+        if (place.name_.empty() || place.name_ == "." || place.name_ == "..")
+            return failed(path, "it is a folder; name a file in it");
+        const Fd opened(
+            openat(place.folder(), place.name_.c_str(), O_PATH | O_NOFOLLOW | O_CLOEXEC));
+        struct stat status {};
+        const bool is_there = opened.get() >= 0 && fstat(opened.get(), &status) == 0;
+        if (!is_there && !owners.empty()) return leads_nowhere(errno);
+        if (!is_there && errno != ENOENT) return failed(path, std::strerror(errno));
+        if (!is_there || !S_ISLNK(status.st_mode)) {
+            const auto is_trusted = [&](uid_t owner) {
+                return owner == 0 || owner == geteuid() || owner == status.st_uid;
+            };
+            if (std::ranges::all_of(owners, is_trusted)) return place;
+            return failed(path,
+                          "this link belongs to another user than its target; name the target");
+        }
+        if (owners.size() == links_max) return leads_nowhere(ELOOP);
+        owners.push_back(status.st_uid);
+        if (!place.enter(target_of(opened))) return leads_nowhere(errno);
+    }
+}
+
+bool FilePlace::exists() const {
+    return faccessat(folder(), name_.c_str(), F_OK, AT_SYMLINK_NOFOLLOW) == 0;
+}
+
+Fd FilePlace::open_folder() const {
+    return Fd(openat(folder(), ".", O_RDONLY | O_DIRECTORY | O_CLOEXEC));
+}
+
+}  // namespace raynest::server

@@ -1,0 +1,68 @@
+// Follows the scene that is shown: it is replaced, unloaded and loaded again while the page is open, and daemons
+// are restarted. The daemon is asked twice a second while the page can be seen.
+
+const LOOK_MS = 500;
+
+/**
+ * Calls `on.changed(info)` when the scene has other content or another epoch than `model.info`, `on.gone()` when it
+ * is no longer loaded, and `on.loaded()` where nothing is shown and scenes may have come.
+ */
+export class Follower {
+  #app;
+  #on;
+  #busy = false;
+
+  constructor(app, on) {
+    this.#app = app;
+    this.#on = on;
+    setInterval(() => { if (!document.hidden) this.look(); }, LOOK_MS);
+    document.addEventListener("visibilitychange", () => { if (!document.hidden) this.look(); });
+  }
+
+  /** Asks once; again only when the answer is there and has been dealt with. */
+  async look() {
+    const { daemon, model, store } = this.#app;
+    if (this.#busy || daemon.state !== "open") return;
+    this.#busy = true;
+    const { scene } = store.values, shown = model.version;
+    try {
+      if (!scene) {
+        await this.#on.loaded();
+        return;
+      }
+      const info = await daemon.ask("Info", { scene }, { background: true });
+      // Another scene may have been chosen meanwhile.
+      if (store.values.scene === scene && model.version === shown && versionOf(info) !== shown) await this.#on.changed(info);
+    } catch (error) {
+      if (error.name === "SCENE_UNKNOWN" && store.values.scene === scene && model.info) this.#on.gone(scene);
+    } finally {
+      this.#busy = false;
+    }
+  }
+}
+
+/** What tells one content of a name from another; "" for none. */
+export const versionOf = (info) => (info ? `${info.name} ${info.epoch} ${info.hash}` : "");
+
+const count = (value) => Number(value ?? 0).toLocaleString("en");
+
+/** Says in one sentence how a scene differs from what it was. */
+export function changesText(before, after) {
+  const differ = [["triangles", "instanced_triangles"], ["instances", "instances"], ["levels", "levels"], ["materials", "materials"]]
+    .filter(([, key]) => Number(before[key] ?? 0) !== Number(after[key] ?? 0)).map(([name, key]) => `${name} ${count(before[key])} → ${count(after[key])}`);
+  const [old, now] = [before.cameras ?? [], after.cameras ?? []];
+  const [gone, come] = [old.filter((name) => !now.includes(name)), now.filter((name) => !old.includes(name))];
+  if (gone.length) differ.push(`cameras gone: ${gone.join(", ")}`);
+  if (come.length) differ.push(`new cameras: ${come.join(", ")}`);
+  if (before.hash === after.hash) return "the same content";
+  return differ.length ? differ.join("; ") : "other content with the same counts";
+}
+
+/** Returns the choice in the list of cameras that the new content has for the old one: by name, else by number; "" where it is gone. */
+export function sameCamera(chosen, before, after) {
+  const names = after.cameras ?? [];
+  if (!/^\d+$/.test(chosen)) return chosen === "automatic" && names.length ? "" : chosen;
+  const name = before.cameras?.[Number(chosen)];
+  const at = name ? names.indexOf(name) : Number(chosen) < names.length ? Number(chosen) : -1;
+  return at < 0 ? "" : String(at);
+}

@@ -1,0 +1,28 @@
+// Numbers as people write them: thousands apart, sizes in MiB, and no digits that mean nothing.
+
+/** "85,940": a whole number in full; BigInt and text, too. */
+export const countText = (value) => (typeof value === "number" && !Number.isInteger(value) ? valueText(value) : BigInt(value ?? 0).toLocaleString("en"));
+
+/** A measured number in at most `digits` digits; "1.2e-7" where it is tiny or huge, never "-0". */
+export function valueText(value, digits = 6) {
+  if (!Number.isFinite(value)) return String(value);
+  const size = Math.abs(value);
+  if (size !== 0 && (size < 1e-4 || size >= 1e15)) return String(Number(value.toPrecision(digits)));
+  return (value || 0).toLocaleString("en", { maximumSignificantDigits: Math.max(digits, size >= 1 ? Math.min(Math.ceil(Math.log10(size + 1)), 15) : 1) });
+}
+
+/** A point or a direction. */
+export const vectorText = (values, digits = 6) => [...values].map((value) => valueText(value, digits).replaceAll(",", "")).join(", ");
+
+/** As the command line has it: "17 B", "32.8 MiB". */
+export function bytesText(bytes) {
+  const units = ["B", "KiB", "MiB", "GiB", "TiB"];
+  let value = Number(bytes), unit = 0;
+  for (; value >= 1024 && unit + 1 < units.length; ++unit) value /= 1024;
+  return `${value.toFixed(unit === 0 ? 0 : 1)} ${units[unit]}`;
+}
+
+export const percentText = (share, digits = 1) => `${(100 * share).toFixed(digits)} %`;
+
+/** "0.4 ms", "12 ms", "3.2 s" */
+export const timeText = (ms) => (ms >= 1000 ? `${(ms / 1000).toFixed(1)} s` : `${ms < 10 ? ms.toFixed(1) : ms.toFixed(0)} ms`);

@@ -1,0 +1,185 @@
+#!/usr/bin/env python3
+"""The flood of one peer fills neither the log nor the CPU, and hides nobody else.
+
+  flood_test.py RAYNESTD RAYNEST
+"""
+import pathlib
+import re
+import sys
+import tempfile
+import time
+import unittest
+
+import websocket
+from connections_test import ERROR, HELLO, WELCOME, read_frame
+from daemon import run_tests, until
+from secure_daemon import Certificates, SecureDaemon, Tokens
+from websocket import HEADER, Closed, greeted, host_of, post
+
+COUNT = 40            # of a flood that one connection sends
+LINES_PER_SECOND = 6  # of one source and event, with the line that says what was left out
+DAMAGED_MAX = 64      # of a connection in a minute
+PING = 2
+
+
+class Flood(unittest.TestCase):
+    raynestd = raynest = None
+
+    @classmethod
+    def setUpClass(cls):
+        cls.folder = tempfile.TemporaryDirectory(prefix="raynest-test-")
+        cls.addClassCleanup(cls.folder.cleanup)
+        cls.out = pathlib.Path(cls.folder.name)
+        cls.certificates = Certificates(cls.raynestd, cls.out / "tls")
+        websocket.trusted.load_verify_locations(cls.certificates.ca)
+        cls.tokens = Tokens(cls.raynestd, cls.out / "tokens")
+        cls.secrets = {name: cls.tokens.add(name, "--role", role) for name, role in
+                       (("eve", "viewer"), ("vera", "viewer"), ("bob", "user"), ("ops", "admin"))}
+        cls.daemon = SecureDaemon(cls.raynestd, cls.certificates, "--tokens", cls.tokens.file, "--log-level",
+                                  "debug", "--http", "https://127.0.0.1:0")
+        cls.addClassCleanup(cls.daemon.stop)
+        cls.http = cls.daemon.http
+
+    def bearer(self, name):
+        return ["Authorization: Bearer " + self.secrets[name]]
+
+    def stream(self, name):
+        stream = greeted(self.http, headers=self.bearer(name))
+        self.addCleanup(stream.close)
+        return stream
+
+    def lines(self, event):
+        return re.findall(rf" {event} (.*)", self.daemon.log())
+
+    def are_bounded(self, *floods, count=COUNT):
+        """Calls each (event, flood), which causes `count` lines of the event: few are written, the rest is
+        counted."""
+        seen = {event: len(self.lines(event)) for event, _ in floods}
+        begun = time.monotonic()
+        for _, flood in floods:
+            flood()
+        took = time.monotonic() - begun
+
+        def told(event):
+            return self.lines(event)[seen[event]:]
+
+        def counted(event):
+            left_out = sum(int(number) for number in re.findall(r"left_out=(\d+)", "\n".join(told(event))))
+            return left_out + sum("left_out=" not in line for line in told(event)) >= count
+        for event, _ in floods:
+            until(lambda: counted(event), lambda: "\n".join([event, *told(event)]))
+            self.assertIn("left_out=", "".join(told(event)))
+            self.assertLessEqual(len(told(event)), LINES_PER_SECOND * (took + 2), event)
+
+    def connect(self, uri):
+        """Connects to tcp:// or tls://."""
+        http = uri.replace("tcp://", "http://").replace("tls://", "https://")
+        connection = websocket.connect(http)
+        self.addCleanup(connection.close)
+        return connection
+
+    def nonsense(self):
+        connection = self.connect(self.daemon.uri)
+        connection.sendall(b"GET / HTTP/1.1\r\n" * 4)
+        while connection.recv(4096):
+            pass
+
+    # ---- the log
+
+    def test_a_stranger_writes_few_lines_and_hides_nobody(self):
+        def flood():
+            with websocket.connect(self.http) as stranger:
+                ask = f"GET /main.js HTTP/1.1\r\nHost: {host_of(self.http)}\r\n\r\n".encode()
+                for _ in range(20):
+                    stranger.sendall(ask * 20)
+                    answer = b""
+                    while answer.count(b"HTTP/1.1 401") < 20:
+                        answer += stranger.recv(65536)
+        self.are_bounded(("login_refused", flood), count=400)
+        # Somebody else in the midst of it has a line.
+        eve, vera = self.stream("eve"), self.stream("vera")
+
+        def interrupted():
+            for number in range(1, COUNT + 1):
+                eve.say("Load", number, {"source": "builtin:flake"})
+            vera.say("Load", 1, {"source": "builtin:flake"})
+            self.assertEqual(vera.answer(1)[-1][2]["name"], "NOT_ALLOWED")
+            for _ in range(COUNT):
+                eve.hear()
+        self.are_bounded(("request_refused", interrupted))
+        self.assertIn("principal=vera", "".join(self.lines("request_refused")))
+        self.assertIn("most_of=eve", "".join(self.lines("request_refused")))
+
+    def test_every_event_that_a_client_causes_is_bounded(self):
+        bob, ops = self.stream("bob"), self.stream("ops")
+
+        def flood(stream, name, message):
+            for number in range(1, COUNT + 1):
+                stream.say(name, number, message(number))
+                stream.answer(number)
+        loaded = {"source": "builtin:flake?depth=1"}
+        self.are_bounded(
+            ("loaded", lambda: flood(bob, "Load", lambda i: {**loaded, "name": f"s{i}"})),
+            ("job", lambda: flood(bob, "Load", lambda _: loaded)),
+            ("unloaded", lambda: flood(bob, "Unload", lambda i: {"scene": f"s{i}"})),
+            ("refused", lambda: flood(bob, "Info", lambda _: {"scene": "none"})),
+            ("admin", lambda: flood(ops, "Admin", lambda _: {"act": "connections"})),
+            ("login", lambda: [post(self.http, "/v1/login", "token=" + self.secrets["bob"]) for _ in range(COUNT)]),
+            ("greeted", lambda: [self.stream("bob").close() for _ in range(COUNT)]),
+            ("closing", lambda: [self.nonsense() for _ in range(COUNT)]))
+
+    # ---- damaged messages
+
+    def test_who_sends_many_damaged_messages_is_closed(self):
+        with self.stream("bob") as stream:
+            for number in range(1, DAMAGED_MAX + 1):
+                stream.send(f"Ping {number} x" if number % 2 else f"Pong2 {number} {{}}")
+                self.assertFalse(stream.hear()[2]["closing"])
+            stream.say("Ping", 99)
+            self.assertEqual(stream.hear()[0], "Pong", "as many as that may come")
+            stream.send("Ping 100 x")
+            self.assertEqual(stream.hear()[:2], ("Error", 100))
+            error = stream.hear()[2]
+            self.assertEqual((error["name"], error["closing"]), ("BAD_FRAME", True))
+            self.assertIn("more than 64 damaged messages", error["message"])
+            self.assertRaises(Closed, stream.hear)
+
+    def test_who_sends_many_damaged_frames_is_closed(self):
+        daemon = SecureDaemon(self.raynestd, self.certificates)
+        self.addCleanup(daemon.stop)
+        for uri in (daemon.uri, daemon.tls):
+            connection = self.connect(uri)
+            connection.sendall(HELLO)
+            self.assertEqual(read_frame(connection), WELCOME)
+            for number in range(1, DAMAGED_MAX + 2):
+                connection.sendall(HEADER.pack(b"RYN1", PING, 0, 8, 0, 0, number) + b"\xff" * 8)
+                self.assertEqual(read_frame(connection), ERROR)
+            self.assertEqual([read_frame(connection), read_frame(connection)], [ERROR, None])
+
+    def test_a_damaged_message_costs_as_little_as_a_good_one(self):
+        clock = pathlib.Path(f"/proc/{self.daemon.process.pid}/task/{self.daemon.process.pid}/schedstat")
+        streams = [self.stream("bob") for _ in range(10)]
+
+        def cost(message):
+            """CPU time of the io thread, in ns."""
+            before = int(clock.read_text().split()[0])
+            for stream in streams:
+                for number in range(1, DAMAGED_MAX - 9):
+                    stream.send(message.format(number))
+                    stream.hear()
+            return int(clock.read_text().split()[0]) - before
+        good = cost("Ping {} {{}}")
+        self.assertLess(cost("Ping {} x"), 6 * good)
+
+    def test_json_of_many_strings_is_refused_before_it_is_parsed(self):
+        stream = self.stream("bob")
+        for fields in ('"",' * 20_000 + '""', "{}," * 20_000 + "{}", "0," * 30_000 + "0"):
+            stream.send(f'Query 7 {{"fields":[{fields}]}}')
+            name, _, message, _ = stream.hear()
+            self.assertEqual((name, "too many strings or values" in message["message"]), ("Error", True))
+
+
+if __name__ == "__main__":
+    Flood.raynestd, Flood.raynest = sys.argv[1:3]
+    del sys.argv[1:3]
+    run_tests()

@@ -1,0 +1,56 @@
+// A scene that uses every section of an arena, for tests that damage it.
+#pragma once
+
+#include "tests/unit/engine/small_scenes.h"
+
+#include <cstdint>
+#include <memory>
+#include <vector>
+
+namespace raynest::test {
+
+/// Returns a scene with some of everything: triangles in trees of several nodes, textures, cameras,
+/// names, and records, which no built-in kernel knows.
+inline std::shared_ptr<const Snapshot> rich_scene(bool has_records = true) {
+    SceneDescription scene = tree_scene();
+    GeometryDescription& many = scene.objects[0].geometries[0];
+    for (std::uint32_t i = 0; i < 140; ++i) {
+        const auto base = static_cast<std::uint32_t>(many.positions.size());
+        const auto x = static_cast<float>(i % 8), y = static_cast<float>(i / 8);
+        for (const Vec3& p : unit_square().positions)
+            many.positions.push_back(p + Vec3(x, y, x));
+        for (const std::uint32_t index : {0U, 1U, 2U}) many.indices.push_back(base + index);
+    }
+    many.texcoords[0].resize(many.positions.size());
+    many.colours.resize(4 * many.positions.size());
+    many.normals.resize(many.positions.size());
+    many.tangents.resize(many.positions.size());
+    many.material = 0;
+    scene.materials.resize(2);
+    scene.materials[0].texture = 0;
+    scene.materials[0].alpha_mode = AlphaMode::mask;
+    scene.images = {{3, 2, std::vector<std::uint8_t>(24, 100)}};
+    scene.textures = {{0, Wrap::repeat, Wrap::clamp, true},
+                      {0, Wrap::repeat, Wrap::clamp, false, true, false}};
+    scene.materials[0].surface.normal.texture = 1;
+    scene.materials[1].surface.emission_texture.texture = 0;
+    scene.materials[1].surface.emission = Vec3(1);
+    scene.lights.resize(1);
+    scene.lights[0].name = "lamp";
+    scene.cameras = {{"eye", translation(0, 0, 5), 0.7F, 1}};
+    scene.skipped = {{"points", 1}};
+    scene.warnings = {"a warning"};
+    if (!has_records) return build_scene(scene);
+    scene.objects.resize(4);
+    ObjectDescription& marbles = scene.objects[3];
+    marbles.record_type = "marble";
+    for (int i = 0; i < 20; ++i) {
+        const Vec3 at(static_cast<float>(i * 7 % 20), 0, 0);
+        marbles.record_bounds.push_back({at, at + Vec3(1)});
+    }
+    marbles.records.resize(20 * 8);
+    scene.objects[2].instances.push_back(place(3, Transform{}, "bag"));
+    return build_scene(scene);
+}
+
+}  // namespace raynest::test

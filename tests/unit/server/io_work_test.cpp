@@ -1,0 +1,288 @@
+// Tests that the io thread's work does not grow with a request or a scene: what it allocates,
+// frees, touches and reads in one turn is the same for the smallest and for a large one.
+#include "server/execution/disposal.h"
+#include "tests/sanitized.h"
+#include "tests/unit/server/counted_memory.h"
+#include "tests/unit/server/guarded_scene.h"
+#include "tests/unit/server/small_daemon.h"
+
+#include <doctest/doctest.h>
+#include <malloc.h>
+#include <sys/resource.h>
+
+#include <algorithm>
+#include <fstream>
+#include <iostream>
+#include <memory>
+#include <string>
+#include <utility>
+#include <vector>
+
+namespace raynest::test {
+namespace {
+
+/// The work of a turn of the io thread.
+struct Work {
+    std::uint64_t allocated_bytes = 0;
+    std::uint64_t kept_bytes = 0;  ///< by which the program's memory grew, or shrank
+    std::uint64_t faults = 0;      ///< pages that were touched for the first time
+    std::uint64_t scene_pages = 0;
+
+    void raise_to(const Work& other) {
+        allocated_bytes = std::max(allocated_bytes, other.allocated_bytes);
+        kept_bytes = std::max(kept_bytes, other.kept_bytes);
+        faults = std::max(faults, other.faults);
+        scene_pages = std::max(scene_pages, other.scene_pages);
+    }
+};
+
+/// What a turn may do: it handles a message of control_bytes_max, or a frame of rays.
+constexpr std::uint64_t turn_bytes_max = 1 << 20;
+constexpr std::uint64_t turn_faults_max = turn_bytes_max / 4096;
+/// Pages of a scene: records of its root, a camera, names, and each step of a search by halves.
+constexpr std::uint64_t turn_scene_pages_max = 64;
+
+/// Bytes that the program has from malloc().
+std::uint64_t heap_bytes() {
+    const struct mallinfo2 now = mallinfo2();
+    return now.uordblks + now.hblkhd;
+}
+
+/// Bytes that it has mapped, scenes included.
+std::uint64_t mapped_bytes() {
+    std::uint64_t pages = 0;
+    std::ifstream("/proc/self/statm") >> pages;
+    return pages * 4096;
+}
+
+std::uint64_t difference(std::uint64_t a, std::uint64_t b) {
+    return a < b ? b - a : a - b;
+}
+
+std::uint64_t faults() {
+    struct rusage used {};
+    getrusage(RUSAGE_THREAD, &used);
+    return static_cast<std::uint64_t>(used.ru_minflt);
+}
+
+/// Many objects, instances and materials.
+SceneDescription large_scene() {
+    constexpr std::uint32_t objects = 20'000;
+    SceneDescription scene;
+    scene.objects.resize(objects + 1);
+    scene.materials.resize(objects);
+    for (std::uint32_t i = 0; i < objects; ++i) {
+        scene.objects[i].name = "object " + std::to_string(i);
+        scene.objects[i].geometries = {unit_square(i)};
+    }
+    ObjectDescription& root = scene.objects.back();
+    root.name = "root";
+    for (std::uint32_t i = 0; i < 3 * objects; ++i)
+        root.instances.push_back(place(
+            i % objects,
+            translation(2.0F * static_cast<float>(i % 245), 2.0F * static_cast<float>(i / 245), 0),
+            "instance " + std::to_string(i)));
+    scene.root = objects;
+    return scene;
+}
+
+/// A daemon and a client; what the io side does is measured, what tasks do is not.
+class Turns {
+public:
+    Turns(SmallDaemon& daemon, std::span<const std::byte> arena)
+        : daemon_(daemon),
+          scene_(arena),
+          client_(daemon, "me") {
+        turn([&] { client_.receive(protocol::encode(0, wire::HelloT{}).value()); });
+        most = {};
+    }
+
+    template <class Native>
+    void ask(const Native& message) {
+        send(protocol::encode(++id, message).value());
+    }
+    void send(protocol::Frame frame) {
+        turn([&] { client_.receive(std::move(frame)); });
+    }
+    /// Takes completions and runs tasks, at most so many; false if none is left.
+    bool run(std::size_t steps = ~std::size_t{0}) {
+        for (; steps != 0; --steps) {
+            bool stepped = true;
+            if (daemon_.posted.empty())
+                stepped = daemon_.step();
+            else
+                turn([&] { daemon_.step(); });
+            // As a session does after each task and each write.
+            turn([&] { client_.runner().pump(); });
+            if (!stepped && daemon_.posted.empty()) return false;
+        }
+        return true;
+    }
+    /// Asks for the progress of a running job, as its client and every list of jobs do.
+    void tick() {
+        turn([&] { client_.runner().tick(server::Clock::now() + std::chrono::seconds(1)); });
+    }
+
+    Work most;  ///< of the turns so far
+    std::uint64_t id = 0;
+
+private:
+    template <class Function>
+    void turn(Function&& function) {
+        Work work;
+        const std::uint64_t heap_before = heap_bytes(), mapped_before = mapped_bytes();
+        const std::uint64_t allocated_before = allocated_bytes;
+        const std::uint64_t faults_before = faults();
+        work.scene_pages = scene_.count(function);
+        // Giving a page of the scene back is a fault, too.
+        const std::uint64_t faulted = faults() - faults_before;
+        work.faults = faulted - std::min(faulted, 2 * work.scene_pages);
+        work.allocated_bytes = allocated_bytes - allocated_before;
+        work.kept_bytes = std::max(difference(heap_bytes(), heap_before),
+                                   difference(mapped_bytes(), mapped_before));
+        most.raise_to(work);
+    }
+
+    SmallDaemon& daemon_;
+    GuardedScene scene_;
+    Client client_;
+};
+
+std::unique_ptr<wire::JobT> job(bool hides = false) {
+    auto made = std::make_unique<wire::JobT>();
+    made->scene = "large";
+    if (hides) made->hidden_instances = {7};
+    return made;
+}
+
+template <class Picture>
+Picture picture(std::uint32_t side, const char* encode, bool hides = false) {
+    Picture made;
+    made.job = job(hides);
+    made.width = made.height = side;
+    if constexpr (requires { made.encode; }) made.encode = encode;
+    return made;
+}
+
+wire::RenderT film(std::uint32_t side, const char* encode) {
+    auto made = picture<wire::RenderT>(side, encode);
+    made.integrator = "ao";
+    made.samples = 1;
+    return made;
+}
+
+wire::QueryT query(const char* reduce, bool hides = false) {
+    wire::QueryT made;
+    made.job = job(hides);
+    made.reduce = reduce;
+    made.generator = std::make_unique<wire::GeneratorT>();
+    made.generator->kind = "camera";
+    made.generator->settings = {"size=512x512"};
+    return made;
+}
+
+template <class Native>
+Native about_scene(Native made = {}) {
+    made.scene = "large";
+    return made;
+}
+
+TEST_CASE("no turn of the io thread does more for a large request and a large scene") {
+    // AddressSanitizer has memory and handlers of its own.
+    if (sanitized) return;
+    SmallDaemon daemon({}, 4ULL << 30);
+    const auto scene = build_scene(large_scene());
+    daemon.scenes.set_disposal([&](std::shared_ptr<const Snapshot> freed) {
+        server::dispose(daemon.compute, "", std::move(freed));
+    });
+    REQUIRE(daemon.scenes.publish("large", scene, {}, {"me", daemon.scenes.connect()}));
+
+    const auto check = [&](const char* name, const auto& script) {
+        Turns turns(daemon, scene->bytes());
+        script(turns);
+        turns.run();
+        INFO(std::string(name));
+        CHECK(turns.most.allocated_bytes <= turn_bytes_max);
+        CHECK(turns.most.kept_bytes <= turn_bytes_max);
+        CHECK(turns.most.faults <= turn_faults_max);
+        CHECK(turns.most.scene_pages <= turn_scene_pages_max);
+        CHECK(daemon.handlers_failed == 0);
+        std::cout << "tally: a turn of the io thread for " << name << ": "
+                  << turns.most.allocated_bytes << " bytes allocated, " << turns.most.kept_bytes
+                  << " kept or freed, " << turns.most.faults << " pages touched, "
+                  << turns.most.scene_pages << " of the scene\n";
+    };
+    const auto asks = [&](const auto& message) {
+        return [&message](Turns& turns) { turns.ask(message); };
+    };
+
+    check("Info", asks(about_scene<wire::InfoT>()));
+    check("Scenes", asks(wire::ScenesT{}));
+    check("Stats", asks(wire::StatsT{}));
+    check("Variants", asks(wire::VariantsT{}));
+    wire::PartsT parts = about_scene<wire::PartsT>();
+    parts.kind = "meshes";
+    check("Parts", asks(parts));
+    wire::PathT path = about_scene<wire::PathT>();
+    path.path = 59'000;
+    check("Path by number", asks(path));
+    path.text = "no such instance";
+    check("Path by text", asks(path));
+    wire::StructureT structure = about_scene<wire::StructureT>();
+    structure.kind = "placements";
+    structure.count = 16384;
+    check("Structure", asks(structure));
+
+    check("Query", asks(query("")));
+    check("Query that hides", asks(query("", true)));
+    check("Query of visible pixels", asks(query("visible_pixels")));
+    check("Render of primary", asks(picture<wire::RenderT>(512, "raw")));
+    check("Render that hides", asks(picture<wire::RenderT>(512, "raw", true)));
+    check("Render of a film in tiles", asks(film(512, "raw")));
+    check("Render of a film", asks(film(512, "linear")));
+    check("Heatmap", asks(picture<wire::HeatmapT>(512, "json")));
+    check("Blame", asks(picture<wire::BlameT>(256, "")));
+    wire::ExplainT explain;
+    explain.job = job(true);
+    explain.width = explain.height = 64;
+    explain.steps = 16384;
+    check("Explain", asks(explain));
+    check("Render that is cancelled", [&](Turns& turns) {
+        for (const std::size_t steps : {0U, 1U, 2U, 5U, 20U}) {
+            turns.ask(film(2048, "raw"));
+            turns.run(steps);
+            turns.tick();
+            turns.send(protocol::encode(turns.id, wire::CancelT{}).value());
+            turns.run();
+        }
+    });
+    check("Unload", [&](Turns& turns) {
+        SceneDescription another = large_scene();
+        another.objects.front().name = "another";
+        static_cast<void>(daemon.scenes.publish("another", build_scene(another), {},
+                                                {"me", daemon.scenes.connect()}));
+        wire::UnloadT unload;
+        unload.scene = "another";
+        turns.ask(unload);
+    });
+    check("a detached Query, Jobs, Fetch and CancelJob", [&](Turns& turns) {
+        wire::QueryT detached = query("");
+        detached.job->detach = true;
+        turns.ask(detached);
+        turns.run();
+        turns.ask(wire::JobsT{});
+        REQUIRE(daemon.detached.all().size() == 1);
+        const std::uint64_t number = daemon.detached.all().begin()->first;
+        wire::FetchT fetch;
+        fetch.job = number;
+        turns.ask(fetch);
+        turns.run();
+        wire::CancelJobT cancel;
+        cancel.job = number;
+        turns.ask(cancel);
+    });
+    daemon.scenes.set_disposal({});
+}
+
+}  // namespace
+}  // namespace raynest::test

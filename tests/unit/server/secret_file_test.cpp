@@ -1,0 +1,113 @@
+// Files of an administrator: who may read them, and where links lead.
+#include "server/security/secret_file.h"
+
+#include "tests/temporary_folder.h"
+
+#include <doctest/doctest.h>
+#include <grp.h>
+#include <sys/stat.h>
+#include <unistd.h>
+
+#include <array>
+#include <vector>
+
+namespace raynest::server {
+namespace {
+
+FilePlace place_of(const std::filesystem::path& file) {
+    auto place = FilePlace::find(file);
+    REQUIRE_MESSAGE(place.has_value(), (place ? "" : place.error().message));
+    return *place;
+}
+
+TEST_CASE("root's file may be read by a group of this process, but by no group of everybody's" *
+          doctest::skip(geteuid() != 0)) {
+    const test::TemporaryFolder folder;
+    const std::filesystem::path file = folder.path() / "key";
+    REQUIRE(write_files_atomically({{place_of(file), "secret"}}));
+    const auto reads = [&](gid_t group, mode_t mode, Reader reader) {
+        REQUIRE(chown(file.c_str(), 0, group) == 0);
+        REQUIRE(chmod(file.c_str(), mode) == 0);
+        return read_secret_file(file, 100, reader).has_value();
+    };
+    constexpr gid_t strange = 54321;
+    constexpr gid_t nogroup = 65534;
+    for (const Reader reader : {Reader::daemon, Reader::command}) CHECK(reads(0, 0640, reader));
+    CHECK(reads(strange, 0640, Reader::command));
+    CHECK_FALSE(reads(strange, 0640, Reader::daemon));
+    CHECK(reads(strange, 0600, Reader::daemon));
+    std::vector<gid_t> before(static_cast<std::size_t>(getgroups(0, nullptr)));
+    REQUIRE(getgroups(static_cast<int>(before.size()), before.data()) >= 0);
+    const std::array<gid_t, 2> groups = {strange, nogroup};
+    REQUIRE(setgroups(groups.size(), groups.data()) == 0);
+    CHECK(reads(strange, 0640, Reader::daemon));
+    CHECK(reads(strange, 0440, Reader::daemon));
+    CHECK_FALSE(reads(strange, 0660, Reader::daemon));
+    CHECK_FALSE(reads(strange, 0640, Reader::signer));
+    if (getgrgid(nogroup) != nullptr) CHECK_FALSE(reads(nogroup, 0640, Reader::daemon));
+    REQUIRE(chown(file.c_str(), 12345, strange) == 0);
+    CHECK_FALSE(read_secret_file(file, 100, Reader::daemon));
+    CHECK(setgroups(before.size(), before.data()) == 0);
+}
+
+TEST_CASE("a replaced file keeps its mode, and a link leads to its target") {
+    const test::TemporaryFolder folder;
+    const std::filesystem::path file = folder.path() / "target";
+    const std::filesystem::path link = folder.path() / "link";
+    REQUIRE(write_files_atomically({{place_of(file), "old"}}));
+    REQUIRE(chmod(file.c_str(), 0640) == 0);
+    std::filesystem::create_symlink("target", link);
+    REQUIRE(write_files_atomically({{place_of(link), "new"}}));
+    CHECK(std::filesystem::is_symlink(link));
+    CHECK(*read_regular_file(file, 100) == "new");
+    struct stat status {};
+    REQUIRE(stat(file.c_str(), &status) == 0);
+    CHECK((status.st_mode & 07777U) == 0640);
+    CHECK(place_of(link).path() == file);
+    CHECK(place_of(file).path() == file);
+    CHECK_FALSE(place_of(folder.path() / "none").exists());
+    REQUIRE(unlink(file.c_str()) == 0);
+    CHECK_FALSE(FilePlace::find(link));
+    CHECK_FALSE(FilePlace::find(folder.path() / "none" / "file"));
+    CHECK_FALSE(FilePlace::find(folder.path() / ""));
+    std::filesystem::create_symlink("link", file);
+    CHECK_FALSE(FilePlace::find(link));
+}
+
+TEST_CASE("links and folders that change after a place was found lead nobody elsewhere") {
+    const test::TemporaryFolder folder;
+    folder.write("good/file", "good");
+    folder.write("bad/file", "bad");
+    std::filesystem::create_symlink("good", folder.path() / "folder");
+    std::filesystem::create_symlink("folder/file", folder.path() / "link");
+    const FilePlace place = place_of(folder.path() / "link");
+    std::filesystem::remove(folder.path() / "link");
+    std::filesystem::create_symlink("bad/file", folder.path() / "link");
+    std::filesystem::remove(folder.path() / "folder");
+    std::filesystem::create_symlink("bad", folder.path() / "folder");
+    CHECK(*read_regular_file(place, 100) == "good");
+    REQUIRE(write_files_atomically({{place, "better"}}));
+    CHECK(*read_regular_file(folder.path() / "good" / "file", 100) == "better");
+    CHECK(*read_regular_file(folder.path() / "bad" / "file", 100) == "bad");
+    // A link in the file's own place is not followed, but replaced.
+    std::filesystem::remove(folder.path() / "good" / "file");
+    std::filesystem::create_symlink("../bad/file", folder.path() / "good" / "file");
+    CHECK_FALSE(read_regular_file(place, 100));
+    REQUIRE(write_files_atomically({{place, "best"}}));
+    CHECK(*read_regular_file(folder.path() / "bad" / "file", 100) == "bad");
+    CHECK_FALSE(write_files_atomically({{place, "first", true}}));
+    CHECK(*read_regular_file(place, 100) == "best");
+}
+
+TEST_CASE("files are written all or none, and no temporary ones stay") {
+    const test::TemporaryFolder folder;
+    const std::filesystem::path gone = folder.path() / "none";
+    std::filesystem::create_directory(gone);
+    const FilePlace second = place_of(gone / "second");
+    std::filesystem::remove(gone);
+    CHECK_FALSE(write_files_atomically({{place_of(folder.path() / "first"), "1"}, {second, "2"}}));
+    CHECK(std::filesystem::is_empty(folder.path()));
+}
+
+}  // namespace
+}  // namespace raynest::server
