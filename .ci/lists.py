@@ -47,7 +47,7 @@ class Lists:
             encoding="utf-8").splitlines() if line[:1].isalpha()]
         self.tonemaps = self.rows("engine/integrators/tonemaps.def", "TONEMAP")
         self.palettes = self.rows("engine/integrators/palettes.def", "PALETTE")
-        self.metrics = self.rows("server/diag/metrics.def", "METRIC|SPLIT|GAUGE")
+        self.metrics = self.rows("server/ground/metrics.def", "METRIC|SPLIT|GAUGE")
 
     def rows(self, file, macro):
         text = (self.root / file).read_text(encoding="utf-8")

@@ -52,13 +52,13 @@ HEAVY = {
     "hwy/": {"engine/math": 1},
     "glm/": {"engine/math": 1},
     "boost/asio": {"server/net": 2, "client": 2},
-    "boost/beast": {"server/net": 1},
-    "flatbuffers/": {"protocol": 1, "server/net": 1},
-    "CLI/": {"server": 2, "client": 1},  # the daemon, and its commands for TLS and tokens
-    "toml++/": {"server": 1, "client": 1},
+    "boost/beast": {"server/http": 1},
+    "flatbuffers/": {"protocol": 1, "server/http": 1},
+    "CLI/": {"server/options": 1, "server/daemon": 1, "client": 1},  # the daemon, and its commands for TLS and tokens
+    "toml++/": {"server/options": 1, "client": 1},
     "openssl/": {"protocol": 1, "engine/scene": 1, "server/security": 6, "server/net": 1, "client": 1},
     "seccomp.h": {"engine/assets": 1},
-    "spdlog/": {"server": 1},
+    "spdlog/": {"server/ground": 1},
     "embree3/": {},
     "doctest/": {},
 }

@@ -172,7 +172,7 @@ class Lists(Planted):
              "protocol/generators.def", "protocol/reducers.def", "protocol/roles.def", "protocol/workers.def", "engine/queries/fields.def",
              "engine/geometry/counters.def", "engine/packs/words.def",
              "engine/integrators/palettes.def", "engine/integrators/layers.def",
-             "engine/integrators/tonemaps.def", "engine/integrators/LIST", "server/diag/metrics.def",
+             "engine/integrators/tonemaps.def", "engine/integrators/LIST", "server/ground/metrics.def",
              "protocol/PROTOCOL.md",
              "protocol/messages.fbs", "client/python/README.md",
              "client/python/raynest/_lists.py", "client/python/raynest/_limits.py",

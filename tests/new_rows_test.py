@@ -91,7 +91,7 @@ def add_generator(tree):
     tree.add_row("protocol/generators.def", "RAYNEST_GENERATOR(equirectangular",
                  ("equirectangular", "pose, range"), ("square_on", "pose, scale, range"))
     tree.add_row("protocol/generators.def", "RAYNEST_SETTING(fx", ("fx", "in pixels"), ("scale", "over the width"))
-    tree.edit("server/handlers/generator.cpp", r"^Reply<Generated> make_equirectangular", """\
+    tree.edit("server/requests/words/generator.cpp", r"^Reply<Generated> make_equirectangular", """\
 Reply<Generated> make_square_on(const Request& request) {
     if (!request.settings.scale) return lacks(request.kind, "scale");
     const double focal = request.settings.scale->at(0) * request.size.width;
@@ -116,8 +116,8 @@ Result<void> validate(const wire::Echo& message, const Limits& limits) {
 }
 
 Result<void> validate(const wire::Need&""")
-    (tree.root / "server/handlers/echo.cpp").write_text("""\
-#include "server/handlers/handler.h"
+    (tree.root / "server/requests/echo.cpp").write_text("""\
+#include "server/requests/request.h"
 
 namespace raynest::server {
 
@@ -130,12 +130,12 @@ Reply<Answer> echo(const Services& services, const Caller& caller,
 
 }  // namespace raynest::server
 """)
-    tree.edit("server/CMakeLists.txt", r"handlers/stats\.cpp", "handlers/stats.cpp handlers/echo.cpp")
-    handlers = (tree.root / "server/handlers/handler.cpp").read_text()
+    tree.edit("server/CMakeLists.txt", r"handlers/stats\.cpp", "requests/stats.cpp requests/echo.cpp")
+    handlers = (tree.root / "server/requests/request.cpp").read_text()
     if "requests.def" not in handlers:
         row = re.search(r"\w+<wire::Stats, stats>,", handlers)[0]
-        tree.edit("server/handlers/handler.cpp", re.escape(row), f"{row} {row.replace('Stats, stats', 'Echo, echo')}")
-        tree.edit("server/handlers/handler.h", r"^Reply<Answer> stats\(",
+        tree.edit("server/requests/request.cpp", re.escape(row), f"{row} {row.replace('Stats, stats', 'Echo, echo')}")
+        tree.edit("server/requests/request.h", r"^Reply<Answer> stats\(",
                   "Reply<Answer> echo(const Services&, const Caller&, const protocol::Opened<wire::Echo>&);\n"
                   "Reply<Answer> stats(")
 

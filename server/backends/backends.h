@@ -1,7 +1,7 @@
 // The daemon's backends, and the rule that chooses those of a job (PROTOCOL.md, "Workers").
 #pragma once
 
-#include "server/backends/backend.h"
+#include "server/execution/backend.h"
 
 #include <memory>
 #include <span>

@@ -3,10 +3,10 @@
 #include "server/backends/cuda/probe.h"
 #include "server/backends/cuda/supervisor.h"
 #include "server/backends/cuda/worker_process.h"
-#include "server/execution/fair_thread_pool.h"
+#include "server/scheduling/fair_thread_pool.h"
 #include "server/execution/plan.h"
-#include "server/log.h"
-#include "server/options.h"
+#include "server/ground/log.h"
+#include "server/options/options.h"
 
 #include <algorithm>
 #include <filesystem>

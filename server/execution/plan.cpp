@@ -2,7 +2,7 @@
 
 #include "engine/geometry/triangle.h"
 #include "protocol/text.h"
-#include "server/handlers/scene_info.h"
+#include "server/documents/scene_info.h"
 
 #include <algorithm>
 #include <limits>

@@ -6,7 +6,7 @@
 #include "engine/queries/columns.h"
 #include "engine/scene/selected_instances.h"
 #include "server/backends/backends.h"
-#include "server/handlers/handler.h"
+#include "server/requests/request.h"
 
 #include <memory>
 #include <optional>

@@ -5,9 +5,9 @@
 #include "protocol/control.h"
 #include "protocol/frame.h"
 #include "protocol/wire.h"
-#include "server/errors.h"
+#include "server/ground/errors.h"
 #include "server/execution/trace.h"
-#include "server/store/budget.h"
+#include "server/ground/budget.h"
 
 #include <atomic>
 #include <cstddef>

@@ -2,7 +2,7 @@
 #pragma once
 
 #include "server/execution/plan.h"
-#include "server/store/budget.h"
+#include "server/ground/budget.h"
 
 #include <cstdint>
 #include <memory>

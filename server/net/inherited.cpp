@@ -1,6 +1,6 @@
 #include "server/net/inherited.h"
 
-#include "server/log.h"
+#include "server/ground/log.h"
 
 #include <fcntl.h>
 #include <unistd.h>

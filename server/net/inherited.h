@@ -2,7 +2,7 @@
 // refused meanwhile. systemd passes them as descriptors 3, 4, ... and says so in LISTEN_FDS.
 #pragma once
 
-#include "server/address.h"
+#include "server/ground/address.h"
 
 #include <vector>
 

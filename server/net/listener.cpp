@@ -1,7 +1,7 @@
 #include "server/net/listener.h"
 
-#include "server/diag/limited_log.h"
-#include "server/log.h"
+#include "server/ground/limited_log.h"
+#include "server/ground/log.h"
 
 #include <arpa/inet.h>
 #include <fcntl.h>

@@ -3,7 +3,7 @@
 
 #include "engine/assets/child_process.h"
 #include "engine/result.h"
-#include "server/address.h"
+#include "server/ground/address.h"
 #include "server/net/asio.h"
 #include "server/net/descriptors.h"
 

@@ -1,7 +1,7 @@
 #include "server/net/socket_transport.h"
 
 #include "protocol/keep_alive.h"
-#include "server/user_namespace.h"
+#include "server/security/user_namespace.h"
 
 #include <netinet/in.h>
 #include <netinet/tcp.h>

@@ -3,8 +3,8 @@
 #include "protocol/keep_alive.h"
 #include "protocol/subject.h"
 #include "protocol/validate.h"
-#include "server/diag/io_turn.h"
-#include "server/diag/limited_log.h"
+#include "server/ground/io_turn.h"
+#include "server/ground/limited_log.h"
 #include "server/net/socket_transport.h"
 #include "server/security/pem_file.h"
 

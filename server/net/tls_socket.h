@@ -6,7 +6,7 @@
 
 #include "server/net/asio.h"
 #include "server/net/minute_limit.h"
-#include "server/principal.h"
+#include "server/security/principal.h"
 #include "server/security/tls_context.h"
 
 #include <array>

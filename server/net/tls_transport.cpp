@@ -2,7 +2,7 @@
 
 #include "protocol/control.h"
 #include "protocol/frame.h"
-#include "server/diag/limited_log.h"
+#include "server/ground/limited_log.h"
 #include "server/net/socket_transport.h"
 
 #include <sys/socket.h>

@@ -12,7 +12,7 @@
 #include "server/net/asio.h"
 #include "server/net/unreadable.h"
 #include "server/net/write_batch.h"
-#include "server/principal.h"
+#include "server/security/principal.h"
 
 #include <array>
 #include <chrono>

@@ -1,6 +1,6 @@
 #include "server/security/authentication.h"
 
-#include "server/diag/limited_log.h"
+#include "server/ground/limited_log.h"
 #include "server/security/tls_context.h"
 
 #include <algorithm>

@@ -8,11 +8,11 @@
 //   TLS                         as plain TCP where neither --tokens nor --client-ca is given
 //   the page                    the principal of its cookie (page_logins.h); without one
 //   --anonymous for a
-//                               local request, and nobody for others (net/http_sender.h)
+//                               local request, and nobody for others (http/sender.h)
 #pragma once
 
-#include "server/diag/metrics.h"
-#include "server/principal.h"
+#include "server/ground/metrics.h"
+#include "server/security/principal.h"
 #include "server/security/page_logins.h"
 #include "server/security/tokens.h"
 

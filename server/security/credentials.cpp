@@ -1,6 +1,6 @@
 #include "server/security/credentials.h"
 
-#include "server/log.h"
+#include "server/ground/log.h"
 
 #include <algorithm>
 

@@ -6,8 +6,8 @@
 #pragma once
 
 #include "protocol/limits.h"
-#include "server/errors.h"
-#include "server/principal.h"
+#include "server/ground/errors.h"
+#include "server/security/principal.h"
 #include "server/security/tokens.h"
 
 #include <chrono>

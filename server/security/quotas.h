@@ -3,7 +3,7 @@
 #pragma once
 
 #include "engine/result.h"
-#include "server/principal.h"
+#include "server/security/principal.h"
 
 #include <array>
 #include <cstdint>

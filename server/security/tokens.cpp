@@ -1,7 +1,7 @@
 #include "server/security/tokens.h"
 
 #include "protocol/validate.h"
-#include "server/size.h"
+#include "server/ground/size.h"
 
 #include <openssl/crypto.h>
 #include <openssl/evp.h>

@@ -9,7 +9,7 @@
 #pragma once
 
 #include "engine/result.h"
-#include "server/principal.h"
+#include "server/security/principal.h"
 #include "server/security/secret_file.h"
 
 #include <array>

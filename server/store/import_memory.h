@@ -1,7 +1,7 @@
 // The memory of an import child, counted towards --memory while it grows.
 #pragma once
 
-#include "server/store/budget.h"
+#include "server/ground/budget.h"
 
 #include <atomic>
 #include <cstdint>

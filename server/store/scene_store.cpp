@@ -2,7 +2,7 @@
 
 #include "protocol/subject.h"
 #include "protocol/text.h"
-#include "server/access.h"
+#include "server/security/access.h"
 
 #include <algorithm>
 #include <new>

@@ -13,10 +13,10 @@
 
 #include "engine/scene/snapshot.h"
 #include "protocol/limits.h"
-#include "server/errors.h"
+#include "server/ground/errors.h"
 #include "server/security/quotas.h"
 #include "server/security/role.h"
-#include "server/store/budget.h"
+#include "server/ground/budget.h"
 
 #include <chrono>
 #include <cstdint>

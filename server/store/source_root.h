@@ -7,7 +7,7 @@
 #pragma once
 
 #include "engine/result.h"
-#include "server/store/budget.h"
+#include "server/ground/budget.h"
 
 #include <cstddef>
 #include <cstdint>

@@ -1,7 +1,7 @@
 // Answers HTTP requests of any method, target and headers. No request with a foreign host or Origin
 // gets more than a refusal or the answer of a probe, only local requests are answered as local, and
 // each refusal is one printable line.
-#include "server/net/http_sender.h"
+#include "server/http/sender.h"
 #include "tests/fuzz/target.h"
 
 #include <algorithm>

@@ -1,7 +1,7 @@
 // Reads WebSocket messages as frames, text and binary, and runs the checks behind them. Writing the
 // frame of a message and reading that again must give the same frame.
 #include "protocol/limits.h"
-#include "server/net/websocket_messages.h"
+#include "server/http/websocket_messages.h"
 #include "tests/fuzz/target.h"
 #include "tests/golden/examples.h"
 

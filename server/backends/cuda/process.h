@@ -3,7 +3,7 @@
 
 #include "server/backends/cuda/channel.h"
 #include "server/backends/cuda/wire.h"
-#include "server/store/budget.h"
+#include "server/ground/budget.h"
 
 #include <atomic>
 #include <chrono>

@@ -3,7 +3,7 @@
 #include "engine/cuda/limits.h"
 #include "server/backends/cuda/probe.h"
 #include "server/backends/cuda/validate_hits.h"
-#include "server/log.h"
+#include "server/ground/log.h"
 
 #include <algorithm>
 #include <limits>

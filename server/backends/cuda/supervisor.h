@@ -12,10 +12,10 @@
 #include "engine/scene/snapshot.h"
 #include "protocol/errors.h"
 #include "protocol/limits.h"
-#include "server/backends/backend.h"
+#include "server/execution/backend.h"
 #include "server/backends/cuda/process.h"
-#include "server/diag/metrics.h"
-#include "server/store/budget.h"
+#include "server/ground/metrics.h"
+#include "server/ground/budget.h"
 
 #include <atomic>
 #include <chrono>

@@ -1,4 +1,4 @@
-#include "server/address.h"
+#include "server/ground/address.h"
 
 #include <doctest/doctest.h>
 

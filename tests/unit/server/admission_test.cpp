@@ -1,4 +1,4 @@
-#include "server/jobs/admission.h"
+#include "server/scheduling/admission.h"
 
 #include <doctest/doctest.h>
 

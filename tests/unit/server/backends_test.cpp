@@ -1,5 +1,5 @@
 // A third backend beside the others: whatever it does, every kind of job has the CPU's bytes.
-#include "server/handlers/handler.h"
+#include "server/requests/request.h"
 #include "tests/unit/server/bench.h"
 #include "tests/unit/server/scripted_backend.h"
 #include "tests/unit/server/small_daemon.h"

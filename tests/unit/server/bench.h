@@ -2,7 +2,7 @@
 #pragma once
 
 #include "protocol/control.h"
-#include "server/jobs/runner.h"
+#include "server/scheduling/runner.h"
 #include "tests/patience.h"
 
 #include <chrono>

@@ -1,4 +1,4 @@
-#include "server/store/budget.h"
+#include "server/ground/budget.h"
 
 #include <doctest/doctest.h>
 

@@ -1,5 +1,5 @@
 // Small tasks with equal questions run together, and fail alone.
-#include "server/jobs/coalescer.h"
+#include "server/scheduling/coalescer.h"
 
 #include <doctest/doctest.h>
 

@@ -1,5 +1,5 @@
 // Runs the protocol's state machine in memory, with any frames in any order.
-#include "server/conversation.h"
+#include "server/sessions/conversation.h"
 
 #include "engine/math/random.h"
 #include "tests/golden/examples.h"

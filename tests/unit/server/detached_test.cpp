@@ -1,5 +1,5 @@
 // Tests detached jobs with scripted ones: which results are kept, for how long, at whose cost.
-#include "server/jobs/detached.h"
+#include "server/scheduling/detached.h"
 
 #include "tests/unit/server/bench.h"
 

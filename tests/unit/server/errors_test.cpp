@@ -1,4 +1,4 @@
-#include "server/errors.h"
+#include "server/ground/errors.h"
 
 #include <doctest/doctest.h>
 

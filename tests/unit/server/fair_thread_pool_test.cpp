@@ -1,4 +1,4 @@
-#include "server/execution/fair_thread_pool.h"
+#include "server/scheduling/fair_thread_pool.h"
 
 #include "tests/patience.h"
 

@@ -1,4 +1,4 @@
-#include "server/handlers/generator.h"
+#include "server/requests/words/generator.h"
 
 #include "tests/unit/engine/small_scenes.h"
 

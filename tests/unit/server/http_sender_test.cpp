@@ -1,4 +1,4 @@
-#include "server/net/http_sender.h"
+#include "server/http/sender.h"
 
 #include <doctest/doctest.h>
 

@@ -1,6 +1,6 @@
 // Tests that the io thread's work does not grow with a request or a scene: what it allocates,
 // frees, touches and reads in one turn is the same for the smallest and for a large one.
-#include "server/execution/disposal.h"
+#include "server/scheduling/disposal.h"
 #include "tests/sanitized.h"
 #include "tests/unit/server/counted_memory.h"
 #include "tests/unit/server/guarded_scene.h"

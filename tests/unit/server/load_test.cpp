@@ -1,7 +1,7 @@
 // LOAD on the io thread: which requests it accepts, and the work of its tasks.
 #include "protocol/hash.h"
 #include "protocol/openssl.h"
-#include "server/handlers/handler.h"
+#include "server/requests/request.h"
 #include "tests/unit/server/small_daemon.h"
 
 #include <doctest/doctest.h>

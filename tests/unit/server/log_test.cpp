@@ -1,4 +1,4 @@
-#include "server/log.h"
+#include "server/ground/log.h"
 
 #include <doctest/doctest.h>
 

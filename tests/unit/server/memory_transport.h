@@ -1,7 +1,7 @@
 // A transport in memory, whose other end the test moves: bytes go over in pieces of any size.
 #pragma once
 
-#include "server/net/connections.h"
+#include "server/sessions/connections.h"
 #include "tests/golden/examples.h"
 #include "tests/patience.h"
 #include "tests/unit/server/small_daemon.h"

@@ -1,10 +1,10 @@
 // Small rules of running a daemon: which users the system names, how often a line is logged, what a
 // client is told of files.
-#include "server/diag/limited_log.h"
-#include "server/diag/own_counts.h"
-#include "server/principal.h"
+#include "server/ground/limited_log.h"
+#include "server/ground/own_counts.h"
+#include "server/security/principal.h"
 #include "server/security/authentication.h"
-#include "server/user_namespace.h"
+#include "server/security/user_namespace.h"
 
 #include <doctest/doctest.h>
 

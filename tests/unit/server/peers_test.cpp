@@ -1,5 +1,5 @@
 // Tests which peers give way to a newcomer, on a clock that the test moves.
-#include "server/jobs/peers.h"
+#include "server/scheduling/peers.h"
 
 #include <doctest/doctest.h>
 

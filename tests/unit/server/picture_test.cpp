@@ -1,7 +1,7 @@
 // RENDER on the io thread: the memory that it reserves, and the work of its tasks.
 #include "engine/assets/image.h"
-#include "server/handlers/handler.h"
-#include "server/handlers/picture_job.h"
+#include "server/requests/request.h"
+#include "server/jobs/picture_job.h"
 #include "tests/unit/server/small_daemon.h"
 
 #include <doctest/doctest.h>

@@ -1,6 +1,6 @@
 // The chunks of a query: what a backend gives up is traced again, all of it, and the frames that
 // the client sent stay until then.
-#include "server/handlers/query_job.h"
+#include "server/jobs/query_job.h"
 
 #include "tests/unit/server/scripted_backend.h"
 #include "tests/unit/server/small_daemon.h"

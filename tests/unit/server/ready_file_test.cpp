@@ -1,4 +1,4 @@
-#include "server/ready_file.h"
+#include "server/options/ready_file.h"
 
 #include "tests/temporary_folder.h"
 

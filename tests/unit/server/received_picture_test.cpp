@@ -1,7 +1,7 @@
 // Pictures that come with a request: decoded in the import child alone, and checked afterwards.
-#include "server/handlers/received_picture.h"
+#include "server/jobs/received_picture.h"
 
-#include "server/handlers/film_options.h"
+#include "server/requests/words/film_options.h"
 #include "tests/sanitized.h"
 #include "tests/unit/server/small_daemon.h"
 

@@ -1,5 +1,5 @@
 // Tests what a reload takes: never what would open an address further than it is open.
-#include "server/reload.h"
+#include "server/options/reload.h"
 
 #include "server/security/certificates.h"
 #include "server/security/pem_file.h"

@@ -1,5 +1,5 @@
 // Tests the runner with scripted jobs and a sink in memory: frames to the client, and their order.
-#include "server/jobs/runner.h"
+#include "server/scheduling/runner.h"
 
 #include "tests/unit/server/bench.h"
 

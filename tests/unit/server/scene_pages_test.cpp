@@ -1,6 +1,6 @@
 // SCENES and UNLOAD of many scenes: every page fits a message, however long the names are.
-#include "server/handlers/handler.h"
-#include "server/log.h"
+#include "server/requests/request.h"
+#include "server/ground/log.h"
 #include "tests/unit/server/small_daemon.h"
 
 #include <doctest/doctest.h>

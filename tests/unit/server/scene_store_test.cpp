@@ -1,7 +1,7 @@
 #include "server/store/scene_store.h"
 
 #include "engine/packs/registry.h"
-#include "server/handlers/scene_info.h"
+#include "server/documents/scene_info.h"
 #include "tests/unit/engine/small_scenes.h"
 
 #include <doctest/doctest.h>

@@ -3,7 +3,7 @@
 #pragma once
 
 #include "server/backends/backends.h"
-#include "server/execution/fair_thread_pool.h"
+#include "server/scheduling/fair_thread_pool.h"
 #include "server/execution/plan.h"
 
 #include <algorithm>

@@ -1,6 +1,6 @@
 // Sessions over a transport in memory: what they do does not depend on how bytes are cut, and no
 // byte renews a deadline or a place.
-#include "server/net/session.h"
+#include "server/sessions/session.h"
 
 #include "engine/math/random.h"
 #include "server/net/socket_transport.h"

@@ -2,9 +2,9 @@
 // when the test calls step(). Equal frames give equal steps.
 #pragma once
 
-#include "server/conversation.h"
+#include "server/sessions/conversation.h"
 #include "server/execution/trace.h"
-#include "server/options.h"
+#include "server/options/options.h"
 #include "tests/unit/engine/small_scenes.h"
 
 #include <algorithm>

@@ -1,0 +1,498 @@
+#include "server/daemon/daemon.h"
+
+#include "engine/packs/load.h"
+#include "protocol/text.h"
+#include "server/daemon/exposition.h"
+#include "server/ground/io_turn.h"
+#include "server/ground/limited_log.h"
+#include "server/scheduling/disposal.h"
+#include "server/scheduling/fair_thread_pool.h"
+#include "server/execution/trace.h"
+#include "server/requests/request.h"
+#include "server/daemon/health.h"
+#include "server/daemon/import_command.h"
+#include "server/ground/journal.h"
+#include "server/scheduling/admission.h"
+#include "server/scheduling/detached.h"
+#include "server/scheduling/runner.h"
+#include "server/ground/log.h"
+#include "server/daemon/notify.h"
+#include "server/net/asio.h"
+#include "server/sessions/connections.h"
+#include "server/http/server.h"
+#include "server/net/inherited.h"
+#include "server/net/listener.h"
+#include "server/http/page_access.h"
+#include "server/net/transports.h"
+#include "server/options/ready_file.h"
+#include "server/options/reload.h"
+#include "server/options/start_checks.h"
+#include "server/daemon/start_loads.h"
+#include "server/store/scene_store.h"
+
+#include <unistd.h>
+
+#include <algorithm>
+#include <csignal>
+#include <cstdio>
+#include <cstdlib>
+#include <functional>
+#include <memory>
+#include <optional>
+#include <string>
+#include <utility>
+#include <vector>
+
+namespace raynest::server {
+namespace {
+
+/// Maximum spare threads, for tasks that wait while long ones occupy all threads. Three requests
+/// have at most 3 * (threads + 1) chunks in flight; that leaves 13 threads for other tasks.
+constexpr unsigned spare_threads(unsigned threads) {
+    return 2 * threads + 16;
+}
+/// Maximum concurrent imports, and those of one principal; each is a process with limits of its own,
+/// which uses all cores. Their memory counts towards --memory.
+constexpr unsigned imports_max = 8;
+constexpr unsigned principal_imports_max = 2;
+constexpr std::chrono::milliseconds drain_look{20};
+/// Interval of the search for connections whose client's machine or network is gone.
+constexpr std::chrono::seconds lost_look{5};
+/// Interval of looking for credentials that have ended: within a second nobody uses them.
+constexpr std::chrono::milliseconds credentials_look{300};
+/// Time for clients to receive the error after a drain took too long.
+constexpr std::chrono::milliseconds last_words_time{1000};
+constexpr int exit_forced = 3;
+
+/// Says how another machine sees a page that listens on loopback. The page answers to its own port
+/// alone, so that both ends of the tunnel have it.
+std::string forward_hint(const std::string& uri) {
+    const std::string place = uri.substr(uri.find("//") + 2);
+    const std::string port = place.substr(place.rfind(':') + 1);
+    return "from another machine: ssh -L " + port + ":" + place + " HOST, then open " +
+           uri.substr(0, uri.find("//") + 2) + "localhost:" + port;
+}
+
+
+class Daemon final : public Administration {
+public:
+    Daemon(Options options, ReadOptions read_again, std::shared_ptr<const Registry> registry);
+    ~Daemon() {
+        // No job runs any more, so no other thread drops a scene.
+        scenes_.set_disposal({});
+        detached_.clear();
+    }
+
+    Result<void> listen();
+    /// Opens the HTTP port. Fails if the address was given by option; else the daemon has none.
+    Result<void> listen_http();
+    /// Returns http://HOST:PORT, https://HOST:PORT or "off".
+    [[nodiscard]] std::string http_uri() const { return http_listener_ ? http_listener_->uri() : "off"; }
+    /// Serves until drained. Fails when the ready file cannot be written.
+    Result<void> run();
+
+    [[nodiscard]] std::vector<ConnectionRow> connections(std::uint64_t after) const override {
+        return connections_.rows(after);
+    }
+    /// Begins after the administrator has its answer.
+    void drain() override {
+        asio::post(io_, [this] { begin_to_drain(); });
+    }
+    Reply<std::string> reload() override;
+    std::size_t kick(std::uint64_t connection, const std::string& principal) override;
+    [[nodiscard]] bool knows(const std::string& principal) override;
+    void set_quota(const std::string& principal, const Quota& quota) override;
+
+private:
+    void serve_health();
+    void await_signal();
+    void begin_to_drain();
+    void look_drained();
+    void look_after_detached();
+    /// Does something again and again, with this pause before each time.
+    void repeat(asio::steady_timer& timer, std::chrono::microseconds pause, std::function<void()> act);
+    /// Ends connections and detached jobs of principals that would not be admitted again, and every
+    /// WebSocket if hosts or proxies of the page were taken away: its next request is judged anew.
+    void end_revoked(bool is_site_smaller = false);
+    void apply_options();
+    void remove_own_files() {
+        if (!options_.ready_file.empty()) remove_ready_file(options_.ready_file);
+    }
+    [[noreturn]] void end_at_once();
+
+    Options options_;
+    const ReadOptions read_again_;  ///< empty in programs without a command line
+    const std::shared_ptr<const Registry> registry_;
+    protocol::Limits limits_;
+    Metrics metrics_;
+    Budget budget_;
+    Peers peers_;
+    SceneStore scenes_;
+    Admission admission_;
+    TraceBufferPool trace_buffers_;
+    InlineBudget inline_budget_;
+    Coalescer coalescer_;
+    asio::io_context io_{1};
+    Services services_;
+    JobContext context_;
+    DetachedJobs detached_;
+    // Keep the threads below all members that tasks use: destruction joins the threads first.
+    Backends backends_;
+    FairThreadPool compute_;
+    FairThreadPool blocking_;
+    asio::signal_set signals_;
+    asio::steady_timer drain_timer_;
+    asio::steady_timer detached_timer_;
+    asio::steady_timer lost_timer_;
+    asio::steady_timer credentials_timer_;
+    asio::steady_timer watchdog_timer_;
+    Credentials credentials_;
+    Connections connections_;
+    InheritedSockets inherited_;
+    std::vector<std::unique_ptr<Listener>> listeners_;
+    std::vector<ListenAddress> open_;  ///< what the daemon listens on, the HTTP port included
+    PageAccess page_access_;
+    HttpSite site_;
+    HttpServer http_;
+    StartLoads start_loads_;
+    std::unique_ptr<Listener> http_listener_;  ///< null: no HTTP port
+    Clock::time_point drain_deadline_ = Clock::time_point::max();
+    bool serving_ = false;    ///< connections are accepted
+    bool cut_short_ = false;  ///< the drain exceeded its deadline
+};
+
+Daemon::Daemon(Options options, ReadOptions read_again, std::shared_ptr<const Registry> registry)
+    : options_(std::move(options)),
+      read_again_(std::move(read_again)),
+      registry_(std::move(registry)),
+      limits_(options_.limits),
+      budget_(options_.memory),
+      peers_(limits_, budget_, metrics_),
+      scenes_(budget_, limits_),
+      admission_(limits_),
+      trace_buffers_(budget_),
+      services_{*registry_,
+                scenes_,
+                budget_,
+                metrics_,
+                limits_,
+                ImportLimits{},
+                options_.scene_root,
+                import_command(options_.target, options_.pack_dirs),
+                admission_,
+                detached_,
+                peers_,
+                backends_,
+                trace_buffers_,
+                blocking_,
+                {},
+                this},
+      context_{compute_,
+               admission_,
+               metrics_,
+               limits_,
+               [this](std::function<void()> done) { asio::post(io_, std::move(done)); },
+               budget_,
+               inline_budget_,
+               coalescer_,
+               peers_},
+      detached_(context_, [this] { look_after_detached(); }),
+      backends_(make_backends({options_, *registry_, budget_, metrics_, limits_})),
+      compute_(options_.threads, FairThreadPool::Time::processor, spare_threads(options_.threads)),
+      blocking_(imports_max, FairThreadPool::Time::clock, 0, principal_imports_max),
+      signals_(io_, SIGTERM, SIGINT, SIGHUP),
+      drain_timer_(io_),
+      detached_timer_(io_),
+      lost_timer_(io_),
+      credentials_timer_(io_),
+      watchdog_timer_(io_),
+      credentials_(options_.security, limits_, &metrics_.logins_refused),
+      connections_(io_, services_, context_,
+                   [this](const PeerIdentity& peer, const wire::Hello& hello,
+                          const protocol::Limits&) {
+                       return credentials_.authentication().identify(
+                           peer, protocol::text(hello.token()), Clock::now(), WallClock::now());
+                   }),
+      page_access_(credentials_.authentication(), [this] { end_revoked(); }),
+      site_(options_.http.hosts),
+      http_(io_, site_, connections_, services_),
+      start_loads_(io_, services_) {
+    scenes_.set_disposal([this](std::shared_ptr<const Snapshot> scene) {
+        dispose(compute_, "", std::move(scene));
+    });
+}
+
+Result<void> Daemon::listen() {
+    if (const auto loaded = credentials_.load(); !loaded) return loaded;
+    for (const std::string& uri : options_.listen) {
+        auto address = parse_address(uri);
+        if (!address) return tl::unexpected(address.error());
+        inherited_.claim(*address);
+        const MakeTransport make = find_scheme(scheme_of(*address))->make;
+        auto listener =
+            Listener::open(io_, *address, "--listen", options_.socket,
+                           [this, make](Socket socket, Descriptors descriptors) {
+                               connections_.accept(make(std::move(socket), {credentials_.tls()}),
+                                                   descriptors);
+                           });
+        if (!listener) return tl::unexpected(listener.error());
+        open_.push_back({"listen", uri, (*listener)->address()});
+        listeners_.push_back(std::move(*listener));
+    }
+    if (options_.http.address != "off")
+        if (const auto listening = listen_http(); !listening) return listening;
+    inherited_.warn_of_unclaimed();
+    return {};
+}
+
+Result<void> Daemon::listen_http() {
+    auto address = parse_http_address(options_.http.address);
+    if (!address) return tl::unexpected(address.error());
+    inherited_.claim(*address);
+    const bool is_encrypted = scheme_of(*address) == "https";
+    auto listener =
+        Listener::open(io_, *address, "--http", options_.socket,
+                       [this, is_encrypted](Socket socket, Descriptors descriptors) {
+                           http_.accept(std::move(socket), descriptors,
+                                        is_encrypted ? credentials_.tls().get() : nullptr);
+                       });
+    if (!listener && options_.http.given) return tl::unexpected(listener.error());
+    if (!listener) {
+        log(LogLevel::warn, "http_off", {{"reason", listener.error().message}});
+        return {};
+    }
+    open_.push_back({"http", options_.http.address, (*listener)->address()});
+    http_listener_ = std::move(*listener);
+    http_.set_proxies(AddressSet(options_.http.proxies));
+    site_.set_address(std::get<TcpAddress>(http_listener_->address()));
+    site_.set_access(page_access_);
+    services_.page_logins = &credentials_.authentication().logins();
+    serve_health();
+    return {};
+}
+
+void Daemon::serve_health() {
+    site_.set_metrics([this](const Principal& reader) {
+        return exposition(services_, reader, credentials_.certificate_days_left(WallClock::now()));
+    });
+    site_.set_shortage(descriptors_fault);
+    site_.set_unready([this] {
+        return serving_ ? unready_reason(start_loads_, compute_, limits_)
+                        : std::string("the daemon is starting");
+    });
+}
+
+Result<void> Daemon::run() {
+    log(LogLevel::info, "started",
+        {{"version", RAYNEST_VERSION},
+         {"pid", std::to_string(getpid())},
+         {"threads", std::to_string(options_.threads)},
+         {"memory", protocol::bytes_text(options_.memory)},
+         {"target", registry_->variants().front().target}});
+    std::vector<std::string> uris;
+    for (const auto& listener : listeners_) {
+        listener->start();
+        uris.push_back(listener->uri());
+        log(LogLevel::info, "listening", {{"uri", listener->uri()}});
+    }
+    if (http_listener_) {
+        const std::string uri = services_.page = http_uri();
+        http_listener_->start();
+        log(LogLevel::info, "http",
+            {{"page", uri},
+             {"hint", is_beyond_loopback(http_listener_->address())
+                          ? "raynest open shows it"
+                          : forward_hint(uri)}});
+    }
+    log_openness(open_, options_);
+    await_signal();
+    repeat(lost_timer_, lost_look, [this] {
+        connections_.close_lost();
+        trace_buffers_.trim();
+        log_left_out();
+    });
+    repeat(credentials_timer_, credentials_look, [this] {
+        if (credentials_.look(WallClock::now())) end_revoked();
+        page_access_.look_at_logins();
+    });
+    serving_ = true;
+    start_loads_.start(options_.load);
+    if (!options_.ready_file.empty()) {
+        // Fail without the file: programs that wait for it would wait for ever.
+        if (const auto written = write_ready_file(options_.ready_file, uris, http_uri()); !written)
+            return tl::unexpected(written.error());
+    }
+    notify("READY=1");
+    // The io thread proves that it still handles events; jobs run on other threads.
+    if (const auto interval = watchdog_interval())
+        repeat(watchdog_timer_, *interval, [] { notify("WATCHDOG=1"); });
+    for (;;) {
+        try {
+            is_logged(LogLevel::debug) ? IoTurn::run_and_log(io_) : void(io_.run());
+            break;
+        } catch (const std::exception& error) {
+            // Only this handler's work is lost; it is outside the connections' coroutines.
+            log_limited(LogLevel::error, "handler_failed", "", {{"reason", error.what()}});
+        }
+    }
+    remove_own_files();
+    log(LogLevel::info, "stopped");
+    return {};
+}
+
+void Daemon::end_at_once() {
+    remove_own_files();
+    std::_Exit(exit_forced);
+}
+
+void Daemon::await_signal() {
+    signals_.async_wait([this](const SystemError& error, int signal) {
+        if (error) return;
+        if (signal == SIGHUP) {
+            (void)reload();
+            return await_signal();
+        }
+        const bool draining = drain_deadline_ != Clock::time_point::max();
+        if (draining) {
+            log(LogLevel::warn, "stopping_at_once");
+            end_at_once();
+        }
+        begin_to_drain();
+        await_signal();
+    });
+}
+
+void Daemon::begin_to_drain() {
+    if (drain_deadline_ != Clock::time_point::max()) return;
+    log(LogLevel::info, "draining", {{"connections", std::to_string(connections_.size())}});
+    notify("STOPPING=1");
+    drain_deadline_ = Clock::now() + std::chrono::milliseconds(limits_.drain_ms_max);
+    for (const auto& listener : listeners_) listener->close();
+    connections_.drain();
+    start_loads_.stop();
+    // The HTTP port stays open until the end: /readyz tells that the daemon drains.
+    site_.drain();
+    look_drained();
+}
+
+void Daemon::look_drained() {
+    peers_.dismiss();
+    // Ends connections that had time to fetch an answer.
+    connections_.drain();
+    // Count jobs of closed connections too: their tasks still use members of the daemon.
+    const bool drained = connections_.empty() && admission_.active() == 0;
+    if (drained && !cut_short_) return io_.stop();
+    const bool late = Clock::now() >= drain_deadline_;
+    if (drained || (late && cut_short_)) end_at_once();
+    if (late) {
+        log(LogLevel::warn, "drain_took_too_long", {{"jobs", std::to_string(admission_.active())}});
+        cut_short_ = true;
+        drain_deadline_ = Clock::now() + last_words_time;
+        detached_.stop_running();
+        connections_.close_with_error(
+            {Code::draining, "the daemon is shutting down: start this again when it is back", 0});
+    }
+    drain_timer_.expires_after(drain_look);
+    drain_timer_.async_wait([this](const SystemError& error) {
+        if (!error) look_drained();
+    });
+}
+
+// Enforces the time limits of detached jobs; a connection's watchdog does so for its own jobs.
+void Daemon::look_after_detached() {
+    const Clock::time_point next = detached_.next_tick();
+    if (next == Clock::time_point::max()) return;
+    detached_timer_.expires_at(next);
+    detached_timer_.async_wait([this](const SystemError& error) {
+        if (error) return;
+        detached_.tick(Clock::now());
+        look_after_detached();
+    });
+}
+
+void Daemon::repeat(asio::steady_timer& timer, std::chrono::microseconds pause,
+                    std::function<void()> act) {
+    timer.expires_after(pause);
+    timer.async_wait([this, &timer, pause, act = std::move(act)](const SystemError& error) {
+        if (error) return;
+        // First: it goes on even if this time fails.
+        repeat(timer, pause, act);
+        act();
+    });
+}
+
+void Daemon::end_revoked(bool is_site_smaller) {
+    const auto valid = [this, now = WallClock::now()](const Principal& principal) {
+        return credentials_.authentication().still_valid(principal, now);
+    };
+    // A page comes back at once under a host, or by a proxy, that is still one of ours. By value: it is
+    // asked in later turns, too.
+    const auto may_stay = [valid, is_site_smaller](const PeerIdentity& peer, const Principal& principal) {
+        return !(is_site_smaller && peer.sender != nullptr) && valid(principal);
+    };
+    const std::string why = " is admitted no more: a token, certificate, login or option has changed";
+    connections_.close_unless(may_stay, {Code::not_allowed, "this connection" + why, 0});
+    detached_.end_unless(valid, {Code::not_allowed, "the owner of this job" + why, 0});
+}
+
+Reply<std::string> Daemon::reload() {
+    notify("RELOADING=1");
+    const Reload done = reload_options(
+        options_, read_again_ ? read_again_() : Result<Options>(options_), credentials_, open_);
+    apply_options();
+    end_revoked(done.is_site_smaller);
+    notify("READY=1");
+    return told(done);
+}
+
+void Daemon::apply_options() {
+    set_log_level(options_.log_level);
+    set_log_format(options_.log_format);
+    site_.set_names(options_.http.hosts);
+    http_.set_proxies(AddressSet(options_.http.proxies));
+    take_limits(limits_, options_.limits);
+    admission_.set_limits(limits_);
+    scenes_.set_limits(limits_);
+    credentials_.authentication().logins().set_limits(limits_);
+    look_after_detached();
+}
+
+std::size_t Daemon::kick(std::uint64_t connection, const std::string& principal) {
+    return connections_.kick(connection, principal,
+                             {Code::not_allowed, "an administrator has ended this connection", 0});
+}
+
+bool Daemon::knows(const std::string& principal) {
+    return peers_.size_of(principal) != 0 || admission_.active_of(principal) != 0 ||
+           scenes_.charged_to(principal, true).scenes != 0 ||
+           credentials_.authentication().tokens().find_name(principal) != nullptr;
+}
+
+void Daemon::set_quota(const std::string& principal, const Quota& quota) {
+    admission_.quotas().set(principal, quota);
+    scenes_.quotas().set(principal, quota);
+}
+
+int failed(const Error& error) {
+    std::fprintf(stderr, "%sraynestd: %s\n", journal_priority(LogLevel::error).data(),
+                 error.message.c_str());
+    return 1;
+}
+
+}  // namespace
+
+int run_daemon(Options options, ReadOptions read_again) {
+    (void)std::signal(SIGPIPE, SIG_IGN);
+    const auto lock = prepare_start(options);
+    if (!lock) return failed(lock.error());
+    const auto registry = Registry::load({options.pack_dirs, options.target});
+    if (!registry) return failed(registry.error());
+    for (const auto& [event, reason] : start_warnings(options))
+        log(LogLevel::warn, event, {{"reason", reason}});
+    Daemon daemon(std::move(options), std::move(read_again), *registry);
+    if (const auto listening = daemon.listen(); !listening) return failed(listening.error());
+    if (const auto ended = daemon.run(); !ended) return failed(ended.error());
+    return 0;
+}
+
+}  // namespace raynest::server

@@ -1,0 +1,41 @@
+#include "server/ground/io_turn.h"
+
+#include "protocol/control.h"
+#include "server/ground/log.h"
+#include "server/net/asio.h"
+
+#include <time.h>
+
+#include <chrono>
+#include <string>
+
+namespace raynest::server {
+namespace {
+
+constexpr std::chrono::microseconds logged_time{250};
+
+std::chrono::nanoseconds processor_time() {
+    timespec now{};
+    clock_gettime(CLOCK_THREAD_CPUTIME_ID, &now);
+    return std::chrono::seconds(now.tv_sec) + std::chrono::nanoseconds(now.tv_nsec);
+}
+
+}  // namespace
+
+void IoTurn::run_and_log(asio::io_context& io) {
+    for (;;) {
+        what_ = "";
+        message_type_ = 0;
+        const auto before = processor_time();
+        if (io.run_one() == 0) return;
+        const auto took = processor_time() - before;
+        if (took < logged_time) continue;
+        const auto us = std::chrono::duration_cast<std::chrono::microseconds>(took).count();
+        log(LogLevel::debug, "long_turn",
+            {{"cpu_us", std::to_string(us)},
+             {"message", message_type_ == 0 ? "" : protocol::message_name(message_type_)},
+             {"does", what_}});
+    }
+}
+
+}  // namespace raynest::server

@@ -1,0 +1,63 @@
+// The one payload of a job's answer, sent in pieces under credit: PICTURE frames.
+#pragma once
+
+#include "server/requests/request.h"
+#include "server/scheduling/job.h"
+
+#include <cstddef>
+#include <cstdint>
+#include <optional>
+#include <string>
+#include <string_view>
+#include <vector>
+
+namespace raynest::server {
+
+/// An encoded file, raw rows, or a JSON document about rays.
+struct Payload {
+    std::uint32_t width = 0;
+    std::uint32_t height = 0;
+    std::vector<std::byte> bytes;
+    std::uint32_t samples = 0;  ///< per pixel, of a film
+    bool last = true;           ///< false: a later payload replaces this one
+    float exposure = 0;         ///< of a linear film: auto_exposure()
+};
+
+/// Returns the payload of a JSON document about a picture of this size.
+[[nodiscard]] Payload json_payload(std::uint32_t width, std::uint32_t height,
+                                   std::string_view text);
+
+/// Returns the maximum bytes of the frames that carry a payload.
+[[nodiscard]] std::uint64_t payload_answer_bytes(const Caller& caller, std::uint64_t payload_bytes);
+
+class PayloadSender {
+public:
+    PayloadSender(const protocol::Limits& limits, const Caller& caller, std::string encode);
+
+    /// Sets the payload. May be called by the task that made it.
+    /// Replaces an earlier payload, which must have been sent.
+    void set(Payload payload) {
+        payload_ = std::move(payload);
+        sent_ = 0;
+    }
+    /// Returns the next task, or nothing while one runs: pieces leave in order.
+    std::optional<Task> next();
+    /// Called when a task has ended.
+    void ended() { running_ = false; }
+    [[nodiscard]] bool finished() const { return sent_ == payload_.bytes.size(); }
+    [[nodiscard]] std::uint64_t sent() const { return sent_; }
+    [[nodiscard]] std::uint64_t total() const { return payload_.bytes.size(); }
+
+private:
+    Reply<Frames> make_piece(std::uint64_t offset, std::uint64_t count) const;
+
+    const protocol::Limits& limits_;
+    const std::uint64_t id_;
+    const std::uint64_t piece_bytes_;
+    const std::string encode_;
+    Payload payload_;
+    bool running_ = false;
+    std::uint64_t sent_ = 0;
+};
+
+}  // namespace raynest::server

@@ -1,0 +1,304 @@
+#include "server/jobs/picture_job.h"
+
+#include "engine/assets/image.h"
+#include "protocol/hash.h"
+#include "protocol/text.h"
+#include "server/jobs/ray_source.h"
+#include "server/documents/scene_info.h"
+
+#include <algorithm>
+#include <array>
+#include <charconv>
+#include <cstdio>
+#include <span>
+#include <sstream>
+#include <utility>
+
+namespace raynest::server {
+namespace {
+
+Reply<PictureRequest> make_checked(const Services& services, const Caller& caller, Plan plan,
+                                   const wire::Camera* camera, std::uint32_t width,
+                                   std::uint32_t height, std::string encode,
+                                   std::uint64_t bytes, std::string_view advice) {
+    PictureRequest request;
+    request.encode = std::move(encode);
+
+    auto chosen = choose_camera(plan.scene.snapshot(), camera_request(camera));
+    // Report an unknown camera as a fault of the request, not of the scene.
+    if (!chosen) return refuse(Code::invalid_field, chosen.error().message);
+    request.camera = std::move(*chosen);
+    const bool asked =
+        camera != nullptr && (camera->look_at() || !protocol::text(camera->name()).empty());
+    if (!asked && plan.scene.snapshot().view().camera_count == 0)
+        plan.notes.push_back("the scene has no camera: this one frames its bounding box");
+
+    request.plan = std::move(plan);
+    request.width = width;
+    request.height = height;
+    auto lease = services.peers.reserve(bytes, caller.principal);
+    if (!lease)
+        return services.budget.refuse(
+            "a picture of " + std::to_string(width) + "x" + std::to_string(height), bytes,
+            caller.principal, std::string(advice) + ", or start raynestd with a larger --memory");
+    request.lease = std::move(*lease);
+    return request;
+}
+
+/// True if the request's mask shares no bit with any instance of the scene.
+bool mask_hides_all(const Plan& plan) {
+    const SceneView& view = plan.scene.snapshot().view();
+    const std::span instances(view.instances, view.instance_count);
+    return !instances.empty() && std::ranges::none_of(instances, [&](const InstanceRecord& one) {
+        return (one.mask & plan.mask) != 0;
+    });
+}
+
+}  // namespace
+
+Reply<std::string> check_encode(std::string_view word) {
+    if (word == "raw") return std::string(word);
+    if (word != "png" && word != "exr")
+        return refuse(Code::invalid_field,
+                      "unknown encode '" + std::string(word) + "': use one of png, exr, raw");
+    if (const auto images = images_available(); !images)
+        return refuse(Code::unsupported, images.error().message + "; or ask for encode raw");
+    return std::string(word);
+}
+
+Reply<PictureRequest> make_request(const Services& services, const Caller& caller, Plan plan,
+                                   const wire::Camera* camera, std::uint32_t width,
+                                   std::uint32_t height, std::string_view encode,
+                                   std::uint64_t bytes) {
+    auto word = check_encode(encode);
+    if (!word) return tl::unexpected(word.error());
+    const std::string advice = smaller_picture(*word);
+    return make_checked(services, caller, std::move(plan), camera, width, height, std::move(*word),
+                        bytes, advice);
+}
+
+Reply<PictureRequest> make_document_request(const Services& services, const Caller& caller,
+                                            Plan plan, const wire::Camera* camera,
+                                            std::uint32_t width, std::uint32_t height,
+                                            std::uint64_t bytes, std::string_view advice) {
+    return make_checked(services, caller, std::move(plan), camera, width, height, "json", bytes,
+                        advice);
+}
+
+std::string table_text(std::span<const float> values) {
+    std::array<char, 48> text{};
+    std::snprintf(text.data(), text.size(), "[%zu:%016llx]", values.size(),
+                  static_cast<unsigned long long>(protocol::upload_checksum(std::as_bytes(values))));
+    return text.data();
+}
+
+std::string settings_text(const Plan& plan, bool all) {
+    std::string text;
+    std::size_t table = 0;
+    for (std::size_t i = 0; i < plan.settings.params.size(); ++i) {
+        if (plan.variant->params()[i].type == value_table) {
+            const Tables* tables = plan.settings.tables.get();
+            const auto values = tables == nullptr ? std::span<const float>()
+                                                  : std::span(tables->values()[table]);
+            ++table;
+            if (!all && values.empty()) continue;
+            text.append(text.empty() ? "" : " ")
+                .append(plan.variant->params()[i].name)
+                .append("=")
+                .append(table_text(values));
+            continue;
+        }
+        if (!all && plan.settings.params[i] == plan.variant->params()[i].initial) continue;
+        std::array<char, 64> digits{};
+        const char* const end =
+            std::to_chars(digits.data(), digits.data() + digits.size(), plan.settings.params[i])
+                .ptr;
+        text.append(text.empty() ? "" : " ")
+            .append(plan.variant->params()[i].name)
+            .append("=")
+            .append(std::string_view(digits.data(), static_cast<std::size_t>(end - digits.data())));
+    }
+    return text;
+}
+
+std::string mask_text(std::uint32_t mask) {
+    std::array<char, 16> digits{};
+    std::snprintf(digits.data(), digits.size(), "%08X", static_cast<unsigned>(mask));
+    return digits.data();
+}
+
+std::string smaller_picture(std::string_view encode) {
+    return std::string("ask for a smaller `size`") +
+           (encode == "exr" ? ", or for PNG in place of EXR" : "");
+}
+
+PictureJob::PictureJob(const Services& services, const Caller& caller, PictureRequest request)
+    : PictureJob(services, caller, std::move(request), request.pixels()) {
+    queue_.add(0, request_.pixels());
+}
+
+PictureJob::PictureJob(const Services& services, const Caller& caller, PictureRequest request,
+                       std::uint64_t total)
+    : ChunkedJob(services, caller, std::move(request.plan), total, false),
+      request_(std::move(request)),
+      sensor_(camera_sensor(request_.camera, {}, {request_.width, request_.height})),
+      payload_(services.limits, caller, request_.encode) {}
+
+Frames PictureJob::greeting() {
+    wire::StartedT message = started(plan_, services_.limits);
+    message.camera = clean_text(request_.camera.name, services_.limits.name_bytes_max);
+    Frames frames;
+    frames.push_back(*protocol::encode(id_, message));
+    return frames;
+}
+
+std::optional<Task> PictureJob::next() {
+    switch (stage_) {
+        case Stage::tracing:
+            if (auto work = next_work()) {
+                ++chunks_running_;
+                return std::move(work->task);
+            }
+            return std::nullopt;
+        case Stage::encoding:
+            if (std::exchange(encode_started_, true)) return std::nullopt;
+            return encode_task();
+        case Stage::sending:
+            return payload_.next();
+    }
+    return std::nullopt;
+}
+
+Reply<void> PictureJob::ended() {
+    if (stage_ == Stage::tracing && --chunks_running_ == 0 && queue_.all_answered())
+        stage_ = Stage::encoding;
+    else if (stage_ == Stage::encoding)
+        stage_ = Stage::sending;
+    else
+        payload_.ended();
+    return {};
+}
+
+bool PictureJob::finished() const {
+    return stage_ == Stage::sending && payload_.finished();
+}
+
+Frames PictureJob::farewell() {
+    Frames frames;
+    frames.push_back(*protocol::encode(id_, done_));
+    return frames;
+}
+
+std::string PictureJob::hint(std::uint64_t rays) const {
+    const Snapshot& scene = plan_.scene.snapshot();
+    const auto line = [&](const std::string& sees) {
+        return clean_text("camera '" + request_.camera.name + "' sees " + sees,
+                          services_.limits.text_bytes_max);
+    };
+    if (scene.bounds().is_empty()) return line("nothing: the scene is empty");
+    // A picture that was continued or cut short may have traced a few of its pixels only.
+    if (rays < request_.pixels()) return {};
+    const bool nothing = statistics_.hits() == 0;
+    if (nothing && mask_hides_all(plan_))
+        return line("nothing: no instance shares a bit with `mask` " + mask_text(plan_.mask));
+    // True if all rays hit, more than 99 % of them a back side, as from inside a closed surface.
+    const bool backs = plan_.query == query_closest && statistics_.hits() == request_.rays() &&
+                       backs_ > request_.rays() / 100 * 99;
+    if (!nothing && !backs) return {};
+    if (nothing && request_.camera.name == "automatic" && scene.view().camera_count == 0)
+        return line("nothing, though it frames the scene: `mask` or the intersector " +
+                    plan_.variant->name + " hides everything");
+    const Framing view = framing(scene.bounds());
+    const WorldPoint& origin = scene.origin();
+    std::ostringstream lookat;
+    lookat.precision(origin == WorldPoint{} ? 9 : 15);
+    for (const glm::dvec3& point : {view.eye, view.at}) {
+        for (int i = 0; i < 3; ++i)
+            lookat << (lookat.tellp() == 0 ? "" : ",")
+                   << origin[static_cast<std::size_t>(i)] + point[i];
+    }
+    return line((nothing ? "nothing" : "only backs of surfaces, as from inside of them") +
+                std::string("; to frame the scene take `look_at` ") + lookat.str());
+}
+
+std::vector<Attribute> PictureJob::provenance() const {
+    const auto text = [&](const std::string& words) {
+        return clean_text(words, services_.limits.name_bytes_max);
+    };
+    const auto number = [](auto value) {
+        std::array<char, 64> digits{};
+        char* const end = digits.data() + digits.size();
+        return std::string(digits.data(), std::to_chars(digits.data(), end, value).ptr);
+    };
+    std::string pose;
+    for (const float element : request_.camera.to_world.m)
+        pose.append(pose.empty() ? "" : " ").append(number(element));
+    return {{"Software", "RayNest " RAYNEST_VERSION},
+            {"raynest:scene", text(plan_.scene.name)},
+            {"raynest:hash", plan_.scene.snapshot().digest()},
+            {"raynest:epoch", number(plan_.scene.epoch)},
+            {"raynest:intersector", text(plan_.variant->name)},
+            {"raynest:settings", text(settings_text(plan_))},
+            {"raynest:mask", number(plan_.mask)},
+            {"raynest:camera", text(request_.camera.name)},
+            {"raynest:camera_to_world", pose}};
+}
+
+std::optional<Progress> PictureJob::progress() const {
+    if (stage_ == Stage::tracing) return Progress{queue_.answered(), request_.pixels(), "tracing"};
+    if (stage_ == Stage::encoding) return Progress{0, 0, "encoding"};
+    return Progress{payload_.sent(), payload_.total(), "sending"};
+}
+
+std::uint64_t PictureJob::chunk_size(const Backend& backend, const Chunk& /*rest*/) const {
+    return std::max<std::uint64_t>(1, backend.call_rays_max(plan_) / request_.samples);
+}
+
+PixelArrays PictureJob::arrays_for(const PixelRange& pixels, const CastPlans& plans,
+                                   TraceBuffers& buffers) {
+    buffers.resize(buffers.rays, pixels.rays());
+    buffers.resize(buffers.hits, pixels.rays());
+    const std::uint32_t sets = plans.counted == nullptr ? 0 : plans.counted->counter_sets();
+    buffers.resize(buffers.counters, pixels.rays() * sets);
+    return {buffers.rays, buffers.hits, buffers.counters, sets};
+}
+
+Traced<Frames> PictureJob::trace(const Chunk& chunk, const Stop& stop, TraceBuffers& buffers) {
+    std::call_once(arrays_made_, [this] { make_arrays(); });
+    const PixelRange pixels{sensor_, chunk.first, chunk.count, request_.samples};
+    const CastPlans by = plans();
+    ChunkCaster caster(by, chunk.backend, stop, buffers);
+    const auto seen = trace_pixels(pixels, plan_.source(services_.registry), caster,
+                                   arrays_for(pixels, by, buffers));
+    if (!seen) return tl::unexpected(caster.failure());
+    const auto again = trace_again(pixels, chunk.backend, stop, buffers);
+    if (!again) return tl::unexpected(again.error());
+    JobStatistics::Counts counts;
+    counts.rays = seen->rays;
+    counts.hits = seen->hits;
+    counts.misses = seen->rays - seen->hits;
+    statistics_.add(chunk.backend, caster.traversal(), counts);
+    backs_ += seen->backs;
+    count_rays("picture", chunk, seen->rays + *again);
+    queue_.answered(chunk.count);
+    return Frames{};
+}
+
+Task PictureJob::encode_task() {
+    Task task;
+    task.run = [this](const Stop& stop) -> Reply<Frames> {
+        // Check before encoding, which cannot be interrupted: a large PNG takes a second.
+        if (stop.requested()) return refuse(Code::cancelled, "");
+        auto payload = encode();
+        if (!payload) return tl::unexpected(payload.error());
+        payload_.set(std::move(*payload));
+        done_ = done();
+        complete(done_);
+        if (std::string line = hint(done_.rays); !line.empty())
+            done_.notes.push_back(std::move(line));
+        return Frames{};
+    };
+    return task;
+}
+
+}  // namespace raynest::server

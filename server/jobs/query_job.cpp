@@ -1,0 +1,71 @@
+#include "server/jobs/query_job.h"
+
+#include "protocol/control.h"
+
+#include <algorithm>
+#include <utility>
+
+namespace raynest::server {
+
+std::uint64_t frame_bytes_max(const Caller& caller) {
+    return std::min(answer_frame_bytes_max, caller.window_bytes / 2);
+}
+
+QueryJob::QueryJob(const Services& services, const Caller& caller, Plan plan, RaySource source)
+    : ChunkedJob(services, caller, std::move(plan), source.rays(), !source.has_points()),
+      source_(std::move(source)),
+      input_(source_.sent(), source_.rays_per_point(), services.limits, services.budget,
+             caller.principal) {
+    if (source_.sent() == 0) queue_.add(0, source_.rays());
+}
+
+Frames QueryJob::greeting() {
+    wire::StartedT message = started(plan_, services_.limits);
+    message.rays = source_.rays();
+    Frames frames;
+    frames.push_back(*protocol::encode(id_, message));
+    return frames;
+}
+
+Reply<std::uint64_t> QueryJob::feed(protocol::Frame frame) {
+    if (source_.sent() == 0)
+        return refuse(Code::invalid_field, "the daemon makes the rays of this query: send none");
+    const std::uint64_t first = input_.received_rays();
+    const auto rays = input_.feed(std::move(frame));
+    if (!rays) return tl::unexpected(rays.error());
+    queue_.add(first, *rays);
+    return std::uint64_t{0};
+}
+
+std::optional<Task> QueryJob::next() {
+    auto work = next_work();
+    if (!work) return std::nullopt;
+    auto& [chunk, task] = *work;
+    task.reply_bytes_max = reply_bytes(chunk.count);
+    if (source_.rays() * plan_.hits_max <= inline_cost_max && plan_.has_small_trees() &&
+        plan_.traversal != traversal_reference && plan_.is_local())
+        task.inline_cost = chunk.count * plan_.hits_max;
+    task.mergeable = mergeable(chunk);
+    return std::move(task);
+}
+
+Frames QueryJob::farewell() {
+    wire::DoneT message = done();
+    message.rows = rows();
+    if (plan_.untraced) message.traversal = "none";
+    Frames frames;
+    frames.push_back(*protocol::encode(id_, message));
+    return frames;
+}
+
+std::optional<Progress> QueryJob::progress() const {
+    return Progress{queue_.answered(), source_.rays(), "tracing"};
+}
+
+void QueryJob::answered(const Chunk& chunk, std::uint64_t count) {
+    if (source_.sent() != 0) input_.release(chunk.first, count);
+    count_rays(plan_.untraced ? "null" : query_name(plan_.query), chunk, count);
+    queue_.answered(count);
+}
+
+}  // namespace raynest::server

@@ -1,0 +1,119 @@
+#include "server/jobs/ray_source.h"
+
+#include <algorithm>
+#include <cstddef>
+#include <string>
+#include <string_view>
+#include <vector>
+
+namespace raynest::server {
+namespace {
+
+Vec3 vector(const wire::Vec3* v, const Vec3& otherwise) {
+    return v == nullptr ? otherwise : Vec3{v->x(), v->y(), v->z()};
+}
+
+constexpr std::uint64_t tile_rows = 8;  // tile_order(), integrators/camera.h
+
+}  // namespace
+
+CameraRequest camera_request(const wire::Camera* camera) {
+    CameraRequest request;
+    if (camera == nullptr) return request;
+    request.name = protocol::text(camera->name());
+    request.look_at = camera->look_at();
+    request.eye = vector(camera->eye(), request.eye);
+    request.at = vector(camera->at(), request.at);
+    request.up = vector(camera->up(), request.up);
+    request.fov_degrees = camera->fov_degrees();
+    return request;
+}
+
+Reply<RaySource> RaySource::make(const wire::Query& query, const Snapshot& scene) {
+    RaySource source;
+    source.rays_ = query.ray_count();
+    const wire::Generator* generator = query.generator();
+    if (generator == nullptr) return source;
+    auto generated = server::generate(*generator, scene);
+    if (!generated) return tl::unexpected(generated.error());
+    if (const auto* hemisphere = std::get_if<Hemisphere>(&*generated)) {
+        if (source.rays_ == 0)
+            return refuse(Code::invalid_field,
+                          "generator " + std::string(protocol::text(generator->kind())) +
+                              " needs points");
+        source.origin_ = *hemisphere;
+        source.rays_ *= hemisphere->samples;
+        return source;
+    }
+    if (source.rays_ != 0)
+        return refuse(Code::invalid_field,
+                      "ray_count must be 0 where the daemon makes the rays");
+    SensorPointer sensor = std::get<SensorPointer>(std::move(*generated));
+    source.rays_ = sensor->grid().pixels();
+    source.origin_ = std::move(sensor);
+    return source;
+}
+
+std::uint64_t RaySource::rays_per_point() const {
+    const auto* hemisphere = std::get_if<Hemisphere>(&origin_);
+    return hemisphere != nullptr ? hemisphere->samples : 1;
+}
+
+std::uint64_t RaySource::chunk_rays(std::uint64_t most) const {
+    const std::uint64_t band = sensor() != nullptr ? tile_rows * (*sensor())->grid().width : 0;
+    return band == 0 || band > most ? most : most / band * band;
+}
+
+bool RaySource::has_tiles(const Chunk& chunk) const {
+    const std::uint64_t band = sensor() != nullptr ? tile_rows * (*sensor())->grid().width : 0;
+    const bool to_the_end = chunk.first + chunk.count == rays_;
+    return band != 0 && chunk.first % band == 0 && (chunk.count % band == 0 || to_the_end);
+}
+
+Traced<TracedRays> RaySource::trace(const Plan& plan, const Chunk& chunk, RayInput& input,
+                                    const Stop& stop, TraceBuffers& buffers, bool any_order) const {
+    const SensorPointer* made_by = sensor();
+    if (made_by == nullptr) {
+        const auto* hemisphere = std::get_if<Hemisphere>(&origin_);
+        if (hemisphere == nullptr)
+            return trace_rays(plan, chunk.backend, input.sent(chunk.first, chunk.count, buffers),
+                              stop, buffers);
+        const std::uint64_t first = chunk.first / hemisphere->samples;
+        const std::uint64_t last = (chunk.first + chunk.count - 1) / hemisphere->samples;
+        const auto points = input.sent(first, last - first + 1, buffers);
+        buffers.resize(buffers.rays, chunk.count);
+        generate_rays(*hemisphere, points, first, chunk.first, buffers.rays);
+        return trace_rays(plan, chunk.backend, buffers.rays, stop, buffers);
+    }
+
+    LateSensor& late = **made_by;
+    const Sensor& from = late.get();
+    const bool tiles = any_order && has_tiles(chunk);
+    const auto generate = [&] {
+        tiles ? generate_tiles(from, chunk.first, buffers.rays)
+              : generate_rays(from, chunk.first, buffers.rays);
+    };
+    buffers.resize(buffers.rays, chunk.count);
+    std::optional<PinholeRays> camera;
+    const auto* pinhole = std::get_if<Pinhole>(&from);
+    if (pinhole != nullptr && plan.worker.order[chunk.backend]->makes_camera_rays())
+        camera = PinholeRays{*pinhole, chunk.first, tiles};
+    if (!camera) generate();
+    auto traced =
+        trace_rays(plan, chunk.backend, buffers.rays, stop, buffers, camera ? &*camera : nullptr);
+    if (!traced) return traced;
+    if (camera && plan.reads_rays) generate();
+    if (tiles) {
+        const ImageSize size = late.grid();
+        buffers.resize(buffers.order, chunk.count);
+        for_each_in_tiles(chunk.first, chunk.count, size.width, size.height,
+                          [&](std::uint64_t i, std::uint64_t x, std::uint64_t y) {
+                              buffers.order[y * size.width + x - chunk.first] =
+                                  static_cast<std::uint32_t>(i);
+                          });
+        traced->order = buffers.order;
+    }
+    return traced;
+}
+
+}  // namespace raynest::server

@@ -1,0 +1,123 @@
+// ADMIN: lists and ends connections, tells and changes quotas, reloads and drains the daemon.
+#include "protocol/text.h"
+#include "server/requests/administration.h"
+#include "server/ground/limited_log.h"
+#include "server/requests/request.h"
+#include "server/requests/quota_use.h"
+#include "server/scheduling/admission.h"
+#include "server/security/quotas.h"
+#include "server/security/tokens.h"
+
+#include <utility>
+
+namespace raynest::server {
+namespace {
+
+constexpr std::size_t page_connections = 100;
+
+void list_connections(const Administration& daemon, std::uint64_t after,
+                      wire::AdminReportT& report) {
+    for (ConnectionRow& row : daemon.connections(after)) {
+        report.more = report.connections.size() == page_connections;
+        if (report.more) return;
+        report.connections.push_back(row.number);
+        report.principals.push_back(std::move(row.principal));
+        report.roles.push_back(std::move(row.role));
+        report.transports.push_back(std::move(row.transport));
+        report.peers.push_back(std::move(row.peer));
+        report.age_ms.push_back(row.age_ms);
+        report.jobs.push_back(row.jobs);
+    }
+}
+
+/// Tells what a principal uses of its quotas: "bob uses 1 of 128 jobs, 2.0 GiB of 20.0 GiB scene_bytes, …".
+std::string quotas_text(const Services& services, const std::string& principal) {
+    std::string text = principal + " uses";
+    for (const QuotaUse& use : quota_uses(services, principal)) {
+        const auto number = [&](std::uint64_t value) {
+            return use.resource.ends_with("bytes") ? protocol::bytes_text(value) : std::to_string(value);
+        };
+        text += (text.ends_with("uses") ? " " : ", ") + number(use.used) + " of " + number(use.quota) + ' ' +
+                std::string(use.resource);
+    }
+    return text + "; it may send and receive " +
+           protocol::bytes_text(services.admission.quotas().of(principal).second_bytes) + " a second";
+}
+
+/// Tells the quotas of a principal, or changes them if the message has some.
+Reply<void> answer_quota(const Services& services, const wire::Admin& message,
+                         wire::AdminReportT& report) {
+    Administration& daemon = *services.administration;
+    std::string text;
+    for (const std::string& part : protocol::strings(message.quota()))
+        text += (text.empty() ? "" : ",") + part;
+    const std::string principal(protocol::text(message.principal()));
+    const bool changes = !text.empty();
+    const auto quota = changes ? read_quota(text) : Quota();
+    if (!quota) return refuse(Code::invalid_field, quota.error().message);
+    if (principal.empty())
+        return refuse(Code::invalid_field, "the quota needs a principal");
+    if (!daemon.knows(principal))
+        return refuse(Code::not_found, "nobody is called '" + principal +
+                                           "' here: it is not connected, holds nothing and has no token");
+    if (!changes) {
+        report.text = quotas_text(services, principal);
+        return {};
+    }
+    daemon.set_quota(principal, *quota);
+    report.text = principal + " has " + to_text(*quota) + " until the daemon ends";
+    return {};
+}
+
+/// Ends one connection, or all of a principal. Fails if there is no such one.
+Reply<std::size_t> kick(Administration& daemon, std::uint64_t connection,
+                        const std::string& principal) {
+    const std::size_t count = daemon.kick(connection, principal);
+    if (count != 0) return count;
+    if (connection != 0)
+        return refuse(Code::not_found, "there is no connection " + std::to_string(connection) +
+                                           "; raynest admin connections lists them");
+    if (daemon.knows(principal)) return count;
+    return refuse(Code::not_found, "nobody is called '" + principal +
+                                       "' here; raynest admin connections lists who is connected");
+}
+
+}  // namespace
+
+Reply<Answer> admin(const Services& services, const Caller& caller,
+                    const protocol::Opened<wire::Admin>& message) {
+    if (services.administration == nullptr)
+        return refuse(Code::unsupported, "this daemon has no administration");
+    Administration& daemon = *services.administration;
+    const std::string act(protocol::text(message->act()));
+    const std::string principal(protocol::text(message->principal()));
+    log_limited(LogLevel::info, "admin", caller.principal,
+                {{"principal", caller.principal}, {"act", act}, {"on", principal}});
+    wire::AdminReportT report;
+    if (act == "connections") {
+        list_connections(daemon, message->after(), report);
+    } else if (act == "kick") {
+        if (message->connection() == 0 && principal.empty())
+            return refuse(Code::invalid_field, "name a connection or a principal");
+        const auto count = kick(daemon, message->connection(), principal);
+        if (!count) return tl::unexpected(count.error());
+        report.text = std::to_string(*count) + (*count == 1 ? " connection" : " connections") + " ended";
+    } else if (act == "quota") {
+        if (const auto answered = answer_quota(services, *message.table, report); !answered)
+            return tl::unexpected(answered.error());
+    } else if (act == "reload") {
+        auto reloaded = daemon.reload();
+        if (!reloaded) return tl::unexpected(reloaded.error());
+        report.text = std::move(*reloaded);
+    } else if (act == "drain") {
+        daemon.drain();
+        report.text = "the daemon takes no more work and ends when its jobs have ended";
+    } else {
+        return refuse(Code::invalid_field, "unknown act '" + act +
+                                               "': use one of connections, drain, reload, kick, "
+                                               "quota");
+    }
+    return answer_with(caller, report, services);
+}
+
+}  // namespace raynest::server

@@ -1,0 +1,109 @@
+#include "server/requests/request.h"
+
+#include "server/security/access.h"
+#include "server/sessions/conversation.h"
+
+#include <algorithm>
+#include <array>
+#include <cstddef>
+#include <utility>
+
+namespace raynest::server {
+namespace {
+
+template <class Table>
+using Typed = Reply<Answer> (*)(const Services&, const Caller&, const protocol::Opened<Table>&);
+
+/// Answers for another principal's job as for one that does not exist: nobody learns of it.
+Reply<void> check_own_job(const Services& services, const Caller& caller, std::uint64_t number) {
+    const JobRecord* job = services.admission.find(number);
+    const auto kept = services.detached.all().find(number);
+    if (job == nullptr && kept != services.detached.all().end()) job = &kept->second->record();
+    if (job != nullptr && access::may_use_job(job->principal, caller)) return {};
+    return tl::unexpected(services.detached.unknown(number));
+}
+
+template <class Table, Typed<Table> handle, Needs needs>
+Reply<Answer> verified(const Services& services, const Caller& caller,
+                       const protocol::Frame& frame) {
+    const auto message = protocol::open<Table>(frame, services.limits);
+    if (!message) return tl::unexpected(message.error());
+    if constexpr (needs == Needs::own_job)
+        if (const auto own = check_own_job(services, caller, (*message)->job()); !own)
+            return tl::unexpected(own.error());
+    return handle(services, caller, *message);
+}
+
+std::uint64_t no_bulk(const protocol::Limits& /*limits*/) {
+    return 0;
+}
+std::uint64_t one_window(const protocol::Limits& limits) {
+    return limits.window_bytes;
+}
+std::uint64_t one_chunk_of_rays(const protocol::Limits& limits) {
+    return limits.chunk_rays_max * sizeof(Ray);
+}
+
+constexpr bool before_hello = true;
+constexpr bool after_hello = false;
+
+// A request has no default role: a row without one does not compile.
+template <class Table, Typed<Table> handle, Needs needs, Role role>
+constexpr Request request{protocol::message_of<Table>, role, after_hello, no_bulk,
+                          verified<Table, handle, needs>, nullptr};
+
+// Any role may send the parts of a request: without the request itself they do nothing.
+
+template <class Table, void (Conversation::*act)(protocol::Frame), bool hello = after_hello>
+constexpr Request message{protocol::message_of<Table>, Role::viewer, hello, no_bulk, nullptr, act};
+
+template <class Table, std::uint64_t (*bulk)(const protocol::Limits&),
+          void (Conversation::*act)(protocol::Frame)>
+constexpr Request data{protocol::message_of<Table>, Role::viewer, after_hello, bulk, nullptr, act};
+
+}  // namespace
+
+/// The table of requests: a row for each message that a client may send.
+struct RequestTable {
+    static constexpr std::array rows = {
+        message<wire::Hello, &Conversation::greet, before_hello>,
+        message<wire::Ping, &Conversation::ping>,
+        message<wire::Cancel, &Conversation::cancel>,
+        message<wire::Credit, &Conversation::credit>,
+        data<wire::Upload, one_window, &Conversation::feed>,
+        data<wire::QueryRays, one_chunk_of_rays, &Conversation::feed>,
+#define RAYNEST_REQUEST(number, Name, handler, needs, role, ...) \
+    request<wire::Name, handler, Needs::needs, Role::role>,
+#include "protocol/requests.def"
+    };
+};
+
+namespace {
+
+/// Message types below this value are sent by clients.
+constexpr std::size_t client_types = 128;
+
+constexpr std::size_t none = RequestTable::rows.size();
+
+/// Numbers of rows by message type; `none` for types without a row. They are no pointers: with
+/// sanitizers g++ compares these at run time alone.
+constexpr auto by_type = [] {
+    std::array<std::size_t, client_types> found{};
+    found.fill(none);
+    for (std::size_t i = 0; i < none; ++i)
+        found[static_cast<std::size_t>(RequestTable::rows[i].type)] = i;
+    return found;
+}();
+
+#define RAYNEST_PART(number, Name, ...) \
+    static_assert(by_type[number] != none, "the table has no row for " #Name);
+#include "protocol/requests.def"
+
+}  // namespace
+
+const Request* find_request(std::uint16_t type) {
+    const std::size_t row = type < client_types ? by_type[type] : none;
+    return row < none ? &RequestTable::rows[row] : nullptr;
+}
+
+}  // namespace raynest::server

@@ -1,0 +1,258 @@
+#include "server/requests/words/film_options.h"
+
+#include "protocol/control.h"
+#include "protocol/text.h"
+#include "server/jobs/film_tiles.h"
+#include "server/jobs/picture_job.h"
+#include "server/jobs/received_picture.h"
+#include "server/documents/selection_text.h"
+
+#include <algorithm>
+#include <array>
+#include <charconv>
+#include <cmath>
+#include <cstring>
+#include <thread>
+#include <utility>
+
+namespace raynest::server {
+namespace {
+
+/// Bounds for the arrays of the threads that make samples.
+constexpr std::uint64_t wavefront_bytes = 8ULL << 20;
+/// Largest file with a picture of the surroundings.
+constexpr std::uint64_t environment_bytes_max = 512ULL << 20;
+
+template <class Number>
+std::string number_text(Number value) {
+    std::array<char, 64> digits{};
+    return {digits.data(), std::to_chars(digits.data(), digits.data() + digits.size(), value).ptr};
+}
+
+Reply<IntegratorSettings> integrator_settings(const wire::Render& message) {
+    using Environment = IntegratorSettings::Environment;
+    constexpr std::array<std::pair<std::string_view, Environment>, 4> environments = {
+        {{"auto", Environment::automatic},
+         {"sky", Environment::sky},
+         {"none", Environment::none},
+         {"picture", Environment::picture}}};
+    IntegratorSettings settings;
+    if (message.depth() != 0) settings.depth = message.depth();
+    settings.ao_distance = message.ao_distance();
+    const std::string_view word = protocol::word(message.environment(), "auto");
+    const auto* const chosen = std::ranges::find(
+        environments, word, &std::pair<std::string_view, Environment>::first);
+    if (chosen == environments.end())
+        return refuse(Code::invalid_field, "unknown environment '" + std::string(word) +
+                                               "': use one of auto, sky, none, picture");
+    settings.environment = chosen->second;
+    if ((settings.environment == Environment::picture) != (message.environment_bytes() != 0))
+        return refuse(Code::invalid_field,
+                      "environment picture comes with a file, and only that: say its size in "
+                      "environment_bytes");
+    if (message.environment_bytes() > environment_bytes_max)
+        return refuse(Code::limit_exceeded,
+                      "the environment's file has " +
+                          protocol::bytes_text(message.environment_bytes()) + ", at most " +
+                          protocol::bytes_text(environment_bytes_max) + " are taken");
+    settings.environment_rotate = message.environment_rotate();
+    if (settings.environment_rotate != 0 && settings.environment != Environment::picture)
+        return refuse(Code::invalid_field,
+                      "`environment_rotate` turns a picture: give one with `environment`, or place "
+                      "the sun of the sky with `sun`");
+    if (!(std::abs(settings.environment_rotate) <= 360))
+        return refuse(Code::invalid_field,
+                      "`environment_rotate` must lie between -360 and 360 degrees");
+    settings.sun = message.sun();
+    if (settings.sun && settings.environment == Environment::none)
+        return refuse(Code::invalid_field,
+                      "`environment` none has no sky, and `sun` is a part of it: leave one of them "
+                      "out");
+    settings.sun_azimuth = message.sun_azimuth();
+    settings.sun_elevation = message.sun_elevation();
+    if (settings.sun && std::abs(settings.sun_elevation) > 90)
+        return refuse(Code::invalid_field, "sun_elevation must lie between -90 and 90 degrees");
+    return settings;
+}
+
+/// Chooses the passes of a job.
+void set_passes(const wire::Render& message, FilmOptions& options) {
+    const bool detached = protocol::present(message.job()).detach();
+    if (options.progressive || options.best_by_ms != 0 || detached) {
+        options.passes = refinement_passes(options.samples);
+        return;
+    }
+    options.streams_tiles = protocol::word(message.encode(), "png") == "raw";
+    // Tiles are shown with the exposure of a first look at the whole picture.
+    if (options.streams_tiles && !options.look.exposure && options.samples > 1)
+        options.passes.push_back(1);
+    options.passes.push_back(options.samples);
+}
+
+/// The parts of a request that shape its samples, as text that a client can turn back into the request.
+std::vector<Attribute> request_attributes(const wire::Render& message,
+                                          const FilmOptions& options) {
+    std::string asked = "first";
+    float fov = 0;
+    if (const wire::Camera* camera = message.camera(); camera != nullptr) {
+        if (const auto name = protocol::text(camera->name()); !name.empty())
+            asked = "name " + std::string(name);
+        fov = camera->fov_degrees();
+        const auto* eye = camera->eye();
+        const auto* at = camera->at();
+        if (camera->look_at() && eye != nullptr && at != nullptr) {
+            asked = "lookat";
+            const wire::Vec3 upwards(0, 1, 0);
+            for (const wire::Vec3* v : {eye, at, camera->up() != nullptr ? camera->up() : &upwards})
+                for (const float x : {v->x(), v->y(), v->z()})
+                    asked.append(" ").append(number_text(x));
+        }
+    }
+    std::string set;
+    for (const std::string& setting : protocol::strings(protocol::present(message.job()).settings()))
+        set.append(set.empty() ? "" : " ").append(setting);
+    // Another table makes another film; whoever adds samples brings the same one again.
+    if (const auto* tables = protocol::present(message.job()).tables()) {
+        for (const wire::ParamTable* table : *tables)
+            set.append(set.empty() ? "" : " ")
+                .append(protocol::text(table->name()))
+                .append("=")
+                .append(table_text(protocol::values(*table)));
+    }
+    const IntegratorSettings& settings = options.settings;
+    std::vector<Attribute> attributes = {{"raynest:version", RAYNEST_VERSION},
+            {"raynest:integrator", options.integrator},
+            {"raynest:width", number_text(message.width())},
+            {"raynest:height", number_text(message.height())},
+            {"raynest:spp", number_text(options.samples)},
+            {"raynest:seed", number_text(options.seed)},
+            {"raynest:depth", number_text(settings.depth)},
+            {"raynest:ao_distance", number_text(settings.ao_distance)},
+            {"raynest:environment", std::string(protocol::word(message.environment(), "auto"))},
+            {"raynest:sun", settings.sun ? number_text(settings.sun_azimuth) + "," +
+                                               number_text(settings.sun_elevation)
+                                         : std::string("auto")},
+            {"raynest:noise", number_text(options.noise)},
+            {"raynest:set", set.empty() ? std::string("none") : set},
+            {"raynest:camera_asked", asked},
+            {"raynest:fov", number_text(fov)}};
+    if (settings.environment == IntegratorSettings::Environment::picture)
+        attributes.push_back(
+            {"raynest:environment_rotate", number_text(settings.environment_rotate)});
+    return attributes;
+}
+
+}  // namespace
+
+Reply<FilmOptions> film_options(const wire::Render& message, std::string integrator) {
+    const auto table = integrator_table();
+    const auto info = std::ranges::find(table, integrator, &IntegratorInfo::name);
+    if (info == table.end()) {
+        std::string known = "primary";
+        for (const IntegratorInfo& one : table) known.append(", ").append(one.name);
+        return refuse(Code::invalid_field,
+                      "unknown integrator '" + integrator + "': use one of " + known);
+    }
+    FilmOptions options;
+    auto settings = integrator_settings(message);
+    if (!settings) return tl::unexpected(settings.error());
+    options.settings = std::move(*settings);
+    std::string_view tonemap = protocol::word(message.tonemap(), "auto");
+    if (tonemap == "auto") tonemap = info->lit ? "agx" : "none";
+    const auto map = parse_tonemap(tonemap);
+    if (!map) return refuse(Code::invalid_field, map.error().message);
+    const auto exposure =
+        parse_exposure(protocol::word(message.exposure(), info->lit ? "auto" : "0"));
+    if (!exposure) return refuse(Code::invalid_field, exposure.error().message);
+    options.look = {*map, *exposure};
+    options.integrator = std::move(integrator);
+    options.samples = message.samples();
+    options.seed = message.seed();
+    options.best_by_ms = message.best_by_ms();
+    options.progressive = message.progressive();
+    options.noise = message.noise();
+    options.resume_bytes = message.resume_bytes();
+    const std::uint64_t most = exr_bytes_max(message.width(), message.height(), film_layers);
+    if (options.resume_bytes > most)
+        return refuse(Code::invalid_field,
+                      "the EXR to continue has " + protocol::bytes_text(options.resume_bytes) +
+                          ", but one of this size has at most " + protocol::bytes_text(most));
+    options.environment_bytes = message.environment_bytes();
+    set_passes(message, options);
+    options.attributes = request_attributes(message, options);
+    add_selection(selection_text(protocol::present(message.job())), options.attributes);
+    return options;
+}
+
+std::uint64_t film_job_bytes(ImageSize size, std::string_view encode, const FilmOptions& options) {
+    const std::uint64_t film = Film::bytes(size);
+    // An encoded file is at most as large as its input, and exists up to three times while it
+    // grows or is copied.
+    const std::uint64_t file = encode == "exr"      ? 3 * film
+                               : encode == "png"    ? 5 * 4 * size.pixels()
+                               : encode == "linear" ? 2 * sizeof(Vec4) * size.pixels()
+                                                    : 2 * 4 * size.pixels();
+    // A file to continue and the decoder's answer, with first its copy of the file, then the planes.
+    const std::uint64_t resumed = options.resume_bytes;
+    const std::uint64_t read = resumed == 0 ? 0 : resumed + film + std::max(resumed, film);
+    // The file and the decoder's copy; its answer, the picture and the tables of the light.
+    const std::uint64_t surroundings =
+        options.environment_bytes == 0
+            ? 0
+            : 2 * options.environment_bytes + 3 * environment_room(options.environment_bytes);
+    const std::uint64_t threads = std::max(1U, std::thread::hardware_concurrency());
+    return image_header_bytes_max + film + std::max(file, read) + surroundings +
+           wavefront_bytes * (threads + 1);
+}
+
+std::uint64_t film_payload_bytes_max(ImageSize size, std::string_view encode) {
+    if (encode == "png") return png_bytes_max(size.width, size.height);
+    if (encode == "exr") return exr_bytes_max(size.width, size.height, film_layers);
+    return (encode == "linear" ? sizeof(Vec4) : 4) * size.pixels();
+}
+
+Reply<Payload> encode_film(const Film& film, std::string_view encode, const Look& look,
+                           std::vector<Attribute> attributes) {
+    const ImageSize size = film.size();
+    Payload payload{size.width, size.height, {}};
+    if (encode == "exr") {
+        std::array<Channel, film_layers> channels;
+        for (std::size_t i = 0; i < film_layers; ++i) {
+            const FilmLayerInfo& layer = film_layer_table()[i];
+            const auto id = static_cast<FilmLayer>(i);
+            channels[i].name = layer.name;
+            if (layer.is_float)
+                channels[i].f32 = film.floats(id);
+            else
+                channels[i].u32 = film.words(id);
+        }
+        auto file = encode_exr(size.width, size.height, channels, attributes);
+        if (!file) return refuse(file.error());
+        payload.bytes = std::move(*file);
+        return payload;
+    }
+    if (encode == "linear") {
+        payload.bytes.resize(size.pixels() * sizeof(Vec4));
+        for (std::uint64_t i = 0; i < size.pixels(); ++i) {
+            const Vec4 colour = film.colour(i);
+            std::memcpy(payload.bytes.data() + i * sizeof colour, &colour, sizeof colour);
+        }
+        payload.exposure = auto_exposure(film);
+        return payload;
+    }
+    const float stops = look.exposure ? *look.exposure : auto_exposure(film);
+    const Picture picture =
+        show(film, {0, 0, size.width, size.height}, look.tonemap, stops);
+    if (encode == "png") {
+        attributes.push_back({"raynest:exposure", number_text(stops)});
+        auto file = encode_png(picture.width, picture.height, picture.rgba, attributes);
+        if (!file) return refuse(file.error());
+        payload.bytes = std::move(*file);
+        return payload;
+    }
+    payload.bytes.resize(picture.rgba.size());
+    std::memcpy(payload.bytes.data(), picture.rgba.data(), picture.rgba.size());
+    return payload;
+}
+
+}  // namespace raynest::server

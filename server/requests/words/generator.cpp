@@ -1,0 +1,287 @@
+#include "server/requests/words/generator.h"
+
+#include "engine/integrators/camera.h"
+#include "protocol/control.h"
+#include "server/requests/words/setting_types.h"
+
+#include <algorithm>
+#include <array>
+#include <cmath>
+#include <set>
+#include <sstream>
+#include <string>
+#include <string_view>
+#include <vector>
+
+namespace raynest::server {
+namespace {
+
+struct GeneratorSettings {
+#define RAYNEST_SETTING(name, type, text) std::optional<setting::type> name;
+#include "protocol/generators.def"
+};
+
+/// The settings of a generator, and the values that most kinds derive from them.
+struct Request {
+    std::string_view kind;
+    const GeneratorSettings& settings;
+    const Snapshot& scene;
+    SensorPose sensor_pose = {};
+    ImageSize size = {960, 540};
+};
+
+tl::unexpected<protocol::Error> lacks(std::string_view kind, const char* what) {
+    return refuse(Code::invalid_field, "generator " + std::string(kind) + " needs " + what);
+}
+
+/// The way up of a look-at: its own, or +Y.
+glm::dvec3 up_of(const setting::LookAt& look_at) {
+    return look_at.values.size() == 9 ? look_at.vector(2) : glm::dvec3(0, 1, 0);
+}
+
+Reply<Camera> camera_of(const Request& request) {
+    const GeneratorSettings& given = request.settings;
+    if (given.camera && request.scene.statistics().cameras.empty())
+        return refuse(Code::invalid_field,
+                      "the scene has no cameras: give the sensor a pose or a look-at instead");
+    CameraRequest wanted;
+    if (given.camera) wanted.name = given.camera->value;
+    if (given.fov) wanted.fov_degrees = given.fov->value;
+    if (const auto& look_at = given.lookat) {
+        wanted.look_at = true;
+        wanted.eye = Vec3(look_at->vector(0));
+        wanted.at = Vec3(look_at->vector(1));
+        wanted.up = Vec3(up_of(*look_at));
+    }
+    auto camera = choose_camera(request.scene, wanted);
+    if (!camera) return refuse(Code::invalid_field, camera.error().message);
+    return std::move(*camera);
+}
+
+/// Reads a pose, which may turn and move a sensor. One that scales would change what t measures,
+/// one that mirrors the way that a head turns. Axes of three digits pass.
+Reply<Pose> rigid_pose(const setting::Matrix& given) {
+    constexpr double tolerance = 2e-3;
+    const auto column = [&](std::size_t i) {
+        return glm::dvec3(given.at(i), given.at(4 + i), given.at(8 + i));
+    };
+    const Pose pose{column(0), column(1), column(2), column(3)};
+    const auto off = [](double value, double wanted) {
+        return !(std::abs(value - wanted) <= tolerance);
+    };
+    const glm::dvec3 lengths(glm::length(pose.x), glm::length(pose.y), glm::length(pose.z));
+    if (off(lengths.x, 1) || off(lengths.y, 1) || off(lengths.z, 1)) {
+        std::ostringstream message;
+        message.precision(3);
+        message << "pose: it scales, its axes have the lengths " << lengths.x << ", " << lengths.y
+                << " and " << lengths.z << ": a sensor is turned and moved only";
+        return refuse(Code::invalid_field, message.str());
+    }
+    if (off(glm::dot(pose.x, pose.y), 0) || off(glm::dot(pose.y, pose.z), 0) ||
+        off(glm::dot(pose.z, pose.x), 0))
+        return refuse(Code::invalid_field,
+                      "pose: its axes are not at right angles: a sensor is turned and moved only");
+    if (glm::dot(glm::cross(pose.x, pose.y), pose.z) < 0)
+        return refuse(
+            Code::invalid_field,
+            "pose: it mirrors, its axes are left-handed: a sensor is turned and moved only");
+    return pose;
+}
+
+Reply<SensorPose> sensor_pose_of(const Request& request) {
+    const GeneratorSettings& given = request.settings;
+    std::vector<std::string> places;
+    if (given.camera) places.emplace_back("camera");
+    if (given.lookat) places.emplace_back("lookat");
+    if (given.pose) places.emplace_back("pose");
+    if (places.size() > 1)
+        return refuse(Code::invalid_field,
+                      places[0] + " and " + places[1] +
+                          " each say where the sensor stands: give one of them");
+    SensorPose sensor_pose;
+    if (given.range) sensor_pose.tmin = given.range->tmin, sensor_pose.tmax = given.range->tmax;
+    if (given.pose) {
+        const auto pose = rigid_pose(*given.pose);
+        if (!pose) return tl::unexpected(pose.error());
+        sensor_pose.pose = *pose;
+    }
+    if (given.camera || given.lookat) {
+        const auto camera = camera_of(request);
+        if (!camera) return tl::unexpected(camera.error());
+        sensor_pose.pose = pose_of(camera->to_world);
+    }
+    return sensor_pose;
+}
+
+Generated ready(Sensor sensor) {
+    const ImageSize grid = ray_grid(sensor);
+    return std::make_shared<LateSensor>(grid, [sensor = std::move(sensor)] { return sensor; });
+}
+
+Reply<Generated> make_camera(const Request& request) {
+    auto camera = camera_of(request);
+    if (!camera) return tl::unexpected(camera.error());
+    return ready(camera_sensor(*camera, request.sensor_pose, request.size));
+}
+
+Reply<Generated> make_pinhole(const Request& request) {
+    const GeneratorSettings& given = request.settings;
+    const auto number = [](const std::optional<setting::Number>& value, double otherwise) {
+        return value ? value->at(0) : otherwise;
+    };
+    const double fx = number(given.fx, 0), fy = number(given.fy, fx);
+    if (!(fx > 0 && fy > 0)) return lacks(request.kind, "fx and fy above 0");
+    return ready(Pinhole{request.sensor_pose, request.size,
+                         number(given.cx, 0.5 * request.size.width),
+                         number(given.cy, 0.5 * request.size.height), 1 / fx, 1 / fy});
+}
+
+Reply<Generated> make_orthographic(const Request& request) {
+    const auto& window = request.settings.window;
+    if (!window || !(window->at(0) > 0 && window->at(1) > 0))
+        return lacks(request.kind, "window=WIDTHxHEIGHT, both above 0");
+    return ready(Orthographic{request.sensor_pose, request.size, window->at(0), window->at(1)});
+}
+
+Reply<Generated> make_equirectangular(const Request& request) {
+    return ready(Equirectangular(request.sensor_pose, request.size));
+}
+
+/// Returns the pose of a lidar that stands upright where a camera does: z is up, and x, its ahead,
+/// the level part of the camera's view; of a camera that looks straight down or up, what is up or
+/// down in its picture.
+Pose upright(const Pose& camera, const glm::dvec3& up) {
+    constexpr double level_min = 1e-6;
+    const glm::dvec3 z = glm::normalize(up);
+    const auto level = [&](const glm::dvec3& way) { return way - glm::dot(way, z) * z; };
+    const glm::dvec3 view = -glm::normalize(camera.z);
+    glm::dvec3 ahead = level(view);
+    if (glm::length(ahead) < level_min)
+        ahead = glm::dot(view, z) < 0 ? level(camera.y) : -level(camera.y);
+    const glm::dvec3 x = glm::normalize(ahead);
+    return {x, glm::cross(z, x), z, camera.origin};
+}
+
+Reply<Generated> make_lidar(const Request& request) {
+    const GeneratorSettings& given = request.settings;
+    if (!given.elevations || !given.azimuths) return lacks(request.kind, "elevations and azimuths");
+    std::vector<LidarChannel> channels;
+    for (const double elevation : given.elevations->values) channels.push_back({elevation});
+    const auto one_each = [&](const char* name, std::size_t count) -> Reply<void> {
+        if (count == channels.size()) return {};
+        return refuse(Code::invalid_field, std::string(name) + " must be as many as elevations");
+    };
+    if (const auto& offsets = given.azimuth_offsets) {
+        if (auto good = one_each("azimuth_offsets", offsets->values.size()); !good)
+            return tl::unexpected(good.error());
+        for (std::size_t i = 0; i < channels.size(); ++i)
+            channels[i].azimuth_offset = offsets->at(i);
+    }
+    if (const auto& offsets = given.origin_offsets) {
+        if (auto good = one_each("origin_offsets", offsets->values.size() / 3); !good)
+            return tl::unexpected(good.error());
+        for (std::size_t i = 0; i < channels.size(); ++i)
+            channels[i].origin_offset = offsets->vector(i);
+    }
+    SensorPose sensor_pose = request.sensor_pose;
+    if (given.camera || given.lookat)
+        sensor_pose.pose =
+            upright(sensor_pose.pose, given.lookat ? up_of(*given.lookat) : glm::dvec3(0, 1, 0));
+    const setting::Sweep sweep = *given.azimuths;
+    const ImageSize grid{sweep.count, static_cast<std::uint32_t>(channels.size())};
+    return std::make_shared<LateSensor>(grid, [=, channels = std::move(channels)] {
+        return Sensor{Lidar(sensor_pose, channels, sweep.start, sweep.stop, sweep.count)};
+    });
+}
+
+/// A millionth of the scene's size, which is the diagonal of its box.
+double leaving_margin(const Snapshot& scene) {
+    const Box& box = scene.bounds();
+    if (box.is_empty()) return 0;
+    return 0x1p-20 * glm::length(glm::dvec3(box.upper) - glm::dvec3(box.lower));
+}
+
+Reply<Generated> make_hemisphere(const Request& request) {
+    const GeneratorSettings& given = request.settings;
+    Hemisphere made{given.samples.value_or(setting::Samples{}).value,
+                    given.seed.value_or(setting::Whole{}).value, leaving_margin(request.scene),
+                    !given.margin};
+    if (given.margin) made.margin = given.margin->at(0);
+    if (made.margin < 0) return refuse(Code::invalid_field, "margin must be 0 or more");
+    return made;
+}
+
+struct Kind {
+    std::string_view name;
+    std::string_view settings;
+    Reply<Generated> (*make)(const Request&);
+};
+constexpr std::array kinds = {
+#define RAYNEST_GENERATOR(name, settings, t, rays) Kind{#name, settings, make_##name},
+#include "protocol/generators.def"
+};
+
+struct Key {
+    std::string_view name;
+    Reply<void> (*read)(std::string_view text, GeneratorSettings& to);
+};
+constexpr std::array keys = {
+#define RAYNEST_SETTING(name, type, text)                          \
+    Key{#name, [](std::string_view given, GeneratorSettings& to) { \
+            return setting::read(given, to.name.emplace());        \
+        }},
+#include "protocol/generators.def"
+};
+
+/// True if `word` is one of `names`, a list like "a, b, c".
+bool among(std::string_view names, std::string_view word) {
+    for (std::size_t at = 0, end = 0; at < names.size(); at = end + 2) {
+        end = std::min(names.find(", ", at), names.size());
+        if (names.substr(at, end - at) == word) return true;
+    }
+    return false;
+}
+
+Reply<void> read_setting(const Kind& kind, std::string_view word, GeneratorSettings& to) {
+    const std::size_t equals = word.find('=');
+    const std::string name(word.substr(0, equals));
+    const auto* key =
+        std::find_if(keys.begin(), keys.end(), [&](const Key& each) { return each.name == name; });
+    if (key == keys.end() || !among(kind.settings, name))
+        return refuse(Code::invalid_field, name + " is no key of " + std::string(kind.name) +
+                                               "; its keys are " + std::string(kind.settings));
+    auto read = key->read(word.substr(equals + 1), to);
+    if (!read) return refuse(read.error().code, name + ": " + read.error().message);
+    return {};
+}
+
+}  // namespace
+
+Reply<Generated> generate(const wire::Generator& message, const Snapshot& scene) {
+    const std::string_view name = protocol::text(message.kind());
+    const auto* kind = std::find_if(kinds.begin(), kinds.end(),
+                                    [&](const Kind& each) { return each.name == name; });
+    if (kind == kinds.end()) {
+        std::string known;
+        for (const Kind& each : kinds)
+            known += (known.empty() ? "" : ", ") + std::string(each.name);
+        return refuse(Code::invalid_field,
+                      "there is no generator '" + std::string(name) + "'; there are " + known);
+    }
+    GeneratorSettings settings;
+    std::set<std::string> given;
+    for (const std::string& word : protocol::strings(message.settings())) {
+        if (auto read = read_setting(*kind, word, settings); !read)
+            return tl::unexpected(read.error());
+        const std::string key = word.substr(0, word.find('='));
+        if (!given.insert(key).second) return refuse(Code::invalid_field, key + " is given twice");
+    }
+    Request request{name, settings, scene};
+    if (settings.size) request.size = settings.size->value;
+    auto sensor_pose = sensor_pose_of(request);
+    if (!sensor_pose) return tl::unexpected(sensor_pose.error());
+    request.sensor_pose = *sensor_pose;
+    return kind->make(request);
+}
+
+}  // namespace raynest::server

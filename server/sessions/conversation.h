@@ -1,0 +1,109 @@
+// The protocol's state machine for one client, without a transport.
+//
+//   greeting ──Hello──► open ──framing error, drained──► closing
+//
+// Frames come in through receive() and go out through the Sink, so fuzzers and tests run it in
+// memory. The table in requests/request.cpp says when each message is allowed and what it does.
+// Io thread only.
+#pragma once
+
+#include "server/requests/request.h"
+#include "server/scheduling/runner.h"
+#include "server/net/unreadable.h"
+
+#include <cstdint>
+#include <functional>
+#include <map>
+#include <memory>
+#include <string>
+
+namespace raynest::server {
+
+class Conversation {
+public:
+    /// Identifies the client by its Hello message; an error ends the connection.
+    using Authenticate = std::function<Reply<Principal>(const wire::Hello&)>;
+
+    /// `peer` names the client until it is authenticated.
+    Conversation(const Services& services, const JobContext& context, Sink& sink, std::string peer,
+                 Authenticate authenticate);
+    ~Conversation() { abandon(); }
+    Conversation(const Conversation&) = delete;
+
+    /// Decides from a frame's header whether to read its bulk part. False: skip the bulk part. An
+    /// error ends the connection.
+    [[nodiscard]] Reply<bool> admit(const protocol::FrameHeader& header) const;
+
+    /// Handles a frame, which admit() let in.
+    void receive(protocol::Frame frame);
+    /// Refuses a message that its transport could not read: ends its request, or the connection.
+    void refuse_unreadable(const Unreadable& message);
+    /// Sends the error to the client, then ends the connection.
+    void close_with_error(const protocol::Error& error);
+    /// Refuses new jobs and ends the connection when the running ones have ended.
+    void drain();
+
+    [[nodiscard]] const std::string& principal() const { return caller_.principal; }
+    /// Whose work is counted: the principal's, once it is greeted; empty before.
+    [[nodiscard]] const std::string& counted_as() const {
+        static const std::string nobody;
+        return greeted_ ? caller_.principal : nobody;
+    }
+    /// The client, once it is greeted.
+    [[nodiscard]] const Principal& identity() const { return caller_.identity; }
+    /// The connection's number, which appears in lists and logs.
+    [[nodiscard]] std::uint64_t number() const { return caller_.connection; }
+    [[nodiscard]] bool greeted() const { return greeted_; }
+    /// True once the last frame was sent: flush, then close.
+    [[nodiscard]] bool closing() const { return closing_; }
+    [[nodiscard]] Runner& runner() { return *runner_; }
+    [[nodiscard]] const Runner& runner() const { return *runner_; }
+
+    /// Number of requests in flight, including detached ones whose data are still arriving.
+    [[nodiscard]] std::size_t jobs() const { return runner_->size() + feeding_.size(); }
+    /// Bytes of --memory that these requests and their answers have reserved.
+    [[nodiscard]] std::uint64_t held_bytes() const;
+    /// True if every request waits for its client.
+    [[nodiscard]] bool waits_for_client() const;
+
+    /// Ends all requests that need the connection, because it is gone or about to end.
+    void abandon(const protocol::Error& why = Runner::client_is_gone());
+    /// Releases complete detached jobs, and closes a drained connection that has no jobs left. Call
+    /// it after anything that may have ended a job.
+    void settle();
+
+private:
+    friend struct RequestTable;  // its rows refer to the private members below
+    void greet(protocol::Frame frame);
+    void ping(protocol::Frame frame);
+    void credit(protocol::Frame frame);
+    void cancel(protocol::Frame frame);
+    void feed(protocol::Frame frame);
+
+    void handle(protocol::Frame frame);
+    void start(const Request& request, const protocol::Frame& frame);
+    /// Returns the runner that has the request of this id: a detached job's, else the connection's.
+    [[nodiscard]] Runner& runner_of(std::uint64_t id) const;
+    Reply<void> detach(std::uint64_t id, JobSubmission accepted);
+    /// Releases detached jobs that have all their data and so no longer need this connection.
+    void release_inputs();
+    /// Logs and answers a request that is refused.
+    void refuse_request(std::uint64_t id, const protocol::Error& error);
+    /// Answers a request whose refusal is logged already.
+    void send_refusal(std::uint64_t id, const protocol::Error& error);
+
+    const Services& services_;
+    Sink& sink_;
+    const Authenticate authenticate_;
+    Caller caller_;
+    std::shared_ptr<Runner> runner_;
+    /// Detached jobs that still wait for data of this connection, by request id.
+    std::map<std::uint64_t, DetachedJobs::Pointer> feeding_;
+    bool greeted_ = false;
+    bool draining_ = false;
+    bool waited_ = false;  ///< a Wait was sent and no Fetch since
+    Clock::time_point fetch_until_ = Clock::time_point::max();
+    bool closing_ = false;
+};
+
+}  // namespace raynest::server
