@@ -1,5 +1,6 @@
 #!/usr/bin/env python3
 """The checks can fail: each planted violation is found, and a clean tree passes."""
+import importlib.util
 import pathlib
 import re
 import subprocess
@@ -38,7 +39,7 @@ class Includes(Planted):
     def test_downward_includes_pass(self):
         self.plant({"engine/bvh/a.h": '#include "engine/math/vec.h"\n#include <vector>\n',
                     "engine/assets/a.cpp": '#include "engine/packs/registry.h"\n',
-                    "server/a.cpp": '#include "engine/scene/x.h"\n#include "protocol/frame.h"\n'})
+                    "server/jobs/a.cpp": '#include "engine/scene/x.h"\n#include "protocol/frame.h"\n'})
         self.assertEqual(self.check("check_includes.py")[0], 0)
 
     def test_lists_are_open_to_all(self):
@@ -69,6 +70,19 @@ class Includes(Planted):
     def test_a_heavy_header_has_one_file(self):
         self.plant({"engine/assets/a.cpp": "#include <tiny_gltf.h>\n"})
         self.assert_refused("engine/assets/b.cpp", "<tiny_gltf.h>", "included by 2 files")
+
+    def test_rooms_of_the_server_do_not_look_up(self):
+        self.assert_refused("server/net/a.h", '"server/sessions/session.h"', "server/net may not")
+        self.assert_refused("server/jobs/a.h", '"server/requests/request.h"', "server/jobs may not")
+        self.assert_refused("server/a.h", '"server/ground/log.h"', "no known layer")
+
+    def test_a_row_names_only_rows_above_it(self):
+        spec = importlib.util.spec_from_file_location("check_includes", HERE / "check_includes.py")
+        checks = importlib.util.module_from_spec(spec)
+        spec.loader.exec_module(checks)
+        self.assertEqual(list(checks.upward_rows(checks.ALLOWED)), [])
+        circle = {"a": ["b"], "b": ["a"]}
+        self.assertEqual(len(list(checks.upward_rows(circle))), 1)
 
     def test_a_new_folder_must_be_named(self):
         self.assert_refused("engine/novel/a.h", '"engine/result.h"', "no known layer")

@@ -130,7 +130,7 @@ Reply<Answer> echo(const Services& services, const Caller& caller,
 
 }  // namespace raynest::server
 """)
-    tree.edit("server/CMakeLists.txt", r"handlers/stats\.cpp", "requests/stats.cpp requests/echo.cpp")
+    tree.edit("server/CMakeLists.txt", r"requests/stats\.cpp", "requests/stats.cpp requests/echo.cpp")
     handlers = (tree.root / "server/requests/request.cpp").read_text()
     if "requests.def" not in handlers:
         row = re.search(r"\w+<wire::Stats, stats>,", handlers)[0]

@@ -1,69 +1,11 @@
 #include "server/backends/backends.h"
 
-#include "server/execution/plan.h"
-
-#include <optional>
-
 namespace raynest::server {
-namespace {
-
-std::optional<Unavailable> unavailable_reason(Backend& backend, const Plan& plan,
-                                              std::span<const Plan* const> others) {
-    auto why = backend.unavailable_reason(plan);
-    for (const Plan* other : others)
-        if (!why) why = backend.unavailable_reason(*other);
-    return why;
-}
-
-Reply<Backend*> find_backend(const Backends& backends, const std::string& name) {
-    std::string known = "auto";
-    for (auto backend = backends.rbegin(); backend != backends.rend(); ++backend) {
-        if ((*backend)->name() == name) return backend->get();
-        known += ", " + std::string((*backend)->name());
-    }
-    return refuse(Code::invalid_field, "unknown worker '" + name + "': use one of " + known);
-}
-
-}  // namespace
-
 Backends make_backends(const BackendContext& context) {
     Backends backends;
 #define RAYNEST_WORKER(name, text) backends.push_back(make_##name(context));
 #include "protocol/workers.def"
     return backends;
-}
-
-Reply<void> choose_backends(const Backends& backends, std::uint64_t rays, Plan& plan,
-                            std::span<const Plan* const> others) {
-    BackendChoice& choice = plan.worker;
-    if (choice.asked != "auto") {
-        const auto found = find_backend(backends, choice.asked);
-        if (!found) return tl::unexpected(found.error());
-        if (const auto why = unavailable_reason(**found, plan, others))
-            return tl::unexpected(unavailable_error(**found, *why));
-        choice.order = {*found};
-        return {};
-    }
-    const std::string cpu(backends.back()->name());
-    for (const auto& backend : backends) {
-        const std::uint64_t least = backend->job_rays_min();
-        auto why = unavailable_reason(*backend, plan, others);
-        if (!why && rays < least)
-            why = Unavailable{"fewer than " + std::to_string(least) + " rays"};
-        const bool decides = choice.order.empty() && choice.reason.empty();
-        if (why && decides && !why->absent) choice.reason = cpu + ": " + why->reason;
-        if (why) continue;
-        if (decides && least != 0)
-            choice.reason =
-                std::string(backend->name()) + ": at least " + std::to_string(least) + " rays";
-        choice.order.push_back(backend.get());
-    }
-    return {};
-}
-
-protocol::Error unavailable_error(const Backend& backend, const Unavailable& why) {
-    return {why.code, backend.title() + ": " + why.reason + "; use auto or cpu as `worker`",
-            why.retry_after_ms};
 }
 
 }  // namespace raynest::server

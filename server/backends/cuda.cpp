@@ -6,7 +6,6 @@
 #include "server/scheduling/fair_thread_pool.h"
 #include "server/execution/plan.h"
 #include "server/ground/log.h"
-#include "server/options/options.h"
 
 #include <algorithm>
 #include <filesystem>
@@ -104,7 +103,7 @@ private:
 }  // namespace
 
 std::unique_ptr<Backend> make_cuda(const BackendContext& context) {
-    const std::string& pack = context.options.cuda_pack;
+    const std::string& pack = context.cuda_pack;
     if (pack.empty()) return std::make_unique<NoCuda>("");
     // CPUs of target v2 have no fma: answers would differ between the GPU and the CPU that takes
     // over its chunks.
@@ -120,7 +119,7 @@ std::unique_ptr<Backend> make_cuda(const BackendContext& context) {
     options.command = {std::filesystem::read_symlink("/proc/self/exe").string(),
                        std::string(device::worker_flag), pack};
     options.shape = {rays_max(context.limits), hit_bytes_max / sizeof(HitRecord)};
-    const std::uint64_t room = device::slots_share(context.options.memory) / options.shape.bytes();
+    const std::uint64_t room = device::slots_share(context.budget.limit()) / options.shape.bytes();
     options.slots = static_cast<std::uint32_t>(std::clamp<std::uint64_t>(room, 1, calls_max));
     return std::make_unique<CudaBackend>(std::move(options), context);
 }

@@ -2,6 +2,7 @@
 
 #include "engine/packs/load.h"
 #include "protocol/text.h"
+#include "server/backends/backends.h"
 #include "server/daemon/exposition.h"
 #include "server/ground/io_turn.h"
 #include "server/ground/limited_log.h"
@@ -63,16 +64,6 @@ constexpr std::chrono::milliseconds credentials_look{300};
 /// Time for clients to receive the error after a drain took too long.
 constexpr std::chrono::milliseconds last_words_time{1000};
 constexpr int exit_forced = 3;
-
-/// Says how another machine sees a page that listens on loopback. The page answers to its own port
-/// alone, so that both ends of the tunnel have it.
-std::string forward_hint(const std::string& uri) {
-    const std::string place = uri.substr(uri.find("//") + 2);
-    const std::string port = place.substr(place.rfind(':') + 1);
-    return "from another machine: ssh -L " + port + ":" + place + " HOST, then open " +
-           uri.substr(0, uri.find("//") + 2) + "localhost:" + port;
-}
-
 
 class Daemon final : public Administration {
 public:
@@ -197,7 +188,7 @@ Daemon::Daemon(Options options, ReadOptions read_again, std::shared_ptr<const Re
                coalescer_,
                peers_},
       detached_(context_, [this] { look_after_detached(); }),
-      backends_(make_backends({options_, *registry_, budget_, metrics_, limits_})),
+      backends_(make_backends({options_.cuda_pack, *registry_, budget_, metrics_, limits_})),
       compute_(options_.threads, FairThreadPool::Time::processor, spare_threads(options_.threads)),
       blocking_(imports_max, FairThreadPool::Time::clock, 0, principal_imports_max),
       signals_(io_, SIGTERM, SIGINT, SIGHUP),
@@ -215,7 +206,10 @@ Daemon::Daemon(Options options, ReadOptions read_again, std::shared_ptr<const Re
                    }),
       page_access_(credentials_.authentication(), [this] { end_revoked(); }),
       site_(options_.http.hosts),
-      http_(io_, site_, connections_, services_),
+      http_(io_, site_, limits_, metrics_,
+            [this](auto transport, auto descriptors) {
+                connections_.accept(std::move(transport), descriptors);
+            }),
       start_loads_(io_, services_) {
     scenes_.set_disposal([this](std::shared_ptr<const Snapshot> scene) {
         dispose(compute_, "", std::move(scene));
@@ -228,7 +222,7 @@ Result<void> Daemon::listen() {
         auto address = parse_address(uri);
         if (!address) return tl::unexpected(address.error());
         inherited_.claim(*address);
-        const MakeTransport make = find_scheme(scheme_of(*address))->make;
+        const MakeTransport make = transport_of(*find_scheme(scheme_of(*address)));
         auto listener =
             Listener::open(io_, *address, "--listen", options_.socket,
                            [this, make](Socket socket, Descriptors descriptors) {
@@ -328,7 +322,7 @@ Result<void> Daemon::run() {
         repeat(watchdog_timer_, *interval, [] { notify("WATCHDOG=1"); });
     for (;;) {
         try {
-            is_logged(LogLevel::debug) ? IoTurn::run_and_log(io_) : void(io_.run());
+            is_logged(LogLevel::debug) ? IoTurn::run_and_log([this] { return io_.run_one() != 0; }) : void(io_.run());
             break;
         } catch (const std::exception& error) {
             // Only this handler's work is lost; it is outside the connections' coroutines.

@@ -4,6 +4,7 @@
 #include "server/scheduling/admission.h"
 #include "server/scheduling/peers.h"
 #include "server/ground/log.h"
+#include "server/store/scene_store.h"
 
 #include <prometheus/metric_family.h>
 #include <prometheus/text_serializer.h>

@@ -5,6 +5,7 @@
 #include "server/options/load_sources.h"
 #include "server/ground/log.h"
 #include "server/daemon/notify.h"
+#include "server/store/scene_store.h"
 
 #include <unistd.h>
 

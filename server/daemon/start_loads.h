@@ -7,6 +7,7 @@
 
 #include "server/requests/request.h"
 #include "server/net/asio.h"
+#include "server/scheduling/detached.h"
 
 #include <cstddef>
 #include <string>

@@ -2,6 +2,7 @@
 
 #include "engine/inspection/diagnosis.h"
 #include "engine/inspection/ranking.h"
+#include "protocol/text.h"
 #include "server/documents/json.h"
 #include "server/documents/scene_info.h"
 
@@ -119,7 +120,7 @@ private:
         return clean(view_.names + view_.objects[object].name);
     }
     std::string clean(const std::string& name) const {
-        return clean_text(name, context_.limits.name_bytes_max);
+        return protocol::clean_text(name, context_.limits.name_bytes_max);
     }
 
     const Plan& plan_;

@@ -1,4 +1,6 @@
 #include "server/documents/columns.h"
+#include "protocol/blocks.h"
+#include "protocol/control.h"
 
 #include <algorithm>
 #include <cstring>

@@ -1,8 +1,9 @@
 #include "server/documents/heat_json.h"
 
 #include "protocol/base64.h"
+#include "protocol/text.h"
 #include "server/documents/json.h"
-#include "server/jobs/picture_job.h"
+#include "server/documents/plan_text.h"
 #include "server/documents/scene_info.h"
 
 #include <string>
@@ -18,8 +19,8 @@ Json job_json(const Plan& plan, const protocol::Limits& limits) {
     return {{"scene", plan.scene.name},
             {"hash", plan.scene.snapshot().digest()},
             {"epoch", plan.scene.epoch},
-            {"intersector", clean_text(plan.variant->name, limits.name_bytes_max)},
-            {"settings", clean_text(settings_text(plan), limits.text_bytes_max)},
+            {"intersector", protocol::clean_text(plan.variant->name, limits.name_bytes_max)},
+            {"settings", protocol::clean_text(settings_text(plan), limits.text_bytes_max)},
             {"mask", plan.mask}};
 }
 
@@ -44,7 +45,7 @@ std::string heat_json(const HeatDocument& document) {
     json["target"] = document.plan.variant->target;
     json["other"] =
         document.other == nullptr ? Json(nullptr) : job_json(*document.other, document.limits);
-    json["camera"] = clean_text(document.camera, document.limits.name_bytes_max);
+    json["camera"] = protocol::clean_text(document.camera, document.limits.name_bytes_max);
     json["size"] = {document.width, document.height};
     json["rays"] = document.statistics.rays;
     json["levels"] = scene.levels;

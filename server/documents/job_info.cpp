@@ -1,6 +1,7 @@
 #include "server/documents/job_info.h"
 
 #include "protocol/control.h"
+#include "server/ground/stop.h"
 
 #include <algorithm>
 
@@ -41,8 +42,8 @@ wire::JobInfoT job_info(const JobRecord& record) {
     return info;
 }
 
-wire::JobInfoT job_info(const DetachedJob& job, const Services& services) {
-    const JobRecord* running = services.admission.find(job.record().number);
+wire::JobInfoT job_info(const DetachedJob& job, const Admission& admission) {
+    const JobRecord* running = admission.find(job.record().number);
     wire::JobInfoT info = job_info(running != nullptr ? *running : job.record());
     info.bytes = job.bytes();
     if (!job.ended()) return info;

@@ -1,4 +1,4 @@
-// JSON documents that handlers make: the only header of the handlers that includes the library.
+// JSON documents: the only header of the server that includes the library.
 #pragma once
 
 #include "engine/geometry/box.h"

@@ -1,5 +1,6 @@
 #include "server/documents/named_hit.h"
 
+#include "protocol/text.h"
 #include "server/documents/scene_info.h"
 
 namespace raynest::server {
@@ -13,7 +14,7 @@ Json HitNames::primitive(std::uint32_t object, std::uint32_t flat) const {
               {"material", nullptr}};
     if (named.material != no_id)
         json["material"] =
-            clean_text(view.names + view.materials[named.material].name, name_bytes_);
+            protocol::clean_text(view.names + view.materials[named.material].name, name_bytes_);
     return json;
 }
 
@@ -33,20 +34,20 @@ Json HitNames::hit(const Ray& ray, const HitRecord& hit) const {
 }
 
 std::string HitNames::placement(const PlacementRange& placements, std::size_t depth) const {
-    return clean_text(instance_path(scene_, placements, depth), name_bytes_);
+    return protocol::clean_text(instance_path(scene_, placements, depth), name_bytes_);
 }
 
 std::string HitNames::type(const ObjectRecord& object) const {
     for (const std::string& name : scene_.record_types()) {
         if (primitive_type(name.c_str()) == object.record_type)
-            return clean_text(name, name_bytes_);
+            return protocol::clean_text(name, name_bytes_);
     }
     return "triangle";
 }
 
 std::string HitNames::mesh(std::uint32_t object) const {
     const SceneView& view = scene_.view();
-    return clean_text(view.names + view.objects[object].name, name_bytes_);
+    return protocol::clean_text(view.names + view.objects[object].name, name_bytes_);
 }
 
 Json ray_json(const Ray& ray, const WorldPoint& origin) {

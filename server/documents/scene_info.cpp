@@ -2,6 +2,7 @@
 
 #include "engine/bvh/node.h"
 #include "engine/geometry/triangle.h"
+#include "protocol/text.h"
 
 #include <algorithm>
 
@@ -18,7 +19,7 @@ public:
 
     /// Appends a cleaned copy; false when the list or the message is full.
     bool append(std::vector<std::string>& list, std::string_view text, std::size_t bytes_max) {
-        std::string clean = clean_text(text, bytes_max);
+        std::string clean = protocol::clean_text(text, bytes_max);
         constexpr std::size_t overhead = 16;
         const std::size_t cost = clean.size() + overhead;
         // Keep one place of every list for the line that counts the missing items.
@@ -53,7 +54,7 @@ wire::SceneInfoT scene_info(const NamedScene& scene, const Registry& registry,
     info.instances = statistics.instances;
     info.levels = statistics.levels;
     if (const auto chosen = registry.choose("auto", snapshot.view()))
-        info.intersector = clean_text((*chosen)->name, limits.name_bytes_max);
+        info.intersector = protocol::clean_text((*chosen)->name, limits.name_bytes_max);
     info.materials = statistics.materials;
     info.mask_materials = statistics.mask_materials;
     info.blend_materials = snapshot.view().blended_materials;

@@ -3,12 +3,9 @@
 
 #include "engine/packs/registry.h"
 #include "protocol/control.h"
-#include "protocol/text.h"
-#include "server/store/scene_store.h"
+#include "server/store/named_scene.h"
 
 namespace raynest::server {
-
-using protocol::clean_text;
 
 /// Describes a scene. Long lists are cut to fit a message; a warning counts the missing items.
 [[nodiscard]] wire::SceneInfoT scene_info(const NamedScene& scene, const Registry& registry,

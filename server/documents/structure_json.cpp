@@ -2,6 +2,7 @@
 
 #include "engine/inspection/names.h"
 #include "engine/inspection/structure.h"
+#include "protocol/text.h"
 #include "server/documents/json.h"
 #include "server/documents/scene_info.h"
 
@@ -90,7 +91,7 @@ private:
             }
             const auto steps = expand_path(scene_, path);
             if (!steps) return refuse(Code::invalid_field, steps.error().message);
-            rows.push_back(clean_text(path_name(*steps), limits_.text_bytes_max));
+            rows.push_back(protocol::clean_text(path_name(*steps), limits_.text_bytes_max));
         }
         return {};
     }
@@ -133,7 +134,7 @@ private:
         return clean(view_.names + view_.objects[object].name);
     }
     [[nodiscard]] std::string clean(const std::string& name) const {
-        return clean_text(name, limits_.name_bytes_max);
+        return protocol::clean_text(name, limits_.name_bytes_max);
     }
 
     const NamedScene& named_;

@@ -1,7 +1,10 @@
 // Objects, placements and tree boxes of a scene as the JSON documents of client/EXPLAIN.md.
 #pragma once
 
-#include "server/requests/request.h"
+#include "protocol/limits.h"
+#include "server/ground/errors.h"
+#include "server/ground/stop.h"
+#include "server/store/named_scene.h"
 
 #include <cstddef>
 #include <cstdint>

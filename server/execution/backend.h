@@ -8,13 +8,15 @@
 #include "engine/geometry/pinhole.h"
 #include "engine/packs/abi.h"
 #include "server/ground/errors.h"
-#include "server/scheduling/job.h"
+#include "server/ground/stop.h"
 
 #include <cstdint>
+#include <memory>
 #include <optional>
 #include <string>
 #include <string_view>
 #include <variant>
+#include <vector>
 
 namespace raynest::server {
 
@@ -70,5 +72,20 @@ public:
     virtual Traced<Traversal> trace(const Plan& plan, const TraceCall& call,
                                     const PinholeRays* camera, const Stop& stop) = 0;
 };
+
+/// Backends in the order in which `auto` tries them; the CPU is last.
+using Backends = std::vector<std::unique_ptr<Backend>>;
+
+/// The backends that may trace a job.
+struct BackendChoice {
+    std::string asked = "auto";        ///< "auto" or the name of a backend
+    std::vector<Backend*> order = {};  ///< chunks that one backend gives up go to the next one
+    std::string reason = {};           ///< why `auto` put the first one first; else empty
+
+    [[nodiscard]] Backend& first() const { return *order.front(); }
+};
+
+/// Returns the error of a job that no other backend may trace.
+[[nodiscard]] protocol::Error unavailable_error(const Backend& backend, const Unavailable& why);
 
 }  // namespace raynest::server

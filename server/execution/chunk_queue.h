@@ -8,7 +8,7 @@
 // digest, the request and the range.
 #pragma once
 
-#include "server/backends/backends.h"
+#include "server/execution/backend.h"
 
 #include <atomic>
 #include <cstdint>

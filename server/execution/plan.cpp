@@ -1,8 +1,8 @@
 #include "server/execution/plan.h"
 
 #include "engine/geometry/triangle.h"
+#include "engine/packs/registry.h"
 #include "protocol/text.h"
-#include "server/documents/scene_info.h"
 
 #include <algorithm>
 #include <limits>
@@ -17,111 +17,12 @@ namespace {
 constexpr std::uint64_t small_trees_blocks = 1 << 16;
 constexpr std::uint64_t small_trees_record_bytes = small_trees_blocks * sizeof(TriangleBlock);
 
-/// Refuses an unknown word as INVALID_FIELD: the engine calls it a parameter, but on the wire it is
-/// a field of the request.
-tl::unexpected<protocol::Error> refuse_word(Error error) {
-    return refuse(Code::invalid_field, std::move(error.message));
-}
-
-Reply<Priority> parse_priority(std::string_view word) {
-    if (word == "low") return Priority::low;
-    if (word == "normal") return Priority::normal;
-    if (word == "high") return Priority::high;
-    return refuse(Code::invalid_field,
-                  "unknown priority '" + std::string(word) + "': use one of low, normal, high");
-}
-
-Reply<Settings> read_settings(const Variant& variant, const wire::Job& job) {
-    std::vector<std::pair<std::string, std::string>> assignments;
-    for (const std::string& text : protocol::strings(job.settings())) {
-        const auto equals = text.find('=');
-        assignments.emplace_back(text.substr(0, equals), text.substr(equals + 1));
-    }
-    std::vector<NamedTable> tables;
-    if (job.tables() != nullptr) {
-        for (const wire::ParamTable* table : *job.tables()) {
-            const auto values = protocol::values(*table);
-            tables.push_back({std::string(protocol::text(table->name())),
-                              {values.begin(), values.end()}});
-        }
-    }
-    auto settings = parse_settings(variant, assignments, tables);
-    if (!settings) return refuse(settings.error());
-    return std::move(*settings);
-}
-
-/// Returns what a job hides, and memory for its view of the scene; null if it hides nothing.
-Reply<std::shared_ptr<Plan::Selected>> reserve_selection(const Services& services,
-                                                         const Caller& caller,
-                                                         const SceneView& scene,
-                                                         const wire::Job& job) {
-    const auto list = [](const flatbuffers::Vector<std::uint32_t>* ids) {
-        return ids == nullptr ? std::vector<std::uint32_t>()
-                              : std::vector<std::uint32_t>(ids->begin(), ids->end());
-    };
-    InstanceLists lists{list(job.hidden_instances()), list(job.hidden_objects()),
-                        list(job.only_instances()), list(job.only_objects())};
-    if (lists.selection().is_everything()) return nullptr;
-    if (auto known = SelectedInstances::check(scene, lists.selection()); !known)
-        return refuse(Code::invalid_field, std::move(known.error().message));
-    const std::uint64_t most = services.limits.hidden_instances_max;
-    if (scene.instance_count > most)
-        return refuse(Code::limit_exceeded,
-                      "the scene has more instances than hidden_instances_max = " +
-                          std::to_string(most) + "; use masks (load --mask) to hide some of them");
-    const bool skips_boxes = job.skip_hidden_boxes();
-    const std::uint64_t bytes =
-        std::uint64_t{scene.instance_count} * sizeof(InstanceRecord) +
-        (skips_boxes ? SelectedInstances::node_count(scene) * sizeof(Node) : 0);
-    auto lease = services.peers.reserve(bytes, caller.principal);
-    if (!lease)
-        return services.budget.refuse("hiding instances", bytes, caller.principal, "hide none");
-    return std::shared_ptr<Plan::Selected>(
-        new Plan::Selected{std::move(lists), skips_boxes, std::move(*lease)});
-}
-
 RecordNormal record_normal(std::uint32_t type, const void* registry) {
     const PackPrimitive* primitive = static_cast<const Registry*>(registry)->find_primitive(type);
     return primitive == nullptr ? nullptr : primitive->normal;
 }
 
 }  // namespace
-
-Reply<Plan> make_plan(const Services& services, const Caller& caller, const wire::Job& job,
-                      Query query, CounterMode counters, bool lit) {
-    using protocol::text;
-    using protocol::word;
-    const auto priority = parse_priority(word(job.priority(), "normal"));
-    if (!priority) return tl::unexpected(priority.error());
-    const auto traversal = parse_traversal(word(job.traversal(), "auto"));
-    if (!traversal) return refuse_word(traversal.error());
-
-    Plan plan;
-    auto scene = services.scenes.find(text(job.scene()), job.epoch(), caller);
-    if (!scene) return tl::unexpected(scene.error());
-    plan.scene = std::move(*scene);
-    std::string_view intersector = word(job.intersector(), "auto");
-    if (lit && intersector == "auto" && plan.scene.snapshot().view().blended_materials != 0 &&
-        services.registry.find("alpha_blend") != nullptr)
-        intersector = "alpha_blend";
-    const auto variant = services.registry.choose(intersector, plan.scene.snapshot().view());
-    if (!variant) return refuse(variant.error());
-    plan.variant = *variant;
-    auto settings = read_settings(*plan.variant, job);
-    if (!settings) return tl::unexpected(settings.error());
-    plan.settings = std::move(*settings);
-    auto selected = reserve_selection(services, caller, plan.scene.snapshot().view(), job);
-    if (!selected) return tl::unexpected(selected.error());
-    plan.selected = std::move(*selected);
-
-    plan.traversal = *traversal;
-    plan.mask = job.mask();
-    plan.worker.asked = word(job.worker(), "auto");
-    plan.priority = *priority;
-    plan.deadline_ms = job.deadline_ms();
-    plan.detach = job.detach();
-    return Plan::with(std::move(plan), query, counters);
-}
 
 Reply<Plan> Plan::with(Plan plan, Query query, CounterMode counters) {
     if (plan.selected != nullptr && counters != counters_none && plan.counters == counters_none)
@@ -227,11 +128,11 @@ wire::StartedT started(const Plan& plan, const protocol::Limits& limits) {
     message.scene = plan.scene.name;
     message.hash = plan.scene.snapshot().digest();
     message.epoch = plan.scene.epoch;
-    message.intersector = clean_text(plan.variant->name, limits.name_bytes_max);
+    message.intersector = protocol::clean_text(plan.variant->name, limits.name_bytes_max);
     message.target = plan.worker.first().target(plan);
     message.traversal = plan.untraced ? "none" : traversal_name(plan.traversal);
     message.worker = plan.worker.first().name();
-    message.worker_reason = clean_text(plan.worker.reason, limits.text_bytes_max);
+    message.worker_reason = protocol::clean_text(plan.worker.reason, limits.text_bytes_max);
     message.notes = plan.notes;
     message.hidden = plan.hidden;
     const WorldPoint& origin = plan.scene.snapshot().origin();

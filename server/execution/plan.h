@@ -1,12 +1,12 @@
-// A plan says what a job traces and how: it turns the words of a wire::Job into compiled functions
-// and the arguments of their calls. It is made once per job and does not change while the job runs.
+// A plan says what a job traces and how: compiled functions and the arguments of their calls. It is made once per job and does not change while the job runs.
 #pragma once
 
 #include "engine/packs/kernel_selector.h"
 #include "engine/queries/columns.h"
 #include "engine/scene/selected_instances.h"
-#include "server/backends/backends.h"
-#include "server/requests/request.h"
+#include "server/execution/backend.h"
+#include "server/scheduling/job.h"
+#include "server/store/named_scene.h"
 
 #include <memory>
 #include <optional>
@@ -74,11 +74,6 @@ struct Plan {
 /// Maximum bytes of a chunk's hit records or counters; it bounds the rays of a chunk if a ray has
 /// many of them.
 inline constexpr std::uint64_t hit_bytes_max = 8ULL << 20;
-
-/// Makes the plan of a job; an error names the wrong word. Counters force the single traversal
-/// on the CPU, and a note to the user says so. A lit picture blends where no intersector is named.
-Reply<Plan> make_plan(const Services& services, const Caller& caller, const wire::Job& job,
-                      Query query, CounterMode counters = counters_none, bool lit = false);
 
 /// Returns the submission of a job with this plan; the caller adds the job itself.
 [[nodiscard]] JobSubmission accept(const Plan& plan, const char* kind, std::uint64_t rays);

@@ -1,7 +1,5 @@
 #include "server/ground/address.h"
 
-#include "server/net/transports.h"
-
 #include <arpa/inet.h>
 #include <netinet/in.h>
 #include <sys/socket.h>
@@ -89,6 +87,11 @@ Result<Address> parse_path(std::string_view uri, std::string_view rest) {
 
 }  // namespace
 
+const Scheme* find_scheme(std::string_view name) {
+    const auto* found = std::ranges::find(schemes, name, &Scheme::name);
+    return found == schemes.end() ? nullptr : found;
+}
+
 std::optional<Address> address_of(int descriptor) {
     int listens = 0;
     socklen_t size = sizeof listens;
@@ -150,6 +153,36 @@ std::string to_uri(const Address& address) {
                std::to_string(tcp->port);
     }
     return "unix:" + std::get<UnixAddress>(address).path;
+}
+
+HostAndPort split_host(std::string_view host) {
+    const std::size_t bracket = host.rfind(']');
+    const std::size_t colon = host.rfind(':');
+    if (colon == std::string_view::npos || (bracket != std::string_view::npos && colon < bracket))
+        return {host, {}};
+    return {host.substr(0, colon), host.substr(colon + 1)};
+}
+
+bool is_http_host(std::string_view text) {
+    constexpr std::size_t bytes_max = 255;
+    const auto [name, port] = split_host(text);
+    const auto is_plain = [](char c) {
+        return (c >= 'a' && c <= 'z') || (c >= 'A' && c <= 'Z') || (c >= '0' && c <= '9') ||
+               c == '.' || c == '-' || c == ':' || c == '[' || c == ']';
+    };
+    std::uint16_t number = 0;
+    const char* last = port.data() + port.size();
+    const auto [end, error] = std::from_chars(port.data(), last, number);
+    const bool port_is_good = name.size() == text.size() || (error == std::errc{} && end == last);
+    return !name.empty() && text.size() <= bytes_max && port_is_good &&
+           std::ranges::all_of(name, is_plain);
+}
+
+std::string forward_hint(const std::string& uri) {
+    const std::string place = uri.substr(uri.find("//") + 2);
+    const std::string port = place.substr(place.rfind(':') + 1);
+    return "from another machine: ssh -L " + port + ":" + place + " HOST, then open " +
+           uri.substr(0, uri.find("//") + 2) + "localhost:" + port;
 }
 
 }  // namespace raynest::server

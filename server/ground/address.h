@@ -4,6 +4,7 @@
 
 #include "engine/result.h"
 
+#include <array>
 #include <cstdint>
 #include <optional>
 #include <string>
@@ -30,6 +31,25 @@ struct SocketAccess {
     std::optional<unsigned> group;  ///< group id; empty: the daemon's own group
 };
 
+/// A scheme of --listen.
+struct Scheme {
+    enum class Place { host_and_port, path };
+
+    std::string_view name;  ///< the part of an address before the first ':'
+    Place place;            ///< the form of the part after it
+    bool encrypted;
+};
+
+/// THE LIST of schemes. net/transports.cpp has the transport of each.
+inline constexpr std::array schemes = {
+    Scheme{"tcp", Scheme::Place::host_and_port, false},
+    Scheme{"tls", Scheme::Place::host_and_port, true},
+    Scheme{"unix", Scheme::Place::path, false},
+};
+
+/// Returns null for a scheme that is not in the list.
+[[nodiscard]] const Scheme* find_scheme(std::string_view name);
+
 /// Parses a URI; "localhost" means 127.0.0.1. fd:N and tls://fd:N are the address of that descriptor,
 /// which must be a listening socket. An address beyond loopback needs more, see listen_policy.h.
 [[nodiscard]] Result<Address> parse_address(std::string_view uri);
@@ -43,10 +63,25 @@ struct SocketAccess {
 /// True if other machines may reach the address.
 [[nodiscard]] bool is_beyond_loopback(const Address& address);
 
-/// Returns the address's name in the list of transports (net/transports.h), or http or https.
+/// Returns the name of the address's scheme, or http or https.
 [[nodiscard]] std::string scheme_of(const Address& address);
 
 /// Returns a URI that parse_address() reads, e.g. "tcp://[::1]:31060".
 [[nodiscard]] std::string to_uri(const Address& address);
+
+/// The parts of "name", "name:port", "[v6]" or "[v6]:port", as a Host header has them.
+struct HostAndPort {
+    std::string_view name;
+    std::string_view port;  ///< empty: none
+};
+
+[[nodiscard]] HostAndPort split_host(std::string_view host);
+
+/// True for what --http-host takes: a host name or address, perhaps with a port.
+[[nodiscard]] bool is_http_host(std::string_view text);
+
+/// Says how another machine sees a page that listens on loopback. The page answers to its own port
+/// alone, so that both ends of the tunnel have it.
+[[nodiscard]] std::string forward_hint(const std::string& uri);
 
 }  // namespace raynest::server

@@ -2,7 +2,6 @@
 
 #include "protocol/control.h"
 #include "server/ground/log.h"
-#include "server/net/asio.h"
 
 #include <time.h>
 
@@ -22,12 +21,12 @@ std::chrono::nanoseconds processor_time() {
 
 }  // namespace
 
-void IoTurn::run_and_log(asio::io_context& io) {
+void IoTurn::run_and_log(const std::function<bool()>& turn) {
     for (;;) {
         what_ = "";
         message_type_ = 0;
         const auto before = processor_time();
-        if (io.run_one() == 0) return;
+        if (!turn()) return;
         const auto took = processor_time() - before;
         if (took < logged_time) continue;
         const auto us = std::chrono::duration_cast<std::chrono::microseconds>(took).count();

@@ -3,10 +3,7 @@
 #pragma once
 
 #include <cstdint>
-
-namespace boost::asio {
-class io_context;
-}
+#include <functional>
 
 namespace raynest::server {
 
@@ -18,9 +15,9 @@ public:
     /// Says which message the turn handles.
     static void handles(std::uint16_t message_type) { message_type_ = message_type; }
 
-    /// Runs `io` until it is stopped, as io.run(), and logs turns of 0.25 ms of CPU time and more.
-    /// The clock costs 0.5 us a turn.
-    static void run_and_log(boost::asio::io_context& io);
+    /// Runs turns until one returns false, and logs those of 0.25 ms of CPU time and more. The clock
+    /// costs 0.5 us a turn.
+    static void run_and_log(const std::function<bool()>& turn);
 
 private:
     static inline const char* what_ = "";

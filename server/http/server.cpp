@@ -110,8 +110,8 @@ public:
     HttpConnection(HttpServer& server, Socket socket, Descriptors descriptors, const TlsContext* tls)
         : server_(server),
           descriptors_(descriptors),
-          limits_(server.services_.limits),
-          metrics_(server.services_.metrics),
+          limits_(server.limits_),
+          metrics_(server.metrics_),
           names_(tls == nullptr ? std::vector<std::string>() : tls->names()),
           address_(remote_address(socket).value_or(asio::ip::address())),
           peer_(over_http(identity_of(socket), tls != nullptr)),
@@ -252,7 +252,7 @@ void HttpConnection::become_websocket(PageRequest request, PeerIdentity peer) {
     timer_.cancel();
     auto transport =
         make_websocket(std::move(stream_), std::move(peer), std::move(request), limits_);
-    server_.connections_.accept(std::move(transport), descriptors_);
+    server_.accept_(std::move(transport), descriptors_);
 }
 
 asio::awaitable<void> HttpConnection::serve() {
@@ -358,8 +358,8 @@ void HttpServer::end_one(const List& list, Metrics::Counter& counter) {
 
 void HttpServer::admit(HttpConnection& connection) {
     connection.move_to(open_);
-    if (open_.size() > services_.limits.http_connections_max)
-        end_one(open_, services_.metrics.gave_way_connections);
+    if (open_.size() > limits_.http_connections_max)
+        end_one(open_, metrics_.gave_way_connections);
 }
 
 void HttpServer::make_reserved_room() {
@@ -380,7 +380,7 @@ void HttpServer::accept(Socket socket, Descriptors descriptors, const TlsContext
     socket.non_blocking(true, ignored);
     if (descriptors == Descriptors::reserved) make_reserved_room();
     if (descriptors == Descriptors::used_up) {
-        ++services_.metrics.http_connections_refused;
+        ++metrics_.http_connections_refused;
         // A handshake would take a place.
         if (tls == nullptr)
             http::write(socket,
@@ -392,8 +392,8 @@ void HttpServer::accept(Socket socket, Descriptors descriptors, const TlsContext
         return;
     }
     std::make_shared<HttpConnection>(*this, std::move(socket), descriptors, tls)->start(strangers_);
-    if (strangers_.size() > services_.limits.greeting_connections_max)
-        end_one(strangers_, services_.metrics.greetings_gave_way);
+    if (strangers_.size() > limits_.greeting_connections_max)
+        end_one(strangers_, metrics_.greetings_gave_way);
 }
 
 }  // namespace raynest::server

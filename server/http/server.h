@@ -1,16 +1,20 @@
 // HTTP connections: the page, and the WebSocket that is one more transport of sessions.
 //
 //   Listener ──accept()──► HttpConnection ──HttpRequest──► HttpSite ──HttpReply──► written
-//                                └─ status 101 ──► WebSocketTransport ──► Connections
+//                                └─ status 101 ──► WebSocketTransport ──► Accept
 //
 // Only the .cpp files of HTTP and WebSocket include Boost.Beast.
 #pragma once
 
-#include "server/net/address_set.h"
-#include "server/sessions/connections.h"
+#include "protocol/limits.h"
+#include "server/ground/metrics.h"
 #include "server/http/site.h"
+#include "server/net/address_set.h"
+#include "server/net/descriptors.h"
+#include "server/net/transport.h"
 #include "server/security/tls_context.h"
 
+#include <functional>
 #include <list>
 #include <memory>
 #include <string>
@@ -23,12 +27,16 @@ class HttpConnection;
 /// All HTTP connections of the daemon. Io thread only.
 class HttpServer {
 public:
-    HttpServer(asio::io_context& io, const HttpSite& site, Connections& connections,
-               const Services& services)
+    /// Takes a connection that has become a WebSocket.
+    using Accept = std::function<void(std::unique_ptr<Transport>, Descriptors)>;
+
+    HttpServer(asio::io_context& io, const HttpSite& site, const protocol::Limits& limits,
+               Metrics& metrics, Accept accept)
         : io_(io),
           site_(site),
-          connections_(connections),
-          services_(services) {}
+          limits_(limits),
+          metrics_(metrics),
+          accept_(std::move(accept)) {}
     HttpServer(const HttpServer&) = delete;
 
     /// Sets whose X-Forwarded-* headers count, for requests that come from now on.
@@ -54,8 +62,9 @@ private:
 
     asio::io_context& io_;
     const HttpSite& site_;
-    Connections& connections_;
-    const Services& services_;
+    const protocol::Limits& limits_;
+    Metrics& metrics_;
+    const Accept accept_;
     AddressSet proxies_;
     List strangers_;  ///< no request has come yet; by the time of accept()
     List open_;       ///< the others, by the time of their first request

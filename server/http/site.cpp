@@ -67,20 +67,6 @@ std::string own_origin(const HttpRequest& request) {
     return to_origin(scheme_of(request), request.hosts.front());
 }
 
-struct HostAndPort {
-    std::string_view name;
-    std::string_view port;  ///< empty: none
-};
-
-/// Splits "name", "name:port", "[v6]" or "[v6]:port".
-HostAndPort split_host(std::string_view host) {
-    const std::size_t bracket = host.rfind(']');
-    const std::size_t colon = host.rfind(':');
-    if (colon == std::string_view::npos || (bracket != std::string_view::npos && colon < bracket))
-        return {host, {}};
-    return {host.substr(0, colon), host.substr(colon + 1)};
-}
-
 /// Returns the path without what follows '?', which only the browser reads.
 std::string_view path_of(const HttpRequest& request) {
     return request.target.substr(0, request.target.find('?'));
@@ -163,21 +149,6 @@ std::string lower(std::string_view text) {
     std::transform(made.begin(), made.end(), made.begin(),
                    [](char c) { return c >= 'A' && c <= 'Z' ? static_cast<char>(c + 32) : c; });
     return made;
-}
-
-bool is_http_host(std::string_view text) {
-    constexpr std::size_t bytes_max = 255;
-    const auto [name, port] = split_host(text);
-    const auto is_plain = [](char c) {
-        return (c >= 'a' && c <= 'z') || (c >= 'A' && c <= 'Z') || (c >= '0' && c <= '9') ||
-               c == '.' || c == '-' || c == ':' || c == '[' || c == ']';
-    };
-    std::uint16_t number = 0;
-    const char* last = port.data() + port.size();
-    const auto [end, error] = std::from_chars(port.data(), last, number);
-    const bool port_is_good = name.size() == text.size() || (error == std::errc{} && end == last);
-    return !name.empty() && text.size() <= bytes_max && port_is_good &&
-           std::ranges::all_of(name, is_plain);
 }
 
 bool HttpSite::is_own_host(const HttpRequest& request) const {

@@ -160,7 +160,4 @@ private:
     bool draining_ = false;
 };
 
-/// True for what --http-host takes: a host name or address, perhaps with a port.
-[[nodiscard]] bool is_http_host(std::string_view text);
-
 }  // namespace raynest::server

@@ -9,6 +9,8 @@
 #include "server/execution/plan.h"
 #include "server/execution/statistics.h"
 #include "server/execution/trace.h"
+#include "server/security/caller.h"
+#include "server/jobs/services.h"
 
 #include <cstdint>
 #include <optional>

@@ -3,9 +3,11 @@
 #include "engine/scene/precision.h"
 #include "protocol/blocks.h"
 #include "protocol/hash.h"
+#include "protocol/text.h"
 #include "server/jobs/received_picture.h"
 #include "server/documents/scene_info.h"
 #include "server/scheduling/dispatched_task.h"
+#include "server/documents/film_file.h"
 
 #include <algorithm>
 #include <array>
@@ -443,7 +445,7 @@ void FilmJob::complete(wire::DoneT& done) const {
     done.incomplete = tiles_->settled() < tiles_->total();
     if (integrator_ == nullptr) return;
     for (const std::string& note : integrator_->notes())
-        done.notes.push_back(clean_text(note, services_.limits.text_bytes_max));
+        done.notes.push_back(protocol::clean_text(note, services_.limits.text_bytes_max));
     const Snapshot& scene = plan_.scene.snapshot();
     if (std::string warning = light_warning(scene.origin(), scene.bounds()); !warning.empty())
         done.notes.push_back(std::move(warning));

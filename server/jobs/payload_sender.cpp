@@ -1,6 +1,7 @@
 #include "server/jobs/payload_sender.h"
 
 #include "protocol/blocks.h"
+#include "protocol/control.h"
 
 #include <algorithm>
 #include <cstring>
@@ -19,12 +20,6 @@ std::uint64_t piece_bytes(const Caller& caller) {
 }
 
 }  // namespace
-
-Payload json_payload(std::uint32_t width, std::uint32_t height, std::string_view text) {
-    Payload payload{width, height, std::vector<std::byte>(text.size())};
-    std::memcpy(payload.bytes.data(), text.data(), text.size());
-    return payload;
-}
 
 std::uint64_t payload_answer_bytes(const Caller& caller, std::uint64_t payload_bytes) {
     const std::uint64_t pieces = payload_bytes / (piece_bytes(caller) - protocol::alignment) + 1;

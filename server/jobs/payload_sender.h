@@ -1,8 +1,10 @@
 // The one payload of a job's answer, sent in pieces under credit: PICTURE frames.
 #pragma once
 
-#include "server/requests/request.h"
+#include "protocol/limits.h"
+#include "server/documents/payload.h"
 #include "server/scheduling/job.h"
+#include "server/security/caller.h"
 
 #include <cstddef>
 #include <cstdint>
@@ -12,20 +14,6 @@
 #include <vector>
 
 namespace raynest::server {
-
-/// An encoded file, raw rows, or a JSON document about rays.
-struct Payload {
-    std::uint32_t width = 0;
-    std::uint32_t height = 0;
-    std::vector<std::byte> bytes;
-    std::uint32_t samples = 0;  ///< per pixel, of a film
-    bool last = true;           ///< false: a later payload replaces this one
-    float exposure = 0;         ///< of a linear film: auto_exposure()
-};
-
-/// Returns the payload of a JSON document about a picture of this size.
-[[nodiscard]] Payload json_payload(std::uint32_t width, std::uint32_t height,
-                                   std::string_view text);
 
 /// Returns the maximum bytes of the frames that carry a payload.
 [[nodiscard]] std::uint64_t payload_answer_bytes(const Caller& caller, std::uint64_t payload_bytes);

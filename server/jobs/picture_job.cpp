@@ -5,6 +5,8 @@
 #include "protocol/text.h"
 #include "server/jobs/ray_source.h"
 #include "server/documents/scene_info.h"
+#include "server/documents/plan_text.h"
+#include "server/jobs/services.h"
 
 #include <algorithm>
 #include <array>
@@ -17,34 +19,6 @@
 namespace raynest::server {
 namespace {
 
-Reply<PictureRequest> make_checked(const Services& services, const Caller& caller, Plan plan,
-                                   const wire::Camera* camera, std::uint32_t width,
-                                   std::uint32_t height, std::string encode,
-                                   std::uint64_t bytes, std::string_view advice) {
-    PictureRequest request;
-    request.encode = std::move(encode);
-
-    auto chosen = choose_camera(plan.scene.snapshot(), camera_request(camera));
-    // Report an unknown camera as a fault of the request, not of the scene.
-    if (!chosen) return refuse(Code::invalid_field, chosen.error().message);
-    request.camera = std::move(*chosen);
-    const bool asked =
-        camera != nullptr && (camera->look_at() || !protocol::text(camera->name()).empty());
-    if (!asked && plan.scene.snapshot().view().camera_count == 0)
-        plan.notes.push_back("the scene has no camera: this one frames its bounding box");
-
-    request.plan = std::move(plan);
-    request.width = width;
-    request.height = height;
-    auto lease = services.peers.reserve(bytes, caller.principal);
-    if (!lease)
-        return services.budget.refuse(
-            "a picture of " + std::to_string(width) + "x" + std::to_string(height), bytes,
-            caller.principal, std::string(advice) + ", or start raynestd with a larger --memory");
-    request.lease = std::move(*lease);
-    return request;
-}
-
 /// True if the request's mask shares no bit with any instance of the scene.
 bool mask_hides_all(const Plan& plan) {
     const SceneView& view = plan.scene.snapshot().view();
@@ -55,82 +29,6 @@ bool mask_hides_all(const Plan& plan) {
 }
 
 }  // namespace
-
-Reply<std::string> check_encode(std::string_view word) {
-    if (word == "raw") return std::string(word);
-    if (word != "png" && word != "exr")
-        return refuse(Code::invalid_field,
-                      "unknown encode '" + std::string(word) + "': use one of png, exr, raw");
-    if (const auto images = images_available(); !images)
-        return refuse(Code::unsupported, images.error().message + "; or ask for encode raw");
-    return std::string(word);
-}
-
-Reply<PictureRequest> make_request(const Services& services, const Caller& caller, Plan plan,
-                                   const wire::Camera* camera, std::uint32_t width,
-                                   std::uint32_t height, std::string_view encode,
-                                   std::uint64_t bytes) {
-    auto word = check_encode(encode);
-    if (!word) return tl::unexpected(word.error());
-    const std::string advice = smaller_picture(*word);
-    return make_checked(services, caller, std::move(plan), camera, width, height, std::move(*word),
-                        bytes, advice);
-}
-
-Reply<PictureRequest> make_document_request(const Services& services, const Caller& caller,
-                                            Plan plan, const wire::Camera* camera,
-                                            std::uint32_t width, std::uint32_t height,
-                                            std::uint64_t bytes, std::string_view advice) {
-    return make_checked(services, caller, std::move(plan), camera, width, height, "json", bytes,
-                        advice);
-}
-
-std::string table_text(std::span<const float> values) {
-    std::array<char, 48> text{};
-    std::snprintf(text.data(), text.size(), "[%zu:%016llx]", values.size(),
-                  static_cast<unsigned long long>(protocol::upload_checksum(std::as_bytes(values))));
-    return text.data();
-}
-
-std::string settings_text(const Plan& plan, bool all) {
-    std::string text;
-    std::size_t table = 0;
-    for (std::size_t i = 0; i < plan.settings.params.size(); ++i) {
-        if (plan.variant->params()[i].type == value_table) {
-            const Tables* tables = plan.settings.tables.get();
-            const auto values = tables == nullptr ? std::span<const float>()
-                                                  : std::span(tables->values()[table]);
-            ++table;
-            if (!all && values.empty()) continue;
-            text.append(text.empty() ? "" : " ")
-                .append(plan.variant->params()[i].name)
-                .append("=")
-                .append(table_text(values));
-            continue;
-        }
-        if (!all && plan.settings.params[i] == plan.variant->params()[i].initial) continue;
-        std::array<char, 64> digits{};
-        const char* const end =
-            std::to_chars(digits.data(), digits.data() + digits.size(), plan.settings.params[i])
-                .ptr;
-        text.append(text.empty() ? "" : " ")
-            .append(plan.variant->params()[i].name)
-            .append("=")
-            .append(std::string_view(digits.data(), static_cast<std::size_t>(end - digits.data())));
-    }
-    return text;
-}
-
-std::string mask_text(std::uint32_t mask) {
-    std::array<char, 16> digits{};
-    std::snprintf(digits.data(), digits.size(), "%08X", static_cast<unsigned>(mask));
-    return digits.data();
-}
-
-std::string smaller_picture(std::string_view encode) {
-    return std::string("ask for a smaller `size`") +
-           (encode == "exr" ? ", or for PNG in place of EXR" : "");
-}
 
 PictureJob::PictureJob(const Services& services, const Caller& caller, PictureRequest request)
     : PictureJob(services, caller, std::move(request), request.pixels()) {
@@ -146,7 +44,7 @@ PictureJob::PictureJob(const Services& services, const Caller& caller, PictureRe
 
 Frames PictureJob::greeting() {
     wire::StartedT message = started(plan_, services_.limits);
-    message.camera = clean_text(request_.camera.name, services_.limits.name_bytes_max);
+    message.camera = protocol::clean_text(request_.camera.name, services_.limits.name_bytes_max);
     Frames frames;
     frames.push_back(*protocol::encode(id_, message));
     return frames;
@@ -192,7 +90,7 @@ Frames PictureJob::farewell() {
 std::string PictureJob::hint(std::uint64_t rays) const {
     const Snapshot& scene = plan_.scene.snapshot();
     const auto line = [&](const std::string& sees) {
-        return clean_text("camera '" + request_.camera.name + "' sees " + sees,
+        return protocol::clean_text("camera '" + request_.camera.name + "' sees " + sees,
                           services_.limits.text_bytes_max);
     };
     if (scene.bounds().is_empty()) return line("nothing: the scene is empty");
@@ -223,7 +121,7 @@ std::string PictureJob::hint(std::uint64_t rays) const {
 
 std::vector<Attribute> PictureJob::provenance() const {
     const auto text = [&](const std::string& words) {
-        return clean_text(words, services_.limits.name_bytes_max);
+        return protocol::clean_text(words, services_.limits.name_bytes_max);
     };
     const auto number = [](auto value) {
         std::array<char, 64> digits{};

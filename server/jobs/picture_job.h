@@ -35,33 +35,6 @@ struct PictureRequest {
     [[nodiscard]] std::uint64_t rays() const { return pixels() * samples; }
 };
 
-/// Returns advice for the user on how to make a picture smaller.
-[[nodiscard]] std::string smaller_picture(std::string_view encode);
-
-/// Returns the parameters of a plan's intersector as name=value, joined by blanks: all of them, or
-/// those that differ from their initial value.
-[[nodiscard]] std::string settings_text(const Plan& plan, bool all = true);
-/// Returns "[3:1f2e...]", the number of values and their hash: tables with other values have another text.
-[[nodiscard]] std::string table_text(std::span<const float> values);
-/// Returns a mask as messages show it: 00000001.
-[[nodiscard]] std::string mask_text(std::uint32_t mask);
-
-/// Checks the word of a file's encoding: png, exr or raw.
-Reply<std::string> check_encode(std::string_view word);
-
-/// Makes a picture request and reserves `bytes`, the memory of the job. Chooses a camera of the
-/// scene; adds a note if the scene has none.
-Reply<PictureRequest> make_request(const Services& services, const Caller& caller, Plan plan,
-                                   const wire::Camera* camera, std::uint32_t width,
-                                   std::uint32_t height, std::string_view encode,
-                                   std::uint64_t bytes);
-
-/// The same for a JSON document about a camera's rays. `advice` tells how to make it smaller.
-Reply<PictureRequest> make_document_request(const Services& services, const Caller& caller,
-                                            Plan plan, const wire::Camera* camera,
-                                            std::uint32_t width, std::uint32_t height,
-                                            std::uint64_t bytes, std::string_view advice);
-
 /// The base of picture jobs.
 class PictureJob : public ChunkedJob {
 public:

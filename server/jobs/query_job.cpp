@@ -1,6 +1,8 @@
 #include "server/jobs/query_job.h"
 
 #include "protocol/control.h"
+#include "server/jobs/services.h"
+#include "server/scheduling/inline_budget.h"
 
 #include <algorithm>
 #include <utility>

@@ -5,6 +5,7 @@
 #include "server/jobs/chunked_job.h"
 #include "server/execution/ray_input.h"
 #include "server/jobs/ray_source.h"
+#include "server/security/caller.h"
 
 #include <cstdint>
 #include <memory>

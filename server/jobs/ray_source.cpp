@@ -9,50 +9,9 @@
 namespace raynest::server {
 namespace {
 
-Vec3 vector(const wire::Vec3* v, const Vec3& otherwise) {
-    return v == nullptr ? otherwise : Vec3{v->x(), v->y(), v->z()};
-}
-
 constexpr std::uint64_t tile_rows = 8;  // tile_order(), integrators/camera.h
 
 }  // namespace
-
-CameraRequest camera_request(const wire::Camera* camera) {
-    CameraRequest request;
-    if (camera == nullptr) return request;
-    request.name = protocol::text(camera->name());
-    request.look_at = camera->look_at();
-    request.eye = vector(camera->eye(), request.eye);
-    request.at = vector(camera->at(), request.at);
-    request.up = vector(camera->up(), request.up);
-    request.fov_degrees = camera->fov_degrees();
-    return request;
-}
-
-Reply<RaySource> RaySource::make(const wire::Query& query, const Snapshot& scene) {
-    RaySource source;
-    source.rays_ = query.ray_count();
-    const wire::Generator* generator = query.generator();
-    if (generator == nullptr) return source;
-    auto generated = server::generate(*generator, scene);
-    if (!generated) return tl::unexpected(generated.error());
-    if (const auto* hemisphere = std::get_if<Hemisphere>(&*generated)) {
-        if (source.rays_ == 0)
-            return refuse(Code::invalid_field,
-                          "generator " + std::string(protocol::text(generator->kind())) +
-                              " needs points");
-        source.origin_ = *hemisphere;
-        source.rays_ *= hemisphere->samples;
-        return source;
-    }
-    if (source.rays_ != 0)
-        return refuse(Code::invalid_field,
-                      "ray_count must be 0 where the daemon makes the rays");
-    SensorPointer sensor = std::get<SensorPointer>(std::move(*generated));
-    source.rays_ = sensor->grid().pixels();
-    source.origin_ = std::move(sensor);
-    return source;
-}
 
 std::uint64_t RaySource::rays_per_point() const {
     const auto* hemisphere = std::get_if<Hemisphere>(&origin_);

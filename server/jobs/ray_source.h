@@ -1,15 +1,14 @@
 // The source of a query's rays: sent by the client, or made by a generator.
 #pragma once
 
-#include "protocol/control.h"
-#include "protocol/wire.h"
-#include "server/ground/errors.h"
+#include "engine/integrators/generators.h"
 #include "server/execution/chunk_queue.h"
 #include "server/execution/ray_input.h"
-#include "server/requests/words/generator.h"
 
 #include <cstdint>
+#include <functional>
 #include <memory>
+#include <mutex>
 #include <optional>
 #include <span>
 #include <utility>
@@ -18,14 +17,44 @@
 
 namespace raynest::server {
 
-/// Converts a request's camera: a camera of the scene, or a look-at.
-[[nodiscard]] CameraRequest camera_request(const wire::Camera* camera);
+/// A sensor that the first task constructs: a lidar's tables are too much work for the io thread.
+class LateSensor {
+public:
+    LateSensor(ImageSize grid, std::function<Sensor()> make)
+        : grid_(grid),
+          make_(std::move(make)) {}
+    [[nodiscard]] const ImageSize& grid() const { return grid_; }
+    /// Returns the sensor; the first call constructs it. Thread-safe.
+    [[nodiscard]] const Sensor& get() {
+        std::call_once(once_, [this] { sensor_ = make_(); });
+        return *sensor_;
+    }
+
+private:
+    const ImageSize grid_;
+    const std::function<Sensor()> make_;
+    std::once_flag once_;
+    std::optional<Sensor> sensor_;
+};
+using SensorPointer = std::shared_ptr<LateSensor>;
+
+/// The result of a generator: a sensor with all of its rays, or a hemisphere, which makes rays from
+/// points that the client sends.
+using Generated = std::variant<SensorPointer, Hemisphere>;
 
 /// Makes and traces the rays of a query.
 class RaySource {
 public:
-    /// Fails with INVALID_FIELD if the generator lacks a setting, points or its kind.
-    static Reply<RaySource> make(const wire::Query& query, const Snapshot& scene);
+    /// Rays that the client sends.
+    explicit RaySource(std::uint64_t rays) : rays_(rays) {}
+    /// Rays of a sensor.
+    explicit RaySource(SensorPointer sensor)
+        : origin_(std::move(sensor)),
+          rays_(std::get<SensorPointer>(origin_)->grid().pixels()) {}
+    /// Rays from points that the client sends.
+    RaySource(const Hemisphere& hemisphere, std::uint64_t points)
+        : origin_(hemisphere),
+          rays_(points * hemisphere.samples) {}
 
     /// Number of rays of the query.
     [[nodiscard]] std::uint64_t rays() const { return rays_; }
@@ -53,7 +82,7 @@ private:
 
     struct Sent {};
     std::variant<Sent, SensorPointer, Hemisphere> origin_;
-    std::uint64_t rays_ = 0;
+    std::uint64_t rays_;
 };
 
 }  // namespace raynest::server

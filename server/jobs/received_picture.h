@@ -8,7 +8,7 @@
 #include "engine/assets/image.h"
 #include "engine/integrators/film.h"
 #include "engine/integrators/integrator.h"
-#include "server/requests/request.h"
+#include "server/jobs/services.h"
 #include "server/scheduling/job.h"
 
 #include <cstdint>

@@ -1,6 +1,9 @@
 #include "server/jobs/reduce_job.h"
 
 #include "server/jobs/query_job.h"
+#include "server/scheduling/peers.h"
+#include "server/jobs/services.h"
+#include "protocol/text.h"
 
 #include <algorithm>
 #include <array>
@@ -218,18 +221,6 @@ private:
 
 constexpr std::string_view fraction_name = "hit_fraction";
 
-struct Reducer {
-    std::string_view name, kind;
-};
-constexpr std::array reducers = {
-#define RAYNEST_REDUCER(name, kind, rows, columns, text) Reducer{#name, #kind},
-#include "protocol/reducers.def"
-};
-const Reducer* find_reducer(std::string_view name) {
-    const auto* found = std::find_if(reducers.begin(), reducers.end(),
-                                     [&](const Reducer& each) { return each.name == name; });
-    return found == reducers.end() ? nullptr : found;
-}
 /// Maximum rays of visible_pixels: all may hit the same path, whose count is sent as u32.
 constexpr std::uint64_t visible_rays_max = ~std::uint32_t{0};
 
@@ -239,30 +230,9 @@ tl::unexpected<protocol::Error> refuse_use(std::string_view reduce, const char* 
 
 }  // namespace
 
-std::string_view default_kind(std::string_view reduce) {
-    const Reducer* reducer = find_reducer(reduce);
-    return reducer != nullptr ? reducer->kind : "closest";
-}
-
-Reply<void> check_reduce(const wire::Query& query) {
-    const std::string_view reduce = protocol::text(query.reduce());
-    if (reduce.empty()) return {};
-    if (find_reducer(reduce) == nullptr) {
-        std::string known;
-        for (const Reducer& each : reducers)
-            known += (known.empty() ? "" : ", ") + std::string(each.name);
-        return refuse(Code::invalid_field,
-                      "unknown reduce '" + std::string(reduce) + "': use one of " + known);
-    }
-    if (query.fields() != nullptr && query.fields()->size() != 0)
-        return refuse_use(reduce, "has columns of its own; name no fields");
-    return {};
-}
-
 Reply<std::unique_ptr<QueryJob>> reduce_job(const Services& services, const Caller& caller,
                                             Plan plan, RaySource source,
-                                            const protocol::Opened<wire::Query>& message) {
-    const std::string_view reduce = protocol::text(message->reduce());
+                                            std::string_view reduce) {
     if (plan.untraced)
         return refuse_use(reduce, "needs rays that are traced; kind null traces none");
     if (reduce == fraction_name) {

@@ -1,11 +1,11 @@
-// The list of transports, by the scheme of a --listen address.
+// The transport of each scheme of --listen.
 #pragma once
 
+#include "server/ground/address.h"
 #include "server/net/transport.h"
 #include "server/security/tls_context.h"
 
 #include <memory>
-#include <string_view>
 
 namespace raynest::server {
 
@@ -16,17 +16,7 @@ struct TransportParts {
 
 using MakeTransport = std::unique_ptr<Transport> (*)(Socket socket, const TransportParts& parts);
 
-/// A scheme of --listen, and the transport of its connections.
-struct Scheme {
-    enum class Place { host_and_port, path };
-
-    std::string_view name;  ///< the part of an address before the first ':'
-    Place place;            ///< the form of the part after it
-    bool encrypted;         ///< needs TransportParts::tls
-    MakeTransport make;
-};
-
-/// Returns null for a scheme that is not in the list.
-[[nodiscard]] const Scheme* find_scheme(std::string_view name);
+/// Returns what makes the transport of a connection; `scheme` is one of `schemes`.
+[[nodiscard]] MakeTransport transport_of(const Scheme& scheme);
 
 }  // namespace raynest::server

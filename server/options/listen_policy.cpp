@@ -1,6 +1,6 @@
 #include "server/options/listen_policy.h"
 
-#include "server/net/transports.h"
+#include "server/ground/address.h"
 
 #include <set>
 #include <utility>

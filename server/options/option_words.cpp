@@ -3,7 +3,6 @@
 #include "engine/packs/registry.h"
 #include "server/ground/address.h"
 #include "server/net/address_set.h"
-#include "server/http/site.h"
 #include "server/ground/size.h"
 
 #include <algorithm>

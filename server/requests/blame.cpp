@@ -5,6 +5,9 @@
 #include "server/documents/blame_json.h"
 #include "server/requests/request.h"
 #include "server/jobs/picture_job.h"
+#include "server/requests/words/make_plan.h"
+#include "server/execution/choose_backends.h"
+#include "server/requests/words/picture_request.h"
 
 #include <algorithm>
 #include <memory>

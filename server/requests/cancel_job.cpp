@@ -17,7 +17,7 @@ Reply<Answer> cancel_job(const Services& services, const Caller& caller,
     } else {
         const auto job = services.detached.find(number);
         if (!job) return tl::unexpected(job.error());
-        info = job_info(**job, services);
+        info = job_info(**job, services.admission);
         services.detached.cancel(number);
     }
     info.state = "cancelled";

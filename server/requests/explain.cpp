@@ -3,8 +3,13 @@
 #include "engine/integrators/camera.h"
 #include "engine/integrators/generators.h"
 #include "server/jobs/explain_job.h"
+#include "server/requests/request.h"
+#include "server/requests/words/explain_request.h"
+#include "server/requests/words/make_plan.h"
 #include "server/documents/explanation_json.h"
 #include "server/jobs/ray_source.h"
+#include "server/execution/choose_backends.h"
+#include "server/requests/words/generator.h"
 
 #include <cmath>
 #include <limits>

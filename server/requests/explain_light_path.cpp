@@ -1,12 +1,19 @@
-// RENDER of one path: the rays of a sample of a pixel, as the integrator asks for them.
+// The rays of a sample of a pixel, as the integrator asks for them.
+#include "server/requests/explain_light_path.h"
+
 #include "engine/geometry/tile_order.h"
 #include "engine/integrators/camera.h"
 #include "engine/integrators/integrator.h"
 #include "server/execution/chunk_caster.h"
 #include "server/jobs/explain_job.h"
+#include "server/requests/words/explain_request.h"
 #include "server/requests/words/film_options.h"
+#include "server/requests/words/make_plan.h"
 #include "server/documents/light_path_json.h"
 #include "server/jobs/ray_source.h"
+#include "server/execution/choose_backends.h"
+#include "server/requests/words/generator.h"
+#include "protocol/text.h"
 
 #include <charconv>
 #include <cstddef>

@@ -1,6 +1,7 @@
 // FETCH: sends the answer of a detached job, frame by frame, under the credit of the caller. A job
 // that still refines a picture has a latest one, which is sent with a DONE that says so.
 #include "server/requests/request.h"
+#include "server/scheduling/detached.h"
 
 #include <cstring>
 #include <list>

@@ -34,7 +34,7 @@ Reply<Answer> jobs(const Services& services, const Caller& caller,
             list.more = list.jobs.size() == page_jobs;
             if (!list.more)
                 list.jobs.push_back(std::make_unique<wire::JobInfoT>(
-                    is_kept ? job_info(*kept->second, services) : job_info(record)));
+                    is_kept ? job_info(*kept->second, services.admission) : job_info(record)));
         }
         const std::uint64_t number = is_kept ? kept->first : running->first;
         if (kept != kept_jobs.end() && kept->first == number) ++kept;

@@ -1,7 +1,9 @@
 // PARTS: lists the meshes or materials of a scene, a page at a time.
 #include "engine/scene/snapshot.h"
+#include "protocol/text.h"
 #include "server/requests/request.h"
 #include "server/documents/scene_info.h"
+#include "server/store/scene_store.h"
 
 #include <algorithm>
 #include <array>
@@ -17,7 +19,7 @@ constexpr std::array<const char*, 3> alpha_modes = {"OPAQUE", "MASK", "BLEND"};
 void add_mesh(const SceneView& view, const MeshUse& mesh, std::size_t name_bytes,
               wire::PartListT& list) {
     const ObjectRecord& object = view.objects[mesh.object];
-    list.names.push_back(clean_text(view.names + object.name, name_bytes));
+    list.names.push_back(protocol::clean_text(view.names + object.name, name_bytes));
     list.triangles.push_back(object.triangle_count);
     list.records.push_back(object.record_count);
     list.placements.push_back(mesh.placements);
@@ -27,7 +29,7 @@ void add_mesh(const SceneView& view, const MeshUse& mesh, std::size_t name_bytes
 void add_material(const SceneView& view, std::size_t index, const MaterialUse& use,
                   std::size_t name_bytes, wire::PartListT& list) {
     const MaterialRecord& material = view.materials[index];
-    list.names.push_back(clean_text(view.names + material.name, name_bytes));
+    list.names.push_back(protocol::clean_text(view.names + material.name, name_bytes));
     list.triangles.push_back(use.triangles);
     list.records.push_back(0);
     list.placements.push_back(use.placements);

@@ -1,8 +1,10 @@
 // PATH: converts a path number to the names of its instances, and names to a number.
 #include "engine/geometry/hit.h"
 #include "engine/scene/snapshot.h"
+#include "protocol/text.h"
 #include "server/requests/request.h"
 #include "server/documents/scene_info.h"
+#include "server/store/scene_store.h"
 
 #include <algorithm>
 #include <charconv>
@@ -25,9 +27,9 @@ Reply<wire::PathNameT> describe(const Snapshot& scene, std::uint64_t path,
     if (path == no_path) return name;
     const auto steps = expand_path(scene, path);
     if (!steps) return no_such_path(steps.error());
-    name.name = clean_text(path_name(*steps), limits.text_bytes_max);
+    name.name = protocol::clean_text(path_name(*steps), limits.text_bytes_max);
     for (const PathStep& step : *steps) {
-        name.steps.push_back(clean_text(step.name, limits.name_bytes_max));
+        name.steps.push_back(protocol::clean_text(step.name, limits.name_bytes_max));
         name.instances.push_back(step.instance);
         name.uids.push_back(step.uid);
         name.nodes.push_back(step.node);

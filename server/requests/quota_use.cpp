@@ -2,6 +2,7 @@
 
 #include "server/scheduling/admission.h"
 #include "server/scheduling/peers.h"
+#include "server/store/scene_store.h"
 
 namespace raynest::server {
 

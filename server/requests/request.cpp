@@ -1,7 +1,8 @@
 #include "server/requests/request.h"
 
+#include "server/scheduling/admission.h"
+#include "server/scheduling/detached.h"
 #include "server/security/access.h"
-#include "server/sessions/conversation.h"
 
 #include <algorithm>
 #include <array>
@@ -34,56 +35,21 @@ Reply<Answer> verified(const Services& services, const Caller& caller,
     return handle(services, caller, *message);
 }
 
-std::uint64_t no_bulk(const protocol::Limits& /*limits*/) {
-    return 0;
-}
-std::uint64_t one_window(const protocol::Limits& limits) {
-    return limits.window_bytes;
-}
-std::uint64_t one_chunk_of_rays(const protocol::Limits& limits) {
-    return limits.chunk_rays_max * sizeof(Ray);
-}
-
-constexpr bool before_hello = true;
-constexpr bool after_hello = false;
-
 // A request has no default role: a row without one does not compile.
 template <class Table, Typed<Table> handle, Needs needs, Role role>
-constexpr Request request{protocol::message_of<Table>, role, after_hello, no_bulk,
-                          verified<Table, handle, needs>, nullptr};
+constexpr Request request{protocol::message_of<Table>, role, verified<Table, handle, needs>};
 
-// Any role may send the parts of a request: without the request itself they do nothing.
-
-template <class Table, void (Conversation::*act)(protocol::Frame), bool hello = after_hello>
-constexpr Request message{protocol::message_of<Table>, Role::viewer, hello, no_bulk, nullptr, act};
-
-template <class Table, std::uint64_t (*bulk)(const protocol::Limits&),
-          void (Conversation::*act)(protocol::Frame)>
-constexpr Request data{protocol::message_of<Table>, Role::viewer, after_hello, bulk, nullptr, act};
-
-}  // namespace
-
-/// The table of requests: a row for each message that a client may send.
-struct RequestTable {
-    static constexpr std::array rows = {
-        message<wire::Hello, &Conversation::greet, before_hello>,
-        message<wire::Ping, &Conversation::ping>,
-        message<wire::Cancel, &Conversation::cancel>,
-        message<wire::Credit, &Conversation::credit>,
-        data<wire::Upload, one_window, &Conversation::feed>,
-        data<wire::QueryRays, one_chunk_of_rays, &Conversation::feed>,
+/// The table of requests.
+constexpr std::array rows = {
 #define RAYNEST_REQUEST(number, Name, handler, needs, role, ...) \
     request<wire::Name, handler, Needs::needs, Role::role>,
 #include "protocol/requests.def"
-    };
 };
-
-namespace {
 
 /// Message types below this value are sent by clients.
 constexpr std::size_t client_types = 128;
 
-constexpr std::size_t none = RequestTable::rows.size();
+constexpr std::size_t none = rows.size();
 
 /// Numbers of rows by message type; `none` for types without a row. They are no pointers: with
 /// sanitizers g++ compares these at run time alone.
@@ -91,19 +57,15 @@ constexpr auto by_type = [] {
     std::array<std::size_t, client_types> found{};
     found.fill(none);
     for (std::size_t i = 0; i < none; ++i)
-        found[static_cast<std::size_t>(RequestTable::rows[i].type)] = i;
+        found[static_cast<std::size_t>(rows[i].type)] = i;
     return found;
 }();
-
-#define RAYNEST_PART(number, Name, ...) \
-    static_assert(by_type[number] != none, "the table has no row for " #Name);
-#include "protocol/requests.def"
 
 }  // namespace
 
 const Request* find_request(std::uint16_t type) {
     const std::size_t row = type < client_types ? by_type[type] : none;
-    return row < none ? &RequestTable::rows[row] : nullptr;
+    return row < none ? &rows[row] : nullptr;
 }
 
 }  // namespace raynest::server

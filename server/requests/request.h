@@ -1,58 +1,19 @@
-// The interface of handlers. Each request has a handler file and a row in the table of handler.cpp.
+// The interface of requests. Each has a file, which answers it, and a row in the table of request.cpp.
 //
-// A handler runs on the io thread with a message that protocol::open() has verified. It returns an
-// answer or a job. It never blocks and never uses a socket.
+// Its function runs on the io thread with a message that protocol::open() has verified. It returns
+// an answer or a job. It never blocks and never uses a socket.
 #pragma once
 
-#include "engine/assets/import.h"
-#include "engine/packs/registry.h"
 #include "protocol/control.h"
-#include "server/backends/backends.h"
-#include "server/ground/metrics.h"
-#include "server/scheduling/detached.h"
-#include "server/security/principal.h"
-#include "server/ground/budget.h"
-#include "server/store/scene_store.h"
+#include "server/jobs/services.h"
+#include "server/scheduling/job.h"
+#include "server/security/caller.h"
+#include "server/security/role.h"
 
 #include <cstdint>
-#include <filesystem>
-#include <string>
 #include <variant>
-#include <vector>
 
 namespace raynest::server {
-
-class Administration;
-class PageLogins;
-class TraceBufferPool;
-
-/// The parts of the daemon that handlers may use. One per daemon; outlives all jobs.
-struct Services {
-    const Registry& registry;
-    SceneStore& scenes;  ///< io thread only
-    Budget& budget;
-    Metrics& metrics;
-    const protocol::Limits& limits;
-    ImportLimits import_limits;
-    std::filesystem::path scene_root;       ///< empty: root:PATH is refused
-    std::vector<std::string> import_child;  ///< command line of the import process
-    Admission& admission;
-    DetachedJobs& detached;
-    Peers& peers;  ///< io thread only
-    const Backends& backends;
-    TraceBufferPool& trace_buffers;
-    FairThreadPool& blocking;  ///< for tasks that wait for processes and disks
-    std::string page = {};     ///< address of the daemon's page; empty: none
-    Administration* administration = nullptr;  ///< null in tests without a whole daemon
-    PageLogins* page_logins = nullptr;         ///< null likewise
-};
-
-/// A request and its connection.
-struct Caller : ConnectionId {
-    std::uint64_t request_id = 0;
-    std::uint64_t window_bytes = 0;  ///< credit that the client grants to each request at its start
-    Principal identity = {};
-};
 
 using Answer = std::variant<Frames, JobSubmission>;
 
@@ -61,25 +22,19 @@ using Answer = std::variant<Frames, JobSubmission>;
     Reply<Answer> handler(const Services&, const Caller&, const protocol::Opened<wire::Name>&);
 #include "protocol/requests.def"
 
-class Conversation;
-
 /// The object that must belong to the caller; otherwise the request fails with JOB_UNKNOWN. Rules
-/// about scenes are checked by their handlers (access.h).
+/// about scenes are checked by their requests (access.h).
 enum class Needs { nothing, own_job };
 
-/// A message that a client may send: a row of the table in handler.cpp.
+/// A message that begins a request: a row of the table in request.cpp.
 struct Request {
     wire::Message type;
-    Role role;          ///< the least role of its sender; checked in one place, Conversation::start
-    bool before_hello;  ///< true: allowed only before Hello is answered; false: only after
-    /// Returns the maximum bytes of the bulk part; 0: the message has none.
-    std::uint64_t (*bulk_bytes_max)(const protocol::Limits&);
-    /// Checks Needs and answers the request. Null: the message is handled by `act`.
+    Role role;  ///< the least role of its sender; checked in one place, Conversation::start
+    /// Checks Needs and answers the request.
     Reply<Answer> (*answer)(const Services&, const Caller&, const protocol::Frame&);
-    void (Conversation::*act)(protocol::Frame);
 };
 
-/// Returns the row of a message type; null for messages that clients do not send.
+/// Returns the row of a message type; null for messages that begin no request.
 [[nodiscard]] const Request* find_request(std::uint16_t type);
 
 /// Makes an answer of one frame.

@@ -1,5 +1,6 @@
 // SCENES: lists scenes, a page at a time.
 #include "server/requests/request.h"
+#include "server/store/scene_store.h"
 
 #include <algorithm>
 #include <chrono>

@@ -5,6 +5,8 @@
 #include "server/scheduling/admission.h"
 #include "server/scheduling/peers.h"
 #include "server/ground/log.h"
+#include "server/store/scene_store.h"
+#include "server/scheduling/detached.h"
 
 #include <string_view>
 

@@ -3,6 +3,10 @@
 #include "protocol/text.h"
 #include "server/jobs/payload_sender.h"
 #include "server/documents/structure_json.h"
+#include "server/scheduling/peers.h"
+#include "server/store/scene_store.h"
+#include "server/requests/request.h"
+#include "server/jobs/services.h"
 
 #include <memory>
 #include <optional>

@@ -2,6 +2,8 @@
 // given time. Running jobs and other connections keep theirs.
 #include "server/ground/limited_log.h"
 #include "server/requests/request.h"
+#include "server/store/scene_store.h"
+#include "protocol/text.h"
 
 #include <algorithm>
 #include <chrono>

@@ -1,5 +1,6 @@
 // VARIANTS: lists all intersectors with their parameters and outputs, a page at a time.
 #include "server/requests/request.h"
+#include "protocol/text.h"
 #include "server/documents/scene_info.h"
 
 #include <algorithm>
@@ -51,11 +52,11 @@ Described describe(const Variant& variant, const Services& services) {
     Described described;
     const auto name = [&](std::string_view text) {
         described.text_bytes += text.size() + 16;
-        return clean_text(text, limits.name_bytes_max);
+        return protocol::clean_text(text, limits.name_bytes_max);
     };
     const auto prose = [&](std::string_view text) {
         described.text_bytes += text.size() + 16;
-        return clean_text(text, limits.text_bytes_max);
+        return protocol::clean_text(text, limits.text_bytes_max);
     };
     wire::VariantT& to = described.variant;
     to.name = name(variant.name);

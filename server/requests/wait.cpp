@@ -19,7 +19,7 @@ public:
     [[nodiscard]] bool finished() const override { return awaited_->ended(); }
     Frames farewell() override {
         Frames frames;
-        frames.push_back(*protocol::encode(id_, job_info(*awaited_, services_)));
+        frames.push_back(*protocol::encode(id_, job_info(*awaited_, services_.admission)));
         return frames;
     }
     [[nodiscard]] std::optional<Progress> progress() const override {

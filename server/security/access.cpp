@@ -1,6 +1,6 @@
 #include "server/security/access.h"
 
-#include "server/store/scene_store.h"
+#include "server/security/caller.h"
 
 #include <string>
 

@@ -79,13 +79,4 @@ struct Principal {
     Admittance admittance = {};
 };
 
-/// Identifies the principal of a peer by the name from its transport, without a token. Peers
-/// beyond loopback are refused.
-[[nodiscard]] Reply<Principal> authenticate(const PeerIdentity& peer, const wire::Hello& hello,
-                                            const protocol::Limits& limits);
-
-/// The type of authenticate(), which the daemon and tests replace.
-using Authenticator = std::function<Reply<Principal>(const PeerIdentity&, const wire::Hello&,
-                                                     const protocol::Limits&)>;
-
 }  // namespace raynest::server

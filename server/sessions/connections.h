@@ -7,6 +7,7 @@
 #include "server/requests/administration.h"
 #include "server/net/descriptors.h"
 #include "server/sessions/session.h"
+#include "server/security/authentication.h"
 
 #include <deque>
 #include <functional>

@@ -4,8 +4,11 @@
 #include "server/ground/io_turn.h"
 #include "server/ground/limited_log.h"
 #include "server/ground/refusals.h"
+#include "server/store/scene_store.h"
+#include "protocol/text.h"
 
 #include <algorithm>
+#include <array>
 #include <chrono>
 #include <exception>
 #include <new>
@@ -33,7 +36,50 @@ LogLevel level_of(Code refusal) {
     }
 }
 
+std::uint64_t no_bulk(const protocol::Limits& /*limits*/) {
+    return 0;
+}
+std::uint64_t one_window(const protocol::Limits& limits) {
+    return limits.window_bytes;
+}
+std::uint64_t one_chunk_of_rays(const protocol::Limits& limits) {
+    return limits.chunk_rays_max * sizeof(Ray);
+}
+
 }  // namespace
+
+/// Any role may send the parts of a request: without the request itself they do nothing.
+struct Conversation::Part {
+    wire::Message type;
+    bool before_hello;  ///< true: allowed only before Hello is answered; false: only after
+    /// Returns the maximum bytes of the bulk part; 0: the message has none.
+    std::uint64_t (*bulk_bytes_max)(const protocol::Limits&);
+    void (Conversation::*act)(protocol::Frame);
+};
+
+struct Conversation::Parts {
+    static constexpr std::array rows = {
+        Part{wire::Message::Hello, true, no_bulk, &Conversation::greet},
+        Part{wire::Message::Ping, false, no_bulk, &Conversation::ping},
+        Part{wire::Message::Cancel, false, no_bulk, &Conversation::cancel},
+        Part{wire::Message::Credit, false, no_bulk, &Conversation::credit},
+        Part{wire::Message::Upload, false, one_window, &Conversation::feed},
+        Part{wire::Message::QueryRays, false, one_chunk_of_rays, &Conversation::feed},
+    };
+
+    static constexpr const Part* find(std::uint16_t type) {
+        for (const Part& part : rows)
+            if (static_cast<std::uint16_t>(part.type) == type) return &part;
+        return nullptr;
+    }
+};
+
+const Conversation::Part* Conversation::find_part(std::uint16_t type) {
+#define RAYNEST_PART(number, Name, ...) \
+    static_assert(Parts::find(number) != nullptr, "the table has no row for " #Name);
+#include "protocol/requests.def"
+    return Parts::find(type);
+}
 
 Conversation::Conversation(const Services& services, const JobContext& context, Sink& sink,
                            std::string peer, Authenticate authenticate)
@@ -47,8 +93,8 @@ Conversation::Conversation(const Services& services, const JobContext& context, 
 
 Reply<bool> Conversation::admit(const protocol::FrameHeader& header) const {
     if (!protocol::message_known(header.type)) return false;
-    const Request* request = find_request(header.type);
-    const std::uint64_t most = request == nullptr ? 0 : request->bulk_bytes_max(services_.limits);
+    const Part* part = find_part(header.type);
+    const std::uint64_t most = part == nullptr ? 0 : part->bulk_bytes_max(services_.limits);
     if (most == 0 && header.bulk_bytes != 0)
         return refuse(Code::limit_exceeded,
                       protocol::message_name(header.type) + " brings no bulk part; " +
@@ -81,11 +127,9 @@ void Conversation::receive(protocol::Frame frame) {
 void Conversation::refuse_unreadable(const Unreadable& message) {
     if (closing_) return;
     if (message.closes || !greeted_) return close_with_error(message.error);
-    const Request* request = find_request(message.type);
-    const bool is_part = request != nullptr && request->answer == nullptr;
     const std::uint64_t id = message.request_id;
     const RequestScope scope({caller_.connection, id});
-    if (is_part && runner_of(id).knows(id))
+    if (find_part(message.type) != nullptr && runner_of(id).knows(id))
         runner_of(id).fail(id, message.error);
     else
         refuse_request(id, message.error);
@@ -96,21 +140,23 @@ void Conversation::handle(protocol::Frame frame) {
     const std::uint16_t type = frame.header.type;
     IoTurn::handles(type);
     const Request* request = find_request(type);
-    if (!greeted_ && (request == nullptr || !request->before_hello))
+    const Part* part = find_part(type);
+    const bool greets = part != nullptr && part->before_hello;
+    if (!greeted_ && !greets)
         return close_with_error(
             {Code::bad_frame, "expected Hello, got " + protocol::message_name(type), 0});
     if (!protocol::message_known(type))
         return refuse_request(
             frame.header.request_id,
             {Code::unknown_type, "this daemon does not know " + protocol::message_name(type), 0});
-    if (request == nullptr || (greeted_ && request->before_hello))
+    if ((request == nullptr && part == nullptr) || (greeted_ && greets))
         return close_with_error({Code::bad_frame,
                                  protocol::message_name(type) + " is not for a client to send now",
                                  0});
-    if (request->answer != nullptr)
+    if (request != nullptr)
         start(*request, frame);
     else
-        (this->*request->act)(std::move(frame));
+        (this->*part->act)(std::move(frame));
 }
 
 void Conversation::greet(protocol::Frame frame) {

@@ -3,11 +3,12 @@
 //   greeting ──Hello──► open ──framing error, drained──► closing
 //
 // Frames come in through receive() and go out through the Sink, so fuzzers and tests run it in
-// memory. The table in requests/request.cpp says when each message is allowed and what it does.
+// memory. The tables in conversation.cpp and requests/request.cpp say when each message is allowed and what it does.
 // Io thread only.
 #pragma once
 
 #include "server/requests/request.h"
+#include "server/scheduling/detached.h"
 #include "server/scheduling/runner.h"
 #include "server/net/unreadable.h"
 
@@ -73,7 +74,11 @@ public:
     void settle();
 
 private:
-    friend struct RequestTable;  // its rows refer to the private members below
+    /// A message that is no request of its own: a row of the table in conversation.cpp.
+    struct Part;
+    struct Parts;
+    /// Returns null for other messages.
+    [[nodiscard]] static const Part* find_part(std::uint16_t type);
     void greet(protocol::Frame frame);
     void ping(protocol::Frame frame);
     void credit(protocol::Frame frame);

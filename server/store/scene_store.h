@@ -11,11 +11,11 @@
 // publishes a new epoch for all holders. The last reference frees the memory.
 #pragma once
 
-#include "engine/scene/snapshot.h"
 #include "protocol/limits.h"
 #include "server/ground/errors.h"
+#include "server/security/caller.h"
 #include "server/security/quotas.h"
-#include "server/security/role.h"
+#include "server/store/named_scene.h"
 #include "server/ground/budget.h"
 
 #include <chrono>
@@ -29,30 +29,6 @@
 #include <vector>
 
 namespace raynest::server {
-
-/// A snapshot and its memory reservation. Shared by names, requests and running jobs.
-struct HeldScene {
-    std::shared_ptr<const Snapshot> snapshot;
-    mutable Budget::Lease lease;  ///< charged to one of those who hold the scene; io thread only
-};
-
-/// The scene of a name at one epoch.
-struct NamedScene {
-    std::string name;         ///< as its caller finds it: "car", or "OWNER/car" of another owner
-    std::uint64_t epoch = 0;  ///< 1 for the first content of a name
-    /// Of the load that published it. Equal content is held once, and the time that another's load
-    /// took would tell that it is there.
-    double build_seconds = 0;
-    std::shared_ptr<const HeldScene> held;
-    [[nodiscard]] const Snapshot& snapshot() const { return *held->snapshot; }
-};
-
-/// An open connection: its principal, its number among all connections, and its role.
-struct ConnectionId {
-    std::string principal;
-    std::uint64_t connection = 0;  ///< from SceneStore::connect(); never reused
-    Role role = Role::user;
-};
 
 /// How a load publishes its scene.
 struct Publication {

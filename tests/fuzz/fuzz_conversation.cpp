@@ -315,7 +315,7 @@ private:
         const auto hello = protocol::open<wire::Hello>(frame);
         const std::uint64_t window = hello ? (*hello)->window_bytes() : 0;
         const server::Request* request = server::find_request(frame.header.type);
-        const bool is_refused = request != nullptr && request->answer != nullptr &&
+        const bool is_refused = request != nullptr &&
                                 role_ < request->role && greeted && !conversation_.closing();
         const std::size_t jobs = conversation_.jobs();
         const std::size_t sent = daemon_.sent.size();

@@ -6,6 +6,7 @@
 #include "server/jobs/picture_job.h"
 #include "server/jobs/received_picture.h"
 #include "server/documents/selection_text.h"
+#include "server/documents/plan_text.h"
 
 #include <algorithm>
 #include <array>
@@ -18,16 +19,8 @@
 namespace raynest::server {
 namespace {
 
-/// Bounds for the arrays of the threads that make samples.
-constexpr std::uint64_t wavefront_bytes = 8ULL << 20;
 /// Largest file with a picture of the surroundings.
 constexpr std::uint64_t environment_bytes_max = 512ULL << 20;
-
-template <class Number>
-std::string number_text(Number value) {
-    std::array<char, 64> digits{};
-    return {digits.data(), std::to_chars(digits.data(), digits.data() + digits.size(), value).ptr};
-}
 
 Reply<IntegratorSettings> integrator_settings(const wire::Render& message) {
     using Environment = IntegratorSettings::Environment;
@@ -182,77 +175,6 @@ Reply<FilmOptions> film_options(const wire::Render& message, std::string integra
     options.attributes = request_attributes(message, options);
     add_selection(selection_text(protocol::present(message.job())), options.attributes);
     return options;
-}
-
-std::uint64_t film_job_bytes(ImageSize size, std::string_view encode, const FilmOptions& options) {
-    const std::uint64_t film = Film::bytes(size);
-    // An encoded file is at most as large as its input, and exists up to three times while it
-    // grows or is copied.
-    const std::uint64_t file = encode == "exr"      ? 3 * film
-                               : encode == "png"    ? 5 * 4 * size.pixels()
-                               : encode == "linear" ? 2 * sizeof(Vec4) * size.pixels()
-                                                    : 2 * 4 * size.pixels();
-    // A file to continue and the decoder's answer, with first its copy of the file, then the planes.
-    const std::uint64_t resumed = options.resume_bytes;
-    const std::uint64_t read = resumed == 0 ? 0 : resumed + film + std::max(resumed, film);
-    // The file and the decoder's copy; its answer, the picture and the tables of the light.
-    const std::uint64_t surroundings =
-        options.environment_bytes == 0
-            ? 0
-            : 2 * options.environment_bytes + 3 * environment_room(options.environment_bytes);
-    const std::uint64_t threads = std::max(1U, std::thread::hardware_concurrency());
-    return image_header_bytes_max + film + std::max(file, read) + surroundings +
-           wavefront_bytes * (threads + 1);
-}
-
-std::uint64_t film_payload_bytes_max(ImageSize size, std::string_view encode) {
-    if (encode == "png") return png_bytes_max(size.width, size.height);
-    if (encode == "exr") return exr_bytes_max(size.width, size.height, film_layers);
-    return (encode == "linear" ? sizeof(Vec4) : 4) * size.pixels();
-}
-
-Reply<Payload> encode_film(const Film& film, std::string_view encode, const Look& look,
-                           std::vector<Attribute> attributes) {
-    const ImageSize size = film.size();
-    Payload payload{size.width, size.height, {}};
-    if (encode == "exr") {
-        std::array<Channel, film_layers> channels;
-        for (std::size_t i = 0; i < film_layers; ++i) {
-            const FilmLayerInfo& layer = film_layer_table()[i];
-            const auto id = static_cast<FilmLayer>(i);
-            channels[i].name = layer.name;
-            if (layer.is_float)
-                channels[i].f32 = film.floats(id);
-            else
-                channels[i].u32 = film.words(id);
-        }
-        auto file = encode_exr(size.width, size.height, channels, attributes);
-        if (!file) return refuse(file.error());
-        payload.bytes = std::move(*file);
-        return payload;
-    }
-    if (encode == "linear") {
-        payload.bytes.resize(size.pixels() * sizeof(Vec4));
-        for (std::uint64_t i = 0; i < size.pixels(); ++i) {
-            const Vec4 colour = film.colour(i);
-            std::memcpy(payload.bytes.data() + i * sizeof colour, &colour, sizeof colour);
-        }
-        payload.exposure = auto_exposure(film);
-        return payload;
-    }
-    const float stops = look.exposure ? *look.exposure : auto_exposure(film);
-    const Picture picture =
-        show(film, {0, 0, size.width, size.height}, look.tonemap, stops);
-    if (encode == "png") {
-        attributes.push_back({"raynest:exposure", number_text(stops)});
-        auto file = encode_png(picture.width, picture.height, picture.rgba, attributes);
-        if (!file) return refuse(file.error());
-        payload.bytes = std::move(*file);
-        return payload;
-    }
-    payload.bytes.resize(picture.rgba.size());
-    std::memcpy(payload.bytes.data(), picture.rgba.data(), picture.rgba.size());
-    return payload;
 }
 
 }  // namespace raynest::server

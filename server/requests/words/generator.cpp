@@ -3,6 +3,7 @@
 #include "engine/integrators/camera.h"
 #include "protocol/control.h"
 #include "server/requests/words/setting_types.h"
+#include "protocol/text.h"
 
 #include <algorithm>
 #include <array>
@@ -15,6 +16,10 @@
 
 namespace raynest::server {
 namespace {
+
+Vec3 vector(const wire::Vec3* v, const Vec3& otherwise) {
+    return v == nullptr ? otherwise : Vec3{v->x(), v->y(), v->z()};
+}
 
 struct GeneratorSettings {
 #define RAYNEST_SETTING(name, type, text) std::optional<setting::type> name;
@@ -282,6 +287,37 @@ Reply<Generated> generate(const wire::Generator& message, const Snapshot& scene)
     if (!sensor_pose) return tl::unexpected(sensor_pose.error());
     request.sensor_pose = *sensor_pose;
     return kind->make(request);
+}
+
+CameraRequest camera_request(const wire::Camera* camera) {
+    CameraRequest request;
+    if (camera == nullptr) return request;
+    request.name = protocol::text(camera->name());
+    request.look_at = camera->look_at();
+    request.eye = vector(camera->eye(), request.eye);
+    request.at = vector(camera->at(), request.at);
+    request.up = vector(camera->up(), request.up);
+    request.fov_degrees = camera->fov_degrees();
+    return request;
+}
+
+Reply<RaySource> read_rays(const wire::Query& query, const Snapshot& scene) {
+    const std::uint64_t sent = query.ray_count();
+    const wire::Generator* generator = query.generator();
+    if (generator == nullptr) return RaySource(sent);
+    auto generated = generate(*generator, scene);
+    if (!generated) return tl::unexpected(generated.error());
+    if (const auto* hemisphere = std::get_if<Hemisphere>(&*generated)) {
+        if (sent == 0)
+            return refuse(Code::invalid_field,
+                          "generator " + std::string(protocol::text(generator->kind())) +
+                              " needs points");
+        return RaySource(*hemisphere, sent);
+    }
+    if (sent != 0)
+        return refuse(Code::invalid_field,
+                      "ray_count must be 0 where the daemon makes the rays");
+    return RaySource(std::get<SensorPointer>(std::move(*generated)));
 }
 
 }  // namespace raynest::server

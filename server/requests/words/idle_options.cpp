@@ -1,4 +1,5 @@
 #include "server/requests/words/idle_options.h"
+#include "protocol/text.h"
 
 #include <algorithm>
 #include <array>

@@ -3,6 +3,7 @@
 #include "tests/unit/server/bench.h"
 #include "tests/unit/server/scripted_backend.h"
 #include "tests/unit/server/small_daemon.h"
+#include "protocol/text.h"
 
 #include <doctest/doctest.h>
 

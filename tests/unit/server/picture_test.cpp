@@ -3,6 +3,9 @@
 #include "server/requests/request.h"
 #include "server/jobs/picture_job.h"
 #include "tests/unit/server/small_daemon.h"
+#include "server/requests/words/make_plan.h"
+#include "server/execution/choose_backends.h"
+#include "server/requests/words/picture_request.h"
 
 #include <doctest/doctest.h>
 

@@ -4,6 +4,9 @@
 
 #include "tests/unit/server/scripted_backend.h"
 #include "tests/unit/server/small_daemon.h"
+#include "server/requests/words/make_plan.h"
+#include "server/execution/choose_backends.h"
+#include "server/requests/words/generator.h"
 
 #include <doctest/doctest.h>
 
@@ -69,7 +72,7 @@ TEST_CASE("a failed GPU call of several frames is traced again in full") {
     auto plan = make_plan(daemon.services, caller, *(*message)->job(), query_closest);
     REQUIRE(plan);
     REQUIRE(choose_backends(daemon.backends, query.ray_count, *plan));
-    auto source = RaySource::make(*message->table, plan->scene.snapshot());
+    auto source = read_rays(*message->table, plan->scene.snapshot());
     REQUIRE(source);
     NotedQuery job(daemon.services, caller, std::move(*plan), std::move(*source));
 

@@ -4,6 +4,7 @@
 #include "server/requests/words/film_options.h"
 #include "tests/sanitized.h"
 #include "tests/unit/server/small_daemon.h"
+#include "server/documents/film_file.h"
 
 #include <doctest/doctest.h>
 

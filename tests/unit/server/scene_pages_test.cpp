@@ -2,6 +2,7 @@
 #include "server/requests/request.h"
 #include "server/ground/log.h"
 #include "tests/unit/server/small_daemon.h"
+#include "server/store/scene_store.h"
 
 #include <doctest/doctest.h>
 

@@ -202,13 +202,6 @@ TEST_CASE("names from a file are made safe to send, and long lists are cut with 
     CHECK(warnings->Get(warnings->size() - 1)->str().find("more cameras") != std::string::npos);
 }
 
-TEST_CASE("text is cut between characters") {
-    CHECK(clean_text("abc", 2) == "ab");
-    CHECK(clean_text("a\xc3\xa4", 2) == "a");
-    CHECK(clean_text("a\xc3\xa4", 3) == "a\xc3\xa4");
-    CHECK(clean_text("a\x1b[2J", 9) == "a?[2J");
-}
-
 TEST_CASE("an administrator who names a scene of several owners is told so, whatever he asks") {
     Budget budget(1 << 30);
     SceneStore store(budget);

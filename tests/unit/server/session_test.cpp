@@ -5,6 +5,7 @@
 #include "engine/math/random.h"
 #include "server/net/socket_transport.h"
 #include "tests/unit/server/memory_transport.h"
+#include "protocol/text.h"
 
 #include <doctest/doctest.h>
 

@@ -6,6 +6,8 @@
 #include "server/execution/trace.h"
 #include "server/options/options.h"
 #include "tests/unit/engine/small_scenes.h"
+#include "server/backends/backends.h"
+#include "server/store/scene_store.h"
 
 #include <algorithm>
 #include <cstdint>
@@ -79,9 +81,8 @@ public:
     std::vector<protocol::Frame> sent;
     std::deque<std::function<void()>> posted;
     server::TraceBufferPool trace_buffers{budget};
-    server::Options options;
     server::Backends backends =
-        server::make_backends({options, *registry, budget, metrics, limits});
+        server::make_backends({"", *registry, budget, metrics, limits});
     server::FairThreadPool compute{0};
     server::FairThreadPool blocking{0};
     server::Services services{*registry, scenes,   budget, metrics,  limits,        {},      {}, {},

@@ -1,0 +1,261 @@
+#include "server/jobs/load_job.h"
+
+#include "protocol/hash.h"
+#include "protocol/text.h"
+#include "server/documents/scene_info.h"
+#include "server/ground/limited_log.h"
+#include "server/ground/metrics.h"
+#include "server/jobs/received_file.h"
+#include "server/jobs/services.h"
+#include "server/scheduling/peers.h"
+#include "server/store/import_memory.h"
+#include "server/store/scene_files.h"
+
+#include <algorithm>
+#include <numeric>
+#include <utility>
+
+namespace raynest::server {
+namespace {
+
+/// Address space of an import child: `base` for libraries, and `growth` times its largest scene.
+constexpr std::uint64_t import_base_bytes = 1ULL << 30;
+constexpr std::uint64_t import_growth = 4;
+
+bool is_intact(const UploadFile& file) {
+    if (!file.digest) return protocol::upload_checksum(file.bytes.span()) == file.hash;
+    protocol::Sha256 sum;
+    sum.add(file.bytes.span());
+    return sum.digest() == file.digest;
+}
+
+class LoadJob final : public Job {
+public:
+    LoadJob(const Services& services, const Caller& caller, LoadOrder order)
+        : services_(services),
+          id_(caller.request_id),
+          order_(std::move(order)) {
+        skip_complete_files();
+    }
+
+    Frames greeting() override {
+        Frames frames;
+        if (order_.files.empty() || order_.known) return frames;
+        wire::NeedT need;
+        for (std::uint32_t i = 0; i < order_.files.size(); ++i) need.files.push_back(i);
+        frames.push_back(*protocol::encode(id_, need));
+        return frames;
+    }
+
+    Reply<std::uint64_t> feed(protocol::Frame frame) override {
+        const auto message = protocol::open<wire::Upload>(frame, services_.limits);
+        if (!message) return tl::unexpected(message.error());
+        const auto block = protocol::only_block(message->blocks, "data", wire::Dtype::u8, {1});
+        if (!block) return tl::unexpected(block.error());
+        if (import_started_ || current_ == order_.files.size())
+            return refuse(Code::invalid_field, "all files of the upload are complete");
+        UploadFile& file = order_.files[current_];
+        if ((*message)->file() != current_ || (*message)->offset() != file.received)
+            return refuse(Code::invalid_field, "expected byte " + std::to_string(file.received) +
+                                                   " of file " + std::to_string(current_) +
+                                                   " next");
+        if (block->count > file.bytes.size() - file.received)
+            return refuse(Code::invalid_field, "file " + std::to_string(current_) +
+                                                   " is longer than its announced " +
+                                                   std::to_string(file.bytes.size()) + " bytes");
+        // Reserve each piece as it comes: an upload that is announced but not sent takes nothing.
+        const std::string& principal = order_.caller.principal;
+        auto lease = services_.peers.reserve(block->count, principal, Use::lasting);
+        if (!lease)
+            return services_.budget.refuse("the rest of the upload", announced_ - received_,
+                                           principal, memory_remedy());
+        std::byte* const place = file.bytes.data() + file.received;
+        file.received += block->count;
+        order_.lease.merge(std::move(*lease));
+        received_ += block->count;
+        skip_complete_files();
+        return copies_.add(block->bytes.first(block->count), place, std::move(frame));
+    }
+
+    std::optional<Task> next() override {
+        const std::string& principal = order_.caller.principal;
+        // Close paused connections while the import grows: only it knows what it needs.
+        if (memory_ && memory_->missing() != 0)
+            services_.peers.make_memory(memory_->missing(), principal, Use::lasting);
+        if (import_started_) return std::nullopt;
+        if (order_.known) {
+            import_started_ = true;
+            snapshot_ = order_.known->snapshot;
+            Task publish;
+            publish.run = [](const Stop&) -> Reply<Frames> { return Frames{}; };
+            publish.inline_cost = 1;
+            return publish;
+        }
+        if (current_ < order_.files.size() || !copies_.all_copied()) return copies_.next();
+        import_started_ = true;
+        // Free memory for a copy of the files and a scene of about their size.
+        services_.peers.make_memory(2 * announced_, principal, Use::lasting);
+        memory_.emplace(services_.budget, principal, Use::lasting,
+                        services_.peers.reclaimable_bytes(principal));
+        Task task;
+        task.pool = &services_.blocking;
+        task.run = [this, remedy = memory_remedy()](const Stop& stop) -> Reply<Frames> {
+            auto snapshot = import(stop, remedy);
+            if (!snapshot) return tl::unexpected(snapshot.error());
+            snapshot_ = std::move(*snapshot);
+            huge_bytes_ = snapshot_->huge_bytes();
+            order_.files.clear();
+            return Frames{};
+        };
+        return task;
+    }
+
+    Reply<void> ended() override {
+        if (!import_started_) {
+            copies_.ended();
+            return {};
+        }
+        order_.lease = {};
+        memory_.reset();
+        // Another's copy saves memory, and is not told.
+        reused_ = services_.scenes.shows(snapshot_->digest(), order_.caller);
+        if (!services_.scenes.holds(snapshot_->digest()))
+            services_.peers.make_memory(snapshot_->bytes().size(), order_.caller.principal,
+                                        Use::lasting);
+        auto scene = services_.scenes.publish(order_.name, std::move(snapshot_), order_.publication,
+                                              order_.caller);
+        if (!scene) return tl::unexpected(scene.error());
+        scene_ = std::move(*scene);
+        services_.metrics.count<&Metrics::scenes_loaded>(order_.caller.principal);
+        services_.metrics.load_seconds.add(seconds());
+        log_limited(LogLevel::info, "loaded", order_.caller.principal,
+                    {{"scene", scene_->name},
+                     {"epoch", std::to_string(scene_->epoch)},
+                     {"hash", scene_->snapshot().digest()},
+                     {"bytes", std::to_string(scene_->snapshot().statistics().bytes)},
+                     {"huge_page_bytes", std::to_string(huge_bytes_)},
+                     {"seconds", std::to_string(seconds())},
+                     {"principal", order_.caller.principal}});
+        return {};
+    }
+
+    [[nodiscard]] bool finished() const override { return import_started_; }
+    [[nodiscard]] bool needs_input() const override {
+        return !import_started_ && !order_.known && current_ < order_.files.size();
+    }
+    std::uint64_t take_freed_input() override { return copies_.take_freed(); }
+    [[nodiscard]] std::uint64_t held_bytes() const override { return order_.lease.bytes(); }
+
+    Frames farewell() override {
+        wire::LoadedT loaded;
+        loaded.info = std::make_unique<wire::SceneInfoT>(
+            scene_info(*scene_, services_.registry, services_.limits));
+        loaded.seconds = seconds();
+        loaded.reused = reused_;
+        Frames frames;
+        frames.push_back(*protocol::encode(id_, loaded));
+        return frames;
+    }
+
+    [[nodiscard]] std::optional<Progress> progress() const override {
+        if (import_started_) return Progress{0, 0, "importing"};
+        return Progress{received_, announced_, "uploading"};
+    }
+
+private:
+    [[nodiscard]] std::string memory_remedy() const {
+        return services_.scenes.remedy(order_.caller.principal,
+                                       "start raynestd with a larger --memory");
+    }
+
+    [[nodiscard]] double seconds() const {
+        return std::chrono::duration<double>(Clock::now() - started_).count();
+    }
+
+    /// Skips files that need no more pieces: empty ones, and the one that was just completed.
+    void skip_complete_files() {
+        if (order_.known) return;
+        while (current_ < order_.files.size() &&
+               order_.files[current_].received == order_.files[current_].bytes.size())
+            ++current_;
+    }
+
+    /// Imports the scene on a thread of the blocking pool. The io thread does not use order_ then.
+    Reply<std::shared_ptr<const Snapshot>> import(const Stop& stop, const std::string& remedy) {
+        const std::string& principal = order_.caller.principal;
+        const auto with_remedy = [&](Error error) {
+            if (error.code == ErrorCode::out_of_memory) error.message += "; " + remedy;
+            return refuse(std::move(error));
+        };
+        ImportRequest request;
+        request.source = order_.source;
+        request.primitive = order_.primitive;
+        request.build = order_.build;
+        request.origin = order_.origin;
+        request.masks = order_.masks;
+        for (const UploadFile& file : order_.files) {
+            if (!is_intact(file))
+                return refuse(Code::scene_invalid,
+                              "'" + file.name + "' was damaged on its way: its hash differs");
+            request.files.push_back({file.name, file.bytes.span()});
+        }
+        std::vector<SourceFile> found;
+        if (order_.disk) {
+            auto files = read_scene(order_.disk->root, order_.disk->path,
+                                    services_.limits.upload_files_max,
+                                    services_.import_limits.file_bytes_max,
+                                    {services_.budget, principal});
+            if (!files) return with_remedy(files.error());
+            found = std::move(*files);
+            request.source = found.front().name;
+            for (const SourceFile& file : found) request.files.push_back({file.name, file.bytes});
+        }
+        // Reserve memory for the child's copy of the files.
+        std::uint64_t copied = 0;
+        for (const NamedBytes& file : request.files) copied += file.bytes.size();
+        const auto copy = services_.budget.reserve(copied, principal, Use::lasting);
+        if (!copy)
+            return services_.budget.refuse("the import's copy of the files", copied, principal,
+                                           remedy);
+        ImportLimits limits = services_.import_limits;
+        // Let the child refuse a scene that does not fit, before this process maps it. While it
+        // works, a child may hold a few times the bytes of the scene, besides its libraries.
+        limits.scene_bytes_max = memory_->room();
+        limits.bytes_max =
+            std::min(limits.bytes_max, import_base_bytes + import_growth * limits.scene_bytes_max);
+        // Stop the child with the task; the runner stops that at the job's deadline.
+        auto snapshot = import_in_child(
+            request, limits, services_.import_child,
+            [&](std::uint64_t bytes) { return !stop.requested() && memory_->cover(bytes); });
+        if (stop.requested()) return refuse(Code::cancelled, "");
+        if (memory_->refused()) return memory_->refusal("the import", remedy);
+        if (!snapshot) return with_remedy(snapshot.error());
+        memory_->shrink((*snapshot)->bytes().size());
+        return std::move(*snapshot);
+    }
+
+    const Services& services_;
+    const std::uint64_t id_;
+    const Clock::time_point started_ = Clock::now();
+    LoadOrder order_;
+    const std::uint64_t announced_ = std::accumulate(
+        order_.files.begin(), order_.files.end(), std::uint64_t{0},
+        [](std::uint64_t sum, const UploadFile& file) { return sum + file.bytes.size(); });
+    std::uint64_t received_ = 0;
+    std::size_t current_ = 0;  ///< index of the file that is being received
+    UploadCopies copies_;
+    bool import_started_ = false;
+    std::optional<ImportMemory> memory_;  ///< of the import child, then of its scene
+    bool reused_ = false;
+    std::shared_ptr<const Snapshot> snapshot_;  ///< written by the import task
+    std::size_t huge_bytes_ = 0;                ///< likewise
+    std::optional<NamedScene> scene_;
+};
+
+}  // namespace
+
+std::unique_ptr<Job> load_job(const Services& services, const Caller& caller, LoadOrder order) {
+    return std::make_unique<LoadJob>(services, caller, std::move(order));
+}
+
+}  // namespace raynest::server

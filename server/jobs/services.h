@@ -1,0 +1,50 @@
+// The parts of the daemon that requests and jobs may use.
+#pragma once
+
+#include "engine/assets/import.h"
+#include "protocol/limits.h"
+#include "server/execution/backend.h"
+
+#include <filesystem>
+#include <string>
+#include <vector>
+
+namespace raynest {
+class Registry;
+}
+
+namespace raynest::server {
+
+class Admission;
+class Budget;
+class DetachedJobs;
+class FairThreadPool;
+class Peers;
+class SceneStore;
+struct Metrics;
+class Administration;
+class PageLogins;
+class TraceBufferPool;
+
+/// The parts of the daemon that handlers may use. One per daemon; outlives all jobs.
+struct Services {
+    const Registry& registry;
+    SceneStore& scenes;  ///< io thread only
+    Budget& budget;
+    Metrics& metrics;
+    const protocol::Limits& limits;
+    ImportLimits import_limits;
+    std::filesystem::path scene_root;       ///< empty: root:PATH is refused
+    std::vector<std::string> import_child;  ///< command line of the import process
+    Admission& admission;
+    DetachedJobs& detached;
+    Peers& peers;  ///< io thread only
+    const Backends& backends;
+    TraceBufferPool& trace_buffers;
+    FairThreadPool& blocking;  ///< for tasks that wait for processes and disks
+    std::string page = {};     ///< address of the daemon's page; empty: none
+    Administration* administration = nullptr;  ///< null in tests without a whole daemon
+    PageLogins* page_logins = nullptr;         ///< null likewise
+};
+
+}  // namespace raynest::server

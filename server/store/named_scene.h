@@ -1,0 +1,30 @@
+// The scene of a name, as its readers hold it.
+#pragma once
+
+#include "engine/scene/snapshot.h"
+#include "server/ground/budget.h"
+
+#include <cstdint>
+#include <memory>
+#include <string>
+
+namespace raynest::server {
+
+/// A snapshot and its memory reservation. Shared by names, requests and running jobs.
+struct HeldScene {
+    std::shared_ptr<const Snapshot> snapshot;
+    mutable Budget::Lease lease;  ///< charged to one of those who hold the scene; io thread only
+};
+
+/// The scene of a name at one epoch.
+struct NamedScene {
+    std::string name;         ///< as its caller finds it: "car", or "OWNER/car" of another owner
+    std::uint64_t epoch = 0;  ///< 1 for the first content of a name
+    /// Of the load that published it. Equal content is held once, and the time that another's load
+    /// took would tell that it is there.
+    double build_seconds = 0;
+    std::shared_ptr<const HeldScene> held;
+    [[nodiscard]] const Snapshot& snapshot() const { return *held->snapshot; }
+};
+
+}  // namespace raynest::server
