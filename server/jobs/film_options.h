@@ -1,4 +1,4 @@
-// What a lit picture is made with.
+// The options of a lit picture, checked.
 #pragma once
 
 #include "engine/assets/image.h"

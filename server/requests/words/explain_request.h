@@ -1,4 +1,4 @@
-// What the requests share that explain a ray or a path.
+// Shared by the requests that explain a ray or a path.
 #pragma once
 
 #include "server/execution/plan.h"

@@ -1,4 +1,4 @@
-// What the requests for pictures share: the camera, the size, the encoding, the memory.
+// Shared by the requests for pictures: the camera, the size, the encoding, the memory.
 #pragma once
 
 #include "protocol/wire.h"
