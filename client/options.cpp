@@ -5,6 +5,7 @@
 #include "client/generator.h"
 #include "client/job_options.h"
 #include "client/network_options.h"
+#include "client/option_edit.h"
 #include "client/option_film.h"
 #include "client/option_parts.h"
 #include "client/scene_source.h"
@@ -282,6 +283,8 @@ public:
         add<ScenesOptions>("scenes", "scenes", "list the loaded scenes");
         add<InfoOptions>("info", "info forest", "describe a scene");
         add<PathOptions>("path", "path forest 77", "turn a path id into text, or text into an id");
+        add<EditOptions>("edit", "edit forest --move stand-3=0,5,0 --hide 'stand-1*'",
+                         "move parts of a scene, or hide them: its next epoch");
         add<UnloadOptions>("unload", "unload forest", "drop a scene");
         add<VariantsOptions>("variants", "variants", "list intersectors and their parameters");
         add<StatsOptions>("stats", "stats", "print the daemon's counters");

@@ -75,6 +75,18 @@ struct UnloadOptions {
     bool all = false;
     std::uint64_t idle_ms = 0;
 };
+/// A change of a scene; in the order of protocol's rows.
+struct EditChange {
+    enum What { place, move, mask } what = move;
+    std::string path;  ///< a text, '*' for any text, or inst=N
+    std::array<double, 12> matrix{1, 0, 0, 0, 0, 1, 0, 0, 0, 0, 1, 0};  ///< of place and move
+    std::uint32_t new_mask = 0;                                         ///< of mask
+};
+struct EditOptions {
+    std::string scene;
+    std::uint64_t epoch = 0;  ///< 0: the current one
+    std::vector<EditChange> changes;
+};
 struct VariantsOptions {};
 struct StatsOptions {};
 /// Options of render and heatmap.
@@ -188,7 +200,7 @@ struct LoadTestOptions {
 };
 
 using CommandOptions =
-    std::variant<LoadOptions, ScenesOptions, InfoOptions, PathOptions, UnloadOptions,
+    std::variant<LoadOptions, ScenesOptions, InfoOptions, PathOptions, EditOptions, UnloadOptions,
                  VariantsOptions, StatsOptions, RenderOptions, ResumeOptions, QueryOptions, HeatmapOptions,
                  ExplainOptions, TopOptions, OpenOptions, JobsOptions, WaitOptions, FetchOptions, CancelOptions, LoadTestOptions,
                  LoginOptions, LogoutOptions, AdminOptions>;

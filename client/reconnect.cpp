@@ -43,6 +43,9 @@ bool is_safe(const LoadOptions& load, const Failure& /*why*/) {
 bool is_safe(const QueryOptions& query, const Failure& why) {
     return is_job_safe(query.job, why) && (query.rays_file.empty() || is_file(query.rays_file));
 }
+bool is_safe(const EditOptions& /*edit*/, const Failure& /*why*/) {
+    return false;  // what has moved would move again
+}
 template <class Command>
 bool is_safe(const Command& command, const Failure& why) {
     constexpr bool acts =

@@ -81,6 +81,14 @@ double bytes_per_triangle(const wire::SceneInfo& info) {
     return triangles > 0 ? static_cast<double>(info.tree_bytes()) / triangles : 0;
 }
 
+/// ", 12 edits since, built again 3 times"; empty for a scene that was never edited.
+std::string edits_text(const wire::SceneInfo& info) {
+    std::string text;
+    if (info.refits() != 0) text += ", " + counted(info.refits(), "edit") + " since";
+    if (info.rebuilds() != 0) text += ", built again " + counted(info.rebuilds(), "time");
+    return text;
+}
+
 /// "medium in 0.412 s, SAH cost 17.8, height 11, 42,241 nodes, 278,468 leaf blocks, 50 B/triangle".
 std::string tree_text(const wire::SceneInfo& info) {
     const auto rounded = [](double value, int digits) {
@@ -93,7 +101,7 @@ std::string tree_text(const wire::SceneInfo& info) {
     return text + ", SAH cost " + rounded(info.sah_cost(), 1) + ", height " +
            std::to_string(info.tree_height()) + ", " + counted(info.nodes(), "node") + ", " +
            counted(info.leaf_blocks(), "leaf block") + ", " + rounded(bytes_per_triangle(info), 0) +
-           " B/triangle";
+           " B/triangle" + edits_text(info);
 }
 
 /// False for a scene that has nothing to hit.
@@ -152,6 +160,8 @@ Json scene_json(const wire::SceneInfo& info) {
     json["build_seconds"] = info.build_seconds();
     json["sah_cost"] = info.sah_cost();
     json["tree_height"] = info.tree_height();
+    json["refits"] = info.refits();
+    json["rebuilds"] = info.rebuilds();
     json["nodes"] = info.nodes();
     json["leaf_blocks"] = info.leaf_blocks();
     json["tree_bytes"] = info.tree_bytes();

@@ -13,6 +13,7 @@ struct Word {
 constexpr std::array words = {
     // requests
     Word{"CancelJob", "raynest cancel"},
+    Word{"Edit", "raynest edit"},
     Word{"Fetch", "raynest fetch"},
     Word{"Info", "raynest info"},
     Word{"Jobs", "raynest jobs"},

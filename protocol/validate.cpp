@@ -305,30 +305,18 @@ Result<void> validate(const wire::Unloaded& message, const Limits& limits) {
         .result();
 }
 
-Result<void> validate(const wire::Admin& message, const Limits& limits) {
+Result<void> validate(const wire::Edit& message, const Limits& limits) {
     return Checks(limits)
-        .name("act", message.act())
-        .needs("act", message.act())
-        .name("principal", message.principal())
-        .settings("quota", message.quota(), limits.name_bytes_max, "name_bytes_max")
+        .name("scene", message.scene())
+        .needs("scene", message.scene())
+        .texts("targets", message.targets())
+        .at_least("rows", message.rows(), 1)
+        .at_most("rows", message.rows(), limits.edit_rows_max, "edit_rows_max")
         .result();
 }
 
-Result<void> validate(const wire::AdminReport& message, const Limits& limits) {
-    return Checks(limits)
-        .text("text", message.text())
-        .names("principals", message.principals())
-        .names("roles", message.roles())
-        .names("transports", message.transports())
-        .names("peers", message.peers())
-        .numbers("connections", message.principals(), message.connections())
-        .numbers("age_ms", message.principals(), message.age_ms())
-        .numbers("jobs", message.principals(), message.jobs())
-        .result();
-}
-
-Result<void> validate(const wire::PageAddress& message, const Limits& limits) {
-    return Checks(limits).name("http", message.http()).name("code", message.code()).result();
+Result<void> validate(const wire::Edited& message, const Limits& limits) {
+    return Checks(limits).name("hash", message.hash()).result();
 }
 
 Result<void> validate(const wire::VariantList& message, const Limits& limits) {

@@ -38,6 +38,7 @@ ALLOWED = {
     "engine/shading/records.h": up_to("engine/geometry"),
     "engine/shading": up_to("engine/intersectors"),
     "engine/scene": up_to("engine/bvh") + ["engine/shading/records.h"],
+    "engine/scene/edits": up_to("engine/bvh") + ["engine/scene"],
     "engine/assets": up_to("engine/bvh") + ["engine/scene", "engine/shading/records.h",
                                             "engine/shading/types.h", "engine/packs/registry.h",
                                             "engine/packs/module_file.h"],

@@ -27,6 +27,7 @@ Result<void> run(Context& context, const LoadOptions& options);
 Result<void> run(Context& context, const ScenesOptions& options);
 Result<void> run(Context& context, const InfoOptions& options);
 Result<void> run(Context& context, const PathOptions& options);
+Result<void> run(Context& context, const EditOptions& options);
 Result<void> run(Context& context, const UnloadOptions& options);
 Result<void> run(Context& context, const VariantsOptions& options);
 Result<void> run(Context& context, const StatsOptions& options);

@@ -172,43 +172,15 @@ private:
     }
 
     void fill_boxes(Node& out, const Roots& roots) const {
-        float center[3][8] = {};
         for (std::uint32_t slot = 0; slot < 8; ++slot) {
             const Box box = slot < roots.count ? box_of(roots.at[slot]) : Box{};
             for (int axis = 0; axis < 3; ++axis) {
                 out.lower[axis][slot] = box.lower[axis];
                 out.upper[axis][slot] = box.upper[axis];
-                center[axis][slot] = 0.5F * box.lower[axis] + 0.5F * box.upper[axis];
             }
             out.child[slot] = child_empty;
-            out.order[slot] = 0;
         }
-        fill_order(out, center, roots.count);
-        out.order[0] |= ((1U << roots.count) - 1) << 24;
-    }
-
-    /// Ranks are counted, not sorted: without branches eight slots take a few instructions each.
-    static void fill_order(Node& out, const float (&center)[3][8], std::uint32_t count) {
-        for (std::uint32_t octant = 0; octant < 8; ++octant) {
-            float along[8];
-            for (std::uint32_t slot = 0; slot < 8; ++slot) {
-                const float x = (octant & 1U) != 0 ? -center[0][slot] : center[0][slot];
-                const float y = (octant & 2U) != 0 ? -center[1][slot] : center[1][slot];
-                const float z = (octant & 4U) != 0 ? -center[2][slot] : center[2][slot];
-                along[slot] = slot < count ? x + y + z : std::numeric_limits<float>::infinity();
-            }
-            std::uint32_t rank[8] = {};
-            for (std::uint32_t a = 0; a < 8; ++a) {
-                for (std::uint32_t b = 0; b < 8; ++b) {
-                    // If two slots are equally near, the lower one comes first.
-                    const bool before = a < b ? along[a] <= along[b] : along[a] < along[b];
-                    rank[b] += before ? 1 : 0;
-                }
-            }
-            for (std::uint32_t slot = 0; slot < 8; ++slot) {
-                out.order[rank[slot]] |= slot << (3 * octant);
-            }
-        }
+        order_children(out, roots.count);
     }
 
     std::uint32_t write_leaf(const LeafItems& items, std::uint32_t at, std::uint32_t entries) {
@@ -235,6 +207,34 @@ private:
 };
 
 }  // namespace
+
+void order_children(Node& node, std::uint32_t count) {
+    float center[3][8];
+    for (int axis = 0; axis < 3; ++axis) {
+        for (std::uint32_t slot = 0; slot < 8; ++slot)
+            center[axis][slot] = 0.5F * node.lower[axis][slot] + 0.5F * node.upper[axis][slot];
+    }
+    std::ranges::fill(node.order, 0);
+    for (std::uint32_t octant = 0; octant < 8; ++octant) {
+        float along[8];
+        for (std::uint32_t slot = 0; slot < 8; ++slot) {
+            const float x = (octant & 1U) != 0 ? -center[0][slot] : center[0][slot];
+            const float y = (octant & 2U) != 0 ? -center[1][slot] : center[1][slot];
+            const float z = (octant & 4U) != 0 ? -center[2][slot] : center[2][slot];
+            along[slot] = slot < count ? x + y + z : std::numeric_limits<float>::infinity();
+        }
+        std::uint32_t rank[8] = {};
+        for (std::uint32_t a = 0; a < 8; ++a) {
+            for (std::uint32_t b = 0; b < 8; ++b) {
+                // If two slots are equally near, the lower one comes first.
+                const bool before = a < b ? along[a] <= along[b] : along[a] < along[b];
+                rank[b] += before ? 1 : 0;
+            }
+        }
+        for (std::uint32_t slot = 0; slot < 8; ++slot) node.order[rank[slot]] |= slot << (3 * octant);
+    }
+    node.order[0] |= ((1U << count) - 1) << 24;
+}
 
 void emit(BinaryTree& binary, Tree& tree) {
     Emitter(binary, tree).run();

@@ -18,19 +18,6 @@
 namespace raynest {
 namespace {
 
-/// Limit that keeps the arithmetic finite; beyond it the box test enters every box anyway.
-constexpr float origin_error_max = 1e30F;
-
-/// Returns the rounding that a level of instances adds, as a multiple of a plain tree's.
-///
-/// A ray that enters an instance is transformed with rounding, so its hits lie off the exact ones
-/// by about eps * |origin|, in the instance's space. In the parent's space that error, and those of
-/// the levels below, grow by the condition number of the transform. Rotations and
-/// uniform scales have condition 1: 32 of them add up, they do not multiply.
-float placement_error(const Transform& to_parent, float child_error) {
-    return std::min(condition(to_parent) * (1 + child_error), origin_error_max);
-}
-
 bool in_range(const Box& box) {
     if (box.is_empty()) return true;
     const Vec3 reach = glm::max(glm::abs(box.lower), glm::abs(box.upper));

@@ -5,37 +5,47 @@
 #include <tbb/parallel_for.h>
 
 #include <algorithm>
-#include <array>
 #include <atomic>
 #include <vector>
 
 namespace raynest {
 namespace {
 
-constexpr std::size_t piece_bytes = 1 << 20;
-
-using Sha256 = std::array<unsigned char, 32>;
-
-[[nodiscard]] bool hash(std::span<const std::byte> bytes, Sha256& digest) {
+[[nodiscard]] bool hash(std::span<const std::byte> bytes, PieceDigest& digest) {
     return EVP_Digest(bytes.data(), bytes.size(), digest.data(), nullptr, EVP_sha256(), nullptr) ==
            1;
 }
 
+tl::unexpected<Error> no_sha256() {
+    return fail(ErrorCode::internal,
+                "libcrypto computes no SHA-256: check the OpenSSL configuration (OPENSSL_CONF)");
+}
+
 }  // namespace
 
-Result<std::string> scene_digest(std::span<const std::byte> arena) {
-    std::vector<Sha256> pieces((arena.size() + piece_bytes - 1) / piece_bytes);
+Result<void> hash_pieces(std::span<const std::byte> arena, const std::vector<bool>& stale,
+                         std::vector<PieceDigest>& pieces) {
     std::atomic<bool> failed = false;
     tbb::parallel_for(std::size_t{0}, pieces.size(), [&](std::size_t i) {
-        const auto rest = arena.subspan(i * piece_bytes);
-        if (!hash(rest.first(std::min(rest.size(), piece_bytes)), pieces[i])) failed = true;
+        if (!stale[i]) return;
+        const auto rest = arena.subspan(i * digest_piece_bytes);
+        if (!hash(rest.first(std::min(rest.size(), digest_piece_bytes)), pieces[i])) failed = true;
     });
-    Sha256 whole;
-    if (failed || !hash(std::as_bytes(std::span(pieces)), whole))
-        return fail(
-            ErrorCode::internal,
-            "libcrypto computes no SHA-256: check the OpenSSL configuration (OPENSSL_CONF)");
+    if (failed) return no_sha256();
+    return {};
+}
+
+Result<std::string> scene_digest(std::span<const PieceDigest> pieces) {
+    PieceDigest whole;
+    if (!hash(std::as_bytes(pieces), whole)) return no_sha256();
     return fmt::format("{:02x}", fmt::join(whole, ""));
+}
+
+Result<std::string> scene_digest(std::span<const std::byte> arena) {
+    std::vector<PieceDigest> pieces((arena.size() + digest_piece_bytes - 1) / digest_piece_bytes);
+    if (auto hashed = hash_pieces(arena, std::vector<bool>(pieces.size(), true), pieces); !hashed)
+        return tl::unexpected(hashed.error());
+    return scene_digest(pieces);
 }
 
 }  // namespace raynest

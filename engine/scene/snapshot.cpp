@@ -5,7 +5,10 @@
 #include "engine/scene/digest.h"
 #include "engine/scene/format.h"
 
+#include <tbb/parallel_for.h>
+
 #include <algorithm>
+#include <cstring>
 #include <utility>
 
 namespace raynest {
@@ -107,6 +110,7 @@ Result<std::shared_ptr<const Snapshot>> Snapshot::open(BuiltArena built) {
     snapshot->origin_ = header.origin;
     snapshot->bounds_ = header.bounds;
     s.build_seconds = built.build_seconds;
+    s.edits = built.edits;
     for (std::uint32_t i = 0; i < view->camera_count; ++i) {
         s.cameras.emplace_back(view->names + view->cameras[i].name);
     }
@@ -129,12 +133,85 @@ Result<std::shared_ptr<const Snapshot>> Snapshot::open(BuiltArena built) {
                 count += view->objects[i].record_count;
     }
 
-    auto digest = scene_digest({base, arena.size()});
+    auto& pieces = snapshot->pieces_;
+    pieces.resize((arena.size() + digest_piece_bytes - 1) / digest_piece_bytes);
+    if (auto hashed =
+            hash_pieces({base, arena.size()}, std::vector<bool>(pieces.size(), true), pieces);
+        !hashed)
+        return tl::unexpected(hashed.error());
+    auto digest = scene_digest(pieces);
     if (!digest) return tl::unexpected(digest.error());
     snapshot->digest_ = std::move(*digest);
     snapshot->arena_ = std::move(arena);
     shading.scene = &snapshot->view_;
     return snapshot;
+}
+
+Result<std::shared_ptr<const Snapshot>> Snapshot::open_edited(BuiltArena built,
+                                                              const Snapshot& before,
+                                                              std::vector<bool> changed) {
+    const std::shared_ptr<Snapshot> snapshot(new Snapshot);
+    const std::byte* const base = built.arena.data();
+    const auto rebased = [&]<class T>(const T* in_before) {
+        return reinterpret_cast<const T*>(
+            base + (reinterpret_cast<const std::byte*>(in_before) - before.arena_.data()));
+    };
+    SceneView& view = snapshot->view_ = before.view_;
+    view.nodes = rebased(view.nodes);
+    view.blocks = rebased(view.blocks);
+    view.records = rebased(view.records);
+    view.objects = rebased(view.objects);
+    view.instances = rebased(view.instances);
+    view.instance_infos = rebased(view.instance_infos);
+    view.geometries = rebased(view.geometries);
+    view.materials = rebased(view.materials);
+    view.textures = rebased(view.textures);
+    view.cameras = rebased(view.cameras);
+    view.attributes = rebased(view.attributes);
+    view.names = rebased(view.names);
+    ShadingView& shading = snapshot->shading_ = before.shading_;
+    shading.surfaces = rebased(shading.surfaces);
+    shading.geometries = rebased(shading.geometries);
+    shading.levels = rebased(shading.levels);
+    shading.lights = rebased(shading.lights);
+    shading.scene = &view;
+    snapshot->paths_ = format::path_table(base);
+    snapshot->origin_ = before.origin_;
+    snapshot->bounds_ = reinterpret_cast<const format::Header*>(base)->bounds;
+    snapshot->statistics_ = before.statistics_;
+    snapshot->statistics_.trees = measure_trees(view);
+    snapshot->statistics_.edits = built.edits;
+    snapshot->record_types_ = before.record_types_;
+    snapshot->record_counts_ = before.record_counts_;
+    snapshot->meshes_ = before.meshes_;
+    snapshot->material_uses_ = before.material_uses_;
+    snapshot->pieces_ = before.pieces_;
+    if (auto hashed =
+            hash_pieces({base, built.arena.size()}, changed, snapshot->pieces_);
+        !hashed)
+        return tl::unexpected(hashed.error());
+    auto digest = scene_digest(snapshot->pieces_);
+    if (!digest) return tl::unexpected(digest.error());
+    snapshot->digest_ = std::move(*digest);
+    snapshot->edited_from_ = before.digest_;
+    snapshot->changed_ = std::move(changed);
+    snapshot->arena_ = std::move(built.arena);
+    return snapshot;
+}
+
+Arena Snapshot::copy_arena(const Snapshot& scene, std::shared_ptr<const Snapshot> spare) {
+    const std::size_t bytes = scene.arena_.size();
+    const bool fits = spare != nullptr && spare.use_count() == 1 &&
+                      spare->digest_ == scene.edited_from_ && spare->arena_.size() == bytes;
+    // Nobody else refers to it, and it is not used again.
+    Arena arena = fits ? std::move(const_cast<Snapshot&>(*spare).arena_) : Arena(bytes);
+    tbb::parallel_for(std::size_t{0}, scene.pieces_.size(), [&](std::size_t i) {
+        if (fits && !scene.changed_[i]) return;
+        const std::size_t first = i * digest_piece_bytes;
+        std::memcpy(arena.data() + first, scene.arena_.data() + first,
+                    std::min(digest_piece_bytes, bytes - first));
+    });
+    return arena;
 }
 
 }  // namespace raynest

@@ -10,6 +10,7 @@
 #include "engine/geometry/views.h"
 #include "engine/result.h"
 #include "engine/scene/description.h"
+#include "engine/scene/digest.h"
 #include "engine/scene/tree_statistics.h"
 #include "engine/shading/records.h"
 
@@ -48,6 +49,13 @@ inline constexpr std::uint32_t scene_lights_max = 65536;
 /// The memory of a snapshot.
 using Arena = Pages;
 
+/// The work of edits on the root's tree (scene/edits/edit.h). Not in the arena.
+struct EditStatistics {
+    double built_cost = 0;        ///< expected cost of the tree when it was built; 0: not measured yet
+    std::uint64_t refits = 0;     ///< edits since then
+    std::uint64_t rebuilds = 0;   ///< how often it was built again
+};
+
 /// The numbers that `info` prints; instanced_triangles and instances count placements.
 struct SceneStatistics {
     std::uint64_t unique_triangles = 0;
@@ -66,6 +74,7 @@ struct SceneStatistics {
     /// From triangles to finished trees and leaf blocks, where this process or its import child did
     /// that; 0 for an arena from elsewhere. Not in the arena: equal scenes have equal bytes.
     double build_seconds = 0;
+    EditStatistics edits = {};
     std::vector<std::string> cameras;
     std::map<std::string, std::uint64_t> skipped;
     std::vector<std::string> warnings;
@@ -88,6 +97,7 @@ struct MaterialUse {
 struct BuiltArena {
     Arena arena;
     double build_seconds = 0;  ///< SceneStatistics::build_seconds
+    EditStatistics edits = {};
 };
 
 /// Builds every object's tree and lays the arena out. Fails with scene_invalid or limit_exceeded,
@@ -106,6 +116,15 @@ public:
     /// Takes an arena that came from a cache or an import child. Every section bound, child word,
     /// index and offset is checked once, so that traversal need not check any.
     static Result<std::shared_ptr<const Snapshot>> open(BuiltArena built);
+
+    /// Opens an arena that edit_scene() made of `before`, laid out as that is. It is not checked again, and
+    /// only its `changed` pieces (scene/digest.h) are hashed.
+    static Result<std::shared_ptr<const Snapshot>> open_edited(BuiltArena built,
+                                                               const Snapshot& before,
+                                                               std::vector<bool> changed);
+    /// Returns a copy of `scene`'s arena. It is made in the memory of `spare` if that is the scene before
+    /// the last edit of `scene` and nobody else refers to it: then only what the edit changed is copied.
+    static Arena copy_arena(const Snapshot& scene, std::shared_ptr<const Snapshot> spare);
 
     [[nodiscard]] const SceneView& view() const { return view_; }
     /// The same scene with materials, normals and lights, for integrators.
@@ -141,6 +160,9 @@ private:
     Box bounds_;
     SceneStatistics statistics_;
     std::string digest_;
+    std::vector<PieceDigest> pieces_;
+    std::string edited_from_;    ///< digest of the snapshot that it was edited from; empty: of none
+    std::vector<bool> changed_;  ///< the pieces in which it differs from that one
     std::vector<std::string> record_types_;
     std::vector<std::uint64_t> record_counts_;
     std::vector<MeshUse> meshes_;

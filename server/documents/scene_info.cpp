@@ -76,6 +76,8 @@ wire::SceneInfoT scene_info(const NamedScene& scene, const Registry& registry,
     info.origin_y = snapshot.origin()[1];
     info.origin_z = snapshot.origin()[2];
     info.degenerate_triangles = statistics.degenerate_triangles;
+    info.refits = statistics.edits.refits;
+    info.rebuilds = statistics.edits.rebuilds;
 
     TextBudget texts(limits);
     for (const auto& [reason, count] : statistics.skipped)

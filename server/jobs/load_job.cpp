@@ -94,6 +94,7 @@ public:
         if (current_ < order_.files.size() || !copies_.all_copied()) return copies_.next();
         import_started_ = true;
         // Free memory for a copy of the files and a scene of about their size.
+        services_.scenes.drop_spares();
         services_.peers.make_memory(2 * announced_, principal, Use::lasting);
         memory_.emplace(services_.budget, principal, Use::lasting,
                         services_.peers.reclaimable_bytes(principal));

@@ -33,4 +33,9 @@ Reply<void> unload_scene(std::string_view name, std::string_view owner, bool is_
                  "belongs to " + std::string(owner) + "; only its owner may unload it");
 }
 
+Reply<void> edit_scene(std::string_view name, std::string_view owner, const ConnectionId& caller) {
+    return allow(owner == caller.principal || caller.role == Role::admin, scene(name),
+                 "belongs to " + std::string(owner) + "; only its owner may edit it");
+}
+
 }  // namespace raynest::server::access

@@ -24,4 +24,8 @@ namespace raynest::server::access {
 [[nodiscard]] Reply<void> unload_scene(std::string_view name, std::string_view owner,
                                        bool is_callers);
 
+/// Allows owners and administrators. Ask only about a scene that the caller may see.
+[[nodiscard]] Reply<void> edit_scene(std::string_view name, std::string_view owner,
+                                     const ConnectionId& caller);
+
 }  // namespace raynest::server::access

@@ -165,7 +165,7 @@ Reply<std::shared_ptr<const HeldScene>> SceneStore::hold(std::shared_ptr<const S
         [dispose = dispose_](const HeldScene* scene) {
             auto freed = scene->snapshot;
             delete scene;
-            if (*dispose) (*dispose)(std::move(freed));
+            if (freed && *dispose) (*dispose)(std::move(freed));
         });
     known = held;
     return held;
@@ -251,6 +251,7 @@ Reply<NamedScene> SceneStore::publish(const std::string& name,
         entry.owner = caller.principal;
         entry.loaded = entry.used;
         entry.made_of.clear();
+        entry.spare.reset();
     }
     if (!how.made_of.empty()) entry.made_of = std::move(how.made_of);
     if (!how.share.empty()) entry.share = {how.share.begin(), how.share.end()};
@@ -275,6 +276,45 @@ Reply<NamedScene> SceneStore::publish(const std::string& name,
         settle_charge(*held);
     }
     return scene;
+}
+
+Reply<void> SceneStore::may_edit(std::string_view name, const ConnectionId& caller) const {
+    const auto found = resolve(entries_, name, caller);
+    if (found == entries_.end()) return tl::unexpected(not_found(name, caller));
+    return access::edit_scene(name, found->second.owner, caller);
+}
+
+Reply<std::optional<NamedScene>> SceneStore::publish_edit(const NamedScene& before,
+                                                          std::shared_ptr<const Snapshot> edited,
+                                                          const ConnectionId& caller) {
+    std::erase_if(by_digest_, [](const auto& known) { return known.second.expired(); });
+    if (const auto allowed = may_edit(before.name, caller); !allowed)
+        return tl::unexpected(allowed.error());
+    Entry& entry = resolve(entries_, before.name, caller)->second;
+    if (entry.scene.epoch != before.epoch || entry.scene.held != before.held)
+        return std::optional<NamedScene>();
+    auto held = hold(std::move(edited), entry.scene.held->lease.principal());
+    if (!held) return tl::unexpected(held.error());
+    const auto replaced = std::exchange(entry.scene.held, std::move(*held));
+    ++entry.scene.epoch;
+    entry.used = entry.loaded = now_();
+    entry.made_of.clear();
+    settle_charge(*replaced);
+    entry.spare = replaced;
+    return std::optional(entry.scene_for(caller));
+}
+
+std::shared_ptr<const Snapshot> SceneStore::take_spare(const NamedScene& of,
+                                                       const ConnectionId& caller) {
+    const auto found = resolve(entries_, of.name, caller);
+    if (found == entries_.end() || found->second.scene.held != of.held) return nullptr;
+    const auto spare = std::exchange(found->second.spare, nullptr);
+    if (spare == nullptr || spare.use_count() != 1) return nullptr;
+    return std::exchange(const_cast<HeldScene&>(*spare).snapshot, nullptr);
+}
+
+void SceneStore::drop_spares() {
+    for (auto& [name, entry] : entries_) entry.spare.reset();
 }
 
 bool SceneStore::holds(const std::string& hash) const {

@@ -23,6 +23,7 @@
 #include <functional>
 #include <map>
 #include <memory>
+#include <optional>
 #include <set>
 #include <string>
 #include <string_view>
@@ -84,6 +85,19 @@ public:
     /// whoever owns them.
     Reply<NamedScene> publish(const std::string& name, std::shared_ptr<const Snapshot> snapshot,
                               Publication how, const ConnectionId& caller);
+
+    /// Fails as find() does, and with NOT_ALLOWED for a scene of another owner.
+    [[nodiscard]] Reply<void> may_edit(std::string_view name, const ConnectionId& caller) const;
+    /// Publishes what an edit made of `before` as the scene's next epoch, for all who hold it. Returns
+    /// nothing if it is at another epoch meanwhile. Fails as may_edit() and publish() do.
+    Reply<std::optional<NamedScene>> publish_edit(const NamedScene& before,
+                                                  std::shared_ptr<const Snapshot> edited,
+                                                  const ConnectionId& caller);
+
+    /// Returns the epoch before the last edit of a scene, for its memory: null if anybody else refers to it.
+    std::shared_ptr<const Snapshot> take_spare(const NamedScene& of, const ConnectionId& caller);
+    /// Frees the memory that is kept for edits to come.
+    void drop_spares();
 
     /// True if this content is stored under any name or used by a running job.
     [[nodiscard]] bool holds(const std::string& hash) const;
@@ -167,6 +181,8 @@ private:
         bool kept = false;    ///< true: the name is a reference; false: only connections hold it
         std::set<std::string> share;  ///< principals, or "public"
         std::string made_of;          ///< as in Publication
+        /// The epoch before the last edit. The next edit is made in its memory, if nobody reads it then.
+        std::shared_ptr<const HeldScene> spare;
         /// Connections of each principal; the value is true if it loaded the scene as temporary.
         std::map<std::string, std::map<std::uint64_t, bool>> holders;
 

@@ -1,12 +1,9 @@
 #include "tests/golden/examples.h"
 
-#include <algorithm>
 #include <cstdint>
 #include <cstring>
 #include <limits>
 #include <memory>
-#include <span>
-#include <type_traits>
 #include <utility>
 
 namespace raynest::golden {
@@ -136,6 +133,12 @@ void add_scene_requests(Collection& all) {
     structure.level = 1;
     structure.depth_max = 3;
     all.add(11, structure);
+    wire::EditT edit;
+    edit.scene = "forest";
+    edit.epoch = 1;
+    edit.targets = {"car#3", "tree-*"};
+    edit.rows = 2;
+    all.add(16, edit);
 }
 
 void add_work_requests(Collection& all) {
@@ -419,28 +422,18 @@ void add_administration(Collection& all) {
     report.jobs = {2};
     all.add(13, report);
     all.add(14, wire::PageT{});
+    wire::EditedT edited;
+    edited.epoch = 2;
+    edited.hash = "60303ae22b998861bce3b28f33eec1be758a213c86c93c076dbe9f558c11c752";
+    edited.instances = 41;
+    edited.refits = 1;
+    edited.seconds = 0.004;
+    all.add(16, edited);
     wire::PageAddressT page;
     page.http = "https://192.0.2.7:31061";
     page.code = "7d3f";
     page.code_ms = 120000;
     all.add(14, page);
-}
-
-/// Calls `use` with the table that a type of the header names.
-template <class Use>
-void visit(std::uint16_t type, Use use) {
-    switch (type) {
-#define RAYNEST_VISIT(number, Name) \
-    case number:                    \
-        return use(std::type_identity<wire::Name>{});
-#define RAYNEST_REQUEST(number, Name, ...) RAYNEST_VISIT(number, Name)
-#define RAYNEST_PART(number, Name, ...) RAYNEST_VISIT(number, Name)
-#define RAYNEST_ANSWER(number, Name, ...) RAYNEST_VISIT(number, Name)
-#include "protocol/requests.def"
-#undef RAYNEST_VISIT
-        default:
-            return;
-    }
 }
 
 }  // namespace
@@ -455,46 +448,6 @@ std::vector<Example> examples() {
     add_jobs(all);
     add_administration(all);
     return all.take();
-}
-
-Frame copy(const Frame& frame) {
-    Frame result;
-    result.header = frame.header;
-    result.control = protocol::Buffer(frame.control.size());
-    result.bulk = protocol::Buffer(frame.bulk.size());
-    std::ranges::copy(frame.control.span(), result.control.data());
-    std::ranges::copy(frame.bulk.span(), result.bulk.data());
-    return result;
-}
-
-std::vector<std::byte> wire_bytes(const Frame& frame) {
-    std::vector<std::byte> bytes(protocol::header_bytes);
-    protocol::write_header(
-        frame.header, std::span<std::byte, protocol::header_bytes>(bytes.data(), bytes.size()));
-    for (const std::span<const std::byte> part : {frame.control.span(), frame.bulk.span()})
-        bytes.insert(bytes.end(), part.begin(), part.end());
-    return bytes;
-}
-
-Result<void> open_any(const Frame& frame) {
-    Result<void> result =
-        protocol::fail(protocol::Code::unknown_type, protocol::message_name(frame.header.type));
-    visit(frame.header.type, [&]<class Table>(std::type_identity<Table>) {
-        const auto opened = protocol::open<Table>(frame);
-        result = opened ? Result<void>{} : tl::unexpected<protocol::Error>(opened.error());
-    });
-    return result;
-}
-
-Result<Frame> rewrite(const Frame& frame) {
-    Result<Frame> result =
-        protocol::fail(protocol::Code::unknown_type, protocol::message_name(frame.header.type));
-    visit(frame.header.type, [&]<class Table>(std::type_identity<Table>) {
-        typename Table::NativeTableType native;
-        flatbuffers::GetRoot<Table>(frame.control.data())->UnPackTo(&native);
-        result = protocol::encode(frame.header.request_id, native);
-    });
-    return result;
 }
 
 }  // namespace raynest::golden

@@ -8,13 +8,12 @@ import numpy as np
 
 from . import _limits
 from ._arguments import count_of, numbers, real, whole
-from ._connection import Connection
 from ._control import Message
 from ._exr import read_exr
 from ._files import read_file
-from ._frame import Array, padding
+from ._frame import Array
 from ._job import Outcome
-from ._upload import PIECE_BYTES
+from ._upload import FileSender
 from .errors import InvalidError, RayWarning, UsageError, warn
 
 ENVIRONMENT_BYTES_MAX = 512 << 20
@@ -75,12 +74,11 @@ def sun_angles(sun: Any) -> tuple[float, float]:
     return azimuth, elevation
 
 
-class EnvironmentFile:
+class EnvironmentFile(FileSender):
     """The environment of a request: a word, or a file that is sent with it."""
 
     def __init__(self, environment: Optional[Environment]) -> None:
-        self._data = np.empty(0, np.uint8)
-        self._offset = 0
+        super().__init__(np.empty(0, np.uint8), 1)
         self.message: Message = {}
         if environment is None or environment in ("", "auto", "sky", "none"):
             self.message = {"environment": environment or ""}
@@ -94,20 +92,6 @@ class EnvironmentFile:
             raise UsageError(f"{name} is neither an EXR nor an HDR: convert it to one of them")
         self._data = np.frombuffer(data, np.uint8)
         self.message = {"environment": "picture", "environment_bytes": len(data)}
-
-    def feed(self, connection: Connection) -> None:
-        """Queues as much of the file as credit allows."""
-        most = min(PIECE_BYTES, connection.daemon.bulk_bytes_max)
-        while self._offset < len(self._data):
-            piece = self._data[self._offset:self._offset + most]
-            if connection.credit < len(piece) + padding(len(piece)):
-                return
-            connection.queue("Upload", {"file": 1, "offset": self._offset}, "data", piece)
-            self._offset += len(piece)
-
-    def again(self) -> None:
-        """For another request."""
-        self._offset = 0
 
 
 def layers_of(file: bytes, outcome: Outcome, last: bool) -> Layers:

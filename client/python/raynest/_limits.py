@@ -30,3 +30,4 @@ explain_steps_max = 16384
 blame_rows_max = 1048576
 structure_rows_max = 16384
 hidden_instances_max = 1048576
+edit_rows_max = 1048576

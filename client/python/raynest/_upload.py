@@ -158,6 +158,29 @@ def _named_files(main: File, folder: str) -> Iterator[File]:
         yield File(other, data)
 
 
+class FileSender:
+    """Sends one file of a request, piece by piece as credit allows."""
+
+    def __init__(self, data: Array, number: int) -> None:
+        self._data = data
+        self._number = number
+        self._offset = 0
+
+    def feed(self, connection: Connection) -> None:
+        """Queues as much of the file as credit allows."""
+        most = min(PIECE_BYTES, connection.daemon.bulk_bytes_max)
+        while self._offset < len(self._data):
+            piece = self._data[self._offset:self._offset + most]
+            if connection.credit < len(piece) + padding(len(piece)):
+                return
+            connection.queue("Upload", {"file": self._number, "offset": self._offset}, "data", piece)
+            self._offset += len(piece)
+
+    def again(self) -> None:
+        """For another request."""
+        self._offset = 0
+
+
 class Sender:
     """Answers NEED with the files' bytes, in order, as credit allows."""
 

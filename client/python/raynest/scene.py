@@ -25,6 +25,7 @@ from ._query import Query
 from ._rays import Rays, Source, Starts, flat_pairs, segments, vector
 from ._render import Renders
 from ._words import scene_info
+from .edits import Edit
 from .errors import InvalidError, RayWarning, UsageError, warn
 from .generators import Generator as RayGenerator, one_sample
 from .images import HeatView, with_view
@@ -444,6 +445,19 @@ class Scene(Renders, Paths):
         answer: dict[str, Any] = self._at(None, ask)
         self._warn_of_eye(look_at)
         return answer
+
+    # ---- edits ----------------------------------------------------------------------------------
+
+    def edit(self, *, epoch: int = 0) -> Edit:
+        """Begins a batch of changes, which becomes the scene's next epoch when the block ends:
+
+            with scene.edit() as edit:
+                edit.move("car#3", (0.5, 0, 0))
+                edit.hide("tree-1*")
+
+        Requests that run keep the epoch they began with; later ones see the new one. Only the scene's
+        owner may edit it. With `epoch` the edit fails unless the scene is at that epoch."""
+        return Edit(self._client.connection, self.name, epoch)
 
     # ---- what it is -----------------------------------------------------------------------------
 

@@ -47,6 +47,49 @@ TEST_CASE("other content under a taken name needs replace, and is a new epoch") 
     CHECK(first->snapshot().bounds().upper.x == 1);
 }
 
+TEST_CASE("an edit is the next epoch of its owner's scene, and of the epoch that it was made of alone") {
+    Budget budget(1 << 30);
+    SceneStore store(budget);
+    const auto first = store.publish("a", square(1), {.share = {"you"}}, of("me"));
+    REQUIRE(first);
+    auto edited = store.publish_edit(*first, square(2), of("me"));
+    REQUIRE(edited);
+    REQUIRE(*edited);
+    CHECK((*edited)->epoch == 2);
+    CHECK(store.find("a", 0, of("me"))->epoch == 2);
+    CHECK(store.find("a", 0, of("you", 2))->epoch == 2);
+    CHECK(first->snapshot().bounds().upper.x == 1);
+
+    // Made of an epoch that is not the present one: nothing is published.
+    const auto late = store.publish_edit(*first, square(3), of("me"));
+    REQUIRE(late);
+    CHECK(!*late);
+    CHECK(store.find("a", 0, of("me"))->epoch == 2);
+
+    auto shared = *store.find("a", 0, of("you", 2));
+    CHECK(store.may_edit("me/a", of("you", 2)).error().code == Code::not_allowed);
+    CHECK(store.publish_edit(shared, square(3), of("you", 2)).error().code == Code::not_allowed);
+    CHECK(store.may_edit("a", of("stranger", 3)).error().code == Code::scene_unknown);
+    CHECK(store.may_edit("me/a", {"root", 4, Role::admin}));
+    REQUIRE(store.publish_edit(shared, square(4), {"root", 4, Role::admin}));
+    CHECK(store.find("a", 0, of("me"))->epoch == 3);
+    // The epoch before the last edit is kept for the next one, unless anybody reads it.
+    auto now = *store.find("a", 0, of("me"));
+    CHECK(store.take_spare(now, of("me")) == nullptr);  // `shared` is that epoch
+    REQUIRE(store.publish_edit(now, square(5), of("me")));
+    const std::uint64_t used = budget.used();
+    now = {};
+    CHECK(budget.used() == used);
+    shared = {};
+    edited->reset();
+    CHECK(budget.used() < used);
+    CHECK(store.take_spare(*store.find("a", 0, of("me")), of("me"))->bounds().upper.x == 4);
+    REQUIRE(store.publish_edit(*store.find("a", 0, of("me")), square(6), of("me")));
+    const std::uint64_t kept = budget.used();
+    store.drop_spares();
+    CHECK(budget.used() < kept);
+}
+
 TEST_CASE("equal content is held once, and memory returns with the last holder") {
     Budget budget(1 << 30);
     SceneStore store(budget);

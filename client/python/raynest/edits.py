@@ -1,0 +1,153 @@
+"""Edits of a scene: parts of it move or hide, and the result is its next epoch."""
+from __future__ import annotations
+
+import contextlib
+import reprlib
+from types import TracebackType
+from typing import Any, Optional, Sequence, Union
+
+import numpy as np
+
+from . import _limits
+from ._arguments import numbers, whole
+from ._connection import Connection
+from ._frame import Array
+from ._upload import FileSender
+from .errors import ProtocolError, UsageError
+
+# The number of an outermost instance, as in the column inst; the text of a path, in which '*' stands for
+# any text, and all below a path is meant with it; or several of them.
+Which = Union[int, str, Sequence[Union[int, str]], Array]
+
+_ROW = np.dtype([("what", "<u4"), ("target", "<u4"), ("by_text", "<u4"), ("mask", "<u4"),
+                 ("matrix", "<f8", (3, 4))])
+_PLACE, _MOVE, _MASK = range(3)
+
+
+class Edit:
+    """A batch of changes, made by Scene.edit() and sent when its `with` block ends. They take effect
+    together and in their order. An exception in the block sends nothing."""
+
+    epoch: int      # of the scene after the edit
+    instances: int  # how many outermost instances have changed
+    refits: int     # edits since the tree of the scene's root was built
+    rebuilds: int   # how often it was built again
+    hash: str       # of the content after the edit
+    seconds: float  # that the daemon took
+
+    def __init__(self, connection: Connection, scene: str, epoch: int) -> None:
+        self._connection = connection
+        self._scene = scene
+        self.epoch = whole("epoch", epoch, 2**64 - 1, 0)
+        self._texts: dict[str, int] = {}
+        self._rows: list[Array] = []
+
+    def move(self, which: Which, by: Any) -> Edit:
+        """Moves instances in the world, from where they stand. `by` is an offset (3,), a matrix (3, 4)
+        or (4, 4), or one of these for each of several instances: (N, 3), (N, 3, 4), (N, 4, 4)."""
+        rows = self._targets(which)
+        by = numbers("by", by).astype(np.float64)
+        if by.shape in ((3,), (len(rows), 3)):
+            matrices = np.zeros(by.shape[:-1] + (3, 4))
+            matrices[..., :3] = np.eye(3)
+            matrices[..., 3] = by
+        else:
+            matrices = _matrices("by", by)
+        return self._add(rows, _MOVE, matrices)
+
+    def place(self, which: Which, matrices: Any) -> Edit:
+        """Places instances: `matrices` maps the object's own coordinates to the world's, as (3, 4) or
+        (4, 4), or one for each of several instances: (N, 3, 4) or (N, 4, 4). Not for a scene with an
+        origin, whose objects have coordinates of their own: move() those."""
+        return self._add(self._targets(which), _PLACE,
+                         _matrices("matrices", numbers("matrices", matrices).astype(np.float64)))
+
+    def set_mask(self, which: Which, mask: int) -> Edit:
+        """Sets the mask of instances: rays whose own mask shares no bit with it do not meet them."""
+        rows = self._targets(which)
+        rows["what"], rows["mask"] = _MASK, whole("a mask", mask, 2**32 - 1, 0)
+        self._rows.append(rows)
+        return self
+
+    def hide(self, which: Which) -> Edit:
+        """No ray meets these instances from now on."""
+        return self.set_mask(which, 0)
+
+    def show(self, which: Which) -> Edit:
+        """Every ray may meet these instances."""
+        return self.set_mask(which, 2**32 - 1)
+
+    def __enter__(self) -> Edit:
+        return self
+
+    def __exit__(self, kind: Optional[type[BaseException]], error: Optional[BaseException],
+                 traceback: Optional[TracebackType]) -> None:
+        if kind is None and self._rows:
+            self._send()
+
+    def _targets(self, which: Which) -> Array:
+        """Returns a row for each of these instances or texts."""
+        several = [which] if isinstance(which, (str, int, np.integer)) else which
+        if isinstance(several, np.ndarray) and several.dtype.kind in "iu" and several.ndim == 1:
+            if len(several) and (several.min() < 0 or several.max() > 2**32 - 1):
+                raise UsageError("instances must be whole numbers from 0 to 4294967295")
+            rows = np.zeros(len(several), _ROW)
+            rows["target"] = several
+        else:
+            if not isinstance(several, (Sequence, np.ndarray)):
+                raise _wrong(which)
+            rows = np.zeros(len(several), _ROW)
+            for row, item in zip(rows, several):
+                if isinstance(item, str) and item:
+                    row["target"] = self._texts.setdefault(str(item), len(self._texts))
+                    row["by_text"] = 1
+                elif isinstance(item, (int, np.integer)) and not isinstance(item, bool):
+                    row["target"] = whole("an instance", item, 2**32 - 1, 0)
+                else:
+                    raise _wrong(which)
+        if not len(rows):
+            raise UsageError("an edit of no instances: leave it away")
+        return rows
+
+    def _add(self, rows: Array, what: int, matrices: Array) -> Edit:
+        if matrices.ndim == 3 and len(matrices) != len(rows):
+            raise UsageError(f"{len(matrices)} matrices for {len(rows)} "
+                             f"{'target' if len(rows) == 1 else 'targets'}: give one, or one for each")
+        rows["what"], rows["matrix"] = what, matrices
+        self._rows.append(rows)
+        return self
+
+    def _send(self) -> None:
+        rows = np.concatenate(self._rows)
+        if len(rows) > _limits.edit_rows_max:
+            raise UsageError(f"{len(rows)} rows in one edit, at most {_limits.edit_rows_max} are taken")
+        if len(self._texts) > _limits.list_items_max:
+            raise UsageError(f"{len(self._texts)} texts in one edit, at most {_limits.list_items_max} are "
+                             "taken: name instances by number, as the column inst tells them")
+        message = {"scene": self._scene, "epoch": self.epoch, "rows": len(rows),
+                   "targets": list(self._texts)}
+        rows_file = FileSender(np.frombuffer(rows.tobytes(), np.uint8), 0)
+        frames = self._connection.exchange("Edit", message, feed=lambda: rows_file.feed(self._connection))
+        with self._connection.interrupts, contextlib.closing(frames):
+            for kind, news in frames:
+                if kind == "Edited":
+                    for key in ("epoch", "instances", "refits", "rebuilds", "hash", "seconds"):
+                        setattr(self, key, news[key])
+                    return
+        raise ProtocolError("the daemon ended an edit without an answer")
+
+
+def _matrices(what: str, value: Array) -> Array:
+    if value.shape[-2:] == (4, 4):
+        if not (value[..., 3, :] == (0, 0, 0, 1)).all():
+            raise UsageError(f"{what}: the last row of a 4x4 matrix must be 0 0 0 1")
+        value = value[..., :3, :]
+    if value.shape[-2:] != (3, 4) or value.ndim > 3:
+        raise UsageError(f"{what} of shape {value.shape}: it must be (3, 4) or (4, 4), or (N, 3, 4) or "
+                         "(N, 4, 4) for several instances")
+    return value
+
+
+def _wrong(which: Any) -> TypeError:
+    return TypeError(f"{reprlib.repr(which)} names no instance: it must be its number as in the column inst, "
+                     "the text of a path as 'stand-3', in which '*' stands for any text, or a list of them")

@@ -1,0 +1,177 @@
+// What an edit costs: one of many instances of a sphere moves, over a build of the same scene, and over
+// what Embree's top level costs where Embree is there. CPU time of the whole process; best of each.
+//
+//   raynest-bench-edits [INSTANCES] [ROUNDS]      prints one JSON object
+#include "engine/scene/edits/edit.h"
+#include "tests/bench/clock.h"
+
+#include <nlohmann/json.hpp>
+
+#if RAYNEST_EMBREE == 4
+#include <embree4/rtcore.h>
+#elif RAYNEST_EMBREE == 3
+#include <embree3/rtcore.h>
+#endif
+
+#include <algorithm>
+#include <cmath>
+#include <cstdint>
+#include <cstdlib>
+#include <iostream>
+#include <limits>
+#include <memory>
+#include <stdexcept>
+#include <string>
+#include <utility>
+#include <vector>
+
+namespace {
+
+using namespace raynest;
+
+GeometryDescription sphere() {
+    constexpr int rings = 16, segments = 24;
+    GeometryDescription mesh;
+    for (int ring = 0; ring <= rings; ++ring)
+        for (int s = 0; s < segments; ++s) {
+            const float a = 3.14159265F * static_cast<float>(ring) / rings;
+            const float b = 6.2831853F * static_cast<float>(s) / segments;
+            mesh.positions.emplace_back(std::sin(a) * std::cos(b), std::cos(a), std::sin(a) * std::sin(b));
+        }
+    for (std::uint32_t ring = 0; ring < rings; ++ring)
+        for (std::uint32_t s = 0; s < segments; ++s) {
+            const std::uint32_t a = ring * segments + s, b = ring * segments + (s + 1) % segments;
+            mesh.indices.insert(mesh.indices.end(), {a, b, a + segments, b, b + segments, a + segments});
+        }
+    return mesh;
+}
+
+Transform at(std::uint32_t i, std::uint32_t count, float shift) {
+    const auto side = static_cast<std::uint32_t>(std::cbrt(static_cast<double>(count))) + 1;
+    const auto place = [&](std::uint32_t n) { return 3 * static_cast<float>(n % side); };
+    return {{1, 0, 0, place(i) + shift, 0, 1, 0, place(i / side), 0, 0, 1, place(i / side / side)}};
+}
+
+double cpu() {
+    return bench::seconds_of(CLOCK_PROCESS_CPUTIME_ID);
+}
+
+template <class Work>
+double best_of(int rounds, Work&& work) {
+    double best = std::numeric_limits<double>::infinity();
+    for (int i = 0; i < rounds; ++i) {
+        const double begin = cpu();
+        work(i);
+        best = std::min(best, cpu() - begin);
+    }
+    return best;
+}
+
+std::shared_ptr<const Snapshot> built(const SceneDescription& description) {
+    auto scene = Snapshot::build(description);
+    if (!scene) throw std::runtime_error(scene.error().message);
+    return std::move(*scene);
+}
+
+#ifdef RAYNEST_EMBREE
+/// CPU seconds of a commit of the top level after one instance has moved.
+double embree_commit(const GeometryDescription& mesh, std::uint32_t count, int rounds, RTCBuildQuality quality) {
+    RTCDevice device = rtcNewDevice(nullptr);
+    RTCScene object = rtcNewScene(device);
+    RTCGeometry triangles = rtcNewGeometry(device, RTC_GEOMETRY_TYPE_TRIANGLE);
+    void* positions = rtcSetNewGeometryBuffer(triangles, RTC_BUFFER_TYPE_VERTEX, 0, RTC_FORMAT_FLOAT3,
+                                              sizeof(Vec3), mesh.positions.size());
+    std::copy(mesh.positions.begin(), mesh.positions.end(), static_cast<Vec3*>(positions));
+    void* indices = rtcSetNewGeometryBuffer(triangles, RTC_BUFFER_TYPE_INDEX, 0, RTC_FORMAT_UINT3, 12,
+                                            mesh.indices.size() / 3);
+    std::copy(mesh.indices.begin(), mesh.indices.end(), static_cast<std::uint32_t*>(indices));
+    rtcCommitGeometry(triangles);
+    rtcAttachGeometry(object, triangles);
+    rtcCommitScene(object);
+    RTCScene top = rtcNewScene(device);
+    rtcSetSceneFlags(top, RTC_SCENE_FLAG_DYNAMIC);
+    rtcSetSceneBuildQuality(top, quality);
+    std::vector<RTCGeometry> instances;
+    const auto place = [&](std::uint32_t i, float shift) {
+        const Transform t = at(i, count, shift);
+        rtcSetGeometryTransform(instances[i], 0, RTC_FORMAT_FLOAT3X4_ROW_MAJOR, t.m.data());
+        rtcCommitGeometry(instances[i]);
+    };
+    for (std::uint32_t i = 0; i < count; ++i) {
+        instances.push_back(rtcNewGeometry(device, RTC_GEOMETRY_TYPE_INSTANCE));
+        rtcSetGeometryInstancedScene(instances[i], object);
+        place(i, 0);
+        rtcAttachGeometry(top, instances[i]);
+    }
+    rtcCommitScene(top);
+    const double commit = best_of(rounds, [&](int round) {
+        place(count / 2, 0.1F * static_cast<float>(round % 7));
+        rtcCommitScene(top);
+    });
+    for (RTCGeometry instance : instances) rtcReleaseGeometry(instance);
+    rtcReleaseGeometry(triangles);
+    rtcReleaseScene(top);
+    rtcReleaseScene(object);
+    rtcReleaseDevice(device);
+    return commit;
+}
+#endif
+
+void run(std::uint32_t count, int rounds) {
+    SceneDescription description;
+    description.objects.resize(2);
+    description.objects[0].geometries.push_back(sphere());
+    for (std::uint32_t i = 0; i < count; ++i) {
+        InstanceDescription one;
+        one.object = 0;
+        one.transform = at(i, count, 0);
+        description.objects[1].instances.push_back(one);
+    }
+    description.root = 1;
+    const double build = best_of(std::max(2, rounds / 10), [&](int) { built(description); });
+
+    auto scene = built(description);
+    std::shared_ptr<const Snapshot> before;
+    const auto edit = [&](const std::vector<InstanceMove>& moves) {
+        auto next = edit_scene(*scene, moves, {}, std::move(before));
+        if (!next) throw std::runtime_error(next.error().message);
+        before = std::exchange(scene, std::move(*next));
+    };
+    const double one = best_of(rounds, [&](int round) {
+        edit({{count / 2, at(count / 2, count, 0.1F * static_cast<float>(round % 7))}});
+    });
+    std::vector<InstanceMove> every;
+    const double all = best_of(std::max(2, rounds / 10), [&](int round) {
+        every.clear();
+        for (std::uint32_t i = 0; i < count; ++i)
+            every.push_back({i, at(i, count, 0.1F * static_cast<float>(round % 7))});
+        edit(every);
+    });
+    nlohmann::json answer{{"instances", count},
+                          {"build_cpu_seconds", build},
+                          {"move_one_cpu_seconds", one},
+                          {"move_all_cpu_seconds", all},
+                          {"move_one_over_build", one / build},
+                          {"move_all_over_build", all / build}};
+#ifdef RAYNEST_EMBREE
+    const double low = embree_commit(description.objects[0].geometries[0], count, std::max(3, rounds / 5),
+                                     RTC_BUILD_QUALITY_LOW);
+    answer["embree"] = RAYNEST_EMBREE;
+    answer["embree_commit_low_cpu_seconds"] = low;
+    answer["move_one_over_embree_commit"] = one / low;
+#endif
+    std::cout << answer.dump(2) << '\n';
+}
+
+}  // namespace
+
+int main(int count, char** arguments) {
+    try {
+        run(count > 1 ? static_cast<std::uint32_t>(std::atoi(arguments[1])) : 100'000,
+            count > 2 ? std::atoi(arguments[2]) : 50);
+        return 0;
+    } catch (const std::exception& error) {
+        std::cerr << "raynest-bench-edits: " << error.what() << '\n';
+        return 1;
+    }
+}

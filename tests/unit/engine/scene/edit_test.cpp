@@ -1,0 +1,206 @@
+// Edited scenes: rays hit what they hit in the same scene built afresh, bit for bit.
+#include "engine/scene/edits/edit.h"
+#include "engine/scene/edits/names.h"
+
+#include "engine/packs/registry.h"
+#include "tests/conformance/answers.h"
+#include "tests/conformance/scenes.h"
+#include "tests/unit/engine/small_scenes.h"
+
+#include <doctest/doctest.h>
+
+#include <algorithm>
+#include <cstdint>
+#include <limits>
+#include <memory>
+#include <string>
+#include <utility>
+#include <vector>
+
+using namespace raynest;
+using conformance::Random;
+using test::build_scene;
+using test::place;
+using test::translation;
+
+namespace {
+
+using Scene = std::shared_ptr<const Snapshot>;
+
+Transform random_place(Random& random, float far) {
+    const Vec3 x = random.direction();
+    const Vec3 y = glm::normalize(glm::cross(x, random.direction()));
+    const Vec3 z = glm::cross(x, y) * random.between(0.5F, 2);
+    const Vec3 at = random.in_box(far);
+    return {{x.x, y.x, z.x, at.x, x.y, y.y, z.y, at.y, x.z, y.z, z.z, at.z}};
+}
+
+/// Objects: a mesh of loose triangles, one of spheres' size, a group of both, an empty one. The root
+/// places them `count` times, and in half of the scenes has a triangle of its own.
+SceneDescription random_scene(Random& random, std::uint32_t count) {
+    SceneDescription scene;
+    scene.objects.resize(5);
+    for (std::uint32_t object = 0; object < 2; ++object) {
+        GeometryDescription mesh;
+        for (std::uint32_t i = 0; i < 3 * (object == 0 ? 40 : 3); ++i) {
+            mesh.positions.push_back(random.direction() * random.unit());
+            mesh.indices.push_back(i);
+        }
+        scene.objects[object].geometries.push_back(std::move(mesh));
+    }
+    for (int i = 0; i < 4; ++i)
+        scene.objects[2].instances.push_back(place(random.below(2), random_place(random, 3)));
+    for (std::uint32_t i = 0; i < count; ++i)
+        scene.objects[4].instances.push_back(place(random.below(4), random_place(random, 40)));
+    if (random.below(2) == 0) scene.objects[4].geometries.push_back(test::unit_square());
+    scene.root = 4;
+    return scene;
+}
+
+Scene edit(const Snapshot& scene, const std::vector<InstanceMove>& moves,
+           const std::vector<InstanceMask>& masks = {}, Scene spare = nullptr) {
+    auto edited = edit_scene(scene, moves, masks, std::move(spare));
+    REQUIRE_MESSAGE(edited, edited.error().message);
+    // What an edit leaves is a valid arena, and the digest that it has.
+    BuiltArena copy{Arena((*edited)->bytes().size()), 0};
+    std::ranges::copy((*edited)->bytes(), copy.arena.data());
+    const auto opened = Snapshot::open(std::move(copy));
+    REQUIRE_MESSAGE(opened, opened.error().message);
+    CHECK((*opened)->digest() == (*edited)->digest());
+    return *edited;
+}
+
+std::string fault(const Snapshot& scene, const std::vector<InstanceMove>& moves,
+                  const std::vector<InstanceMask>& masks = {}) {
+    const auto edited = edit_scene(scene, moves, masks);
+    REQUIRE(!edited);
+    CHECK(edited.error().code == ErrorCode::param_invalid);
+    return edited.error().message;
+}
+
+void check_same_answers(const Snapshot& edited, const Snapshot& fresh, Random& random) {
+    static const auto registry = *Registry::load({{}, "auto"});
+    std::vector<Ray> rays;
+    for (int i = 0; i < 700; ++i) {
+        const Vec3 from = random.in_box(60);
+        rays.push_back({from, 0, random.in_box(40) - from});
+    }
+    const Variant& variant = *registry->find("opaque");
+    for (const Traversal traversal : {traversal_single, traversal_packet, traversal_stream}) {
+        for (const conformance::Question& question : conformance::questions) {
+            const auto function = find_function(variant, question.query, traversal);
+            if (!function) continue;
+            const auto ours = conformance::ask(variant, *function, edited.view(), rays, question, {},
+                                               counters_none);
+            const auto theirs = conformance::ask(variant, *function, fresh.view(), rays, question,
+                                                 {}, counters_none);
+            CHECK(conformance::differing_rays(ours, theirs).rays == 0);
+        }
+    }
+}
+
+}  // namespace
+
+TEST_CASE("edited scenes answer as those that are built afresh") {
+    for (std::uint64_t seed = 0; seed < 12; ++seed) {
+        CAPTURE(seed);
+        Random random(seed);
+        const std::uint32_t count = seed == 0 ? 1 : 2 + random.below(300);
+        SceneDescription description = random_scene(random, count);
+        auto& placed = description.objects[4].instances;
+        Scene scene = build_scene(description);
+        Scene spare;
+        for (int step = 0; step < 5; ++step) {
+            CAPTURE(step);
+            std::vector<InstanceMove> moves;
+            std::vector<InstanceMask> masks;
+            for (std::uint32_t i = 0; i < count; ++i) {
+                if (random.below(4) == 0) {
+                    placed[i].transform = random_place(random, 40);
+                    moves.push_back({i, placed[i].transform});
+                }
+                if (random.below(8) == 0) {
+                    placed[i].mask = random.below(2) == 0 ? 0 : 0xFFFFFFFFU;
+                    masks.push_back({i, placed[i].mask});
+                }
+            }
+            // Every second scene leaves the memory of the epoch before to the next one.
+            Scene next = edit(*scene, moves, masks, seed % 2 == 0 ? std::move(spare) : nullptr);
+            spare = std::exchange(scene, std::move(next));
+            const Scene fresh = build_scene(description);
+            check_same_answers(*scene, *fresh, random);
+            CHECK(scene->bounds().lower == fresh->bounds().lower);
+            CHECK(scene->bounds().upper == fresh->bounds().upper);
+        }
+    }
+}
+
+TEST_CASE("the tree of the root is built again when its expected cost has grown") {
+    Random random(5);
+    SceneDescription description = random_scene(random, 400);
+    description.objects[4].geometries.clear();
+    auto& placed = description.objects[4].instances;
+    Scene scene = build_scene(description);
+    for (std::uint32_t i = 0; i < 3; ++i) {
+        placed[i].transform.m[3] += 0.1F;
+        scene = edit(*scene, {{i, placed[i].transform}});
+    }
+    CHECK(scene->statistics().edits.refits == 3);
+    CHECK(scene->statistics().edits.rebuilds == 0);
+    for (int step = 0; step < 30; ++step) {
+        std::vector<InstanceMove> moves;
+        for (int i = 0; i < 10; ++i) {
+            const std::uint32_t a = 2 * random.below(200);
+            if (std::ranges::any_of(moves, [&](const auto& m) { return m.instance == a; })) continue;
+            std::swap(placed[a].transform, placed[a + 1].transform);
+            moves.push_back({a, placed[a].transform});
+            moves.push_back({a + 1, placed[a + 1].transform});
+        }
+        scene = edit(*scene, moves);
+    }
+    CHECK(scene->statistics().edits.rebuilds > 0);
+    const Scene fresh = build_scene(description);
+    check_same_answers(*scene, *fresh, random);
+    CHECK(scene->statistics().trees.sah_cost <= 1.25 * fresh->statistics().trees.sah_cost);
+}
+
+TEST_CASE("instances are found by the texts of their paths, and '*' stands for any text") {
+    CHECK(glob_matches("car", "car"));
+    CHECK(glob_matches("car", "car/wheel/tyre"));
+    CHECK(glob_matches("car#*", "car#12/wheel"));
+    CHECK(glob_matches("*wheel*", "car/wheel#3"));
+    CHECK(glob_matches("*", "anything"));
+    CHECK(!glob_matches("car", "cart"));
+    CHECK(!glob_matches("car#1", "car#12"));
+    CHECK(!glob_matches("wheel", "car/wheel"));
+    CHECK(!glob_matches("", "car"));
+    const Scene scene = build_scene(test::tree_scene());
+    const auto find = [&](const char* text) { return find_instances(*scene, text, [] { return false; }); };
+    CHECK(*find("second") == std::vector<std::uint32_t>{1});
+    CHECK(*find("*") == std::vector<std::uint32_t>{0, 1, 2, 3});
+    CHECK(*find("*ir*") == std::vector<std::uint32_t>{0, 3});
+    CHECK(find("first/low").error().message.find("lies inside of an instance") != std::string::npos);
+    CHECK(find("fourth").error().message.find("there are: first, second") != std::string::npos);
+    CHECK(find("x*").error().message == "no path is of the form 'x*'");
+    CHECK(!find_instances(*scene, "*", [] { return true; }));
+}
+
+TEST_CASE("what cannot be edited is refused by name, and the scene stays as it is") {
+    const Scene scene = build_scene(test::tree_scene());
+    const std::string before = scene->digest();
+    const Transform here = translation(1, 2, 3);
+    CHECK(fault(*scene, {{4, here}}) == "there is no outermost instance 4: the scene has 4");
+    CHECK(fault(*scene, {}, {{9, 0}}).find("instance 9") != std::string::npos);
+    CHECK(fault(*scene, {{1, here}, {1, here}}).find("named twice") != std::string::npos);
+    CHECK(fault(*scene, {{2, test::scaling(1, 0, 1)}}).find("'lone' is singular") !=
+          std::string::npos);
+    Transform odd = here;
+    odd.m[7] = std::numeric_limits<float>::quiet_NaN();
+    CHECK(fault(*scene, {{2, odd}}).find("not finite") != std::string::npos);
+    CHECK(fault(*scene, {{2, translation(2e15F, 0, 0)}}).find("1e15") != std::string::npos);
+    CHECK(scene->digest() == before);
+    // Nothing changes nothing but the number of edits; back where it was, it is the same content.
+    const Scene there = edit(*scene, {{2, here}});
+    CHECK(there->digest() != before);
+    CHECK(edit(*there, {{2, translation(20, 0, 0)}})->digest() == before);
+}
