@@ -19,14 +19,14 @@
 namespace raynest {
 
 inline constexpr std::size_t digest_piece_bytes = 1 << 20;
-using PieceDigest = std::array<unsigned char, 32>;
+using Sha256 = std::array<unsigned char, 32>;
 
 /// Hashes the pieces of an arena of which `stale` is true, each into its place of `pieces`. Both have an
 /// entry per piece. Fails as scene_digest() does.
 Result<void> hash_pieces(std::span<const std::byte> arena, const std::vector<bool>& stale,
-                         std::vector<PieceDigest>& pieces);
+                         std::vector<Sha256>& pieces);
 /// Returns the digest of an arena with these pieces.
-Result<std::string> scene_digest(std::span<const PieceDigest> pieces);
+Result<std::string> scene_digest(std::span<const Sha256> pieces);
 
 /// 64 lower-case hex digits. Uses the threads that a build may use; about 0.6 ns per byte and core
 /// where the CPU has SHA instructions, 2.5 ns elsewhere. Fails with `internal` where libcrypto is

@@ -103,7 +103,12 @@ Result<std::shared_ptr<const Snapshot>> Snapshot::open(BuiltArena built) {
     s.bytes = arena.size();
     s.nodes = format::section_size(base, Section::nodes);
     s.leaf_blocks = format::section_size(base, Section::blocks);
-    s.trees = measure_trees(*view);
+    const std::vector<TreeStatistics> trees = measure_each_tree(*view);
+    s.trees.sah_cost = trees[view->root].sah_cost;
+    for (const TreeStatistics& tree : trees) {
+        s.trees.height = std::max(s.trees.height, tree.height);
+        snapshot->tree_costs_.push_back(tree.sah_cost);
+    }
     const auto& header = *reinterpret_cast<const format::Header*>(base);
     s.build = header.build;
     s.degenerate_triangles = header.degenerate_triangles;
@@ -179,7 +184,8 @@ Result<std::shared_ptr<const Snapshot>> Snapshot::open_edited(BuiltArena built,
     snapshot->origin_ = before.origin_;
     snapshot->bounds_ = reinterpret_cast<const format::Header*>(base)->bounds;
     snapshot->statistics_ = before.statistics_;
-    snapshot->statistics_.trees = measure_trees(view);
+    snapshot->tree_costs_ = before.tree_costs_;
+    snapshot->statistics_.trees.sah_cost = measure_root(view, before.tree_costs_);
     snapshot->statistics_.edits = built.edits;
     snapshot->record_types_ = before.record_types_;
     snapshot->record_counts_ = before.record_counts_;

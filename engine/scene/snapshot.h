@@ -51,7 +51,7 @@ using Arena = Pages;
 
 /// The work of edits on the root's tree (scene/edits/edit.h). Not in the arena.
 struct EditStatistics {
-    double built_cost = 0;        ///< expected cost of the tree when it was built; 0: not measured yet
+    double built_cost = 0;        ///< TreeStatistics::sah_cost when the tree was built; 0: never edited
     std::uint64_t refits = 0;     ///< edits since then
     std::uint64_t rebuilds = 0;   ///< how often it was built again
 };
@@ -159,8 +159,9 @@ private:
     WorldPoint origin_{};
     Box bounds_;
     SceneStatistics statistics_;
+    std::vector<double> tree_costs_;  ///< expected cost of each object's tree
     std::string digest_;
-    std::vector<PieceDigest> pieces_;
+    std::vector<Sha256> pieces_;
     std::string edited_from_;    ///< digest of the snapshot that it was edited from; empty: of none
     std::vector<bool> changed_;  ///< the pieces in which it differs from that one
     std::vector<std::string> record_types_;

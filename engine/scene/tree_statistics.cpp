@@ -4,6 +4,7 @@
 #include "engine/bvh/node.h"
 
 #include <algorithm>
+#include <utility>
 #include <vector>
 
 namespace raynest {
@@ -20,6 +21,11 @@ public:
             all.push_back({cost_.back(), height_of(scene_.objects[i])});
         }
         return all;
+    }
+
+    double measure_root(std::vector<double> costs_below) {
+        cost_ = std::move(costs_below);
+        return cost_of(scene_.objects[scene_.root]);
     }
 
 private:
@@ -83,6 +89,10 @@ private:
 
 std::vector<TreeStatistics> measure_each_tree(const SceneView& scene) {
     return Measurer(scene).measure();
+}
+
+double measure_root(const SceneView& scene, std::vector<double> costs_below) {
+    return Measurer(scene).measure_root(std::move(costs_below));
 }
 
 TreeStatistics measure_trees(const SceneView& scene) {

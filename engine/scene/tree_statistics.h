@@ -20,5 +20,7 @@ struct TreeStatistics {
 TreeStatistics measure_trees(const SceneView& scene);
 /// The same for each object's tree, with the trees of its instances in the cost.
 std::vector<TreeStatistics> measure_each_tree(const SceneView& scene);
+/// The same for the root's tree alone, where the costs of the others are known, in their order.
+double measure_root(const SceneView& scene, std::vector<double> costs_below);
 
 }  // namespace raynest

@@ -46,7 +46,7 @@ Matrix less_origin(Matrix world, const WorldPoint& origin) {
     return world;
 }
 
-/// What the rows make of each outermost instance that they name.
+/// The outermost instances that the rows name, and their new placements and masks.
 struct Changed {
     std::map<std::uint32_t, Matrix> placements;
     std::map<std::uint32_t, std::uint32_t> masks;

@@ -1,4 +1,4 @@
-// What tests do with frames of any message.
+// Frames of any message, opened, copied and written again.
 #include "tests/golden/examples.h"
 
 #include <algorithm>

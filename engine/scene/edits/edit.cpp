@@ -1,6 +1,5 @@
 #include "engine/scene/edits/edit.h"
 
-#include "engine/bvh/build_cut.h"
 #include "engine/bvh/build_emit.h"
 #include "engine/scene/farthest.h"
 #include "engine/scene/format.h"
@@ -152,29 +151,6 @@ Arena with_root_nodes(const Arena& from, std::uint64_t first_node, std::span<con
     return arena;
 }
 
-double half_area(const Vec3& size) {
-    const glm::dvec3 d(size);
-    return d.x * d.y + d.y * d.z + d.z * d.x;
-}
-
-/// Expected cost of a ray that meets the tree's box, without what lies in its instances.
-double cost_of(std::span<const Node> nodes, const Box& bounds) {
-    const double whole = half_area(bounds.upper - bounds.lower);
-    if (!(whole > 0)) return 0;
-    double sum = 0;
-    for (const Node& node : nodes) {
-        const auto count = static_cast<std::size_t>(std::popcount(node.valid()));
-        for (std::size_t slot = 0; slot < count; ++slot) {
-            const Vec3 size(node.upper[0][slot] - node.lower[0][slot],
-                            node.upper[1][slot] - node.lower[1][slot],
-                            node.upper[2][slot] - node.lower[2][slot]);
-            const bool leaf = is_leaf(node.child[slot]);
-            sum += half_area(size) * double{leaf ? build::instance_cost : build::node_cost};
-        }
-    }
-    return sum / whole;
-}
-
 Box box_of(const Node& node, std::size_t slot) {
     Box box;
     for (int axis = 0; axis < 3; ++axis) {
@@ -192,8 +168,8 @@ Box box_of(const Node& node) {
 }
 
 /// Makes the boxes above the moved instances anew. `boxes` are theirs, `move_of` says which is whose:
-/// no_id where none is.
-void refit(EditedArena& arena, std::span<const std::uint32_t> move_of, std::span<const Box> boxes) {
+/// no_id where none is. Returns the box of where they were and where they are.
+Box refit(EditedArena& arena, std::span<const std::uint32_t> move_of, std::span<const Box> boxes) {
     ObjectRecord& root = arena.root();
     const std::span<Node> nodes = arena.nodes();
     const auto set = [](Node& node, std::size_t slot, const Box& box) {
@@ -202,6 +178,7 @@ void refit(EditedArena& arena, std::span<const std::uint32_t> move_of, std::span
             node.upper[axis][slot] = box.upper[axis];
         }
     };
+    Box reached;
     std::vector<bool> changed(nodes.size());
     // A child has a larger index than its parent.
     for (std::size_t i = nodes.size(); i-- > 0;) {
@@ -216,6 +193,8 @@ void refit(EditedArena& arena, std::span<const std::uint32_t> move_of, std::span
                 if (kind_of(child) != ChildKind::instance) continue;
                 const std::uint32_t move = move_of[leaf_instance(child)];
                 if (move == no_id) continue;
+                reached.extend(box_of(node, slot));
+                reached.extend(boxes[move]);
                 set(node, slot, boxes[move]);
             }
             changed[i] = true;
@@ -224,15 +203,20 @@ void refit(EditedArena& arena, std::span<const std::uint32_t> move_of, std::span
         build::order_children(node, count);
         arena.touch(node);
     }
-    if (!is_leaf(root.root))
+    if (!is_leaf(root.root)) {
         root.bounds = box_of(nodes[root.root]);
-    else if (kind_of(root.root) == ChildKind::instance &&
-             move_of[leaf_instance(root.root)] != no_id)
+    } else if (kind_of(root.root) == ChildKind::instance &&
+               move_of[leaf_instance(root.root)] != no_id) {
+        reached.extend(root.bounds);
         root.bounds = boxes[move_of[leaf_instance(root.root)]];
+        reached.extend(root.bounds);
+    }
+    return reached;
 }
 
 /// Builds the root's tree again, which has instances alone.
-Arena rebuild(EditedArena& arena) {
+Result<std::shared_ptr<const Snapshot>> rebuild(const Snapshot& scene) {
+    EditedArena arena(Snapshot::copy_arena(scene, nullptr), scene.view());
     ObjectRecord& root = arena.root();
     const std::span<const InstanceRecord> instances = arena.instances();
     const std::span<const InstanceInfo> infos = arena.infos();
@@ -250,7 +234,15 @@ Arena rebuild(EditedArena& arena) {
     root.bounds = tree.bounds;
     root.node_count = static_cast<std::uint32_t>(tree.nodes.size());
     const std::uint64_t first_node = root.first_node;
-    return with_root_nodes(arena.take(), first_node, tree.nodes);
+    BuiltArena built{with_root_nodes(arena.take(), first_node, tree.nodes),
+                     scene.statistics().build_seconds,
+                     {.rebuilds = scene.statistics().edits.rebuilds + 1}};
+    return Snapshot::open(std::move(built));
+}
+
+bool is_inside(const Box& box, const Box& of) {
+    return box.is_empty() || (glm::all(glm::greaterThan(box.lower, of.lower)) &&
+                              glm::all(glm::lessThan(box.upper, of.upper)));
 }
 
 /// Returns the name of an outermost instance for messages.
@@ -267,7 +259,7 @@ template <class Change>
 Result<std::vector<std::uint32_t>> changes_by_instance(const Snapshot& scene,
                                                        std::span<const Change> changes) {
     const std::uint32_t count = scene.view().objects[scene.view().root].instance_count;
-    std::vector<std::uint32_t> of(count, no_id);
+    std::vector<std::uint32_t> of(changes.empty() ? 0 : count, no_id);
     for (std::size_t i = 0; i < changes.size(); ++i) {
         const std::uint32_t instance = changes[i].instance;
         if (instance >= count)
@@ -320,7 +312,7 @@ Result<std::shared_ptr<const Snapshot>> edit_scene(const Snapshot& scene,
     }
     BuiltArena built;
     built.edits = scene.statistics().edits;
-    if (built.edits.built_cost == 0) built.edits.built_cost = cost_of(arena.nodes(), root.bounds);
+    if (built.edits.built_cost == 0) built.edits.built_cost = scene.statistics().trees.sah_cost;
     ++built.edits.refits;
     const auto refitted = [&] {
         std::vector<bool> changed = arena.changed();
@@ -350,18 +342,17 @@ Result<std::shared_ptr<const Snapshot>> edit_scene(const Snapshot& scene,
         arena.touch(arena.infos()[move.instance]);
     }
     root.origin_error = std::max(root.origin_error, *std::ranges::max_element(errors));
-    refit(arena, *move_of, boxes);
+    const Box reached = refit(arena, *move_of, boxes);
     arena.touch(root);
-    arena.set_bounds(vertex_bounds(trees, arena.view().root));
+    // A move within the scene leaves no side of it and reaches none.
+    if (!is_inside(reached, scene.bounds()))
+        arena.set_bounds(vertex_bounds(trees, arena.view().root));
 
     const double limit = rebuild_cost_factor * built.edits.built_cost;
-    if (root.has_own_primitives() || cost_of(arena.nodes(), root.bounds) <= limit) return refitted();
-    built.arena = rebuild(arena);
-    built.edits.built_cost = 0;  // the next edit takes it from the new tree
-    built.edits.refits = 0;
-    ++built.edits.rebuilds;
-    built.build_seconds = scene.statistics().build_seconds;
-    return Snapshot::open(std::move(built));
+    const bool may_rebuild = !root.has_own_primitives();
+    auto edited = refitted();
+    if (!edited || !may_rebuild || (*edited)->statistics().trees.sah_cost <= limit) return edited;
+    return rebuild(**edited);
 }
 
 }  // namespace raynest

@@ -1,4 +1,4 @@
-// What an edit costs: one of many instances of a sphere moves, over a build of the same scene, and over
+// The cost of an edit: one of many instances of a sphere moves, over a build of the same scene, and over
 // what Embree's top level costs where Embree is there. CPU time of the whole process; best of each.
 //
 //   raynest-bench-edits [INSTANCES] [ROUNDS]      prints one JSON object

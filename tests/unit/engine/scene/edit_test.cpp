@@ -61,7 +61,7 @@ Scene edit(const Snapshot& scene, const std::vector<InstanceMove>& moves,
            const std::vector<InstanceMask>& masks = {}, Scene spare = nullptr) {
     auto edited = edit_scene(scene, moves, masks, std::move(spare));
     REQUIRE_MESSAGE(edited, edited.error().message);
-    // What an edit leaves is a valid arena, and the digest that it has.
+    // An edit leaves a valid arena, and the digest that it has.
     BuiltArena copy{Arena((*edited)->bytes().size()), 0};
     std::ranges::copy((*edited)->bytes(), copy.arena.data());
     const auto opened = Snapshot::open(std::move(copy));
