@@ -2,7 +2,7 @@
 #pragma once
 
 #include "client/failure.h"
-#include "client/options.h"
+#include "client/request_options.h"
 
 #include <string>
 

@@ -1,5 +1,8 @@
 #include "client/explanation.h"
 
+#include "client/text.h"
+#include "protocol/limits.h"
+
 #include <algorithm>
 #include <array>
 #include <cstdio>
@@ -9,8 +12,6 @@
 
 namespace raynest::client {
 namespace {
-
-constexpr int document_depth_max = 64;
 
 /// "3 leaves", "1 leaf".
 std::string count_text(std::uint64_t count, const char* one, const char* many) {
@@ -132,20 +133,6 @@ std::string totals_text(const Json& totals) {
 }
 
 }  // namespace
-
-Result<Json> read_json(const ReceivedPicture& answer) {
-    const auto* text = reinterpret_cast<const char*>(answer.bytes.data());
-    // Deeper documents would exhaust the stack of whoever walks through them.
-    bool is_deep = false;
-    const auto look = [&](int depth, Json::parse_event_t, Json&) {
-        is_deep = is_deep || depth > document_depth_max;
-        return !is_deep;
-    };
-    Json json = Json::parse(text, text + answer.bytes.size(), look, false);
-    if (is_deep || answer.encode != "json" || json.is_discarded())
-        return fail(Exit::failed, "the daemon sent something else than a JSON document");
-    return json;
-}
 
 void print_path(const Json& received, std::ostream& to) {
     const Json document = shown_json(received);

@@ -1,15 +1,11 @@
 // The JSON documents about rays that the daemon sends (EXPLAIN.md), and how they read as text.
 #pragma once
 
-#include "client/output.h"
-#include "client/picture.h"
+#include "client/json.h"
 
 #include <ostream>
 
 namespace raynest::client {
-
-/// The document of an answer; exit code 1 where it is none.
-[[nodiscard]] Result<Json> read_json(const ReceivedPicture& answer);
 
 /// The tree of an Explain, a step per line.
 void print_explanation(const Json& document, std::ostream& to);

@@ -2,7 +2,7 @@
 #pragma once
 
 #include "client/failure.h"
-#include "client/output.h"
+#include "client/json.h"
 
 #include <span>
 #include <string>

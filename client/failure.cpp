@@ -1,7 +1,10 @@
 #include "client/failure.h"
 
-#include "client/output.h"
+#include "client/json.h"
+#include "client/text.h"
 #include "client/wording.h"
+
+#include <iostream>
 
 namespace raynest::client {
 namespace {
@@ -86,6 +89,10 @@ std::string describe(const Failure& failure, bool json) {
     error["message"] = message;
     if (!failure.request.empty()) error["request"] = failure.request;
     return json_text(Json{{"error", error}});
+}
+
+void print_note(std::string_view note) {
+    std::cerr << "raynest: " << shown_text(note) << '\n';
 }
 
 }  // namespace raynest::client

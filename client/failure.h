@@ -10,6 +10,7 @@
 
 #include <cstdint>
 #include <string>
+#include <string_view>
 #include <utility>
 
 namespace raynest::client {
@@ -46,5 +47,8 @@ using Result = tl::expected<T, Failure>;
 /// Returns one line without a line break: "raynest: ... [request ID]", or
 /// {"error":{"code","name","message","request"}}.
 [[nodiscard]] std::string describe(const Failure& failure, bool json);
+
+/// Prints "raynest: NOTE" on stderr, as shown_text().
+void print_note(std::string_view note);
 
 }  // namespace raynest::client

@@ -3,8 +3,6 @@
 #include "client/exr_header.h"
 #include "client/files.h"
 #include "client/numbers.h"
-#include "client/output_file.h"
-#include "client/selection.h"
 #include "client/send_file.h"
 
 #include <array>
@@ -251,13 +249,6 @@ Result<ReceivedPicture> ask_film(Connection& connection, Progress& progress,
             return tl::unexpected<Failure>(same.error());
     }
     return picture;
-}
-
-Result<void> write_picture(const std::string& output, const ReceivedPicture& picture) {
-    if (picture.encode != "raw") return write_file(output, picture.bytes);
-    const auto file = npy_file(picture, "|u1", {picture.height, picture.width, 4});
-    if (!file) return tl::unexpected<Failure>(file.error());
-    return write_file(output, *file);
 }
 
 }  // namespace raynest::client

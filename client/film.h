@@ -1,13 +1,31 @@
 // Requests for lit pictures: their fields, and the files that are sent with them.
 #pragma once
 
-#include "client/options.h"
 #include "client/picture.h"
+#include "client/request_options.h"
 #include "protocol/buffer.h"
 
 #include <string>
 
 namespace raynest::client {
+
+struct RenderOptions : PictureOptions, LightOptions {
+    std::uint32_t samples = 0;  ///< 0: those of the integrator
+    std::string tonemap, exposure;
+    bool progressive = false;
+    float noise = 0;
+    float environment_rotate = 0;  ///< degrees
+    bool all_cameras = false;
+};
+struct ResumeOptions {
+    std::string file;
+    std::uint32_t samples = 0;
+    std::string output;  ///< empty: `file`
+    std::string scene;   ///< empty: the one that the file names
+    std::string environment;
+    bool progressive = false;
+    double deadline = 0;
+};
 
 /// Files that follow a Render; empty ones are not sent.
 struct FilmFiles {
@@ -33,8 +51,5 @@ Result<ReceivedPicture> run_film(Connection& connection, Progress& progress,
 Result<ReceivedPicture> ask_film(Connection& connection, Progress& progress,
                                  const PictureOptions& options, wire::RenderT request,
                                  const FilmFiles& files, const PassConsumer& consume_pass);
-
-/// Writes a rendered picture as it came, a raw one as .npy.
-Result<void> write_picture(const std::string& output, const ReceivedPicture& picture);
 
 }  // namespace raynest::client

@@ -3,7 +3,7 @@
 #pragma once
 
 #include "client/failure.h"
-#include "client/options.h"
+#include "client/request_options.h"
 #include "protocol/wire.h"
 
 #include <optional>

@@ -2,8 +2,7 @@
 #pragma once
 
 #include "client/connection.h"
-#include "client/options.h"
-#include "client/output.h"
+#include "client/request_options.h"
 
 #include <chrono>
 #include <cstdint>
@@ -41,12 +40,5 @@ struct Outcome {
 };
 /// Reads a STARTED, DONE or DETACHED frame; ignores others.
 Result<void> take_news(const protocol::Frame& frame, Outcome& outcome);
-
-/// Returns the JSON keys that all jobs have.
-[[nodiscard]] Json outcome_json(const Outcome& outcome);
-/// "518,400 rays in 0.412 s (1.26 Mrays/s), alpha_mask on v3, stream, forest epoch 1".
-[[nodiscard]] std::string outcome_text(const Outcome& outcome);
-/// Prints the daemon's notes on stderr.
-void print_notes(const Outcome& outcome);
 
 }  // namespace raynest::client

@@ -1,5 +1,6 @@
 // raynest: the command line. Parses, connects, runs one subcommand, ends with its exit code.
 #include "client/commands/commands.h"
+#include "client/commands/may_repeat.h"
 #include "client/interrupt.h"
 #include "client/local_daemon.h"
 #include "client/output.h"
@@ -103,7 +104,10 @@ Result<void> connect_and_run(Options options) {
                 if constexpr (requires { chosen.job.hide; }) {
                     if (auto read = read_tables(chosen.job.settings, chosen.job.tables); !read)
                         return read;
-                    if (auto found = find_selection(context, chosen.job); !found) return found;
+                    if (auto found = find_selection(context.connection, context.progress,
+                                                    chosen.job);
+                        !found)
+                        return found;
                 }
                 if constexpr (requires { chosen.difference; })
                     if (auto& other = chosen.difference)

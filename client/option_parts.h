@@ -6,7 +6,7 @@
 #include "client/lists.h"
 #include "client/numbers.h"
 #include "client/options.h"
-#include "client/selection.h"
+#include "client/request_options.h"
 #include "protocol/limits.h"
 
 #include <CLI/CLI.hpp>

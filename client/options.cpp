@@ -30,9 +30,6 @@ constexpr const char* examples = R"(Example:
 
 )";
 
-/// How --ray is written.
-constexpr const char* ray_form = "ox,oy,oz,dx,dy,dz or ox,oy,oz,tmin,dx,dy,dz,tmax";
-
 /// The answer to a command line without a command: three commands that work.
 constexpr const char* first_steps = R"(say what to do. While a daemon runs (raynestd &), these work:
   raynest load builtin:forest
@@ -423,21 +420,6 @@ Result<void> check_local(const Options& options) {
 }
 
 }  // namespace
-
-Result<WorldRay> parse_ray(const std::string& text) {
-    const auto numbers = parse_world(text, 6, 8, ray_form);
-    if (!numbers) return tl::unexpected<Failure>(numbers.error());
-    const std::vector<double>& n = *numbers;
-    if (n.size() == 6)
-        return WorldRay{n[0], n[1], n[2], 0, n[3], n[4], n[5], std::numeric_limits<double>::infinity()};
-    // Such rays hit nothing: they are of those who write tmin and tmax last.
-    const bool is_range = n[3] >= 0 && n[3] <= n[7];
-    if (!is_range || (n[4] == 0 && n[5] == 0 && n[6] == 0))
-        return fail(Exit::usage, "'" + text + "': its tmin, the fourth of eight numbers, must be from 0 to tmax, "
-                                 "the eighth, and its direction between them not zero: they are ox,oy,oz,tmin,"
-                                 "dx,dy,dz,tmax");
-    return WorldRay{n[0], n[1], n[2], n[3], n[4], n[5], n[6], n[7]};
-}
 
 Result<Parsed> parse_options(int argc, const char* const* argv) {
     Options options;

@@ -4,6 +4,8 @@
 #include "client/access.h"
 #include "client/fail_if.h"
 #include "client/failure.h"
+#include "client/film.h"
+#include "client/request_options.h"
 
 #include <array>
 #include <cstdint>
@@ -13,43 +15,6 @@
 #include <vector>
 
 namespace raynest::client {
-
-using Ray = std::array<float, 8>;  ///< ox oy oz tmin dx dy dz tmax
-using WorldRay = std::array<double, 8>;
-/// A point in the world; points are sent relative to the scene's origin.
-using WorldPoint = std::array<double, 3>;
-
-/// The values of a parameter that is a table.
-struct TableOption {
-    std::string name;
-    std::vector<float> values;
-};
-
-/// Options of render, query and heatmap.
-struct JobOptions {
-    std::string scene;
-    std::string intersector;
-    std::vector<std::string> settings;  ///< "name=value", "name=@FILE" before read_tables()
-    std::vector<TableOption> tables;
-    std::string traversal;
-    std::uint32_t mask = 0xFFFFFFFF;
-    std::uint64_t epoch = 0;
-    std::string worker;
-    std::string priority;
-    double deadline = 0;  ///< seconds; 0 = none
-    bool detach = false;
-    /// "inst=N", "object=N" or the text of a path: see selection.h.
-    std::vector<std::string> hide, only;
-    bool skip_hidden_boxes = false;
-};
-
-struct CameraOptions {
-    std::string name;
-    std::vector<double> look_at;  ///< empty, 6 or 9 values, in the world
-    float fov_degrees = 0;
-    std::uint32_t width = 960;
-    std::uint32_t height = 540;
-};
 
 struct LoadOptions {
     std::string source, name, build, primitive, instances;
@@ -77,38 +42,6 @@ struct UnloadOptions {
 };
 struct VariantsOptions {};
 struct StatsOptions {};
-/// Options of render and heatmap.
-struct PictureOptions {
-    JobOptions job;
-    CameraOptions camera;
-    std::string output;
-};
-/// How light is followed: options of render and explain.
-struct LightOptions {
-    std::string integrator;
-    std::uint64_t seed = 0;
-    std::uint32_t depth = 0;  ///< 0: the daemon's
-    float ao_distance = 0;    ///< 0: the daemon's
-    std::string environment;  ///< auto | sky | none | a file
-    std::optional<std::array<float, 2>> sun;  ///< azimuth and elevation in degrees
-};
-struct RenderOptions : PictureOptions, LightOptions {
-    std::uint32_t samples = 0;  ///< 0: those of the integrator
-    std::string tonemap, exposure;
-    bool progressive = false;
-    float noise = 0;
-    float environment_rotate = 0;  ///< degrees
-    bool all_cameras = false;
-};
-struct ResumeOptions {
-    std::string file;
-    std::uint32_t samples = 0;
-    std::string output;  ///< empty: `file`
-    std::string scene;   ///< empty: the one that the file names
-    std::string environment;
-    bool progressive = false;
-    double deadline = 0;
-};
 struct QueryOptions {
     JobOptions job;
     std::vector<WorldRay> rays;
@@ -117,14 +50,6 @@ struct QueryOptions {
     std::optional<WorldPoint> from;  ///< common origin of the file's rays
     std::uint32_t max_hits = 0;      ///< 0: the kind's default
     std::vector<std::string> fields;
-};
-/// The other side of a difference: what differs from the job itself.
-struct Difference {
-    std::string scene, intersector;
-    std::vector<std::string> settings;  ///< as those of a job
-    std::vector<TableOption> tables;
-    std::optional<std::uint32_t> mask;
-    std::optional<std::uint64_t> epoch;
 };
 struct HeatmapOptions : PictureOptions {
     std::string metric, palette, scale, range, count;
@@ -209,8 +134,5 @@ struct Parsed {
     std::optional<Options> options;
 };
 Result<Parsed> parse_options(int argc, const char* const* argv);
-
-/// Parses "ox,oy,oz,dx,dy,dz" or "ox,oy,oz,tmin,dx,dy,dz,tmax", the order of .npy files.
-Result<WorldRay> parse_ray(const std::string& text);
 
 }  // namespace raynest::client

@@ -7,14 +7,9 @@
 #include <unistd.h>
 
 #include <algorithm>
-#include <array>
 #include <cerrno>
-#include <charconv>
-#include <cmath>
-#include <cstdio>
 #include <cstring>
 #include <iostream>
-#include <utility>
 
 namespace raynest::client {
 namespace {
@@ -52,47 +47,8 @@ Result<void> check_stdout() {
                                   (why == 0 ? "" : std::string(": ") + std::strerror(why)));
 }
 
-std::string json_text(const Json& value) {
-    const std::string plain = value.dump(-1, ' ', false, Json::error_handler_t::replace);
-    std::string text;
-    for (std::size_t i = 0; i < plain.size(); ++i) {
-        const auto byte = static_cast<unsigned char>(plain[i]);
-        // In UTF-8, U+0080 to U+009F are C2 80 to C2 9F.
-        const bool is_c1 = byte == 0xC2 && static_cast<unsigned char>(plain[i + 1]) < 0xA0;
-        if (byte != 0x7F && !is_c1) {
-            text += plain[i];
-            continue;
-        }
-        if (is_c1) ++i;
-        std::array<char, 8> escape{};
-        std::snprintf(escape.data(), escape.size(), "\\u%04x", static_cast<unsigned char>(plain[i]));
-        text += escape.data();
-    }
-    return text;
-}
-
 void print_json(const Json& value, std::ostream& to) {
     to << json_text(value) << '\n';
-}
-
-std::string shown_text(std::string_view text) {
-    return protocol::clean_text(text, text.size());
-}
-
-Json shown_json(const Json& value) {
-    if (value.is_string()) return shown_text(value.get<std::string>());
-    if (!value.is_structured()) return value;
-    Json shown = value.is_array() ? Json::array() : Json::object();
-    for (const auto& item : value.items())
-        if (value.is_array())
-            shown.push_back(shown_json(item.value()));
-        else
-            shown[shown_text(item.key())] = shown_json(item.value());
-    return shown;
-}
-
-void print_note(std::string_view note) {
-    std::cerr << "raynest: " << shown_text(note) << '\n';
 }
 
 void print_table(const std::vector<std::vector<std::string>>& rows) {
@@ -118,48 +74,24 @@ void print_table(const std::vector<std::vector<std::string>>& rows) {
     }
 }
 
-std::string grouped(std::uint64_t number) {
-    std::string text = std::to_string(number);
-    for (std::size_t at = text.size(); at > 3;) {
-        at -= 3;
-        text.insert(at, ",");
-    }
-    return text;
+PrintWatch::PrintWatch(std::ostream& stream) : stream_(stream), target_(stream.rdbuf()) {
+    stream_.rdbuf(this);
 }
 
-std::string seconds_text(double seconds) {
-    std::array<char, 32> text;
-    std::snprintf(text.data(), text.size(), "%.3f s", seconds);
-    return text.data();
+PrintWatch::~PrintWatch() {
+    stream_.rdbuf(target_);
 }
 
-std::string age_text(double seconds) {
-    static constexpr std::array<std::pair<double, char>, 3> units = {
-        {{86400, 'd'}, {3600, 'h'}, {60, 'm'}}};
-    for (const auto& [unit, letter] : units)
-        if (seconds >= unit) return std::to_string(static_cast<long>(seconds / unit)) + letter;
-    return std::to_string(static_cast<long>(seconds)) + 's';
+PrintWatch::int_type PrintWatch::overflow(int_type c) {
+    printed_ = true;
+    return traits_type::eq_int_type(c, traits_type::eof())
+               ? traits_type::not_eof(c)
+               : target_->sputc(traits_type::to_char_type(c));
 }
 
-namespace {
-
-template <class Number>
-std::string shortest_text(Number value) {
-    if (!std::isfinite(value)) return "null";
-    std::array<char, 32> text;
-    const Number shown = value + Number{0};  // without -0
-    const auto [end, error] = std::to_chars(text.data(), text.data() + text.size(), shown);
-    return std::string(text.data(), end);
-}
-
-}  // namespace
-
-std::string float_text(float value) {
-    return shortest_text(value);
-}
-
-std::string world_text(float relative, double origin) {
-    return origin == 0 ? float_text(relative) : shortest_text(double{relative} + origin);
+std::streamsize PrintWatch::xsputn(const char* text, std::streamsize size) {
+    printed_ = true;
+    return target_->sputn(text, size);
 }
 
 }  // namespace raynest::client

@@ -11,6 +11,8 @@
 namespace raynest::client {
 namespace {
 
+constexpr int document_depth_max = 64;
+
 /// Appends the bytes of a frame after checking that they are the next ones. Passes a whole picture
 /// on, if a later one will replace it.
 Result<void> take_piece(const protocol::Frame& frame, ReceivedPicture& picture,
@@ -80,17 +82,18 @@ Result<std::vector<std::byte>> npy_file(const ReceivedPicture& picture, const ch
     return format_npy({dtype, std::move(shape), picture.bytes});
 }
 
-Json picture_json(const std::string& file, const ReceivedPicture& picture) {
-    Json json = outcome_json(picture.outcome);
-    json["file"] = file;
-    json["width"] = picture.width;
-    json["height"] = picture.height;
+Result<Json> read_json(const ReceivedPicture& answer) {
+    const auto* text = reinterpret_cast<const char*>(answer.bytes.data());
+    // Deeper documents would exhaust the stack of whoever walks through them.
+    bool is_deep = false;
+    const auto look = [&](int depth, Json::parse_event_t, Json&) {
+        is_deep = is_deep || depth > document_depth_max;
+        return !is_deep;
+    };
+    Json json = Json::parse(text, text + answer.bytes.size(), look, false);
+    if (is_deep || answer.encode != "json" || json.is_discarded())
+        return fail(Exit::failed, "the daemon sent something else than a JSON document");
     return json;
-}
-
-std::string picture_text(const std::string& file, const ReceivedPicture& picture) {
-    return file + ": " + std::to_string(picture.width) + "x" + std::to_string(picture.height) +
-           ", " + outcome_text(picture.outcome);
 }
 
 }  // namespace raynest::client

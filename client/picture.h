@@ -3,9 +3,9 @@
 
 #include "client/connection.h"
 #include "client/job.h"
-#include "client/options.h"
-#include "client/output.h"
+#include "client/json.h"
 #include "client/progress.h"
+#include "client/request_options.h"
 #include "client/scene_origin.h"
 
 #include <cstddef>
@@ -72,9 +72,7 @@ Result<ReceivedPicture> ask_picture(Connection& connection, Progress& progress,
                                                       const char* dtype,
                                                       std::vector<std::uint64_t> shape);
 
-/// Returns the JSON keys that all pictures have.
-[[nodiscard]] Json picture_json(const std::string& file, const ReceivedPicture& picture);
-/// Returns "forest.png: 960x540, " and outcome_text().
-[[nodiscard]] std::string picture_text(const std::string& file, const ReceivedPicture& picture);
+/// The document of an answer; exit code 1 where it is none.
+[[nodiscard]] Result<Json> read_json(const ReceivedPicture& answer);
 
 }  // namespace raynest::client

@@ -2,6 +2,7 @@
 
 #include "client/lists.h"
 #include "client/output.h"
+#include "client/text.h"
 
 #include <algorithm>
 #include <cstring>

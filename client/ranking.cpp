@@ -1,5 +1,8 @@
 #include "client/ranking.h"
 
+#include "client/output.h"
+#include "client/text.h"
+
 #include <algorithm>
 #include <array>
 #include <cstdio>

@@ -1,7 +1,7 @@
 // The ranking of a Blame (EXPLAIN.md) as text.
 #pragma once
 
-#include "client/explanation.h"
+#include "client/json.h"
 
 #include <ostream>
 #include <string>

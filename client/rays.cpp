@@ -1,7 +1,7 @@
 #include "client/rays.h"
 
 #include "client/files.h"
-#include "client/output.h"
+#include "client/text.h"
 
 #include <algorithm>
 #include <cmath>

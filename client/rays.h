@@ -3,7 +3,7 @@
 
 #include "client/failure.h"
 #include "client/npy.h"
-#include "client/options.h"
+#include "client/request_options.h"
 #include "client/scene_origin.h"
 #include "protocol/buffer.h"
 #include "protocol/wire.h"

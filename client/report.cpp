@@ -1,5 +1,6 @@
 #include "client/report.h"
 
+#include "client/files.h"
 #include "client/template.h"
 #include "protocol/base64.h"
 
@@ -12,6 +13,10 @@ constexpr std::string_view report_text =
     ;
 
 }  // namespace
+
+bool is_report(const std::string& path) {
+    return extension_of(path) == ".html";
+}
 
 std::string report_html(const Report& report) {
     Json checks = Json::array();

@@ -3,13 +3,16 @@
 #pragma once
 
 #include "client/fail_if.h"
-#include "client/output.h"
+#include "client/json.h"
 
 #include <cstddef>
 #include <string>
 #include <vector>
 
 namespace raynest::client {
+
+/// True if a file of this name is a report.
+[[nodiscard]] bool is_report(const std::string& path);
 
 struct Report {
     Json heat;                       ///< the document of the heat map, with its PNG

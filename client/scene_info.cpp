@@ -1,6 +1,8 @@
 #include "client/scene_info.h"
 
+#include "client/output.h"
 #include "client/scene_origin.h"
+#include "client/text.h"
 #include "client/wording.h"
 
 #include <algorithm>

@@ -1,7 +1,7 @@
 // Prints SceneInfo for `load` and `info`; scripts rely on the JSON keys.
 #pragma once
 
-#include "client/output.h"
+#include "client/json.h"
 #include "protocol/control.h"
 
 namespace raynest::client {

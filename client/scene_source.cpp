@@ -1,7 +1,6 @@
 #include "client/scene_source.h"
 
 #include "client/files.h"
-#include "client/output.h"
 #include "client/wording.h"
 #include "protocol/hash.h"
 #include "protocol/limits.h"

@@ -1,6 +1,7 @@
 #include "client/template.h"
 
 #include "client/ranking.h"
+#include "client/text.h"
 
 #include <algorithm>
 #include <array>

@@ -9,7 +9,7 @@
 // "path|filter" changes a value: the filters stand in template.cpp.
 #pragma once
 
-#include "client/output.h"
+#include "client/json.h"
 
 #include <string>
 #include <string_view>

@@ -1,7 +1,9 @@
 // raynest admin ACT: lists and ends connections, changes quotas, reloads and drains the daemon.
 #include "client/commands/commands.h"
-#include "client/connection_list.h"
+#include "client/json.h"
+#include "client/listings.h"
 #include "client/output.h"
+#include "client/text.h"
 
 #include <charconv>
 #include <iostream>

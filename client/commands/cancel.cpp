@@ -1,6 +1,9 @@
 // raynest cancel ID: cancels a job and drops its answer.
 #include "client/commands/commands.h"
-#include "client/jobs.h"
+#include "client/job_text.h"
+#include "client/json.h"
+#include "client/listings.h"
+#include "client/output.h"
 
 #include <iostream>
 

@@ -3,6 +3,8 @@
 #include "client/commands/commands.h"
 #include "client/explanation.h"
 #include "client/film.h"
+#include "client/outcome_text.h"
+#include "client/output.h"
 #include "client/picture.h"
 #include "client/rays.h"
 #include "client/scene_origin.h"

@@ -2,7 +2,7 @@
 // command gives.
 #include "client/commands/deliver.h"
 #include "client/files.h"
-#include "client/jobs.h"
+#include "client/listings.h"
 #include "client/output_file.h"
 
 namespace raynest::client {

@@ -5,6 +5,7 @@
 #include "client/explanation.h"
 #include "client/exr_header.h"
 #include "client/files.h"
+#include "client/json.h"
 #include "client/output_file.h"
 #include "client/report.h"
 #include "client/scene_source.h"
@@ -19,10 +20,6 @@
 
 namespace raynest::client {
 namespace {
-
-bool is_report(const std::string& output) {
-    return extension_of(output) == ".html";
-}
 
 /// True if the answer must tell more than one metric, as a document.
 bool needs_document(const HeatmapOptions& options) {
@@ -43,53 +40,26 @@ wire::HeatmapT heatmap_message(const HeatmapOptions& options) {
     return request;
 }
 
-/// Differences are i32 in the fields of counts. Their range, and no other, begins below zero.
-bool is_difference(const wire::HeatStatisticsT& heat) {
-    return heat.range_low < 0;
+/// Asks for the ranking of the rays.
+Result<ReceivedPicture> ask_ranking(Context& context, const HeatmapOptions& options) {
+    wire::BlameT request;
+    request.job = job_message(options.job);
+    request.width = options.camera.width;
+    request.height = options.camera.height;
+    request.level = options.level;
+    request.top = options.top;
+    return ask_picture(context.connection, context.progress, options, std::move(request));
 }
 
-std::int64_t value_of(const wire::HeatStatisticsT& heat, std::uint32_t field) {
-    return is_difference(heat) ? std::int64_t{static_cast<std::int32_t>(field)}
-                               : std::int64_t{field};
-}
-
-void print_statistics(const wire::HeatStatisticsT& heat, std::ostream& to) {
-    const auto value = [&](std::uint32_t field) {
-        return static_cast<long long>(value_of(heat, field));
-    };
-    const bool differs = is_difference(heat);
-    std::array<char, 240> line;
-    std::snprintf(line.data(), line.size(),
-                  differs ? "%s%s per ray, difference: min %+lld, mean %+.2f, p50 %+lld, p90 %+lld, "
-                            "p99 %+lld, max %+lld, %.2f %% clipped"
-                          : "%s%s per ray: min %lld, mean %.2f, p50 %lld, p90 %lld, p99 %lld, max "
-                            "%lld, %.2f %% clipped",
-                  heat.count == "necessary" ? "necessary " : "", heat.metric.c_str(),
-                  value(heat.min), heat.mean, value(heat.p50), value(heat.p90), value(heat.p99),
-                  value(heat.max), heat.clipped * 100);
-    to << line.data();
-    if (heat.below > 0) {
-        std::snprintf(line.data(), line.size(), ", %.2f %% below the range", heat.below * 100);
-        to << line.data();
+/// The ranking of --top, in place of a picture or after it.
+Result<void> rank(Context& context, const HeatmapOptions& options) {
+    auto answer = ask_ranking(context, options);
+    if (!answer) return tl::unexpected<Failure>(answer.error());
+    if (answer->outcome.detached != 0) {
+        print_detached(context, answer->outcome);
+        return {};
     }
-    to << '\n';
-}
-
-Json statistics_json(const wire::HeatStatisticsT& heat) {
-    Json json{{"metric", heat.metric},
-              {"min", value_of(heat, heat.min)},
-              {"mean", heat.mean},
-              {"p50", value_of(heat, heat.p50)},
-              {"p90", value_of(heat, heat.p90)},
-              {"p99", value_of(heat, heat.p99)},
-              {"max", value_of(heat, heat.max)},
-              {"clipped", heat.clipped},
-              {"below", heat.below},
-              {"count", heat.count},
-              {"range_low", heat.range_low},
-              {"range_high", heat.range_high}};
-    if (is_difference(heat)) json["difference"] = true;
-    return json;
+    return deliver_ranking(context, *answer);
 }
 
 /// Replaces the answer's document by the file that it holds.
@@ -207,34 +177,6 @@ Result<void> run(Context& context, const HeatmapOptions& asked) {
         if (!ranked) return ranked;
     }
     return delivered;
-}
-
-Result<void> deliver_heatmap(Context& context, const std::string& output, ReceivedPicture picture,
-                             std::span<const Verdict> checks) {
-    if (!output.empty() && !is_report(output)) {
-        if (picture.encode == "raw") {
-            auto file = npy_file(picture, is_difference(picture.outcome.heat) ? "<i4" : "<u4",
-                                 {picture.height, picture.width});
-            if (!file) return tl::unexpected<Failure>(file.error());
-            picture.bytes = std::move(*file);
-        }
-        if (auto written = write_file(output, picture.bytes); !written) return written;
-    }
-
-    print_notes(picture.outcome);
-    std::ostream& to = summary_of(output);
-    if (context.json) {
-        Json json = statistics_json(picture.outcome.heat);
-        json.update(picture_json(output, picture));
-        if (!checks.empty()) json["checks"] = verdicts_json(checks);
-        print_json(json, to);
-    } else {
-        to << (output.empty() ? outcome_text(picture.outcome) : picture_text(output, picture))
-           << '\n';
-        print_statistics(picture.outcome.heat, to);
-        for (const Verdict& verdict : checks) to << verdict_text(verdict) << '\n';
-    }
-    return check_verdicts(checks);
 }
 
 }  // namespace raynest::client

@@ -1,6 +1,9 @@
 // raynest info SCENE: counts, cameras and skipped parts of a scene; or its meshes and materials.
 #include "client/commands/commands.h"
+#include "client/json.h"
+#include "client/output.h"
 #include "client/scene_info.h"
+#include "client/text.h"
 
 namespace raynest::client {
 namespace {

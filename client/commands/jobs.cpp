@@ -1,7 +1,9 @@
 // raynest jobs: lists running jobs, and detached jobs with kept answers.
-#include "client/jobs.h"
+#include "client/listings.h"
 
 #include "client/commands/commands.h"
+#include "client/job_text.h"
+#include "client/json.h"
 #include "client/output.h"
 
 namespace raynest::client {

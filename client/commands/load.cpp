@@ -1,8 +1,11 @@
 // raynest load SOURCE: uploads the files that the daemon lacks and waits until the scene is built.
 #include "client/commands/commands.h"
 #include "client/files.h"
+#include "client/json.h"
+#include "client/output.h"
 #include "client/scene_info.h"
 #include "client/scene_source.h"
+#include "client/text.h"
 
 #include <iostream>
 

@@ -1,6 +1,7 @@
 // raynest load-test SCENE: measures round trips and throughput of queries, beside bare sockets.
 #include "client/commands/commands.h"
 #include "client/job.h"
+#include "client/json.h"
 #include "client/load_test/driver.h"
 #include "client/load_test/echo.h"
 #include "client/output.h"

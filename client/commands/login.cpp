@@ -1,6 +1,7 @@
 // raynest login URI: keeps a token that the daemon accepts in hosts.toml, with copies of the certificates.
 #include "client/commands/commands.h"
 #include "client/hosts.h"
+#include "client/json.h"
 #include "client/output.h"
 
 #include <termios.h>

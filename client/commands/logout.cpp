@@ -1,6 +1,7 @@
 // raynest logout [URI]: removes what `raynest login` kept of a daemon. It needs no connection.
 #include "client/commands/commands.h"
 #include "client/hosts.h"
+#include "client/json.h"
 #include "client/output.h"
 
 #include <iostream>

@@ -2,6 +2,7 @@
 #include "client/child_process.h"
 #include "client/commands/commands.h"
 #include "client/interrupt.h"
+#include "client/json.h"
 #include "client/output.h"
 #include "client/scene_source.h"
 

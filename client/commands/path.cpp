@@ -1,5 +1,6 @@
 // raynest path SCENE PATH: lists the steps of a path, given by its id or text.
 #include "client/commands/commands.h"
+#include "client/json.h"
 #include "client/output.h"
 
 #include <iostream>

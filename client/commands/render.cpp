@@ -59,23 +59,4 @@ Result<void> run(Context& context, const RenderOptions& options) {
     return {};
 }
 
-Result<void> deliver_render(Context& context, const std::string& output, ReceivedPicture picture,
-                            std::uint32_t samples) {
-    if (auto written = write_picture(output, picture); !written) return written;
-
-    print_notes(picture.outcome);
-    if (context.json)
-        print_json(picture_json(output, picture), summary_of(output));
-    else
-        summary_of(output) << picture_text(output, picture) << '\n';
-    if (!picture.outcome.incomplete) return {};
-    std::string text = output + " has fewer samples than ";
-    text += samples == 0 ? "were asked for"
-                         : "the " + std::to_string(samples) + " per pixel that were asked for";
-    if (picture.encode == "exr" && !is_stdout(output))
-        text += "; raynest resume " + output + " --spp " +
-                (samples == 0 ? "N" : std::to_string(samples)) + " adds the others";
-    return fail(Exit::partial, std::move(text));
-}
-
 }  // namespace raynest::client

@@ -1,7 +1,9 @@
 // raynest scenes: lists the loaded scenes.
 #include "client/commands/commands.h"
+#include "client/json.h"
+#include "client/listings.h"
 #include "client/output.h"
-#include "client/scene_list.h"
+#include "client/text.h"
 
 namespace raynest::client {
 namespace {

@@ -1,5 +1,6 @@
 // raynest stats: the daemon's counters.
 #include "client/commands/commands.h"
+#include "client/json.h"
 #include "client/output.h"
 
 #include <cmath>

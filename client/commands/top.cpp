@@ -1,10 +1,11 @@
 // raynest top: what the daemon works on, looked at once a second.
 #include "client/commands/commands.h"
-#include "client/connection_list.h"
 #include "client/interrupt.h"
-#include "client/jobs.h"
+#include "client/job_text.h"
+#include "client/json.h"
+#include "client/listings.h"
 #include "client/output.h"
-#include "client/scene_list.h"
+#include "client/text.h"
 
 #include <unistd.h>
 

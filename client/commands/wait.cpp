@@ -2,7 +2,10 @@
 #include "client/commands/commands.h"
 #include "client/interrupt.h"
 #include "client/job.h"
-#include "client/jobs.h"
+#include "client/job_text.h"
+#include "client/listings.h"
+#include "client/output.h"
+#include "client/text.h"
 
 #include <iostream>
 #include <string>

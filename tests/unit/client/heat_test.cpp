@@ -2,6 +2,7 @@
 #include "client/difference.h"
 #include "client/exr_header.h"
 #include "client/fail_if.h"
+#include "client/json.h"
 #include "client/report.h"
 
 #include <doctest/doctest.h>

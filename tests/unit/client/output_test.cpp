@@ -1,4 +1,6 @@
+#include "client/json.h"
 #include "client/output.h"
+#include "client/text.h"
 
 #include <doctest/doctest.h>
 

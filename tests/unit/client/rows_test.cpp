@@ -1,6 +1,7 @@
 #include "client/failure.h"
 #include "client/output.h"
 #include "client/query_rows.h"
+#include "client/text.h"
 
 #include <doctest/doctest.h>
 

@@ -1,5 +1,6 @@
-#include "client/jobs.h"
+#include "client/job_text.h"
 
+#include "client/text.h"
 #include "client/wording.h"
 
 namespace raynest::client {
@@ -41,17 +42,6 @@ Json job_json(const wire::JobInfo& info) {
     return json;
 }
 
-std::string job_kind(const wire::JobInfo& info) {
-    const std::string_view detail = protocol::text(info.detail());
-    return std::string(protocol::text(info.kind())) +
-           (detail.empty() ? "" : " " + std::string(detail));
-}
-
-std::string job_text(const wire::JobInfo& info) {
-    return "job " + std::to_string(info.job()) + " (" + job_kind(info) + ", " +
-           std::string(protocol::text(info.scene())) + ")";
-}
-
 std::vector<std::string> job_header() {
     return {"JOB",      "OWNER", "KIND", "SCENE", "STATE",
             "PROGRESS", "AGE",   "LEFT", "KEPT",  "WORKER"};
@@ -68,45 +58,6 @@ std::vector<std::string> job_row(const wire::JobInfo& info) {
             info.left_ms() == 0 ? "-" : time_text(info.left_ms()),
             info.detached() ? bytes_text(info.bytes()) : "-",
             std::string(protocol::text(info.worker()))};
-}
-
-Result<void> each_job(Connection& connection,
-                      const std::function<void(const wire::JobInfo&)>& consume) {
-    wire::JobsT request;
-    for (bool more = true; more;) {
-        const auto page = ask<wire::JobList>(connection, request);
-        if (!page) return tl::unexpected<Failure>(page.error());
-        more = (*page)->more();
-        if ((*page)->jobs() == nullptr) break;
-        for (const wire::JobInfo* info : *(*page)->jobs()) {
-            consume(*info);
-            request.after = info->job();
-        }
-    }
-    return {};
-}
-
-Result<void> check_job(const wire::JobInfo& info) {
-    if (info.code() == 0) return {};
-    Failure why =
-        failure({static_cast<protocol::Code>(info.code()),
-                 job_text(info) + " failed: " + std::string(protocol::text(info.error())), 0});
-    why.lost = false;  // it is the job that ended, not the connection
-    return tl::unexpected<Failure>(std::move(why));
-}
-
-Result<FoundJob> find_job(Connection& connection, std::uint64_t number) {
-    wire::JobsT request;
-    request.after = number == 0 ? 0 : number - 1;
-    auto list = ask<wire::JobList>(connection, request);
-    if (!list) return tl::unexpected<Failure>(list.error());
-    const auto* jobs = (*list)->jobs();
-    if (jobs == nullptr || jobs->size() == 0 || jobs->Get(0)->job() != number)
-        return tl::unexpected<Failure>(failure(
-            {protocol::Code::job_unknown,
-             "there is no job " + std::to_string(number) + ", or its answer is gone; see `Jobs`",
-             0}));
-    return FoundJob{std::move(*list), jobs->Get(0)};
 }
 
 }  // namespace raynest::client

@@ -1,8 +1,7 @@
-// Shared by wait, fetch, cancel and jobs: texts about a job of the daemon.
+// What a daemon lists: its jobs, scenes and connections.
 #pragma once
 
 #include "client/connection.h"
-#include "client/output.h"
 
 #include <cstdint>
 #include <functional>
@@ -11,14 +10,10 @@
 
 namespace raynest::client {
 
-[[nodiscard]] Json job_json(const wire::JobInfo& info);
 /// Returns "query", or "query closest".
 [[nodiscard]] std::string job_kind(const wire::JobInfo& info);
 /// Returns "job 17 (query closest, forest)".
 [[nodiscard]] std::string job_text(const wire::JobInfo& info);
-/// Returns the columns of a table of jobs, and a job's row.
-[[nodiscard]] std::vector<std::string> job_header();
-[[nodiscard]] std::vector<std::string> job_row(const wire::JobInfo& info);
 /// Passes on every job that the daemon lists, by number.
 Result<void> each_job(Connection& connection,
                       const std::function<void(const wire::JobInfo&)>& consume);
@@ -31,5 +26,26 @@ struct FoundJob {
     const wire::JobInfo* info = nullptr;
 };
 Result<FoundJob> find_job(Connection& connection, std::uint64_t number);
+
+struct ListedScene {
+    std::string name, hash, owner;
+    std::string share;  ///< "", "public", or principals joined by commas
+    std::uint64_t epoch = 0, triangles = 0, bytes = 0;
+    double age_seconds = 0;   ///< since the load
+    double idle_seconds = 0;  ///< since a request last used it
+    std::uint32_t holders = 0;  ///< connections that loaded or opened it
+};
+Result<std::vector<ListedScene>> list_scenes(Connection& connection);
+
+struct ListedConnection {
+    std::uint64_t number = 0;
+    std::string principal, role, transport, peer;
+    double age_seconds = 0;
+    std::uint32_t jobs = 0;
+};
+
+/// Passes on every connection, by number.
+Result<void> each_connection(Connection& connection,
+                             const std::function<void(const ListedConnection&)>& consume);
 
 }  // namespace raynest::client
