@@ -1,9 +1,9 @@
 // raynest admin ACT: lists and ends connections, changes quotas, reloads and drains the daemon.
 #include "client/commands/commands.h"
-#include "client/json.h"
-#include "client/listings.h"
-#include "client/output.h"
-#include "client/text.h"
+#include "client/ground/json.h"
+#include "client/ground/text.h"
+#include "client/output/output.h"
+#include "client/requests/listings.h"
 
 #include <charconv>
 #include <iostream>

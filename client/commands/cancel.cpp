@@ -1,9 +1,9 @@
 // raynest cancel ID: cancels a job and drops its answer.
 #include "client/commands/commands.h"
-#include "client/job_text.h"
-#include "client/json.h"
-#include "client/listings.h"
-#include "client/output.h"
+#include "client/ground/json.h"
+#include "client/output/job_text.h"
+#include "client/output/output.h"
+#include "client/requests/listings.h"
 
 #include <iostream>
 

@@ -3,10 +3,10 @@
 // write a file here.
 #pragma once
 
-#include "client/connection.h"
-#include "client/failure.h"
-#include "client/options.h"
-#include "client/progress.h"
+#include "client/commands/parse.h"
+#include "client/ground/failure.h"
+#include "client/ground/progress.h"
+#include "client/net/connection.h"
 
 #include <functional>
 #include <memory>

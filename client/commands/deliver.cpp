@@ -1,15 +1,15 @@
 #include "client/commands/deliver.h"
 
-#include "client/explanation.h"
-#include "client/json.h"
-#include "client/npy.h"
-#include "client/outcome_text.h"
-#include "client/output.h"
-#include "client/output_file.h"
-#include "client/query_rows.h"
-#include "client/ranking.h"
-#include "client/report.h"
-#include "client/text.h"
+#include "client/files/npy.h"
+#include "client/ground/json.h"
+#include "client/ground/text.h"
+#include "client/output/explanation.h"
+#include "client/output/outcome_text.h"
+#include "client/output/output.h"
+#include "client/output/output_file.h"
+#include "client/output/query_rows.h"
+#include "client/output/ranking.h"
+#include "client/output/report.h"
 
 #include <array>
 #include <cstdio>

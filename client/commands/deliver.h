@@ -3,9 +3,9 @@
 #pragma once
 
 #include "client/commands/commands.h"
-#include "client/fail_if.h"
-#include "client/picture.h"
-#include "client/query.h"
+#include "client/output/fail_if.h"
+#include "client/requests/picture.h"
+#include "client/requests/query.h"
 
 #include <cstdint>
 #include <functional>

@@ -1,13 +1,13 @@
 // raynest explain SCENE --ray ... | --pixel X,Y: how one ray found its hit, as a tree; with an
 // integrator, the rays of a path.
 #include "client/commands/commands.h"
-#include "client/explanation.h"
-#include "client/film.h"
-#include "client/outcome_text.h"
-#include "client/output.h"
-#include "client/picture.h"
-#include "client/rays.h"
-#include "client/scene_origin.h"
+#include "client/output/explanation.h"
+#include "client/output/outcome_text.h"
+#include "client/output/output.h"
+#include "client/requests/film.h"
+#include "client/requests/picture.h"
+#include "client/requests/rays.h"
+#include "client/requests/scene_origin.h"
 
 #include <array>
 #include <chrono>

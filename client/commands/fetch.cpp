@@ -1,9 +1,9 @@
 // raynest fetch ID [-o FILE]: delivers the answer of a detached job in the form that its own
 // command gives.
 #include "client/commands/deliver.h"
-#include "client/files.h"
-#include "client/listings.h"
-#include "client/output_file.h"
+#include "client/files/files.h"
+#include "client/output/output_file.h"
+#include "client/requests/listings.h"
 
 namespace raynest::client {
 namespace {

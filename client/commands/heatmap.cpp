@@ -1,14 +1,14 @@
 // raynest heatmap SCENE -o FILE: what each pixel's ray costs, as a picture, as raw counts or as a
 // report; compared with another scene or setting, and checked against limits.
 #include "client/commands/deliver.h"
-#include "client/difference.h"
-#include "client/explanation.h"
-#include "client/exr_header.h"
-#include "client/files.h"
-#include "client/json.h"
-#include "client/output_file.h"
-#include "client/report.h"
-#include "client/scene_source.h"
+#include "client/files/exr_header.h"
+#include "client/files/files.h"
+#include "client/ground/json.h"
+#include "client/output/explanation.h"
+#include "client/output/output_file.h"
+#include "client/output/report.h"
+#include "client/requests/difference.h"
+#include "client/requests/scene_source.h"
 #include "protocol/base64.h"
 
 #include <array>

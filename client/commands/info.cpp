@@ -1,9 +1,9 @@
 // raynest info SCENE: counts, cameras and skipped parts of a scene; or its meshes and materials.
 #include "client/commands/commands.h"
-#include "client/json.h"
-#include "client/output.h"
-#include "client/scene_info.h"
-#include "client/text.h"
+#include "client/ground/json.h"
+#include "client/ground/text.h"
+#include "client/output/output.h"
+#include "client/output/scene_text.h"
 
 namespace raynest::client {
 namespace {

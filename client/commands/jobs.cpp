@@ -1,10 +1,10 @@
 // raynest jobs: lists running jobs, and detached jobs with kept answers.
-#include "client/listings.h"
+#include "client/requests/listings.h"
 
 #include "client/commands/commands.h"
-#include "client/job_text.h"
-#include "client/json.h"
-#include "client/output.h"
+#include "client/ground/json.h"
+#include "client/output/job_text.h"
+#include "client/output/output.h"
 
 namespace raynest::client {
 

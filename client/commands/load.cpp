@@ -1,11 +1,11 @@
 // raynest load SOURCE: uploads the files that the daemon lacks and waits until the scene is built.
 #include "client/commands/commands.h"
-#include "client/files.h"
-#include "client/json.h"
-#include "client/output.h"
-#include "client/scene_info.h"
-#include "client/scene_source.h"
-#include "client/text.h"
+#include "client/files/files.h"
+#include "client/ground/json.h"
+#include "client/ground/text.h"
+#include "client/output/output.h"
+#include "client/output/scene_text.h"
+#include "client/requests/scene_source.h"
 
 #include <iostream>
 

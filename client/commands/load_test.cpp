@@ -1,10 +1,10 @@
 // raynest load-test SCENE: measures round trips and throughput of queries, beside bare sockets.
 #include "client/commands/commands.h"
-#include "client/job.h"
-#include "client/json.h"
+#include "client/ground/json.h"
 #include "client/load_test/driver.h"
 #include "client/load_test/echo.h"
-#include "client/output.h"
+#include "client/output/output.h"
+#include "client/requests/job.h"
 
 #include <array>
 #include <cmath>

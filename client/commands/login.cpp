@@ -1,8 +1,8 @@
 // raynest login URI: keeps a token that the daemon accepts in hosts.toml, with copies of the certificates.
 #include "client/commands/commands.h"
-#include "client/hosts.h"
-#include "client/json.h"
-#include "client/output.h"
+#include "client/ground/json.h"
+#include "client/net/hosts.h"
+#include "client/output/output.h"
 
 #include <termios.h>
 #include <unistd.h>

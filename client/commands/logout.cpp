@@ -1,8 +1,8 @@
 // raynest logout [URI]: removes what `raynest login` kept of a daemon. It needs no connection.
 #include "client/commands/commands.h"
-#include "client/hosts.h"
-#include "client/json.h"
-#include "client/output.h"
+#include "client/ground/json.h"
+#include "client/net/hosts.h"
+#include "client/output/output.h"
 
 #include <iostream>
 

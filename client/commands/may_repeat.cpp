@@ -1,6 +1,6 @@
 #include "client/commands/may_repeat.h"
 
-#include "client/scene_source.h"
+#include "client/requests/scene_source.h"
 
 #include <filesystem>
 #include <string>

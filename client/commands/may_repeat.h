@@ -1,7 +1,7 @@
 // Which commands may run once more after their daemon went away.
 #pragma once
 
-#include "client/options.h"
+#include "client/commands/parse.h"
 
 namespace raynest::client {
 

@@ -1,10 +1,10 @@
 // raynest open [SCENE]: shows the daemon's page in the browser, or tells its address.
-#include "client/child_process.h"
 #include "client/commands/commands.h"
-#include "client/interrupt.h"
-#include "client/json.h"
-#include "client/output.h"
-#include "client/scene_source.h"
+#include "client/ground/child_process.h"
+#include "client/ground/interrupt.h"
+#include "client/ground/json.h"
+#include "client/output/output.h"
+#include "client/requests/scene_source.h"
 
 #include <sys/wait.h>
 

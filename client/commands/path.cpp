@@ -1,7 +1,7 @@
 // raynest path SCENE PATH: lists the steps of a path, given by its id or text.
 #include "client/commands/commands.h"
-#include "client/json.h"
-#include "client/output.h"
+#include "client/ground/json.h"
+#include "client/output/output.h"
 
 #include <iostream>
 

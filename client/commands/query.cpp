@@ -1,14 +1,14 @@
 // raynest query SCENE --ray ... | --rays FILE | --generate KIND ...: traces rays and gives their
 // hits as a table, as JSON lines or as a .npz of columns.
-#include "client/query.h"
+#include "client/requests/query.h"
 
 #include "client/commands/deliver.h"
-#include "client/generator.h"
-#include "client/npy.h"
-#include "client/output.h"
-#include "client/output_file.h"
-#include "client/query_rows.h"
-#include "client/scene_origin.h"
+#include "client/files/npy.h"
+#include "client/output/output.h"
+#include "client/output/output_file.h"
+#include "client/output/query_rows.h"
+#include "client/requests/generator.h"
+#include "client/requests/scene_origin.h"
 
 #include <algorithm>
 #include <functional>

@@ -1,8 +1,8 @@
 // raynest render SCENE -o FILE: a picture, encoded by the daemon, or raw pixels.
 #include "client/commands/deliver.h"
-#include "client/files.h"
-#include "client/film.h"
-#include "client/output_file.h"
+#include "client/files/files.h"
+#include "client/output/output_file.h"
+#include "client/requests/film.h"
 
 #include <iostream>
 #include <utility>

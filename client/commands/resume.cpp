@@ -1,8 +1,8 @@
 // raynest resume FILE.exr --spp N: adds samples to a lit picture, with the bytes of rendering N at
 // once.
 #include "client/commands/deliver.h"
-#include "client/film.h"
-#include "client/output_file.h"
+#include "client/output/output_file.h"
+#include "client/requests/film.h"
 
 namespace raynest::client {
 

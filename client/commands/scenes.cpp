@@ -1,9 +1,9 @@
 // raynest scenes: lists the loaded scenes.
 #include "client/commands/commands.h"
-#include "client/json.h"
-#include "client/listings.h"
-#include "client/output.h"
-#include "client/text.h"
+#include "client/ground/json.h"
+#include "client/ground/text.h"
+#include "client/output/output.h"
+#include "client/requests/listings.h"
 
 namespace raynest::client {
 namespace {

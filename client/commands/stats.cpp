@@ -1,7 +1,7 @@
 // raynest stats: the daemon's counters.
 #include "client/commands/commands.h"
-#include "client/json.h"
-#include "client/output.h"
+#include "client/ground/json.h"
+#include "client/output/output.h"
 
 #include <cmath>
 

@@ -1,11 +1,11 @@
 // raynest top: what the daemon works on, looked at once a second.
 #include "client/commands/commands.h"
-#include "client/interrupt.h"
-#include "client/job_text.h"
-#include "client/json.h"
-#include "client/listings.h"
-#include "client/output.h"
-#include "client/text.h"
+#include "client/ground/interrupt.h"
+#include "client/ground/json.h"
+#include "client/ground/text.h"
+#include "client/output/job_text.h"
+#include "client/output/output.h"
+#include "client/requests/listings.h"
 
 #include <unistd.h>
 

@@ -1,7 +1,7 @@
 // raynest unload: drops scenes by name, all scenes of the caller, or those not used for long.
 #include "client/commands/commands.h"
-#include "client/json.h"
-#include "client/output.h"
+#include "client/ground/json.h"
+#include "client/output/output.h"
 
 #include <iostream>
 

@@ -1,8 +1,8 @@
 // raynest variants: the compiled intersectors, their parameters and outputs.
 #include "client/commands/commands.h"
-#include "client/json.h"
-#include "client/output.h"
-#include "client/text.h"
+#include "client/ground/json.h"
+#include "client/ground/text.h"
+#include "client/output/output.h"
 
 #include <cmath>
 #include <cstdint>

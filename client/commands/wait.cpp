@@ -1,11 +1,11 @@
 // raynest wait ID: waits until a detached job has ended.
 #include "client/commands/commands.h"
-#include "client/interrupt.h"
-#include "client/job.h"
-#include "client/job_text.h"
-#include "client/listings.h"
-#include "client/output.h"
-#include "client/text.h"
+#include "client/ground/interrupt.h"
+#include "client/ground/text.h"
+#include "client/output/job_text.h"
+#include "client/output/output.h"
+#include "client/requests/job.h"
+#include "client/requests/listings.h"
 
 #include <iostream>
 #include <string>

@@ -1,6 +1,6 @@
-#include "client/json.h"
-#include "client/output.h"
-#include "client/text.h"
+#include "client/ground/json.h"
+#include "client/ground/text.h"
+#include "client/output/output.h"
 
 #include <doctest/doctest.h>
 
