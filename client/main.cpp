@@ -1,6 +1,7 @@
 // raynest: the command line. Parses, connects, runs one subcommand, ends with its exit code.
 #include "client/commands/commands.h"
 #include "client/commands/may_repeat.h"
+#include "client/commands/parse.h"
 #include "client/ground/interrupt.h"
 #include "client/net/local_daemon.h"
 #include "client/net/reconnect.h"

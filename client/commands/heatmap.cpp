@@ -1,15 +1,19 @@
 // raynest heatmap SCENE -o FILE: what each pixel's ray costs, as a picture, as raw counts or as a
 // report; compared with another scene or setting, and checked against limits.
 #include "client/commands/deliver.h"
+#include "client/commands/shared_options.h"
 #include "client/files/exr_header.h"
 #include "client/files/files.h"
 #include "client/ground/json.h"
+#include "client/ground/lists.h"
 #include "client/output/explanation.h"
+#include "client/output/fail_if.h"
 #include "client/output/output_file.h"
 #include "client/output/report.h"
 #include "client/requests/difference.h"
 #include "client/requests/scene_source.h"
 #include "protocol/base64.h"
+#include "protocol/limits.h"
 
 #include <array>
 #include <cstdio>
@@ -147,6 +151,65 @@ Result<void> complete(Context& context, HeatmapOptions& options) {
 }
 
 }  // namespace
+
+void declare(CommandLine& line, HeatmapOptions& heatmap) {
+    add_job(line, heatmap.job);
+    add_camera(line, heatmap.camera);
+    add_output(
+        line, heatmap.output, {".png", ".exr", ".npy", ".html"},
+        "FILE.png with a legend; FILE.exr of every metric and level, FILE.npy of raw counts; "
+        "FILE.html, a report to attach to a ticket");
+    add_detach(line, heatmap.job, &heatmap.output);
+    line.add_option("--metric", heatmap.metric,
+                    alternatives(metric_words) + " (total); boxes.1 is level 1 alone");
+    line.add_option("--palette", heatmap.palette, alternatives(palette_words));
+    line.add_option("--scale", heatmap.scale, "linear | log");
+    const Option range = line.add_option("--range", heatmap.range,
+                                         "p99 | auto | LOW:HIGH; of a difference -HIGH:HIGH");
+    line.add_option("--range-from", heatmap.range_from,
+                    "FILE.exr of a heat map whose range this one takes")
+        .excludes(range);
+    line.add_option("--count", heatmap.count, "traversed | necessary");
+    line.add_each(
+        "--diff",
+        [&heatmap](const std::string& text) {
+            if (!heatmap.difference) heatmap.difference.emplace();
+            return read_difference(text, *heatmap.difference);
+        },
+        "subtract what the same rays cost in OTHER_SCENE, or with KEY=VALUE: intersector, mask, "
+        "epoch, or a parameter of the intersector; may be repeated. Red costs more than that, blue "
+        "less");
+    line.add_each(
+        "--fail-if",
+        [&heatmap](const std::string& text) -> Result<void> {
+            auto check = parse_fail_if(text);
+            if (!check) return tl::unexpected<Failure>(check.error());
+            heatmap.fail_if.push_back(std::move(*check));
+            return {};
+        },
+        "'METRIC[.LEVEL].STATISTIC OP NUMBER', as 'total.p99>120', or 'levels|bytes|triangles OP "
+        "NUMBER': end with exit code 9 where that is true; may be repeated. Statistics: min mean "
+        "p50 p90 p99 max; OP: > >= < <=. With it no -o is needed");
+    const Option top = line.add_whole(
+        "--top", heatmap.top, 1U, static_cast<std::uint32_t>(protocol::Limits{}.list_items_max),
+        "print so many of the instances, meshes and materials that most work is spent in, and a "
+        "diagnosis; with it no -o is needed");
+    line.add_whole("--level", heatmap.level, 1U, 31U,
+                   "of --top: group by the instances of that level, 1 for those of the root (the "
+                   "innermost)")
+        .needs(top);
+    line.at_end([&heatmap]() -> std::string {
+        const bool has_detach = heatmap.job.detach;
+        if (heatmap.output.empty() && !has_detach && heatmap.top == 0 && heatmap.fail_if.empty())
+            return "--output, --top or --fail-if is required";
+        if (!heatmap.output.empty() && has_detach && heatmap.top != 0)
+            return "--detach: takes one job: ask for -o or for --top";
+        if (has_detach && (is_report(heatmap.output) || !heatmap.fail_if.empty()))
+            return "--detach: ends before there is an answer: leave it out with --fail-if and a "
+                   "report";
+        return "";
+    });
+}
 
 Result<void> run(Context& context, const HeatmapOptions& asked) {
     if (asked.top != 0 && asked.difference && !is_report(asked.output))

@@ -8,6 +8,8 @@
 
 namespace raynest::client {
 
+void declare(CommandLine&, JobsOptions&) {}
+
 Result<void> run(Context& context, const JobsOptions&) {
     Json jobs = Json::array();
     std::vector<std::vector<std::string>> rows = {job_header()};

@@ -48,6 +48,13 @@ Result<std::string> ask_token(const std::string& uri) {
     return token;
 }
 
+void declare(CommandLine& line, LoginOptions& login) {
+    line.add_option("URI", login.uri,
+                    "tls://HOST:PORT or another --server; the token is read from "
+                    "the terminal or stdin")
+        .required();
+}
+
 Result<void> run(Context& context, const LoginOptions& options) {
     const Access& access = context.access;
     if (auto kept = keep_host(options.uri, {access.token, access.tls.ca, access.tls.certificate,

@@ -21,6 +21,10 @@ Result<void> log_out(const std::string& uri, bool json) {
     return {};
 }
 
+void declare(CommandLine& line, LogoutOptions& logout) {
+    line.add_option("URI", logout.uri, "the daemon, as login was given it (--server)");
+}
+
 Result<void> run(Context& context, const LogoutOptions& /*options*/) {
     return log_out(context.uri, context.json);
 }

@@ -1,7 +1,7 @@
 // Which commands may run once more after their daemon went away.
 #pragma once
 
-#include "client/commands/parse.h"
+#include "client/commands/commands.h"
 
 namespace raynest::client {
 

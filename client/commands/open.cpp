@@ -93,6 +93,12 @@ Result<std::string> load_to_stay(Context& context, const std::string& source) {
 
 }  // namespace
 
+void declare(CommandLine& line, OpenOptions& open) {
+    line.add_option("SCENE", open.source,
+                    "name of a loaded scene (the first one); or FILE.glb, builtin:NAME and so on, "
+                    "which is loaded as by raynest load");
+}
+
 Result<void> run(Context& context, const OpenOptions& options) {
     std::string scene = options.source;
     if (is_source(scene)) {

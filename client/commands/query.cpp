@@ -3,7 +3,9 @@
 #include "client/requests/query.h"
 
 #include "client/commands/deliver.h"
+#include "client/commands/shared_options.h"
 #include "client/files/npy.h"
+#include "client/ground/lists.h"
 #include "client/output/output.h"
 #include "client/output/output_file.h"
 #include "client/output/query_rows.h"
@@ -67,6 +69,51 @@ void warn_of_rounding(Context& context, const RaySource& rays, const SceneOrigin
 }
 
 }  // namespace
+
+void declare(CommandLine& line, QueryOptions& query) {
+    add_job(line, query.job);
+    CommandLine rays = line.add_choice("Rays", "one of");
+    rays.add_each(
+        "--ray",
+        [&query](const std::string& text) -> Result<void> {
+            const auto ray = parse_ray(text);
+            if (!ray) return tl::unexpected<Failure>(ray.error());
+            query.rays.push_back(*ray);
+            return {};
+        },
+        std::string(ray_form) + ", in the order of files; may be repeated");
+    const Option file =
+        rays.add_option("--rays", query.rays_file,
+                        "FILE.npy of shape (N, 6): o d, or (N, 8): ox oy oz tmin dx dy dz tmax, "
+                        "or with --from (N, 3): d; - for stdin");
+    rays.add_words(
+        "--generate",
+        [&query](const std::vector<std::string>& words) -> Result<void> {
+            if (const auto parsed = parse_generate(words); !parsed)
+                return tl::unexpected<Failure>(parsed.error());
+            query.generate = words;
+            return {};
+        },
+        "KIND key=value...: the daemon makes them, as listed below");
+    add_point(line, "--from", "start of all rays; --rays then holds their directions",
+              [&query](const WorldPoint& point) { query.from = point; })
+        .needs(file);
+    line.add_parsed(
+            "--origin",
+            [](const std::string&) -> std::string {
+                return "is an option of load, and the scene keeps it; where rays start is said "
+                       "with --from x,y,z";
+            },
+            "")
+        .hidden();
+    line.footer(generate_help() + exit_codes());
+    add_kind(line, query.kind, query.max_hits, query.fields);
+    line.add_option(
+        "--reduce", query.reduce,
+        "one row per point or path instead of one per ray: " + alternatives(reduce_words));
+    add_output(line, query.output, {".npz"}, "FILE.npz (else a table on stdout)");
+    add_detach(line, query.job, nullptr);
+}
 
 Result<void> run(Context& context, const QueryOptions& options) {
     wire::QueryT request = query_message(options);

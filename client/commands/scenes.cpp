@@ -13,6 +13,8 @@ constexpr std::size_t short_hash_digits = 16;
 
 }  // namespace
 
+void declare(CommandLine&, ScenesOptions&) {}
+
 Result<void> run(Context& context, const ScenesOptions&) {
     const auto scenes = list_scenes(context.connection);
     if (!scenes) return tl::unexpected<Failure>(scenes.error());

@@ -16,6 +16,8 @@ Json number(double value) {
 
 }  // namespace
 
+void declare(CommandLine&, StatsOptions&) {}
+
 Result<void> run(Context& context, const StatsOptions&) {
     const auto reply = ask<wire::Statistics>(context.connection, wire::StatsT{});
     if (!reply) return tl::unexpected<Failure>(reply.error());

@@ -233,6 +233,10 @@ Json look_json(const Look& look) {
 
 }  // namespace
 
+void declare(CommandLine& line, TopOptions& top) {
+    line.add_flag("--once", top.once, "print one look at a second of the daemon's work, and end");
+}
+
 Result<void> run(Context& context, const TopOptions& options) {
     const bool redraws = !context.json && !options.once && ::isatty(STDOUT_FILENO) == 1;
     auto before = take_sample(context.connection);

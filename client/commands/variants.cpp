@@ -87,6 +87,8 @@ void print_variant(const Json& variant) {
 
 }  // namespace
 
+void declare(CommandLine&, VariantsOptions&) {}
+
 Result<void> run(Context& context, const VariantsOptions&) {
     Json all = Json::array();
     wire::VariantsT request;
