@@ -3,7 +3,6 @@
 #include "client/files/npy.h"
 #include "client/ground/json.h"
 #include "client/ground/text.h"
-#include "client/output/explanation.h"
 #include "client/output/outcome_text.h"
 #include "client/output/output.h"
 #include "client/output/output_file.h"

@@ -3,10 +3,8 @@
 #include "client/commands/deliver.h"
 #include "client/commands/shared_options.h"
 #include "client/files/exr_header.h"
-#include "client/files/files.h"
 #include "client/ground/json.h"
 #include "client/ground/lists.h"
-#include "client/output/explanation.h"
 #include "client/output/fail_if.h"
 #include "client/output/output_file.h"
 #include "client/output/report.h"
@@ -17,7 +15,6 @@
 
 #include <array>
 #include <cstdio>
-#include <iostream>
 #include <optional>
 #include <span>
 #include <utility>

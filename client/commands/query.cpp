@@ -1,21 +1,13 @@
 // raynest query SCENE --ray ... | --rays FILE | --generate KIND ...: traces rays and gives their
 // hits as a table, as JSON lines or as a .npz of columns.
-#include "client/requests/query.h"
-
 #include "client/commands/deliver.h"
 #include "client/commands/shared_options.h"
-#include "client/files/npy.h"
 #include "client/ground/lists.h"
-#include "client/output/output.h"
-#include "client/output/output_file.h"
-#include "client/output/query_rows.h"
 #include "client/requests/generator.h"
+#include "client/requests/query.h"
 #include "client/requests/scene_origin.h"
 
 #include <algorithm>
-#include <functional>
-#include <iostream>
-#include <map>
 #include <optional>
 
 namespace raynest::client {

@@ -6,7 +6,6 @@
 #include "client/requests/film.h"
 #include "protocol/limits.h"
 
-#include <iostream>
 #include <utility>
 
 namespace raynest::client {

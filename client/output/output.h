@@ -1,4 +1,4 @@
-// Formats answers for stdout: aligned tables and plain numbers for people, JSON for programs.
+// Formats answers for stdout: aligned tables for people, JSON for programs.
 #pragma once
 
 #include "client/ground/failure.h"
