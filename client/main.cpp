@@ -1,13 +1,15 @@
 // raynest: the command line. Parses, connects, runs one subcommand, ends with its exit code.
 #include "client/commands/commands.h"
-#include "client/interrupt.h"
-#include "client/local_daemon.h"
-#include "client/output.h"
-#include "client/reconnect.h"
-#include "client/scene_source.h"
-#include "client/selection.h"
-#include "client/ssh_tunnel.h"
-#include "client/tables.h"
+#include "client/commands/may_repeat.h"
+#include "client/commands/parse.h"
+#include "client/ground/interrupt.h"
+#include "client/net/local_daemon.h"
+#include "client/net/reconnect.h"
+#include "client/net/ssh_tunnel.h"
+#include "client/output/output.h"
+#include "client/requests/scene_source.h"
+#include "client/requests/selection.h"
+#include "client/requests/tables.h"
 
 #include <cstdlib>
 #include <exception>
@@ -103,7 +105,10 @@ Result<void> connect_and_run(Options options) {
                 if constexpr (requires { chosen.job.hide; }) {
                     if (auto read = read_tables(chosen.job.settings, chosen.job.tables); !read)
                         return read;
-                    if (auto found = find_selection(context, chosen.job); !found) return found;
+                    if (auto found = find_selection(context.connection, context.progress,
+                                                    chosen.job);
+                        !found)
+                        return found;
                 }
                 if constexpr (requires { chosen.difference; })
                     if (auto& other = chosen.difference)

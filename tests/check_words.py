@@ -44,7 +44,7 @@ COMMENTED = CPP | {".py", ".sh", ".cmake", ".txt", ".in", ""}
 TYPE = re.compile(r"\b(?:class|struct|union|enum(?:[ ]+class)?|concept)[ ]+(?:alignas\([^)]*\)[ ]*)?([A-Za-z_]\w*)"
                   r"|\busing[ ]+([A-Za-z_]\w*)[ ]*=")
 PYTHON_TYPE = re.compile(r"^[ ]*class[ ]+([A-Za-z_]\w*)|^([A-Z]\w*)[ ]*=[ ]*Type", re.MULTILINE)
-OPTION = re.compile(r'add_(?:option|flag|parsed|number|whole|output|point)\w*(?:<[^()]*>)?\((?:\*?\w+,\s*)?\s*"([^"]+)"'
+OPTION = re.compile(r'add_(?:option|flag|parsed|each|all|words|number|whole|output|point)\w*(?:<[^()]*>)?\((?:\*?\w+,\s*)?\s*"([^"]+)"'
                     r'|add_argument\("([^"]+)"')
 TRAVERSAL = re.compile(r'^RAYNEST_TRAVERSAL\((\w+), "(\w+)"', re.MULTILINE)
 

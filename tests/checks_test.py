@@ -58,6 +58,10 @@ class Includes(Planted):
     def test_client_does_not_know_the_engine(self):
         self.assert_refused("client/a.cpp", '"engine/result.h"', "client may not include")
 
+    def test_the_rooms_of_the_client_look_down_only(self):
+        self.assert_refused("client/ground/a.cpp", '"client/net/b.h"', "client/ground may not include")
+        self.assert_refused("client/requests/a.cpp", '"client/output/b.h"', "client/requests may not")
+
     def test_kernels_do_not_know_the_scene(self):
         self.assert_refused("engine/packs/a.h", '"engine/scene/x.h"', "engine/packs may not")
 

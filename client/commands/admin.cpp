@@ -1,7 +1,9 @@
 // raynest admin ACT: lists and ends connections, changes quotas, reloads and drains the daemon.
 #include "client/commands/commands.h"
-#include "client/connection_list.h"
-#include "client/output.h"
+#include "client/ground/json.h"
+#include "client/ground/text.h"
+#include "client/output/output.h"
+#include "client/requests/listings.h"
 
 #include <charconv>
 #include <iostream>
@@ -33,6 +35,29 @@ Result<void> list_connections(Context& context) {
 }
 
 }  // namespace
+
+void declare(CommandLine& line, AdminOptions& admin) {
+    line.add_option("ACT", admin.act,
+                    "connections: list them; drain: end when all jobs have ended; reload: read "
+                    "certificates, tokens and configuration again; kick: end connections; quota: "
+                    "tell or change what a principal may have")
+        .required()
+        .one_of({"connections", "drain", "reload", "kick", "quota"});
+    line.add_option("TARGET", admin.target,
+                    "of kick: a connection's number or a principal; of quota: a principal");
+    line.add_options(
+        "QUOTA", admin.quota,
+        "of quota: connections=N, jobs=N, rays=N, scene_bytes=N, second_bytes=N; bytes "
+        "also as 20G; without any, what the principal uses is told");
+    line.at_end([&admin]() -> std::string {
+        const bool needs_target = admin.act == "kick" || admin.act == "quota";
+        if (needs_target && admin.target.empty()) return "TARGET is required";
+        if (!needs_target && !admin.target.empty()) return "TARGET: goes with kick and quota only";
+        if (admin.act != "quota" && !admin.quota.empty())
+            return "QUOTA: goes with quota, such as: admin quota alice jobs=8";
+        return "";
+    });
+}
 
 Result<void> run(Context& context, const AdminOptions& options) {
     if (options.act == "connections") return list_connections(context);

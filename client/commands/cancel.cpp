@@ -1,10 +1,18 @@
 // raynest cancel ID: cancels a job and drops its answer.
 #include "client/commands/commands.h"
-#include "client/jobs.h"
+#include "client/commands/shared_options.h"
+#include "client/ground/json.h"
+#include "client/output/job_text.h"
+#include "client/output/output.h"
+#include "client/requests/listings.h"
 
 #include <iostream>
 
 namespace raynest::client {
+
+void declare(CommandLine& line, CancelOptions& cancel) {
+    add_job_number(line, cancel.job);
+}
 
 Result<void> run(Context& context, const CancelOptions& options) {
     wire::CancelJobT request;

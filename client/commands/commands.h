@@ -1,17 +1,143 @@
 // The subcommands of `raynest`, one file each. A command takes a struct of options, sends requests,
-// prints text or JSON and writes files. To add one: declare its options in options.h and .cpp, and
-// write a file here.
+// prints text or JSON and writes files. To add one: a row in commands.def, its struct here, and a
+// file with declare(), which adds its options to the command line, and run().
 #pragma once
 
-#include "client/connection.h"
-#include "client/failure.h"
-#include "client/options.h"
-#include "client/progress.h"
+#include "client/commands/command_line.h"
+#include "client/ground/failure.h"
+#include "client/ground/progress.h"
+#include "client/net/access.h"
+#include "client/net/connection.h"
+#include "client/output/fail_if.h"
+#include "client/requests/film.h"
+#include "client/requests/request_options.h"
 
+#include <array>
+#include <cstdint>
 #include <functional>
 #include <memory>
+#include <optional>
+#include <string>
+#include <variant>
+#include <vector>
 
 namespace raynest::client {
+
+struct LoadOptions {
+    std::string source, name, build, primitive, instances;
+    WorldPoint origin{};
+    std::vector<std::string> masks;  ///< "GLOB=HEX"
+    std::vector<std::string> share;  ///< principals, or "public"
+    bool replace = false;
+};
+struct ScenesOptions {};
+struct InfoOptions {
+    std::string scene;
+    bool meshes = false;
+    bool materials = false;
+};
+struct PathOptions {
+    std::string scene;
+    std::string path;  ///< an id, or a text such as birch-17/leaves
+    std::uint64_t epoch = 0;
+};
+/// A change of a scene; in the order of the protocol's rows.
+struct EditChange {
+    enum What { place, move, mask } what = move;
+    std::string path;  ///< a text, '*' for any text, or inst=N
+    std::array<double, 12> matrix{1, 0, 0, 0, 0, 1, 0, 0, 0, 0, 1, 0};  ///< of place and move
+    std::uint32_t new_mask = 0;                                         ///< of mask
+};
+struct EditOptions {
+    std::string scene;
+    std::uint64_t epoch = 0;  ///< 0: the current one
+    std::vector<EditChange> changes;
+};
+/// Selects scenes by name, all, or those that were not used for `idle_ms`.
+struct UnloadOptions {
+    std::vector<std::string> scenes;
+    bool all = false;
+    std::uint64_t idle_ms = 0;
+};
+struct VariantsOptions {};
+struct StatsOptions {};
+struct QueryOptions {
+    JobOptions job;
+    std::vector<WorldRay> rays;
+    std::vector<std::string> generate;  ///< a kind and key=value (generator.h), or empty
+    std::string rays_file, kind, reduce, output;
+    std::optional<WorldPoint> from;  ///< common origin of the file's rays
+    std::uint32_t max_hits = 0;      ///< 0: the kind's default
+    std::vector<std::string> fields;
+};
+struct HeatmapOptions : PictureOptions {
+    std::string metric, palette, scale, range, count;
+    std::string range_from;                ///< an EXR whose range this map takes
+    std::optional<Difference> difference;  ///< the other counts are subtracted
+    std::vector<FailIf> fail_if;
+    std::string command_line;  ///< for the report: the words of this command, as a shell takes them
+    std::uint32_t top = 0;    ///< rows of a ranking; 0: none is asked for
+    std::uint32_t level = 0;  ///< of the instances that it groups by; 0: the innermost
+};
+
+struct ExplainOptions : LightOptions {
+    JobOptions job;
+    CameraOptions camera;
+    std::optional<WorldRay> ray;  ///< else the pixel's
+    std::optional<std::array<std::uint32_t, 2>> pixel;
+    bool all = false;  ///< as many steps as the daemon tells
+    std::uint32_t sample = 0;  ///< with an integrator: the one whose path is told
+};
+
+struct TopOptions {
+    bool once = false;  ///< one look, and the end
+};
+struct OpenOptions {
+    std::string source;  ///< a scene's name, or a source that is loaded to stay; or empty
+};
+struct JobsOptions {};
+struct WaitOptions {
+    std::uint64_t job = 0;
+    double deadline = 0;  ///< seconds; 0 = none
+};
+struct FetchOptions {
+    std::uint64_t job = 0;
+    std::string output;
+};
+struct CancelOptions {
+    std::uint64_t job = 0;
+};
+/// Keeps the token of a daemon, and copies of the certificates, in hosts.toml.
+struct LoginOptions {
+    std::string uri;
+};
+/// Removes what `login` kept.
+struct LogoutOptions {
+    std::string uri;  ///< empty: --server
+};
+struct AdminOptions {
+    std::string act;     ///< connections | drain | reload | kick | quota
+    std::string target;  ///< of kick: a connection's number or a principal; of quota: a principal
+    std::vector<std::string> quota;  ///< "jobs=8"
+};
+struct LoadTestOptions {
+    JobOptions job;
+    std::string kind = "closest";
+    std::vector<std::string> fields;
+    std::uint32_t max_hits = 0;  ///< 0: the kind's default
+    std::uint32_t clients = 1;
+    std::uint32_t rays = 1;  ///< per request
+    double seconds = 5;
+    double rate = 0;  ///< requests per second of all clients together; 0: as many as possible
+};
+
+template <class, class... Commands>
+using VariantOf = std::variant<Commands...>;  ///< the first is no command: a list begins with commas
+/// The options of the command that was chosen.
+using CommandOptions = VariantOf<void
+#define RAYNEST_COMMAND(Name, ...) , Name##Options
+#include "client/commands/commands.def"
+                                 >;
 
 struct Context {
     Connection& connection;
@@ -23,31 +149,13 @@ struct Context {
     const Access& access;
 };
 
-Result<void> run(Context& context, const LoadOptions& options);
-Result<void> run(Context& context, const ScenesOptions& options);
-Result<void> run(Context& context, const InfoOptions& options);
-Result<void> run(Context& context, const PathOptions& options);
-Result<void> run(Context& context, const EditOptions& options);
-Result<void> run(Context& context, const UnloadOptions& options);
-Result<void> run(Context& context, const VariantsOptions& options);
-Result<void> run(Context& context, const StatsOptions& options);
-Result<void> run(Context& context, const RenderOptions& options);
-Result<void> run(Context& context, const ResumeOptions& options);
-Result<void> run(Context& context, const QueryOptions& options);
-Result<void> run(Context& context, const HeatmapOptions& options);
-Result<void> run(Context& context, const ExplainOptions& options);
-Result<void> run(Context& context, const TopOptions& options);
-Result<void> run(Context& context, const OpenOptions& options);
-Result<void> run(Context& context, const JobsOptions& options);
-Result<void> run(Context& context, const WaitOptions& options);
-Result<void> run(Context& context, const FetchOptions& options);
-Result<void> run(Context& context, const CancelOptions& options);
-Result<void> run(Context& context, const LoadTestOptions& options);
-Result<void> run(Context& context, const LoginOptions& options);
-Result<void> run(Context& context, const LogoutOptions& options);
-/// The same without a connection.
+#define RAYNEST_COMMAND(Name, ...)                           \
+    void declare(CommandLine& line, Name##Options& options); \
+    Result<void> run(Context& context, const Name##Options& options);
+#include "client/commands/commands.def"
+
+/// `logout` without a connection.
 Result<void> log_out(const std::string& uri, bool json);
-Result<void> run(Context& context, const AdminOptions& options);
 
 /// Asks for the token of `raynest login` on the terminal, without showing it, or reads it from stdin.
 Result<std::string> ask_token(const std::string& uri);

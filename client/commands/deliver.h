@@ -3,9 +3,9 @@
 #pragma once
 
 #include "client/commands/commands.h"
-#include "client/fail_if.h"
-#include "client/picture.h"
-#include "client/query.h"
+#include "client/output/fail_if.h"
+#include "client/requests/picture.h"
+#include "client/requests/query.h"
 
 #include <cstdint>
 #include <functional>
@@ -15,17 +15,17 @@
 
 namespace raynest::client {
 
-/// `samples`: as many per pixel as were asked for; 0: unknown.
+/// Writes a rendered picture as it came, a raw one as .npy.
+Result<void> write_picture(const std::string& output, const ReceivedPicture& picture);
+
+/// Delivers a rendered picture. `samples`: as many per pixel as were asked for; 0: unknown.
 Result<void> deliver_render(Context& context, const std::string& output, ReceivedPicture picture,
                             std::uint32_t samples = 0);
 /// `checks` are what became of the limits of --fail-if; an exceeded one gives exit code 9.
 Result<void> deliver_heatmap(Context& context, const std::string& output, ReceivedPicture picture,
                              std::span<const Verdict> checks = {});
 
-/// Asks for the ranking of a heat map's rays.
-Result<ReceivedPicture> ask_ranking(Context& context, const HeatmapOptions& options);
-/// The ranking of `heatmap --top`, in place of a picture or after it.
-Result<void> rank(Context& context, const HeatmapOptions& options);
+/// Prints the ranking of heatmap --top.
 Result<void> deliver_ranking(Context& context, const ReceivedPicture& answer);
 
 using ChunkConsumer = std::function<Result<void>(const QueryChunk&)>;

@@ -1,9 +1,12 @@
 // raynest edit: moves parts of a scene, and changes their masks.
 #include "client/commands/commands.h"
-#include "client/job.h"
-#include "client/output.h"
-#include "client/send_file.h"
+#include "client/commands/shared_options.h"
+#include "client/ground/json.h"
+#include "client/ground/numbers.h"
+#include "client/output/output.h"
+#include "client/requests/send_file.h"
 
+#include <algorithm>
 #include <charconv>
 #include <cstring>
 #include <iostream>
@@ -35,7 +38,63 @@ std::optional<std::uint32_t> instance_of(std::string_view path) {
     return number;
 }
 
+/// Reads PATH=NUMBERS or PATH=HEX; returns what is wrong, or "".
+std::string read_change(EditChange::What what, const std::string& text, EditOptions& edit) {
+    const std::size_t equals = text.rfind('=');
+    if (equals == 0 || equals == std::string::npos) return "'" + text + "' is not PATH=...";
+    EditChange change{what, text.substr(0, equals)};
+    const std::string value = text.substr(equals + 1);
+    if (what == EditChange::mask) {
+        const auto mask = parse_mask(value);
+        if (!mask) return mask.error().message;
+        change.new_mask = *mask;
+    } else {
+        const bool is_move = what == EditChange::move;
+        const auto numbers = parse_world(value, is_move ? 3 : 12, 12,
+                                         is_move ? "dx,dy,dz or a 3x4 matrix row by row"
+                                                 : "a 3x4 matrix row by row");
+        if (!numbers) return numbers.error().message;
+        if (numbers->size() == 3)
+            for (std::size_t row = 0; row < 3; ++row) change.matrix[4 * row + 3] = (*numbers)[row];
+        else
+            std::ranges::copy(*numbers, change.matrix.begin());
+    }
+    edit.changes.push_back(std::move(change));
+    return "";
+}
+
 }  // namespace
+
+void declare(CommandLine& line, EditOptions& edit) {
+    line.add_option("SCENE", edit.scene, "name of a loaded scene of yours").required();
+    const auto change = [&edit](EditChange::What what) {
+        return [&edit, what](const std::string& text) { return read_change(what, text, edit); };
+    };
+    const auto set_mask = [&edit](std::uint32_t mask) {
+        return [&edit, mask](const std::string& path) {
+            EditChange change{EditChange::mask, path};
+            change.new_mask = mask;
+            edit.changes.push_back(std::move(change));
+            return std::string();
+        };
+    };
+    line.add_in_order(
+        "--move", change(EditChange::move),
+        "PATH=DX,DY,DZ, or PATH= and a 3x4 matrix row by row: moves what stands there, in the world. In "
+        "PATH * stands for any text, and all below a path moves with it; inst=N is the outermost "
+        "instance N. May be repeated, also the options below; they act in their order");
+    line.add_in_order("--place", change(EditChange::place),
+                      "PATH= and a 3x4 matrix row by row: from the object's own coordinates to the world's");
+    line.add_in_order("--set-mask", change(EditChange::mask),
+                      "PATH=HEX: its mask from now on (see: query --mask)");
+    line.add_in_order("--hide", set_mask(0), "PATH: no ray meets it from now on");
+    line.add_in_order("--show", set_mask(~0U), "PATH: every ray may meet it");
+    add_epoch(line, edit.epoch);
+    line.at_end([&edit] {
+        return edit.changes.empty() ? "--move, --place, --set-mask, --hide or --show is required"
+                                    : std::string();
+    });
+}
 
 Result<void> run(Context& context, const EditOptions& options) {
     wire::EditT request;

@@ -1,11 +1,16 @@
 // raynest explain SCENE --ray ... | --pixel X,Y: how one ray found its hit, as a tree; with an
 // integrator, the rays of a path.
 #include "client/commands/commands.h"
-#include "client/explanation.h"
-#include "client/film.h"
-#include "client/picture.h"
-#include "client/rays.h"
-#include "client/scene_origin.h"
+#include "client/commands/shared_options.h"
+#include "client/ground/numbers.h"
+#include "client/output/explanation.h"
+#include "client/output/outcome_text.h"
+#include "client/output/output.h"
+#include "client/requests/film.h"
+#include "client/requests/picture.h"
+#include "client/requests/rays.h"
+#include "client/requests/scene_origin.h"
+#include "protocol/limits.h"
 
 #include <array>
 #include <chrono>
@@ -56,6 +61,45 @@ wire::RenderT path_message(const ExplainOptions& options, const WorldPoint& orig
 }
 
 }  // namespace
+
+void declare(CommandLine& line, ExplainOptions& explain) {
+    add_job(line, explain.job);
+    add_camera(line, explain.camera);
+    const Option pixel = line.add_parsed(
+        "--pixel",
+        [&explain](const std::string& text) -> std::string {
+            const auto numbers = parse_pixel(text);
+            if (!numbers) return numbers.error().message;
+            explain.pixel = *numbers;
+            return "";
+        },
+        "the pixel of the camera's picture, from 0,0 in its upper left corner");
+    pixel.type_name("X,Y");
+    const Option ray = line.add_parsed(
+        "--ray",
+        [&explain](const std::string& text) -> std::string {
+            const auto parsed = parse_ray(text);
+            if (!parsed) return parsed.error().message;
+            explain.ray = *parsed;
+            return "";
+        },
+        std::string(ray_form) + ", in place of a pixel");
+    ray.excludes(pixel);
+    for (const char* other : {"--camera", "--lookat", "--fov", "--size"})
+        ray.excludes(line.find(other));
+    line.add_flag("--all", explain.all, "all steps of a long traversal, not the first 256");
+    add_light(line, explain,
+              "the rays of a path in place of a traversal: ao | direct | path, as render has them");
+    line.add_whole("--sample", explain.sample, 0U,
+                   static_cast<std::uint32_t>(protocol::Limits{}.samples_max - 1),
+                   "of an integrator: the sample of the pixel whose path is shown (0)");
+    ray.excludes(line.find("--integrator"));
+    for (const char* other : {"--seed", "--depth", "--ao-distance", "--env", "--sun", "--sample"})
+        line.find(other).needs(line.find("--integrator"));
+    line.at_end([&explain] {
+        return !explain.ray && !explain.pixel ? "--ray or --pixel is required" : "";
+    });
+}
 
 Result<void> run(Context& context, const ExplainOptions& options) {
     if (const std::string& word = options.environment;

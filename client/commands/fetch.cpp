@@ -1,9 +1,10 @@
 // raynest fetch ID [-o FILE]: delivers the answer of a detached job in the form that its own
 // command gives.
 #include "client/commands/deliver.h"
-#include "client/files.h"
-#include "client/jobs.h"
-#include "client/output_file.h"
+#include "client/commands/shared_options.h"
+#include "client/files/files.h"
+#include "client/output/output_file.h"
+#include "client/requests/listings.h"
 
 namespace raynest::client {
 namespace {
@@ -15,6 +16,12 @@ Result<void> check_ending(const std::string& output, const std::string& ending) 
 }
 
 }  // namespace
+
+void declare(CommandLine& line, FetchOptions& fetch) {
+    add_job_number(line, fetch.job);
+    add_output(line, fetch.output, {".png", ".exr", ".npy", ".npz"},
+               "file of the kind that the job makes (a query without it: a table on stdout)");
+}
 
 Result<void> run(Context& context, const FetchOptions& options) {
     const auto job = find_job(context.connection, options.job);

@@ -1,28 +1,26 @@
 // raynest heatmap SCENE -o FILE: what each pixel's ray costs, as a picture, as raw counts or as a
 // report; compared with another scene or setting, and checked against limits.
 #include "client/commands/deliver.h"
-#include "client/difference.h"
-#include "client/explanation.h"
-#include "client/exr_header.h"
-#include "client/files.h"
-#include "client/output_file.h"
-#include "client/report.h"
-#include "client/scene_source.h"
+#include "client/commands/shared_options.h"
+#include "client/files/exr_header.h"
+#include "client/ground/json.h"
+#include "client/ground/lists.h"
+#include "client/output/fail_if.h"
+#include "client/output/output_file.h"
+#include "client/output/report.h"
+#include "client/requests/difference.h"
+#include "client/requests/scene_source.h"
 #include "protocol/base64.h"
+#include "protocol/limits.h"
 
 #include <array>
 #include <cstdio>
-#include <iostream>
 #include <optional>
 #include <span>
 #include <utility>
 
 namespace raynest::client {
 namespace {
-
-bool is_report(const std::string& output) {
-    return extension_of(output) == ".html";
-}
 
 /// True if the answer must tell more than one metric, as a document.
 bool needs_document(const HeatmapOptions& options) {
@@ -43,53 +41,26 @@ wire::HeatmapT heatmap_message(const HeatmapOptions& options) {
     return request;
 }
 
-/// Differences are i32 in the fields of counts. Their range, and no other, begins below zero.
-bool is_difference(const wire::HeatStatisticsT& heat) {
-    return heat.range_low < 0;
+/// Asks for the ranking of the rays.
+Result<ReceivedPicture> ask_ranking(Context& context, const HeatmapOptions& options) {
+    wire::BlameT request;
+    request.job = job_message(options.job);
+    request.width = options.camera.width;
+    request.height = options.camera.height;
+    request.level = options.level;
+    request.top = options.top;
+    return ask_picture(context.connection, context.progress, options, std::move(request));
 }
 
-std::int64_t value_of(const wire::HeatStatisticsT& heat, std::uint32_t field) {
-    return is_difference(heat) ? std::int64_t{static_cast<std::int32_t>(field)}
-                               : std::int64_t{field};
-}
-
-void print_statistics(const wire::HeatStatisticsT& heat, std::ostream& to) {
-    const auto value = [&](std::uint32_t field) {
-        return static_cast<long long>(value_of(heat, field));
-    };
-    const bool differs = is_difference(heat);
-    std::array<char, 240> line;
-    std::snprintf(line.data(), line.size(),
-                  differs ? "%s%s per ray, difference: min %+lld, mean %+.2f, p50 %+lld, p90 %+lld, "
-                            "p99 %+lld, max %+lld, %.2f %% clipped"
-                          : "%s%s per ray: min %lld, mean %.2f, p50 %lld, p90 %lld, p99 %lld, max "
-                            "%lld, %.2f %% clipped",
-                  heat.count == "necessary" ? "necessary " : "", heat.metric.c_str(),
-                  value(heat.min), heat.mean, value(heat.p50), value(heat.p90), value(heat.p99),
-                  value(heat.max), heat.clipped * 100);
-    to << line.data();
-    if (heat.below > 0) {
-        std::snprintf(line.data(), line.size(), ", %.2f %% below the range", heat.below * 100);
-        to << line.data();
+/// The ranking of --top, in place of a picture or after it.
+Result<void> rank(Context& context, const HeatmapOptions& options) {
+    auto answer = ask_ranking(context, options);
+    if (!answer) return tl::unexpected<Failure>(answer.error());
+    if (answer->outcome.detached != 0) {
+        print_detached(context, answer->outcome);
+        return {};
     }
-    to << '\n';
-}
-
-Json statistics_json(const wire::HeatStatisticsT& heat) {
-    Json json{{"metric", heat.metric},
-              {"min", value_of(heat, heat.min)},
-              {"mean", heat.mean},
-              {"p50", value_of(heat, heat.p50)},
-              {"p90", value_of(heat, heat.p90)},
-              {"p99", value_of(heat, heat.p99)},
-              {"max", value_of(heat, heat.max)},
-              {"clipped", heat.clipped},
-              {"below", heat.below},
-              {"count", heat.count},
-              {"range_low", heat.range_low},
-              {"range_high", heat.range_high}};
-    if (is_difference(heat)) json["difference"] = true;
-    return json;
+    return deliver_ranking(context, *answer);
 }
 
 /// Replaces the answer's document by the file that it holds.
@@ -178,6 +149,65 @@ Result<void> complete(Context& context, HeatmapOptions& options) {
 
 }  // namespace
 
+void declare(CommandLine& line, HeatmapOptions& heatmap) {
+    add_job(line, heatmap.job);
+    add_camera(line, heatmap.camera);
+    add_output(
+        line, heatmap.output, {".png", ".exr", ".npy", ".html"},
+        "FILE.png with a legend; FILE.exr of every metric and level, FILE.npy of raw counts; "
+        "FILE.html, a report to attach to a ticket");
+    add_detach(line, heatmap.job, &heatmap.output);
+    line.add_option("--metric", heatmap.metric,
+                    alternatives(metric_words) + " (total); boxes.1 is level 1 alone");
+    line.add_option("--palette", heatmap.palette, alternatives(palette_words));
+    line.add_option("--scale", heatmap.scale, "linear | log");
+    const Option range = line.add_option("--range", heatmap.range,
+                                         "p99 | auto | LOW:HIGH; of a difference -HIGH:HIGH");
+    line.add_option("--range-from", heatmap.range_from,
+                    "FILE.exr of a heat map whose range this one takes")
+        .excludes(range);
+    line.add_option("--count", heatmap.count, "traversed | necessary");
+    line.add_each(
+        "--diff",
+        [&heatmap](const std::string& text) {
+            if (!heatmap.difference) heatmap.difference.emplace();
+            return read_difference(text, *heatmap.difference);
+        },
+        "subtract what the same rays cost in OTHER_SCENE, or with KEY=VALUE: intersector, mask, "
+        "epoch, or a parameter of the intersector; may be repeated. Red costs more than that, blue "
+        "less");
+    line.add_each(
+        "--fail-if",
+        [&heatmap](const std::string& text) -> Result<void> {
+            auto check = parse_fail_if(text);
+            if (!check) return tl::unexpected<Failure>(check.error());
+            heatmap.fail_if.push_back(std::move(*check));
+            return {};
+        },
+        "'METRIC[.LEVEL].STATISTIC OP NUMBER', as 'total.p99>120', or 'levels|bytes|triangles OP "
+        "NUMBER': end with exit code 9 where that is true; may be repeated. Statistics: min mean "
+        "p50 p90 p99 max; OP: > >= < <=. With it no -o is needed");
+    const Option top = line.add_whole(
+        "--top", heatmap.top, 1U, static_cast<std::uint32_t>(protocol::Limits{}.list_items_max),
+        "print so many of the instances, meshes and materials that most work is spent in, and a "
+        "diagnosis; with it no -o is needed");
+    line.add_whole("--level", heatmap.level, 1U, 31U,
+                   "of --top: group by the instances of that level, 1 for those of the root (the "
+                   "innermost)")
+        .needs(top);
+    line.at_end([&heatmap]() -> std::string {
+        const bool has_detach = heatmap.job.detach;
+        if (heatmap.output.empty() && !has_detach && heatmap.top == 0 && heatmap.fail_if.empty())
+            return "--output, --top or --fail-if is required";
+        if (!heatmap.output.empty() && has_detach && heatmap.top != 0)
+            return "--detach: takes one job: ask for -o or for --top";
+        if (has_detach && (is_report(heatmap.output) || !heatmap.fail_if.empty()))
+            return "--detach: ends before there is an answer: leave it out with --fail-if and a "
+                   "report";
+        return "";
+    });
+}
+
 Result<void> run(Context& context, const HeatmapOptions& asked) {
     if (asked.top != 0 && asked.difference && !is_report(asked.output))
         return fail(Exit::usage, "--top ranks the work of one scene and --diff compares two: leave one "
@@ -207,34 +237,6 @@ Result<void> run(Context& context, const HeatmapOptions& asked) {
         if (!ranked) return ranked;
     }
     return delivered;
-}
-
-Result<void> deliver_heatmap(Context& context, const std::string& output, ReceivedPicture picture,
-                             std::span<const Verdict> checks) {
-    if (!output.empty() && !is_report(output)) {
-        if (picture.encode == "raw") {
-            auto file = npy_file(picture, is_difference(picture.outcome.heat) ? "<i4" : "<u4",
-                                 {picture.height, picture.width});
-            if (!file) return tl::unexpected<Failure>(file.error());
-            picture.bytes = std::move(*file);
-        }
-        if (auto written = write_file(output, picture.bytes); !written) return written;
-    }
-
-    print_notes(picture.outcome);
-    std::ostream& to = summary_of(output);
-    if (context.json) {
-        Json json = statistics_json(picture.outcome.heat);
-        json.update(picture_json(output, picture));
-        if (!checks.empty()) json["checks"] = verdicts_json(checks);
-        print_json(json, to);
-    } else {
-        to << (output.empty() ? outcome_text(picture.outcome) : picture_text(output, picture))
-           << '\n';
-        print_statistics(picture.outcome.heat, to);
-        for (const Verdict& verdict : checks) to << verdict_text(verdict) << '\n';
-    }
-    return check_verdicts(checks);
 }
 
 }  // namespace raynest::client

@@ -1,6 +1,10 @@
 // raynest info SCENE: counts, cameras and skipped parts of a scene; or its meshes and materials.
 #include "client/commands/commands.h"
-#include "client/scene_info.h"
+#include "client/commands/shared_options.h"
+#include "client/ground/json.h"
+#include "client/ground/text.h"
+#include "client/output/output.h"
+#include "client/output/scene_text.h"
 
 namespace raynest::client {
 namespace {
@@ -54,6 +58,14 @@ Result<Parts> list_parts(Connection& connection, const std::string& scene,
 }
 
 }  // namespace
+
+void declare(CommandLine& line, InfoOptions& info) {
+    add_scene(line, info.scene);
+    line.add_flag("--meshes", info.meshes,
+                  "list its meshes: triangles of one copy, and placements");
+    line.add_flag("--materials", info.materials,
+                  "list its materials: alpha mode, and what uses them");
+}
 
 Result<void> run(Context& context, const InfoOptions& options) {
     Json lists = Json::object();

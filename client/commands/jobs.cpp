@@ -1,10 +1,14 @@
 // raynest jobs: lists running jobs, and detached jobs with kept answers.
-#include "client/jobs.h"
+#include "client/requests/listings.h"
 
 #include "client/commands/commands.h"
-#include "client/output.h"
+#include "client/ground/json.h"
+#include "client/output/job_text.h"
+#include "client/output/output.h"
 
 namespace raynest::client {
+
+void declare(CommandLine&, JobsOptions&) {}
 
 Result<void> run(Context& context, const JobsOptions&) {
     Json jobs = Json::array();

@@ -1,8 +1,14 @@
 // raynest load SOURCE: uploads the files that the daemon lacks and waits until the scene is built.
 #include "client/commands/commands.h"
-#include "client/files.h"
-#include "client/scene_info.h"
-#include "client/scene_source.h"
+#include "client/commands/shared_options.h"
+#include "client/files/files.h"
+#include "client/ground/json.h"
+#include "client/ground/numbers.h"
+#include "client/ground/text.h"
+#include "client/output/output.h"
+#include "client/output/scene_text.h"
+#include "client/requests/scene_source.h"
+#include "protocol/subject.h"
 
 #include <iostream>
 
@@ -24,6 +30,47 @@ wire::LoadT load_message(const LoadOptions& options, const Upload& upload) {
 }
 
 }  // namespace
+
+void declare(CommandLine& line, LoadOptions& load) {
+    line.add_option(
+            "SOURCE", load.source,
+            "FILE.glb, FILE.gltf or FILE.npy; builtin:NAME[?key=value&...], root:PATH, or - for "
+            "such a file on stdin, with --name")
+        .required();
+    line.add_option("--name", load.name,
+                    "name of the scene (the file's stem; forest for builtin:forest?trees=5)");
+    line.add_flag("--replace", load.replace,
+                  "put it in the place of the scene of that name, as a new epoch");
+    line.add_each(
+            "--share",
+            [&load](const std::string& list) -> Result<void> {
+                const auto names = protocol::split_principals(list);
+                if (!names) return fail(Exit::usage, names.error());
+                load.share.insert(load.share.end(), names->begin(), names->end());
+                return {};
+            },
+            "who else may use the scene: public, or principals as NAME,..., repeatable; '\\,' is a "
+            "comma in a name, as in CN=robot\\,O=Lab (its owner alone)")
+        .type_name("TEXT");
+    line.add_option("--build", load.build,
+                    "medium | fast | high: more time for the build makes faster trees");
+    line.add_each(
+        "--set-mask",
+        [&load](const std::string& rule) {
+            load.masks.push_back(rule);
+            return check_mask_rule(rule);
+        },
+        "GLOB=HEX: the mask of placements whose path is GLOB or lies below it, where * stands for "
+        "any text; may be repeated, the last match wins (see: query --mask)");
+    line.add_option("--primitive", load.primitive,
+                    "type of the records in a .npy: sphere, or one of a loaded pack");
+    line.add_option("--instances", load.instances,
+                    "FILE.npy of shape (N, 3, 4): where the records of a .npy are placed");
+    add_point(line, "--origin",
+              "a point near a scene that lies far from zero; it is subtracted, so that coordinates "
+              "keep their digits. Rays and answers stay in the world",
+              [&load](const WorldPoint& point) { load.origin = point; });
+}
 
 Result<void> run(Context& context, const LoadOptions& options) {
     context.progress.update(0, 0, "reading");

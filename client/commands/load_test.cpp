@@ -1,9 +1,12 @@
 // raynest load-test SCENE: measures round trips and throughput of queries, beside bare sockets.
 #include "client/commands/commands.h"
-#include "client/job.h"
+#include "client/commands/shared_options.h"
+#include "client/ground/json.h"
 #include "client/load_test/driver.h"
 #include "client/load_test/echo.h"
-#include "client/output.h"
+#include "client/output/output.h"
+#include "client/requests/job.h"
+#include "protocol/limits.h"
 
 #include <array>
 #include <cmath>
@@ -162,6 +165,22 @@ std::string verdict(const Side& daemon, const Side& echo, double ratio, double r
 }
 
 }  // namespace
+
+void declare(CommandLine& line, LoadTestOptions& load_test) {
+    add_job(line, load_test.job);
+    add_kind(line, load_test.kind, load_test.max_hits, load_test.fields);
+    line.add_whole("--clients", load_test.clients, 1U, 1000U, "connections at the same time (1)");
+    line.add_whole("--rays", load_test.rays, 1U,
+                   static_cast<std::uint32_t>(protocol::Limits{}.chunk_rays_max),
+                   "rays of each request (1)");
+    line.add_number("--seconds", load_test.seconds, 0.1, 86400.0,
+                    "a number of seconds from 0.1 to 86400",
+                    "time to measure the daemon, and then each control (5)");
+    line.add_number(
+        "--rate", load_test.rate, 0.1, 1.0e7, "a number from 0.1 to 10000000",
+        "requests per second of all clients (else each client sends when it has its "
+        "answer). Times count from when a request is due; one that is 5 s late is MISSED");
+}
 
 Result<void> run(Context& context, const LoadTestOptions& options) {
     if (context.connection.socket() < 0)

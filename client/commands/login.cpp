@@ -1,7 +1,8 @@
 // raynest login URI: keeps a token that the daemon accepts in hosts.toml, with copies of the certificates.
 #include "client/commands/commands.h"
-#include "client/hosts.h"
-#include "client/output.h"
+#include "client/ground/json.h"
+#include "client/net/hosts.h"
+#include "client/output/output.h"
 
 #include <termios.h>
 #include <unistd.h>
@@ -45,6 +46,13 @@ Result<std::string> ask_token(const std::string& uri) {
     if (token.empty())
         return fail(Exit::usage, "no token came; it is the last line of: raynestd token add NAME");
     return token;
+}
+
+void declare(CommandLine& line, LoginOptions& login) {
+    line.add_option("URI", login.uri,
+                    "tls://HOST:PORT or another --server; the token is read from "
+                    "the terminal or stdin")
+        .required();
 }
 
 Result<void> run(Context& context, const LoginOptions& options) {

@@ -1,7 +1,8 @@
 // raynest logout [URI]: removes what `raynest login` kept of a daemon. It needs no connection.
 #include "client/commands/commands.h"
-#include "client/hosts.h"
-#include "client/output.h"
+#include "client/ground/json.h"
+#include "client/net/hosts.h"
+#include "client/output/output.h"
 
 #include <iostream>
 
@@ -18,6 +19,10 @@ Result<void> log_out(const std::string& uri, bool json) {
                                : "nothing is kept of " + uri)
                   << '\n';
     return {};
+}
+
+void declare(CommandLine& line, LogoutOptions& logout) {
+    line.add_option("URI", logout.uri, "the daemon, as login was given it (--server)");
 }
 
 Result<void> run(Context& context, const LogoutOptions& /*options*/) {

@@ -1,9 +1,10 @@
 // raynest open [SCENE]: shows the daemon's page in the browser, or tells its address.
-#include "client/child_process.h"
 #include "client/commands/commands.h"
-#include "client/interrupt.h"
-#include "client/output.h"
-#include "client/scene_source.h"
+#include "client/ground/child_process.h"
+#include "client/ground/interrupt.h"
+#include "client/ground/json.h"
+#include "client/output/output.h"
+#include "client/requests/scene_source.h"
 
 #include <sys/wait.h>
 
@@ -91,6 +92,12 @@ Result<std::string> load_to_stay(Context& context, const std::string& source) {
 }
 
 }  // namespace
+
+void declare(CommandLine& line, OpenOptions& open) {
+    line.add_option("SCENE", open.source,
+                    "name of a loaded scene (the first one); or FILE.glb, builtin:NAME and so on, "
+                    "which is loaded as by raynest load");
+}
 
 Result<void> run(Context& context, const OpenOptions& options) {
     std::string scene = options.source;

@@ -1,10 +1,19 @@
 // raynest path SCENE PATH: lists the steps of a path, given by its id or text.
 #include "client/commands/commands.h"
-#include "client/output.h"
+#include "client/commands/shared_options.h"
+#include "client/ground/json.h"
+#include "client/output/output.h"
 
 #include <iostream>
 
 namespace raynest::client {
+
+void declare(CommandLine& line, PathOptions& path) {
+    add_scene(line, path.scene);
+    line.add_option("PATH", path.path, "the path of a hit: its id, or its text as birch-17/leaves")
+        .required();
+    add_epoch(line, path.epoch);
+}
 
 Result<void> run(Context& context, const PathOptions& options) {
     wire::PathT request;

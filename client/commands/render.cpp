@@ -1,10 +1,11 @@
 // raynest render SCENE -o FILE: a picture, encoded by the daemon, or raw pixels.
 #include "client/commands/deliver.h"
-#include "client/files.h"
-#include "client/film.h"
-#include "client/output_file.h"
+#include "client/commands/shared_options.h"
+#include "client/files/files.h"
+#include "client/output/output_file.h"
+#include "client/requests/film.h"
+#include "protocol/limits.h"
 
-#include <iostream>
 #include <utility>
 
 namespace raynest::client {
@@ -39,6 +40,42 @@ Result<void> render_one(Context& context, const RenderOptions& options) {
 
 }  // namespace
 
+void declare(CommandLine& line, RenderOptions& render) {
+    constexpr protocol::Limits limits;
+    add_job(line, render.job);
+    add_camera(line, render.camera);
+    add_output(line, render.output, {".png", ".exr", ".npy"},
+               "FILE.png, FILE.exr, or FILE.npy of (height, width, 4) bytes");
+    add_detach(line, render.job, &render.output);
+    add_light(line, render,
+              "primary (base colour, darker where it turns away; one ray per pixel) | ao (open or "
+              "hidden from the sky) | direct (lights and shadows) | path (all light)");
+    line.add_whole("--spp,--samples", render.samples, 1U,
+                   static_cast<std::uint32_t>(limits.samples_max),
+                   "samples per pixel (16, with --noise 1024; primary has 1)");
+    line.add_option("--tonemap", render.tonemap,
+                    "of .png and .npy: agx | aces | reinhard | none (agx; ao none)");
+    line.add_option("--exposure", render.exposure, "of .png and .npy: stops, or auto (auto; ao 0)");
+    line.add_number("--env-rotate", render.environment_rotate, -360.0F, 360.0F,
+                    "a number of degrees from -360 to 360",
+                    "turns the picture of --env by so many degrees from -Z towards +X (0)")
+        .type_name("DEGREES");
+    add_progressive(line, render.progressive);
+    line.add_number("--noise", render.noise, 1e-6F, 1.0F, "a number from 0.000001 to 1",
+                    "end parts of the picture when their error, as a share of their brightness, is "
+                    "below this; --spp is then the most");
+    line.add_parsed(
+            "--cameras",
+            [&render](const std::string& which) -> std::string {
+                render.all_cameras = true;
+                return which == "all" ? "" : "takes: all";
+            },
+            "all: a file for each camera of the scene, FILE.0.png and so on")
+        .excludes(line.find("--camera"))
+        .excludes(line.find("--lookat"))
+        .excludes(line.find("--detach"));
+}
+
 Result<void> run(Context& context, const RenderOptions& options) {
     if (!options.all_cameras) return render_one(context, options);
     if (is_stdout(options.output))
@@ -57,25 +94,6 @@ Result<void> run(Context& context, const RenderOptions& options) {
         if (auto done = render_one(context, one); !done) return done;
     }
     return {};
-}
-
-Result<void> deliver_render(Context& context, const std::string& output, ReceivedPicture picture,
-                            std::uint32_t samples) {
-    if (auto written = write_picture(output, picture); !written) return written;
-
-    print_notes(picture.outcome);
-    if (context.json)
-        print_json(picture_json(output, picture), summary_of(output));
-    else
-        summary_of(output) << picture_text(output, picture) << '\n';
-    if (!picture.outcome.incomplete) return {};
-    std::string text = output + " has fewer samples than ";
-    text += samples == 0 ? "were asked for"
-                         : "the " + std::to_string(samples) + " per pixel that were asked for";
-    if (picture.encode == "exr" && !is_stdout(output))
-        text += "; raynest resume " + output + " --spp " +
-                (samples == 0 ? "N" : std::to_string(samples)) + " adds the others";
-    return fail(Exit::partial, std::move(text));
 }
 
 }  // namespace raynest::client

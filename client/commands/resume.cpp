@@ -1,10 +1,28 @@
 // raynest resume FILE.exr --spp N: adds samples to a lit picture, with the bytes of rendering N at
 // once.
 #include "client/commands/deliver.h"
-#include "client/film.h"
-#include "client/output_file.h"
+#include "client/commands/shared_options.h"
+#include "client/output/output_file.h"
+#include "client/requests/film.h"
+#include "protocol/limits.h"
 
 namespace raynest::client {
+
+void declare(CommandLine& line, ResumeOptions& resume) {
+    constexpr protocol::Limits limits;
+    line.add_option("FILE", resume.file, "FILE.exr that render has written").required();
+    line.add_whole("--spp,--samples", resume.samples, 1U,
+                   static_cast<std::uint32_t>(limits.samples_max),
+                   "samples per pixel in the end; the file has the bytes of render with as many")
+        .required();
+    add_output(line, resume.output, {".exr"}, "FILE.exr (the file itself is replaced)");
+    line.add_option(
+        "--scene", resume.scene,
+        "FILE or scene that the picture was made of, where it is not loaded under its name");
+    add_environment(line, resume.environment);
+    add_progressive(line, resume.progressive);
+    add_deadline(line, resume.deadline, "take the picture as it is after so many seconds");
+}
 
 Result<void> run(Context& context, const ResumeOptions& options) {
     const std::string& output = options.output.empty() ? options.file : options.output;

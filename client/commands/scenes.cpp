@@ -1,7 +1,9 @@
 // raynest scenes: lists the loaded scenes.
 #include "client/commands/commands.h"
-#include "client/output.h"
-#include "client/scene_list.h"
+#include "client/ground/json.h"
+#include "client/ground/text.h"
+#include "client/output/output.h"
+#include "client/requests/listings.h"
 
 namespace raynest::client {
 namespace {
@@ -10,6 +12,8 @@ namespace {
 constexpr std::size_t short_hash_digits = 16;
 
 }  // namespace
+
+void declare(CommandLine&, ScenesOptions&) {}
 
 Result<void> run(Context& context, const ScenesOptions&) {
     const auto scenes = list_scenes(context.connection);

@@ -1,6 +1,7 @@
 // raynest stats: the daemon's counters.
 #include "client/commands/commands.h"
-#include "client/output.h"
+#include "client/ground/json.h"
+#include "client/output/output.h"
 
 #include <cmath>
 
@@ -14,6 +15,8 @@ Json number(double value) {
 }
 
 }  // namespace
+
+void declare(CommandLine&, StatsOptions&) {}
 
 Result<void> run(Context& context, const StatsOptions&) {
     const auto reply = ask<wire::Statistics>(context.connection, wire::StatsT{});

@@ -1,10 +1,11 @@
 // raynest top: what the daemon works on, looked at once a second.
 #include "client/commands/commands.h"
-#include "client/connection_list.h"
-#include "client/interrupt.h"
-#include "client/jobs.h"
-#include "client/output.h"
-#include "client/scene_list.h"
+#include "client/ground/interrupt.h"
+#include "client/ground/json.h"
+#include "client/ground/text.h"
+#include "client/output/job_text.h"
+#include "client/output/output.h"
+#include "client/requests/listings.h"
 
 #include <unistd.h>
 
@@ -231,6 +232,10 @@ Json look_json(const Look& look) {
 }
 
 }  // namespace
+
+void declare(CommandLine& line, TopOptions& top) {
+    line.add_flag("--once", top.once, "print one look at a second of the daemon's work, and end");
+}
 
 Result<void> run(Context& context, const TopOptions& options) {
     const bool redraws = !context.json && !options.once && ::isatty(STDOUT_FILENO) == 1;

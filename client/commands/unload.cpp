@@ -1,6 +1,8 @@
 // raynest unload: drops scenes by name, all scenes of the caller, or those not used for long.
 #include "client/commands/commands.h"
-#include "client/output.h"
+#include "client/ground/json.h"
+#include "client/ground/numbers.h"
+#include "client/output/output.h"
 
 #include <iostream>
 
@@ -50,6 +52,27 @@ void print(Context& context, const UnloadOptions& options, const std::vector<Unl
 }
 
 }  // namespace
+
+void declare(CommandLine& line, UnloadOptions& unload) {
+    const Option scenes =
+        line.add_options("SCENE", unload.scenes, "names of loaded scenes (see: raynest scenes)");
+    const Option all = line.add_flag("--all", unload.all, "every scene of yours").excludes(scenes);
+    line.add_parsed(
+            "--idle",
+            [&unload](const std::string& text) -> std::string {
+                const auto milliseconds = parse_duration(text);
+                if (!milliseconds) return milliseconds.error().message;
+                unload.idle_ms = *milliseconds;
+                return "";
+            },
+            "every scene of yours that has not been used for this long: 90s, 30m, 1h, 2d")
+        .excludes(scenes)
+        .excludes(all);
+    line.at_end([&unload] {
+        const bool names_none = unload.scenes.empty() && !unload.all && unload.idle_ms == 0;
+        return names_none ? "SCENE, --all or --idle is required" : "";
+    });
+}
 
 Result<void> run(Context& context, const UnloadOptions& options) {
     std::vector<Unloaded> done;

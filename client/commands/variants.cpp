@@ -1,6 +1,8 @@
 // raynest variants: the compiled intersectors, their parameters and outputs.
 #include "client/commands/commands.h"
-#include "client/output.h"
+#include "client/ground/json.h"
+#include "client/ground/text.h"
+#include "client/output/output.h"
 
 #include <cmath>
 #include <cstdint>
@@ -84,6 +86,8 @@ void print_variant(const Json& variant) {
 }
 
 }  // namespace
+
+void declare(CommandLine&, VariantsOptions&) {}
 
 Result<void> run(Context& context, const VariantsOptions&) {
     Json all = Json::array();

@@ -1,13 +1,22 @@
 // raynest wait ID: waits until a detached job has ended.
 #include "client/commands/commands.h"
-#include "client/interrupt.h"
-#include "client/job.h"
-#include "client/jobs.h"
+#include "client/commands/shared_options.h"
+#include "client/ground/interrupt.h"
+#include "client/ground/text.h"
+#include "client/output/job_text.h"
+#include "client/output/output.h"
+#include "client/requests/job.h"
+#include "client/requests/listings.h"
 
 #include <iostream>
 #include <string>
 
 namespace raynest::client {
+
+void declare(CommandLine& line, WaitOptions& wait) {
+    add_job_number(line, wait.job);
+    add_deadline(line, wait.deadline, "stop waiting after this many seconds; the job goes on");
+}
 
 Result<void> run(Context& context, const WaitOptions& options) {
     wire::WaitT request;

@@ -1,6 +1,6 @@
 #include "client/load_test/driver.h"
 
-#include "client/interrupt.h"
+#include "client/ground/interrupt.h"
 #include "protocol/control.h"
 
 #include <poll.h>

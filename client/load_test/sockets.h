@@ -1,8 +1,8 @@
 // Connected pairs of sockets for the load test, of the same kind as the daemon's connection.
 #pragma once
 
-#include "client/descriptor.h"
-#include "client/failure.h"
+#include "client/ground/descriptor.h"
+#include "client/ground/failure.h"
 
 #include <vector>
 

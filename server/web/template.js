@@ -1,4 +1,4 @@
-// Fills the text of the report, protocol/report.html, by the rules and filters of client/template.h: the command line fills
+// Fills the text of the report, protocol/report.html, by the rules and filters of client/output/template.h: the command line fills
 // the same text, and a test compares the two.
 
 const escaped = (text) => String(text).replace(/[&<>"']/g, (c) => ({ "&": "&amp;", "<": "&lt;", ">": "&gt;", '"': "&quot;", "'": "&#39;" })[c]);

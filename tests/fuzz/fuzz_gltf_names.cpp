@@ -1,6 +1,6 @@
 // Reads the file names of a hostile glTF as the client does: each must be a path beneath its
 // folder.
-#include "client/gltf_names.h"
+#include "client/files/gltf_names.h"
 #include "tests/fuzz/target.h"
 
 #include <string>

@@ -1,5 +1,5 @@
 // Parses a hostile .npy: an accepted one has exactly as many bytes as its shape states.
-#include "client/npy.h"
+#include "client/files/npy.h"
 #include "tests/fuzz/target.h"
 
 using namespace raynest;

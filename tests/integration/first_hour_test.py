@@ -175,7 +175,7 @@ class FirstHour(DaemonTest):
                     for text in re.findall(r'"[^"]*"', line.split("//")[0]):
                         words.update(re.findall(r"`([A-Za-z_]+)`", text))
         self.assertGreater(len(words), 5)
-        of_cli = set(re.findall(r'Word\{"(\w+)"', (ROOT / "client/wording.cpp").read_text()))
+        of_cli = set(re.findall(r'Word\{"(\w+)"', (ROOT / "client/ground/wording.cpp").read_text()))
         sys.path.insert(0, str(ROOT / "client/python/raynest"))
         self.addCleanup(sys.path.pop, 0)
         import _wording

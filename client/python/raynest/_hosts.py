@@ -1,4 +1,4 @@
-"""hosts.toml: what `raynest login` keeps of each daemon. client/hosts.h says how it is read."""
+"""hosts.toml: what `raynest login` keeps of each daemon. client/net/hosts.h says how it is read."""
 from __future__ import annotations
 
 import contextlib

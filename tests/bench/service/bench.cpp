@@ -4,9 +4,9 @@
 //
 // Sides take turns, one lap after the other in one process, on the same rays and with one thread
 // that traces. CPU time is that of this process and the daemon's, all threads of both.
-#include "client/connection.h"
 #include "client/load_test/echo.h"
-#include "client/query.h"
+#include "client/net/connection.h"
+#include "client/requests/query.h"
 #include "engine/integrators/generators.h"
 #include "engine/packs/kernel_selector.h"
 #include "tests/bench/clock.h"

@@ -1,6 +1,6 @@
-#include "client/connection.h"
+#include "client/net/connection.h"
 
-#include "client/interrupt.h"
+#include "client/ground/interrupt.h"
 #include "tests/unit/client/fake_daemon.h"
 
 #include <doctest/doctest.h>

@@ -1,6 +1,6 @@
-#include "client/files.h"
+#include "client/files/files.h"
 
-#include "client/output_file.h"
+#include "client/output/output_file.h"
 #include "tests/temporary_folder.h"
 
 #include <doctest/doctest.h>

@@ -1,4 +1,4 @@
-#include "client/generator.h"
+#include "client/requests/generator.h"
 
 #include <doctest/doctest.h>
 

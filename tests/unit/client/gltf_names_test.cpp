@@ -1,4 +1,4 @@
-#include "client/gltf_names.h"
+#include "client/files/gltf_names.h"
 
 #include <doctest/doctest.h>
 #include <nlohmann/json.hpp>

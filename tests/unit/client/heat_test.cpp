@@ -1,8 +1,9 @@
 // Limits of --fail-if, the header of an EXR, differences, and reports.
-#include "client/difference.h"
-#include "client/exr_header.h"
-#include "client/fail_if.h"
-#include "client/report.h"
+#include "client/files/exr_header.h"
+#include "client/ground/json.h"
+#include "client/output/fail_if.h"
+#include "client/output/report.h"
+#include "client/requests/difference.h"
 
 #include <doctest/doctest.h>
 

@@ -1,6 +1,6 @@
-#include "client/npy.h"
+#include "client/files/npy.h"
 
-#include "client/rays.h"
+#include "client/requests/rays.h"
 #include "tests/temporary_folder.h"
 
 #include <doctest/doctest.h>

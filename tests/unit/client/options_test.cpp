@@ -1,4 +1,4 @@
-#include "client/options.h"
+#include "client/commands/parse.h"
 
 #include <doctest/doctest.h>
 

@@ -1,4 +1,6 @@
-#include "client/output.h"
+#include "client/ground/json.h"
+#include "client/ground/text.h"
+#include "client/output/output.h"
 
 #include <doctest/doctest.h>
 

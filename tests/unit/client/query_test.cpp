@@ -1,4 +1,4 @@
-#include "client/query.h"
+#include "client/requests/query.h"
 
 #include "tests/unit/client/fake_daemon.h"
 

@@ -1,6 +1,7 @@
-#include "client/failure.h"
-#include "client/output.h"
-#include "client/query_rows.h"
+#include "client/ground/failure.h"
+#include "client/ground/text.h"
+#include "client/output/output.h"
+#include "client/output/query_rows.h"
 
 #include <doctest/doctest.h>
 

@@ -1,6 +1,6 @@
 // Writing to a TLS peer that does not read: what waits is told, sent once the peer reads, and given
 // up once the peer is gone.
-#include "client/tls.h"
+#include "client/net/tls.h"
 
 #include "protocol/openssl.h"
 

@@ -1,6 +1,6 @@
-#include "client/upload.h"
+#include "client/requests/upload.h"
 
-#include "client/files.h"
+#include "client/files/files.h"
 #include "protocol/hash.h"
 #include "tests/temporary_folder.h"
 #include "tests/unit/client/fake_daemon.h"

@@ -1,0 +1,62 @@
+#include "client/commands/may_repeat.h"
+
+#include "client/requests/scene_source.h"
+
+#include <filesystem>
+#include <string>
+#include <type_traits>
+#include <variant>
+
+namespace raynest::client {
+namespace {
+
+bool is_file(const std::string& path) {
+    std::error_code ignored;
+    return std::filesystem::is_regular_file(path, ignored);
+}
+
+/// True if the daemon finds or is sent the same scene again: not what came through a pipe.
+bool is_lasting(const std::string& source) {
+    return !is_source(source) || source.find(':') != std::string::npos || is_file(source);
+}
+
+bool is_job_safe(const JobOptions& job, const Failure& why) {
+    // A detached job that was accepted runs on; only a refusal tells that none did.
+    return is_lasting(job.scene) && (!job.detach || !is_own(why));
+}
+
+bool is_safe(const LoadOptions& load, const Failure& /*why*/) {
+    return (load.source.find(':') != std::string::npos || is_file(load.source)) &&
+           (load.instances.empty() || is_file(load.instances));
+}
+bool is_safe(const QueryOptions& query, const Failure& why) {
+    return is_job_safe(query.job, why) && (query.rays_file.empty() || is_file(query.rays_file));
+}
+bool is_safe(const EditOptions& /*edit*/, const Failure& /*why*/) {
+    return false;  // what has moved would move again
+}
+template <class Command>
+bool is_safe(const Command& command, const Failure& why) {
+    constexpr bool acts =
+        std::is_same_v<Command, UnloadOptions> || std::is_same_v<Command, OpenOptions> ||
+        std::is_same_v<Command, CancelOptions> || std::is_same_v<Command, LoadTestOptions> ||
+        std::is_same_v<Command, LoginOptions> || std::is_same_v<Command, LogoutOptions> ||
+        std::is_same_v<Command, AdminOptions>;
+    if constexpr (requires { command.job.detach; })
+        return is_job_safe(command.job, why);
+    else if constexpr (requires { command.scene.size(); })
+        return is_lasting(command.scene);
+    else
+        return !acts;
+}
+
+}  // namespace
+
+bool may_repeat(const CommandOptions& command, const Failure& why, bool printed) {
+    if (!why.lost) return false;
+    // Each look of `top` is complete by itself.
+    if (printed && !std::holds_alternative<TopOptions>(command)) return false;
+    return std::visit([&](const auto& options) { return is_safe(options, why); }, command);
+}
+
+}  // namespace raynest::client

@@ -1,0 +1,168 @@
+#include "client/commands/parse.h"
+
+#include "client/commands/shared_options.h"
+#include "client/net/connection.h"
+#include "client/requests/scene_source.h"
+
+#include <cstdlib>
+#include <memory>
+#include <string_view>
+#include <type_traits>
+#include <utility>
+
+namespace raynest::client {
+namespace {
+
+constexpr const char* examples = R"(Example:
+  raynest load forest.glb
+  raynest render forest -o forest.png
+  raynest query forest --ray 0,1,5,0,0,-1
+  raynest heatmap forest -o cost.png
+
+)";
+
+/// The answer to a command line without a command: three commands that work.
+constexpr const char* first_steps = R"(say what to do. While a daemon runs (raynestd &), these work:
+  raynest load builtin:forest
+  raynest query forest --ray 8,50,-8,0,-1,0
+  raynest render forest -o forest.png
+raynest --help lists all that there is)";
+
+/// Options before the command that say how to reach and convince a daemon. The token has none: the
+/// command line is visible to other users.
+void add_access(CommandLine& line, AccessOptions& access) {
+    line.add_option("--ca", access.tls.ca,
+                    "PEM file of the CAs to trust with tls:// (RAYNEST_CA, else the system's)");
+    line.add_option(
+        "--token-file", access.token_file,
+        "file with the token, mode 0600 (RAYNEST_TOKEN, else what `raynest login` kept)");
+    line.add_option("--cert", access.tls.certificate,
+                    "PEM file of this client's certificate (RAYNEST_CERT)");
+    line.add_option("--key", access.tls.key, "PEM file of its key (RAYNEST_KEY)");
+    line.add_parsed(
+            "--tls-verify",
+            [&access](const std::string& word) {
+                access.tls.verify = word == "on";
+                return "";
+            },
+            "on | off: off accepts any certificate, also an attacker's (on)")
+        .one_of({"on", "off"});
+}
+
+void add_reconnect(CommandLine& line, double& seconds) {
+    line.add_parsed(
+            "--reconnect",
+            [&seconds](const std::string& text) -> std::string {
+                char* end = nullptr;
+                seconds = std::strtod(text.c_str(), &end);
+                const bool is_number = !text.empty() && *end == '\0';
+                return is_number && seconds >= 0 && seconds <= 3600
+                           ? ""
+                           : "'" + text + "' is not 0 to 3600";
+            },
+            "seconds to look for a daemon that went away, as in a restart, and then to run the "
+            "command again where that is safe; 0: never (10)")
+        .environment_name("RAYNEST_RECONNECT")
+        .type_name("FLOAT");
+}
+
+template <class Command>
+void add_command(Program& program, Options& options, const char* name, const char* example,
+                 const char* text) {
+    const auto command = std::make_shared<Command>();
+    program.add_command(
+        name, example, text, [&](CommandLine& line) { declare(line, *command); },
+        [&options, command] { options.command = *command; });
+}
+
+void add_commands(Program& program, Options& options) {
+#define RAYNEST_COMMAND(Name, ...) add_command<Name##Options>(program, options, __VA_ARGS__);
+#include "client/commands/commands.def"
+}
+
+/// Returns the command as a shell takes it: words with other than plain letters are quoted.
+std::string shell_words(int argc, const char* const* argv) {
+    constexpr std::string_view plain =
+        "ABCDEFGHIJKLMNOPQRSTUVWXYZabcdefghijklmnopqrstuvwxyz0123456789-_./:,=+@%";
+    std::string text = "raynest";
+    for (int i = 1; i < argc; ++i) {
+        const std::string_view word = argv[i];
+        text += ' ';
+        if (!word.empty() && word.find_first_not_of(plain) == std::string_view::npos) {
+            text += word;
+            continue;
+        }
+        text += '\'';
+        for (const char c : word) text += c == '\'' ? "'\\''" : std::string(1, c);
+        text += '\'';
+    }
+    return text;
+}
+
+/// A private daemon ends with its command, and knows only what that loads.
+Result<void> check_local(const Options& options) {
+    if (!options.local) return {};
+    return std::visit(
+        [](const auto& command) -> Result<void> {
+            using Command = std::decay_t<decltype(command)>;
+            const JobOptions* job = nullptr;
+            if constexpr (requires { command.job.detach; }) job = &command.job;
+            const std::string* scene = job != nullptr ? &job->scene : nullptr;
+            if constexpr (requires { command.scene.size(); }) scene = &command.scene;
+            if (job != nullptr && job->detach)
+                return fail(Exit::usage,
+                            "--local ends its daemon with the command: leave --detach out");
+            if (std::is_same_v<Command, LoginOptions> || std::is_same_v<Command, LogoutOptions>)
+                return fail(Exit::usage, "login and logout name a daemon: leave --local out");
+            if (std::is_same_v<Command, LoadTestOptions> || std::is_same_v<Command, TopOptions> ||
+                std::is_same_v<Command, OpenOptions>)
+                return fail(Exit::usage, "--local ends its daemon with the command, and this one "
+                                         "needs a daemon that goes on: start raynestd");
+            if constexpr (std::is_same_v<Command, HeatmapOptions>) {
+                if (command.difference && !command.difference->scene.empty() &&
+                    !is_source(command.difference->scene))
+                    return fail(Exit::usage, "--local begins with no scene: name a file in place "
+                                             "of '" + command.difference->scene + "'");
+            }
+            if (scene != nullptr && !is_source(*scene))
+                return fail(Exit::usage, "--local begins with no scene: name a file in place of '" +
+                                             *scene + "', such as " + *scene + ".glb");
+            return {};
+        },
+        options.command);
+}
+
+}  // namespace
+
+Result<Parsed> parse_options(int argc, const char* const* argv) {
+    Options options;
+    Program program({"raynest - trace rays through a daemon's scenes with the intersector you name",
+                     "raynest " RAYNEST_VERSION, examples, first_steps, exit_codes()});
+    CommandLine line = program.line();
+    line.add_option("--server", options.server,
+                    "tcp://HOST:PORT, tls://HOST:PORT, unix:PATH or ssh://HOST (" +
+                        std::string(default_uri) + ")")
+        .environment_name("RAYNEST_SERVER");
+    add_access(line, options.access);
+    line.add_flag("--local", options.local,
+                  "start a raynestd for this command alone, with no scene but those it loads");
+    line.add_flag("--json", options.json, "print answers and errors as JSON");
+    line.add_flag("--quiet", options.quiet, "show no progress on the terminal");
+    add_reconnect(line, options.reconnect);
+    add_commands(program, options);
+
+    auto text = program.parse(argc, argv);
+    if (!text) return tl::unexpected<Failure>(text.error());
+    if (!text->empty()) return Parsed{std::move(*text), std::nullopt};
+    if (const auto* login = std::get_if<LoginOptions>(&options.command)) options.server = login->uri;
+    if (const auto* logout = std::get_if<LogoutOptions>(&options.command); logout && !logout->uri.empty())
+        options.server = logout->uri;
+    if (options.server.empty()) options.server = default_uri;
+    if (auto useful = check_local(options); !useful)
+        return program.refuse(useful.error().message);
+    if (auto* heatmap = std::get_if<HeatmapOptions>(&options.command))
+        heatmap->command_line = shell_words(argc, argv);
+    return Parsed{"", std::move(options)};
+}
+
+}  // namespace raynest::client

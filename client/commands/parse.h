@@ -1,0 +1,30 @@
+// The command line as a whole: its options as plain structs.
+#pragma once
+
+#include "client/commands/commands.h"
+#include "client/ground/failure.h"
+#include "client/net/access.h"
+
+#include <optional>
+#include <string>
+
+namespace raynest::client {
+
+struct Options {
+    std::string server;
+    AccessOptions access;
+    bool local = false;  ///< a daemon for this command alone
+    bool json = false;
+    bool quiet = false;
+    double reconnect = 10;  ///< seconds to look for a daemon that went away; 0: do not
+    CommandOptions command;
+};
+
+/// The options, or a text to print instead (help or version). Mistakes give exit code 2.
+struct Parsed {
+    std::string text;
+    std::optional<Options> options;
+};
+Result<Parsed> parse_options(int argc, const char* const* argv);
+
+}  // namespace raynest::client

@@ -1,0 +1,12 @@
+// Prints SceneInfo for `load` and `info`; scripts rely on the JSON keys.
+#pragma once
+
+#include "client/ground/json.h"
+#include "protocol/control.h"
+
+namespace raynest::client {
+
+[[nodiscard]] Json scene_json(const wire::SceneInfo& info);
+void print_scene(const wire::SceneInfo& info);
+
+}  // namespace raynest::client

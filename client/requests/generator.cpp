@@ -1,0 +1,118 @@
+#include "client/requests/generator.h"
+
+#include "client/ground/numbers.h"
+
+#include <algorithm>
+#include <array>
+#include <charconv>
+#include <string_view>
+#include <utility>
+
+namespace raynest::client {
+namespace {
+
+struct Row {
+    std::string_view name, text;  ///< text: a kind's keys, or the description of a key
+};
+constexpr std::array kinds = {
+#define RAYNEST_GENERATOR(name, settings, t, rays) Row{#name, settings},
+#include "protocol/generators.def"
+};
+constexpr std::array keys = {
+#define RAYNEST_SETTING(name, type, text) Row{#name, text},
+#include "protocol/generators.def"
+};
+
+/// True for kinds with the setting `pose`, which is the identity by default.
+bool has_pose(std::string_view kind) {
+    return std::any_of(kinds.begin(), kinds.end(), [&](const Row& row) {
+        return row.name == kind && row.text.find(" pose") != std::string_view::npos;
+    });
+}
+
+/// Returns "name=1,2.5" with all digits.
+std::string setting(const std::string& name, const std::vector<double>& numbers) {
+    std::string text = name;
+    for (const double number : numbers) {
+        std::array<char, 32> digits{};
+        const auto end = std::to_chars(digits.data(), digits.data() + digits.size(), number);
+        text += (text == name ? '=' : ',') + std::string(digits.data(), end.ptr);
+    }
+    return text;
+}
+
+Result<void> take(Generate& to, const std::string& key, const std::string& value) {
+    const auto read = [&](std::vector<double>& numbers, std::size_t few, std::size_t many,
+                          const char* shape) -> Result<void> {
+        auto parsed = parse_world(value, few, many, shape);
+        if (!parsed) return fail(Exit::usage, key + ": " + parsed.error().message);
+        if (!numbers.empty()) return fail(Exit::usage, key + " is given twice");
+        numbers = std::move(*parsed);
+        return {};
+    };
+    if (key == "pose") return read(to.pose, 12, 12, "12 numbers, the rows of a 3x4 matrix");
+    if (key == "lookat") return read(to.look_at, 6, 9, "ex,ey,ez,ax,ay,az[,ux,uy,uz]");
+    if (key == "points") {
+        to.points = value;
+        to.message.settings.push_back("points=");  // the client reads the file and sends its points
+        return {};
+    }
+    to.message.settings.push_back(key + "=" + value);
+    return {};
+}
+
+}  // namespace
+
+std::optional<WorldPoint> Generate::start() const {
+    if (!pose.empty()) return WorldPoint{pose[3], pose[7], pose[11]};
+    if (!look_at.empty()) return WorldPoint{look_at[0], look_at[1], look_at[2]};
+    return std::nullopt;
+}
+
+wire::GeneratorT Generate::at(const WorldPoint& origin) const {
+    wire::GeneratorT placed = message;
+    std::vector<double> matrix = pose;
+    const bool elsewhere =
+        !look_at.empty() || std::any_of(placed.settings.begin(), placed.settings.end(),
+                                        [](const std::string& each) {
+                                            return each.starts_with("camera=");
+                                        });
+    // Without a pose the sensor is at the origin of the world.
+    if (matrix.empty() && !elsewhere && has_pose(placed.kind) && origin != WorldPoint{})
+        matrix = {1, 0, 0, 0, 0, 1, 0, 0, 0, 0, 1, 0};
+    for (std::size_t row = 0; row < matrix.size() / 4; ++row) matrix[4 * row + 3] -= origin[row];
+    std::vector<double> eye_at_up = look_at;
+    for (std::size_t i = 0; i < std::min<std::size_t>(eye_at_up.size(), 6); ++i)
+        eye_at_up[i] -= origin[i % 3];
+    if (!matrix.empty()) placed.settings.push_back(setting("pose", matrix));
+    if (!eye_at_up.empty()) placed.settings.push_back(setting("lookat", eye_at_up));
+    return placed;
+}
+
+Result<Generate> parse_generate(std::span<const std::string> words) {
+    if (words.empty()) return fail(Exit::usage, "--generate needs a kind");
+    Generate generate;
+    generate.message.kind = words.front();
+    for (const std::string& word : words.subspan(1)) {
+        const std::size_t equals = word.find('=');
+        if (equals == std::string::npos)
+            return fail(Exit::usage, "'" + word + "' is not key=value");
+        if (auto taken = take(generate, word.substr(0, equals), word.substr(equals + 1)); !taken)
+            return tl::unexpected<Failure>(taken.error());
+    }
+    return generate;
+}
+
+std::string generate_help() {
+    std::string help = "\nKinds of --generate and their keys:\n";
+    const auto add = [&](const Row& row) {
+        help += "  " + std::string(row.name) + std::string(18 - row.name.size(), ' ') +
+                std::string(row.text) + "\n";
+    };
+    std::for_each(kinds.begin(), kinds.end(), add);
+    help += "\n";
+    std::for_each(keys.begin(), keys.end(), add);
+    return help;
+}
+
+}  // namespace raynest::client

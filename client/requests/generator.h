@@ -1,0 +1,34 @@
+// --generate KIND key=value...: rays that the daemon makes. The daemon checks the words. The client
+// reads only positions, which it sends relative to the scene's origin, and a file of points.
+#pragma once
+
+#include "client/ground/failure.h"
+#include "client/requests/request_options.h"
+#include "protocol/wire.h"
+
+#include <optional>
+#include <span>
+#include <string>
+#include <vector>
+
+namespace raynest::client {
+
+struct Generate {
+    wire::GeneratorT message;     ///< without pose and lookat
+    std::string points;           ///< file of the points where rays start
+    std::vector<double> pose;     ///< 12 numbers or empty
+    std::vector<double> look_at;  ///< 6 or 9 numbers or empty
+
+    /// Returns where the sensor stands; nothing where the scene or a file of points says it.
+    [[nodiscard]] std::optional<WorldPoint> start() const;
+    /// Returns the message for a scene with this origin.
+    [[nodiscard]] wire::GeneratorT at(const WorldPoint& origin) const;
+};
+
+/// Reads the words of --generate; exit code 2 if one is not key=value.
+Result<Generate> parse_generate(std::span<const std::string> words);
+
+/// Returns the help: every kind with its keys, and every key with its text.
+[[nodiscard]] std::string generate_help();
+
+}  // namespace raynest::client

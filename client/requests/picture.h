@@ -1,0 +1,78 @@
+// Shared by render and heatmap: the request for a picture, its answer, and its summary.
+#pragma once
+
+#include "client/ground/json.h"
+#include "client/ground/progress.h"
+#include "client/net/connection.h"
+#include "client/requests/job.h"
+#include "client/requests/request_options.h"
+#include "client/requests/scene_origin.h"
+
+#include <cstddef>
+#include <cstdint>
+#include <functional>
+#include <string>
+#include <vector>
+
+namespace raynest::client {
+
+/// Returns the encoding: "raw" for a .npy, which the client writes; else the ending, which the
+/// daemon encodes; png for stdout as "-".
+[[nodiscard]] std::string encoding_of(const std::string& output);
+
+/// Makes a wire::RenderT or wire::HeatmapT with the fields that both have.
+template <class Request>
+[[nodiscard]] Request picture_request(const PictureOptions& options) {
+    Request request;
+    request.job = job_message(options.job);
+    request.width = options.camera.width;
+    request.height = options.camera.height;
+    request.encode = encoding_of(options.output);
+    return request;
+}
+
+struct ReceivedPicture {
+    std::uint32_t width = 0;
+    std::uint32_t height = 0;
+    std::string encode;  ///< png | exr | raw
+    std::vector<std::byte> bytes;
+    Outcome outcome;
+};
+/// Takes each whole picture of an answer that refines one, but for the last.
+using PassConsumer = std::function<Result<void>(const ReceivedPicture&)>;
+/// Reads the answer of a running Render or Heatmap to its end, or until it is detached. `picture`
+/// holds what is known already. A later payload replaces an earlier one.
+Result<ReceivedPicture> receive_picture(Connection& connection, Progress& progress,
+                                        ReceivedPicture picture = {},
+                                        const PassConsumer& consume_pass = {});
+
+template <class Request>
+Result<ReceivedPicture> ask_picture(Connection& connection, Progress& progress,
+                                    const PictureOptions& options, Request request) {
+    SceneOrigin origin;
+    if (!options.camera.look_at.empty()) {
+        const auto asked = ask_origin(connection, options.job.scene);
+        if (!asked) return tl::unexpected<Failure>(asked.error());
+        origin = *asked;
+    }
+    request.camera = camera_message(options.camera, origin.point);
+    if (auto started = connection.start(request, deadline_of(options.job.deadline)); !started)
+        return tl::unexpected<Failure>(started.error());
+    auto picture = receive_picture(connection, progress);
+    progress.clear();
+    if (picture && picture->outcome.detached == 0 && !options.camera.look_at.empty()) {
+        if (auto same = check_origin(origin.point, picture->outcome.origin); !same)
+            return tl::unexpected<Failure>(same.error());
+    }
+    return picture;
+}
+
+/// Returns a raw picture, of four bytes per pixel, as a .npy.
+[[nodiscard]] Result<std::vector<std::byte>> npy_file(const ReceivedPicture& picture,
+                                                      const char* dtype,
+                                                      std::vector<std::uint64_t> shape);
+
+/// The document of an answer; exit code 1 where it is none.
+[[nodiscard]] Result<Json> read_json(const ReceivedPicture& answer);
+
+}  // namespace raynest::client

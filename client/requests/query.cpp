@@ -1,0 +1,195 @@
+#include "client/requests/query.h"
+
+#include "client/requests/scene_origin.h"
+
+#include <algorithm>
+#include <chrono>
+#include <cstring>
+#include <map>
+#include <optional>
+#include <utility>
+
+namespace raynest::client {
+namespace {
+
+using protocol::BlockView;
+
+tl::unexpected<Failure> protocol_violation(const char* what) {
+    return fail(Exit::failed, std::string("the daemon sent ") + what);
+}
+
+/// Puts chunks in order: keeps each until all before it have come.
+class ChunkReorderer {
+public:
+    ChunkReorderer(bool splits, const Outcome& outcome,
+                   const std::function<Result<void>(const QueryChunk&)>& consume)
+        : splits_(splits),
+          outcome_(outcome),
+          consume_(consume) {}
+
+    /// Adds a chunk of an answer that has at most `rows` rows.
+    Result<void> add(protocol::Frame frame, std::uint64_t rows) {
+        auto chunk = open_reply<wire::Chunk>(std::move(frame));
+        if (!chunk) return tl::unexpected<Failure>(chunk.error());
+        const std::uint64_t first = (*chunk)->first_ray();
+        if ((*chunk)->count() == 0 || first < next_ || first >= rows ||
+            (*chunk)->count() > rows - first)
+            return protocol_violation("answers to rays that were not asked");
+        if (!waiting_.emplace(first, std::move(*chunk)).second)
+            return protocol_violation("an answer twice");
+        while (!waiting_.empty() && waiting_.begin()->first == next_) {
+            if (auto passed = pass_on(waiting_.begin()->second); !passed) return passed;
+            next_ += waiting_.begin()->second->count();
+            waiting_.erase(waiting_.begin());
+        }
+        return {};
+    }
+    [[nodiscard]] std::uint64_t answered() const { return next_; }
+
+private:
+    Result<void> pass_on(const Reply<wire::Chunk>& reply) {
+        QueryChunk chunk;
+        chunk.first_ray = reply->first_ray();
+        chunk.count = reply->count();
+        std::vector<BlockView> columns;
+        for (const BlockView& block : reply.message.blocks)
+            if (block.name != "ray_splits") columns.push_back(block);
+
+        if (splits_) {
+            const BlockView* splits = protocol::find_block(reply.message.blocks, "ray_splits");
+            if (splits == nullptr || splits->dtype != wire::Dtype::u64 || splits->width() != 1 ||
+                splits->count != chunk.count + std::uint64_t{1})
+                return protocol_violation("hits without ray_splits");
+            chunk.splits = splits->values<std::uint64_t>();
+            if (chunk.splits.front() != 0 ||
+                !std::is_sorted(chunk.splits.begin(), chunk.splits.end()))
+                return protocol_violation("ray_splits that do not rise");
+        } else {
+            while (one_hit_each_.size() <= chunk.count)
+                one_hit_each_.push_back(one_hit_each_.size());
+            chunk.splits = std::span(one_hit_each_).first(chunk.count + std::size_t{1});
+        }
+        for (const BlockView& column : columns)
+            if (column.count != (is_hit_field(column.name) ? chunk.splits.back() : chunk.count))
+                return protocol_violation("a column of the wrong length");
+        chunk.columns = columns;
+        chunk.origin = outcome_.origin;
+        chunk.hidden = outcome_.hidden;
+        return consume_(chunk);
+    }
+
+    bool splits_;
+    const Outcome& outcome_;  ///< filled by STARTED before the first chunk
+    const std::function<Result<void>(const QueryChunk&)>& consume_;
+    std::uint64_t next_ = 0;
+    std::vector<std::uint64_t> one_hit_each_;  ///< 0, 1, 2, ...: the splits if each ray has one hit
+    std::map<std::uint64_t, Reply<wire::Chunk>> waiting_;
+};
+
+/// Returns the number of rows of the answer, or an upper bound while only the daemon knows it:
+/// STARTED has the number of generated rays, and DONE the number of rows of a reduced answer.
+std::uint64_t rows_of(const wire::QueryT& request, const RaySource& rays, const Outcome& outcome) {
+    const ReducerWords* reducer = find_reducer(request.reduce);
+    if (reducer != nullptr && reducer->rows == "found")
+        return outcome.rows ? *outcome.rows : outcome.rays_announced;
+    const bool made = request.generator != nullptr && request.reduce.empty();
+    return made ? outcome.rays_announced : rays.count();
+}
+
+/// Returns the number of rays of the frame that begins at `first`.
+std::uint64_t rays_of_frame(const Connection& connection, const RaySource& rays,
+                            std::uint64_t first) {
+    return std::min({rays.count() - first, connection.daemon().chunk_rays_max,
+                     connection.bulk_bytes_max() / rays.ray_bytes()});
+}
+
+Result<void> send_rays(Connection& connection, const RaySource& rays, std::uint64_t first,
+                       std::uint64_t count) {
+    protocol::Bulk bulk;
+    bulk.add("rays", wire::Dtype::f32, rays.width(), count);
+    wire::QueryRaysT message;
+    message.first_ray = first;
+    if (const auto& from = rays.common_origin())
+        message.origin = std::make_unique<wire::Vec3>(*from);
+    if (const auto ready = rays.bytes(first, count); !ready.empty())
+        return connection.send_bulk(std::move(message), std::move(bulk), ready);
+    bulk.allocate();
+    rays.read(first, bulk.block_as<float>(0));
+    return connection.send_bulk(std::move(message), std::move(bulk));
+}
+
+}  // namespace
+
+Result<Outcome> run_query(Connection& connection, const wire::QueryT& request,
+                          const RaySource& rays, Progress& progress,
+                          const std::function<Result<void>(const QueryChunk&)>& consume) {
+    const std::chrono::milliseconds deadline{request.job ? request.job->deadline_ms : 0};
+    if (auto started = connection.start(request, deadline); !started)
+        return tl::unexpected<Failure>(started.error());
+    Outcome outcome;
+    ChunkReorderer reorderer(has_splits(request.kind), outcome, consume);
+    std::uint64_t sent = 0;
+    while (true) {
+        while (sent < rays.count()) {
+            const std::uint64_t count = rays_of_frame(connection, rays, sent);
+            if (connection.credit() < protocol::padded(count * rays.ray_bytes())) break;
+            if (auto done = send_rays(connection, rays, sent, count); !done)
+                return tl::unexpected<Failure>(done.error());
+            sent += count;
+        }
+        auto frame = connection.next();
+        if (!frame) return tl::unexpected<Failure>(frame.error());
+        if (auto taken = take_news(*frame, outcome); !taken)
+            return tl::unexpected<Failure>(taken.error());
+        if (is<wire::Started>(*frame))
+            if (auto same = check_origin(rays.scene_origin(), outcome.origin); !same)
+                return tl::unexpected<Failure>(same.error());
+        if (is<wire::Detached>(*frame)) return outcome;
+        if (is<wire::Done>(*frame)) break;
+        if (is<wire::Chunk>(*frame)) {
+            const std::uint64_t rows = rows_of(request, rays, outcome);
+            if (auto added = reorderer.add(std::move(*frame), rows); !added)
+                return tl::unexpected<Failure>(added.error());
+            if (request.reduce.empty()) progress.update(reorderer.answered(), rows, "tracing");
+        }
+        if (is<wire::Progress>(*frame) && !request.reduce.empty()) {
+            const auto news = protocol::open<wire::Progress>(*frame);
+            if (!news) return tl::unexpected<Failure>(failure(news.error()));
+            progress.update((*news)->done(), (*news)->total(), protocol::text((*news)->stage()));
+        }
+    }
+    if (reorderer.answered() != rows_of(request, rays, outcome))
+        return protocol_violation("its last answer too early");
+    return outcome;
+}
+
+Result<Outcome> fetch_query(Connection& connection, const wire::FetchT& request, Progress& progress,
+                            const std::function<Result<void>(const QueryChunk&)>& consume) {
+    if (auto started = connection.start(request); !started)
+        return tl::unexpected<Failure>(started.error());
+    Outcome outcome;
+    std::optional<ChunkReorderer> reorderer;
+    while (true) {
+        auto frame = connection.next();
+        if (!frame) return tl::unexpected<Failure>(frame.error());
+        if (auto taken = take_news(*frame, outcome); !taken)
+            return tl::unexpected<Failure>(taken.error());
+        if (is<wire::Done>(*frame)) break;
+        if (!is<wire::Chunk>(*frame)) continue;
+        // The number of rays is known at the end; any chunk tells whether it is CSR.
+        if (!reorderer) {
+            const auto chunk = protocol::open<wire::Chunk>(*frame);
+            if (!chunk) return tl::unexpected<Failure>(failure(chunk.error()));
+            const bool multi = protocol::find_block(chunk->blocks, "ray_splits") != nullptr;
+            reorderer.emplace(multi, outcome, consume);
+        }
+        if (auto added = reorderer->add(std::move(*frame), protocol::Limits{}.rays_max); !added)
+            return tl::unexpected<Failure>(added.error());
+        progress.update(reorderer->answered(), 0, "fetching");
+    }
+    if ((reorderer ? reorderer->answered() : 0) != outcome.rows)
+        return protocol_violation("its last answer too early");
+    return outcome;
+}
+
+}  // namespace raynest::client

@@ -1,0 +1,65 @@
+#include "client/requests/request_options.h"
+
+#include "client/ground/numbers.h"
+
+#include <charconv>
+#include <limits>
+
+namespace raynest::client {
+namespace {
+
+constexpr std::string_view instance_key = "inst=";
+constexpr std::string_view object_key = "object=";
+
+/// The number behind a key; nothing if the text has another key or no number.
+std::optional<std::uint32_t> number_of(std::string_view text, std::string_view key) {
+    if (!text.starts_with(key)) return std::nullopt;
+    text.remove_prefix(key.size());
+    std::uint32_t number = 0;
+    const auto [end, error] = std::from_chars(text.data(), text.data() + text.size(), number);
+    if (error != std::errc{} || end != text.data() + text.size()) return std::nullopt;
+    return number;
+}
+
+}  // namespace
+
+Result<WorldRay> parse_ray(const std::string& text) {
+    const auto numbers = parse_world(text, 6, 8, ray_form);
+    if (!numbers) return tl::unexpected<Failure>(numbers.error());
+    const std::vector<double>& n = *numbers;
+    if (n.size() == 6)
+        return WorldRay{n[0], n[1], n[2], 0, n[3], n[4], n[5], std::numeric_limits<double>::infinity()};
+    // Such rays hit nothing: they are of those who write tmin and tmax last.
+    const bool is_range = n[3] >= 0 && n[3] <= n[7];
+    if (!is_range || (n[4] == 0 && n[5] == 0 && n[6] == 0))
+        return fail(Exit::usage, "'" + text + "': its tmin, the fourth of eight numbers, must be from 0 to tmax, "
+                                 "the eighth, and its direction between them not zero: they are ox,oy,oz,tmin,"
+                                 "dx,dy,dz,tmax");
+    return WorldRay{n[0], n[1], n[2], n[3], n[4], n[5], n[6], n[7]};
+}
+
+bool is_numbered(std::string_view selection) {
+    return number_of(selection, instance_key) || number_of(selection, object_key);
+}
+
+Result<void> check_selection(const std::string& text) {
+    if (is_numbered(text)) return {};
+    if (text.starts_with(instance_key) || text.starts_with(object_key))
+        return fail(Exit::usage, "'" + text + "' has no whole number behind its '='");
+    if (text.empty()) return fail(Exit::usage, "names nothing");
+    return {};
+}
+
+void add_selection(const JobOptions& options, wire::JobT& job) {
+    const auto add = [](const std::vector<std::string>& texts, auto& instances, auto& objects) {
+        for (const std::string& text : texts) {
+            if (const auto instance = number_of(text, instance_key)) instances.push_back(*instance);
+            if (const auto object = number_of(text, object_key)) objects.push_back(*object);
+        }
+    };
+    add(options.hide, job.hidden_instances, job.hidden_objects);
+    add(options.only, job.only_instances, job.only_objects);
+    job.skip_hidden_boxes = options.skip_hidden_boxes;
+}
+
+}  // namespace raynest::client

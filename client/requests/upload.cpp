@@ -1,0 +1,249 @@
+#include "client/requests/upload.h"
+
+#include "client/files/files.h"
+#include "client/files/gltf_names.h"
+#include "client/ground/interrupt.h"
+#include "protocol/limits.h"
+#include "protocol/text.h"
+
+#include <algorithm>
+#include <array>
+#include <cstring>
+#include <filesystem>
+#include <fstream>
+#include <string_view>
+#include <utility>
+
+namespace raynest::client {
+namespace {
+
+/// Bytes of a file per frame: headers do not matter at this size, and it fits any frame limit.
+constexpr std::uint64_t piece_bytes = 1ULL << 20;
+
+std::string folder_of(const std::string& path) {
+    const std::size_t slash = path.rfind('/');
+    return slash == std::string::npos ? "." : path.substr(0, slash + 1);
+}
+
+std::string file_name_of(const std::string& path) {
+    const std::size_t slash = path.rfind('/');
+    return slash == std::string::npos ? path : path.substr(slash + 1);
+}
+
+std::string stem_of(const std::string& name) {
+    return name.substr(0, name.rfind('.'));
+}
+
+/// A path that is no name for a scene: stdin, or a pipe of the shell as in <(command).
+bool is_nameless(const std::string& path) {
+    return path == standard_stream || path == "/dev/stdin" || path.starts_with("/dev/fd/");
+}
+
+bool is_known(const std::string& extension) {
+    return extension == ".gltf" || extension == ".glb" || extension == ".npy";
+}
+
+/// Returns the file ending that fits the first bytes, or "".
+std::string sniff(std::span<const std::byte> bytes) {
+    const std::string_view text(reinterpret_cast<const char*>(bytes.data()), bytes.size());
+    if (text.starts_with("glTF")) return ".glb";
+    if (text.starts_with("\x93NUMPY")) return ".npy";
+    const std::size_t letter = text.find_first_not_of(" \t\r\n");
+    return letter != std::string_view::npos && text[letter] == '{' ? ".gltf" : "";
+}
+
+constexpr std::size_t head_bytes = 256;
+
+tl::unexpected<Failure> unknown_content(const std::string& source) {
+    return fail(Exit::invalid, shown_name(source) + " brought neither a .glb, a .gltf nor a .npy");
+}
+
+/// Says why a source that exists or not is none that can be read, and what to do about it.
+tl::unexpected<Failure> not_a_scene(const std::string& source) {
+    std::error_code ignored;
+    if (std::filesystem::is_directory(source, ignored))
+        return fail(Exit::invalid, source + " is a folder; name the .glb or .gltf file in it");
+    constexpr std::array packed = {".xz", ".gz", ".bz2", ".zst", ".zip", ".7z", ".tar", ".tgz"};
+    if (std::ranges::find(packed, extension_of(source)) != packed.end())
+        return fail(Exit::invalid, source + " is packed; unpack it and load what comes out");
+    return fail(Exit::invalid, source +
+                                   " is not a .glb, .gltf or .npy file, nor builtin:NAME; "
+                                   "convert it to .glb, for example with trimesh or Blender");
+}
+
+/// The first bytes of a file, enough for sniff(); nothing where it cannot be read.
+std::vector<std::byte> head_of(const std::string& path) {
+    std::vector<std::byte> bytes(head_bytes);
+    std::ifstream file(path, std::ios::binary);
+    file.read(reinterpret_cast<char*>(bytes.data()), static_cast<std::streamsize>(bytes.size()));
+    bytes.resize(static_cast<std::size_t>(file.gcount()));
+    return bytes;
+}
+
+/// Hashes in parts and checks for Ctrl-C between them: 4 GiB take seconds.
+Result<protocol::Sha256Digest> digest_of(std::span<const std::byte> bytes) {
+    constexpr std::size_t hashed_at_once = 16 << 20;
+    protocol::Sha256 sum;
+    while (!bytes.empty()) {
+        if (interrupted()) return fail(Exit::interrupted, "interrupted");
+        const std::size_t count = std::min(bytes.size(), hashed_at_once);
+        sum.add(bytes.first(count));
+        bytes = bytes.subspan(count);
+    }
+    const auto digest = sum.digest();
+    if (!digest)
+        return fail(
+            Exit::failed,
+            "libcrypto computes no SHA-256: check the OpenSSL configuration (OPENSSL_CONF)");
+    return *digest;
+}
+
+/// Reads files until the sum of their bytes is over the limit.
+class Gatherer {
+public:
+    explicit Gatherer(Upload& upload) : upload_(upload) {}
+
+    /// Adds what `read` gives under `name`.
+    Result<void> add(std::string name, Result<protocol::Buffer> bytes) {
+        if (!bytes) return tl::unexpected<Failure>(bytes.error());
+        left_ -= bytes->size();
+        const auto digest = digest_of(std::as_const(*bytes).span());
+        if (!digest) return tl::unexpected<Failure>(digest.error());
+        upload_.files.push_back({std::move(name), std::move(*bytes), *digest});
+        return {};
+    }
+    [[nodiscard]] std::uint64_t left() const { return left_; }
+
+private:
+    Upload& upload_;
+    std::uint64_t left_ = protocol::Limits{}.upload_bytes_max;
+};
+
+/// Adds what the main file, which is there, names beneath `folder`.
+Result<void> gather_named(const std::string& path, const std::string& folder, Gatherer& gatherer,
+                          Upload& upload) {
+    const auto blame = [&](const Failure& why) { return fail(why.exit, path + " " + why.message); };
+    const auto main = std::as_const(upload.files[0].bytes).span();
+    if (const std::string why = why_no_gltf(main, path.ends_with(".glb")); !why.empty())
+        return blame(failure(Exit::invalid, why));
+    const auto json = gltf_json(main);
+    if (!json) return blame(json.error());
+    const auto files = gltf_names(*json);
+    if (!files) return blame(files.error());
+    const std::uint64_t files_max = protocol::Limits{}.upload_files_max;
+    if (files->size() >= files_max)
+        return blame(failure(Exit::invalid, "names " + std::to_string(files->size()) +
+                                                " files; pack it into one .glb"));
+    for (const auto& [name, is_picture] : *files) {
+        if (name == upload.files[0].name) continue;
+        auto bytes = read_file_beneath(folder, name, gatherer.left());
+        if (!bytes && is_picture && bytes.error().exit == Exit::invalid) {
+            upload.warnings.push_back("the picture " + bytes.error().message + ". It is left out");
+            continue;
+        }
+        if (!bytes) return blame(failure(bytes.error().exit, "names " + bytes.error().message));
+        // Whether it is missed is for the daemon to say.
+        if (!*bytes) continue;
+        if (auto added = gatherer.add(name, std::move(**bytes)); !added) return added;
+    }
+    return {};
+}
+
+}  // namespace
+
+Result<Upload> gather(const std::string& source, const std::string& primitive,
+                      const std::string& instances) {
+    Upload upload;
+    upload.source = source;
+    const auto check_records = [&](bool records) -> Result<void> {
+        if (records || (primitive.empty() && instances.empty())) return {};
+        return fail(Exit::usage,
+                    "--primitive and --instances are for .npy files; " + source + " is none");
+    };
+    if (source.rfind("builtin:", 0) == 0 || source.rfind("root:", 0) == 0) {
+        if (auto fits = check_records(false); !fits) return tl::unexpected<Failure>(fits.error());
+        return upload;
+    }
+
+    const bool nameless = is_nameless(source);
+    const std::string ending = extension_of(source);
+    const bool is_named_so = !nameless && is_known(ending);
+    const bool is_piped = nameless || is_device(source);
+    std::string extension = is_named_so ? ending : is_piped ? "" : sniff(head_of(source));
+    if (extension.empty() && !is_piped) return not_a_scene(source);
+    Gatherer gatherer(upload);
+    const auto check =
+        [&](std::span<const std::byte> begin) -> Result<std::optional<std::uint64_t>> {
+        if (extension.empty()) extension = sniff(begin);
+        if (!extension.empty()) return gatherer.left();
+        if (begin.size() < head_bytes) return std::nullopt;
+        return unknown_content(source);
+    };
+    auto bytes = read_file(source, gatherer.left(), check);
+    if (!bytes) return tl::unexpected<Failure>(bytes.error());
+    if (bytes->size() == 0) return fail(Exit::invalid, shown_name(source) + " is empty");
+    if (extension.empty()) return unknown_content(source);
+    if (auto fits = check_records(extension == ".npy"); !fits)
+        return tl::unexpected<Failure>(fits.error());
+    if (extension == ".npy" && primitive.empty())
+        return fail(Exit::usage,
+                    shown_name(source) +
+                        " holds records: say of what, for example with --primitive sphere");
+
+    // The name by which the daemon speaks of the file, in letters that may travel.
+    std::string name = nameless ? "stdin" : file_name_of(source);
+    if (!is_named_so) name += extension;
+    upload.source = protocol::clean_text(name, protocol::Limits{}.name_bytes_max);
+    if (!nameless)
+        upload.scene_name =
+            stem_of(is_named_so || ending.empty() ? upload.source : stem_of(upload.source));
+    Result<void> added = gatherer.add(upload.source, std::move(bytes));
+    if (added && extension != ".npy")
+        added = gather_named(source, nameless ? "." : folder_of(source), gatherer, upload);
+    if (added && !instances.empty())
+        added = gatherer.add(
+            protocol::clean_text(file_name_of(instances), protocol::Limits{}.name_bytes_max),
+            read_file(instances, gatherer.left()));
+    if (!added) return tl::unexpected<Failure>(added.error());
+    return upload;
+}
+
+Result<void> send_files(Connection& connection, const Upload& upload, const wire::Need& need,
+                        Progress& progress) {
+    std::uint64_t total = 0;
+    std::uint64_t sent = 0;
+    if (need.files() == nullptr) return {};
+    for (const std::uint32_t index : *need.files()) {
+        if (index >= upload.files.size())
+            return fail(Exit::failed, "the daemon asks for a file that was not offered");
+        total += upload.files[index].bytes.size();
+    }
+    for (const std::uint32_t index : *need.files()) {
+        const std::span<const std::byte> bytes = upload.files[index].bytes.span();
+        // An empty file needs no frame.
+        for (std::uint64_t offset = 0; offset < bytes.size();) {
+            const std::uint64_t count =
+                std::min({bytes.size() - offset, piece_bytes,
+                          connection.bulk_bytes_max() & ~std::uint64_t{63}});
+            while (connection.credit() < protocol::padded(count)) {
+                if (auto frame = connection.next(); !frame)
+                    return tl::unexpected<Failure>(frame.error());
+            }
+            protocol::Bulk bulk;
+            bulk.add("data", wire::Dtype::u8, 1, count);
+            bulk.allocate();
+            std::memcpy(bulk.block(0).data(), bytes.data() + offset, count);
+            wire::UploadT piece;
+            piece.file = index;
+            piece.offset = offset;
+            if (auto done = connection.send_bulk(std::move(piece), std::move(bulk)); !done)
+                return done;
+            offset += count;
+            sent += count;
+            progress.update(sent, total, "uploading");
+        }
+    }
+    return {};
+}
+
+}  // namespace raynest::client
