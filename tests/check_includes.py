@@ -13,8 +13,8 @@ import re
 import sys
 
 # The kernel side is a chain: each link sees those before it.
-KERNEL = ["engine/result.h", "engine/math", "engine/geometry", "engine/bvh", "engine/intersectors",
-          "engine/queries", "engine/packs"]
+KERNEL = ["engine/result.h", "engine/system", "engine/math", "engine/geometry", "engine/bvh",
+          "engine/intersectors", "engine/queries", "engine/packs"]
 
 
 def up_to(folder):
@@ -27,7 +27,7 @@ def rooms(names, *engine):
 
 
 ENGINE = ["engine"]
-SYSTEM = ["engine/result.h", "engine/assets/child_process.h"]
+SYSTEM = ["engine/result.h", "engine/system"]
 BUILT = up_to("engine/packs") + ["engine/scene"]
 
 # Row -> what its files may include besides each other: rows that stand above it, or single headers of
@@ -39,8 +39,7 @@ ALLOWED = {
     "engine/shading": up_to("engine/intersectors"),
     "engine/scene": up_to("engine/bvh") + ["engine/shading/records.h"],
     "engine/assets": up_to("engine/bvh") + ["engine/scene", "engine/shading/records.h",
-                                            "engine/shading/types.h", "engine/packs/registry.h",
-                                            "engine/packs/module_file.h"],
+                                            "engine/shading/types.h", "engine/packs/registry.h"],
     "engine/integrators": up_to("engine/packs") + ["engine/scene", "engine/shading"],
     "engine/inspection": up_to("engine/packs") + ["engine/scene", "engine/shading/records.h",
                                                   "engine/integrators"],

@@ -1,7 +1,7 @@
 // gltf_draco.h, implemented by the module.
 #include "engine/assets/gltf_draco.h"
 
-#include "engine/assets/module.h"
+#include "engine/system/module.h"
 
 namespace raynest::gltf {
 namespace {

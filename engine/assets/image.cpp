@@ -1,7 +1,7 @@
 // image.h, implemented by the module, which the first picture loads.
 #include "engine/assets/exr_header.h"
 #include "engine/assets/image_module.h"
-#include "engine/assets/module.h"
+#include "engine/system/module.h"
 
 #include <string>
 #include <utility>

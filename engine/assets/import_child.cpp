@@ -5,13 +5,13 @@
 // output, a watchdog in the parent, no inherited descriptors but the two memory files of
 // import_wire.h, no privileges to gain, no file, socket, program or process to reach (sandbox.h), and
 // death together with the parent.
-#include "engine/assets/child_memory.h"
-#include "engine/assets/child_process.h"
 #include "engine/assets/exr_header.h"
 #include "engine/assets/import.h"
 #include "engine/assets/import_wire.h"
 #include "engine/assets/picture_child.h"
 #include "engine/assets/sandbox.h"
+#include "engine/system/child_memory.h"
+#include "engine/system/child_process.h"
 
 #include <fcntl.h>
 #include <fmt/format.h>

@@ -5,9 +5,9 @@
 // because hostile input may control the child.
 #pragma once
 
-#include "engine/assets/child_process.h"
 #include "engine/assets/image.h"
 #include "engine/assets/import.h"
+#include "engine/system/child_process.h"
 
 #include <cstddef>
 #include <span>

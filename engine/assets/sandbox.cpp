@@ -1,6 +1,6 @@
 #include "engine/assets/sandbox.h"
 
-#include "engine/assets/child_process.h"
+#include "engine/system/child_process.h"
 
 #include <fcntl.h>
 #include <linux/landlock.h>

@@ -1,6 +1,6 @@
-#include "engine/assets/child_process.h"
 #include "engine/assets/import.h"
 #include "engine/assets/sandbox.h"
+#include "engine/system/child_process.h"
 #include "tests/patience.h"
 #include "tests/sanitized.h"
 #include "tests/temporary_folder.h"

@@ -1,6 +1,6 @@
-#include "engine/assets/module.h"
+#include "engine/system/module.h"
 
-#include "engine/packs/module_file.h"
+#include "engine/system/module_file.h"
 
 #include <dlfcn.h>
 #include <fmt/format.h>

@@ -1,4 +1,4 @@
-#include "engine/assets/child_process.h"
+#include "engine/system/child_process.h"
 
 #include <fcntl.h>
 #include <fmt/format.h>

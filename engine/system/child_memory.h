@@ -1,7 +1,7 @@
 // The memory and the threads of a child process, read while it runs.
 #pragma once
 
-#include "engine/assets/child_process.h"
+#include "engine/system/child_process.h"
 
 #include <sys/types.h>
 

@@ -1,9 +1,9 @@
 // Packs and modules whose files are damaged.
-#include "engine/packs/module_file.h"
+#include "engine/system/module_file.h"
 
-#include "engine/assets/module.h"
 #include "engine/packs/load.h"
 #include "engine/packs/registry.h"
+#include "engine/system/module.h"
 #include "tests/temporary_folder.h"
 
 #include <doctest/doctest.h>

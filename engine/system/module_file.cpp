@@ -1,4 +1,4 @@
-#include "engine/packs/module_file.h"
+#include "engine/system/module_file.h"
 
 #include <elf.h>
 #include <fcntl.h>

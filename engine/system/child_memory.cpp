@@ -1,4 +1,4 @@
-#include "engine/assets/child_memory.h"
+#include "engine/system/child_memory.h"
 
 #include <fcntl.h>
 #include <fmt/format.h>
