@@ -1,8 +1,6 @@
 // builtin:NAME?key=value&...: the table of procedural scenes and the parser for their keys.
 #include "engine/assets/builtin.h"
 
-#include "engine/assets/import.h"
-
 #include <fmt/format.h>
 #include <fmt/ranges.h>
 

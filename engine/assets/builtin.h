@@ -24,6 +24,10 @@ struct BuiltinKey {
 /// The value of every key of a scene: the user's or the default.
 using BuiltinValues = std::map<std::string, std::uint64_t, std::less<>>;
 
+/// Describes builtin:forest[?trees=..&leaves=..&levels=1..4&seed=..], builtin:flake[?depth=..] or
+/// builtin:terrain[?size=..&seed=..]. A scene_invalid error names the known keys.
+Result<SceneDescription> describe_builtin(std::string_view source);
+
 /// Describes ground, and trees of leaf cards in nested instances. Equal values give equal bytes.
 Result<SceneDescription> describe_forest(const BuiltinValues& values);
 /// Describes a height field of size x size cells without instances.

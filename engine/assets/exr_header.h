@@ -1,7 +1,7 @@
 // The header of an EXR from outside, checked before a decoder sees the file.
 #pragma once
 
-#include "engine/assets/image.h"
+#include "engine/assets/images/channels.h"
 #include "engine/result.h"
 
 #include <cstddef>

@@ -1,6 +1,6 @@
 // The GLB container: a 12-byte header and chunks of {u32 length, u32 type, bytes}, little-endian.
-#include "engine/assets/gltf_names.h"
 #include "engine/assets/gltf_prescan.h"
+#include "engine/assets/input/messages.h"
 
 #include <fmt/format.h>
 

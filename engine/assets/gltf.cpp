@@ -1,28 +1,19 @@
 // .glb and .gltf -> SceneDescription: runs the guards in order, then the readers.
 #include "engine/assets/gltf.h"
 
-#include "engine/assets/gltf_model.h"
+#include "engine/assets/gltf/describe.h"
 #include "engine/assets/gltf_precision.h"
 #include "engine/assets/gltf_prescan.h"
+#include "engine/assets/gltf_skins.h"
 #include "engine/assets/image.h"
+#include "engine/assets/input/uploaded_files.h"
 
 #include <fmt/format.h>
 
-#include <algorithm>
-#include <cctype>
 #include <optional>
 #include <thread>
 
 namespace raynest {
-
-bool has_extension(std::string_view source, std::string_view extension) {
-    if (source.size() < extension.size()) return false;
-    source.remove_prefix(source.size() - extension.size());
-    return std::equal(source.begin(), source.end(), extension.begin(), [](char a, char b) {
-        return std::tolower(static_cast<unsigned char>(a)) == b;
-    });
-}
-
 namespace {
 
 bool contains(std::span<const std::byte> text, std::string_view word) {
@@ -48,6 +39,7 @@ Result<SceneDescription> describe_gltf(const ImportRequest& request, const Impor
     if (!prescan) return gltf::error_of(prescan);
     auto model = gltf::load_model(request, text, *prescan);
     if (!model) return gltf::error_of(model);
+    gltf::separate_poses(*model);
     gltf::move_world(*model, request.origin);
     auto rules = MaskRules::parse(request.masks);
     if (!rules) return gltf::error_of(rules);

@@ -1,5 +1,8 @@
 #include "engine/assets/gltf_bytes.h"
 
+#include "engine/assets/gltf_names.h"
+#include "engine/assets/input/messages.h"
+
 #include <fmt/format.h>
 #include <nlohmann/json.hpp>
 

@@ -5,7 +5,7 @@
 // without bytes, from which all such parts are removed; the bytes come from here.
 #pragma once
 
-#include "engine/assets/gltf_names.h"
+#include "engine/assets/input/uploaded_files.h"
 #include "engine/result.h"
 
 #include <cstddef>

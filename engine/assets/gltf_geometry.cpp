@@ -3,10 +3,11 @@
 // Triangles, strips and fans become triangle lists in file order. Points and lines are counted and
 // leave an empty geometry, so that a hit's geometry index is the primitive's. Primitives often
 // share one large vertex buffer, so each takes only the vertices it uses.
+#include "engine/assets/gltf/describe.h"
 #include "engine/assets/gltf_budget.h"
 #include "engine/assets/gltf_facing.h"
-#include "engine/assets/gltf_names.h"
 #include "engine/assets/gltf_skins.h"
+#include "engine/assets/input/messages.h"
 #include "engine/scene/snapshot.h"
 #include "engine/scene/texture_levels.h"
 

@@ -5,8 +5,8 @@
 // used only after the checks below.
 #include "engine/assets/gltf_compressed.h"
 #include "engine/assets/gltf_convert.h"
-#include "engine/assets/gltf_names.h"
-#include "engine/assets/gltf_skins.h"
+#include "engine/assets/input/messages.h"
+#include "engine/assets/input/uploaded_files.h"
 
 #include <fmt/format.h>
 #include <fmt/ranges.h>
@@ -471,7 +471,6 @@ Result<Model> load_model(const ImportRequest& request, const Glb& text, const Pr
     take_masks(prescan, model);
     report_types(prescan, file, model);
     model.odd.append_to(model.warnings);
-    separate_poses(model);
     return model;
 }
 

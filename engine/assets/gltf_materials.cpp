@@ -3,9 +3,9 @@
 // A missing or damaged texture does not stop a scene: the material is used without it, and the
 // count and the reason are reported. Lack of memory is an error: otherwise a busy machine would
 // build a different scene from the same file.
-#include "engine/assets/gltf_model.h"
-#include "engine/assets/gltf_names.h"
+#include "engine/assets/gltf/describe.h"
 #include "engine/assets/image.h"
+#include "engine/assets/input/messages.h"
 
 #include <fmt/format.h>
 #include <tbb/parallel_for.h>

@@ -1,7 +1,7 @@
 // Converts tinygltf's meshes and skins into the Model and checks every index.
 #include "engine/assets/gltf_compressed.h"
 #include "engine/assets/gltf_convert.h"
-#include "engine/assets/gltf_names.h"
+#include "engine/assets/input/messages.h"
 
 #include <fmt/format.h>
 

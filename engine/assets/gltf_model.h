@@ -9,10 +9,9 @@
 #pragma once
 
 #include "engine/assets/gltf_bytes.h"
-#include "engine/assets/gltf_names.h"
 #include "engine/assets/gltf_prescan.h"
-#include "engine/assets/import.h"
-#include "engine/assets/mask_rules.h"
+#include "engine/assets/input/import_request.h"
+#include "engine/assets/input/messages.h"
 #include "engine/geometry/hit.h"
 #include "engine/result.h"
 #include "engine/scene/description.h"
@@ -280,25 +279,5 @@ Result<std::vector<float>> read_floats(const Accessor& accessor,
                                        std::span<const std::uint32_t> elements = {});
 /// Reads the elements of an accessor that holds indices.
 Result<std::vector<std::uint32_t>> read_indices(const Accessor& accessor);
-
-/// Reads the meshes in `used`. The result has one object per mesh of the model, with one geometry
-/// per primitive; the geometry is empty for points or lines (counted in `scene.skipped`). The
-/// object of an unused mesh has no geometries.
-Result<std::vector<ObjectDescription>> read_meshes(const Model& model,
-                                                   const std::vector<bool>& used,
-                                                   const ImportLimits& limits,
-                                                   SceneDescription& scene);
-
-/// Reads materials, their textures and the pictures that those need, decoded. A missing or damaged
-/// texture is counted in skipped["textures"] and causes a warning.
-Result<void> read_materials(const Model& model, const ImportLimits& limits,
-                            SceneDescription& scene);
-
-/// Reads the lights of the chosen scene.
-void read_lights(const Model& model, SceneDescription& scene);
-
-/// Reads objects, instances and cameras of the chosen scene; `rules` set masks.
-Result<void> read_nodes(const Model& model, const ImportLimits& limits, MaskRules& rules,
-                        SceneDescription& scene);
 
 }  // namespace raynest::gltf

@@ -1,16 +1,9 @@
-// Names from a scene file: how messages show them, and which files they may reach.
+// The files that a URI in a scene may reach.
 #pragma once
 
-#include "engine/assets/import.h"
-#include "engine/result.h"
-#include "engine/scene/description.h"
-
-#include <cstdint>
 #include <optional>
-#include <span>
 #include <string>
 #include <string_view>
-#include <vector>
 
 namespace raynest::gltf {
 
@@ -22,55 +15,5 @@ namespace raynest::gltf {
 
 /// Returns why a URI names no file: "is an absolute path; ...".
 [[nodiscard]] std::string_view why_no_file(std::string_view uri);
-
-/// Returns at most the first `bytes_max` bytes of UTF-8 text, cut between characters.
-[[nodiscard]] std::string_view front_of(std::string_view text, std::size_t bytes_max);
-
-/// Returns foreign text for a message: shortened, with spaces for control characters.
-[[nodiscard]] std::string one_line(std::string_view text, std::size_t length_max = 160);
-
-/// Returns "mesh 7 ('leaf')", or "mesh 7" if it has no name.
-[[nodiscard]] std::string label(std::string_view kind, std::uint64_t index, std::string_view name);
-
-/// Returns "1 vertex" or "7 vertices".
-[[nodiscard]] std::string counted(std::uint64_t count, std::string_view one, std::string_view many);
-
-/// Harmless faults of a file by what is wrong, each with the first element that has it: a file with
-/// a million of them gives one line.
-class Oddities {
-public:
-    /// "node 3 ('a')" "alphaMode is no text; the default is used".
-    void add(const std::string& where, const std::string& what, std::uint64_t more = 0);
-    /// Appends "node 3 ('a') and 4 others: " + what.
-    void append_to(std::vector<std::string>& warnings) const;
-
-private:
-    struct First {
-        std::string where, what;
-        std::uint64_t more;
-    };
-    std::vector<First> found_;
-};
-
-/// Counts one more part of `kind` that is left out. Only the first few cause a warning, so that a
-/// file with millions of them gives a short list.
-void leave_out(SceneDescription& scene, const std::string& kind, std::string why);
-
-/// The uploaded files as a loader sees them: by exact name, and with a limit on the total bytes
-/// read, for scenes that name one file a thousand times to use up memory.
-class Upload {
-public:
-    Upload(const ImportRequest& request, std::uint64_t bytes_max)
-        : request_(request),
-          bytes_left_(bytes_max) {}
-
-    /// Returns the file's bytes; a span without data if it was not uploaded. limit_exceeded when
-    /// the scene reads more than `bytes_max`.
-    Result<std::span<const std::byte>> read(std::string_view name);
-
-private:
-    const ImportRequest& request_;
-    std::uint64_t bytes_left_;
-};
 
 }  // namespace raynest::gltf

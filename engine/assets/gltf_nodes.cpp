@@ -4,11 +4,11 @@
 // disappear: their transforms are composed (in double). Shared subtrees (gltf_sharing.h) become
 // objects in between. The nodes name the paths, so a flat scene and one with shared subtrees print
 // the same path. Declaration order is depth-first node order throughout; every walk is iterative.
+#include "engine/assets/gltf/describe.h"
 #include "engine/assets/gltf_masks.h"
-#include "engine/assets/gltf_model.h"
-#include "engine/assets/gltf_names.h"
 #include "engine/assets/gltf_precision.h"
 #include "engine/assets/gltf_sharing.h"
+#include "engine/assets/input/messages.h"
 #include "engine/scene/camera_pose.h"
 #include "engine/scene/graph.h"
 #include "engine/scene/snapshot.h"

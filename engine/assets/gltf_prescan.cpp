@@ -5,6 +5,7 @@
 #include "engine/assets/gltf_prescan.h"
 
 #include "engine/assets/gltf_names.h"
+#include "engine/assets/input/messages.h"
 #include "engine/assets/mask_rules.h"
 
 #include <fmt/format.h>

@@ -5,7 +5,7 @@
 // container, size, nesting, names.
 #pragma once
 
-#include "engine/assets/import.h"
+#include "engine/assets/input/import_request.h"
 #include "engine/result.h"
 
 #include <cstddef>

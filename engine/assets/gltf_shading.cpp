@@ -1,7 +1,7 @@
 // Converts textures and materials that tinygltf read into those of a Model, checked.
 #include "engine/assets/gltf_convert.h"
-#include "engine/assets/gltf_names.h"
 #include "engine/assets/gltf_values.h"
+#include "engine/assets/input/messages.h"
 
 #include <fmt/format.h>
 

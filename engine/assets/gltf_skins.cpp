@@ -1,6 +1,6 @@
 #include "engine/assets/gltf_skins.h"
 
-#include "engine/assets/gltf_names.h"
+#include "engine/assets/input/messages.h"
 
 #include <fmt/format.h>
 

@@ -3,6 +3,7 @@
 // All functions are thread-safe and block; none reads or writes a file.
 #pragma once
 
+#include "engine/assets/images/channels.h"
 #include "engine/result.h"
 #include "engine/scene/description.h"
 
@@ -27,11 +28,6 @@ Result<ImageDescription> decode_image(std::span<const std::byte> file, std::uint
 /// Bound for the header and metadata of an encoded file.
 inline constexpr std::uint64_t image_header_bytes_max = 16384;
 
-/// A line of text in the header of a file.
-struct Attribute {
-    std::string name;
-    std::string value;
-};
 /// Encodes `rgba`: width * height * 4 bytes of sRGB and straight alpha, row 0 on top. Attributes
 /// become text chunks; they take at most image_header_bytes_max / 2 bytes.
 ///
@@ -48,13 +44,6 @@ Result<std::vector<std::byte>> encode_png(std::uint32_t width, std::uint32_t hei
     return rows + rows / 256 + image_header_bytes_max;
 }
 
-/// A named channel of 32-bit values for EXR. Exactly one of the two spans is set, with width *
-/// height values, row 0 on top.
-struct Channel {
-    std::string_view name;
-    std::span<const float> f32;
-    std::span<const std::uint32_t> u32;
-};
 /// Encodes the channels in the order given; lossless, and equal input gives equal bytes. The
 /// attributes take at most image_header_bytes_max / 2 bytes.
 Result<std::vector<std::byte>> encode_exr(std::uint32_t width, std::uint32_t height,
@@ -70,12 +59,6 @@ Result<std::vector<std::byte>> encode_exr(std::uint32_t width, std::uint32_t hei
            image_header_bytes_max;
 }
 
-/// The name and type of a channel of 32 bits.
-struct ChannelType {
-    std::string name;
-    bool is_float = true;  ///< else u32
-    friend bool operator==(const ChannelType&, const ChannelType&) = default;
-};
 /// The channels of an EXR: a plane of words for each, row 0 on top; floats as their bits.
 struct ExrPlanes {
     std::uint32_t width = 0;

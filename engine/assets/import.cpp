@@ -1,8 +1,10 @@
-// Chooses the importer for a source, and imports without a child process.
+// How an import without a child process goes.
 #include "engine/assets/import.h"
 
+#include "engine/assets/builtin.h"
 #include "engine/assets/gltf.h"
-#include "engine/assets/gltf_names.h"
+#include "engine/assets/input/messages.h"
+#include "engine/assets/input/uploaded_files.h"
 #include "engine/assets/mask_rules.h"
 #include "engine/assets/npy.h"
 
@@ -51,7 +53,7 @@ double mebibytes(std::uint64_t bytes) {
 /// themselves.
 Error named(const ImportRequest& request, Error error) {
     if (is_gltf(request.source))
-        error.message = fmt::format("{}: {}", gltf::one_line(request.source), error.message);
+        error.message = fmt::format("{}: {}", one_line(request.source), error.message);
     return error;
 }
 

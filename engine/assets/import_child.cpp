@@ -10,6 +10,7 @@
 #include "engine/assets/import_wire.h"
 #include "engine/assets/picture_child.h"
 #include "engine/assets/sandbox.h"
+#include "engine/assets/sandbox/import_child.h"
 #include "engine/system/child_memory.h"
 #include "engine/system/child_process.h"
 

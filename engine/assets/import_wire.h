@@ -6,7 +6,9 @@
 #pragma once
 
 #include "engine/assets/image.h"
-#include "engine/assets/import.h"
+#include "engine/assets/input/import_request.h"
+#include "engine/result.h"
+#include "engine/scene/snapshot.h"
 #include "engine/system/child_process.h"
 
 #include <cstddef>

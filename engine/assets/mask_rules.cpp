@@ -1,6 +1,6 @@
 #include "engine/assets/mask_rules.h"
 
-#include "engine/assets/gltf_names.h"
+#include "engine/assets/input/messages.h"
 #include "engine/scene/snapshot.h"
 
 #include <fmt/format.h>
@@ -44,7 +44,7 @@ Result<MaskRules> MaskRules::parse(std::span<const std::string> rules) {
         const auto malformed =
             fail(ErrorCode::scene_invalid,
                  fmt::format("mask rule '{}' is not GLOB=HEX, for example 'stand-*/birch-*=F0'",
-                             gltf::one_line(text)));
+                             one_line(text)));
         const std::size_t equals = text.rfind('=');
         if (equals == 0 || equals == std::string::npos) return malformed;
         const auto mask = parse_mask(std::string_view(text).substr(equals + 1));
@@ -135,7 +135,7 @@ void MaskRules::warn(SceneDescription& scene) const {
         if (rule.matched || scene.warnings.size() >= scene_warnings_max) continue;
         scene.warnings.push_back(fmt::format(
             "mask rule '{}' changes nothing: no path matches it, or later rules override it",
-            gltf::one_line(rule.text)));
+            one_line(rule.text)));
     }
 }
 

@@ -1,7 +1,10 @@
 // NumPy arrays as scenes: one record of a primitive type per row, and optional placements.
 #pragma once
 
-#include "engine/assets/import.h"
+#include "engine/assets/input/import_request.h"
+#include "engine/packs/registry.h"
+#include "engine/result.h"
+#include "engine/scene/description.h"
 
 namespace raynest {
 

@@ -5,7 +5,8 @@
 #pragma once
 
 #include "engine/assets/image.h"
-#include "engine/assets/import.h"
+#include "engine/assets/input/import_request.h"
+#include "engine/assets/sandbox/import_child.h"
 
 #include <cstdint>
 #include <functional>

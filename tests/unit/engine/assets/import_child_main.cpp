@@ -3,6 +3,7 @@
 #include "engine/assets/import.h"
 #include "engine/assets/import_wire.h"
 #include "engine/assets/sandbox.h"
+#include "engine/assets/sandbox/import_child.h"
 #include "engine/system/child_process.h"
 #include "tests/unit/engine/assets/forbidden_calls.h"
 

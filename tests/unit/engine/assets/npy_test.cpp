@@ -1,3 +1,4 @@
+#include "engine/assets/import.h"
 #include "engine/assets/npy.h"
 
 #include "tests/unit/engine/assets/samples.h"

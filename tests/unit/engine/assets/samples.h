@@ -3,7 +3,7 @@
 #pragma once
 
 #include "engine/assets/image.h"
-#include "engine/assets/import.h"
+#include "engine/assets/input/import_request.h"
 
 #include <doctest/doctest.h>
 
