@@ -64,6 +64,9 @@ class Includes(Planted):
     def test_assets_see_only_the_registry_of_packs(self):
         self.assert_refused("engine/assets/a.h", '"engine/packs/abi.h"', "engine/assets may not")
 
+    def test_a_row_does_not_stand_for_the_rows_within(self):
+        self.assert_refused("engine/assets/a.cpp", '"engine/assets/sandbox/a.h"', "engine/assets may not")
+
     def test_a_heavy_header_has_one_home(self):
         self.assert_refused("engine/scene/a.cpp", "<OpenImageIO/imageio.h>", "may not be included")
 

@@ -5,7 +5,7 @@
 #include "engine/assets/gltf_precision.h"
 #include "engine/assets/gltf_prescan.h"
 #include "engine/assets/gltf_skins.h"
-#include "engine/assets/image.h"
+#include "engine/assets/images/image.h"
 #include "engine/assets/input/uploaded_files.h"
 
 #include <fmt/format.h>

@@ -2,7 +2,7 @@
 // rules of the load override it.
 #include "engine/assets/gltf_masks.h"
 
-#include "engine/assets/mask_rules.h"
+#include "engine/assets/input/mask_rules.h"
 #include "engine/scene/path_table.h"
 
 #include <algorithm>

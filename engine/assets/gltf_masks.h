@@ -2,7 +2,7 @@
 #pragma once
 
 #include "engine/assets/gltf_model.h"
-#include "engine/assets/mask_rules.h"
+#include "engine/assets/input/mask_rules.h"
 
 #include <cstdint>
 #include <unordered_map>

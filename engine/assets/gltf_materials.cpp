@@ -4,7 +4,7 @@
 // count and the reason are reported. Lack of memory is an error: otherwise a busy machine would
 // build a different scene from the same file.
 #include "engine/assets/gltf/describe.h"
-#include "engine/assets/image.h"
+#include "engine/assets/images/image.h"
 #include "engine/assets/input/messages.h"
 
 #include <fmt/format.h>

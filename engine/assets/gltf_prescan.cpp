@@ -5,8 +5,8 @@
 #include "engine/assets/gltf_prescan.h"
 
 #include "engine/assets/gltf_names.h"
+#include "engine/assets/input/mask_rules.h"
 #include "engine/assets/input/messages.h"
-#include "engine/assets/mask_rules.h"
 
 #include <fmt/format.h>
 #include <nlohmann/json.hpp>

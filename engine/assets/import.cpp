@@ -1,12 +1,12 @@
 // How an import without a child process goes.
 #include "engine/assets/import.h"
 
-#include "engine/assets/builtin.h"
+#include "engine/assets/builtin/builtin.h"
+#include "engine/assets/formats/npy.h"
 #include "engine/assets/gltf.h"
+#include "engine/assets/input/mask_rules.h"
 #include "engine/assets/input/messages.h"
 #include "engine/assets/input/uploaded_files.h"
-#include "engine/assets/mask_rules.h"
-#include "engine/assets/npy.h"
 
 #include <fmt/format.h>
 

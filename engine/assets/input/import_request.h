@@ -1,4 +1,4 @@
-// What is imported, and what an import may take.
+// The request of an import, and its limits.
 #pragma once
 
 #include "engine/bvh/build.h"

@@ -1,5 +1,5 @@
 // Masks by paths: which paths a rule matches, and which placements get its mask.
-#include "engine/assets/mask_rules.h"
+#include "engine/assets/input/mask_rules.h"
 
 #include "engine/assets/gltf.h"
 #include "engine/scene/snapshot.h"

@@ -1,5 +1,5 @@
+#include "engine/assets/formats/npy.h"
 #include "engine/assets/import.h"
-#include "engine/assets/npy.h"
 
 #include "tests/unit/engine/assets/samples.h"
 

@@ -2,7 +2,7 @@
 // shared scenes, which are beside the repository and may be absent.
 #pragma once
 
-#include "engine/assets/image.h"
+#include "engine/assets/images/image.h"
 #include "engine/assets/input/import_request.h"
 
 #include <doctest/doctest.h>

@@ -5,8 +5,8 @@
 //
 // Four levels, some twenty different objects, millions of triangles placed. The alpha of the leaf
 // cards decides what a camera sees: without the mask the trees are heaps of squares.
-#include "engine/assets/builtin.h"
-#include "engine/assets/forest_parts.h"
+#include "engine/assets/builtin/builtin.h"
+#include "engine/assets/builtin/forest_parts.h"
 
 #include <numbers>
 

@@ -1,4 +1,4 @@
-#include "engine/assets/npy.h"
+#include "engine/assets/formats/npy.h"
 
 #include "engine/scene/precision.h"
 

@@ -5,8 +5,8 @@
 // the module with the first one. Both sides come from one build.
 #pragma once
 
-#include "engine/assets/exr_header.h"
-#include "engine/assets/image.h"
+#include "engine/assets/images/exr_header.h"
+#include "engine/assets/images/image.h"
 
 namespace raynest {
 

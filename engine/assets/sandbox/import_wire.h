@@ -5,7 +5,7 @@
 // because hostile input may control the child.
 #pragma once
 
-#include "engine/assets/image.h"
+#include "engine/assets/images/image.h"
 #include "engine/assets/input/import_request.h"
 #include "engine/result.h"
 #include "engine/scene/snapshot.h"

@@ -5,12 +5,12 @@
 // output, a watchdog in the parent, no inherited descriptors but the two memory files of
 // import_wire.h, no privileges to gain, no file, socket, program or process to reach (sandbox.h), and
 // death together with the parent.
-#include "engine/assets/exr_header.h"
+#include "engine/assets/images/exr_header.h"
 #include "engine/assets/import.h"
-#include "engine/assets/import_wire.h"
-#include "engine/assets/picture_child.h"
-#include "engine/assets/sandbox.h"
 #include "engine/assets/sandbox/import_child.h"
+#include "engine/assets/sandbox/import_wire.h"
+#include "engine/assets/sandbox/picture_child.h"
+#include "engine/assets/sandbox/sandbox.h"
 #include "engine/system/child_memory.h"
 #include "engine/system/child_process.h"
 

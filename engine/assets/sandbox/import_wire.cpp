@@ -1,4 +1,4 @@
-#include "engine/assets/import_wire.h"
+#include "engine/assets/sandbox/import_wire.h"
 
 #include <sys/stat.h>
 #include <unistd.h>

@@ -1,5 +1,5 @@
 // The layout is that of https://openexr.com/en/latest/OpenEXRFileLayout.html
-#include "engine/assets/exr_header.h"
+#include "engine/assets/images/exr_header.h"
 
 #include <algorithm>
 #include <array>

@@ -1,6 +1,6 @@
 // image.h, implemented by the module, which the first picture loads.
-#include "engine/assets/exr_header.h"
-#include "engine/assets/image_module.h"
+#include "engine/assets/images/exr_header.h"
+#include "engine/assets/images/image_module.h"
 #include "engine/system/module.h"
 
 #include <string>

@@ -1,4 +1,4 @@
-#include "engine/assets/sandbox.h"
+#include "engine/assets/sandbox/sandbox.h"
 
 #include "engine/system/child_process.h"
 

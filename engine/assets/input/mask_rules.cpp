@@ -1,4 +1,4 @@
-#include "engine/assets/mask_rules.h"
+#include "engine/assets/input/mask_rules.h"
 
 #include "engine/assets/input/messages.h"
 #include "engine/scene/snapshot.h"

@@ -1,7 +1,7 @@
 // builtin:terrain: a height field of 2 size^2 triangles in one mesh, the counterpart to the forest:
 // many unique triangles, no instances.
-#include "engine/assets/builtin.h"
-#include "engine/assets/noise.h"
+#include "engine/assets/builtin/builtin.h"
+#include "engine/assets/builtin/noise.h"
 
 namespace raynest {
 namespace {

@@ -1,7 +1,7 @@
 // Trees, bushes, ferns, grass, stones and the floor, as objects of triangles and instances.
-#include "engine/assets/forest_parts.h"
+#include "engine/assets/builtin/forest_parts.h"
 
-#include "engine/assets/noise.h"
+#include "engine/assets/builtin/noise.h"
 
 #include <algorithm>
 #include <numbers>

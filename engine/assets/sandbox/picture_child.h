@@ -4,7 +4,7 @@
 // for it. The answer is checked as if an attacker had written it.
 #pragma once
 
-#include "engine/assets/image.h"
+#include "engine/assets/images/image.h"
 #include "engine/assets/input/import_request.h"
 #include "engine/assets/sandbox/import_child.h"
 

@@ -1,6 +1,6 @@
 // Flattens nesting levels, so that the gain and the cost of instancing can be measured on equal
 // triangles. Merging proceeds from the leaves of the object graph upwards.
-#include "engine/assets/builtin.h"
+#include "engine/assets/builtin/builtin.h"
 #include "engine/scene/graph.h"
 
 #include <fmt/format.h>

@@ -1,7 +1,7 @@
 // builtin:flake: Eric Haines' sphere flake ("A proposal for standard graphics environments", 1987)
 // as nested instances. Generation d is one sphere and nine instances of generation d - 1 at a third
 // of its size, so `depth` objects stand for 9^depth spheres.
-#include "engine/assets/builtin.h"
+#include "engine/assets/builtin/builtin.h"
 #include "engine/geometry/sphere_shape.h"
 
 #include <cmath>

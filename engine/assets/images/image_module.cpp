@@ -3,7 +3,7 @@
 // Image decoders are a common target of attacks (this version has a row of CVEs), so the order is
 // fixed: magic bytes choose one of three decoders, the header's dimensions are checked against the
 // limits, and only then is a pixel decoded. Nothing here reads or writes a file.
-#include "engine/assets/image_module.h"
+#include "engine/assets/images/image_module.h"
 
 #include <OpenImageIO/filesystem.h>
 #include <OpenImageIO/imageio.h>

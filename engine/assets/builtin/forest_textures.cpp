@@ -1,8 +1,8 @@
 // The forest's textures, painted at load: sprigs of leaves, needles, fronds and blades with real
 // gaps between them, so that the alpha mask decides the picture; bark and ground that tile.
-#include "engine/assets/canvas.h"
-#include "engine/assets/forest_parts.h"
-#include "engine/assets/noise.h"
+#include "engine/assets/builtin/canvas.h"
+#include "engine/assets/builtin/forest_parts.h"
+#include "engine/assets/builtin/noise.h"
 
 #include <array>
 #include <numbers>

@@ -1,5 +1,5 @@
 // builtin:NAME?key=value&...: the table of procedural scenes and the parser for their keys.
-#include "engine/assets/builtin.h"
+#include "engine/assets/builtin/builtin.h"
 
 #include <fmt/format.h>
 #include <fmt/ranges.h>

@@ -1,5 +1,5 @@
 // Mask rules for scenes that are described as objects and instances.
-#include "engine/assets/mask_rules.h"
+#include "engine/assets/input/mask_rules.h"
 #include "engine/scene/path_table.h"
 
 #include <deque>
