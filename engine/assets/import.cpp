@@ -3,7 +3,7 @@
 
 #include "engine/assets/builtin/builtin.h"
 #include "engine/assets/formats/npy.h"
-#include "engine/assets/gltf.h"
+#include "engine/assets/gltf/gltf.h"
 #include "engine/assets/input/mask_rules.h"
 #include "engine/assets/input/messages.h"
 #include "engine/assets/input/uploaded_files.h"
@@ -32,7 +32,7 @@ Result<SceneDescription> check_primitives(Result<SceneDescription> scene,
     return scene;
 }
 
-/// Applies the masks of the request. glTF scenes apply them elsewhere (gltf_masks.h).
+/// Applies the masks of the request. glTF scenes apply them elsewhere (gltf/masks.h).
 Result<SceneDescription> masked(const ImportRequest& request, Result<SceneDescription> scene) {
     if (!scene) return scene;
     auto rules = MaskRules::parse(request.masks);

@@ -1,7 +1,7 @@
 // The readers that turn a Model into a description of a scene.
 #pragma once
 
-#include "engine/assets/gltf_model.h"
+#include "engine/assets/gltf/file/model.h"
 #include "engine/assets/input/mask_rules.h"
 #include "engine/scene/description.h"
 

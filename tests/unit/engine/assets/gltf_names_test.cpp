@@ -1,6 +1,6 @@
-#include "engine/assets/gltf_names.h"
+#include "engine/assets/gltf/file/uri.h"
 
-#include "engine/assets/gltf.h"
+#include "engine/assets/gltf/gltf.h"
 #include "engine/assets/input/messages.h"
 #include "tests/unit/engine/assets/samples.h"
 
