@@ -68,12 +68,15 @@ class Includes(Planted):
     def test_assets_see_only_the_registry_of_packs(self):
         self.assert_refused("engine/assets/a.h", '"engine/packs/abi.h"', "engine/assets may not")
 
+    def test_a_row_does_not_stand_for_the_rows_within(self):
+        self.assert_refused("engine/assets/a.cpp", '"engine/assets/sandbox/a.h"', "engine/assets may not")
+
     def test_a_heavy_header_has_one_home(self):
         self.assert_refused("engine/scene/a.cpp", "<OpenImageIO/imageio.h>", "may not be included")
 
     def test_a_heavy_header_has_one_file(self):
-        self.plant({"engine/assets/a.cpp": "#include <tiny_gltf.h>\n"})
-        self.assert_refused("engine/assets/b.cpp", "<tiny_gltf.h>", "included by 2 files")
+        self.plant({"engine/assets/gltf/file/a.cpp": "#include <tiny_gltf.h>\n"})
+        self.assert_refused("engine/assets/gltf/file/b.cpp", "<tiny_gltf.h>", "included by 2 files")
 
     def test_rooms_of_the_server_do_not_look_up(self):
         self.assert_refused("server/net/a.h", '"server/sessions/session.h"', "server/net may not")

@@ -1,10 +1,12 @@
-// Chooses the importer for a source, and imports without a child process.
+// How an import without a child process goes.
 #include "engine/assets/import.h"
 
-#include "engine/assets/gltf.h"
-#include "engine/assets/gltf_names.h"
-#include "engine/assets/mask_rules.h"
-#include "engine/assets/npy.h"
+#include "engine/assets/builtin/builtin.h"
+#include "engine/assets/formats/npy.h"
+#include "engine/assets/gltf/gltf.h"
+#include "engine/assets/input/mask_rules.h"
+#include "engine/assets/input/messages.h"
+#include "engine/assets/input/uploaded_files.h"
 
 #include <fmt/format.h>
 
@@ -30,7 +32,7 @@ Result<SceneDescription> check_primitives(Result<SceneDescription> scene,
     return scene;
 }
 
-/// Applies the masks of the request. glTF scenes apply them elsewhere (gltf_masks.h).
+/// Applies the masks of the request. glTF scenes apply them elsewhere (gltf/masks.h).
 Result<SceneDescription> masked(const ImportRequest& request, Result<SceneDescription> scene) {
     if (!scene) return scene;
     auto rules = MaskRules::parse(request.masks);
@@ -51,7 +53,7 @@ double mebibytes(std::uint64_t bytes) {
 /// themselves.
 Error named(const ImportRequest& request, Error error) {
     if (is_gltf(request.source))
-        error.message = fmt::format("{}: {}", gltf::one_line(request.source), error.message);
+        error.message = fmt::format("{}: {}", one_line(request.source), error.message);
     return error;
 }
 

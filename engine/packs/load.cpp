@@ -1,7 +1,7 @@
 #include "engine/packs/load.h"
 
 #include "engine/packs/layout.h"
-#include "engine/packs/module_file.h"
+#include "engine/system/module_file.h"
 
 #include <dlfcn.h>
 

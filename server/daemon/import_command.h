@@ -8,7 +8,7 @@
 
 namespace raynest::server {
 
-/// The command line of the import process (engine/assets/import.h) is
+/// The command line of the import process (engine/assets/sandbox/import_child.h) is
 /// `raynestd --import-child TARGET [PACK_DIR...]`.
 inline constexpr std::string_view import_child_flag = "--import-child";
 

@@ -1,6 +1,6 @@
 // raynestd: one program for three kinds of process: the daemon, the short-lived import of one
 // scene, and the device worker; and for the subcommands of commands.h.
-#include "engine/assets/import.h"
+#include "engine/assets/sandbox/import_child.h"
 #include "server/backends/cuda/worker_process.h"
 #include "server/daemon/commands.h"
 #include "server/daemon/daemon.h"

@@ -1,6 +1,6 @@
 #include "server/daemon/notify.h"
 
-#include "engine/assets/child_process.h"
+#include "engine/system/child_process.h"
 
 #include <sys/socket.h>
 #include <sys/un.h>

@@ -1,7 +1,7 @@
 // A film as a file: PNG, EXR, or rows of numbers.
 #pragma once
 
-#include "engine/assets/image.h"
+#include "engine/assets/images/image.h"
 #include "engine/integrators/film.h"
 #include "engine/integrators/tonemap.h"
 #include "server/documents/payload.h"

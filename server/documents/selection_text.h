@@ -1,7 +1,7 @@
 // The instances and objects that a job hides, as text for files and documents.
 #pragma once
 
-#include "engine/assets/image.h"
+#include "engine/assets/images/image.h"
 #include "protocol/wire.h"
 
 #include <string>

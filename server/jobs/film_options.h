@@ -1,7 +1,7 @@
 // The options of a lit picture, checked.
 #pragma once
 
-#include "engine/assets/image.h"
+#include "engine/assets/images/image.h"
 #include "engine/integrators/integrator.h"
 #include "engine/integrators/tonemap.h"
 

@@ -1,6 +1,6 @@
 #include "server/jobs/heatmap_job.h"
 
-#include "engine/assets/image.h"
+#include "engine/assets/images/image.h"
 #include "protocol/text.h"
 #include "server/documents/heat_json.h"
 #include "server/documents/plan_text.h"

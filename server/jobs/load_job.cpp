@@ -1,5 +1,6 @@
 #include "server/jobs/load_job.h"
 
+#include "engine/assets/sandbox/import_child.h"
 #include "protocol/hash.h"
 #include "protocol/text.h"
 #include "server/documents/scene_info.h"

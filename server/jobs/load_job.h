@@ -3,7 +3,7 @@
 // The import runs in a process of its own; a thread of the blocking pool waits for it.
 #pragma once
 
-#include "engine/assets/import.h"
+#include "engine/scene/description.h"
 #include "protocol/buffer.h"
 #include "protocol/openssl.h"
 #include "server/scheduling/job.h"

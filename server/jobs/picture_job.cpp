@@ -1,11 +1,11 @@
 #include "server/jobs/picture_job.h"
 
-#include "engine/assets/image.h"
+#include "engine/assets/images/image.h"
 #include "protocol/hash.h"
 #include "protocol/text.h"
-#include "server/jobs/ray_source.h"
-#include "server/documents/scene_info.h"
 #include "server/documents/plan_text.h"
+#include "server/documents/scene_info.h"
+#include "server/jobs/ray_source.h"
 #include "server/jobs/services.h"
 
 #include <algorithm>

@@ -3,7 +3,7 @@
 //   tracing (tasks in any order) ──all ended──► encoding (one task) ──► sending (under credit)
 #pragma once
 
-#include "engine/assets/image.h"
+#include "engine/assets/images/image.h"
 #include "engine/integrators/camera.h"
 #include "engine/integrators/picture.h"
 #include "server/execution/chunk_caster.h"

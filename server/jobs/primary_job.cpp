@@ -1,6 +1,6 @@
 #include "server/jobs/primary_job.h"
 
-#include "engine/assets/image.h"
+#include "engine/assets/images/image.h"
 #include "engine/integrators/picture.h"
 #include "server/jobs/services.h"
 

@@ -1,7 +1,7 @@
 #include "server/jobs/received_picture.h"
 
-#include "engine/assets/exr_header.h"
-#include "engine/assets/picture_child.h"
+#include "engine/assets/images/exr_header.h"
+#include "engine/assets/sandbox/picture_child.h"
 #include "protocol/text.h"
 #include "server/store/import_memory.h"
 

@@ -5,7 +5,7 @@
 // Services::blocking. A stopped task ends it.
 #pragma once
 
-#include "engine/assets/image.h"
+#include "engine/assets/images/image.h"
 #include "engine/integrators/film.h"
 #include "engine/integrators/integrator.h"
 #include "server/jobs/services.h"

@@ -1,7 +1,7 @@
 // The parts of the daemon that requests and jobs may use.
 #pragma once
 
-#include "engine/assets/import.h"
+#include "engine/assets/input/import_request.h"
 #include "protocol/limits.h"
 #include "server/execution/backend.h"
 

@@ -1,6 +1,6 @@
 #include "server/net/descriptors.h"
 
-#include "engine/assets/child_process.h"
+#include "engine/system/child_process.h"
 
 #include <fcntl.h>
 #include <sys/resource.h>

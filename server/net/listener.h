@@ -1,8 +1,8 @@
 // Accepts connections on one address and passes their sockets on.
 #pragma once
 
-#include "engine/assets/child_process.h"
 #include "engine/result.h"
+#include "engine/system/child_process.h"
 #include "server/ground/address.h"
 #include "server/net/asio.h"
 #include "server/net/descriptors.h"

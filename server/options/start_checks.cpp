@@ -1,6 +1,6 @@
 #include "server/options/start_checks.h"
 
-#include "engine/assets/sandbox.h"
+#include "engine/assets/sandbox/sandbox.h"
 #include "engine/packs/load.h"
 #include "engine/packs/registry.h"
 #include "server/ground/address.h"

@@ -1,15 +1,15 @@
 // HEATMAP: the cost of each pixel's ray, as raw counts or as a picture.
-#include "engine/assets/image.h"
+#include "engine/assets/images/image.h"
 #include "engine/integrators/picture.h"
 #include "protocol/text.h"
-#include "server/requests/request.h"
 #include "server/documents/heat_json.h"
-#include "server/jobs/heatmap_job.h"
+#include "server/documents/plan_text.h"
 #include "server/documents/scene_info.h"
 #include "server/documents/selection_text.h"
-#include "server/requests/words/make_plan.h"
 #include "server/execution/choose_backends.h"
-#include "server/documents/plan_text.h"
+#include "server/jobs/heatmap_job.h"
+#include "server/requests/request.h"
+#include "server/requests/words/make_plan.h"
 #include "server/requests/words/picture_request.h"
 
 #include <algorithm>

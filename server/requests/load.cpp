@@ -4,13 +4,13 @@
 //   upload:  NEED ──► UPLOAD pieces ──► import       builtin:, root:, --load  import at once
 //
 // An upload whose files' digests make a scene that the caller may see is published without being sent.
-#include "engine/assets/mask_rules.h"
+#include "engine/assets/input/mask_rules.h"
 #include "protocol/hash.h"
 #include "protocol/openssl.h"
 #include "protocol/text.h"
-#include "server/requests/request.h"
-#include "server/requests/load_at_start.h"
 #include "server/jobs/load_job.h"
+#include "server/requests/load_at_start.h"
+#include "server/requests/request.h"
 #include "server/scheduling/peers.h"
 #include "server/store/scene_store.h"
 

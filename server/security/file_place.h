@@ -3,8 +3,8 @@
 // afterwards.
 #pragma once
 
-#include "engine/assets/child_process.h"
 #include "engine/result.h"
+#include "engine/system/child_process.h"
 
 #include <sys/types.h>
 

@@ -1,6 +1,6 @@
 #include "server/security/secret_file.h"
 
-#include "engine/assets/child_process.h"
+#include "engine/system/child_process.h"
 
 #include <fcntl.h>
 #include <grp.h>

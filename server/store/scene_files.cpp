@@ -1,7 +1,7 @@
 #include "server/store/scene_files.h"
 
-#include "engine/assets/gltf_names.h"
-#include "engine/assets/gltf_prescan.h"
+#include "engine/assets/gltf/file/prescan.h"
+#include "engine/assets/gltf/file/uri.h"
 
 #include <nlohmann/json.hpp>
 

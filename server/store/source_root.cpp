@@ -1,6 +1,6 @@
 #include "server/store/source_root.h"
 
-#include "engine/assets/child_process.h"
+#include "engine/system/child_process.h"
 #include "protocol/text.h"
 
 #include <fcntl.h>

@@ -1,6 +1,6 @@
 #include "tests/bench/generators.h"
 
-#include "engine/assets/noise.h"
+#include "engine/assets/builtin/noise.h"
 #include "engine/math/random.h"
 
 #include <algorithm>

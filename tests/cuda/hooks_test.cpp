@@ -1,7 +1,7 @@
 // Checks that the GPU traversal calls an intersector's hooks for boxes, primitives and instances,
 // at every level, for every query, and that refused primitives are not hit. conformance only tests
 // the intersectors of the list, none of which has a hook for boxes.
-#include "engine/assets/import.h"
+#include "engine/assets/builtin/builtin.h"
 #include "engine/cuda/compress.h"
 #include "engine/cuda/traverse.h"
 #include "engine/intersectors/opaque.h"

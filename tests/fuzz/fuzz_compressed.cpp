@@ -1,7 +1,7 @@
 // Decodes hostile compressed geometry: the first bytes state its form, the rest is the stream. It
 // must decode to at most the allowed size, or fail.
-#include "engine/assets/gltf_draco.h"
-#include "engine/assets/gltf_meshopt.h"
+#include "engine/assets/gltf/file/draco.h"
+#include "engine/assets/gltf/file/meshopt.h"
 #include "tests/fuzz/target.h"
 #include "tests/unit/engine/assets/draco_streams.h"
 

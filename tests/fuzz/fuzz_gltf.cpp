@@ -1,6 +1,6 @@
 // Imports a hostile scene file, a GLB or a single .gltf: it is described, or refused with a
 // message.
-#include "engine/assets/gltf.h"
+#include "engine/assets/gltf/gltf.h"
 #include "tests/fuzz/target.h"
 
 #include <cstring>

@@ -1,7 +1,7 @@
 // A socket pair between two processes that carries whole messages of fixed size.
 #pragma once
 
-#include "engine/assets/child_process.h"
+#include "engine/system/child_process.h"
 
 #include <chrono>
 #include <cstddef>

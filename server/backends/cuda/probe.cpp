@@ -1,6 +1,6 @@
 #include "server/backends/cuda/probe.h"
 
-#include "engine/assets/import.h"
+#include "engine/assets/builtin/builtin.h"
 #include "engine/integrators/generators.h"
 #include "engine/math/random.h"
 

@@ -1,11 +1,11 @@
 #include "server/requests/words/picture_request.h"
 
-#include "engine/assets/image.h"
+#include "engine/assets/images/image.h"
 #include "protocol/control.h"
+#include "protocol/text.h"
+#include "server/jobs/services.h"
 #include "server/requests/words/generator.h"
 #include "server/scheduling/peers.h"
-#include "server/jobs/services.h"
-#include "protocol/text.h"
 
 #include <utility>
 

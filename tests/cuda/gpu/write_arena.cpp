@@ -1,7 +1,7 @@
 // raynest-bench-arena: writes a scene of raynest-bench as the arena that a worker maps, and rays.
 //
 //   raynest-bench-arena builtin:forest forest.arena --rays primary=forest.rays --count 65536
-#include "engine/assets/builtin.h"
+#include "engine/assets/builtin/builtin.h"
 #include "engine/packs/registry.h"
 #include "tests/bench/rays.h"
 #include "tests/bench/value_of.h"

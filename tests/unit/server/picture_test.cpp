@@ -1,11 +1,11 @@
 // RENDER on the io thread: the memory that it reserves, and the work of its tasks.
-#include "engine/assets/image.h"
-#include "server/requests/request.h"
-#include "server/jobs/picture_job.h"
-#include "tests/unit/server/small_daemon.h"
-#include "server/requests/words/make_plan.h"
+#include "engine/assets/images/image.h"
 #include "server/execution/choose_backends.h"
+#include "server/jobs/picture_job.h"
+#include "server/requests/request.h"
+#include "server/requests/words/make_plan.h"
 #include "server/requests/words/picture_request.h"
+#include "tests/unit/server/small_daemon.h"
 
 #include <doctest/doctest.h>
 

@@ -1,4 +1,4 @@
-#include "engine/assets/import.h"
+#include "engine/assets/builtin/builtin.h"
 #include "engine/scene/snapshot.h"
 
 #include <doctest/doctest.h>

@@ -1,7 +1,7 @@
 // Describes a scene file in a test: a helper each for success and for refusal.
 #pragma once
 
-#include "engine/assets/gltf.h"
+#include "engine/assets/gltf/gltf.h"
 #include "tests/unit/engine/assets/samples.h"
 
 #include <string>

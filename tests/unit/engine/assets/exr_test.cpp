@@ -1,5 +1,5 @@
 // EXR files that come back: decoded exactly, and refused when they are not as they were written.
-#include "engine/assets/exr_header.h"
+#include "engine/assets/images/exr_header.h"
 #include "tests/unit/engine/assets/samples.h"
 
 #include <doctest/doctest.h>

@@ -1,5 +1,5 @@
 // What the import leaves out, in words that lead to the place in the file.
-#include "engine/assets/gltf_names.h"
+#include "engine/assets/gltf/file/uri.h"
 #include "engine/scene/snapshot.h"
 #include "tests/unit/engine/assets/describe.h"
 

@@ -1,5 +1,5 @@
 // EXT_meshopt_compression: streams of the library's encoders are decoded, and damaged ones refused.
-#include "engine/assets/gltf_meshopt.h"
+#include "engine/assets/gltf/file/meshopt.h"
 
 #include "tests/unit/engine/assets/describe.h"
 

@@ -1,6 +1,7 @@
-#include "engine/assets/gltf_names.h"
+#include "engine/assets/gltf/file/uri.h"
 
-#include "engine/assets/gltf.h"
+#include "engine/assets/gltf/gltf.h"
+#include "engine/assets/input/messages.h"
 #include "tests/unit/engine/assets/samples.h"
 
 #include <nlohmann/json.hpp>
@@ -38,13 +39,13 @@ TEST_CASE("a URI may only name a file beside or below the scene") {
 }
 
 TEST_CASE("text is cut between characters") {
-    CHECK(gltf::front_of("abc", 2) == "ab");
+    CHECK(front_of("abc", 2) == "ab");
     for (const std::size_t bytes : {6U, 7U, 8U}) {
-        CHECK(gltf::front_of(trees(3), bytes) == trees(2));
+        CHECK(front_of(trees(3), bytes) == trees(2));
     }
-    CHECK(gltf::front_of(trees(3), 9) == trees(3));
-    CHECK(gltf::one_line(trees(3), 7) == trees(2) + "...");
-    CHECK(gltf::label("mesh", 7, trees(30)) == "mesh 7 ('" + trees(20) + "...')");
+    CHECK(front_of(trees(3), 9) == trees(3));
+    CHECK(one_line(trees(3), 7) == trees(2) + "...");
+    CHECK(label("mesh", 7, trees(30)) == "mesh 7 ('" + trees(20) + "...')");
 }
 
 TEST_CASE("long names of nodes lose no part of a character") {

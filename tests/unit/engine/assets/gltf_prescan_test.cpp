@@ -1,4 +1,4 @@
-#include "engine/assets/gltf_prescan.h"
+#include "engine/assets/gltf/file/prescan.h"
 
 #include "tests/unit/engine/assets/samples.h"
 

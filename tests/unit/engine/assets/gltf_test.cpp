@@ -1,3 +1,4 @@
+#include "engine/assets/import.h"
 #include "engine/scene/snapshot.h"
 #include "tests/unit/engine/assets/describe.h"
 

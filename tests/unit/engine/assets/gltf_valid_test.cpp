@@ -1,4 +1,5 @@
 // Foreign files that must load: those of Khronos' validator without an error, and odd ones.
+#include "engine/assets/import.h"
 #include "tests/unit/engine/assets/samples.h"
 
 #include <map>

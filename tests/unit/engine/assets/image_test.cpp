@@ -1,4 +1,4 @@
-#include "engine/assets/image.h"
+#include "engine/assets/images/image.h"
 
 #include "tests/unit/engine/assets/samples.h"
 

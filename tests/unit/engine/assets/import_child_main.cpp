@@ -1,9 +1,10 @@
 // The tests' import child: `--import-child` is the real one; other arguments misbehave as a
 // crashed, hung or hijacked child would.
-#include "engine/assets/child_process.h"
 #include "engine/assets/import.h"
-#include "engine/assets/import_wire.h"
-#include "engine/assets/sandbox.h"
+#include "engine/assets/sandbox/import_child.h"
+#include "engine/assets/sandbox/import_wire.h"
+#include "engine/assets/sandbox/sandbox.h"
+#include "engine/system/child_process.h"
 #include "tests/unit/engine/assets/forbidden_calls.h"
 
 #include <arpa/inet.h>

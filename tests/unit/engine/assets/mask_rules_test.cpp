@@ -1,7 +1,7 @@
 // Masks by paths: which paths a rule matches, and which placements get its mask.
-#include "engine/assets/mask_rules.h"
+#include "engine/assets/input/mask_rules.h"
 
-#include "engine/assets/gltf.h"
+#include "engine/assets/gltf/gltf.h"
 #include "engine/scene/snapshot.h"
 #include "tests/unit/engine/assets/samples.h"
 #include "tests/unit/engine/small_scenes.h"

@@ -1,4 +1,5 @@
-#include "engine/assets/npy.h"
+#include "engine/assets/formats/npy.h"
+#include "engine/assets/import.h"
 
 #include "tests/unit/engine/assets/samples.h"
 

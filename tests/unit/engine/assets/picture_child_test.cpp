@@ -1,6 +1,6 @@
 // Pictures from outside, decoded in the import child: as in this process, and never trusted.
-#include "engine/assets/exr_header.h"
-#include "engine/assets/picture_child.h"
+#include "engine/assets/images/exr_header.h"
+#include "engine/assets/sandbox/picture_child.h"
 #include "tests/sanitized.h"
 #include "tests/unit/engine/assets/describe.h"
 #include "tests/unit/engine/assets/samples.h"

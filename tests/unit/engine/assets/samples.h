@@ -2,8 +2,8 @@
 // shared scenes, which are beside the repository and may be absent.
 #pragma once
 
-#include "engine/assets/image.h"
-#include "engine/assets/import.h"
+#include "engine/assets/images/image.h"
+#include "engine/assets/input/import_request.h"
 
 #include <doctest/doctest.h>
 

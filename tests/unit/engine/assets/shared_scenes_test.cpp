@@ -1,4 +1,5 @@
 // The shared scenes: good ones load with the right counts, hostile ones end in one line.
+#include "engine/assets/import.h"
 #include "tests/unit/engine/assets/samples.h"
 
 #include <nlohmann/json.hpp>

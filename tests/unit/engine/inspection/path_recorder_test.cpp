@@ -1,7 +1,7 @@
 // The rays of a path: recording changes no sample, and each ray begins where the one before ended.
 #include "engine/inspection/path_recorder.h"
 
-#include "engine/assets/import.h"
+#include "engine/assets/builtin/builtin.h"
 #include "engine/integrators/integrator.h"
 #include "tests/unit/engine/integrators/kernel_caster.h"
 #include "tests/unit/engine/small_scenes.h"

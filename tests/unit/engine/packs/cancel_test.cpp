@@ -1,5 +1,5 @@
 // Tests callers that cancel: every compiled function ends, even within a ray.
-#include "engine/assets/import.h"
+#include "engine/assets/builtin/builtin.h"
 #include "engine/packs/registry.h"
 #include "engine/scene/snapshot.h"
 #include "tests/conformance/scenes.h"

@@ -1,6 +1,6 @@
 // Opacity against sampling: no point of a triangle may have an alpha that its two bytes exclude,
 // and no answer may change when they are taken away.
-#include "engine/assets/import.h"
+#include "engine/assets/builtin/builtin.h"
 #include "engine/intersectors/texture.h"
 #include "engine/packs/registry.h"
 #include "engine/scene/format.h"

@@ -1,5 +1,5 @@
 // Texts of paths: every one is unique, and each finds its path again.
-#include "engine/assets/gltf.h"
+#include "engine/assets/gltf/gltf.h"
 #include "engine/queries/columns.h"
 #include "engine/scene/format.h"
 #include "engine/scene/snapshot.h"

@@ -1,0 +1,98 @@
+// Node transforms: converts a matrix or TRS to one 3x4 map in double precision.
+#include "engine/assets/gltf/file/model.h"
+
+#include <cmath>
+
+namespace raynest::gltf {
+namespace {
+
+bool fits_float(std::span<const double> numbers) {
+    for (const double number : numbers) {
+        if (!std::isfinite(static_cast<float>(number))) return false;
+    }
+    return true;
+}
+
+}  // namespace
+
+Matrix from_trs(const double* t, const double* r, const double* s) {
+    const double n = 1 / std::sqrt(r[0] * r[0] + r[1] * r[1] + r[2] * r[2] + r[3] * r[3]);
+    const double x = r[0] * n;
+    const double y = r[1] * n;
+    const double z = r[2] * n;
+    const double w = r[3] * n;
+    return {(1 - 2 * (y * y + z * z)) * s[0], 2 * (x * y - z * w) * s[1],
+            2 * (x * z + y * w) * s[2],       t[0],
+            2 * (x * y + z * w) * s[0],       (1 - 2 * (x * x + z * z)) * s[1],
+            2 * (y * z - x * w) * s[2],       t[1],
+            2 * (x * z - y * w) * s[0],       2 * (y * z + x * w) * s[1],
+            (1 - 2 * (x * x + y * y)) * s[2], t[2]};
+}
+
+Matrix multiply(const Matrix& a, const Matrix& b) {
+    Matrix out{};
+    for (std::size_t row = 0; row < 12; row += 4) {
+        for (std::size_t column = 0; column < 4; ++column) {
+            out[row + column] = a[row] * b[column] + a[row + 1] * b[4 + column] +
+                                a[row + 2] * b[8 + column] + (column == 3 ? a[row + 3] : 0.0);
+        }
+    }
+    return out;
+}
+
+Transform round_matrix(const Matrix& matrix) {
+    Transform transform;
+    for (std::size_t i = 0; i < 12; ++i) transform.m[i] = static_cast<float>(matrix[i]);
+    return transform;
+}
+
+Result<Matrix> local_matrix(std::span<const double> matrix, std::span<const double> translation,
+                            std::span<const double> rotation, std::span<const double> scale,
+                            const std::string& where) {
+    const auto wrong = [](std::span<const double> numbers, std::size_t size) {
+        return !numbers.empty() && numbers.size() != size;
+    };
+    if (wrong(matrix, 16) || wrong(translation, 3) || wrong(rotation, 4) || wrong(scale, 3)) {
+        return fail(ErrorCode::scene_invalid, where + " has a transform of the wrong length");
+    }
+    if (!fits_float(matrix) || !fits_float(translation) || !fits_float(rotation) ||
+        !fits_float(scale)) {
+        return fail(ErrorCode::scene_invalid, where + " has a transform that does not fit a float");
+    }
+    if (!matrix.empty()) {
+        if (!translation.empty() || !rotation.empty() || !scale.empty()) {
+            return fail(ErrorCode::scene_invalid,
+                        where + " has a matrix and TRS; only one may be given");
+        }
+        // A last row of zeros is accepted only with an all-zero matrix: singular, not projective.
+        const double row = std::abs(matrix[3]) + std::abs(matrix[7]) + std::abs(matrix[11]);
+        if (row > 1e-4 || (std::abs(matrix[15] - 1) > 1e-4 && matrix[15] != 0)) {
+            return fail(ErrorCode::scene_invalid,
+                        where + " has a projective matrix, not an affine one");
+        }
+        Matrix out{};
+        for (std::size_t r = 0; r < 3; ++r) {
+            for (std::size_t column = 0; column < 4; ++column) {
+                out[r * 4 + column] = matrix[column * 4 + r];
+            }
+        }
+        return out;
+    }
+
+    const double no_translation[3] = {0, 0, 0};
+    const double no_rotation[4] = {0, 0, 0, 1};
+    const double no_scale[3] = {1, 1, 1};
+    double length = 1;
+    if (!rotation.empty()) {
+        length =
+            std::hypot(std::hypot(rotation[0], rotation[1]), std::hypot(rotation[2], rotation[3]));
+    }
+    if (length < 1e-12) {
+        return fail(ErrorCode::scene_invalid, where + " has a rotation of length zero");
+    }
+    return from_trs(translation.empty() ? no_translation : translation.data(),
+                    rotation.empty() ? no_rotation : rotation.data(),
+                    scale.empty() ? no_scale : scale.data());
+}
+
+}  // namespace raynest::gltf
