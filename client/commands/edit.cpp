@@ -67,7 +67,7 @@ std::string read_change(EditChange::What what, const std::string& text, EditOpti
 
 void declare(CommandLine& line, EditOptions& edit) {
     line.add_option("SCENE", edit.scene, "name of a loaded scene of yours").required();
-    const auto change = [&edit](EditChange::What what) {
+    const auto changing = [&edit](EditChange::What what) {
         return [&edit, what](const std::string& text) { return read_change(what, text, edit); };
     };
     const auto set_mask = [&edit](std::uint32_t mask) {
@@ -79,13 +79,13 @@ void declare(CommandLine& line, EditOptions& edit) {
         };
     };
     line.add_in_order(
-        "--move", change(EditChange::move),
+        "--move", changing(EditChange::move),
         "PATH=DX,DY,DZ, or PATH= and a 3x4 matrix row by row: moves what stands there, in the world. In "
         "PATH * stands for any text, and all below a path moves with it; inst=N is the outermost "
         "instance N. May be repeated, also the options below; they act in their order");
-    line.add_in_order("--place", change(EditChange::place),
+    line.add_in_order("--place", changing(EditChange::place),
                       "PATH= and a 3x4 matrix row by row: from the object's own coordinates to the world's");
-    line.add_in_order("--set-mask", change(EditChange::mask),
+    line.add_in_order("--set-mask", changing(EditChange::mask),
                       "PATH=HEX: its mask from now on (see: query --mask)");
     line.add_in_order("--hide", set_mask(0), "PATH: no ray meets it from now on");
     line.add_in_order("--show", set_mask(~0U), "PATH: every ray may meet it");

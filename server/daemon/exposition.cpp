@@ -3,6 +3,7 @@
 #include "server/requests/quota_use.h"
 #include "server/scheduling/admission.h"
 #include "server/scheduling/peers.h"
+#include "engine/packs/registry.h"
 #include "server/ground/log.h"
 #include "server/store/scene_store.h"
 

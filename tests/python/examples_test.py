@@ -57,6 +57,16 @@ class Examples(DaemonTest):
         self.assertTrue(((points["cosine"] >= 0) & (points["cosine"] <= 1.0001)).all())
         self.assertEqual(set(points["channel"]), set(range(64)))
 
+    def test_a_part_moves_from_sweep_to_sweep(self):
+        said = self.example("moving.py", FOREST, "--part", "stand-1*", "--by", "0,2,0", "--frames", 3,
+                            "--channels", 8, "--azimuths", 400, "-o", "moving.npz")
+        self.assertRegex(said, r"frame 2: epoch \d+, [1-9]\d* instances moved")
+        frames = np.load(self.out / "moving.npz")
+        self.assertEqual(len(frames), 3)
+        heights = [frames[name][:, 1].max() for name in sorted(frames)]
+        self.assertGreater(heights[2], heights[0] + 1)  # it rises
+        self.example("moving.py", FOREST, "--part", "no-such", "--frames", 1, code=2)
+
     def test_a_lidar_elsewhere_sees_no_further_than_its_range(self):
         self.example("lidar.py", FOREST, "-o", "b.npy", "--at", 5, 30, -5, "--range", 40,
                      "--channels", 8, "--azimuths", 90, "--elevations", -90, -10)
