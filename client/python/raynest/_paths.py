@@ -6,12 +6,12 @@ from typing import Any, Sequence, Union, overload
 import numpy as np
 
 from . import _limits
-from . import client as clients  # which imports this module: its names are there later
 from ._arguments import whole, whole_numbers
 from ._columns import MISS
 from ._control import Message
 from ._explain import receive_document
 from ._frame import Array
+from ._session import Session
 from ._words import path_info
 from .errors import ProtocolError, UsageError
 
@@ -20,7 +20,7 @@ class Paths:
     """The part of a scene that knows its paths."""
 
     name: str
-    _client: clients.Client
+    _client: Session
 
     @overload
     def path_of(self, ids: int, *, epoch: int = 0) -> str: ...

@@ -4,7 +4,6 @@ from __future__ import annotations
 import contextlib
 from typing import TYPE_CHECKING, Any, Callable, Iterator, Optional, Sequence, Union
 
-from . import client as clients  # which imports this module: its names are there later
 from ._arguments import Unpack, none_is_default
 from ._control import Message
 from ._film import (Environment, EnvironmentFile, Layers, film_message, is_lit, layers_of,
@@ -12,6 +11,7 @@ from ._film import (Environment, EnvironmentFile, Layers, film_message, is_lit, 
 from ._frame import Array
 from ._job import JobOptions, Outcome, Progress, SceneMoved, job_message
 from ._picture import Picture, camera_message, size_message
+from ._session import Session
 from .errors import InvalidError, UsageError
 from .job import Job
 
@@ -23,7 +23,7 @@ class Renders:
     """Pictures of a scene."""
 
     name: str
-    _client: clients.Client
+    _client: Session
     if TYPE_CHECKING:
         _at: Callable[..., Any]
         _look_up: Callable[[JobOptions], None]

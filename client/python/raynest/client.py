@@ -3,39 +3,31 @@ from __future__ import annotations
 
 import contextlib
 import os
-import threading
 import time
 from types import TracebackType
-from typing import Any, Iterator, Optional, Sequence, Union
+from typing import Any, Optional, Sequence, Union
 
 import numpy as np
 
 from . import _limits
-from ._access import Access, find_access
+from ._access import find_access
 from ._address import DEFAULT_URI
 from ._arguments import Masks, mask_rules, milliseconds, none_is_default
-from ._connection import Connection
 from ._control import Message
 from ._files import path_text
 from ._gltf import mesh_glb
-from ._handles import Handles
 from ._hosts import forget_host
-from ._job import Outcome, Progress
+from ._job import Progress
 from ._precision import ROUNDING_WORDS, rounding_warning
 from ._principals import split_principals
 from ._rays import vector
 from ._reconnect import seconds_of
-from ._ssh import SshTunnel
+from ._session import Session
 from ._upload import File, Sender, Upload, gather
 from ._words import scene_info, variant_info
-from .errors import InvalidError, ProtocolError, SceneWarning, UsageError, warn
+from .errors import ProtocolError, SceneWarning, UsageError, warn
 from .job import Job, job_infos
 from .scene import Scene, scene_info
-
-
-class _OfThread(threading.local):
-    def __init__(self) -> None:
-        self.outcome = Outcome()
 
 
 @none_is_default
@@ -72,42 +64,9 @@ def logout(uri: Optional[str] = None) -> bool:
     return forget_host(uri or os.environ.get("RAYNEST_SERVER") or DEFAULT_URI)
 
 
-class Client:
+class Client(Session):
     """A connection, which runs one request at a time: threads take turns, but for an open stream, during
     which all others are told. For concurrent requests, open several. As a context manager it closes itself."""
-
-    def __init__(self, uri: str, access: Access, window_bytes: int, reconnect: float = 0.0) -> None:
-        self._uri = uri
-        self._tunnel = SshTunnel(uri) if uri.startswith("ssh://") else None
-        try:
-            self.connection = Connection(self._tunnel.uri if self._tunnel else uri, access, window_bytes,
-                                         reconnect, self._tunnel.explain if self._tunnel else None)
-        except BaseException:
-            if self._tunnel:
-                self._tunnel.close()
-            raise
-        self.handles = Handles()
-        self._of_thread = _OfThread()
-
-    @property
-    def outcome(self) -> Outcome:
-        """The outcome of this thread's last trace, stream or picture: what ran, and its statistics."""
-        return self._of_thread.outcome
-
-    @outcome.setter
-    def outcome(self, outcome: Outcome) -> None:
-        self._of_thread.outcome = outcome
-
-    @property
-    def uri(self) -> str:
-        return self._uri
-
-    def close(self) -> None:
-        """Ends the connection. Scenes that have a name stay in the daemon; meshes without one go,
-        unless another connection holds them."""
-        self.connection.close()
-        if self._tunnel:
-            self._tunnel.close()
 
     def __enter__(self) -> Client:
         return self
@@ -262,13 +221,6 @@ class Client:
                 self.handles.unloaded(name)
         return names
 
-    def drop_unused(self) -> None:
-        """Unloads the meshes without a name that have no Scene object any more; mesh() and load()
-        call it first."""
-        for name in () if self.connection.closed else self.handles.take_unused():
-            with contextlib.suppress(InvalidError):  # somebody else has unloaded it
-                self.connection.ask("Unload", {"scene": name}, "Unloaded")
-
     # ---- jobs -----------------------------------------------------------------------------------
 
     def job(self, number: int) -> Job:
@@ -298,16 +250,6 @@ class Client:
         begin = time.perf_counter()
         self.connection.ask("Ping", {"payload": 1}, "Pong")
         return time.perf_counter() - begin
-
-    def pages(self, name: str, answer: str, entries: str, **request: Any) -> Iterator[Message]:
-        """Yields the pages of a list request."""
-        first = 0
-        while True:
-            page = self.connection.ask(name, {**request, "first": first}, answer)
-            yield page
-            first += len(page[entries])
-            if first >= page["total"] or not page[entries]:
-                return
 
 
 def _origin_message(origin: Any) -> Message:

@@ -8,7 +8,6 @@ from __future__ import annotations
 import contextlib
 from typing import Any, Iterator
 
-from . import client as clients  # which imports this module: its names are there later
 from . import errors
 from ._arguments import milliseconds, none_is_default, whole
 from ._columns import REDUCED, Whole
@@ -17,13 +16,14 @@ from ._control import Message
 from ._job import Progress
 from ._picture import Picture
 from ._query import Answer
+from ._session import Session
 from ._words import job_info
 
 
 class Job:
     """A job, made with `detach` or by Client.job(), also on another connection of the same owner."""
 
-    def __init__(self, client: clients.Client, number: int) -> None:
+    def __init__(self, client: Session, number: int) -> None:
         self.number = whole("job", number, 2**64 - 1)
         self._client = client
         self._cancelled = False     # by this object

@@ -11,7 +11,6 @@ from typing import (Any, Callable, Generator, Iterable, Iterator, Literal, Mappi
 import numpy as np
 
 from . import _limits, _lists
-from . import client as clients  # which imports this module: its names are there later
 from ._arguments import Unpack, none_is_default, numbers, whole
 from ._columns import Columns, Whole, anywhere, as_usual
 from ._control import Message
@@ -24,6 +23,7 @@ from ._precision import ray_warning
 from ._query import Query
 from ._rays import Rays, Source, Starts, flat_pairs, segments, vector
 from ._render import Renders
+from ._session import Session
 from ._words import scene_info
 from .edits import Edit
 from .errors import InvalidError, RayWarning, UsageError, warn
@@ -36,7 +36,7 @@ class Scene(Renders, Paths):
     """A scene, made by Client.load(), mesh() or scene(). Rays, cameras and positions are in the
     world: the scene's origin is subtracted before they are sent and added to answers, in float64."""
 
-    def __init__(self, client: clients.Client, name: str,
+    def __init__(self, client: Session, name: str,
                  info: Optional[dict[str, Any]] = None) -> None:
         self.name = name
         self._client = client
