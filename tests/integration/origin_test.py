@@ -17,7 +17,7 @@ sys.path.insert(0, str(pathlib.Path(__file__).parents[2] / "client/python"))
 
 import raynest
 from raynest import generators
-from raynest._gltf import mesh_glb
+from raynest._requests.gltf import mesh_glb
 from daemon import DaemonTest
 
 FAR = np.array([5e5, 4.5e6, 100.0])

@@ -78,7 +78,7 @@ class Secrets(WithConfig):
     def test_the_address_that_answers_counts_not_the_name_alone(self):
         with socket.create_server(("127.0.0.1", 0)) as server:
             uri = f"tcp://localhost:{server.getsockname()[1]}"
-            with mock.patch("raynest._address.is_loopback", lambda host: False), \
+            with mock.patch("raynest._net.address.is_loopback", lambda host: False), \
                     self.assertRaisesRegex(raynest.UsageError, "is not sent to"):
                 raynest.connect(uri, token=SECRET)
             accepted = server.accept()[0]
@@ -227,9 +227,9 @@ class Hosts(WithConfig):
 
     def test_python_before_3_11_reads_what_login_writes(self):
         self.log_in(self.uri, "--ca", self.certificates.ca)
-        before = raynest._hosts._parse(self.hosts.read_text())
+        before = raynest._net.hosts._parse(self.hosts.read_text())
         with mock.patch.dict(sys.modules, {"tomllib": None}):
-            self.assertEqual(raynest._hosts._parse(self.hosts.read_text()), before)
+            self.assertEqual(raynest._net.hosts._parse(self.hosts.read_text()), before)
         self.assertEqual(before.broken, [])
 
     def test_the_environment_counts_before_what_login_keeps(self):

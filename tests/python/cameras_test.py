@@ -10,7 +10,7 @@ import struct
 import numpy as np
 
 import raynest
-from raynest._gltf import mesh_glb
+from raynest._requests.gltf import mesh_glb
 from with_daemon import WithDaemon, main
 
 # A cube of 2 metres around the origin, its surfaces facing outwards.

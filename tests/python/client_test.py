@@ -15,8 +15,8 @@ import numpy as np
 
 import raynest
 from raynest import generators
-from raynest._job import JobOptions
-from raynest._picture import Picture
+from raynest._requests.job import JobOptions
+from raynest._requests.picture import Picture
 from daemon import Daemon, closed_port
 from with_daemon import MISS, WithDaemon, main, rain
 

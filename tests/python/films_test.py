@@ -8,7 +8,7 @@ import warnings
 import numpy as np
 
 import raynest
-from raynest._exr import read_exr
+from raynest._requests.exr import read_exr
 from with_daemon import WithDaemon, main
 
 VIEW = {"size": (90, 50), "look_at": ([0, 6, 18], [0, 4, 0])}

@@ -14,7 +14,7 @@ import unittest
 import numpy as np
 
 import raynest
-from raynest._frame import HEADER, MAGIC, Header, write_header
+from raynest._net.frame import HEADER, MAGIC, Header, write_header
 from daemon import PATIENCE
 from with_fake import WELCOME, WithFake, frame, t
 

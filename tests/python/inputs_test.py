@@ -17,7 +17,8 @@ from unittest import mock
 import numpy as np
 
 import raynest
-from raynest import _files, generators
+from raynest import generators
+from raynest._requests import files
 from with_daemon import WithDaemon, main
 
 # A triangle as a .gltf of one file: positions (0,0,0) (1,0,0) (0,1,0) in a data URI.
@@ -200,12 +201,12 @@ class Inputs(WithDaemon):
             self.client.load("/dev/null", "x")
 
     def test_a_pipe_without_an_end_is_refused(self):
-        with mock.patch.object(_files, "PIPED_BYTES_MAX", 1000):
+        with mock.patch.object(files, "PIPED_BYTES_MAX", 1000):
             with self.assertRaisesRegex(raynest.InvalidError, "goes on after 1000 bytes"):
-                _files.read_file("/dev/zero", 1 << 40)
-            self.assertEqual(len(_files.read_file(str(self.fed("thousand", b"x" * 1000)), 1 << 40)), 1000)
+                files.read_file("/dev/zero", 1 << 40)
+            self.assertEqual(len(files.read_file(str(self.fed("thousand", b"x" * 1000)), 1 << 40)), 1000)
         with self.assertRaisesRegex(raynest.InvalidError, "directory"):
-            _files.read_file(str(self.out), 1000)
+            files.read_file(str(self.out), 1000)
 
     def test_names_need_not_be_utf8(self):
         folder = pathlib.Path(os.fsdecode(os.fsencode(self.out) + b"/caf\xe9"))

@@ -18,13 +18,13 @@ import unittest
 import numpy as np
 
 from raynest import _limits, errors
-from raynest._columns import Answered, OF_HITS, OF_RAYS
-from raynest._control import decode, encode
-from raynest._frame import HEADER, Header, read_blocks, read_header, write_header
-from raynest._files import read_file_beneath
-from raynest._gltf import file_names, file_of_uri, mesh_glb
-from raynest._rays import Rays, segments
-from raynest._schema import SCHEMA, SCALARS
+from raynest._net.control import decode, encode
+from raynest._net.frame import HEADER, Header, read_blocks, read_header, write_header
+from raynest._net.schema import SCHEMA, SCALARS
+from raynest._requests.columns import Answered, OF_HITS, OF_RAYS
+from raynest._requests.files import read_file_beneath
+from raynest._requests.gltf import file_names, file_of_uri, mesh_glb
+from raynest._requests.rays import Rays, segments
 
 ROOT = pathlib.Path(__file__).resolve().parents[2]
 SCHEMA_FILE = ROOT / "protocol" / "messages.fbs"

@@ -12,7 +12,7 @@ from unittest import mock
 import numpy as np
 
 import raynest
-from raynest._gltf import mesh_glb
+from raynest._requests.gltf import mesh_glb
 from daemon import SHARED_SCENES
 from with_daemon import WithDaemon, main
 
@@ -75,7 +75,7 @@ class Upload(WithDaemon):
         """Otherwise one client could put its scene in the place of another's."""
         (self.out / "honest.glb").write_bytes(mesh_glb(np.eye(3), [[0, 1, 2]]))
         lie = types.SimpleNamespace(sha256=lambda _data: hashlib.sha256(b"another file"))
-        with mock.patch.object(raynest._upload, "hashlib", lie):
+        with mock.patch.object(raynest._requests.upload, "hashlib", lie):
             with self.assertRaisesRegex(raynest.Error, "'honest.glb' was damaged on its way"):
                 self.client.load(self.out / "honest.glb")
 

@@ -15,7 +15,7 @@ from unittest import mock
 import numpy as np
 
 import raynest
-from raynest._frame import HEADER, read_header
+from raynest._net.frame import HEADER, read_header
 from daemon import PATIENCE
 from with_fake import WELCOME, WithFake, frame, t
 
@@ -123,7 +123,7 @@ class Patience(WithFake):
 
     def setUp(self):
         for name in ("GRACE_SECONDS", "GREETING_SECONDS"):
-            patch = mock.patch.object(raynest._connection, name, 0.5)
+            patch = mock.patch.object(raynest._net.connection, name, 0.5)
             patch.start()
             self.addCleanup(patch.stop)
 

@@ -9,14 +9,14 @@ import unittest
 import numpy as np
 
 import raynest
-import raynest._connection
-from raynest._control import decode, encode
-from raynest._frame import DTYPES, HEADER, Header, padding, read_header, write_header
-from raynest._schema import SCHEMA
+import raynest._net.connection
+from raynest._net.control import decode, encode
+from raynest._net.frame import DTYPES, HEADER, Header, padding, read_header, write_header
+from raynest._net.schema import SCHEMA
 from daemon import PATIENCE
 
 # Scripts count a connection's requests from 1.
-raynest._connection.first_request_id = lambda: 0
+raynest._net.connection.first_request_id = lambda: 0
 
 WELCOME = {"version": 1, "server": "fake", "window_bytes": 8 << 20, "frame_bytes_max": 64 << 20,
            "chunk_rays_max": 16384, "jobs_max": 8}

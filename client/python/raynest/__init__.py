@@ -17,7 +17,7 @@ from .client import Client, connect, logout
 from .errors import (BusyError, CancelledError, ConnectError, DeadlineError, Error, FailedError,
                      InvalidError, NotAllowedError, ProtocolError, RayWarning, SceneWarning,
                      UsageError)
-from ._film import Layers
+from ._requests.film import Layers
 from ._render import read_layers
 from .images import Heatmap, Image
 from .job import Job

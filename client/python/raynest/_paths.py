@@ -6,13 +6,13 @@ from typing import Any, Sequence, Union, overload
 import numpy as np
 
 from . import _limits
-from ._arguments import whole, whole_numbers
-from ._columns import MISS
-from ._control import Message
-from ._explain import receive_document
-from ._frame import Array
+from ._net.control import Message
+from ._net.frame import Array
+from ._requests.arguments import whole, whole_numbers
+from ._requests.columns import MISS
+from ._requests.explain import receive_document
+from ._requests.words import path_info
 from ._session import Session
-from ._words import path_info
 from .errors import ProtocolError, UsageError
 
 

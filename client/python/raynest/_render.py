@@ -4,13 +4,13 @@ from __future__ import annotations
 import contextlib
 from typing import TYPE_CHECKING, Any, Callable, Iterator, Optional, Sequence, Union
 
-from ._arguments import Unpack, none_is_default
-from ._control import Message
-from ._film import (Environment, EnvironmentFile, Layers, film_message, is_lit, layers_of,
-                    warn_if_incomplete, warn_of_options)
-from ._frame import Array
-from ._job import JobOptions, Outcome, Progress, SceneMoved, job_message
-from ._picture import Picture, camera_message, size_message
+from ._net.control import Message
+from ._net.frame import Array
+from ._requests.arguments import Unpack, none_is_default
+from ._requests.film import (Environment, EnvironmentFile, Layers, film_message, is_lit, layers_of,
+                             warn_if_incomplete, warn_of_options)
+from ._requests.job import JobOptions, Outcome, Progress, SceneMoved, job_message
+from ._requests.picture import Picture, camera_message, size_message
 from ._session import Session
 from .errors import InvalidError, UsageError
 from .job import Job

@@ -5,12 +5,12 @@ import contextlib
 import threading
 from typing import Any, Iterator
 
-from ._access import Access
-from ._connection import Connection
-from ._control import Message
 from ._handles import Handles
-from ._job import Outcome
-from ._ssh import SshTunnel
+from ._net.access import Access
+from ._net.connection import Connection
+from ._net.control import Message
+from ._net.ssh import SshTunnel
+from ._requests.job import Outcome
 from .errors import InvalidError
 
 

@@ -10,21 +10,21 @@ from typing import Any, Optional, Sequence, Union
 import numpy as np
 
 from . import _limits
-from ._access import find_access
-from ._address import DEFAULT_URI
-from ._arguments import Masks, mask_rules, milliseconds, none_is_default
-from ._control import Message
-from ._files import path_text
-from ._gltf import mesh_glb
-from ._hosts import forget_host
-from ._job import Progress
-from ._precision import ROUNDING_WORDS, rounding_warning
-from ._principals import split_principals
-from ._rays import vector
-from ._reconnect import seconds_of
+from ._net.access import find_access
+from ._net.address import DEFAULT_URI
+from ._net.control import Message
+from ._net.hosts import forget_host
+from ._net.reconnect import seconds_of
+from ._requests.arguments import Masks, mask_rules, milliseconds, none_is_default
+from ._requests.files import path_text
+from ._requests.gltf import mesh_glb
+from ._requests.job import Progress
+from ._requests.precision import ROUNDING_WORDS, rounding_warning
+from ._requests.principals import split_principals
+from ._requests.rays import vector
+from ._requests.upload import File, Sender, Upload, gather
+from ._requests.words import scene_info, variant_info
 from ._session import Session
-from ._upload import File, Sender, Upload, gather
-from ._words import scene_info, variant_info
 from .errors import ProtocolError, SceneWarning, UsageError, warn
 from .job import Job, job_infos
 from .scene import Scene, scene_info

@@ -9,10 +9,10 @@ from typing import Any, Optional, Sequence, Union
 import numpy as np
 
 from . import _limits
-from ._arguments import numbers, whole
-from ._connection import Connection
-from ._frame import Array
-from ._upload import FileSender
+from ._net.connection import Connection
+from ._net.frame import Array
+from ._requests.arguments import numbers, whole
+from ._requests.upload import FileSender
 from .errors import ProtocolError, UsageError
 
 # The number of an outermost instance, as in the column inst; the text of a path, in which '*' stands for

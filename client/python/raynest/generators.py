@@ -21,12 +21,12 @@ from typing import Any, Callable, Optional, Sequence, TypedDict, Union, cast
 import numpy as np
 
 from . import _limits
-from ._arguments import Unpack, count_of, float32, none_is_default, numbers, real, whole
-from ._control import Message
-from ._frame import Array
 from ._lists import GENERATORS
-from ._picture import camera_message, size_message
-from ._rays import Rays, Source, Starts, pair, vector
+from ._net.control import Message
+from ._net.frame import Array
+from ._requests.arguments import Unpack, count_of, float32, none_is_default, numbers, real, whole
+from ._requests.picture import camera_message, size_message
+from ._requests.rays import Rays, Source, Starts, pair, vector
 from .errors import UsageError
 
 

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any, Callable, Optional
 
 import numpy as np
 
-from ._frame import Array
+from ._net.frame import Array
 from .errors import Error, UsageError
 
 if TYPE_CHECKING:

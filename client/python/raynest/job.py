@@ -9,15 +9,15 @@ import contextlib
 from typing import Any, Iterator
 
 from . import errors
-from ._arguments import milliseconds, none_is_default, whole
-from ._columns import REDUCED, Whole
-from ._connection import Connection
-from ._control import Message
-from ._job import Progress
-from ._picture import Picture
-from ._query import Answer
+from ._net.connection import Connection
+from ._net.control import Message
+from ._requests.arguments import milliseconds, none_is_default, whole
+from ._requests.columns import REDUCED, Whole
+from ._requests.job import Progress
+from ._requests.picture import Picture
+from ._requests.query import Answer
+from ._requests.words import job_info
 from ._session import Session
-from ._words import job_info
 
 
 class Job:

@@ -11,20 +11,20 @@ from typing import (Any, Callable, Generator, Iterable, Iterator, Literal, Mappi
 import numpy as np
 
 from . import _limits, _lists
-from ._arguments import Unpack, none_is_default, numbers, whole
-from ._columns import Columns, Whole, anywhere, as_usual
-from ._control import Message
-from ._explain import path_message, pixel_message, ray_message, receive_document
-from ._frame import Array
-from ._job import JobOptions, Outcome, Progress, SceneMoved, job_message, origin_of, other_message
+from ._net.control import Message
+from ._net.frame import Array
 from ._paths import Paths
-from ._picture import Picture, camera_message, size_message
-from ._precision import ray_warning
-from ._query import Query
-from ._rays import Rays, Source, Starts, flat_pairs, segments, vector
 from ._render import Renders
+from ._requests.arguments import Unpack, none_is_default, numbers, whole
+from ._requests.columns import Columns, Whole, anywhere, as_usual
+from ._requests.explain import path_message, pixel_message, ray_message, receive_document
+from ._requests.job import JobOptions, Outcome, Progress, SceneMoved, job_message, origin_of, other_message
+from ._requests.picture import Picture, camera_message, size_message
+from ._requests.precision import ray_warning
+from ._requests.query import Query
+from ._requests.rays import Rays, Source, Starts, flat_pairs, segments, vector
+from ._requests.words import scene_info
 from ._session import Session
-from ._words import scene_info
 from .edits import Edit
 from .errors import InvalidError, RayWarning, UsageError, warn
 from .generators import Generator as RayGenerator, one_sample

@@ -18,9 +18,9 @@ from typing import Any, Hashable, NamedTuple, Optional, Union
 import numpy as np
 
 from .. import _limits
-from .._columns import Columns
-from .._frame import Array
-from .._gltf import triangles
+from .._net.frame import Array
+from .._requests.columns import Columns
+from .._requests.gltf import triangles
 from ..client import Client, connect
 from ..errors import InvalidError, UsageError
 from ..scene import Scene

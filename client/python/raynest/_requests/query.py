@@ -6,14 +6,14 @@ from typing import Callable, Generator, Optional, Sequence
 
 import numpy as np
 
-from . import _limits, _lists
-from ._columns import REDUCED, Answered, Chunk
-from ._connection import Connection
-from ._control import Message
-from ._frame import Array, Block, padding
-from ._job import Outcome, SceneMoved
-from ._rays import Source
-from .errors import ProtocolError
+from .. import _limits, _lists
+from .._net.connection import Connection
+from .._net.control import Message
+from .._net.frame import Array, Block, padding
+from ..errors import ProtocolError
+from .columns import REDUCED, Answered, Chunk
+from .job import Outcome, SceneMoved
+from .rays import Source
 
 # Returns the arrays that receive the columns of a chunk, one for each of its blocks.
 PlaceChunk = Callable[[Chunk], Sequence[Array]]

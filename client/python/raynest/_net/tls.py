@@ -12,8 +12,8 @@ import stat
 import warnings
 from typing import Sequence
 
-from . import errors
-from ._access import Access
+from .. import errors
+from .access import Access
 
 RECORD_BYTES = 16 << 10
 

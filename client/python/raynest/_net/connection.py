@@ -23,17 +23,17 @@ from typing import Callable, Generator, NoReturn, Optional, Sequence, TypeVar
 
 import numpy as np
 
-from . import _limits, errors
-from ._access import Access
-from ._address import connect
-from ._control import Message, decode, encode
-from ._daemon import Daemon, read_welcome
-from ._frame import (HEADER, Array, Block, Header, describe, first_request_id, padding,
-                     read_blocks, read_header, write_header)
-from ._interrupts import Interrupts
-from ._reconnect import ATTEMPTS_MAX, open_again, open_first
-from ._schema import SCHEMA
-from ._version import VERSION
+from .. import _limits, errors
+from .._version import VERSION
+from .access import Access
+from .address import connect
+from .control import Message, decode, encode
+from .daemon import Daemon, read_welcome
+from .frame import (HEADER, Array, Block, Header, describe, first_request_id, padding,
+                    read_blocks, read_header, write_header)
+from .interrupts import Interrupts
+from .reconnect import ATTEMPTS_MAX, open_again, open_first
+from .schema import SCHEMA
 
 GREETING_SECONDS = 5.0
 # The daemon answers DEADLINE and CANCELLED itself; beyond this it is taken for dead.

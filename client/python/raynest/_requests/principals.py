@@ -3,7 +3,7 @@ from __future__ import annotations
 
 import re
 
-from .errors import UsageError
+from ..errors import UsageError
 
 _VALUE = r'(?![ ])(?:[^,+"\\<>;\x00-\x1f\x7f]|\\[,+"\\<>;# =]|\\[0-9A-Fa-f]{2})*(?<!(?<!\\) )'
 _PART = rf"(?:[A-Za-z][A-Za-z0-9-]*|[0-9][0-9.]*)={_VALUE}"

@@ -7,9 +7,9 @@ from typing import Any, Callable, Iterable
 
 import numpy as np
 
-from ._arguments import whole
-from ._control import Message
-from .errors import UsageError
+from .._net.control import Message
+from ..errors import UsageError
+from .arguments import whole
 
 # Returns the number, as in the column inst, of the outermost instance on the way to a path.
 InstanceOf = Callable[[str], int]

@@ -9,8 +9,8 @@ import stat
 import tempfile
 from typing import Any, NamedTuple
 
-from . import errors
-from ._uri import comparable
+from .. import errors
+from .uri import comparable
 
 FILES = ("ca", "cert", "key")
 

@@ -2,7 +2,7 @@
 
 Code that flatc generates is not tracked in this house, and this package runs from the source tree
 without a build. So the schema is the one file that daemon, C++ client and this package share
-(messages.fbs beside this module is a link to it, a copy once installed): a field that is appended
+(messages.fbs one folder up is a link to it, a copy once installed): a field that is appended
 there is known here. Only what that file uses of the language is understood: tables, structs of
 scalars, enums, and the union that numbers the messages.
 """
@@ -96,7 +96,7 @@ def _number(word: str) -> Number:
 
 
 def _text() -> str:
-    file = pathlib.Path(__file__).parent / "messages.fbs"
+    file = pathlib.Path(__file__).parents[1] / "messages.fbs"
     try:
         return file.read_text(encoding="utf-8")
     except FileNotFoundError:

@@ -7,10 +7,10 @@ from typing import Any, Optional, Sequence
 
 import numpy as np
 
-from . import _lists
-from ._control import Message
-from ._frame import Array, Block
-from .errors import ProtocolError
+from .. import _lists
+from .._net.control import Message
+from .._net.frame import Array, Block
+from ..errors import ProtocolError
 
 Columns = dict[str, Array]
 

@@ -8,15 +8,15 @@ from typing import Any, Optional, Sequence
 
 import numpy as np
 
-from . import _limits
-from ._arguments import float32, numbers, whole
-from ._connection import Connection
-from ._control import Message
-from ._film import film_message, is_lit
-from ._frame import Array
-from ._job import Outcome, Progress
-from ._picture import Picture
-from .errors import ProtocolError, UsageError, shown_text
+from .. import _limits
+from .._net.connection import Connection
+from .._net.control import Message
+from .._net.frame import Array
+from ..errors import ProtocolError, UsageError, shown_text
+from .arguments import float32, numbers, whole
+from .film import film_message, is_lit
+from .job import Outcome, Progress
+from .picture import Picture
 
 
 def ray_message(ray: Any, origin: Array) -> Message:

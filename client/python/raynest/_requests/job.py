@@ -7,14 +7,14 @@ from typing import Any, Callable, Mapping, Optional, TypedDict
 
 import numpy as np
 
-from . import _limits
-from ._arguments import milliseconds
-from ._control import Message
-from ._frame import Array
-from ._lists import Worker
-from ._selection import InstanceOf, selection_lists
-from ._wording import localize_message
-from .errors import RayWarning, UsageError, warn
+from .. import _limits
+from .._lists import Worker
+from .._net.control import Message
+from .._net.frame import Array
+from .._wording import localize_message
+from ..errors import RayWarning, UsageError, warn
+from .arguments import milliseconds
+from .selection import InstanceOf, selection_lists
 
 # Called with (done, total, stage).
 Progress = Optional[Callable[[int, int, str], object]]

@@ -6,9 +6,9 @@ from typing import Any, Optional
 
 import numpy as np
 
-from ._frame import Array
-from ._gltf import box_of, triangles
-from ._rays import Starts, half_step
+from .._net.frame import Array
+from .gltf import box_of, triangles
+from .rays import Starts, half_step
 
 # A shift above this share of the size is worth a warning: of vertices, of the mesh's size; of rays,
 # of the scene's.

@@ -6,14 +6,14 @@ from typing import Any, Callable, Iterator, Optional, Sequence, Union
 
 import numpy as np
 
-from . import _limits
-from ._arguments import float32, numbers, real, whole
-from ._connection import Connection
-from ._control import Message
-from ._frame import DTYPES, Array, Block
-from ._job import Outcome, Progress, SceneMoved
-from .errors import ProtocolError, UsageError
-from .images import Image, with_view
+from .. import _limits
+from .._net.connection import Connection
+from .._net.control import Message
+from .._net.frame import DTYPES, Array, Block
+from ..errors import ProtocolError, UsageError
+from ..images import Image, with_view
+from .arguments import float32, numbers, real, whole
+from .job import Outcome, Progress, SceneMoved
 
 # Maximum bytes of an encoded pixel: an EXR of four floats. Legend and header come on top.
 ENCODED_PIXEL_BYTES_MAX = 16

@@ -6,10 +6,10 @@ import re
 import socket
 from typing import Union
 
-from . import errors
-from ._access import Access, not_secret
-from ._tls import TlsSocket
-from ._uri import authority_of, is_loopback, is_this_machine
+from .. import errors
+from .access import Access, not_secret
+from .tls import TlsSocket
+from .uri import authority_of, is_loopback, is_this_machine
 
 DEFAULT_URI = "tcp://127.0.0.1:31060"
 

@@ -18,7 +18,7 @@ import time
 import weakref
 from typing import IO
 
-from . import errors
+from .. import errors
 
 START_SECONDS = 60.0  # long enough to type a password
 END_SECONDS = 5.0

@@ -10,8 +10,8 @@ from typing import TYPE_CHECKING, Any, Callable, Iterable, Mapping, Optional, Ty
 
 import numpy as np
 
-from ._frame import Array
-from .errors import UsageError
+from .._net.frame import Array
+from ..errors import UsageError
 
 if TYPE_CHECKING:
     from typing_extensions import Unpack as Unpack

@@ -5,9 +5,9 @@ import os
 import re
 from typing import NamedTuple, Optional
 
-from . import errors
-from ._hosts import find_host
-from ._uri import authority_of, is_this_machine
+from .. import errors
+from .hosts import find_host
+from .uri import authority_of, is_this_machine
 
 TOKEN_BYTES_MAX = 256
 

@@ -12,8 +12,8 @@ from typing import Any, NoReturn
 
 import numpy as np
 
-from ._frame import Array
-from .errors import InvalidError, UsageError
+from .._net.frame import Array
+from ..errors import InvalidError, UsageError
 
 JSON_BYTES_MAX = 64 << 20
 NAME_BYTES_MAX = 1024

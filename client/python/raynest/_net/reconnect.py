@@ -5,7 +5,7 @@ import os
 import time
 from typing import Callable, Optional
 
-from . import errors
+from .. import errors
 
 DEFAULT_SECONDS = 10.0
 # Time for the old daemon's jobs to end, while a service manager holds its socket: drain_ms_max.

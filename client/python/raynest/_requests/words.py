@@ -5,9 +5,9 @@ from typing import Any
 
 import numpy as np
 
-from ._control import Message
-from ._job import origin_of
-from ._wording import localize_message
+from .._net.control import Message
+from .._wording import localize_message
+from .job import origin_of
 
 _NO_NODE = 2**32 - 1
 

@@ -9,8 +9,8 @@ import zlib
 
 import numpy as np
 
-from ._frame import Array
-from .errors import ProtocolError, shown_text
+from .._net.frame import Array
+from ..errors import ProtocolError, shown_text
 
 MAGIC = 20000630
 LINES = 16  # of a block

@@ -8,7 +8,7 @@ import stat
 import unicodedata
 from typing import Any, Callable
 
-from .errors import InvalidError
+from ..errors import InvalidError
 
 # O_NONBLOCK: a pipe without a writer opens at once, and is then refused.
 _READ = os.O_RDONLY | os.O_NONBLOCK | os.O_CLOEXEC | os.O_NOCTTY

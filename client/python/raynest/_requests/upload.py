@@ -15,13 +15,13 @@ from typing import Iterator, NamedTuple, Union
 
 import numpy as np
 
-from . import _limits, errors
-from ._connection import Connection
-from ._control import Message
-from ._files import (STANDARD, head_of, is_nameless, is_pipe, read_file, read_file_beneath,
-                     sendable)
-from ._frame import Array, padding
-from ._gltf import file_names
+from .. import _limits, errors
+from .._net.connection import Connection
+from .._net.control import Message
+from .._net.frame import Array, padding
+from .files import (STANDARD, head_of, is_nameless, is_pipe, read_file, read_file_beneath,
+                    sendable)
+from .gltf import file_names
 
 # Bytes of a file per frame: headers do not matter at this size, and it fits any frame limit.
 PIECE_BYTES = 1 << 20

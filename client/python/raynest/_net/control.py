@@ -20,9 +20,9 @@ import reprlib
 import struct
 from typing import Any, Mapping
 
-from . import _limits
-from ._schema import SCALARS, SCHEMA, Field
-from .errors import ProtocolError, UsageError
+from .. import _limits
+from ..errors import ProtocolError, UsageError
+from .schema import SCALARS, SCHEMA, Field
 
 Message = dict[str, Any]
 

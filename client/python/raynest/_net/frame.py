@@ -8,9 +8,9 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from . import _limits
-from ._schema import SCHEMA
-from .errors import ProtocolError
+from .. import _limits
+from ..errors import ProtocolError
+from .schema import SCHEMA
 
 HEADER = struct.Struct("<4sHHIIQQ")
 MAGIC = b"RYN1"

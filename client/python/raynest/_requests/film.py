@@ -6,15 +6,15 @@ from typing import Any, Optional, Union
 
 import numpy as np
 
-from . import _limits
-from ._arguments import count_of, numbers, real, whole
-from ._control import Message
-from ._exr import read_exr
-from ._files import read_file
-from ._frame import Array
-from ._job import Outcome
-from ._upload import FileSender
-from .errors import InvalidError, RayWarning, UsageError, warn
+from .. import _limits
+from .._net.control import Message
+from .._net.frame import Array
+from ..errors import InvalidError, RayWarning, UsageError, warn
+from .arguments import count_of, numbers, real, whole
+from .exr import read_exr
+from .files import read_file
+from .job import Outcome
+from .upload import FileSender
 
 ENVIRONMENT_BYTES_MAX = 512 << 20
 LIT_SAMPLES = 16

@@ -14,10 +14,10 @@ from typing import Any, Optional
 
 import numpy as np
 
-from ._arguments import float32, numbers, real
-from ._control import Message
-from ._frame import Array
-from .errors import RayWarning, UsageError, warn
+from .._net.control import Message
+from .._net.frame import Array
+from ..errors import RayWarning, UsageError, warn
+from .arguments import float32, numbers, real
 
 
 @dataclasses.dataclass(frozen=True)

@@ -3,8 +3,8 @@ from __future__ import annotations
 
 from typing import NamedTuple
 
-from . import _limits, errors
-from ._control import Message
+from .. import _limits, errors
+from .control import Message
 
 
 class Daemon(NamedTuple):

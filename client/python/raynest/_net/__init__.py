@@ -1,0 +1,1 @@
+"""To the daemon: addresses, sockets, TLS, ssh, frames, control messages, and the connection that uses them."""

@@ -1,0 +1,1 @@
+"""Requests: arguments become messages, and answers become arrays."""
