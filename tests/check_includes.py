@@ -9,6 +9,8 @@ code) may be included everywhere; a heavy third-party header may be included onl
 by at most so many files. The layers are what lets kernels, engine, server and client be understood,
 tested and rebuilt one at a time.
 """
+import ast
+import graphlib
 import pathlib
 import re
 import sys
@@ -117,6 +119,12 @@ HEAVY = {
     "doctest/": {},
 }
 
+# The Python package: its rooms from the ground up, each with its modules or folders.
+PACKAGE = "client/python/raynest"
+PYTHON = [{"errors", "_lists", "_limits", "_wording", "_version", "_handles"}, {"_net"}, {"images"},
+          {"_requests"}, {"_session"}, {"job"}, {"generators"}, {"edits"}, {"_render"}, {"_paths"},
+          {"scene"}, {"client"}, {"compat"}, {"__init__"}]
+
 SOURCES = {".h", ".cpp", ".cu", ".inc", ".in"}
 INCLUDE = re.compile(r'^\s*#\s*include\s*([<"])([^>"]+)[>"]', re.MULTILINE)
 
@@ -145,6 +153,50 @@ def includes(root):
                     yield file.relative_to(root).as_posix(), header, bracket == "<"
 
 
+def imports(tree, name, modules):
+    """Yields the modules of the package that a module imports; names are tuples of their parts, and a folder's
+    own module is __init__. Imports within functions and for types alone count too."""
+    def found(parts, attributes):
+        for attribute in attributes:
+            inner = (*parts, attribute)
+            yield next((known for known in (inner, (*inner, "__init__"), parts) if known in modules),
+                       (*parts, "__init__"))
+
+    for node in ast.walk(tree):
+        if isinstance(node, ast.Import):
+            for alias in node.names:
+                top, *parts = alias.name.split(".")
+                if top == "raynest":
+                    yield from found(tuple(parts[:-1]), parts[-1:] or ["__init__"])
+        elif isinstance(node, ast.ImportFrom):
+            parts = tuple(node.module.split(".")) if node.module else ()
+            if node.level:
+                yield from found((*name[:len(name) - node.level], *parts), [alias.name for alias in node.names])
+            elif parts[:1] == ("raynest",):
+                yield from found(parts[1:], [alias.name for alias in node.names])
+
+
+def python_violations(root):
+    files = {file.relative_to(root / PACKAGE).with_suffix("").parts: file
+             for file in sorted((root / PACKAGE).rglob("*.py"))}
+    floors = {room: floor for floor, rooms_there in enumerate(PYTHON) for room in rooms_there}
+    graph = {}
+    for name, file in files.items():
+        where = file.relative_to(root).as_posix()
+        if name[0] not in floors:
+            yield f"{where}: lies in no known room; name it in PYTHON of tests/check_includes.py"
+            continue
+        graph[name] = set(imports(ast.parse(file.read_text(encoding="utf-8")), name, files))
+        for imported in sorted(graph[name]):
+            if floors.get(imported[0], 0) > floors[name[0]]:
+                yield f"{where}: {name[0]} may not import {'.'.join(imported)}"
+    try:
+        graphlib.TopologicalSorter(graph).prepare()
+    except graphlib.CycleError as error:
+        circle = " -> ".join(".".join(name) for name in reversed(error.args[1]))
+        yield f"{PACKAGE}: a circle of imports: {circle}"
+
+
 def upward_rows(table):
     """Rows that name a row which does not stand above them."""
     above = []
@@ -157,6 +209,7 @@ def upward_rows(table):
 
 def violations(root):
     yield from upward_rows(ALLOWED)
+    yield from python_violations(root)
     users = {}  # (heavy header, folder) -> files that include it
     for file, header, angled in includes(root):
         if owner(header, ["protocol", "engine", "server", "client", "tests"]):

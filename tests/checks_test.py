@@ -95,6 +95,57 @@ class Includes(Planted):
         self.assert_refused("engine/novel/a.h", '"engine/result.h"', "no known layer")
 
 
+class Imports(Planted):
+    """check_includes.py reads the imports of the Python package."""
+
+    def module_of(self, name, text):
+        self.plant({"engine/bvh/a.h": '#include "engine/math/vec.h"\n', f"client/python/raynest/{name}.py": text})
+
+    def assert_refused(self, reason):
+        code, output = self.check("check_includes.py")
+        self.assertEqual(code, 1, output)
+        self.assertIn(reason, output)
+
+    def test_downward_imports_pass(self):
+        self.module_of("_net/frame", "from .. import errors, _limits\nfrom .control import decode\nimport os\n")
+        self.module_of("_net/control", "from ..errors import Error\nfrom . import schema\n")
+        self.module_of("_net/schema", "import struct\n")
+        self.module_of("errors", "from ._limits import x\n")
+        self.module_of("_limits", "")
+        self.module_of("scene", "from ._net import frame\nfrom .errors import Error\n")
+        self.module_of("__init__", "from . import compat\nfrom .scene import Scene\n")
+        self.module_of("compat/__init__", "from . import trimesh as trimesh\n")
+        self.module_of("compat/trimesh", "from ..scene import Scene\n")
+        code, output = self.check("check_includes.py")
+        self.assertEqual(code, 0, output)
+
+    def test_rooms_do_not_look_up(self):
+        self.module_of("client", "")
+        self.module_of("_requests/rays", "")
+        for name, text, reason in (
+                ("scene", "from . import client as clients\n", "scene may not import client"),
+                ("job", "if TYPE_CHECKING:\n    from .client import Client\n", "job may not import client"),
+                ("_net/frame", "from .._requests.rays import Rays\n", "_net may not import _requests.rays"),
+                ("_net/tls", "from .._requests import rays\n", "_net may not import _requests.rays"),
+                ("images", "def f():\n    import raynest.client\n", "images may not import client"),
+                ("errors", "from raynest.client import Client\n", "errors may not import client"),
+                ("_session", "from . import Client\n", "_session may not import __init__")):
+            with self.subTest(name=name):
+                self.module_of(name, text)
+                self.assert_refused(f"client/python/raynest/{name}.py: {reason}")
+
+    def test_a_room_has_no_circle(self):
+        self.module_of("_net/frame", "from .tls import a\n")
+        self.module_of("_net/tls", "from . import uri\n")
+        self.assertEqual(self.check("check_includes.py")[0], 0)
+        self.module_of("_net/uri", "from .frame import b\n")
+        self.assert_refused("a circle of imports: _net.")
+
+    def test_a_new_module_must_be_named(self):
+        self.module_of("novel", "")
+        self.assert_refused("no known room")
+
+
 class House(Planted):
     def setUp(self):
         super().setUp()
