@@ -104,7 +104,7 @@ browserTest("columns fit as well in a panel that is opened after its table was f
 
 test("columns are fitted by their importance", async () => {
   globalThis.document ??= { createElement: () => ({ getContext: () => ({}) }) };
-  const { fitColumns } = await import("../../server/web/tables.js");
+  const { fitColumns } = await import("../../server/web/panels/tables.js");
   const columns = { natural: [300, 50, 60, 70], least: [96, 50, 60, 70], chosen: [], grows: 0 };
   assert.deepEqual(fitColumns(columns, 1000, false), [820, 50, 60, 70]);
   assert.deepEqual(fitColumns(columns, 220, false), [110, 50, 60]);

@@ -1,11 +1,11 @@
 // The path of light through a pixel of the lit view: its rays as a list, and as lines over the picture. The lines
 // stay while the camera moves, so that the path can be seen from the side. client/EXPLAIN.md describes the document.
-import { add, cameraTable, length, scale, sub, unit } from "./camera.js";
-import { askDocument, latest } from "./documents.js";
-import { element } from "./dom.js";
-import { lightOf } from "./light.js";
-import { jobOf } from "./requests.js";
-import { viewOf } from "./views.js";
+import { add, cameraTable, length, scale, sub, unit } from "../camera.js";
+import { askDocument, latest } from "../documents.js";
+import { element } from "../dom.js";
+import { lightOf } from "../light.js";
+import { jobOf } from "../requests.js";
+import { viewOf } from "../views.js";
 
 const COLOURS = { camera: "#ffffff", bounce: "#4cc9f0", reached: "#ffd166", blocked: "#ff5d5d" };
 const kindOf = ({ kind, blocked }) => (kind === "shadow" ? (blocked ? "blocked" : "reached") : kind);

@@ -1,7 +1,7 @@
 // Boxes of the scene's trees as wireframes: a range of tree depths of the trees at one nesting level.
 import { levelColour } from "./explain.js";
-import { askDocument, latest } from "./documents.js";
-import { element, field, fillSelect } from "./dom.js";
+import { askDocument, latest } from "../documents.js";
+import { element, field, fillSelect } from "../dom.js";
 
 const BOXES_MAX = 1200;
 

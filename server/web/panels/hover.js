@@ -2,7 +2,7 @@
 // is shown: a record of another camera, scene or setting is dropped, and a kept ray asked for again where its pixel still
 // shows the same place.
 import { askPixel } from "./ray.js";
-import { jobOf } from "./requests.js";
+import { jobOf } from "../requests.js";
 
 export class Hover extends EventTarget {
   #app;

@@ -1,6 +1,6 @@
 // The panels beside the picture, as tabs. To add one, import it and add it to PANELS; a panel is
 // {id, title, eager, build(app, place)}, and is built when it is first shown, or at once where it is eager.
-import { element } from "./dom.js";
+import { element } from "../dom.js";
 import { setupPanel } from "./setup.js";
 import { rayPanel } from "./ray.js";
 import { areaPanel } from "./area.js";

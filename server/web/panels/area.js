@@ -1,7 +1,7 @@
 // The panel "Area": statistics of the pixels in a rectangle that was dragged over the picture.
-import { element, pairs } from "./dom.js";
-import { statistics } from "./histogram.js";
-import { countText, percentText, valueText } from "./numbers.js";
+import { element, pairs } from "../dom.js";
+import { statistics } from "../histogram.js";
+import { countText, percentText, valueText } from "../numbers.js";
 
 export const areaPanel = { id: "area", title: "Area", build };
 

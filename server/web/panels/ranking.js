@@ -1,9 +1,9 @@
 // The panel "Ranking": which instances, meshes and materials the rays of the picture spend their work on,
 // and what to do about it. The document is described in client/EXPLAIN.md.
-import { latest } from "./documents.js";
-import { element, field, fillSelect } from "./dom.js";
-import { countText, percentText, valueText } from "./numbers.js";
-import { jobOf } from "./requests.js";
+import { latest } from "../documents.js";
+import { element, field, fillSelect } from "../dom.js";
+import { countText, percentText, valueText } from "../numbers.js";
+import { jobOf } from "../requests.js";
 import { rankingOf } from "./selection.js";
 import { sortableTable } from "./tables.js";
 

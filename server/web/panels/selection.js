@@ -1,9 +1,9 @@
 // The selection, in tables and picture alike: placements by their paths, an object, or a material. The
 // pixels that show it have an outline.
-import { cameraTable, generator } from "./camera.js";
-import { askDocument, latest } from "./documents.js";
-import { jobOf } from "./requests.js";
-import { traceQuery } from "./tracer.js";
+import { cameraTable, generator } from "../camera.js";
+import { askDocument, latest } from "../documents.js";
+import { jobOf } from "../requests.js";
+import { traceQuery } from "../tracer.js";
 
 /** `chosen` is {kind: "placements", first, count} with BigInts, {kind: "object", object} or {kind: "material", material}; and a name. */
 export class Selection extends EventTarget {

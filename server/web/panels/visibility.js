@@ -1,7 +1,7 @@
 // Focus, hide, isolate and show all: what is selected, and which instances rays enter. Hidden instances are
 // hidden in the daemon, so that every count is that of the scene without them.
-import { frame } from "./camera.js";
-import { element, field } from "./dom.js";
+import { frame } from "../camera.js";
+import { element, field } from "../dom.js";
 
 const HIDDEN_MAX = 256;
 

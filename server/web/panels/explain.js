@@ -1,10 +1,10 @@
 // The tree of one ray's traversal, below its hit record: each step is a row, and the boxes that were
 // entered are drawn over the picture. The document is described in client/EXPLAIN.md.
-import { cameraTable } from "./camera.js";
-import { askDocument, latest } from "./documents.js";
-import { element } from "./dom.js";
-import { jobOf } from "./requests.js";
-import { viewOf } from "./views.js";
+import { cameraTable } from "../camera.js";
+import { askDocument, latest } from "../documents.js";
+import { element } from "../dom.js";
+import { jobOf } from "../requests.js";
+import { viewOf } from "../views.js";
 
 const STEPS = 400;
 const COLOURS = ["#ffd166", "#06d6a0", "#4cc9f0", "#f72585", "#b5e48c", "#ff9f1c"];

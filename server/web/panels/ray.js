@@ -1,11 +1,11 @@
 // The panel "Ray": the hit record of the pixel under the pointer, or of the pixel that was clicked.
-import { pixelGenerator } from "./camera.js";
-import { element, pairs } from "./dom.js";
-import { COUNTERS } from "./lists.js";
-import { countText, valueText, vectorText } from "./numbers.js";
+import { pixelGenerator } from "../camera.js";
+import { element, pairs } from "../dom.js";
+import { COUNTERS } from "../lists.js";
+import { countText, valueText, vectorText } from "../numbers.js";
 import { explanation } from "./explain.js";
 import { lightPath } from "./path.js";
-import { jobOf } from "./requests.js";
+import { jobOf } from "../requests.js";
 
 const FIELDS = ["t", "prim", "geom", "path", "inst", "uid", "uv", "ng", "front", "position", "material", "flags", "object", "mask", "box_share", "tree_depth", "origin", "direction"];
 const MISS = 0xffffffffffffffffn;

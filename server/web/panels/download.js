@@ -1,12 +1,12 @@
 // The picture as a PNG file with its legend, and a report of one self-contained HTML file.
-import { add, cameraTable } from "./camera.js";
-import { askBytes, askDocument } from "./documents.js";
-import { element } from "./dom.js";
-import { bytesText, valueText, vectorText } from "./numbers.js";
-import { compares, jobOf } from "./requests.js";
+import { add, cameraTable } from "../camera.js";
+import { askBytes, askDocument } from "../documents.js";
+import { element } from "../dom.js";
+import { bytesText, valueText, vectorText } from "../numbers.js";
+import { compares, jobOf } from "../requests.js";
 import { rankingOf } from "./selection.js";
-import { fillTemplate } from "./template.js";
-import { viewOf } from "./views.js";
+import { fillTemplate } from "../template.js";
+import { viewOf } from "../views.js";
 
 function save(blob, name) {
   const url = URL.createObjectURL(blob);

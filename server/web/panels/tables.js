@@ -1,7 +1,7 @@
 // A table whose columns sort, whose rows are chosen with the mouse or the keys, and whose rows have one line each.
 // Columns stand in the order of their importance: those that do not fit are left out until a button shows them all.
 // The edge of a heading is dragged to change its column's width.
-import { element } from "./dom.js";
+import { element } from "../dom.js";
 
 const PADDING = 11, GRIP_STEP = 12, LEAST = 24;
 const MEASURED_ROWS = 400;

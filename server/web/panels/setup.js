@@ -1,8 +1,8 @@
 // The panel "Setup": what decides the rays and their hits, and what the scene holds.
-import { AXES, add, cross, distance, dot, length, sub, unit, basis, scale, rounded } from "./camera.js";
-import { element, field, fillSelect, pairs } from "./dom.js";
-import { followsLight, lightSection } from "./light.js";
-import { bytesText, countText, timeText, valueText, vectorText } from "./numbers.js";
+import { AXES, add, cross, distance, dot, length, sub, unit, basis, scale, rounded } from "../camera.js";
+import { element, field, fillSelect, pairs } from "../dom.js";
+import { followsLight, lightSection } from "../light.js";
+import { bytesText, countText, timeText, valueText, vectorText } from "../numbers.js";
 
 const SIZES = [["fit", "As large as shown"], ["320x180", "320 x 180"], ["640x360", "640 x 360"], ["960x540", "960 x 540"],
                ["1280x720", "1280 x 720"], ["1920x1080", "1920 x 1080"]];

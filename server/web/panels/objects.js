@@ -1,9 +1,9 @@
 // The panel "Scene": its objects, instances and materials as tables that are linked with the picture, and
 // boxes of its trees.
 import { boxesSection } from "./boxes.js";
-import { askDocument, latest } from "./documents.js";
-import { element } from "./dom.js";
-import { bytesText, countText, valueText, vectorText } from "./numbers.js";
+import { askDocument, latest } from "../documents.js";
+import { element } from "../dom.js";
+import { bytesText, countText, valueText, vectorText } from "../numbers.js";
 import { sortableTable } from "./tables.js";
 import { visibilityBar } from "./visibility.js";
 
