@@ -145,6 +145,12 @@ class Edits(WithDaemon):
         self.assertEqual(self.scene.info["epoch"], self.epoch)
         self.same(dict(self.trace()), dict(self.before))
 
+    def test_a_scene_without_instances_says_so(self):
+        scene = self.client.load("builtin:terrain?size=16", "plain", replace=True)
+        with self.assertRaisesRegex(raynest.UsageError, "'plain' has no instances to edit"):
+            with scene.edit() as edit:
+                edit.move(0, (1, 0, 0))
+
     def test_a_scene_with_an_origin_moves_in_the_world(self):
         place = np.array((500000.25, 0, 4000000.5))
         corners = np.array([[0, 0, 0], [4, 0, 0], [0, 0, 4]]) + place

@@ -150,4 +150,4 @@ def _matrices(what: str, value: Array) -> Array:
 
 def _wrong(which: Any) -> TypeError:
     return TypeError(f"{reprlib.repr(which)} names no instance: it must be its number as in the column inst, "
-                     "the text of a path as 'stand-3', in which '*' stands for any text, or a list of them")
+                     "the text of a path as 'birch-17', in which '*' stands for any text, or a list of them")
