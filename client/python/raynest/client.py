@@ -6,7 +6,7 @@ import os
 import threading
 import time
 from types import TracebackType
-from typing import Any, Iterator, Optional, Sequence, Union
+from typing import Any, Iterator, Mapping, Optional, Sequence, Union
 
 import numpy as np
 
@@ -21,6 +21,7 @@ from ._gltf import mesh_glb
 from ._handles import Handles
 from ._hosts import forget_host
 from ._job import Outcome, Progress
+from ._parts import parts_glb
 from ._precision import ROUNDING_WORDS, rounding_warning
 from ._principals import split_principals
 from ._rays import vector
@@ -191,6 +192,27 @@ class Client:
         if lost:
             warn(lost, SceneWarning)
         return scene
+
+    @none_is_default
+    def scene_of(self, parts: Mapping[str, Any], places: Optional[Mapping[str, Any]] = None,
+                 name: Optional[str] = None, *, origin: Any = None, keep: bool = False,
+                 replace: bool = False, build: str = "medium", masks: Masks = (),
+                 progress: Progress = None) -> Scene:
+        """Loads a scene made of parts, which Scene.edit() can move.
+
+        `parts` are meshes by name: (vertices, faces), or what has both, as trimesh's. `places` says
+        where they stand, by names of their own: {"ground": "ground", "car": ("car", matrices)}. A place
+        is a part, or a part and an offset (3,) or a matrix (3, 4) or (4, 4); or several of these, (N, 3),
+        (N, 3, 4), (N, 4, 4), whose paths are "car#0", "car#1", ... Without `places` each part stands
+        once where its vertices are. Places are the outermost instances, numbered in their order. Each
+        part is stored once, however often it is placed. All else is as in load() and mesh().
+        """
+        upload = Upload("parts.glb", name or "", (File("parts.glb", parts_glb(parts, places)),))
+        message = {**upload.message(), **_origin_message(origin), "replace": replace, "build": build,
+                   "masks": mask_rules(masks), "temporary": not name and not keep}
+        if not name:
+            message["name"] = f"parts-{message['file_digests'][:8].hex()}"
+        return self._load(upload, message, progress)[0]
 
     def _load(self, upload: Upload, message: Message, progress: Progress,
               hides: str = "") -> tuple[Scene, dict[str, Any]]:
