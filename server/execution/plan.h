@@ -4,6 +4,7 @@
 #include "engine/packs/kernel_selector.h"
 #include "engine/queries/columns.h"
 #include "engine/scene/selected_instances.h"
+#include "protocol/wire.h"
 #include "server/execution/backend.h"
 #include "server/scheduling/job.h"
 #include "server/store/named_scene.h"

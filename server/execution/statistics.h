@@ -1,6 +1,7 @@
 // The statistics of a job for its DONE message; its tasks add to them.
 #pragma once
 
+#include "protocol/wire.h"
 #include "server/execution/chunk_queue.h"
 #include "server/execution/plan.h"
 #include "server/execution/trace.h"

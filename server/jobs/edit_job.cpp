@@ -181,6 +181,10 @@ private:
     Reply<Changed> read_rows(const Snapshot& scene, const Stop& stop) const {
         const SceneView& view = scene.view();
         const ObjectRecord& root = view.objects[view.root];
+        if (root.instance_count == 0)
+            return refuse(Code::invalid_field,
+                          "'" + before_->name + "' has no instances to edit: all that it has is its own. "
+                          "A glTF places its meshes by nodes, which can be edited");
         std::vector<std::vector<std::uint32_t>> named;
         for (const std::string& text : order_.targets) {
             auto found = find_instances(scene, text, [&] { return stop.requested(); });

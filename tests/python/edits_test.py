@@ -4,6 +4,7 @@
   edits_test.py RAYNESTD RAYNEST FLATC
 """
 import concurrent.futures
+from types import SimpleNamespace
 
 import numpy as np
 
@@ -135,7 +136,7 @@ class Edits(WithDaemon):
         for change, kind, words in (
                 (lambda edit: edit.hide([]), raynest.UsageError, "no instances"),
                 (lambda edit: edit.hide(1.5), TypeError, "names no instance"),
-                (lambda edit: edit.move(0, (1, 2)), raynest.UsageError, "of shape"),
+                (lambda edit: edit.move(0, (1, 2)), raynest.UsageError, "has shape"),
                 (lambda edit: edit.move([0, 1], np.zeros((3, 3, 4))), raynest.UsageError, "3 matrices for 2"),
                 (lambda edit: edit.set_mask(0, -1), raynest.UsageError, "whole number")):
             with self.subTest(words=words), self.assertRaisesRegex(kind, words):
@@ -144,6 +145,40 @@ class Edits(WithDaemon):
                     change(edit)
         self.assertEqual(self.scene.info["epoch"], self.epoch)
         self.same(dict(self.trace()), dict(self.before))
+
+    def test_a_scene_of_parts_is_moved_by_its_places(self):
+        ground = (np.array([[-50, 0, -50], [50, 0, -50], [50, 0, 50], [-50, 0, 50]]),
+                  [[0, 1, 2], [0, 2, 3]])
+        box = SimpleNamespace(vertices=np.array([[-1, 1, -1], [1, 1, -1], [1, 1, 1], [-1, 1, 1]]),
+                              faces=np.array([[0, 1, 2], [0, 2, 3]]))
+        where = np.array([[0, 0, 0], [10, 0, 0], [20, 2, 0]])
+        scene = self.client.scene_of({"ground": ground, "box": box},
+                                     {"ground": "ground", "car": ("box", where), "hut": ("box", (0, 4, 9))})
+        self.assertEqual(scene.info["unique_triangles"], 4)
+        self.assertEqual(scene.info["instances"], 5)
+        down = [[*(place + (0.5, 30, 0.25)), 0, -1, 0] for place in (*where, np.array((0, 4, 9)))]
+        hits = scene.trace(down, fields=("t", "inst", "path"))
+        self.assertEqual(hits["t"].tolist(), [29, 29, 29, 29])
+        self.assertEqual(hits["inst"].tolist(), [1, 2, 3, 4])
+        self.assertEqual(scene.path_of(hits["path"]), ["car#0", "car#1", "car#2", "hut"])
+        with scene.edit() as edit:
+            edit.move(["car#0", "car#2"], [(0, 1, 0), (0, 2, 0)])
+            edit.place("hut", np.column_stack([2 * np.eye(3), (0, 0, 9)]))
+        self.assertEqual(scene.trace(down, fields=("t",))["t"].tolist(), [28, 29, 27, 32])
+        again = self.client.scene_of({"ground": ground}, name="just-ground")
+        self.assertEqual(again.trace([[3, 8, 4, 0, -1, 0]], fields=("t",))["t"][0], 8)
+        for parts, places, words in (
+                ({}, None, "a dict of meshes"), ({"a": 3}, None, "must be \\(vertices, faces\\)"),
+                ({"a": ground}, {"b": "c"}, "is no part"), ({"a": ground}, {"b": ("a", np.eye(2))}, "shape"),
+                ({"a": ground}, {"b": ("a", (np.nan, 0, 0))}, "not finite"), ({1: ground}, None, "no name")):
+            with self.subTest(words=words), self.assertRaisesRegex((TypeError, raynest.UsageError), words):
+                self.client.scene_of(parts, places)
+
+    def test_a_scene_without_instances_says_so(self):
+        scene = self.client.load("builtin:terrain?size=16", "plain", replace=True)
+        with self.assertRaisesRegex(raynest.UsageError, "'plain' has no instances to edit"):
+            with scene.edit() as edit:
+                edit.move(0, (1, 0, 0))
 
     def test_a_scene_with_an_origin_moves_in_the_world(self):
         place = np.array((500000.25, 0, 4000000.5))

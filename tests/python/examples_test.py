@@ -58,7 +58,7 @@ class Examples(DaemonTest):
         self.assertEqual(set(points["channel"]), set(range(64)))
 
     def test_a_part_moves_from_sweep_to_sweep(self):
-        said = self.example("moving.py", FOREST, "--part", "stand-1*", "--by", "0,2,0", "--frames", 3,
+        said = self.example("moving.py", FOREST, "--part", "birch-*", "--by", "0,2,0", "--frames", 3,
                             "--channels", 8, "--azimuths", 400, "-o", "moving.npz")
         self.assertRegex(said, r"frame 2: epoch \d+, [1-9]\d* instances moved")
         frames = np.load(self.out / "moving.npz")
@@ -215,7 +215,7 @@ class Examples(DaemonTest):
     def test_commands_of_the_readme_run_as_printed(self):
         text = (CLIENT / "README.md").read_text(encoding="utf-8").split("## Examples\n")[1]
         commands = re.findall(r"^\$ (.*)$", text, re.MULTILINE)
-        self.assertEqual(sum("examples/" in command for command in commands), 4)
+        self.assertEqual(sum("examples/" in command for command in commands), 5)
         # As at the root of a source tree that was built, where python3 is the one that runs this.
         root = self.out / "root"
         (root / "build/bin").mkdir(parents=True)

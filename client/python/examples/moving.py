@@ -9,8 +9,8 @@ import terminal
 
 
 def options():
-    parser = terminal.parser(__doc__, "moving.py builtin:forest --part stand-3 --by 0.5,0,0 --frames 20")
-    parser.add_argument("--part", default="stand-3",
+    parser = terminal.parser(__doc__, "moving.py builtin:forest --part birch-17 --by 0.5,0,0 --frames 20")
+    parser.add_argument("--part", default="birch-1*",
                         help="text of a path; * stands for any text (%(default)s)")
     parser.add_argument("--by", type=numbers, default=(0.5, 0, 0), metavar="DX,DY,DZ",
                         help="metres that it moves in each frame (0.5,0,0)")

@@ -5,7 +5,8 @@ import re
 
 WORDS = {
     # requests
-    "CancelJob": "Job.cancel()", "Fetch": "Job.fetch()", "Info": "Scene.info",
+    "CancelJob": "Job.cancel()", "Edit": "Scene.edit()", "Fetch": "Job.fetch()",
+    "Info": "Scene.info",
     "Jobs": "Client.jobs()", "Load": "Client.load()", "Scenes": "Client.scenes()",
     "Unload": "Scene.unload()", "Variants": "Client.variants()", "Wait": "Job.wait()",
     # fields

@@ -5,7 +5,7 @@ import contextlib
 import os
 import time
 from types import TracebackType
-from typing import Any, Optional, Sequence, Union
+from typing import Any, Mapping, Optional, Sequence, Union
 
 import numpy as np
 
@@ -19,6 +19,7 @@ from ._requests.arguments import Masks, mask_rules, milliseconds, none_is_defaul
 from ._requests.files import path_text
 from ._requests.gltf import mesh_glb
 from ._requests.job import Progress
+from ._requests.parts import parts_glb
 from ._requests.precision import ROUNDING_WORDS, rounding_warning
 from ._requests.principals import split_principals
 from ._requests.rays import vector
@@ -150,6 +151,27 @@ class Client(Session):
         if lost:
             warn(lost, SceneWarning)
         return scene
+
+    @none_is_default
+    def scene_of(self, parts: Mapping[str, Any], places: Optional[Mapping[str, Any]] = None,
+                 name: Optional[str] = None, *, origin: Any = None, keep: bool = False,
+                 replace: bool = False, build: str = "medium", masks: Masks = (),
+                 progress: Progress = None) -> Scene:
+        """Loads a scene made of parts, which Scene.edit() can move.
+
+        `parts` are meshes by name: (vertices, faces), or what has both, as trimesh's. `places` says
+        where they stand, by names of their own: {"ground": "ground", "car": ("car", matrices)}. A place
+        is a part, or a part and an offset (3,) or a matrix (3, 4) or (4, 4); or several of these, (N, 3),
+        (N, 3, 4), (N, 4, 4), whose paths are "car#0", "car#1", ... Without `places` each part stands
+        once where its vertices are. Places are the outermost instances, numbered in their order. Each
+        part is stored once, however often it is placed. All else is as in load() and mesh().
+        """
+        upload = Upload("parts.glb", name or "", (File("parts.glb", parts_glb(parts, places)),))
+        message = {**upload.message(), **_origin_message(origin), "replace": replace, "build": build,
+                   "masks": mask_rules(masks), "temporary": not name and not keep}
+        if not name:
+            message["name"] = f"parts-{message['file_digests'][:8].hex()}"
+        return self._load(upload, message, progress)[0]
 
     def _load(self, upload: Upload, message: Message, progress: Progress,
               hides: str = "") -> tuple[Scene, dict[str, Any]]:

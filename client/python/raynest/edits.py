@@ -11,7 +11,8 @@ import numpy as np
 from . import _limits
 from ._net.connection import Connection
 from ._net.frame import Array
-from ._requests.arguments import numbers, whole
+from ._requests.arguments import whole
+from ._requests.parts import matrices_of
 from ._requests.upload import FileSender
 from .errors import ProtocolError, UsageError
 
@@ -45,22 +46,13 @@ class Edit:
     def move(self, which: Which, by: Any) -> Edit:
         """Moves instances in the world, from where they stand. `by` is an offset (3,), a matrix (3, 4)
         or (4, 4), or one of these for each of several instances: (N, 3), (N, 3, 4), (N, 4, 4)."""
-        rows = self._targets(which)
-        by = numbers("by", by).astype(np.float64)
-        if by.shape in ((3,), (len(rows), 3)):
-            matrices = np.zeros(by.shape[:-1] + (3, 4))
-            matrices[..., :3] = np.eye(3)
-            matrices[..., 3] = by
-        else:
-            matrices = _matrices("by", by)
-        return self._add(rows, _MOVE, matrices)
+        return self._add(self._targets(which), _MOVE, matrices_of("by", by))
 
     def place(self, which: Which, matrices: Any) -> Edit:
         """Places instances: `matrices` maps the object's own coordinates to the world's, as (3, 4) or
         (4, 4), or one for each of several instances: (N, 3, 4) or (N, 4, 4). Not for a scene with an
         origin, whose objects have coordinates of their own: move() those."""
-        return self._add(self._targets(which), _PLACE,
-                         _matrices("matrices", numbers("matrices", matrices).astype(np.float64)))
+        return self._add(self._targets(which), _PLACE, matrices_of("matrices", matrices))
 
     def set_mask(self, which: Which, mask: int) -> Edit:
         """Sets the mask of instances: rays whose own mask shares no bit with it do not meet them."""
@@ -113,7 +105,7 @@ class Edit:
         if matrices.ndim == 3 and len(matrices) != len(rows):
             raise UsageError(f"{len(matrices)} matrices for {len(rows)} "
                              f"{'target' if len(rows) == 1 else 'targets'}: give one, or one for each")
-        rows["what"], rows["matrix"] = what, matrices
+        rows["what"], rows["matrix"] = what, matrices[..., :3, :]
         self._rows.append(rows)
         return self
 
@@ -137,17 +129,6 @@ class Edit:
         raise ProtocolError("the daemon ended an edit without an answer")
 
 
-def _matrices(what: str, value: Array) -> Array:
-    if value.shape[-2:] == (4, 4):
-        if not (value[..., 3, :] == (0, 0, 0, 1)).all():
-            raise UsageError(f"{what}: the last row of a 4x4 matrix must be 0 0 0 1")
-        value = value[..., :3, :]
-    if value.shape[-2:] != (3, 4) or value.ndim > 3:
-        raise UsageError(f"{what} of shape {value.shape}: it must be (3, 4) or (4, 4), or (N, 3, 4) or "
-                         "(N, 4, 4) for several instances")
-    return value
-
-
 def _wrong(which: Any) -> TypeError:
     return TypeError(f"{reprlib.repr(which)} names no instance: it must be its number as in the column inst, "
-                     "the text of a path as 'stand-3', in which '*' stands for any text, or a list of them")
+                     "the text of a path as 'birch-17', in which '*' stands for any text, or a list of them")
