@@ -15,7 +15,7 @@ constexpr std::uint64_t piece_bytes = 1ULL << 20;
 
 Result<void> send_file(Connection& connection, std::uint32_t number,
                        std::span<const std::byte> bytes, Progress& progress,
-                       const FrameConsumer& consume) {
+                       const FrameConsumer& consume, const Among& among) {
     for (std::uint64_t offset = 0; offset < bytes.size();) {
         const std::uint64_t count = std::min({bytes.size() - offset, piece_bytes,
                                               connection.bulk_bytes_max() & ~std::uint64_t{63}});
@@ -33,7 +33,8 @@ Result<void> send_file(Connection& connection, std::uint32_t number,
         piece.offset = offset;
         if (auto done = connection.send_bulk(std::move(piece), std::move(bulk)); !done) return done;
         offset += count;
-        progress.update(offset, bytes.size(), "uploading");
+        progress.update(among.before + offset, among.total == 0 ? bytes.size() : among.total,
+                        "uploading");
     }
     return {};
 }

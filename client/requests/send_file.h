@@ -14,9 +14,15 @@ namespace raynest::client {
 /// Takes the frames that come while the client waits for credit.
 using FrameConsumer = std::function<Result<void>(const protocol::Frame&)>;
 
-/// Sends file number `number` of the running request.
+/// The place of a file among those that a request sends, for the progress.
+struct Among {
+    std::uint64_t before = 0;  ///< bytes of the files before it
+    std::uint64_t total = 0;   ///< of all; 0: there is this one alone
+};
+
+/// Sends file number `number` of the running request. An empty file needs no frame.
 Result<void> send_file(Connection& connection, std::uint32_t number,
                        std::span<const std::byte> bytes, Progress& progress,
-                       const FrameConsumer& consume);
+                       const FrameConsumer& consume, const Among& among = {});
 
 }  // namespace raynest::client

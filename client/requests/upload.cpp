@@ -3,6 +3,7 @@
 #include "client/files/files.h"
 #include "client/files/gltf_names.h"
 #include "client/ground/interrupt.h"
+#include "client/requests/send_file.h"
 #include "protocol/limits.h"
 #include "protocol/text.h"
 
@@ -18,7 +19,6 @@ namespace raynest::client {
 namespace {
 
 /// Bytes of a file per frame: headers do not matter at this size, and it fits any frame limit.
-constexpr std::uint64_t piece_bytes = 1ULL << 20;
 
 std::string folder_of(const std::string& path) {
     const std::size_t slash = path.rfind('/');
@@ -218,30 +218,12 @@ Result<void> send_files(Connection& connection, const Upload& upload, const wire
             return fail(Exit::failed, "the daemon asks for a file that was not offered");
         total += upload.files[index].bytes.size();
     }
+    const FrameConsumer ignore = [](const protocol::Frame&) { return Result<void>(); };
     for (const std::uint32_t index : *need.files()) {
         const std::span<const std::byte> bytes = upload.files[index].bytes.span();
-        // An empty file needs no frame.
-        for (std::uint64_t offset = 0; offset < bytes.size();) {
-            const std::uint64_t count =
-                std::min({bytes.size() - offset, piece_bytes,
-                          connection.bulk_bytes_max() & ~std::uint64_t{63}});
-            while (connection.credit() < protocol::padded(count)) {
-                if (auto frame = connection.next(); !frame)
-                    return tl::unexpected<Failure>(frame.error());
-            }
-            protocol::Bulk bulk;
-            bulk.add("data", wire::Dtype::u8, 1, count);
-            bulk.allocate();
-            std::memcpy(bulk.block(0).data(), bytes.data() + offset, count);
-            wire::UploadT piece;
-            piece.file = index;
-            piece.offset = offset;
-            if (auto done = connection.send_bulk(std::move(piece), std::move(bulk)); !done)
-                return done;
-            offset += count;
-            sent += count;
-            progress.update(sent, total, "uploading");
-        }
+        if (auto done = send_file(connection, index, bytes, progress, ignore, {sent, total}); !done)
+            return done;
+        sent += bytes.size();
     }
     return {};
 }
