@@ -44,6 +44,9 @@ export class Follower {
 /** What tells one content of a name from another; "" for none. */
 export const versionOf = (info) => (info ? `${info.name} ${info.epoch} ${info.hash}` : "");
 
+/** True if the last change of the scene was an edit: a load begins without any. */
+export const wasEdited = (info) => Number(info.refits ?? 0) + Number(info.rebuilds ?? 0) > 0;
+
 const count = (value) => Number(value ?? 0).toLocaleString("en");
 
 /** Says in one sentence how a scene differs from what it was. */
@@ -55,7 +58,8 @@ export function changesText(before, after) {
   if (gone.length) differ.push(`cameras gone: ${gone.join(", ")}`);
   if (come.length) differ.push(`new cameras: ${come.join(", ")}`);
   if (before.hash === after.hash) return "the same content";
-  return differ.length ? differ.join("; ") : "other content with the same counts";
+  if (differ.length) return differ.join("; ");
+  return wasEdited(after) ? "parts of it stand elsewhere, or have other masks" : "other content with the same counts";
 }
 
 /** Returns the choice in the list of cameras that the new content has for the old one: by name, else by number; "" where it is gone. */

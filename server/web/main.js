@@ -3,7 +3,7 @@ import { asCommand, asPython, inWorld } from "./commands.js";
 import { cameraOfRays, frame as frameBox, rounded } from "./camera.js";
 import { steer } from "./controls.js";
 import { byId, element, fillSelect } from "./dom.js";
-import { changesText, Follower, sameCamera, versionOf } from "./follow.js";
+import { changesText, Follower, sameCamera, versionOf, wasEdited } from "./follow.js";
 import { downloadPng, downloadReport } from "./panels/download.js";
 import { Hover } from "./panels/hover.js";
 import { showDialog, startKeys } from "./keys.js";
@@ -254,7 +254,7 @@ async function chooseScene(camera) {
   if (changed || (before && came)) {
     again = sameCamera(cameraName, before, info);
     const gone = cameraName && !again ? " Its camera is gone: the view stays." : "";
-    followed = `"${scene}" ${came ? "is loaded again" : "was replaced"}: ${changesText(before, info)}.${gone}${ignored.length ? ` Not in it: ${listed(ignored)}.` : ""}`;
+    followed = `"${scene}" ${came ? "is loaded again" : wasEdited(info) ? "was edited" : "was replaced"}: ${changesText(before, info)}.${gone}${ignored.length ? ` Not in it: ${listed(ignored)}.` : ""}`;
     notice(followed);
     if (cameraName !== again) store.set({ cameraName: again });
     app.selection.follow();

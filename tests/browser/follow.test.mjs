@@ -40,6 +40,19 @@ browserTest("a replaced scene is shown, with its tables, camera and the kept ray
   assert.doesNotMatch(await page.textContent("#notice"), /link/);
 });
 
+browserTest("an edited scene is shown, and the page says that it was edited", async ({ open }) => {
+  const name = `moved${Math.random()}`.replace(".", "");
+  await daemon.loadMeshes(name, [LEFT, RIGHT]);
+  const page = await open(daemon, { scene: name, size: SIZE, camera: "0,0,4,0,0,0,0,1,0,45" });
+  await fine(page);
+  await page.mouse.click(...await windowPoint(page, 62, 50));
+  await page.waitForFunction(() => globalThis.raynest.selection.chosen);
+  assert.equal((await record(page)).Hit, "yes");
+  await daemon.json("edit", name, "--move", "inst=0=0,500,0", "--hide", "inst=1");
+  await says(page, "notice", `"${name}" was edited: parts of it stand elsewhere, or have other masks.`);
+  await page.waitForFunction(() => document.querySelector("#record")?.textContent.includes("miss"));
+});
+
 browserTest("what was hidden and is gone is shown, and no link is blamed", async ({ open }) => {
   const name = `hide${Math.random()}`.replace(".", "");
   await daemon.loadMeshes(name, [LEFT, RIGHT, WIDE]);
