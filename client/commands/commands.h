@@ -11,6 +11,7 @@
 #include "client/output/fail_if.h"
 #include "client/requests/film.h"
 #include "client/requests/request_options.h"
+#include "protocol/edit_row.h"
 
 #include <array>
 #include <cstdint>
@@ -41,12 +42,12 @@ struct PathOptions {
     std::string path;  ///< an id, or a text such as birch-17/leaves
     std::uint64_t epoch = 0;
 };
-/// A change of a scene; in the order of the protocol's rows.
+/// A change of a scene.
 struct EditChange {
-    enum What { place, move, mask } what = move;
+    protocol::EditRow::What what = protocol::EditRow::move;
     std::string path;  ///< a text, '*' for any text, or inst=N
     std::array<double, 12> matrix{1, 0, 0, 0, 0, 1, 0, 0, 0, 0, 1, 0};  ///< of place and move
-    std::uint32_t new_mask = 0;                                         ///< of mask
+    std::uint32_t new_mask = 0;                                         ///< of set_mask
 };
 struct EditOptions {
     std::string scene;

@@ -5,11 +5,12 @@
 #include "client/ground/numbers.h"
 #include "client/output/output.h"
 #include "client/requests/send_file.h"
+#include "protocol/edit_row.h"
 
 #include <algorithm>
 #include <charconv>
-#include <cstring>
 #include <iostream>
+#include <iterator>
 #include <map>
 #include <optional>
 #include <string_view>
@@ -17,15 +18,7 @@
 namespace raynest::client {
 namespace {
 
-/// A row of an edit, as messages.fbs has it.
-struct Row {
-    std::uint32_t what;
-    std::uint32_t target;
-    std::uint32_t by_text;
-    std::uint32_t mask;
-    std::array<double, 12> matrix;
-};
-static_assert(sizeof(Row) == 112);
+using protocol::EditRow;
 
 /// Returns N of "inst=N".
 std::optional<std::uint32_t> instance_of(std::string_view path) {
@@ -39,17 +32,17 @@ std::optional<std::uint32_t> instance_of(std::string_view path) {
 }
 
 /// Reads PATH=NUMBERS or PATH=HEX; returns what is wrong, or "".
-std::string read_change(EditChange::What what, const std::string& text, EditOptions& edit) {
+std::string read_change(EditRow::What what, const std::string& text, EditOptions& edit) {
     const std::size_t equals = text.rfind('=');
     if (equals == 0 || equals == std::string::npos) return "'" + text + "' is not PATH=...";
     EditChange change{what, text.substr(0, equals)};
     const std::string value = text.substr(equals + 1);
-    if (what == EditChange::mask) {
+    if (what == EditRow::set_mask) {
         const auto mask = parse_mask(value);
         if (!mask) return mask.error().message;
         change.new_mask = *mask;
     } else {
-        const bool is_move = what == EditChange::move;
+        const bool is_move = what == EditRow::move;
         const auto numbers = parse_world(value, is_move ? 3 : 12, 12,
                                          is_move ? "dx,dy,dz or a 3x4 matrix row by row"
                                                  : "a 3x4 matrix row by row");
@@ -67,25 +60,25 @@ std::string read_change(EditChange::What what, const std::string& text, EditOpti
 
 void declare(CommandLine& line, EditOptions& edit) {
     line.add_option("SCENE", edit.scene, "name of a loaded scene of yours").required();
-    const auto changing = [&edit](EditChange::What what) {
+    const auto changing = [&edit](EditRow::What what) {
         return [&edit, what](const std::string& text) { return read_change(what, text, edit); };
     };
     const auto set_mask = [&edit](std::uint32_t mask) {
         return [&edit, mask](const std::string& path) {
-            EditChange change{EditChange::mask, path};
+            EditChange change{EditRow::set_mask, path};
             change.new_mask = mask;
             edit.changes.push_back(std::move(change));
             return std::string();
         };
     };
     line.add_in_order(
-        "--move", changing(EditChange::move),
+        "--move", changing(EditRow::move),
         "PATH=DX,DY,DZ, or PATH= and a 3x4 matrix row by row: moves what stands there, in the world. In "
         "PATH * stands for any text, and all below a path moves with it; inst=N is the outermost "
         "instance N. May be repeated, also the options below; they act in their order");
-    line.add_in_order("--place", changing(EditChange::place),
+    line.add_in_order("--place", changing(EditRow::place),
                       "PATH= and a 3x4 matrix row by row: from the object's own coordinates to the world's");
-    line.add_in_order("--set-mask", changing(EditChange::mask),
+    line.add_in_order("--set-mask", changing(EditRow::set_mask),
                       "PATH=HEX: its mask from now on (see: query --mask)");
     line.add_in_order("--hide", set_mask(0), "PATH: no ray meets it from now on");
     line.add_in_order("--show", set_mask(~0U), "PATH: every ray may meet it");
@@ -101,9 +94,10 @@ Result<void> run(Context& context, const EditOptions& options) {
     request.scene = options.scene;
     request.epoch = options.epoch;
     std::map<std::string, std::uint32_t> known;
-    std::vector<Row> rows;
+    std::vector<EditRow> rows;
     for (const EditChange& change : options.changes) {
-        Row row{static_cast<std::uint32_t>(change.what), 0, 0, change.new_mask, change.matrix};
+        EditRow row{static_cast<std::uint32_t>(change.what), 0, 0, change.new_mask, {}};
+        std::ranges::copy(change.matrix, std::begin(row.m));
         if (const auto instance = instance_of(change.path)) {
             row.target = *instance;
         } else {

@@ -74,29 +74,11 @@ public:
     std::optional<Task> next() override {
         if (task_started_) return std::nullopt;
         if (!rows_.complete() || !copies_.all_copied()) return copies_.next();
-        Task task;
         task_started_ = true;
-        // The scene that is edited is the one of this moment: edits may be on their way beside each other.
-        auto scene = services_.scenes.find(order_.scene, order_.epoch, caller_);
-        if (scene) {
-            before_ = std::move(*scene);
-            spare_ = services_.scenes.take_spare(*before_, caller_);
-        }
-        const auto fault = scene ? protocol::Error{} : scene.error();
-        const std::uint64_t bytes = scene ? before_->snapshot().bytes().size() : 0;
-        auto lease = services_.peers.reserve(bytes, caller_.principal, Use::lasting);
-        if (!lease)
-            fault_ = services_.budget
-                         .refuse("the edited copy of the scene", bytes, caller_.principal,
-                                 services_.scenes.remedy(caller_.principal,
-                                                         "start raynestd with a larger --memory"))
-                         .value();
-        else
-            lease_ = std::move(*lease);
-        if (!scene) fault_ = fault;
+        Task task;
         task.pool = &services_.blocking;
-        task.run = [this](const Stop& stop) -> Reply<Frames> {
-            if (fault_) return tl::unexpected(*fault_);
+        task.run = [this, ready = prepare_edit()](const Stop& stop) -> Reply<Frames> {
+            if (!ready) return tl::unexpected(ready.error());
             auto edited = edit(stop);
             if (!edited) return tl::unexpected(edited.error());
             snapshot_ = std::move(*edited);
@@ -156,6 +138,23 @@ public:
     }
 
 private:
+    /// Takes the scene that is edited, and memory for its copy. It is the scene of this moment: edits may
+    /// be on their way beside each other.
+    Reply<void> prepare_edit() {
+        auto scene = services_.scenes.find(order_.scene, order_.epoch, caller_);
+        if (!scene) return tl::unexpected(scene.error());
+        before_ = std::move(*scene);
+        spare_ = services_.scenes.take_spare(*before_, caller_);
+        const std::uint64_t bytes = before_->snapshot().bytes().size();
+        auto lease = services_.peers.reserve(bytes, caller_.principal, Use::lasting);
+        if (!lease)
+            return services_.budget.refuse(
+                "the edited copy of the scene", bytes, caller_.principal,
+                services_.scenes.remedy(caller_.principal, "start raynestd with a larger --memory"));
+        lease_ = std::move(*lease);
+        return {};
+    }
+
     /// Makes the changed scene. On a thread of the blocking pool.
     Reply<std::shared_ptr<const Snapshot>> edit(const Stop& stop) {
         const Snapshot& scene = before_->snapshot();
@@ -171,7 +170,7 @@ private:
         for (const auto& [instance, mask] : changed->masks) masks.push_back({instance, mask});
         if (stop.requested()) return refuse(Code::cancelled, "");
         auto edited = edit_scene(scene, moves, masks, std::move(spare_));
-        if (!edited) return refuse(Code::invalid_field, std::move(edited.error().message));
+        if (!edited) return refuse(std::move(edited.error()));
         std::map<std::uint32_t, std::uint32_t> all(changed->masks);
         for (const auto& [instance, matrix] : changed->placements) all.emplace(instance, 0);
         instances_ = static_cast<std::uint32_t>(all.size());
@@ -189,7 +188,7 @@ private:
         for (const std::string& text : order_.targets) {
             auto found = find_instances(scene, text, [&] { return stop.requested(); });
             if (stop.requested()) return refuse(Code::cancelled, "");
-            if (!found) return refuse(Code::invalid_field, std::move(found.error().message));
+            if (!found) return refuse(std::move(found.error()));
             named.push_back(std::move(*found));
         }
         Changed changed;
@@ -247,7 +246,6 @@ private:
     UploadCopies copies_;
     bool task_started_ = false;
     Budget::Lease lease_;                       ///< for the edited copy until it is published
-    std::optional<protocol::Error> fault_;      ///< found where the task began
     std::optional<NamedScene> before_;          ///< the epoch that is edited
     std::shared_ptr<const Snapshot> spare_;     ///< in whose memory the edited scene may be made
     std::shared_ptr<const Snapshot> snapshot_;  ///< written by the task

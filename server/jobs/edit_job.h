@@ -7,6 +7,7 @@
 // The old epoch stays whole until its last reader ends, whatever happens here.
 #pragma once
 
+#include "protocol/edit_row.h"
 #include "server/ground/budget.h"
 #include "server/jobs/services.h"
 #include "server/scheduling/job.h"
@@ -19,17 +20,7 @@
 
 namespace raynest::server {
 
-/// A row as it travels. `m` is a 3x4 matrix, row by row.
-struct EditRow {
-    /// place: from the object's space to the world. move: on top of where it stands, in the world.
-    enum What : std::uint32_t { place, move, set_mask, what_count };
-    std::uint32_t what;
-    std::uint32_t target;   ///< an outermost instance, or an index in EditOrder::targets
-    std::uint32_t by_text;  ///< 1: in EditOrder::targets
-    std::uint32_t mask;     ///< of set_mask
-    double m[12];           ///< of the others
-};
-static_assert(sizeof(EditRow) == 112);
+using protocol::EditRow;
 
 /// The checked contents of an EDIT request.
 struct EditOrder {

@@ -91,9 +91,6 @@ public:
         place = bounds;
         touch(place);
     }
-    [[nodiscard]] BuildQuality quality() const {
-        return reinterpret_cast<const format::Header*>(arena_.data())->build;
-    }
     [[nodiscard]] Arena take() { return std::move(arena_); }
 
     /// Notes that an element has changed.
@@ -127,11 +124,12 @@ void copy_bytes(std::byte* to, const std::byte* from, std::size_t count) {
     });
 }
 
-/// Copies an arena with other nodes for the root's tree, which are the last ones.
-Arena with_root_nodes(const Arena& from, std::uint64_t first_node, std::span<const Node> nodes) {
+/// Copies an arena with another record and other nodes for its root, whose nodes are the last ones.
+Arena with_root(std::span<const std::byte> from, std::uint32_t object, const ObjectRecord& root,
+                std::span<const Node> nodes) {
     const auto& old = *reinterpret_cast<const format::Header*>(from.data());
     format::Header header = old;
-    header.sections[0].count = first_node + nodes.size();
+    header.sections[0].count = root.first_node + nodes.size();
     std::uint64_t end = format::aligned(sizeof header);
     for (format::SectionEntry& entry : header.sections) {
         entry.offset = end;
@@ -142,12 +140,15 @@ Arena with_root_nodes(const Arena& from, std::uint64_t first_node, std::span<con
     std::memcpy(arena.data(), &header, sizeof header);
     for (std::size_t s = 0; s < format::section_count; ++s) {
         const format::SectionEntry& entry = header.sections[s];
-        const std::uint64_t kept = s == 0 ? first_node : entry.count;
+        const std::uint64_t kept = s == 0 ? root.first_node : entry.count;
         copy_bytes(arena.data() + entry.offset, from.data() + old.sections[s].offset,
                    kept * entry.element_size);
     }
-    std::memcpy(arena.data() + header.sections[0].offset + first_node * sizeof(Node), nodes.data(),
-                nodes.size_bytes());
+    std::memcpy(arena.data() + header.sections[0].offset + root.first_node * sizeof(Node),
+                nodes.data(), nodes.size_bytes());
+    const std::size_t objects = static_cast<std::size_t>(Section::objects);
+    std::memcpy(arena.data() + header.sections[objects].offset + object * sizeof root, &root,
+                sizeof root);
     return arena;
 }
 
@@ -216,28 +217,26 @@ Box refit(EditedArena& arena, std::span<const std::uint32_t> move_of, std::span<
 
 /// Builds the root's tree again, which has instances alone.
 Result<std::shared_ptr<const Snapshot>> rebuild(const Snapshot& scene) {
-    EditedArena arena(Snapshot::copy_arena(scene, nullptr), scene.view());
-    ObjectRecord& root = arena.root();
-    const std::span<const InstanceRecord> instances = arena.instances();
-    const std::span<const InstanceInfo> infos = arena.infos();
-    std::vector<Box> boxes(instances.size());
-    std::vector<float> errors(instances.size());
-    const ViewTrees trees(arena.view());
-    tbb::parallel_for(std::size_t{0}, instances.size(), [&](std::size_t i) {
-        const std::uint32_t child = instances[i].object;
-        errors[i] = placement_error(infos[i].to_parent, arena.view().objects[child].origin_error);
-        boxes[i] = place_box(trees, child, infos[i].to_parent, errors[i]).box;
+    const SceneView& view = scene.view();
+    ObjectRecord root = view.objects[view.root];
+    std::vector<Box> boxes(root.instance_count);
+    std::vector<float> errors(root.instance_count);
+    const ViewTrees trees(view);
+    tbb::parallel_for(std::uint32_t{0}, root.instance_count, [&](std::uint32_t i) {
+        const std::uint32_t child = view.instances[root.first_instance + i].object;
+        const Transform& to_parent = view.instance_infos[root.first_instance + i].to_parent;
+        errors[i] = placement_error(to_parent, view.objects[child].origin_error);
+        boxes[i] = place_box(trees, child, to_parent, errors[i]).box;
     });
-    const Tree tree = build_tree({boxes, 0, 0, root.instance_count, arena.quality()});
+    const Tree tree =
+        build_tree({boxes, 0, 0, root.instance_count, scene.statistics().build});
     root.origin_error = std::max(1.0F, *std::ranges::max_element(errors));
     root.root = tree.root;
     root.bounds = tree.bounds;
     root.node_count = static_cast<std::uint32_t>(tree.nodes.size());
-    const std::uint64_t first_node = root.first_node;
-    BuiltArena built{with_root_nodes(arena.take(), first_node, tree.nodes),
-                     scene.statistics().build_seconds,
-                     {.rebuilds = scene.statistics().edits.rebuilds + 1}};
-    return Snapshot::open(std::move(built));
+    return Snapshot::open({with_root(scene.bytes(), view.root, root, tree.nodes),
+                           scene.statistics().build_seconds,
+                           {.rebuilds = scene.statistics().edits.rebuilds + 1}});
 }
 
 bool is_inside(const Box& box, const Box& of) {
@@ -263,11 +262,11 @@ Result<std::vector<std::uint32_t>> changes_by_instance(const Snapshot& scene,
     for (std::size_t i = 0; i < changes.size(); ++i) {
         const std::uint32_t instance = changes[i].instance;
         if (instance >= count)
-            return fail(ErrorCode::param_invalid,
+            return fail(ErrorCode::field_invalid,
                         fmt::format("there is no outermost instance {}: the scene has {}", instance,
                                     count));
         if (of[instance] != no_id)
-            return fail(ErrorCode::param_invalid,
+            return fail(ErrorCode::field_invalid,
                         label(scene, instance) + " is named twice in one edit");
         of[instance] = static_cast<std::uint32_t>(i);
     }
@@ -294,11 +293,11 @@ Result<std::shared_ptr<const Snapshot>> edit_scene(const Snapshot& scene,
     for (std::size_t i = 0; i < moves.size(); ++i) {
         const Transform& to_scene = moves[i].to_scene;
         if (!std::ranges::all_of(to_scene.m, [](float x) { return std::isfinite(x); }))
-            return fail(ErrorCode::param_invalid, "the placement of " +
+            return fail(ErrorCode::field_invalid, "the placement of " +
                                                       label(scene, moves[i].instance) +
                                                       " has numbers that are not finite");
         if (!invert(to_scene, inverse[i]))
-            return fail(ErrorCode::param_invalid,
+            return fail(ErrorCode::field_invalid,
                         "the placement of " + label(scene, moves[i].instance) +
                             " is singular: a scale of 0 leaves no way to bring rays into its space; "
                             "to hide it set its mask to 0");
@@ -334,7 +333,7 @@ Result<std::shared_ptr<const Snapshot>> edit_scene(const Snapshot& scene,
     });
     if (const auto far = std::ranges::find_if(boxes, [](const Box& box) { return !in_range(box); });
         far != boxes.end())
-        return fail(ErrorCode::param_invalid,
+        return fail(ErrorCode::field_invalid,
                     label(scene, moves[static_cast<std::size_t>(far - boxes.begin())].instance) +
                         " would reach beyond 1e15");
     for (const InstanceMove& move : moves) {

@@ -34,7 +34,7 @@ struct InstanceMask {
 inline constexpr double rebuild_cost_factor = 1.2;
 
 /// Returns a changed copy of the scene. `spare` may be the scene before its last edit: if nobody else
-/// refers to it, its memory becomes that of the copy, and an edit costs what it changes. Fails with param_invalid for an instance that the scene
+/// refers to it, its memory becomes that of the copy, and an edit costs what it changes. Fails with field_invalid for an instance that the scene
 /// lacks or that is named twice, and for a placement that is singular, not finite or reaches beyond
 /// coordinate_max; names the instance by its path. Thread-safe. Costs a copy of what
 /// differs, a look at each node, and what moved. Throws std::bad_alloc.

@@ -18,9 +18,9 @@ from ..errors import InvalidError, UsageError
 JSON_BYTES_MAX = 64 << 20
 NAME_BYTES_MAX = 1024
 
-_GLB, _JSON, _BIN = 0x46546C67, 0x4E4F534A, 0x004E4942
+GLB, JSON, BIN = 0x46546C67, 0x4E4F534A, 0x004E4942
 _ESCAPE = re.compile(rb"%([0-9A-Fa-f]{2})?")
-_FLOAT, _UINT = 5126, 5125
+FLOAT, UINT = 5126, 5125
 _HEAD_BYTES = 2048  # of a mesh's .glb before its vertices: two headers, the JSON and a third header
 
 
@@ -68,7 +68,7 @@ def _glb_json(data: bytes) -> bytes:
         _refuse(f"is GLB version {version}; only version 2 can be read")
     if length > len(data):
         _refuse(f"says that it has {length} bytes, but has {len(data)}")
-    if kind != _JSON or json_bytes > length - 20:
+    if kind != JSON or json_bytes > length - 20:
         _refuse("does not begin with a JSON chunk that it holds")
     return data[20:20 + json_bytes]
 
@@ -155,17 +155,17 @@ def mesh_glb(vertices: Any, faces: Any, origin: Array = np.zeros(3)) -> memoryvi
                    **({"translation": origin.tolist()} if moves else {})}],
         "meshes": [{"primitives": [{"attributes": {"POSITION": 0}, "indices": 1}]}],
         "accessors": [
-            {"bufferView": 0, "componentType": _FLOAT, "type": "VEC3", "count": len(positions),
+            {"bufferView": 0, "componentType": FLOAT, "type": "VEC3", "count": len(positions),
              "min": low.tolist(), "max": high.tolist()},
-            {"bufferView": 1, "componentType": _UINT, "type": "SCALAR", "count": corners.size}],
+            {"bufferView": 1, "componentType": UINT, "type": "SCALAR", "count": corners.size}],
         "bufferViews": [
             {"buffer": 0, "byteLength": position_bytes},
             {"buffer": 0, "byteOffset": position_bytes, "byteLength": index_bytes}],
         "buffers": [{"byteLength": len(body)}]}
     text = json.dumps(document).encode()
     text = text.ljust(_HEAD_BYTES - 28)  # blanks to the chunk's end
-    head = struct.pack("<5I", _GLB, 2, len(whole), len(text), _JSON) + text
-    head += struct.pack("<2I", len(body), _BIN)
+    head = struct.pack("<5I", GLB, 2, len(whole), len(text), JSON) + text
+    head += struct.pack("<2I", len(body), BIN)
     whole[:_HEAD_BYTES] = np.frombuffer(head, np.uint8)
     return whole.data
 

@@ -10,11 +10,8 @@ import numpy as np
 
 from .arguments import numbers
 from .._net.frame import Array
-from .gltf import JSON_BYTES_MAX, box_of, triangles
+from .gltf import BIN, FLOAT, GLB, JSON, JSON_BYTES_MAX, UINT, box_of, triangles
 from ..errors import UsageError
-
-_GLB, _JSON, _BIN = 0x46546C67, 0x4E4F534A, 0x004E4942
-_FLOAT, _UINT = 5126, 5125
 
 
 def parts_glb(parts: Mapping[str, Any], places: Optional[Mapping[str, Any]]) -> bytes:
@@ -48,8 +45,8 @@ def parts_glb(parts: Mapping[str, Any], places: Optional[Mapping[str, Any]]) -> 
         raise UsageError(f"{len(nodes)} places take {len(text)} bytes, at most {JSON_BYTES_MAX} are "
                          "taken: make groups of them, each a scene of its own")
     size = 28 + len(text) + len(data)
-    return b"".join((struct.pack("<5I", _GLB, 2, size, len(text), _JSON), text,
-                     struct.pack("<2I", len(data), _BIN), data))
+    return b"".join((struct.pack("<5I", GLB, 2, size, len(text), JSON), text,
+                     struct.pack("<2I", len(data), BIN), data))
 
 
 def matrices_of(what: str, value: Any) -> Array:
@@ -95,12 +92,13 @@ def _add_mesh(document: dict[str, Any], body: list[bytes], name: str, part: Any)
         raise UsageError(f"the part {name!r} has vertices that are not finite in float32")
     view = len(document["bufferViews"])
     for data in (positions.tobytes(), corners.astype("<u4").tobytes()):
-        document["bufferViews"].append({"buffer": 0, "byteLength": len(data),
-                                        "byteOffset": sum(map(len, body))})
+        before = document["bufferViews"][-1] if body else {"byteOffset": 0, "byteLength": 0}
+        document["bufferViews"].append({"buffer": 0, "byteLength": len(data), "byteOffset":
+                                        before["byteOffset"] + before["byteLength"]})
         body.append(data)
     document["accessors"] += [
-        {"bufferView": view, "componentType": _FLOAT, "type": "VEC3", "count": len(positions),
+        {"bufferView": view, "componentType": FLOAT, "type": "VEC3", "count": len(positions),
          "min": low.tolist(), "max": high.tolist()},
-        {"bufferView": view + 1, "componentType": _UINT, "type": "SCALAR", "count": corners.size}]
+        {"bufferView": view + 1, "componentType": UINT, "type": "SCALAR", "count": corners.size}]
     document["meshes"].append({"name": name, "primitives": [
         {"attributes": {"POSITION": view}, "indices": view + 1}]})

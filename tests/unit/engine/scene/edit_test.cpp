@@ -74,7 +74,7 @@ std::string fault(const Snapshot& scene, const std::vector<InstanceMove>& moves,
                   const std::vector<InstanceMask>& masks = {}) {
     const auto edited = edit_scene(scene, moves, masks);
     REQUIRE(!edited);
-    CHECK(edited.error().code == ErrorCode::param_invalid);
+    CHECK(edited.error().code == ErrorCode::field_invalid);
     return edited.error().message;
 }
 
