@@ -310,6 +310,8 @@ Result<void> validate(const wire::Edit& message, const Limits& limits) {
         .name("scene", message.scene())
         .needs("scene", message.scene())
         .texts("targets", message.targets())
+        .names("scenes", message.scenes())
+        .texts("names", message.names())
         .at_least("rows", message.rows(), 1)
         .at_most("rows", message.rows(), limits.edit_rows_max, "edit_rows_max")
         .result();

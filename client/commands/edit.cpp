@@ -1,4 +1,4 @@
-// raynest edit: moves parts of a scene, and changes their masks.
+// raynest edit: parts of a scene move, hide, go and come.
 #include "client/commands/commands.h"
 #include "client/commands/shared_options.h"
 #include "client/ground/json.h"
@@ -11,7 +11,6 @@
 #include <charconv>
 #include <iostream>
 #include <iterator>
-#include <map>
 #include <optional>
 #include <string_view>
 
@@ -32,20 +31,21 @@ std::optional<std::uint32_t> instance_of(std::string_view path) {
 }
 
 /// Reads PATH=NUMBERS or PATH=HEX; returns what is wrong, or "".
-std::string read_change(EditRow::What what, const std::string& text, EditOptions& edit) {
+std::string read_change(EditRow::What what, EditRow::Frame frame, const std::string& text,
+                        EditOptions& edit) {
     const std::size_t equals = text.rfind('=');
     if (equals == 0 || equals == std::string::npos) return "'" + text + "' is not PATH=...";
-    EditChange change{what, text.substr(0, equals)};
+    EditChange change{what, text.substr(0, equals), frame};
     const std::string value = text.substr(equals + 1);
     if (what == EditRow::set_mask) {
         const auto mask = parse_mask(value);
         if (!mask) return mask.error().message;
-        change.new_mask = *mask;
+        change.value = *mask;
     } else {
-        const bool is_move = what == EditRow::move;
-        const auto numbers = parse_world(value, is_move ? 3 : 12, 12,
-                                         is_move ? "dx,dy,dz or a 3x4 matrix row by row"
-                                                 : "a 3x4 matrix row by row");
+        const bool may_shift = what != EditRow::place;
+        const auto numbers = parse_world(value, may_shift ? 3 : 12, 12,
+                                         may_shift ? "x,y,z or a 3x4 matrix row by row"
+                                                   : "a 3x4 matrix row by row");
         if (!numbers) return numbers.error().message;
         if (numbers->size() == 3)
             for (std::size_t row = 0; row < 3; ++row) change.matrix[4 * row + 3] = (*numbers)[row];
@@ -60,14 +60,12 @@ std::string read_change(EditRow::What what, const std::string& text, EditOptions
 
 void declare(CommandLine& line, EditOptions& edit) {
     line.add_option("SCENE", edit.scene, "name of a loaded scene of yours").required();
-    const auto changing = [&edit](EditRow::What what) {
-        return [&edit, what](const std::string& text) { return read_change(what, text, edit); };
+    const auto changing = [&edit](EditRow::What what, EditRow::Frame frame = EditRow::world) {
+        return [&edit, what, frame](const std::string& text) { return read_change(what, frame, text, edit); };
     };
-    const auto set_mask = [&edit](std::uint32_t mask) {
-        return [&edit, mask](const std::string& path) {
-            EditChange change{EditRow::set_mask, path};
-            change.new_mask = mask;
-            edit.changes.push_back(std::move(change));
+    const auto setting = [&edit](EditRow::What what, std::uint32_t value) {
+        return [&edit, what, value](const std::string& path) {
+            edit.changes.push_back(EditChange{what, path, value});
             return std::string();
         };
     };
@@ -76,15 +74,22 @@ void declare(CommandLine& line, EditOptions& edit) {
         "PATH=DX,DY,DZ, or PATH= and a 3x4 matrix row by row: moves what stands there, in the world. In "
         "PATH * stands for any text, and all below a path moves with it; inst=N is the outermost "
         "instance N. May be repeated, also the options below; they act in their order");
+    line.add_in_order("--turn", changing(EditRow::move, EditRow::own),
+                      "PATH= as for --move, in the coordinates of the object itself: a wheel about its axle");
     line.add_in_order("--place", changing(EditRow::place),
                       "PATH= and a 3x4 matrix row by row: from the object's own coordinates to the world's");
+    line.add_in_order("--add", changing(EditRow::add),
+                      "SCENE=X,Y,Z, or SCENE= and a 3x4 matrix: adds the loaded scene SCENE, there. Its path "
+                      "begins with its name, and where there are several, with a number");
+    line.add_in_order("--remove", setting(EditRow::remove, 0), "PATH: removes the outermost instances there");
     line.add_in_order("--set-mask", changing(EditRow::set_mask),
                       "PATH=HEX: its mask from now on (see: query --mask)");
-    line.add_in_order("--hide", set_mask(0), "PATH: no ray meets it from now on");
-    line.add_in_order("--show", set_mask(~0U), "PATH: every ray may meet it");
+    line.add_in_order("--hide", setting(EditRow::set_mask, 0), "PATH: no ray meets it from now on");
+    line.add_in_order("--show", setting(EditRow::set_mask, ~0U), "PATH: every ray may meet it");
     add_epoch(line, edit.epoch);
     line.at_end([&edit] {
-        return edit.changes.empty() ? "--move, --place, --set-mask, --hide or --show is required"
+        return edit.changes.empty() ? "--move, --turn, --place, --add, --remove, --set-mask, --hide or --show "
+                                      "is required"
                                     : std::string();
     });
 }
@@ -93,18 +98,23 @@ Result<void> run(Context& context, const EditOptions& options) {
     wire::EditT request;
     request.scene = options.scene;
     request.epoch = options.epoch;
-    std::map<std::string, std::uint32_t> known;
+    // The places of texts in a list of the request, each once.
+    const auto place_in = [](std::vector<std::string>& list, const std::string& text) {
+        const auto at = std::ranges::find(list, text);
+        if (at == list.end()) list.push_back(text);
+        return static_cast<std::uint32_t>(std::ranges::find(list, text) - list.begin());
+    };
     std::vector<EditRow> rows;
     for (const EditChange& change : options.changes) {
-        EditRow row{static_cast<std::uint32_t>(change.what), 0, 0, change.new_mask, {}};
+        EditRow row{static_cast<std::uint32_t>(change.what), 0, 0, change.value, {}};
         std::ranges::copy(change.matrix, std::begin(row.m));
-        if (const auto instance = instance_of(change.path)) {
+        if (change.what == EditRow::add) {
+            row.target = place_in(request.scenes, change.path);
+            row.value = ~0U;
+        } else if (const auto instance = instance_of(change.path)) {
             row.target = *instance;
         } else {
-            const auto [at, added] =
-                known.emplace(change.path, static_cast<std::uint32_t>(request.targets.size()));
-            if (added) request.targets.push_back(change.path);
-            row.target = at->second;
+            row.target = place_in(request.targets, change.path);
             row.by_text = 1;
         }
         rows.push_back(row);

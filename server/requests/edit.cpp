@@ -1,4 +1,4 @@
-// EDIT: moves outermost instances of a scene and changes their masks; the result is its next epoch.
+// EDIT: instances of a scene move, hide, go and come; the result is its next epoch.
 #include "protocol/text.h"
 #include "server/jobs/edit_job.h"
 #include "server/requests/request.h"
@@ -20,6 +20,14 @@ Reply<Answer> edit(const Services& services, const Caller& caller,
     if (!scene) return tl::unexpected(scene.error());
     if (const auto allowed = services.scenes.may_edit(order.scene, caller); !allowed)
         return tl::unexpected(allowed.error());
+    const std::vector<std::string> names = protocol::strings(message->names());
+    for (const std::string& source : protocol::strings(message->scenes())) {
+        const auto added = services.scenes.find(source, 0, caller);
+        if (!added) return tl::unexpected(added.error());
+        const std::string name = names.size() > order.sources.size() ? names[order.sources.size()] : "";
+        // Another owner's scene is "OWNER/NAME".
+        order.sources.push_back({added->held, name.empty() ? source.substr(source.rfind('/') + 1) : name});
+    }
     const std::uint64_t bytes = std::uint64_t{order.rows} * sizeof(EditRow);
     auto lease = services.peers.reserve(bytes, caller.principal);
     if (!lease)

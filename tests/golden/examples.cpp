@@ -137,7 +137,9 @@ void add_scene_requests(Collection& all) {
     edit.scene = "forest";
     edit.epoch = 1;
     edit.targets = {"car#3", "tree-*"};
-    edit.rows = 2;
+    edit.rows = 3;
+    edit.scenes = {"taxi"};
+    edit.names = {"car"};
     all.add(16, edit);
 }
 
