@@ -89,7 +89,7 @@ Result<SceneDescription> describe(const ImportRequest& request, const ImportLimi
     return fail(
         ErrorCode::scene_unsupported,
         fmt::format("'{}' is not a scene that RayNest reads: .glb, .gltf, .npy, or builtin:forest, "
-                    "builtin:terrain, builtin:flake",
+                    "builtin:terrain, builtin:flake, builtin:street",
                     source.substr(0, 200)));
 }
 

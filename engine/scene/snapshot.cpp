@@ -188,6 +188,8 @@ Result<std::shared_ptr<const Snapshot>> Snapshot::open_edited(BuiltArena built,
     snapshot->tree_costs_ = measure_again(view, before.tree_costs_, objects);
     snapshot->statistics_.trees.sah_cost = snapshot->tree_costs_[view.root];
     snapshot->statistics_.edits = built.edits;
+    snapshot->statistics_.degenerate_triangles =
+        reinterpret_cast<const format::Header*>(base)->degenerate_triangles;
     snapshot->record_types_ = before.record_types_;
     snapshot->record_counts_ = before.record_counts_;
     snapshot->meshes_ = before.meshes_;

@@ -40,7 +40,7 @@ public:
           id_(caller.request_id),
           caller_(caller),
           order_(std::move(order)),
-          rows_(0, std::uint64_t{order_.rows} * sizeof(EditRow)) {}
+          rows_(0, order_.bytes()) {}
 
     Reply<std::uint64_t> feed(protocol::Frame frame) override {
         const auto message = protocol::open<wire::Upload>(frame, services_.limits);
@@ -162,7 +162,7 @@ private:
                                        paths.node_count * sizeof(PathNode) + paths.run_count * sizeof(PathRun);
             bytes += added.scene->bytes().size() + added.to_scene.size() * each;
         }
-        if (bytes != 0 || !changes.removed.empty() || std::ranges::any_of(changes.moves, is_nested) ||
+        if (bytes != 0 || !changes.removed.empty() || !changes.deformed.empty() || std::ranges::any_of(changes.moves, is_nested) ||
             std::ranges::any_of(changes.masks, is_nested))
             bytes += before_->snapshot().bytes().size();
         if (bytes == 0) return Budget::Lease();
@@ -185,11 +185,19 @@ private:
         };
         if (outermost == 0 && !order_.targets.empty()) return no_instances();
         std::vector<std::vector<InstancePlace>> named;
+        InstanceFinder finder(scene, [&] { return stop.requested(); });
         for (const std::string& text : order_.targets) {
-            auto found = find_instances(scene, text, [&] { return stop.requested(); });
+            auto found = finder.find(text);
             if (stop.requested()) return refuse(Code::cancelled, "");
             if (!found) return refuse(std::move(found.error()));
             named.push_back(std::move(*found));
+        }
+        // The rows' bytes are a multiple of 4 and begin where a vector of floats may.
+        std::vector<std::span<const Vec3>> vertices;
+        const auto* first = reinterpret_cast<const Vec3*>(rows_.bytes().data() + order_.rows * sizeof(EditRow));
+        for (const std::uint32_t count : order_.vertex_counts) {
+            vertices.emplace_back(first, count);
+            first += count;
         }
         std::vector<InstancePlace> one(1);
         for (std::uint32_t i = 0; i < order_.rows; ++i) {
@@ -204,6 +212,8 @@ private:
             if (row.what >= EditRow::what_count)
                 return wrong(fmt::format("does something unknown: what is {}", row.what));
             if (!matrix) return wrong("has a matrix with a number that is not finite");
+            if (row.what == EditRow::vertices && row.value >= vertices.size())
+                return wrong(fmt::format("names vertices {} of {}", row.value, vertices.size()));
             if (row.what == EditRow::add) {
                 if (row.target >= order_.sources.size())
                     return wrong(fmt::format("adds scene {} of {}", row.target, order_.sources.size()));
@@ -211,7 +221,7 @@ private:
                 batch.add(row.target, {source.held, source.held->snapshot.get()}, source.name, *matrix, row.value);
                 continue;
             }
-            if (row.what != EditRow::set_mask && row.what != EditRow::remove && row.value >= EditRow::frame_count)
+            if ((row.what == EditRow::place || row.what == EditRow::move) && row.value >= EditRow::frame_count)
                 return wrong(fmt::format("has an unknown frame: {}", row.value));
             if (row.what == EditRow::place && row.value == EditRow::own)
                 return wrong("places an instance in its own frame: place it in its parent's, or move it");
@@ -222,8 +232,12 @@ private:
                                       : wrong(fmt::format("names the outermost instance {}; the scene has {}",
                                                           row.target, outermost));
             one.front() = row.target;
-            for (const InstancePlace& place : row.by_text != 0 ? named[row.target] : one)
-                if (auto done = apply(batch, row, *matrix, place); !done) return wrong(done.error().message);
+            for (const InstancePlace& place : row.by_text != 0 ? named[row.target] : one) {
+                if (row.what == EditRow::vertices)
+                    batch.set_vertices(place, vertices[row.value]);
+                else if (auto done = apply(batch, row, *matrix, place); !done)
+                    return wrong(done.error().message);
+            }
         }
         return {};
     }
@@ -255,6 +269,12 @@ private:
 };
 
 }  // namespace
+
+std::uint64_t EditOrder::bytes() const {
+    std::uint64_t sum = std::uint64_t{rows} * sizeof(EditRow);
+    for (const std::uint32_t count : vertex_counts) sum += std::uint64_t{count} * sizeof(Vec3);
+    return sum;
+}
 
 std::unique_ptr<Job> edit_job(const Services& services, const Caller& caller, EditOrder order) {
     return std::make_unique<EditJob>(services, caller, std::move(order));

@@ -35,7 +35,9 @@ struct EditOrder {
     };
     std::vector<Source> sources;
     std::uint32_t rows = 0;
-    Budget::Lease lease;  ///< for the rows
+    std::vector<std::uint32_t> vertex_counts;  ///< of the meshes behind the rows
+    [[nodiscard]] std::uint64_t bytes() const;  ///< of the rows and vertices
+    Budget::Lease lease;                       ///< for these
 };
 
 [[nodiscard]] std::unique_ptr<Job> edit_job(const Services& services, const Caller& caller,

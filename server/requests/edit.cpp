@@ -28,11 +28,13 @@ Reply<Answer> edit(const Services& services, const Caller& caller,
         // Another owner's scene is "OWNER/NAME".
         order.sources.push_back({added->held, name.empty() ? source.substr(source.rfind('/') + 1) : name});
     }
-    const std::uint64_t bytes = std::uint64_t{order.rows} * sizeof(EditRow);
+    if (message->vertex_counts() != nullptr)
+        order.vertex_counts.assign(message->vertex_counts()->begin(), message->vertex_counts()->end());
+    const std::uint64_t bytes = order.bytes();
     auto lease = services.peers.reserve(bytes, caller.principal);
     if (!lease)
-        return services.budget.refuse("the rows of the edit", bytes, caller.principal,
-                                      "send fewer rows at a time");
+        return services.budget.refuse("the rows and vertices of the edit", bytes,
+                                      caller.principal, "send fewer at a time");
     order.lease = std::move(*lease);
 
     JobSubmission accepted;

@@ -140,6 +140,7 @@ void add_scene_requests(Collection& all) {
     edit.rows = 3;
     edit.scenes = {"taxi"};
     edit.names = {"car"};
+    edit.vertex_counts = {8};
     all.add(16, edit);
 }
 

@@ -11,7 +11,7 @@ import numpy as np
 from . import _limits
 from ._net.connection import Connection
 from ._net.frame import Array
-from ._requests.arguments import whole
+from ._requests.arguments import numbers, whole
 from ._requests.parts import matrices_of
 from ._requests.upload import FileSender
 from .errors import ProtocolError, UsageError
@@ -22,7 +22,7 @@ Which = Union[int, str, Sequence[Union[int, str]], Array]
 
 _ROW = np.dtype([("what", "<u4"), ("target", "<u4"), ("by_text", "<u4"), ("value", "<u4"),
                  ("matrix", "<f8", (3, 4))])
-_PLACE, _MOVE, _MASK, _REMOVE, _ADD = range(5)
+_PLACE, _MOVE, _MASK, _REMOVE, _ADD, _VERTICES = range(6)
 _FRAMES = ("world", "parent", "own")
 
 
@@ -44,6 +44,7 @@ class Edit:
         self._texts: dict[str, int] = {}
         self._added: dict[tuple[str, str], int] = {}
         self._rows: list[Array] = []
+        self._vertices: list[Array] = []
 
     def move(self, which: Which, by: Any, frame: str = "world") -> Edit:
         """Moves instances from where they stand. `by` is an offset (3,), a matrix (3, 4) or (4, 4), or one of
@@ -78,6 +79,20 @@ class Edit:
         """Removes outermost instances. The others keep the texts of their paths; their numbers change."""
         rows = self._targets(which)
         rows["what"] = _REMOVE
+        self._rows.append(rows)
+        return self
+
+    def set_vertices(self, which: Which, vertices: Any) -> Edit:
+        """Moves the vertices of meshes: (N, 3) in the object's own coordinates, as many as the mesh has and in
+        their order. A mesh with several placements deforms at those that `which` names. Normals are made
+        anew where it has some. Not for a scene with an origin."""
+        with np.errstate(over="ignore", invalid="ignore"):
+            points = numbers("vertices", vertices).astype("<f4")
+        if points.ndim != 2 or points.shape[1] != 3 or not len(points):
+            raise UsageError(f"vertices has shape {points.shape}: it must be (N, 3)")
+        rows = self._targets(which)
+        rows["what"], rows["value"] = _VERTICES, len(self._vertices)
+        self._vertices.append(np.ascontiguousarray(points))
         self._rows.append(rows)
         return self
 
@@ -149,8 +164,13 @@ class Edit:
                              "taken: name instances by number, as the column inst tells them")
         message = {"scene": self._scene, "epoch": self.epoch, "rows": len(rows),
                    "targets": list(self._texts), "scenes": [scene for scene, _ in self._added],
-                   "names": [name for _, name in self._added]}
-        rows_file = FileSender(np.frombuffer(rows.tobytes(), np.uint8), 0)
+                   "names": [name for _, name in self._added],
+                   "vertex_counts": [len(points) for points in self._vertices]}
+        if sum(message["vertex_counts"]) > _limits.edit_vertices_max:
+            raise UsageError(f"{sum(message['vertex_counts'])} vertices in one edit, at most "
+                             f"{_limits.edit_vertices_max} are taken")
+        body = b"".join((rows.tobytes(), *(points.tobytes() for points in self._vertices)))
+        rows_file = FileSender(np.frombuffer(body, np.uint8), 0)
         frames = self._connection.exchange("Edit", message, feed=lambda: rows_file.feed(self._connection))
         with self._connection.interrupts, contextlib.closing(frames):
             for kind, news in frames:

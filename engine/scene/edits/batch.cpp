@@ -98,6 +98,7 @@ std::size_t EditBatch::size() const {
     std::set<InstancePlace> all;
     for (const auto& [place, matrix] : placements_) all.insert(place);
     for (const auto& [place, mask] : masks_) all.insert(place);
+    for (const auto& [place, vertices] : vertices_) all.insert(place);
     for (const std::uint32_t place : removed_) all.insert(place);
     std::size_t size = all.size();
     for (const auto& [key, scene] : added_) size += scene.to_scene.size();
@@ -109,6 +110,7 @@ SceneChanges EditBatch::changes() const {
     for (const auto& [place, matrix] : placements_)
         made.moves.push_back({place, transform_of(matrix)});
     for (const auto& [place, mask] : masks_) made.masks.push_back({place, mask});
+    for (const auto& [place, vertices] : vertices_) made.deformed.push_back({place, vertices});
     made.removed.assign(removed_.begin(), removed_.end());
     for (const auto& [key, scene] : added_) made.added.push_back(scene);
     return made;

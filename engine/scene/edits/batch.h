@@ -11,6 +11,7 @@
 #include <map>
 #include <memory>
 #include <set>
+#include <span>
 #include <string>
 
 namespace raynest {
@@ -36,6 +37,11 @@ public:
     /// own.
     Result<void> place(const InstancePlace& place, const Matrix& to, EditFrame frame);
     void set_mask(const InstancePlace& place, std::uint32_t mask) { masks_[place] = mask; }
+    /// Gives the object of an instance other vertices, which must outlive the batch and its
+    /// changes.
+    void set_vertices(const InstancePlace& place, std::span<const Vec3> vertices) {
+        vertices_[place] = vertices;
+    }
     /// Fails with field_invalid for an instance within another one.
     Result<void> remove(const InstancePlace& place);
     /// Adds a placement of a scene, from its world to this scene's. Placements of one key share the
@@ -54,6 +60,7 @@ private:
     const Snapshot& scene_;
     std::map<InstancePlace, Matrix> placements_;
     std::map<InstancePlace, std::uint32_t> masks_;
+    std::map<InstancePlace, std::span<const Vec3>> vertices_;
     std::set<std::uint32_t> removed_;
     std::map<std::uint32_t, AddedScene> added_;
 };

@@ -1,6 +1,8 @@
 #include "engine/scene/edits/edit.h"
 
+#include "engine/scene/edits/deform.h"
 #include "engine/scene/edits/edited_arena.h"
+#include "engine/scene/edits/names.h"
 #include "engine/scene/edits/refit.h"
 #include "engine/scene/edits/view_trees.h"
 
@@ -10,6 +12,7 @@
 #include <algorithm>
 #include <cmath>
 #include <cstring>
+#include <map>
 #include <set>
 #include <string>
 #include <utility>
@@ -105,14 +108,22 @@ std::vector<WayStep> steps_to(const SceneView& view, const InstancePlace& place)
     return steps;
 }
 
+/// Returns the object of an instance that the scene has.
+std::uint32_t object_of(const SceneView& view, const InstancePlace& place) {
+    return view.instances[steps_to(view, place).back().instance].object;
+}
+
 /// Returns the name of an instance for messages.
 std::string label(const Snapshot& scene, const InstancePlace& place) {
     const SceneView& view = scene.view();
     std::uint64_t path = 0;
-    for (const WayStep& step : steps_to(view, place))
+    std::uint32_t object = view.root;
+    for (const WayStep& step : steps_to(view, place)) {
         path += view.instances[step.instance].path_base;
-    const auto steps = expand_path(scene, path);
-    return steps ? "'" + path_name(*steps) + "'" : fmt::format("instance {}", place.outermost);
+        object = view.instances[step.instance].object;
+    }
+    const std::string text = text_above(scene, path, view.objects[object].placement_count);
+    return text.empty() ? fmt::format("instance {}", place.outermost) : "'" + text + "'";
 }
 
 tl::unexpected<Error> refused(const Snapshot& scene, const InstancePlace& place, const char* why) {
@@ -158,22 +169,64 @@ Result<void> check_moves(const Snapshot& scene, const std::vector<InstanceMove>&
     return {};
 }
 
-/// Returns the nested instances that change, or those that lie in objects with several placements.
+Result<void> check_vertices(const Snapshot& scene, const std::vector<MeshVertices>& deformed) {
+    const SceneView& view = scene.view();
+    for (const MeshVertices& mesh : deformed) {
+        const ObjectRecord& object = view.objects[object_of(view, mesh.instance)];
+        const std::string name = label(scene, mesh.instance);
+        if (object.triangle_count == 0)
+            return fail(ErrorCode::field_invalid, name + " has no triangles of its own");
+        if (scene.origin() != WorldPoint{})
+            return fail(
+                ErrorCode::field_invalid,
+                "in a scene with an origin objects have coordinates of their own: load it again");
+        const std::uint64_t count = vertex_count(view, object);
+        if (mesh.vertices.size() != count)
+            return fail(ErrorCode::field_invalid, fmt::format("{} has {} vertices, {} are given",
+                                                              name, count, mesh.vertices.size()));
+        const auto is_sound = [](const Vec3& p) {
+            const Vec3 reach = glm::abs(p);
+            return reach.x <= coordinate_max && reach.y <= coordinate_max &&
+                   reach.z <= coordinate_max;
+        };
+        if (const auto bad = std::ranges::find_if_not(mesh.vertices, is_sound);
+            bad != mesh.vertices.end())
+            return fail(ErrorCode::field_invalid,
+                        fmt::format("vertex {} of {} is not finite or beyond 1e15",
+                                    bad - mesh.vertices.begin(), name));
+    }
+    return {};
+}
+
+/// Returns the ways on which shared objects change, a step longer where the last one's object does.
 std::vector<InstancePlace> shared_ways(const SceneView& view, const SceneChanges& changes) {
-    std::vector<InstancePlace> nested;
+    std::vector<InstancePlace> ways;
     for (const auto& move : changes.moves)
-        if (!move.instance.below.empty()) nested.push_back(move.instance);
+        if (!move.instance.below.empty()) ways.push_back(move.instance);
     for (const auto& mask : changes.masks)
-        if (!mask.instance.below.empty()) nested.push_back(mask.instance);
-    if (nested.empty()) return nested;
+        if (!mask.instance.below.empty()) ways.push_back(mask.instance);
+    if (ways.empty() && changes.deformed.empty()) return ways;
     std::vector<std::uint32_t> uses(view.object_count);
     for (std::uint32_t i = 0; i < view.instance_count; ++i) ++uses[view.instances[i].object];
-    std::erase_if(nested, [&](const InstancePlace& place) {
-        return std::ranges::none_of(steps_to(view, place), [&](const WayStep& step) {
+    const auto is_shared = [&](const InstancePlace& place) {
+        return std::ranges::any_of(steps_to(view, place), [&](const WayStep& step) {
             return step.object != view.root && uses[step.object] > 1;
         });
-    });
-    return nested;
+    };
+    std::erase_if(ways, [&](const InstancePlace& place) { return !is_shared(place); });
+    // A mesh all of whose placements deform alike stays one.
+    std::map<std::pair<std::uint32_t, const Vec3*>, std::uint32_t> alike;
+    for (const MeshVertices& mesh : changes.deformed)
+        if (!is_shared(mesh.instance))
+            ++alike[{object_of(view, mesh.instance), mesh.vertices.data()}];
+    for (const MeshVertices& mesh : changes.deformed) {
+        const std::uint32_t object = object_of(view, mesh.instance);
+        const auto found = alike.find({object, mesh.vertices.data()});
+        if (found != alike.end() && found->second == uses[object]) continue;
+        ways.push_back(mesh.instance);
+        ways.back().below.push_back(0);
+    }
+    return ways;
 }
 
 std::uint32_t mask_below(const SceneView& view, std::uint32_t object) {
@@ -199,27 +252,33 @@ void set_mask(EditedArena& arena, const InstanceMask& change) {
     }
 }
 
-/// Applies moves and masks in a copy of the arena.
+/// Applies moves, masks and vertices in a copy of the arena.
 Result<std::shared_ptr<const Snapshot>> change_in_place(const Snapshot& scene,
                                                         const SceneChanges& changes,
                                                         std::shared_ptr<const Snapshot> spare) {
     EditedArena arena(Snapshot::copy_arena(scene, std::move(spare)), scene.view());
     for (const InstanceMask& change : changes.masks) set_mask(arena, change);
 
-    ChangedPlaces places;
+    ChangesByObject places;
     const std::uint32_t root = scene.view().root;
-    for (const InstanceMove& move : changes.moves) {
-        if (move.instance.below.empty()) {
-            places[root].push_back({move.instance.outermost, &move.to_parent});
-            continue;
-        }
-        const std::vector<WayStep> steps = steps_to(arena.view(), move.instance);
+    // Notes that what is placed by the last one of these steps moves, or something in it.
+    const auto note = [&](const std::vector<WayStep>& steps, const Transform* to_parent) {
         for (std::size_t i = 0; i < steps.size(); ++i) {
             const std::uint32_t place =
                 steps[i].instance - arena.object(steps[i].object).first_instance;
-            places[steps[i].object].push_back(
-                {place, i + 1 == steps.size() ? &move.to_parent : nullptr});
+            places[steps[i].object].places.push_back(
+                {place, i + 1 == steps.size() ? to_parent : nullptr});
         }
+    };
+    for (const InstanceMove& move : changes.moves) {
+        if (move.instance.below.empty())
+            places[root].places.push_back({move.instance.outermost, &move.to_parent});
+        else
+            note(steps_to(arena.view(), move.instance), &move.to_parent);
+    }
+    for (const MeshVertices& mesh : changes.deformed) {
+        places[object_of(arena.view(), mesh.instance)].vertices = mesh.vertices;
+        note(steps_to(arena.view(), mesh.instance), nullptr);
     }
     const Refitted refitted = refit(arena, places);
     if (refitted.far) {
@@ -228,10 +287,15 @@ Result<std::shared_ptr<const Snapshot>> change_in_place(const Snapshot& scene,
             return step.object == refitted.far->object &&
                    step.instance == first + refitted.far->place;
         };
-        const auto move = std::ranges::find_if(changes.moves, [&](const InstanceMove& one) {
-            return std::ranges::any_of(steps_to(arena.view(), one.instance), is_far);
-        });
-        return refused(scene, move->instance, "{} would reach beyond 1e15");
+        const auto leads_there = [&](const auto& change) {
+            return std::ranges::any_of(steps_to(arena.view(), change.instance), is_far);
+        };
+        const auto move = std::ranges::find_if(changes.moves, leads_there);
+        const InstancePlace& far =
+            move != changes.moves.end()
+                ? move->instance
+                : std::ranges::find_if(changes.deformed, leads_there)->instance;
+        return refused(scene, far, "{} would reach beyond 1e15");
     }
     // A move within the scene leaves no side of it and reaches none.
     if (!is_inside(refitted.reached, scene.bounds()))
@@ -245,7 +309,7 @@ Result<std::shared_ptr<const Snapshot>> change_in_place(const Snapshot& scene,
     for (const auto& [object, unused] : places) objects.push_back(object);
     std::vector<bool> changed = arena.changed();
     const double limit = rebuild_cost_factor * built.edits.built_cost;
-    const bool may_rebuild = !changes.moves.empty() && !arena.object(root).has_own_primitives();
+    const bool may_rebuild = !places.empty() && !arena.object(root).has_own_primitives();
     built.arena = arena.take();
     auto edited = Snapshot::open_edited(std::move(built), scene, std::move(changed), objects);
     if (!edited || !may_rebuild || (*edited)->statistics().trees.sah_cost <= limit) return edited;
@@ -263,6 +327,10 @@ Result<std::shared_ptr<const Snapshot>> edit_scene(const Snapshot& scene,
         return tl::unexpected(known.error());
     if (auto sound = check_moves(scene, changes.moves); !sound)
         return tl::unexpected(sound.error());
+    if (auto known = check_places(scene, changes.deformed); !known)
+        return tl::unexpected(known.error());
+    if (auto sound = check_vertices(scene, changes.deformed); !sound)
+        return tl::unexpected(sound.error());
     const std::uint32_t count = scene.view().objects[scene.view().root].instance_count;
     if (!std::ranges::is_sorted(changes.removed, std::less_equal()) ||
         (!changes.removed.empty() && changes.removed.back() >= count))
@@ -279,7 +347,7 @@ Result<std::shared_ptr<const Snapshot>> edit_scene(const Snapshot& scene,
     if (const auto ways = shared_ways(scene.view(), changes); !ways.empty())
         if (auto done = advance(unshare(scene, ways).and_then(Snapshot::open)); !done)
             return tl::unexpected(done.error());
-    if (!changes.moves.empty() || !changes.masks.empty() ||
+    if (!changes.moves.empty() || !changes.masks.empty() || !changes.deformed.empty() ||
         (changes.removed.empty() && changes.added.empty()))
         if (auto done = advance(change_in_place(now(), changes, std::move(spare))); !done)
             return tl::unexpected(done.error());

@@ -1,9 +1,10 @@
-// Changes of a built scene: instances move, their masks change, some go and others come.
+// Changes of a built scene: instances move, their masks change, meshes deform, some go and others
+// come.
 //
 //   snapshot ──edit_scene──► the next snapshot
 //
-// Moves and masks leave the objects as they are, and refit the trees on the way from what moved to
-// the root: the boxes above it are made anew and all others stay. What is placed several times and
+// Objects stay as they are but for vertices. The trees on the way from what moved to the root are
+// refitted: the boxes above it are made anew and all others stay. What is placed several times and
 // changes at one place gets objects of its own there first. Rays hit what they would hit in the
 // same scene loaded afresh, bit for bit; they may visit other boxes on their way. When the expected
 // cost of the root's refitted tree has grown by a fifth since it was built, it is built again; so
@@ -34,11 +35,19 @@ struct InstanceMask {
     std::uint32_t mask = 0xFFFFFFFFU;
 };
 
+/// The object of an instance, and where its vertices are from now on.
+struct MeshVertices {
+    InstancePlace instance;
+    std::span<const Vec3>
+        vertices;  ///< in the object's space, those of its geometries one behind the other
+};
+
 struct SceneChanges {
-    std::vector<InstanceMove> moves;
-    std::vector<InstanceMask> masks;
-    std::vector<std::uint32_t> removed;  ///< outermost instances, ascending
-    std::vector<AddedScene> added;
+    std::vector<InstanceMove> moves = {};
+    std::vector<InstanceMask> masks = {};
+    std::vector<std::uint32_t> removed = {};  ///< outermost instances, ascending
+    std::vector<AddedScene> added = {};
+    std::vector<MeshVertices> deformed = {};
 };
 
 /// The root's tree is built again once its expected cost is this many times that of its last build.

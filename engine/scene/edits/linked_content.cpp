@@ -250,8 +250,9 @@ void LinkedContent::add_geometries(Scene& scene, const ObjectRecord& object) {
     for (std::uint32_t i = 0; i < object.geometry_count; ++i) {
         GeometryRecord geometry = view.geometries[object.first_geometry + i];
         GeometryShading shading = scene.snapshot->shading().geometries[object.first_geometry + i];
+        // Each copy has runs of its own, because its vertices may move.
         each_run(geometry, shading, [&](std::uint64_t& offset, std::uint64_t bytes) {
-            offset = add_run(scene, offset, bytes);
+            if (offset != no_offset) offset = content_.attributes.add(run(scene, offset, bytes));
         });
         if (geometry.material != no_id) geometry.material = scene.materials[geometry.material];
         content_.geometries.push_back(geometry);

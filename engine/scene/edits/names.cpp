@@ -44,11 +44,14 @@ std::string common_text(std::vector<PathStep> first, const std::vector<PathStep>
     return path_name(first);
 }
 
-/// Finds the outer ones of the instances all of whose placements match.
+/// Finds the outer ones of the instances all of whose placements match. `texts` are those of the
+/// outermost instances, as text_above() gives them.
 class Search {
 public:
-    Search(const Snapshot& scene, std::string_view glob, const std::function<bool()>& stopped)
+    Search(const Snapshot& scene, const std::vector<std::string>& texts, std::string_view glob,
+           const std::function<bool()>& stopped)
         : scene_(scene),
+          texts_(texts),
           glob_(glob),
           beginning_(glob.substr(0, glob.find('*'))),
           stopped_(stopped) {}
@@ -62,11 +65,7 @@ public:
             const InstanceRecord& instance = view.instances[root.first_instance + i];
             const std::uint64_t placements = view.objects[instance.object].placement_count;
             if (placements == 0) continue;  // it has no path
-            const auto first = expand_path(scene_, instance.path_base);
-            const auto last =
-                placements == 1 ? first : expand_path(scene_, instance.path_base + placements - 1);
-            if (!first || !last) continue;
-            const std::string common = common_text(*first, *last);
+            const std::string& common = texts_[i];
             if (!common.empty() && glob_matches(glob_, common)) {
                 found_.emplace_back(i);
                 continue;
@@ -123,6 +122,7 @@ private:
     }
 
     const Snapshot& scene_;
+    const std::vector<std::string>& texts_;
     const std::string_view glob_;
     const std::string_view beginning_;  ///< of the glob, before its first star
     const std::function<bool()>& stopped_;
@@ -134,21 +134,34 @@ private:
 
 }  // namespace
 
+std::string text_above(const Snapshot& scene, std::uint64_t path, std::uint64_t count) {
+    const auto first = expand_path(scene, path);
+    const auto last = count == 1 ? first : expand_path(scene, path + count - 1);
+    return first && last ? common_text(*first, *last) : "";
+}
+
 bool glob_matches(std::string_view glob, std::string_view text) {
     return matches_whole(glob, text) || matches_whole(std::string(glob) + "/*", text);
 }
 
-Result<std::vector<InstancePlace>> find_instances(const Snapshot& scene, std::string_view glob,
-                                                  const std::function<bool()>& stopped) {
-    auto found = Search(scene, glob, stopped).search();
+Result<std::vector<InstancePlace>> InstanceFinder::find(std::string_view glob) {
+    const SceneView& view = scene_.view();
+    const ObjectRecord& root = view.objects[view.root];
+    for (std::size_t i = texts_.size(); i < root.instance_count; ++i) {
+        if (i % 256 == 0 && stopped_()) return fail(ErrorCode::limit_exceeded, "stopped");
+        const InstanceRecord& instance = view.instances[root.first_instance + i];
+        const std::uint64_t count = view.objects[instance.object].placement_count;
+        texts_.push_back(count == 0 ? "" : text_above(scene_, instance.path_base, count));
+    }
+    auto found = Search(scene_, texts_, glob, stopped_).search();
     if (!found || !found->empty()) return found;
     if (glob.find('*') != std::string_view::npos)
         return fail(ErrorCode::field_invalid, fmt::format("no path is of the form '{}'", glob));
-    const auto known = find_path(scene, glob);
+    const auto known = find_path(scene_, glob);
     return fail(
         ErrorCode::field_invalid,
-        known ? fmt::format("'{}' are primitives of an object's own, which has no instance to edit "
-                            "there: name what stands above it",
+        known ? fmt::format("'{}' are primitives of an object's own, which has no instance to "
+                            "edit there: name what stands above it",
                             glob)
               : known.error().message);
 }

@@ -1,6 +1,7 @@
 #include "engine/scene/edits/refit.h"
 
 #include "engine/bvh/build_emit.h"
+#include "engine/scene/edits/deform.h"
 #include "engine/scene/edits/view_trees.h"
 
 #include <tbb/parallel_for.h>
@@ -34,10 +35,11 @@ bool in_range(const Box& box) {
     return std::max({reach.x, reach.y, reach.z}) <= coordinate_max;
 }
 
-/// Makes the boxes above the changed instances of an object anew. `boxes` are theirs, `change_of`
-/// says which is whose: no_id where none is. Returns the box of where they were and where they are.
+/// Makes the boxes above the changed instances of an object anew, and where it is `deformed` those
+/// above its triangles. `boxes` are the instances', `change_of` says which is whose: no_id where
+/// none is. Returns the box of where they were and where they are.
 Box refit_object(EditedArena& arena, ObjectRecord& object, std::span<const std::uint32_t> change_of,
-                 std::span<const Box> boxes) {
+                 std::span<const Box> boxes, bool deformed) {
     const std::span<Node> nodes = arena.nodes(object);
     const auto set = [](Node& node, std::size_t slot, const Box& box) {
         for (int axis = 0; axis < 3; ++axis) {
@@ -56,6 +58,9 @@ Box refit_object(EditedArena& arena, ObjectRecord& object, std::span<const std::
             if (!is_leaf(child)) {
                 if (!changed[child]) continue;
                 set(node, slot, box_of(nodes[child]));
+            } else if (kind_of(child) == ChildKind::triangles) {
+                if (!deformed) continue;
+                set(node, slot, box_of_leaf(arena.view(), object, child));
             } else {
                 if (kind_of(child) != ChildKind::instance) continue;
                 const std::uint32_t change = change_of[leaf_instance(child)];
@@ -72,6 +77,8 @@ Box refit_object(EditedArena& arena, ObjectRecord& object, std::span<const std::
     }
     if (!is_leaf(object.root)) {
         object.bounds = box_of(nodes[object.root]);
+    } else if (deformed && kind_of(object.root) == ChildKind::triangles) {
+        object.bounds = box_of_leaf(arena.view(), object, object.root);
     } else if (kind_of(object.root) == ChildKind::instance &&
                change_of[leaf_instance(object.root)] != no_id) {
         reached.extend(object.bounds);
@@ -83,25 +90,27 @@ Box refit_object(EditedArena& arena, ObjectRecord& object, std::span<const std::
 
 }  // namespace
 
-Refitted refit(EditedArena& arena, const ChangedPlaces& places) {
+Refitted refit(EditedArena& arena, const ChangesByObject& by_object) {
     const ViewTrees trees(arena.view());
     Refitted done;
     // Children have smaller indices than their parents.
-    for (const auto& [index, changes] : places) {
+    for (const auto& [index, change] : by_object) {
         ObjectRecord& object = arena.object(index);
+        const std::vector<ChangedPlace>& changes = change.places;
+        if (!change.vertices.empty()) arena.add_degenerate(deform(arena, object, change.vertices));
         std::vector<std::uint32_t> change_of(object.instance_count, no_id);
         std::vector<Box> boxes(changes.size());
         std::vector<float> errors(changes.size());
-        tbb::parallel_for(std::size_t{0}, changes.size(), [&, &list = changes](std::size_t i) {
-            if (list[i].to_parent == nullptr) return;
-            const std::uint32_t at = object.first_instance + list[i].place;
+        tbb::parallel_for(std::size_t{0}, changes.size(), [&](std::size_t i) {
+            if (changes[i].to_parent == nullptr) return;
+            const std::uint32_t at = object.first_instance + changes[i].place;
             Transform inverse;
-            invert(*list[i].to_parent, inverse);
-            arena.info(at).to_parent = *list[i].to_parent;
+            invert(*changes[i].to_parent, inverse);
+            arena.info(at).to_parent = *changes[i].to_parent;
             arena.instance(at).to_object = by_columns(inverse);
         });
-        tbb::parallel_for(std::size_t{0}, changes.size(), [&, &list = changes](std::size_t i) {
-            const std::uint32_t at = object.first_instance + list[i].place;
+        tbb::parallel_for(std::size_t{0}, changes.size(), [&](std::size_t i) {
+            const std::uint32_t at = object.first_instance + changes[i].place;
             const std::uint32_t child = arena.view().instances[at].object;
             const Transform& to_parent = arena.view().instance_infos[at].to_parent;
             errors[i] = placement_error(to_parent, arena.view().objects[child].origin_error);
@@ -117,7 +126,7 @@ Refitted refit(EditedArena& arena, const ChangedPlaces& places) {
             arena.touch(arena.info(at));
         }
         if (done.far) return done;
-        const Box reached = refit_object(arena, object, change_of, boxes);
+        const Box reached = refit_object(arena, object, change_of, boxes, !change.vertices.empty());
         arena.touch(object);
         if (index == arena.view().root) done.reached = reached;
     }

@@ -1,4 +1,4 @@
-// Makes the boxes above moved instances anew, from the innermost objects to the root.
+// Makes the boxes above moved instances and vertices anew, from the innermost objects to the root.
 #pragma once
 
 #include "engine/geometry/box.h"
@@ -8,6 +8,7 @@
 #include <cstdint>
 #include <map>
 #include <optional>
+#include <span>
 #include <vector>
 
 namespace raynest {
@@ -18,8 +19,13 @@ struct ChangedPlace {
     const Transform* to_parent = nullptr;  ///< where it moves to; null: it stays
 };
 
-/// Changed places by object. What is above a changed place is changed itself, up to the root.
-using ChangedPlaces = std::map<std::uint32_t, std::vector<ChangedPlace>>;
+struct ObjectChanges {
+    std::vector<ChangedPlace> places;
+    std::span<const Vec3> vertices = {};  ///< vertex_count() new ones (deform.h); empty: they stay
+};
+
+/// By object. What is above a changed place is changed itself, up to the root.
+using ChangesByObject = std::map<std::uint32_t, ObjectChanges>;
 
 struct Refitted {
     Box reached;  ///< where the root's changed instances were and are
@@ -32,6 +38,6 @@ struct Refitted {
 };
 
 /// Moves and refits. The placements have been checked: they are invertible.
-Refitted refit(EditedArena& arena, const ChangedPlaces& places);
+Refitted refit(EditedArena& arena, const ChangesByObject& changes);
 
 }  // namespace raynest

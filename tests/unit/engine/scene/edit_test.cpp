@@ -231,9 +231,9 @@ TEST_CASE("instances go and scenes come, and the others keep their names") {
         CHECK(!has("tree#2/third"));
         if (!has_own) {
             CHECK(!has("part7"));
-            CHECK(find_instances(*scene, "part9", [] { return false; })->front() == InstancePlace(6));
+            CHECK(InstanceFinder(*scene, [] { return false; }).find("part9")->front() == InstancePlace(6));
         } else {
-            CHECK(find_instances(*scene, "all/part9", [] { return false; }).has_value());
+            CHECK(InstanceFinder(*scene, [] { return false; }).find("all/part9").has_value());
         }
         // Once more: the numbers count on, and what is there already is not stored again.
         const std::size_t objects = scene->view().object_count;
@@ -246,7 +246,7 @@ TEST_CASE("instances go and scenes come, and the others keep their names") {
         check_same_answers(*scene, *build_scene(description), random);
         // Objects that nothing places any more are gone.
         SceneChanges away;
-        const auto trees = find_instances(*scene, "tree#*", [] { return false; });
+        const auto trees = InstanceFinder(*scene, [] { return false; }).find("tree#*");
         REQUIRE_MESSAGE(trees, trees.error().message);
         for (const InstancePlace& tree : *trees) away.removed.push_back(tree.outermost);
         scene = edit(*scene, away);
@@ -295,7 +295,7 @@ TEST_CASE("instances are found by the texts of their paths, and '*' stands for a
     CHECK(!glob_matches("wheel", "car/wheel"));
     CHECK(!glob_matches("", "car"));
     const Scene scene = build_scene(test::tree_scene());
-    const auto find = [&](const char* text) { return find_instances(*scene, text, [] { return false; }); };
+    const auto find = [&](const char* text) { return InstanceFinder(*scene, [] { return false; }).find(text); };
     CHECK(*find("second") == std::vector<InstancePlace>{1});
     CHECK(*find("*") == std::vector<InstancePlace>{0, 1, 2, 3});
     CHECK(*find("*ir*") == std::vector<InstancePlace>{0, 3});
@@ -304,7 +304,7 @@ TEST_CASE("instances are found by the texts of their paths, and '*' stands for a
     CHECK(*find("*/leaf") == std::vector<InstancePlace>{{0, {1}}, {1, {1}}, {3, {1}}});
     CHECK(find("fourth").error().message.find("there are: first, second") != std::string::npos);
     CHECK(find("x*").error().message == "no path is of the form 'x*'");
-    CHECK(!find_instances(*scene, "*", [] { return true; }));
+    CHECK(!InstanceFinder(*scene, [] { return true; }).find("*"));
 }
 
 TEST_CASE("what cannot be edited is refused by name, and the scene stays as it is") {
