@@ -4,6 +4,9 @@
   edits_test.py RAYNESTD RAYNEST FLATC
 """
 import concurrent.futures
+import os
+import signal
+import threading
 from types import SimpleNamespace
 
 import numpy as np
@@ -125,6 +128,64 @@ class Edits(WithDaemon):
         with self.scene.edit() as edit:
             edit.move([0, 1, 2, 3], (0, -5, 0))
         np.testing.assert_allclose(self.trace()["t"], self.before["t"], rtol=1e-4)
+
+    def pair(self, name):
+        """A scene of two squares at height 0 that every edit moves together, and rays down to both."""
+        square = ([[-1, 0, -1], [1, 0, -1], [1, 0, 1], [-1, 0, 1]], [[0, 1, 2], [0, 2, 3]])
+        scene = self.client.scene_of({"square": square}, {"a": "square", "b": ("square", (10, 0, 0))}, name=name)
+        return scene, [[0.3, 2000, 0.2, 0, -1, 0], [10.3, 2000, 0.2, 0, -1, 0]]
+
+    def test_each_of_many_readers_sees_one_epoch(self):
+        scene, rays = self.pair("pair")
+        first = scene.info["epoch"]
+        edits = 1000
+        stop = threading.Event()
+
+        def read():
+            seen = set()
+            with raynest.connect(self.daemon.uri) as client:
+                mine = client.scene("pair")
+                while not stop.is_set():
+                    a, b = mine.trace(rays, fields=("t",))["t"].tolist()
+                    self.assertEqual(a, b)
+                    self.assertEqual(2000 - a, client.outcome["epoch"] - first)  # as high as there were edits
+                    seen.add(client.outcome["epoch"])
+            return seen
+        with concurrent.futures.ThreadPoolExecutor(8) as pool:
+            readers = [pool.submit(read) for _ in range(8)]
+            try:
+                for _ in range(edits):
+                    with scene.edit() as edit:
+                        edit.move(["a", "b"], (0, 1, 0))
+            finally:
+                stop.set()
+            seen = set().union(*(reader.result() for reader in readers))
+        self.assertEqual(scene.info["epoch"], first + edits)
+        self.assertGreater(len(seen), 10)
+
+    def test_clients_that_are_killed_leave_no_half_epoch(self):
+        scene, rays = self.pair("killed")
+        random = np.random.default_rng(2)
+        for _ in range(100):
+            delay = random.uniform(0.0005, 0.01)
+            child = os.fork()
+            if child == 0:
+                try:
+                    client = raynest.connect(self.daemon.uri)
+                    mine = client.scene("killed")
+                    signal.signal(signal.SIGALRM, signal.SIG_DFL)
+                    signal.setitimer(signal.ITIMER_REAL, delay)
+                    while True:
+                        with mine.edit() as edit:  # 0.5 MB, so that many die within it
+                            edit.move("a", (0, 1, 0))
+                            edit.move(np.zeros(5000, np.int64), (0, 0, 0))
+                            edit.move("b", (0, 1, 0))
+                finally:
+                    os._exit(1)
+            self.assertEqual(os.WTERMSIG(os.waitpid(child, 0)[1]), signal.SIGALRM)
+            a, b = scene.trace(rays, fields=("t",))["t"].tolist()
+            self.assertEqual(a, b)
+        self.assertLess(a, 2000)  # some of them were whole
 
     def test_a_wrong_edit_changes_nothing(self):
         cases = [

@@ -4,7 +4,7 @@
 //   objects of added scenes  ─┼──► one arena, with a new tree for its root
 //   copies of shared objects ─┘
 //
-// What is there twice, byte for byte, is stored once.
+// Objects, materials and textures that are there twice, byte for byte, are stored once.
 #pragma once
 
 #include "engine/math/vec.h"

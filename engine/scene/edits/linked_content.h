@@ -56,7 +56,7 @@ public:
     /// Writes the arena. `has_nodes` tells whether path nodes name the paths; else instances do.
     Result<Arena> write(bool has_nodes);
 
-    // Of farthest.h: the trees of the new objects.
+    // The trees of the new objects, for farthest.h.
     [[nodiscard]] ObjectTree tree(std::uint32_t object) const;
     [[nodiscard]] TreePlacement placement(std::uint32_t object, std::uint32_t place) const;
     [[nodiscard]] double farthest_in_leaf(std::uint32_t object, std::uint32_t leaf,
