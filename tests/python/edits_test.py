@@ -6,7 +6,9 @@
 import concurrent.futures
 import os
 import signal
+import tempfile
 import threading
+from pathlib import Path
 from types import SimpleNamespace
 
 import numpy as np
@@ -415,6 +417,19 @@ class Edits(WithDaemon):
         self.assertEqual(done["instances"], 1)
         hits = self.scene.trace([[0, 400, 0, 0, -1, 0], [9, 400, 0, 0, -1, 0]], fields=("path",))
         self.assertEqual(self.scene.path_of(hits["path"]), ["van#0/body", "van#1/body"])
+        changes = Path(self.enterContext(tempfile.TemporaryDirectory())) / "changes.txt"
+        changes.write_text("# two of them\n\nmove van#0=0,5,0\nturn van#1/wheel#2=0,-1,0,0,1,0,0,0,0,0,1,0\r\n")
+        done = self.cli.json("edit", "edited", "--file", changes, "--hide", "inst=2")
+        self.assertEqual(done["instances"], 3)
+        self.assertEqual(self.scene.trace([[0, 400, 0, 0, -1, 0]], fields=("t",))["t"][0], np.float32(93.25))
+        for text, words in (("jump van#0=1,0,0", "line 1 of .*: 'jump van#0=1,0,0' does not begin with one of"),
+                            ("hide van#0\nmove van#0", "line 2 of .*'van#0' is not PATH="), ("hide", "line 1"),
+                            ("move =1,2,3", "is not PATH=")):
+            changes.write_text(text)
+            refused = self.cli.run("edit", "edited", "--file", changes)
+            self.assertEqual(refused.returncode, 2)
+            self.assertRegex(refused.stderr, words)
+        self.assertIn("no-such-file", self.cli.run("edit", "edited", "--file", "no-such-file").stderr)
 
 
 if __name__ == "__main__":
