@@ -152,10 +152,8 @@ Result<std::shared_ptr<const Snapshot>> Snapshot::open(BuiltArena built) {
     return snapshot;
 }
 
-Result<std::shared_ptr<const Snapshot>> Snapshot::open_edited(BuiltArena built,
-                                                              const Snapshot& before,
-                                                              std::vector<bool> changed,
-                                                              std::span<const std::uint32_t> objects) {
+Result<std::shared_ptr<const Snapshot>> Snapshot::open_edited(BuiltArena built, const Snapshot& before,
+                                                              EditTraces traces) {
     const std::shared_ptr<Snapshot> snapshot(new Snapshot);
     const std::byte* const base = built.arena.data();
     const auto rebased = [&]<class T>(const T* in_before) {
@@ -185,7 +183,13 @@ Result<std::shared_ptr<const Snapshot>> Snapshot::open_edited(BuiltArena built,
     snapshot->origin_ = before.origin_;
     snapshot->bounds_ = reinterpret_cast<const format::Header*>(base)->bounds;
     snapshot->statistics_ = before.statistics_;
-    snapshot->tree_costs_ = measure_again(view, before.tree_costs_, objects);
+    if (traces.root_cost) {
+        snapshot->tree_costs_ = before.tree_costs_;
+        snapshot->tree_costs_[view.root] = *traces.root_cost;
+    } else {
+        snapshot->tree_costs_ = measure_again(view, before.tree_costs_, traces.objects);
+    }
+    snapshot->root_links_ = std::move(traces.links);
     snapshot->statistics_.trees.sah_cost = snapshot->tree_costs_[view.root];
     snapshot->statistics_.edits = built.edits;
     snapshot->statistics_.degenerate_triangles =
@@ -196,14 +200,14 @@ Result<std::shared_ptr<const Snapshot>> Snapshot::open_edited(BuiltArena built,
     snapshot->material_uses_ = before.material_uses_;
     snapshot->pieces_ = before.pieces_;
     if (auto hashed =
-            hash_pieces({base, built.arena.size()}, changed, snapshot->pieces_);
+            hash_pieces({base, built.arena.size()}, traces.changed, snapshot->pieces_);
         !hashed)
         return tl::unexpected(hashed.error());
     auto digest = scene_digest(snapshot->pieces_);
     if (!digest) return tl::unexpected(digest.error());
     snapshot->digest_ = std::move(*digest);
     snapshot->edited_from_ = before.digest_;
-    snapshot->changed_ = std::move(changed);
+    snapshot->changed_ = std::move(traces.changed);
     snapshot->arena_ = std::move(built.arena);
     return snapshot;
 }

@@ -18,6 +18,7 @@
 #include <cstdint>
 #include <map>
 #include <memory>
+#include <optional>
 #include <span>
 #include <string>
 #include <string_view>
@@ -108,6 +109,16 @@ struct BuiltArena {
 /// Throws std::bad_alloc.
 Result<BuiltArena> build_arena(const SceneDescription& description);
 
+struct TreeLinks;  // scene/edits/tree_links.h
+
+/// The differences of an edited arena from the one before.
+struct EditTraces {
+    std::vector<bool> changed;               ///< pieces (scene/digest.h): these are hashed
+    std::vector<std::uint32_t> objects;      ///< whose trees are measured, ascending
+    std::optional<double> root_cost;         ///< of the root's tree, where it is known already
+    std::shared_ptr<const TreeLinks> links;  ///< of the root's tree
+};
+
 class Snapshot {
 public:
     /// build_arena, then open: an arena of this process is checked like any other.
@@ -117,11 +128,9 @@ public:
     /// index and offset is checked once, so that traversal need not check any.
     static Result<std::shared_ptr<const Snapshot>> open(BuiltArena built);
 
-    /// Opens an arena that edit_scene() made of `before`, laid out as that is. It is not checked again, only
-    /// its `changed` pieces (scene/digest.h) are hashed, and only the trees of `objects` (ascending) measured.
-    static Result<std::shared_ptr<const Snapshot>> open_edited(
-        BuiltArena built, const Snapshot& before, std::vector<bool> changed,
-        std::span<const std::uint32_t> objects);
+    /// Opens an arena that edit_scene() made of `before`, laid out as that is. It is not checked again.
+    static Result<std::shared_ptr<const Snapshot>> open_edited(BuiltArena built, const Snapshot& before,
+                                                               EditTraces traces);
     /// Returns a copy of `scene`'s arena. It is made in the memory of `spare` if that is the scene before
     /// the last edit of `scene` and nobody else refers to it: then only what the edit changed is copied.
     static Arena copy_arena(const Snapshot& scene, std::shared_ptr<const Snapshot> spare);
@@ -147,6 +156,10 @@ public:
     /// Records of each of them, every object once.
     [[nodiscard]] const std::vector<std::uint64_t>& record_counts() const { return record_counts_; }
     [[nodiscard]] const std::vector<MeshUse>& meshes() const { return meshes_; }
+    /// Expected costs of the objects' trees (TreeStatistics::sah_cost).
+    [[nodiscard]] const std::vector<double>& tree_costs() const { return tree_costs_; }
+    /// Of an edited scene; null of any other.
+    [[nodiscard]] const std::shared_ptr<const TreeLinks>& root_links() const { return root_links_; }
     /// One per material.
     [[nodiscard]] const std::vector<MaterialUse>& material_uses() const { return material_uses_; }
 
@@ -159,7 +172,8 @@ private:
     WorldPoint origin_{};
     Box bounds_;
     SceneStatistics statistics_;
-    std::vector<double> tree_costs_;  ///< expected cost of each object's tree
+    std::vector<double> tree_costs_;
+    std::shared_ptr<const TreeLinks> root_links_;
     std::string digest_;
     std::vector<Sha256> pieces_;
     std::string edited_from_;    ///< digest of the snapshot that it was edited from; empty: of none

@@ -10,6 +10,26 @@
 namespace raynest {
 namespace {
 
+double area_of(const Box& box) {
+    return box.is_empty() ? 0 : static_cast<double>(box.half_area());
+}
+
+double leaf_cost(const SceneView& scene, const ObjectRecord& object, std::uint32_t leaf,
+                 std::span<const double> costs) {
+    if (leaf == child_empty) return 0;
+    switch (kind_of(leaf)) {
+        case ChildKind::triangles:
+            return double{build::block_cost} * leaf_count(leaf);
+        case ChildKind::records:
+            return double{build::record_cost} * leaf_count(leaf);
+        case ChildKind::instance: {
+            const std::uint32_t instance = object.first_instance + leaf_instance(leaf);
+            return double{build::instance_cost} + costs[scene.instances[instance].object];
+        }
+    }
+    return 0;
+}
+
 class Measurer {
 public:
     explicit Measurer(const SceneView& scene) : scene_(scene) {}
@@ -32,37 +52,12 @@ public:
 private:
     /// Returns the cost of the object per unit of its box's area.
     [[nodiscard]] double cost_of(const ObjectRecord& object) const {
-        const double area = area_of(object.bounds);
-        if (object.node_count == 0 || !(area > 0)) return leaf_cost(object, object.root);
+        if (object.node_count == 0 || !(area_of(object.bounds) > 0))
+            return leaf_cost(scene_, object, object.root, cost_);
         double sum = 0;
-        for (std::uint32_t i = 0; i < object.node_count; ++i) {
-            const Node& node = scene_.nodes[object.first_node + i];
-            for (std::uint32_t slot = 0; slot < 8; ++slot) {
-                const std::uint32_t child = node.child[slot];
-                if (child == child_empty) continue;
-                const double cost =
-                    is_leaf(child) ? leaf_cost(object, child) : double{build::node_cost};
-                sum += cost *
-                       area_of({{node.lower[0][slot], node.lower[1][slot], node.lower[2][slot]},
-                                {node.upper[0][slot], node.upper[1][slot], node.upper[2][slot]}});
-            }
-        }
-        return double{build::node_cost} + sum / area;
-    }
-
-    [[nodiscard]] double leaf_cost(const ObjectRecord& object, std::uint32_t leaf) const {
-        if (leaf == child_empty) return 0;
-        switch (kind_of(leaf)) {
-            case ChildKind::triangles:
-                return double{build::block_cost} * leaf_count(leaf);
-            case ChildKind::records:
-                return double{build::record_cost} * leaf_count(leaf);
-            case ChildKind::instance: {
-                const std::uint32_t instance = object.first_instance + leaf_instance(leaf);
-                return double{build::instance_cost} + cost_[scene_.instances[instance].object];
-            }
-        }
-        return 0;
+        for (std::uint32_t i = 0; i < object.node_count; ++i)
+            sum += cost_share(scene_, object, scene_.nodes[object.first_node + i], cost_);
+        return cost_of_shares(object.bounds, sum);
     }
 
     std::uint32_t height_of(const ObjectRecord& object) {
@@ -77,16 +72,35 @@ private:
         return height;
     }
 
-    static double area_of(const Box& box) {
-        return box.is_empty() ? 0 : static_cast<double>(box.half_area());
-    }
-
     const SceneView& scene_;
     std::vector<double> cost_;  ///< of the objects so far
     std::vector<std::uint8_t> heights_;
 };
 
 }  // namespace
+
+double cost_share(const SceneView& scene, const ObjectRecord& object, const Node& node,
+                  std::span<const double> costs) {
+    double sum = 0;
+    for (std::uint32_t slot = 0; slot < 8; ++slot) {
+        const std::uint32_t child = node.child[slot];
+        if (child == child_empty) continue;
+        const double cost =
+            is_leaf(child) ? leaf_cost(scene, object, child, costs) : double{build::node_cost};
+        sum += cost *
+               area_of({{node.lower[0][slot], node.lower[1][slot], node.lower[2][slot]},
+                        {node.upper[0][slot], node.upper[1][slot], node.upper[2][slot]}});
+    }
+    return sum;
+}
+
+double cost_of_shares(const Box& bounds, double sum) {
+    return double{build::node_cost} + sum / area_of(bounds);
+}
+
+double shares_of_cost(const Box& bounds, double cost) {
+    return (cost - double{build::node_cost}) * area_of(bounds);
+}
 
 std::vector<TreeStatistics> measure_each_tree(const SceneView& scene) {
     return Measurer(scene).measure();

@@ -280,7 +280,11 @@ Result<std::shared_ptr<const Snapshot>> change_in_place(const Snapshot& scene,
         places[object_of(arena.view(), mesh.instance)].vertices = mesh.vertices;
         note(steps_to(arena.view(), mesh.instance), nullptr);
     }
-    const Refitted refitted = refit(arena, places);
+    const std::shared_ptr<const TreeLinks> links =
+        scene.root_links()
+            ? scene.root_links()
+            : std::make_shared<const TreeLinks>(links_of(scene.view(), scene.view().objects[root]));
+    const Refitted refitted = refit(arena, places, *links, scene.tree_costs());
     if (refitted.far) {
         const auto is_far = [&](const WayStep& step) {
             const std::uint32_t first = arena.object(step.object).first_instance;
@@ -311,7 +315,8 @@ Result<std::shared_ptr<const Snapshot>> change_in_place(const Snapshot& scene,
     const double limit = rebuild_cost_factor * built.edits.built_cost;
     const bool may_rebuild = !places.empty() && !arena.object(root).has_own_primitives();
     built.arena = arena.take();
-    auto edited = Snapshot::open_edited(std::move(built), scene, std::move(changed), objects);
+    auto edited = Snapshot::open_edited(std::move(built), scene,
+                                        {std::move(changed), objects, refitted.root_cost, links});
     if (!edited || !may_rebuild || (*edited)->statistics().trees.sah_cost <= limit) return edited;
     return rebuild(**edited);
 }

@@ -17,6 +17,12 @@ namespace {
 
 using format::Section;
 
+/// Returns where a section begins in an arena that is being written.
+template <class T>
+T* place_of(Arena& arena, Section section) {
+    return const_cast<T*>(format::section<T>(arena.data(), section));
+}
+
 template <class T>
 std::span<const std::byte> bytes_of(const T* first, std::uint64_t count) {
     return {reinterpret_cast<const std::byte*>(first), count * sizeof(T)};
@@ -422,15 +428,12 @@ Result<Arena> LinkedContent::write(bool has_nodes) {
         content_.instance_numbers = numbers_;
     }
     Arena arena = write_arena(content_);
-    const auto at = [&]<class T>(Section section, T) {
-        return const_cast<T*>(format::section<T>(arena.data(), section));
-    };
     tbb::parallel_for(std::size_t{0}, content_.objects.size(), [&](std::size_t i) {
         const ObjectRecord& object = content_.objects[i];
         const auto copy = [](void* to, const void* from, std::uint64_t bytes) {
             if (bytes != 0) std::memcpy(to, from, bytes);
         };
-        Node* const nodes = at(Section::nodes, Node{}) + object.first_node;
+        Node* const nodes = place_of<Node>(arena, Section::nodes) + object.first_node;
         if (i == origins_.size()) {
             copy(nodes, root_tree_.nodes.data(), object.node_count * sizeof(Node));
             return;
@@ -438,12 +441,12 @@ Result<Arena> LinkedContent::write(bool has_nodes) {
         const SceneView& view = scenes_[origins_[i].scene].snapshot->view();
         const ObjectRecord& from = view.objects[origins_[i].object];
         copy(nodes, view.nodes + from.first_node, from.node_count * sizeof(Node));
-        copy(at(Section::blocks, TriangleBlock{}) + object.first_block,
+        copy(place_of<TriangleBlock>(arena, Section::blocks) + object.first_block,
              view.blocks + from.first_block, from.block_count * sizeof(TriangleBlock));
-        copy(at(Section::records, std::byte{}) + object.first_record,
+        copy(place_of<std::byte>(arena, Section::records) + object.first_record,
              view.records + from.first_record, records_bytes(from));
         if (from.texcoord_blocks != no_offset)
-            copy(at(Section::attributes, std::byte{}) + object.texcoord_blocks,
+            copy(place_of<std::byte>(arena, Section::attributes) + object.texcoord_blocks,
                  view.attributes + from.texcoord_blocks, from.block_count * sizeof(TexcoordBlock));
     });
     return arena;

@@ -3,11 +3,14 @@
 #include "engine/bvh/build_emit.h"
 #include "engine/scene/edits/deform.h"
 #include "engine/scene/edits/view_trees.h"
+#include "engine/scene/tree_statistics.h"
 
 #include <tbb/parallel_for.h>
 
 #include <algorithm>
 #include <bit>
+#include <functional>
+#include <set>
 #include <utility>
 
 namespace raynest {
@@ -29,6 +32,18 @@ Box box_of(const Node& node) {
     return box;
 }
 
+void set(Node& node, std::size_t slot, const Box& box) {
+    for (int axis = 0; axis < 3; ++axis) {
+        node.lower[axis][slot] = box.lower[axis];
+        node.upper[axis][slot] = box.upper[axis];
+    }
+}
+
+/// Returns the slot of a child, which the node has.
+std::size_t slot_of(const Node& node, std::uint32_t child) {
+    return static_cast<std::size_t>(std::ranges::find(node.child, child) - std::begin(node.child));
+}
+
 bool in_range(const Box& box) {
     if (box.is_empty()) return true;
     const Vec3 reach = glm::max(glm::abs(box.lower), glm::abs(box.upper));
@@ -41,12 +56,6 @@ bool in_range(const Box& box) {
 Box refit_object(EditedArena& arena, ObjectRecord& object, std::span<const std::uint32_t> change_of,
                  std::span<const Box> boxes, bool deformed) {
     const std::span<Node> nodes = arena.nodes(object);
-    const auto set = [](Node& node, std::size_t slot, const Box& box) {
-        for (int axis = 0; axis < 3; ++axis) {
-            node.lower[axis][slot] = box.lower[axis];
-            node.upper[axis][slot] = box.upper[axis];
-        }
-    };
     Box reached;
     std::vector<bool> changed(nodes.size());
     // A child has a larger index than its parent.
@@ -88,9 +97,58 @@ Box refit_object(EditedArena& arena, ObjectRecord& object, std::span<const std::
     return reached;
 }
 
+/// Makes the boxes above a few changed instances of the root anew, which has nodes and instances
+/// alone in them, and its expected cost.
+void refit_few(EditedArena& arena, const std::vector<ChangedPlace>& changes,
+               std::span<const Box> boxes, const TreeLinks& links, std::span<const double> costs,
+               Refitted& done) {
+    ObjectRecord& root = arena.object(arena.view().root);
+    const std::span<Node> nodes = arena.nodes(root);
+    std::set<std::uint32_t, std::greater<>> above;  // a child has a larger index than its parent
+    for (const ChangedPlace& change : changes)
+        for (std::uint32_t node = links.holders[change.place]; node != no_id;
+             node = links.parents[node])
+            if (!above.insert(node).second) break;
+    const auto shares = [&] {
+        double sum = 0;
+        for (const std::uint32_t node : above)
+            sum += cost_share(arena.view(), root, nodes[node], costs);
+        return sum;
+    };
+    const double before = shares();
+    double sum = shares_of_cost(root.bounds, costs[arena.view().root]);
+    for (std::size_t i = 0; i < changes.size(); ++i) {
+        const std::uint32_t holder = links.holders[changes[i].place];
+        if (holder == no_id) continue;
+        const auto is_leaf_of = [&](std::uint32_t child) {
+            return child != child_empty && is_leaf(child) &&
+                   kind_of(child) == ChildKind::instance &&
+                   leaf_instance(child) == changes[i].place;
+        };
+        Node& node = nodes[holder];
+        const auto slot = static_cast<std::size_t>(std::ranges::find_if(node.child, is_leaf_of) -
+                                                   std::begin(node.child));
+        done.reached.extend(box_of(node, slot));
+        done.reached.extend(boxes[i]);
+        set(node, slot, boxes[i]);
+    }
+    for (const std::uint32_t i : above) {
+        Node& node = nodes[i];
+        build::order_children(node, static_cast<std::uint32_t>(std::popcount(node.valid())));
+        arena.touch(node);
+        if (links.parents[i] == no_id) continue;
+        Node& parent = nodes[links.parents[i]];
+        set(parent, slot_of(parent, i), box_of(node));
+    }
+    root.bounds = box_of(nodes[root.root]);
+    sum += shares() - before;
+    done.root_cost = cost_of_shares(root.bounds, sum);
+}
+
 }  // namespace
 
-Refitted refit(EditedArena& arena, const ChangesByObject& by_object) {
+Refitted refit(EditedArena& arena, const ChangesByObject& by_object, const TreeLinks& links,
+               std::span<const double> costs) {
     const ViewTrees trees(arena.view());
     Refitted done;
     // Children have smaller indices than their parents.
@@ -98,7 +156,10 @@ Refitted refit(EditedArena& arena, const ChangesByObject& by_object) {
         ObjectRecord& object = arena.object(index);
         const std::vector<ChangedPlace>& changes = change.places;
         if (!change.vertices.empty()) arena.add_degenerate(deform(arena, object, change.vertices));
-        std::vector<std::uint32_t> change_of(object.instance_count, no_id);
+        constexpr std::size_t many = 64;  // a node has up to so many in two levels below it
+        const bool few = by_object.size() == 1 && index == arena.view().root &&
+                         object.node_count / many > changes.size() && change.vertices.empty();
+        std::vector<std::uint32_t> change_of(few ? 0 : object.instance_count, no_id);
         std::vector<Box> boxes(changes.size());
         std::vector<float> errors(changes.size());
         tbb::parallel_for(std::size_t{0}, changes.size(), [&](std::size_t i) {
@@ -118,7 +179,7 @@ Refitted refit(EditedArena& arena, const ChangesByObject& by_object) {
         });
         for (std::size_t i = 0; i < changes.size(); ++i) {
             if (!in_range(boxes[i])) done.far = Refitted::Far{index, changes[i].place};
-            change_of[changes[i].place] = static_cast<std::uint32_t>(i);
+            if (!few) change_of[changes[i].place] = static_cast<std::uint32_t>(i);
             object.origin_error = std::max(object.origin_error, errors[i]);
             const std::uint32_t at = object.first_instance + changes[i].place;
             if (changes[i].to_parent == nullptr) continue;
@@ -126,8 +187,12 @@ Refitted refit(EditedArena& arena, const ChangesByObject& by_object) {
             arena.touch(arena.info(at));
         }
         if (done.far) return done;
-        const Box reached = refit_object(arena, object, change_of, boxes, !change.vertices.empty());
         arena.touch(object);
+        if (few) {
+            refit_few(arena, changes, boxes, links, costs, done);
+            continue;
+        }
+        const Box reached = refit_object(arena, object, change_of, boxes, !change.vertices.empty());
         if (index == arena.view().root) done.reached = reached;
     }
     return done;

@@ -4,6 +4,7 @@
 #include "engine/geometry/box.h"
 #include "engine/math/vec.h"
 #include "engine/scene/edits/edited_arena.h"
+#include "engine/scene/edits/tree_links.h"
 
 #include <cstdint>
 #include <map>
@@ -35,9 +36,14 @@ struct Refitted {
         std::uint32_t place;
     };
     std::optional<Far> far;
+    std::optional<double>
+        root_cost;  ///< expected cost of the root's tree, where it is known already
 };
 
-/// Moves and refits. The placements have been checked: they are invertible.
-Refitted refit(EditedArena& arena, const ChangesByObject& changes);
+/// Moves and refits. The placements have been checked: they are invertible. `links` are those of
+/// the root, and `costs` the expected costs of all objects (tree_statistics.h): with a few moves in
+/// the root alone, only the nodes above these are looked at.
+Refitted refit(EditedArena& arena, const ChangesByObject& changes, const TreeLinks& links,
+               std::span<const double> costs);
 
 }  // namespace raynest

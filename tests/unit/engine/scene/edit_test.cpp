@@ -13,6 +13,7 @@
 #include <cstdint>
 #include <limits>
 #include <memory>
+#include <set>
 #include <string>
 #include <utility>
 #include <vector>
@@ -136,6 +137,34 @@ TEST_CASE("edited scenes answer as those that are built afresh") {
             CHECK(scene->bounds().upper == fresh->bounds().upper);
         }
     }
+}
+
+TEST_CASE("few moves among many instances look at the nodes above them alone") {
+    Random random(11);
+    SceneDescription description = random_scene(random, 6000);
+    description.objects[4].geometries.clear();
+    auto& placed = description.objects[4].instances;
+    Scene scene = build_scene(description);
+    Scene spare;
+    for (int step = 0; step < 20; ++step) {
+        CAPTURE(step);
+        SceneChanges changes;
+        std::set<std::uint32_t> chosen;
+        for (int i = 0; i < 3; ++i) chosen.insert(random.below(6000));
+        for (const std::uint32_t i : chosen) {
+            placed[i].transform = random_place(random, 40);
+            changes.moves.push_back({i, placed[i].transform});
+        }
+        Scene next = edit(*scene, changes, std::move(spare));
+        spare = std::exchange(scene, std::move(next));
+        CHECK(scene->statistics().trees.sah_cost ==
+              doctest::Approx(measure_trees(scene->view()).sah_cost).epsilon(1e-9));
+    }
+    CHECK(scene->statistics().edits.rebuilds == 0);
+    const Scene fresh = build_scene(description);
+    check_same_answers(*scene, *fresh, random);
+    CHECK(scene->bounds().lower == fresh->bounds().lower);
+    CHECK(scene->bounds().upper == fresh->bounds().upper);
 }
 
 TEST_CASE("what is placed several times moves and hides at the one place that is named") {
