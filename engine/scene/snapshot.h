@@ -158,7 +158,7 @@ public:
     [[nodiscard]] const std::vector<MeshUse>& meshes() const { return meshes_; }
     /// Expected costs of the objects' trees (TreeStatistics::sah_cost).
     [[nodiscard]] const std::vector<double>& tree_costs() const { return tree_costs_; }
-    /// Of an edited scene; null of any other.
+    /// Null but for an edited scene.
     [[nodiscard]] const std::shared_ptr<const TreeLinks>& root_links() const { return root_links_; }
     /// One per material.
     [[nodiscard]] const std::vector<MaterialUse>& material_uses() const { return material_uses_; }
