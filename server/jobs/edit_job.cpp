@@ -159,9 +159,10 @@ private:
         for (const AddedScene& added : changes.added) {
             const PathTable& paths = added.scene->paths();
             const std::uint64_t each = sizeof(InstanceRecord) + sizeof(InstanceInfo) + sizeof(Node) +
-                                       paths.node_count * sizeof(PathNode) + paths.run_count * sizeof(PathRun);
+                                       2 * paths.node_count * sizeof(PathNode) + paths.run_count * sizeof(PathRun);
             bytes += added.scene->bytes().size() + added.to_scene.size() * each;
         }
+        bytes += bytes_to_unshare(before_->snapshot(), changes);
         if (bytes != 0 || !changes.removed.empty() || !changes.deformed.empty() || std::ranges::any_of(changes.moves, is_nested) ||
             std::ranges::any_of(changes.masks, is_nested))
             bytes += before_->snapshot().bytes().size();

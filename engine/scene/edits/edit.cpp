@@ -229,6 +229,20 @@ std::vector<InstancePlace> shared_ways(const SceneView& view, const SceneChanges
     return ways;
 }
 
+/// Returns the bytes of a copy of an object, without those below it, at most.
+std::uint64_t copy_bytes(const SceneView& view, const ObjectRecord& object) {
+    constexpr std::uint64_t vertex_bytes = 2 * sizeof(Vec3) + 2 * sizeof(Vec2) + sizeof(Vec4) + 4;
+    constexpr std::uint64_t triangle_bytes = 3 * sizeof(std::uint32_t) + sizeof(Opacity);
+    constexpr std::uint64_t instance_bytes = sizeof(InstanceRecord) + sizeof(InstanceInfo) + 4;
+    constexpr std::uint64_t geometry_bytes =
+        sizeof(GeometryRecord) + sizeof(GeometryShading) + 8 * format::alignment;
+    return sizeof object + object.node_count * sizeof(Node) +
+           object.block_count * (sizeof(TriangleBlock) + sizeof(TexcoordBlock)) +
+           records_bytes(object) + object.instance_count * instance_bytes +
+           object.geometry_count * geometry_bytes + vertex_count(view, object) * vertex_bytes +
+           object.triangle_count * triangle_bytes;
+}
+
 std::uint32_t mask_below(const SceneView& view, std::uint32_t object) {
     const ObjectRecord& record = view.objects[object];
     std::uint32_t mask = record.has_own_primitives() ? ~0U : 0;
@@ -322,6 +336,30 @@ Result<std::shared_ptr<const Snapshot>> change_in_place(const Snapshot& scene,
 }
 
 }  // namespace
+
+std::uint64_t bytes_to_unshare(const Snapshot& scene, const SceneChanges& changes) {
+    const SceneView& view = scene.view();
+    std::vector<InstancePlace> ways = shared_ways(view, changes);
+    std::ranges::sort(ways);
+    std::uint64_t bytes = 0;
+    for (std::size_t i = 0; i < ways.size(); ++i) {
+        // The steps that it shares with the way before are counted already.
+        std::size_t known = 0;
+        if (i != 0 && ways[i].outermost == ways[i - 1].outermost) {
+            const auto& here = ways[i].below;
+            const auto& before = ways[i - 1].below;
+            known = 1 + static_cast<std::size_t>(std::ranges::mismatch(here, before).in1 -
+                                                 here.begin());
+        }
+        std::uint32_t object = view.root;
+        for (std::size_t step = 0; step < ways[i].below.size(); ++step) {
+            const std::uint32_t place = step == 0 ? ways[i].outermost : ways[i].below[step - 1];
+            object = view.instances[view.objects[object].first_instance + place].object;
+            if (step >= known) bytes += copy_bytes(view, view.objects[object]);
+        }
+    }
+    return bytes;
+}
 
 Result<std::shared_ptr<const Snapshot>> edit_scene(const Snapshot& scene,
                                                    const SceneChanges& changes,

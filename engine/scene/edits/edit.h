@@ -53,6 +53,11 @@ struct SceneChanges {
 /// The root's tree is built again once its expected cost is this many times that of its last build.
 inline constexpr double rebuild_cost_factor = 1.2;
 
+/// Returns how many bytes an edit adds to the scene at most, because shared objects change at some
+/// of their places. The scene has the instances that the changes name. Costs a look at each
+/// instance of the scene.
+std::uint64_t bytes_to_unshare(const Snapshot& scene, const SceneChanges& changes);
+
 /// Returns a changed copy of the scene. `spare` may be the scene before its last edit: if nobody
 /// else refers to it, its memory becomes that of the copy, and an edit costs what it changes. Fails
 /// with field_invalid for an instance that the scene lacks or that is named twice, for a placement

@@ -49,8 +49,9 @@ std::string common_text(std::vector<PathStep> first, const std::vector<PathStep>
 class Search {
 public:
     Search(const Snapshot& scene, const std::vector<std::string>& texts, std::string_view glob,
-           const std::function<bool()>& stopped)
-        : scene_(scene),
+           const std::function<bool()>& stopped, std::uint64_t& looked_at)
+        : looked_at_(looked_at),
+          scene_(scene),
           texts_(texts),
           glob_(glob),
           beginning_(glob.substr(0, glob.find('*'))),
@@ -85,12 +86,11 @@ private:
                            std::uint64_t placements) {
         looked_at_ += placements;
         if (looked_at_ > nested_placements_max)
-            return fail(
-                ErrorCode::limit_exceeded,
-                fmt::format(
-                    "'{}' may stand for parts of more than {} placements: begin it with the "
-                    "text of an outermost instance",
-                    glob_, nested_placements_max));
+            return fail(ErrorCode::limit_exceeded,
+                        fmt::format("the texts, '{}' at last, may stand for parts of more than {} "
+                                    "placements: begin it with the "
+                                    "text of an outermost instance",
+                                    glob_, nested_placements_max));
         matches_.assign(placements, false);
         for (std::uint64_t k = 0; k < placements; ++k) {
             if (k % 1024 == 0 && stopped_()) return stopped();
@@ -121,12 +121,12 @@ private:
         way_.pop_back();
     }
 
+    std::uint64_t& looked_at_;
     const Snapshot& scene_;
     const std::vector<std::string>& texts_;
     const std::string_view glob_;
     const std::string_view beginning_;  ///< of the glob, before its first star
     const std::function<bool()>& stopped_;
-    std::uint64_t looked_at_ = 0;
     std::vector<bool> matches_;  ///< the placements of an outermost instance
     std::vector<std::uint32_t> way_;
     std::vector<InstancePlace> found_;
@@ -153,7 +153,7 @@ Result<std::vector<InstancePlace>> InstanceFinder::find(std::string_view glob) {
         const std::uint64_t count = view.objects[instance.object].placement_count;
         texts_.push_back(count == 0 ? "" : text_above(scene_, instance.path_base, count));
     }
-    auto found = Search(scene_, texts_, glob, stopped_).search();
+    auto found = Search(scene_, texts_, glob, stopped_, looked_at_).search();
     if (!found || !found->empty()) return found;
     if (glob.find('*') != std::string_view::npos)
         return fail(ErrorCode::field_invalid, fmt::format("no path is of the form '{}'", glob));

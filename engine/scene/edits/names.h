@@ -14,7 +14,7 @@
 
 namespace raynest {
 
-/// Placements that a search for nested instances looks at, at most.
+/// Placements that the searches of a finder look at, at most, for nested instances.
 inline constexpr std::uint64_t nested_placements_max = 1 << 20;
 
 /// Finds instances by texts of paths. `scene` must outlive it. Not thread-safe.
@@ -36,6 +36,7 @@ private:
     const Snapshot& scene_;
     const std::function<bool()> stopped_;
     std::vector<std::string> texts_;  ///< of the outermost instances
+    std::uint64_t looked_at_ = 0;     ///< placements, by all searches
 };
 
 /// Returns the steps that the paths [path, path + count) have in common, as a text; "" if there are

@@ -196,7 +196,12 @@ TEST_CASE("what is placed several times moves and hides at the one place that is
                 outer.transform = random_place(random, 40);
                 changes.moves.push_back({5, outer.transform});
             }
+            const std::size_t before = scene->bytes().size();
+            const std::uint64_t more = bytes_to_unshare(*scene, changes);
             scene = edit(*scene, changes);
+            constexpr std::size_t between_sections = 22 * 64;
+            CHECK(scene->bytes().size() <= before + more + between_sections);
+            CHECK(bytes_to_unshare(*scene, changes) == 0);
             const Scene fresh = build_scene(description);
             check_same_answers(*scene, *fresh, random);
             CHECK(scene->bounds().lower == fresh->bounds().lower);
