@@ -2,8 +2,9 @@
 //
 // All readers get bytes from outside: each count in a file is checked against the bytes that are
 // there before anything is allocated for it, so memory is linear in the file. The readers are
-// RayNest's own, over std::from_chars: Debian's tinyobjloader and Assimp read into float32, which
-// loses the digits of surveyed coordinates, and there is no maintained PLY, STL or OFF library.
+// RayNest's own, over std::from_chars. Debian's tinyobjloader takes "1,5" and "x" for numbers and
+// rounds a third of float64 numbers wrongly; Assimp reads float32, which loses surveyed digits; and
+// Debian has no maintained library for PLY, STL or OFF.
 #pragma once
 
 #include "engine/assets/formats/content.h"

@@ -48,7 +48,9 @@ double area_of(const GeometryDescription& geometry) {
         const Vec3 a = geometry.positions[geometry.indices[i]];
         const Vec3 b = geometry.positions[geometry.indices[i + 1]];
         const Vec3 c = geometry.positions[geometry.indices[i + 2]];
-        area += double{glm::cross(b - a, c - a).z} / 2;
+        const double part = double{glm::cross(b - a, c - a).z} / 2;
+        CHECK(part * area >= 0);  // none turns the other way, as a fan's do in a concave polygon
+        area += part;
     }
     return area;
 }
