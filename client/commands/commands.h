@@ -48,9 +48,9 @@ struct PathOptions {
 /// A change of a scene.
 struct EditChange {
     protocol::EditRow::What what = protocol::EditRow::move;
-    std::string path;  ///< a text, '*' for any text, or inst=N
-    std::array<double, 12> matrix{1, 0, 0, 0, 0, 1, 0, 0, 0, 0, 1, 0};  ///< of place and move
-    std::uint32_t new_mask = 0;                                         ///< of set_mask
+    std::string path;         ///< a text, '*' for any text, or inst=N; of add the name of a scene
+    std::uint32_t value = 0;  ///< of set_mask the mask, of place and move the frame
+    std::array<double, 12> matrix{1, 0, 0, 0, 0, 1, 0, 0, 0, 0, 1, 0};  ///< of place, move and add
 };
 struct EditOptions {
     std::string scene;

@@ -1,6 +1,7 @@
-// raynest edit: moves parts of a scene, and changes their masks.
+// raynest edit: parts of a scene move, hide, go and come.
 #include "client/commands/commands.h"
 #include "client/commands/shared_options.h"
+#include "client/files/files.h"
 #include "client/ground/json.h"
 #include "client/ground/numbers.h"
 #include "client/output/output.h"
@@ -8,11 +9,12 @@
 #include "protocol/edit_row.h"
 
 #include <algorithm>
+#include <array>
 #include <charconv>
 #include <iostream>
 #include <iterator>
-#include <map>
 #include <optional>
+#include <sstream>
 #include <string_view>
 
 namespace raynest::client {
@@ -31,28 +33,88 @@ std::optional<std::uint32_t> instance_of(std::string_view path) {
     return number;
 }
 
-/// Reads PATH=NUMBERS or PATH=HEX; returns what is wrong, or "".
-std::string read_change(EditRow::What what, const std::string& text, EditOptions& edit) {
-    const std::size_t equals = text.rfind('=');
-    if (equals == 0 || equals == std::string::npos) return "'" + text + "' is not PATH=...";
-    EditChange change{what, text.substr(0, equals)};
-    const std::string value = text.substr(equals + 1);
-    if (what == EditRow::set_mask) {
-        const auto mask = parse_mask(value);
-        if (!mask) return mask.error().message;
-        change.new_mask = *mask;
-    } else {
-        const bool is_move = what == EditRow::move;
-        const auto numbers = parse_world(value, is_move ? 3 : 12, 12,
-                                         is_move ? "dx,dy,dz or a 3x4 matrix row by row"
-                                                 : "a 3x4 matrix row by row");
-        if (!numbers) return numbers.error().message;
-        if (numbers->size() == 3)
-            for (std::size_t row = 0; row < 3; ++row) change.matrix[4 * row + 3] = (*numbers)[row];
-        else
-            std::ranges::copy(*numbers, change.matrix.begin());
+/// A change that a user may name: --move on the command line, move in a file.
+struct Word {
+    std::string_view name;
+    EditRow::What what;
+    std::uint32_t value;      ///< the frame of a matrix, or the mask
+    std::string_view wanted;  ///< behind PATH=; "" where the path is all
+    const char* text;
+};
+constexpr std::string_view a_mask = "a mask";
+constexpr std::string_view a_matrix = "a 3x4 matrix row by row";
+constexpr std::string_view a_move = "x,y,z or a 3x4 matrix row by row";
+constexpr std::array<Word, 8> words{{
+    {"move", EditRow::move, EditRow::world, a_move,
+     "PATH=DX,DY,DZ, or PATH= and a 3x4 matrix row by row: moves what stands there, in the world. "
+     "In "
+     "PATH * stands for any text, and all below a path moves with it; inst=N is the outermost "
+     "instance N. May be repeated, also the options below; they act in their order"},
+    {"turn", EditRow::move, EditRow::own, a_move,
+     "PATH= as for --move, in the coordinates of the object itself: a wheel about its axle"},
+    {"place", EditRow::place, EditRow::world, a_matrix,
+     "PATH= and a 3x4 matrix row by row: from the object's own coordinates to the world's"},
+    {"add", EditRow::add, ~0U, a_move,
+     "SCENE=X,Y,Z, or SCENE= and a 3x4 matrix: adds the loaded scene SCENE, there. Its path "
+     "begins with its name, and where there are several, with a number"},
+    {"remove", EditRow::remove, 0, "", "PATH: removes the outermost instances there"},
+    {"set-mask", EditRow::set_mask, 0, a_mask,
+     "PATH=HEX: its mask from now on (see: query --mask)"},
+    {"hide", EditRow::set_mask, 0, "", "PATH: no ray meets it from now on"},
+    {"show", EditRow::set_mask, ~0U, "", "PATH: every ray may meet it"},
+}};
+
+/// Reads what stands behind a word; returns what is wrong, or "".
+std::string read_change(const Word& word, const std::string& text, EditOptions& edit) {
+    EditChange change{word.what, text, word.value};
+    if (!word.wanted.empty()) {
+        const std::size_t equals = text.rfind('=');
+        if (equals == 0 || equals == std::string::npos) return "'" + text + "' is not PATH=...";
+        change.path = text.substr(0, equals);
+        const std::string value = text.substr(equals + 1);
+        if (word.wanted == a_mask) {
+            const auto mask = parse_mask(value);
+            if (!mask) return mask.error().message;
+            change.value = *mask;
+        } else {
+            const auto numbers = parse_world(value, word.wanted == a_move ? 3 : 12, 12,
+                                             std::string(word.wanted).c_str());
+            if (!numbers) return numbers.error().message;
+            if (numbers->size() == 3)
+                for (std::size_t row = 0; row < 3; ++row)
+                    change.matrix[4 * row + 3] = (*numbers)[row];
+            else
+                std::ranges::copy(*numbers, change.matrix.begin());
+        }
     }
+    if (change.path.empty()) return "a PATH is missing";
     edit.changes.push_back(std::move(change));
+    return "";
+}
+
+/// Reads a file of changes, one a line: "move PATH=1,0,0". Empty lines, and those that begin with
+/// #, say nothing.
+std::string read_changes(const std::string& path, EditOptions& edit) {
+    constexpr std::uint64_t bytes_max = 64 << 20;
+    const auto file = read_file(path, bytes_max);
+    if (!file) return file.error().message;
+    std::istringstream lines(
+        std::string(reinterpret_cast<const char*>(file->data()), file->size()));
+    std::string line;
+    for (int number = 1; std::getline(lines, line); ++number) {
+        if (line.find_first_not_of(" \t\r") == std::string::npos || line.front() == '#') continue;
+        if (line.back() == '\r') line.pop_back();
+        const std::size_t space = line.find(' ');
+        const auto word =
+            std::ranges::find(words, std::string_view(line).substr(0, space), &Word::name);
+        const std::string wrong =
+            word == words.end() || space == std::string::npos
+                ? "'" + line.substr(0, 60) +
+                      "' does not begin with one of move, turn, place, add, remove, "
+                      "set-mask, hide, show and a space"
+                : read_change(*word, line.substr(space + 1), edit);
+        if (!wrong.empty()) return "line " + std::to_string(number) + " of " + path + ": " + wrong;
+    }
     return "";
 }
 
@@ -60,32 +122,20 @@ std::string read_change(EditRow::What what, const std::string& text, EditOptions
 
 void declare(CommandLine& line, EditOptions& edit) {
     line.add_option("SCENE", edit.scene, "name of a loaded scene of yours").required();
-    const auto changing = [&edit](EditRow::What what) {
-        return [&edit, what](const std::string& text) { return read_change(what, text, edit); };
-    };
-    const auto set_mask = [&edit](std::uint32_t mask) {
-        return [&edit, mask](const std::string& path) {
-            EditChange change{EditRow::set_mask, path};
-            change.new_mask = mask;
-            edit.changes.push_back(std::move(change));
-            return std::string();
-        };
-    };
+    for (const Word& word : words)
+        line.add_in_order(
+            std::string("--").append(word.name),
+            [&edit, &word](const std::string& text) { return read_change(word, text, edit); },
+            word.text);
     line.add_in_order(
-        "--move", changing(EditRow::move),
-        "PATH=DX,DY,DZ, or PATH= and a 3x4 matrix row by row: moves what stands there, in the world. In "
-        "PATH * stands for any text, and all below a path moves with it; inst=N is the outermost "
-        "instance N. May be repeated, also the options below; they act in their order");
-    line.add_in_order("--place", changing(EditRow::place),
-                      "PATH= and a 3x4 matrix row by row: from the object's own coordinates to the world's");
-    line.add_in_order("--set-mask", changing(EditRow::set_mask),
-                      "PATH=HEX: its mask from now on (see: query --mask)");
-    line.add_in_order("--hide", set_mask(0), "PATH: no ray meets it from now on");
-    line.add_in_order("--show", set_mask(~0U), "PATH: every ray may meet it");
+        "--file", [&edit](const std::string& path) { return read_changes(path, edit); },
+        "File of changes, one a line, as these options without their dashes: move PATH=DX,DY,DZ");
     add_epoch(line, edit.epoch);
     line.at_end([&edit] {
-        return edit.changes.empty() ? "--move, --place, --set-mask, --hide or --show is required"
-                                    : std::string();
+        return edit.changes.empty()
+                   ? "--move, --turn, --place, --add, --remove, --set-mask, --hide, --show "
+                     "or --file is required"
+                   : std::string();
     });
 }
 
@@ -93,18 +143,22 @@ Result<void> run(Context& context, const EditOptions& options) {
     wire::EditT request;
     request.scene = options.scene;
     request.epoch = options.epoch;
-    std::map<std::string, std::uint32_t> known;
+    // The places of texts in a list of the request, each once.
+    const auto place_in = [](std::vector<std::string>& list, const std::string& text) {
+        const auto at = std::ranges::find(list, text);
+        if (at == list.end()) list.push_back(text);
+        return static_cast<std::uint32_t>(std::ranges::find(list, text) - list.begin());
+    };
     std::vector<EditRow> rows;
     for (const EditChange& change : options.changes) {
-        EditRow row{static_cast<std::uint32_t>(change.what), 0, 0, change.new_mask, {}};
+        EditRow row{static_cast<std::uint32_t>(change.what), 0, 0, change.value, {}};
         std::ranges::copy(change.matrix, std::begin(row.m));
-        if (const auto instance = instance_of(change.path)) {
+        if (change.what == EditRow::add) {
+            row.target = place_in(request.scenes, change.path);
+        } else if (const auto instance = instance_of(change.path)) {
             row.target = *instance;
         } else {
-            const auto [at, added] =
-                known.emplace(change.path, static_cast<std::uint32_t>(request.targets.size()));
-            if (added) request.targets.push_back(change.path);
-            row.target = at->second;
+            row.target = place_in(request.targets, change.path);
             row.by_text = 1;
         }
         rows.push_back(row);
@@ -134,7 +188,8 @@ Result<void> run(Context& context, const EditOptions& options) {
             return {};
         }
         std::cout << options.scene << " is at epoch " << done.epoch() << ": " << done.instances()
-                  << (done.instances() == 1 ? " instance has changed\n" : " instances have changed\n");
+                  << (done.instances() == 1 ? " instance has changed\n"
+                                            : " instances have changed\n");
         return {};
     }
 }

@@ -150,6 +150,8 @@ void print_look(const Look& look, const std::string& daemon, bool sees_all) {
     std::cout << daemon << ": " << look.running << (look.running == 1 ? " job" : " jobs")
               << ", queue " << look.waiting << ", " << rate_text(look.rate("rays"))
               << "rays/s";
+    if (look.rate("scenes_edited") > 0)
+        std::cout << ", " << rate_text(look.rate("scenes_edited")) << "edits/s";
     // Others than administrators are told their own part.
     if (look.now.has("memory_used_bytes"))
         std::cout << (sees_all ? ", memory " : ", your memory ") << bytes("memory_used_bytes") << " of "
@@ -223,6 +225,7 @@ Json look_json(const Look& look) {
                 {"jobs_running", look.running},
                 {"queue", look.waiting},
                 {"rays_per_second", look.rate("rays")},
+                {"edits_per_second", look.rate("scenes_edited")},
                 {"memory_used_bytes", known("memory_used_bytes")},
                 {"memory_limit_bytes", known("memory_limit_bytes")},
                 {"principals", principals},

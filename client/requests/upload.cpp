@@ -77,6 +77,11 @@ tl::unexpected<Failure> not_a_scene(const std::string& source) {
         return fail(Exit::invalid, source +
                                        " is compressed (LAZ), which is not read: unpack it with "
                                        "laszip -i in.laz -o out.las");
+    if (extension_of(source) == ".tif" || extension_of(source) == ".tiff")
+        return fail(Exit::invalid,
+                    source +
+                        " is a raster: save it with numpy.save() as a .npy, for example out of "
+                        "rasterio, and load that with --primitive heights");
     constexpr std::array packed = {".xz", ".gz", ".bz2", ".zst", ".zip", ".7z", ".tar", ".tgz"};
     if (std::ranges::find(packed, extension_of(source)) != packed.end())
         return fail(Exit::invalid, source + " is packed; unpack it and load what comes out");

@@ -113,7 +113,7 @@ Result<SceneDescription> describe(const ImportRequest& request, const ImportLimi
     if (is_npy) return masked(request, describe_npy(request, limits, registry));
     return fail(ErrorCode::scene_unsupported,
                 fmt::format("'{}' is not a scene that RayNest reads: .glb, .gltf, .npy, {}, or "
-                            "builtin:forest, builtin:terrain, builtin:flake",
+                            "builtin:forest, builtin:terrain, builtin:flake, builtin:street",
                             source.substr(0, 200), format_list()));
 }
 

@@ -116,10 +116,10 @@ void AttributePlan::write(std::byte* section) const {
 
 Arena write_arena(const Content& content) {
     std::uint64_t nodes = 0, blocks = 0, records = 0;
-    for (std::size_t i = 0; i < content.objects.size(); ++i) {
-        nodes += content.trees[i].nodes.size();
-        blocks += content.trees[i].block_lanes.size() / 8;
-        records += records_bytes(content.objects[i]);
+    for (const ObjectRecord& object : content.objects) {
+        nodes += object.node_count;
+        blocks += object.block_count;
+        records += records_bytes(object);
     }
     const std::array<std::uint64_t, format::section_count> counts{
         nodes,

@@ -35,7 +35,10 @@ public:
     /// Returns the offset of a copy of `data`, or no_offset if it is empty.
     template <class T>
     std::uint64_t add(const std::vector<T>& data) {
-        return place({reinterpret_cast<const std::byte*>(data.data()), data.size() * sizeof(T), 1});
+        return add(std::as_bytes(std::span(data)));
+    }
+    std::uint64_t add(std::span<const std::byte> data) {
+        return place({data.data(), data.size(), 1});
     }
     /// Returns the offset of a copy of every fourth byte of `rgba`, from the fourth on.
     std::uint64_t add_alpha(std::span<const std::uint8_t> rgba);
@@ -95,7 +98,8 @@ void add_surfaces(const SceneDescription& description, Content& content);
 void add_lights(const SceneDescription& description, Content& content);
 void add_cameras(const SceneDescription& description, Content& content);
 
-/// Lays out the arena and fills all of it but the trees. Throws std::bad_alloc.
+/// Lays out the arena and fills all of it but the trees, of which it needs the sizes in `objects` alone.
+/// Throws std::bad_alloc.
 Arena write_arena(const Content& content);
 
 /// Writes nodes, leaf blocks with their texture coordinates, and records.

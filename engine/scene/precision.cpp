@@ -26,12 +26,6 @@ constexpr double notable_share_of_rays = 1e-4;
 /// below the smallest float, they are all 0.
 constexpr double normal_min = std::numeric_limits<float>::denorm_min();
 
-bool is_degenerate(const Vec3& a, const Vec3& b, const Vec3& c) {
-    const glm::dvec3 v0(a);
-    const glm::dvec3 normal = glm::abs(glm::cross(glm::dvec3(b) - v0, glm::dvec3(c) - v0));
-    return !(std::max({normal.x, normal.y, normal.z}) >= normal_min);
-}
-
 /// Returns a number with few digits near `centre`, at the scale of a scene of this size.
 double rounded(double centre, double size) {
     const double step = std::pow(10.0, std::ceil(std::log10(size)));
@@ -51,6 +45,12 @@ double size_of(const Box& bounds) {
 }
 
 }  // namespace
+
+bool is_degenerate(const Vec3& a, const Vec3& b, const Vec3& c) {
+    const glm::dvec3 v0(a);
+    const glm::dvec3 normal = glm::abs(glm::cross(glm::dvec3(b) - v0, glm::dvec3(c) - v0));
+    return !(std::max({normal.x, normal.y, normal.z}) >= normal_min);
+}
 
 std::uint64_t count_degenerate(const GeometryDescription& geometry) {
     using Part = tbb::blocked_range<std::size_t>;

@@ -9,8 +9,11 @@
 
 namespace raynest {
 
-/// Counts triangles without area for the intersection test, whatever the ray's direction: their
-/// corners are on one line, or so close together that the test's products vanish.
+/// True if a triangle has no area for the intersection test, whatever the ray's direction: its corners
+/// are on one line, or so close together that the test's products vanish.
+[[nodiscard]] bool is_degenerate(const Vec3& a, const Vec3& b, const Vec3& c);
+
+/// Counts such triangles.
 [[nodiscard]] std::uint64_t count_degenerate(const GeometryDescription& geometry);
 
 /// Returns how far a point of float32 coordinates may be off from what it was rounded from: half a

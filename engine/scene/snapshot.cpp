@@ -154,7 +154,8 @@ Result<std::shared_ptr<const Snapshot>> Snapshot::open(BuiltArena built) {
 
 Result<std::shared_ptr<const Snapshot>> Snapshot::open_edited(BuiltArena built,
                                                               const Snapshot& before,
-                                                              std::vector<bool> changed) {
+                                                              std::vector<bool> changed,
+                                                              std::span<const std::uint32_t> objects) {
     const std::shared_ptr<Snapshot> snapshot(new Snapshot);
     const std::byte* const base = built.arena.data();
     const auto rebased = [&]<class T>(const T* in_before) {
@@ -184,9 +185,11 @@ Result<std::shared_ptr<const Snapshot>> Snapshot::open_edited(BuiltArena built,
     snapshot->origin_ = before.origin_;
     snapshot->bounds_ = reinterpret_cast<const format::Header*>(base)->bounds;
     snapshot->statistics_ = before.statistics_;
-    snapshot->tree_costs_ = before.tree_costs_;
-    snapshot->statistics_.trees.sah_cost = measure_root(view, before.tree_costs_);
+    snapshot->tree_costs_ = measure_again(view, before.tree_costs_, objects);
+    snapshot->statistics_.trees.sah_cost = snapshot->tree_costs_[view.root];
     snapshot->statistics_.edits = built.edits;
+    snapshot->statistics_.degenerate_triangles =
+        reinterpret_cast<const format::Header*>(base)->degenerate_triangles;
     snapshot->record_types_ = before.record_types_;
     snapshot->record_counts_ = before.record_counts_;
     snapshot->meshes_ = before.meshes_;

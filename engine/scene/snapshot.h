@@ -117,11 +117,11 @@ public:
     /// index and offset is checked once, so that traversal need not check any.
     static Result<std::shared_ptr<const Snapshot>> open(BuiltArena built);
 
-    /// Opens an arena that edit_scene() made of `before`, laid out as that is. It is not checked again, and
-    /// only its `changed` pieces (scene/digest.h) are hashed.
-    static Result<std::shared_ptr<const Snapshot>> open_edited(BuiltArena built,
-                                                               const Snapshot& before,
-                                                               std::vector<bool> changed);
+    /// Opens an arena that edit_scene() made of `before`, laid out as that is. It is not checked again, only
+    /// its `changed` pieces (scene/digest.h) are hashed, and only the trees of `objects` (ascending) measured.
+    static Result<std::shared_ptr<const Snapshot>> open_edited(
+        BuiltArena built, const Snapshot& before, std::vector<bool> changed,
+        std::span<const std::uint32_t> objects);
     /// Returns a copy of `scene`'s arena. It is made in the memory of `spare` if that is the scene before
     /// the last edit of `scene` and nobody else refers to it: then only what the edit changed is copied.
     static Arena copy_arena(const Snapshot& scene, std::shared_ptr<const Snapshot> spare);

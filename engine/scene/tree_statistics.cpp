@@ -23,9 +23,10 @@ public:
         return all;
     }
 
-    double measure_root(std::vector<double> costs_below) {
-        cost_ = std::move(costs_below);
-        return cost_of(scene_.objects[scene_.root]);
+    std::vector<double> measure_again(std::vector<double> costs, std::span<const std::uint32_t> objects) {
+        cost_ = std::move(costs);
+        for (const std::uint32_t object : objects) cost_[object] = cost_of(scene_.objects[object]);
+        return std::move(cost_);
     }
 
 private:
@@ -91,8 +92,9 @@ std::vector<TreeStatistics> measure_each_tree(const SceneView& scene) {
     return Measurer(scene).measure();
 }
 
-double measure_root(const SceneView& scene, std::vector<double> costs_below) {
-    return Measurer(scene).measure_root(std::move(costs_below));
+std::vector<double> measure_again(const SceneView& scene, std::vector<double> costs,
+                                  std::span<const std::uint32_t> objects) {
+    return Measurer(scene).measure_again(std::move(costs), objects);
 }
 
 TreeStatistics measure_trees(const SceneView& scene) {

@@ -5,6 +5,7 @@
 #include "engine/geometry/views.h"
 
 #include <cstdint>
+#include <span>
 #include <vector>
 
 namespace raynest {
@@ -20,7 +21,8 @@ struct TreeStatistics {
 TreeStatistics measure_trees(const SceneView& scene);
 /// The same for each object's tree, with the trees of its instances in the cost.
 std::vector<TreeStatistics> measure_each_tree(const SceneView& scene);
-/// The same for the root's tree alone, where the costs of the others are known, in their order.
-double measure_root(const SceneView& scene, std::vector<double> costs_below);
+/// Returns `costs` of all objects with those of some (ascending) measured again.
+std::vector<double> measure_again(const SceneView& scene, std::vector<double> costs,
+                                  std::span<const std::uint32_t> objects);
 
 }  // namespace raynest

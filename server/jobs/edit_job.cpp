@@ -1,5 +1,6 @@
 #include "server/jobs/edit_job.h"
 
+#include "engine/scene/edits/batch.h"
 #include "engine/scene/edits/edit.h"
 #include "engine/scene/edits/names.h"
 #include "protocol/control.h"
@@ -10,47 +11,27 @@
 #include "server/scheduling/peers.h"
 #include "server/store/scene_store.h"
 
-#include <array>
+#include <fmt/format.h>
+
+#include <algorithm>
 #include <chrono>
 #include <cmath>
 #include <cstring>
-#include <map>
 #include <optional>
 #include <utility>
 
 namespace raynest::server {
 namespace {
 
-using Matrix = std::array<double, 12>;
-
-/// Returns the map that applies `inner` first.
-Matrix compose(const Matrix& outer, const Matrix& inner) {
-    Matrix made{};
-    for (std::size_t row = 0; row < 3; ++row) {
-        for (std::size_t column = 0; column < 4; ++column) {
-            double& sum = made[4 * row + column];
-            for (std::size_t k = 0; k < 3; ++k) sum += outer[4 * row + k] * inner[4 * k + column];
-            if (column == 3) sum += outer[4 * row + 3];
-        }
+/// Returns a row's matrix; nothing if a number is not finite.
+std::optional<Matrix> matrix_of(const EditRow& row) {
+    Matrix made(1);
+    for (int i = 0; i < 12; ++i) {
+        if (!std::isfinite(row.m[i])) return std::nullopt;
+        made[i % 4][i / 4] = row.m[i];
     }
     return made;
 }
-
-/// Returns a map of world coordinates as one of coordinates less the origin.
-Matrix less_origin(Matrix world, const WorldPoint& origin) {
-    for (std::size_t row = 0; row < 3; ++row) {
-        double& moved = world[4 * row + 3];
-        for (std::size_t k = 0; k < 3; ++k) moved += world[4 * row + k] * origin[k];
-        moved -= origin[row];
-    }
-    return world;
-}
-
-/// The outermost instances that the rows name, and their new placements and masks.
-struct Changed {
-    std::map<std::uint32_t, Matrix> placements;
-    std::map<std::uint32_t, std::uint32_t> masks;
-};
 
 class EditJob final : public Job {
 public:
@@ -59,7 +40,7 @@ public:
           id_(caller.request_id),
           caller_(caller),
           order_(std::move(order)),
-          rows_(0, std::uint64_t{order_.rows} * sizeof(EditRow)) {}
+          rows_(0, order_.bytes()) {}
 
     Reply<std::uint64_t> feed(protocol::Frame frame) override {
         const auto message = protocol::open<wire::Upload>(frame, services_.limits);
@@ -158,83 +139,117 @@ private:
     /// Makes the changed scene. On a thread of the blocking pool.
     Reply<std::shared_ptr<const Snapshot>> edit(const Stop& stop) {
         const Snapshot& scene = before_->snapshot();
-        const auto changed = read_rows(scene, stop);
-        if (!changed) return tl::unexpected(changed.error());
-        std::vector<InstanceMove> moves;
-        for (const auto& [instance, matrix] : changed->placements) {
-            InstanceMove& move = moves.emplace_back();
-            move.instance = instance;
-            for (std::size_t i = 0; i < 12; ++i) move.to_scene.m[i] = static_cast<float>(matrix[i]);
-        }
-        std::vector<InstanceMask> masks;
-        for (const auto& [instance, mask] : changed->masks) masks.push_back({instance, mask});
+        EditBatch batch(scene);
+        if (auto read = read_rows(batch, stop); !read) return tl::unexpected(read.error());
+        instances_ = static_cast<std::uint32_t>(batch.size());
+        const SceneChanges changes = batch.changes();
         if (stop.requested()) return refuse(Code::cancelled, "");
-        auto edited = edit_scene(scene, moves, masks, std::move(spare_));
+        const auto more = reserve_for(changes);
+        if (!more) return tl::unexpected(more.error());
+        auto edited = edit_scene(scene, changes, std::move(spare_));
         if (!edited) return refuse(std::move(edited.error()));
-        std::map<std::uint32_t, std::uint32_t> all(changed->masks);
-        for (const auto& [instance, matrix] : changed->placements) all.emplace(instance, 0);
-        instances_ = static_cast<std::uint32_t>(all.size());
         return std::move(*edited);
     }
 
-    Reply<Changed> read_rows(const Snapshot& scene, const Stop& stop) const {
-        const SceneView& view = scene.view();
-        const ObjectRecord& root = view.objects[view.root];
-        if (root.instance_count == 0)
+    /// Reserves what an edit needs that does not only move outermost instances: the new scene besides the
+    /// copy, with what comes to it.
+    Reply<Budget::Lease> reserve_for(const SceneChanges& changes) const {
+        const auto is_nested = [](const auto& change) { return !change.instance.below.empty(); };
+        std::uint64_t bytes = 0;
+        for (const AddedScene& added : changes.added) {
+            const PathTable& paths = added.scene->paths();
+            const std::uint64_t each = sizeof(InstanceRecord) + sizeof(InstanceInfo) + sizeof(Node) +
+                                       paths.node_count * sizeof(PathNode) + paths.run_count * sizeof(PathRun);
+            bytes += added.scene->bytes().size() + added.to_scene.size() * each;
+        }
+        if (bytes != 0 || !changes.removed.empty() || !changes.deformed.empty() || std::ranges::any_of(changes.moves, is_nested) ||
+            std::ranges::any_of(changes.masks, is_nested))
+            bytes += before_->snapshot().bytes().size();
+        if (bytes == 0) return Budget::Lease();
+        auto lease = services_.budget.reserve(bytes, caller_.principal, Use::lasting);
+        if (!lease)
+            return services_.budget.refuse("the changed scene", bytes, caller_.principal,
+                                           "unload scenes, or start raynestd with a larger --memory");
+        return std::move(*lease);
+    }
+
+    /// Reads all rows into the batch.
+    Reply<void> read_rows(EditBatch& batch, const Stop& stop) const {
+        const Snapshot& scene = before_->snapshot();
+        const std::uint32_t outermost = scene.view().objects[scene.view().root].instance_count;
+        const auto no_instances = [&] {
             return refuse(Code::invalid_field,
-                          "'" + before_->name + "' has no instances to edit: all that it has is its own. "
-                          "A glTF places its meshes by nodes, which can be edited");
-        std::vector<std::vector<std::uint32_t>> named;
+                          fmt::format("'{}' has no instances to change: all that it has is its own. A glTF places "
+                                      "its meshes by nodes, which can be edited; other scenes can be added",
+                                      before_->name));
+        };
+        if (outermost == 0 && !order_.targets.empty()) return no_instances();
+        std::vector<std::vector<InstancePlace>> named;
+        InstanceFinder finder(scene, [&] { return stop.requested(); });
         for (const std::string& text : order_.targets) {
-            auto found = find_instances(scene, text, [&] { return stop.requested(); });
+            auto found = finder.find(text);
             if (stop.requested()) return refuse(Code::cancelled, "");
             if (!found) return refuse(std::move(found.error()));
             named.push_back(std::move(*found));
         }
-        Changed changed;
-        std::vector<std::uint32_t> one(1);
+        // The rows' bytes are a multiple of 4 and begin where a vector of floats may.
+        std::vector<std::span<const Vec3>> vertices;
+        const auto* first = reinterpret_cast<const Vec3*>(rows_.bytes().data() + order_.rows * sizeof(EditRow));
+        for (const std::uint32_t count : order_.vertex_counts) {
+            vertices.emplace_back(first, count);
+            first += count;
+        }
+        std::vector<InstancePlace> one(1);
         for (std::uint32_t i = 0; i < order_.rows; ++i) {
             if (i % 1024 == 0 && stop.requested()) return refuse(Code::cancelled, "");
             EditRow row;
             std::memcpy(&row, rows_.bytes().data() + i * sizeof row, sizeof row);
             const auto wrong = [&](const std::string& why) {
-                return refuse(Code::invalid_field, "row " + std::to_string(i) + " of the edit " + why);
+                return refuse(Code::invalid_field, fmt::format("row {} of the edit {}", i, why));
             };
+            const bool has_matrix = row.what == EditRow::place || row.what == EditRow::move || row.what == EditRow::add;
+            const auto matrix = has_matrix ? matrix_of(row) : Matrix(1);
             if (row.what >= EditRow::what_count)
-                return wrong("does something unknown: what is " + std::to_string(row.what));
+                return wrong(fmt::format("does something unknown: what is {}", row.what));
+            if (!matrix) return wrong("has a matrix with a number that is not finite");
+            if (row.what == EditRow::vertices && row.value >= vertices.size())
+                return wrong(fmt::format("names vertices {} of {}", row.value, vertices.size()));
+            if (row.what == EditRow::add) {
+                if (row.target >= order_.sources.size())
+                    return wrong(fmt::format("adds scene {} of {}", row.target, order_.sources.size()));
+                const EditOrder::Source& source = order_.sources[row.target];
+                batch.add(row.target, {source.held, source.held->snapshot.get()}, source.name, *matrix, row.value);
+                continue;
+            }
+            if ((row.what == EditRow::place || row.what == EditRow::move) && row.value >= EditRow::frame_count)
+                return wrong(fmt::format("has an unknown frame: {}", row.value));
+            if (row.what == EditRow::place && row.value == EditRow::own)
+                return wrong("places an instance in its own frame: place it in its parent's, or move it");
             if (row.by_text != 0 && row.target >= named.size())
-                return wrong("names target " + std::to_string(row.target) + " of " +
-                             std::to_string(named.size()));
-            if (row.by_text == 0 && row.target >= root.instance_count)
-                return wrong("names the outermost instance " + std::to_string(row.target) +
-                             "; the scene has " + std::to_string(root.instance_count));
-            one[0] = row.target;
-            for (const std::uint32_t instance : row.by_text != 0 ? named[row.target] : one) {
-                if (row.what == EditRow::set_mask) {
-                    changed.masks[instance] = row.mask;
-                    continue;
-                }
-                Matrix matrix;
-                std::memcpy(matrix.data(), row.m, sizeof row.m);
-                for (const double x : matrix)
-                    if (!std::isfinite(x)) return wrong("has a matrix with a number that is not finite");
-                auto& placement = changed.placements.try_emplace(instance).first->second;
-                if (row.what == EditRow::place) {
-                    if (scene.origin() != WorldPoint{})
-                        return wrong("places an instance; in a scene with an origin objects have "
-                                     "coordinates of their own: move it instead");
-                    placement = matrix;
-                } else {
-                    if (placement == Matrix{}) {
-                        const Transform& now =
-                            view.instance_infos[root.first_instance + instance].to_parent;
-                        std::copy(now.m.begin(), now.m.end(), placement.begin());
-                    }
-                    placement = compose(less_origin(matrix, scene.origin()), placement);
-                }
+                return wrong(fmt::format("names target {} of {}", row.target, named.size()));
+            if (row.by_text == 0 && row.target >= outermost)
+                return outermost == 0 ? no_instances()
+                                      : wrong(fmt::format("names the outermost instance {}; the scene has {}",
+                                                          row.target, outermost));
+            one.front() = row.target;
+            for (const InstancePlace& place : row.by_text != 0 ? named[row.target] : one) {
+                if (row.what == EditRow::vertices)
+                    batch.set_vertices(place, vertices[row.value]);
+                else if (auto done = apply(batch, row, *matrix, place); !done)
+                    return wrong(done.error().message);
             }
         }
-        return changed;
+        return {};
+    }
+
+    static Result<void> apply(EditBatch& batch, const EditRow& row, const Matrix& matrix,
+                              const InstancePlace& place) {
+        switch (row.what) {
+            case EditRow::set_mask: batch.set_mask(place, row.value); return {};
+            case EditRow::remove: return batch.remove(place);
+            case EditRow::place: return batch.place(place, matrix, static_cast<EditFrame>(row.value));
+            default: batch.move(place, matrix, static_cast<EditFrame>(row.value)); return {};
+        }
     }
 
     const Services& services_;
@@ -254,6 +269,12 @@ private:
 };
 
 }  // namespace
+
+std::uint64_t EditOrder::bytes() const {
+    std::uint64_t sum = std::uint64_t{rows} * sizeof(EditRow);
+    for (const std::uint32_t count : vertex_counts) sum += std::uint64_t{count} * sizeof(Vec3);
+    return sum;
+}
 
 std::unique_ptr<Job> edit_job(const Services& services, const Caller& caller, EditOrder order) {
     return std::make_unique<EditJob>(services, caller, std::move(order));

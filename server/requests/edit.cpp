@@ -1,4 +1,4 @@
-// EDIT: moves outermost instances of a scene and changes their masks; the result is its next epoch.
+// EDIT: instances of a scene move, hide, go and come; the result is its next epoch.
 #include "protocol/text.h"
 #include "server/jobs/edit_job.h"
 #include "server/requests/request.h"
@@ -20,11 +20,21 @@ Reply<Answer> edit(const Services& services, const Caller& caller,
     if (!scene) return tl::unexpected(scene.error());
     if (const auto allowed = services.scenes.may_edit(order.scene, caller); !allowed)
         return tl::unexpected(allowed.error());
-    const std::uint64_t bytes = std::uint64_t{order.rows} * sizeof(EditRow);
+    const std::vector<std::string> names = protocol::strings(message->names());
+    for (const std::string& source : protocol::strings(message->scenes())) {
+        const auto added = services.scenes.find(source, 0, caller);
+        if (!added) return tl::unexpected(added.error());
+        const std::string name = names.size() > order.sources.size() ? names[order.sources.size()] : "";
+        // Another owner's scene is "OWNER/NAME".
+        order.sources.push_back({added->held, name.empty() ? source.substr(source.rfind('/') + 1) : name});
+    }
+    if (message->vertex_counts() != nullptr)
+        order.vertex_counts.assign(message->vertex_counts()->begin(), message->vertex_counts()->end());
+    const std::uint64_t bytes = order.bytes();
     auto lease = services.peers.reserve(bytes, caller.principal);
     if (!lease)
-        return services.budget.refuse("the rows of the edit", bytes, caller.principal,
-                                      "send fewer rows at a time");
+        return services.budget.refuse("the rows and vertices of the edit", bytes,
+                                      caller.principal, "send fewer at a time");
     order.lease = std::move(*lease);
 
     JobSubmission accepted;

@@ -137,7 +137,10 @@ void add_scene_requests(Collection& all) {
     edit.scene = "forest";
     edit.epoch = 1;
     edit.targets = {"car#3", "tree-*"};
-    edit.rows = 2;
+    edit.rows = 3;
+    edit.scenes = {"taxi"};
+    edit.names = {"car"};
+    edit.vertex_counts = {8};
     all.add(16, edit);
 }
 

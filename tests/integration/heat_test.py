@@ -331,7 +331,9 @@ class Watching(DaemonTest):
         job = self.client.run("heatmap", "woods", "--size", "6000x6000", "--detach").stdout.strip()
         watch = self.client.start("--json", "top")
         try:
-            looks = [json.loads(watch.stdout.readline()) for _ in range(2)]
+            looks = [json.loads(watch.stdout.readline())]
+            self.client.json("edit", "woods", "--hide", "inst=1")
+            looks.append(json.loads(watch.stdout.readline()))
         finally:
             watch.send_signal(2)
             rest, errors = watch.communicate(timeout=30)
@@ -339,6 +341,7 @@ class Watching(DaemonTest):
         self.assertEqual(looks[1]["jobs_running"], 1)
         self.assertEqual(looks[1]["jobs"][0]["job"], int(job))
         self.assertGreater(looks[1]["rays_per_second"], 0)
+        self.assertGreater(looks[1]["edits_per_second"], 0)
         self.client.run("cancel", job)
 
     def test_open_tells_the_address_where_there_is_no_display(self):

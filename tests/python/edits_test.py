@@ -1,9 +1,14 @@
 #!/usr/bin/env python3
-"""Edits: instances that move and hide, by text, number and array; epochs; faults.
+"""Edits: instances that move, hide, go and come, by text, number and array, at any depth; epochs; faults.
 
   edits_test.py RAYNESTD RAYNEST FLATC
 """
 import concurrent.futures
+import os
+import signal
+import tempfile
+import threading
+from pathlib import Path
 from types import SimpleNamespace
 
 import numpy as np
@@ -14,6 +19,13 @@ from with_daemon import WithDaemon, main, rain
 RAYS = rain(3000)
 RAYS[:, 5] = -1  # none of them upwards
 COLUMNS = ("t", "prim", "inst", "uid", "path")
+
+
+def box(x, y, z):
+    corners = np.array([[i, j, k] for i in (-1, 1) for j in (-1, 1) for k in (-1, 1)]) * (x / 2, y / 2, z / 2)
+    faces = [[0, 1, 3], [0, 3, 2], [4, 6, 7], [4, 7, 5], [0, 4, 5], [0, 5, 1],
+             [2, 3, 7], [2, 7, 6], [0, 2, 6], [0, 6, 4], [1, 5, 7], [1, 7, 3]]
+    return corners, faces
 
 
 class Edits(WithDaemon):
@@ -119,6 +131,64 @@ class Edits(WithDaemon):
             edit.move([0, 1, 2, 3], (0, -5, 0))
         np.testing.assert_allclose(self.trace()["t"], self.before["t"], rtol=1e-4)
 
+    def pair(self, name):
+        """A scene of two squares at height 0 that every edit moves together, and rays down to both."""
+        square = ([[-1, 0, -1], [1, 0, -1], [1, 0, 1], [-1, 0, 1]], [[0, 1, 2], [0, 2, 3]])
+        scene = self.client.scene_of({"square": square}, {"a": "square", "b": ("square", (10, 0, 0))}, name=name)
+        return scene, [[0.3, 2000, 0.2, 0, -1, 0], [10.3, 2000, 0.2, 0, -1, 0]]
+
+    def test_each_of_many_readers_sees_one_epoch(self):
+        scene, rays = self.pair("pair")
+        first = scene.info["epoch"]
+        edits = 1000
+        stop = threading.Event()
+
+        def read():
+            seen = set()
+            with raynest.connect(self.daemon.uri) as client:
+                mine = client.scene("pair")
+                while not stop.is_set():
+                    a, b = mine.trace(rays, fields=("t",))["t"].tolist()
+                    self.assertEqual(a, b)
+                    self.assertEqual(2000 - a, client.outcome["epoch"] - first)  # as high as there were edits
+                    seen.add(client.outcome["epoch"])
+            return seen
+        with concurrent.futures.ThreadPoolExecutor(8) as pool:
+            readers = [pool.submit(read) for _ in range(8)]
+            try:
+                for _ in range(edits):
+                    with scene.edit() as edit:
+                        edit.move(["a", "b"], (0, 1, 0))
+            finally:
+                stop.set()
+            seen = set().union(*(reader.result() for reader in readers))
+        self.assertEqual(scene.info["epoch"], first + edits)
+        self.assertGreater(len(seen), 10)
+
+    def test_clients_that_are_killed_leave_no_half_epoch(self):
+        scene, rays = self.pair("killed")
+        random = np.random.default_rng(2)
+        for _ in range(100):
+            delay = random.uniform(0.0005, 0.01)
+            child = os.fork()
+            if child == 0:
+                try:
+                    client = raynest.connect(self.daemon.uri)
+                    mine = client.scene("killed")
+                    signal.signal(signal.SIGALRM, signal.SIG_DFL)
+                    signal.setitimer(signal.ITIMER_REAL, delay)
+                    while True:
+                        with mine.edit() as edit:  # 0.5 MB, so that many die within it
+                            edit.move("a", (0, 1, 0))
+                            edit.move(np.zeros(5000, np.int64), (0, 0, 0))
+                            edit.move("b", (0, 1, 0))
+                finally:
+                    os._exit(1)
+            self.assertEqual(os.WTERMSIG(os.waitpid(child, 0)[1]), signal.SIGALRM)
+            a, b = scene.trace(rays, fields=("t",))["t"].tolist()
+            self.assertEqual(a, b)
+        self.assertLess(a, 2000)  # some of them were whole
+
     def test_a_wrong_edit_changes_nothing(self):
         cases = [
             (lambda edit: edit.hide("no-such-*"), "no path is of the form 'no-such-\\*'"),
@@ -176,9 +246,134 @@ class Edits(WithDaemon):
 
     def test_a_scene_without_instances_says_so(self):
         scene = self.client.load("builtin:terrain?size=16", "plain", replace=True)
-        with self.assertRaisesRegex(raynest.UsageError, "'plain' has no instances to edit"):
+        with self.assertRaisesRegex(raynest.UsageError, "'plain' has no instances to change"):
             with scene.edit() as edit:
                 edit.move(0, (1, 0, 0))
+        with self.assertRaisesRegex(raynest.UsageError, "'plain' has no instances to change"):
+            with scene.edit() as edit:
+                edit.hide("anything")
+        before = scene.trace(RAYS, fields=("t", "prim"))
+        with scene.edit() as edit:
+            edit.add(self.client.scene_of({"post": box(0.1, 100, 0.1)}, name="post"), (5000, 0, 0))
+        self.same(dict(scene.trace(RAYS, fields=("t", "prim"))), dict(before))
+        self.assertEqual(scene.info["instances"], 2)
+
+    def car(self, name):
+        wheels = [(1.3, 0.35, 1), (1.3, 0.35, -1), (-1.3, 0.35, 1), (-1.3, 0.35, -1)]
+        return self.client.scene_of({"body": box(4, 1.5, 2), "wheel": box(0.7, 0.7, 0.2)},
+                                    {"body": ("body", (0, 1, 0)), "wheel": ("wheel", wheels)}, name=name)
+
+    def test_scenes_are_added_to_others_and_their_parts_move_at_one_place(self):
+        car = self.car("car")
+        street = self.client.scene_of({"ground": box(400, 0.1, 40)}, name="street")
+        with street.edit() as edit:
+            edit.add(car, [(10 * i, 0, 5) for i in range(20)])
+        self.assertEqual(edit.instances, 20)
+        bytes_of_20 = street.info["bytes"]
+        with street.edit() as edit:
+            edit.add("car", (0, 0, -5), name="taxi")
+            edit.move("car#3/wheel*", (0, 0.5, 0))
+            edit.move("car#3/wheel#1", [[0, -1, 0, 0], [1, 0, 0, 0], [0, 0, 1, 0]], frame="own")
+            edit.hide("car#5/body")
+        self.assertEqual(edit.instances, 6)
+        # The car is stored once: what has come is one copy of it, with its own wheels.
+        self.assertLess(street.info["bytes"] - bytes_of_20, 16384)
+        down = lambda *at: [*at[:1], 50, *at[1:], 0, -1, 0]
+        rays = [down(30, 5), down(31.3, 6.05), down(28.7, 4), down(41.3, 6.05), down(50, 5), down(0, -5)]
+        hits = street.trace(rays, fields=("t", "path"))
+        self.assertEqual(street.path_of(hits["path"]),
+                         ["car#3/body", "car#3/wheel#0", "car#3/body", "car#4/wheel#0", "ground", "taxi/body"])
+        np.testing.assert_allclose(hits["t"], [50 - 1.75, 50 - 1.2, 50 - 1.75, 50 - 0.7, 50 - 0.05, 50 - 1.75],
+                                   atol=1e-5)
+        # A car goes: the others keep their texts, and the next one that comes has a new number.
+        with street.edit() as edit:
+            edit.remove("car#3")
+            edit.move("car#4", (0, 0, 1))
+            edit.add(car, (30, 0, 8))
+        hits = street.trace([down(30, 5), down(40, 6), down(30, 8)], fields=("path",))
+        self.assertEqual(street.path_of(hits["path"]), ["ground", "car#4/body", "car#20/body"])
+        # Rays answer as in the same content loaded at once.
+        places = {i: (10 * i, 0, 5) for i in range(20) if i != 3}
+        places[4] = (40, 0, 6)
+        bodies = [np.add(at, (0, 1, 0)) for i, at in (*places.items(), (20, (0, 0, -5)), (21, (30, 0, 8))) if i != 5]
+        fresh = self.client.scene_of({"ground": box(400, 0.1, 40), "body": box(4, 1.5, 2)},
+                                     {"ground": "ground", "body": ("body", bodies)}, name="fresh")
+        above = np.zeros((2000, 6))
+        above[:, 0], above[:, 2] = np.random.default_rng(3).uniform((-5, -8), (205, 12), (2000, 2)).T
+        above[:, 1], above[:, 4] = 20, -1
+        theirs = fresh.trace(above, fields=("t",))["t"]
+        with street.edit() as edit:
+            edit.hide("*wheel*")
+        np.testing.assert_array_equal(street.trace(above, fields=("t",))["t"], theirs)
+
+    def test_meshes_deform_where_they_are_named(self):
+        n = 40
+        x, z = (grid.ravel() for grid in np.meshgrid(np.linspace(0, 1, n), np.linspace(0, 1, n), indexing="ij"))
+        corner = (np.arange(n - 1)[:, None] * n + np.arange(n - 1)).ravel()
+        faces = np.concatenate([np.stack([corner, corner + 1, corner + n], 1),
+                                np.stack([corner + 1, corner + n + 1, corner + n], 1)])
+        sheet = lambda height: np.stack([x, height, z], 1)
+        wave = sheet(0.2 * np.sin(9 * x) + 0.1 * z)
+        flat = self.client.scene_of({"sheet": (sheet(0 * x), faces)}, {"sheet": ("sheet", [(0, 0, 0), (2, 0, 0)])},
+                                    name="flat")
+        bent = self.client.scene_of({"sheet": (sheet(0 * x), faces), "wave": (wave, faces)},
+                                    {"flat": "sheet", "bent": ("wave", (2, 0, 0))}, name="bent")
+        rays = np.zeros((3000, 6))
+        rays[:, :3] = np.random.default_rng(5).uniform((-0.2, 3, -0.2), (3.2, 3, 1.2), (3000, 3))
+        rays[:, 3:] = np.random.default_rng(6).normal((0, -1, 0), 0.2, (3000, 3))
+        fields = ("t", "prim", "uv", "ng", "position")
+        with flat.edit() as edit:
+            edit.set_vertices("sheet#1", wave)
+        self.assertEqual(edit.instances, 1)
+        self.same(dict(flat.trace(rays, fields=fields)), dict(bent.trace(rays, fields=fields)))
+        self.same(dict(flat.trace(rays, fields=("prim",), kind="all", max_hits=4)),
+                  dict(bent.trace(rays, fields=("prim",), kind="all", max_hits=4)))
+        # Both of them at once stay one mesh; and back to where they were.
+        size = flat.info["bytes"]
+        with flat.edit() as edit:
+            edit.set_vertices("sheet#*", sheet(0 * x))
+        self.assertLessEqual(flat.info["bytes"], size)
+        self.assertEqual(flat.trace([[0.5, 1, 0.5, 0, -1, 0], [2.5, 1, 0.5, 0, -1, 0]], fields=("t",))["t"].tolist(),
+                         [1, 1])
+        self.assertEqual(flat.info["epoch"], 3)
+        for change, words in (
+                (lambda edit: edit.set_vertices("sheet#0", wave[:-1]), f"'sheet#0' has {n * n} vertices, "),
+                (lambda edit: edit.set_vertices("sheet#0", np.full((n * n, 3), np.nan)), "vertex 0 of 'sheet#0'"),
+                (lambda edit: edit.set_vertices("sheet#0", wave * 1e16), "beyond 1e15"),
+                (lambda edit: edit.set_vertices("sheet#0", wave[0]), "shape")):
+            with self.subTest(words=words), self.assertRaisesRegex(raynest.UsageError, words):
+                with flat.edit() as edit:
+                    edit.hide("sheet#1")
+                    change(edit)
+        self.assertEqual(flat.info["epoch"], 3)
+
+    def test_what_cannot_go_or_come_is_refused(self):
+        car = self.car("whole")
+        street = self.client.scene_of({"ground": box(400, 0.1, 40)}, name="road")
+        with street.edit() as edit:
+            edit.add(car, (0, 0, 0))
+        for change, kind, words in (
+                (lambda edit: edit.remove("whole/body"), raynest.UsageError, "hide it instead"),
+                (lambda edit: edit.add("no-scene"), raynest.Error, "'no-scene' is not loaded"),
+                (lambda edit: edit.add(car, (2e15, 0, 0)), raynest.UsageError, "1e15"),
+                (lambda edit: edit.add(car, np.zeros((3, 4))), raynest.UsageError, "'whole' is singular"),
+                (lambda edit: edit.add(3), TypeError, "is no scene"),
+                (lambda edit: edit.add(car, np.zeros((0, 3))), raynest.UsageError, "no placement"),
+                (lambda edit: edit.place("whole", np.eye(4), frame="own"), raynest.UsageError, "'world' or 'parent'"),
+                (lambda edit: edit.move("whole", (1, 0, 0), frame="mine"), raynest.UsageError, "frame is 'mine'")):
+            with self.subTest(words=words), self.assertRaisesRegex(kind, words):
+                with street.edit() as edit:
+                    edit.hide("ground")
+                    change(edit)
+        self.assertEqual(street.info["epoch"], 2)
+
+    def test_a_scene_becomes_part_of_a_built_in_one(self):
+        with self.scene.edit() as edit:
+            edit.add(self.car("jeep"), [(0, 300, 0), (20, 300, 0)])
+        hits = self.scene.trace([[0, 400, 0, 0, -1, 0], [20, 400, 0, 0, -1, 0]], fields=("t", "path"))
+        self.assertEqual(self.scene.path_of(hits["path"]), ["jeep#0/body", "jeep#1/body"])
+        np.testing.assert_allclose(hits["t"], 100 - 1.75, rtol=1e-6)
+        self.same(dict(self.trace()), dict(self.before))
 
     def test_a_scene_with_an_origin_moves_in_the_world(self):
         place = np.array((500000.25, 0, 4000000.5))
@@ -214,7 +409,27 @@ class Edits(WithDaemon):
                       self.cli.run("edit", "edited", "--show", "inst=1").stdout)
         refused = self.cli.run("edit", "edited", "--move", "inst=1=1,2")
         self.assertEqual(refused.returncode, 2)
-        self.assertIn("dx,dy,dz", refused.stderr)
+        self.assertIn("x,y,z", refused.stderr)
+        self.car("van")
+        done = self.cli.json("edit", "edited", "--add", "van=0,300,0", "--add", "van=9,300,0", "--remove", "inst=1")
+        self.assertEqual((done["epoch"], done["instances"]), (self.epoch + 3, 3))
+        done = self.cli.json("edit", "edited", "--turn", "van#1/wheel#2=0,-1,0,0,1,0,0,0,0,0,1,0")
+        self.assertEqual(done["instances"], 1)
+        hits = self.scene.trace([[0, 400, 0, 0, -1, 0], [9, 400, 0, 0, -1, 0]], fields=("path",))
+        self.assertEqual(self.scene.path_of(hits["path"]), ["van#0/body", "van#1/body"])
+        changes = Path(self.enterContext(tempfile.TemporaryDirectory())) / "changes.txt"
+        changes.write_text("# two of them\n\nmove van#0=0,5,0\nturn van#1/wheel#2=0,-1,0,0,1,0,0,0,0,0,1,0\r\n")
+        done = self.cli.json("edit", "edited", "--file", changes, "--hide", "inst=2")
+        self.assertEqual(done["instances"], 3)
+        self.assertEqual(self.scene.trace([[0, 400, 0, 0, -1, 0]], fields=("t",))["t"][0], np.float32(93.25))
+        for text, words in (("jump van#0=1,0,0", "line 1 of .*: 'jump van#0=1,0,0' does not begin with one of"),
+                            ("hide van#0\nmove van#0", "line 2 of .*'van#0' is not PATH="), ("hide", "line 1"),
+                            ("move =1,2,3", "is not PATH=")):
+            changes.write_text(text)
+            refused = self.cli.run("edit", "edited", "--file", changes)
+            self.assertEqual(refused.returncode, 2)
+            self.assertRegex(refused.stderr, words)
+        self.assertIn("no-such-file", self.cli.run("edit", "edited", "--file", "no-such-file").stderr)
 
 
 if __name__ == "__main__":

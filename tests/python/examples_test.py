@@ -67,6 +67,19 @@ class Examples(DaemonTest):
         self.assertGreater(heights[2], heights[0] + 1)  # it rises
         self.example("moving.py", FOREST, "--part", "no-such", "--frames", 1, code=2)
 
+    def test_a_lidar_drives_with_the_traffic(self):
+        said = self.example("street.py", "--cars", 8, "--rate", 20, "--seconds", 1, "--channels", 8,
+                            "--azimuths", 360, "--speed", 40, "-o", "street.npz")
+        self.assertRegex(said, r"epoch \d+, 40 instances moved")  # 8 cars and their wheels
+        self.assertIn("20 sweeps of 2,880 rays", said)
+        clouds = np.load(self.out / "street.npz")
+        self.assertEqual(len(clouds), 20)
+        centres = [np.median(clouds[name][:, 0]) for name in sorted(clouds)]
+        self.assertLess(centres[-1], centres[0] - 15)  # the first car drives towards -X, and the sensor with it
+        # It does not see the car that it stands on.
+        near = np.linalg.norm(clouds["sweep_00000"] - (-50, 1.9, -1.5 * 3.25), axis=1)
+        self.assertGreater(near.min(), 1.5)
+
     def test_a_lidar_elsewhere_sees_no_further_than_its_range(self):
         self.example("lidar.py", FOREST, "-o", "b.npy", "--at", 5, 30, -5, "--range", 40,
                      "--channels", 8, "--azimuths", 90, "--elevations", -90, -10)
@@ -215,7 +228,7 @@ class Examples(DaemonTest):
     def test_commands_of_the_readme_run_as_printed(self):
         text = (CLIENT / "README.md").read_text(encoding="utf-8").split("## Examples\n")[1]
         commands = re.findall(r"^\$ (.*)$", text, re.MULTILINE)
-        self.assertEqual(sum("examples/" in command for command in commands), 5)
+        self.assertEqual(sum("examples/" in command for command in commands), 6)
         # As at the root of a source tree that was built, where python3 is the one that runs this.
         root = self.out / "root"
         (root / "build/bin").mkdir(parents=True)

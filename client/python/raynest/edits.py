@@ -1,4 +1,4 @@
-"""Edits of a scene: parts of it move or hide, and the result is its next epoch."""
+"""Edits of a scene: parts of it move, hide, go and come, and the result is its next epoch."""
 from __future__ import annotations
 
 import contextlib
@@ -11,18 +11,19 @@ import numpy as np
 from . import _limits
 from ._net.connection import Connection
 from ._net.frame import Array
-from ._requests.arguments import whole
+from ._requests.arguments import numbers, whole
 from ._requests.parts import matrices_of
 from ._requests.upload import FileSender
 from .errors import ProtocolError, UsageError
 
-# The number of an outermost instance, as in the column inst; the text of a path, in which '*' stands for
-# any text, and all below a path is meant with it; or several of them.
+# The number of an outermost instance, as in the column inst; the text of a path at any depth, in which '*' stands
+# for any text, and all below a path is meant with it; or several of them.
 Which = Union[int, str, Sequence[Union[int, str]], Array]
 
-_ROW = np.dtype([("what", "<u4"), ("target", "<u4"), ("by_text", "<u4"), ("mask", "<u4"),
+_ROW = np.dtype([("what", "<u4"), ("target", "<u4"), ("by_text", "<u4"), ("value", "<u4"),
                  ("matrix", "<f8", (3, 4))])
-_PLACE, _MOVE, _MASK = range(3)
+_PLACE, _MOVE, _MASK, _REMOVE, _ADD, _VERTICES = range(6)
+_FRAMES = ("world", "parent", "own")
 
 
 class Edit:
@@ -30,7 +31,7 @@ class Edit:
     together and in their order. An exception in the block sends nothing."""
 
     epoch: int      # of the scene after the edit
-    instances: int  # how many outermost instances have changed
+    instances: int  # how many have changed
     refits: int     # edits since the tree of the scene's root was built
     rebuilds: int   # how often it was built again
     hash: str       # of the content after the edit
@@ -41,23 +42,64 @@ class Edit:
         self._scene = scene
         self.epoch = whole("epoch", epoch, 2**64 - 1, 0)
         self._texts: dict[str, int] = {}
+        self._added: dict[tuple[str, str], int] = {}
         self._rows: list[Array] = []
+        self._vertices: list[Array] = []
 
-    def move(self, which: Which, by: Any) -> Edit:
-        """Moves instances in the world, from where they stand. `by` is an offset (3,), a matrix (3, 4)
-        or (4, 4), or one of these for each of several instances: (N, 3), (N, 3, 4), (N, 4, 4)."""
-        return self._add(self._targets(which), _MOVE, matrices_of("by", by))
+    def move(self, which: Which, by: Any, frame: str = "world") -> Edit:
+        """Moves instances from where they stand. `by` is an offset (3,), a matrix (3, 4) or (4, 4), or one of
+        these for each of several instances: (N, 3), (N, 3, 4), (N, 4, 4). `frame` says in which space:
+        "world", "parent" (of what the instance is part of) or "own" (a wheel about its axle)."""
+        return self._add(self._targets(which), _MOVE, matrices_of("by", by), frame)
 
-    def place(self, which: Which, matrices: Any) -> Edit:
-        """Places instances: `matrices` maps the object's own coordinates to the world's, as (3, 4) or
-        (4, 4), or one for each of several instances: (N, 3, 4) or (N, 4, 4). Not for a scene with an
-        origin, whose objects have coordinates of their own: move() those."""
-        return self._add(self._targets(which), _PLACE, matrices_of("matrices", matrices))
+    def place(self, which: Which, matrices: Any, frame: str = "world") -> Edit:
+        """Places instances: `matrices` maps the object's own coordinates to those of the world, or of the
+        "parent", as (3, 4) or (4, 4), or one for each of several instances: (N, 3, 4) or (N, 4, 4). Not for a
+        scene with an origin, whose objects have coordinates of their own: move() those."""
+        return self._add(self._targets(which), _PLACE, matrices_of("matrices", matrices), frame)
+
+    def add(self, scene: Any, matrices: Any = (0, 0, 0), name: str = "", mask: int = 2**32 - 1) -> Edit:
+        """Adds placements of another loaded scene, by its name or as a Scene: its geometry and materials, which
+        are stored once however often it is placed. `matrices` are as for move(). The paths begin with `name`,
+        or else the scene's; where there are several, with numbers: "taxi#0"."""
+        text = scene if isinstance(scene, str) else getattr(scene, "name", None)
+        if not isinstance(text, str) or not text or not isinstance(name, str):
+            raise TypeError(f"{reprlib.repr(scene)} is no scene: give the name of a loaded one, and names as text")
+        placed = matrices_of("matrices", matrices)
+        rows = np.zeros(len(placed) if placed.ndim == 3 else 1, _ROW)
+        if not len(rows):
+            raise UsageError("an edit that adds no placement: leave it away")
+        rows["what"], rows["matrix"] = _ADD, placed[..., :3, :]
+        rows["value"] = whole("a mask", mask, 2**32 - 1, 0)
+        rows["target"] = self._added.setdefault((text, name), len(self._added))
+        self._rows.append(rows)
+        return self
+
+    def remove(self, which: Which) -> Edit:
+        """Removes outermost instances. The others keep the texts of their paths; their numbers change."""
+        rows = self._targets(which)
+        rows["what"] = _REMOVE
+        self._rows.append(rows)
+        return self
+
+    def set_vertices(self, which: Which, vertices: Any) -> Edit:
+        """Moves the vertices of meshes: (N, 3) in the object's own coordinates, as many as the mesh has and in
+        their order. A mesh with several placements deforms at those that `which` names. Normals are made
+        anew where it has some. Not for a scene with an origin."""
+        with np.errstate(over="ignore", invalid="ignore"):
+            points = numbers("vertices", vertices).astype("<f4")
+        if points.ndim != 2 or points.shape[1] != 3 or not len(points):
+            raise UsageError(f"vertices has shape {points.shape}: it must be (N, 3)")
+        rows = self._targets(which)
+        rows["what"], rows["value"] = _VERTICES, len(self._vertices)
+        self._vertices.append(np.ascontiguousarray(points))
+        self._rows.append(rows)
+        return self
 
     def set_mask(self, which: Which, mask: int) -> Edit:
         """Sets the mask of instances: rays whose own mask shares no bit with it do not meet them."""
         rows = self._targets(which)
-        rows["what"], rows["mask"] = _MASK, whole("a mask", mask, 2**32 - 1, 0)
+        rows["what"], rows["value"] = _MASK, whole("a mask", mask, 2**32 - 1, 0)
         self._rows.append(rows)
         return self
 
@@ -101,11 +143,15 @@ class Edit:
             raise UsageError("an edit of no instances: leave it away")
         return rows
 
-    def _add(self, rows: Array, what: int, matrices: Array) -> Edit:
+    def _add(self, rows: Array, what: int, matrices: Array, frame: str) -> Edit:
+        if frame not in _FRAMES or (what == _PLACE and frame == "own"):
+            raise UsageError(f"frame is {frame!r}: it must be "
+                             + ("'world', 'parent' or 'own'" if what == _MOVE else "'world' or 'parent'"))
         if matrices.ndim == 3 and len(matrices) != len(rows):
             raise UsageError(f"{len(matrices)} matrices for {len(rows)} "
                              f"{'target' if len(rows) == 1 else 'targets'}: give one, or one for each")
         rows["what"], rows["matrix"] = what, matrices[..., :3, :]
+        rows["value"] = _FRAMES.index(frame)
         self._rows.append(rows)
         return self
 
@@ -117,8 +163,14 @@ class Edit:
             raise UsageError(f"{len(self._texts)} texts in one edit, at most {_limits.list_items_max} are "
                              "taken: name instances by number, as the column inst tells them")
         message = {"scene": self._scene, "epoch": self.epoch, "rows": len(rows),
-                   "targets": list(self._texts)}
-        rows_file = FileSender(np.frombuffer(rows.tobytes(), np.uint8), 0)
+                   "targets": list(self._texts), "scenes": [scene for scene, _ in self._added],
+                   "names": [name for _, name in self._added],
+                   "vertex_counts": [len(points) for points in self._vertices]}
+        if sum(message["vertex_counts"]) > _limits.edit_vertices_max:
+            raise UsageError(f"{sum(message['vertex_counts'])} vertices in one edit, at most "
+                             f"{_limits.edit_vertices_max} are taken")
+        body = b"".join((rows.tobytes(), *(points.tobytes() for points in self._vertices)))
+        rows_file = FileSender(np.frombuffer(body, np.uint8), 0)
         frames = self._connection.exchange("Edit", message, feed=lambda: rows_file.feed(self._connection))
         with self._connection.interrupts, contextlib.closing(frames):
             for kind, news in frames:

@@ -17,6 +17,8 @@ constexpr BuiltinKey forest_keys[] = {{"trees", 1000, 1, 4'000'000},
                                       {"seed", 1, 0, 1ULL << 53}};
 constexpr BuiltinKey terrain_keys[] = {{"size", 512, 2, 8192}, {"seed", 1, 0, 1ULL << 53}};
 constexpr BuiltinKey flake_keys[] = {{"depth", 6, 1, 16}};
+constexpr BuiltinKey street_keys[] = {
+    {"cars", 50, 0, 100'000}, {"length", 400, 50, 100'000}, {"seed", 1, 0, 1ULL << 53}};
 
 struct Builtin {
     std::string_view name;
@@ -25,7 +27,8 @@ struct Builtin {
 };
 constexpr Builtin builtins[] = {{"forest", forest_keys, describe_forest},
                                 {"terrain", terrain_keys, describe_terrain},
-                                {"flake", flake_keys, describe_flake}};
+                                {"flake", flake_keys, describe_flake},
+                                {"street", street_keys, describe_street}};
 
 std::string key_list(const Builtin& builtin) {
     std::vector<std::string> texts;

@@ -24,8 +24,9 @@ struct BuiltinKey {
 /// The value of every key of a scene: the user's or the default.
 using BuiltinValues = std::map<std::string, std::uint64_t, std::less<>>;
 
-/// Describes builtin:forest[?trees=..&leaves=..&levels=1..4&seed=..], builtin:flake[?depth=..] or
-/// builtin:terrain[?size=..&seed=..]. A scene_invalid error names the known keys.
+/// Describes builtin:forest[?trees=..&leaves=..&levels=1..4&seed=..], builtin:flake[?depth=..],
+/// builtin:terrain[?size=..&seed=..] or builtin:street[?cars=..&length=..&seed=..]. A scene_invalid error
+/// names the known keys.
 Result<SceneDescription> describe_builtin(std::string_view source);
 
 /// Describes ground, and trees of leaf cards in nested instances. Equal values give equal bytes.
@@ -34,6 +35,8 @@ Result<SceneDescription> describe_forest(const BuiltinValues& values);
 Result<SceneDescription> describe_terrain(const BuiltinValues& values);
 /// Describes spheres on spheres: records of type "sphere", one nesting level per generation.
 Result<SceneDescription> describe_flake(const BuiltinValues& values);
+/// Describes houses, trees, lamps and cars along a street; a car is an instance with four more for its wheels.
+Result<SceneDescription> describe_street(const BuiltinValues& values);
 
 /// Merges instances into their parents, from the bottom up, until the root has at most `levels`
 /// levels of objects, itself included. limit_exceeded if this would write more than `triangles_max`

@@ -1,18 +1,19 @@
 #include "engine/scene/edits/edit.h"
 
-#include "engine/bvh/build_emit.h"
-#include "engine/scene/farthest.h"
-#include "engine/scene/format.h"
-#include "engine/scene/placed_box.h"
+#include "engine/scene/edits/deform.h"
+#include "engine/scene/edits/edited_arena.h"
+#include "engine/scene/edits/names.h"
+#include "engine/scene/edits/refit.h"
+#include "engine/scene/edits/view_trees.h"
 
 #include <fmt/format.h>
-#include <tbb/blocked_range.h>
 #include <tbb/parallel_for.h>
 
 #include <algorithm>
-#include <bit>
 #include <cmath>
 #include <cstring>
+#include <map>
+#include <set>
 #include <string>
 #include <utility>
 #include <vector>
@@ -21,100 +22,6 @@ namespace raynest {
 namespace {
 
 using format::Section;
-
-/// The trees of a finished scene.
-class ViewTrees {
-public:
-    explicit ViewTrees(const SceneView& view) : view_(view) {}
-
-    [[nodiscard]] ObjectTree tree(std::uint32_t object) const {
-        const ObjectRecord& record = view_.objects[object];
-        return {view_.nodes + record.first_node, record.root, record.bounds};
-    }
-    [[nodiscard]] TreePlacement placement(std::uint32_t object, std::uint32_t place) const {
-        const std::size_t instance = view_.objects[object].first_instance + place;
-        const std::uint32_t child = view_.instances[instance].object;
-        const Transform& to_parent = view_.instance_infos[instance].to_parent;
-        const ObjectRecord& record = view_.objects[child];
-        return {child, to_parent,
-                placed_padding(record.bounds, to_parent,
-                               placement_error(to_parent, record.origin_error))};
-    }
-    /// Records have no box of their own any more: what is known of their leaf counts.
-    [[nodiscard]] double farthest_in_leaf(std::uint32_t object, std::uint32_t leaf,
-                                          const Reach& reach, double most) const {
-        if (kind_of(leaf) == ChildKind::records) return most;
-        double farthest = -std::numeric_limits<double>::infinity();
-        const TriangleBlock* const first =
-            view_.blocks + view_.objects[object].first_block + leaf_first(leaf);
-        for (const TriangleBlock* block = first; block != first + leaf_count(leaf); ++block) {
-            for (std::size_t lane = 0; lane < 8; ++lane) {
-                if (block->triangle[lane] == no_id) continue;
-                for (const auto& corner : block->vertex) {
-                    const Vec3 point(corner[0][lane], corner[1][lane], corner[2][lane]);
-                    farthest = std::max(farthest, reach.of(Box{point, point}));
-                }
-            }
-        }
-        return farthest;
-    }
-
-private:
-    const SceneView& view_;
-};
-
-/// The parts of an arena that edits change.
-class EditedArena {
-public:
-    EditedArena(Arena arena, const SceneView& before) : arena_(std::move(arena)), view_(before) {
-        view_.nodes = section<Node>(Section::nodes);
-        view_.objects = section<ObjectRecord>(Section::objects);
-        view_.instances = section<InstanceRecord>(Section::instances);
-        view_.instance_infos = section<InstanceInfo>(Section::instance_infos);
-    }
-
-    [[nodiscard]] const SceneView& view() const { return view_; }
-    [[nodiscard]] ObjectRecord& root() { return section<ObjectRecord>(Section::objects)[view_.root]; }
-    [[nodiscard]] std::span<Node> nodes() {
-        return {section<Node>(Section::nodes) + root().first_node, root().node_count};
-    }
-    [[nodiscard]] std::span<InstanceRecord> instances() {
-        return {section<InstanceRecord>(Section::instances) + root().first_instance,
-                root().instance_count};
-    }
-    [[nodiscard]] std::span<InstanceInfo> infos() {
-        return {section<InstanceInfo>(Section::instance_infos) + root().first_instance,
-                root().instance_count};
-    }
-    void set_bounds(const Box& bounds) {
-        Box& place = reinterpret_cast<format::Header*>(arena_.data())->bounds;
-        place = bounds;
-        touch(place);
-    }
-    [[nodiscard]] Arena take() { return std::move(arena_); }
-
-    /// Notes that an element has changed.
-    template <class T>
-    void touch(const T& element) {
-        const auto first = static_cast<std::size_t>(reinterpret_cast<const std::byte*>(&element) -
-                                                    arena_.data());
-        changed_[first / digest_piece_bytes] = true;
-        changed_[(first + sizeof(T) - 1) / digest_piece_bytes] = true;
-    }
-    /// The pieces that have changed (scene/digest.h).
-    [[nodiscard]] const std::vector<bool>& changed() const { return changed_; }
-
-private:
-    template <class T>
-    T* section(Section which) {
-        return const_cast<T*>(format::section<T>(arena_.data(), which));
-    }
-
-    Arena arena_;
-    SceneView view_;
-    std::vector<bool> changed_{
-        std::vector<bool>((arena_.size() + digest_piece_bytes - 1) / digest_piece_bytes)};
-};
 
 /// Copies bytes on all threads.
 void copy_bytes(std::byte* to, const std::byte* from, std::size_t count) {
@@ -152,69 +59,6 @@ Arena with_root(std::span<const std::byte> from, std::uint32_t object, const Obj
     return arena;
 }
 
-Box box_of(const Node& node, std::size_t slot) {
-    Box box;
-    for (int axis = 0; axis < 3; ++axis) {
-        box.lower[axis] = node.lower[axis][slot];
-        box.upper[axis] = node.upper[axis][slot];
-    }
-    return box;
-}
-
-Box box_of(const Node& node) {
-    Box box;
-    const auto count = static_cast<std::size_t>(std::popcount(node.valid()));
-    for (std::size_t slot = 0; slot < count; ++slot) box.extend(box_of(node, slot));
-    return box;
-}
-
-/// Makes the boxes above the moved instances anew. `boxes` are theirs, `move_of` says which is whose:
-/// no_id where none is. Returns the box of where they were and where they are.
-Box refit(EditedArena& arena, std::span<const std::uint32_t> move_of, std::span<const Box> boxes) {
-    ObjectRecord& root = arena.root();
-    const std::span<Node> nodes = arena.nodes();
-    const auto set = [](Node& node, std::size_t slot, const Box& box) {
-        for (int axis = 0; axis < 3; ++axis) {
-            node.lower[axis][slot] = box.lower[axis];
-            node.upper[axis][slot] = box.upper[axis];
-        }
-    };
-    Box reached;
-    std::vector<bool> changed(nodes.size());
-    // A child has a larger index than its parent.
-    for (std::size_t i = nodes.size(); i-- > 0;) {
-        Node& node = nodes[i];
-        const auto count = static_cast<std::uint32_t>(std::popcount(node.valid()));
-        for (std::uint32_t slot = 0; slot < count; ++slot) {
-            const std::uint32_t child = node.child[slot];
-            if (!is_leaf(child)) {
-                if (!changed[child]) continue;
-                set(node, slot, box_of(nodes[child]));
-            } else {
-                if (kind_of(child) != ChildKind::instance) continue;
-                const std::uint32_t move = move_of[leaf_instance(child)];
-                if (move == no_id) continue;
-                reached.extend(box_of(node, slot));
-                reached.extend(boxes[move]);
-                set(node, slot, boxes[move]);
-            }
-            changed[i] = true;
-        }
-        if (!changed[i]) continue;
-        build::order_children(node, count);
-        arena.touch(node);
-    }
-    if (!is_leaf(root.root)) {
-        root.bounds = box_of(nodes[root.root]);
-    } else if (kind_of(root.root) == ChildKind::instance &&
-               move_of[leaf_instance(root.root)] != no_id) {
-        reached.extend(root.bounds);
-        root.bounds = boxes[move_of[leaf_instance(root.root)]];
-        reached.extend(root.bounds);
-    }
-    return reached;
-}
-
 /// Builds the root's tree again, which has instances alone.
 Result<std::shared_ptr<const Snapshot>> rebuild(const Snapshot& scene) {
     const SceneView& view = scene.view();
@@ -228,8 +72,7 @@ Result<std::shared_ptr<const Snapshot>> rebuild(const Snapshot& scene) {
         errors[i] = placement_error(to_parent, view.objects[child].origin_error);
         boxes[i] = place_box(trees, child, to_parent, errors[i]).box;
     });
-    const Tree tree =
-        build_tree({boxes, 0, 0, root.instance_count, scene.statistics().build});
+    const Tree tree = build_tree({boxes, 0, 0, root.instance_count, scene.statistics().build});
     root.origin_error = std::max(1.0F, *std::ranges::max_element(errors));
     root.root = tree.root;
     root.bounds = tree.bounds;
@@ -244,114 +87,276 @@ bool is_inside(const Box& box, const Box& of) {
                               glm::all(glm::lessThan(box.upper, of.upper)));
 }
 
-/// Returns the name of an outermost instance for messages.
-std::string label(const Snapshot& scene, std::uint32_t instance) {
+/// The objects and instances on a way down: indices in SceneView::objects and SceneView::instances.
+struct WayStep {
+    std::uint32_t object;
+    std::uint32_t instance;
+};
+
+/// Returns the steps to an instance; empty if the scene lacks it.
+std::vector<WayStep> steps_to(const SceneView& view, const InstancePlace& place) {
+    std::vector<WayStep> steps;
+    std::uint32_t object = view.root;
+    const auto enter = [&](std::uint32_t at) {
+        const ObjectRecord& record = view.objects[object];
+        if (at >= record.instance_count) return false;
+        steps.push_back({object, record.first_instance + at});
+        object = view.instances[record.first_instance + at].object;
+        return true;
+    };
+    if (!enter(place.outermost) || !std::ranges::all_of(place.below, enter)) steps.clear();
+    return steps;
+}
+
+/// Returns the object of an instance that the scene has.
+std::uint32_t object_of(const SceneView& view, const InstancePlace& place) {
+    return view.instances[steps_to(view, place).back().instance].object;
+}
+
+/// Returns the name of an instance for messages.
+std::string label(const Snapshot& scene, const InstancePlace& place) {
     const SceneView& view = scene.view();
-    const ObjectRecord& root = view.objects[view.root];
-    const std::uint64_t path = view.instances[root.first_instance + instance].path_base;
-    const auto steps = expand_path(scene, path);
-    return steps ? "'" + path_name(*steps) + "'" : "instance " + std::to_string(instance);
-}
-
-/// Says which move each outermost instance has; fails for those that the scene lacks.
-template <class Change>
-Result<std::vector<std::uint32_t>> changes_by_instance(const Snapshot& scene,
-                                                       std::span<const Change> changes) {
-    const std::uint32_t count = scene.view().objects[scene.view().root].instance_count;
-    std::vector<std::uint32_t> of(changes.empty() ? 0 : count, no_id);
-    for (std::size_t i = 0; i < changes.size(); ++i) {
-        const std::uint32_t instance = changes[i].instance;
-        if (instance >= count)
-            return fail(ErrorCode::field_invalid,
-                        fmt::format("there is no outermost instance {}: the scene has {}", instance,
-                                    count));
-        if (of[instance] != no_id)
-            return fail(ErrorCode::field_invalid,
-                        label(scene, instance) + " is named twice in one edit");
-        of[instance] = static_cast<std::uint32_t>(i);
+    std::uint64_t path = 0;
+    std::uint32_t object = view.root;
+    for (const WayStep& step : steps_to(view, place)) {
+        path += view.instances[step.instance].path_base;
+        object = view.instances[step.instance].object;
     }
-    return of;
+    const std::string text = text_above(scene, path, view.objects[object].placement_count);
+    return text.empty() ? fmt::format("instance {}", place.outermost) : "'" + text + "'";
 }
 
-bool in_range(const Box& box) {
-    if (box.is_empty()) return true;
-    const Vec3 reach = glm::max(glm::abs(box.lower), glm::abs(box.upper));
-    return std::max({reach.x, reach.y, reach.z}) <= coordinate_max;
+tl::unexpected<Error> refused(const Snapshot& scene, const InstancePlace& place, const char* why) {
+    return fail(ErrorCode::field_invalid, fmt::format(fmt::runtime(why), label(scene, place)));
+}
+
+/// Checks that the scene has the instances, and that each is named once.
+template <class Change>
+Result<void> check_places(const Snapshot& scene, const std::vector<Change>& changes) {
+    const SceneView& view = scene.view();
+    const std::uint32_t count = view.objects[view.root].instance_count;
+    std::vector<bool> outermost(changes.empty() ? 0 : count);
+    std::set<InstancePlace> nested;
+    for (const Change& change : changes) {
+        const InstancePlace& place = change.instance;
+        if (place.outermost >= count)
+            return fail(ErrorCode::field_invalid,
+                        fmt::format("there is no outermost instance {}: the scene has {}",
+                                    place.outermost, count));
+        if (!place.below.empty() && steps_to(view, place).empty())
+            return fail(ErrorCode::field_invalid, "there is no such instance within " +
+                                                      label(scene, InstancePlace(place.outermost)));
+        const bool again =
+            place.below.empty() ? outermost[place.outermost] : !nested.insert(place).second;
+        if (place.below.empty()) outermost[place.outermost] = true;
+        if (again) return refused(scene, place, "{} is named twice in one edit");
+    }
+    return {};
+}
+
+Result<void> check_moves(const Snapshot& scene, const std::vector<InstanceMove>& moves) {
+    for (const InstanceMove& move : moves) {
+        Transform inverse;
+        if (!std::ranges::all_of(move.to_parent.m, [](float x) { return std::isfinite(x); }))
+            return refused(scene, move.instance,
+                           "the placement of {} has numbers that are not finite");
+        if (!invert(move.to_parent, inverse))
+            return refused(
+                scene, move.instance,
+                "the placement of {} is singular: a scale of 0 leaves no way to bring rays "
+                "into its space; to hide it set its mask to 0");
+    }
+    return {};
+}
+
+Result<void> check_vertices(const Snapshot& scene, const std::vector<MeshVertices>& deformed) {
+    const SceneView& view = scene.view();
+    for (const MeshVertices& mesh : deformed) {
+        const ObjectRecord& object = view.objects[object_of(view, mesh.instance)];
+        const std::string name = label(scene, mesh.instance);
+        if (object.triangle_count == 0)
+            return fail(ErrorCode::field_invalid, name + " has no triangles of its own");
+        if (scene.origin() != WorldPoint{})
+            return fail(
+                ErrorCode::field_invalid,
+                "in a scene with an origin objects have coordinates of their own: load it again");
+        const std::uint64_t count = vertex_count(view, object);
+        if (mesh.vertices.size() != count)
+            return fail(ErrorCode::field_invalid, fmt::format("{} has {} vertices, {} are given",
+                                                              name, count, mesh.vertices.size()));
+        const auto is_sound = [](const Vec3& p) {
+            const Vec3 reach = glm::abs(p);
+            return reach.x <= coordinate_max && reach.y <= coordinate_max &&
+                   reach.z <= coordinate_max;
+        };
+        if (const auto bad = std::ranges::find_if_not(mesh.vertices, is_sound);
+            bad != mesh.vertices.end())
+            return fail(ErrorCode::field_invalid,
+                        fmt::format("vertex {} of {} is not finite or beyond 1e15",
+                                    bad - mesh.vertices.begin(), name));
+    }
+    return {};
+}
+
+/// Returns the ways on which shared objects change, a step longer where the last one's object does.
+std::vector<InstancePlace> shared_ways(const SceneView& view, const SceneChanges& changes) {
+    std::vector<InstancePlace> ways;
+    for (const auto& move : changes.moves)
+        if (!move.instance.below.empty()) ways.push_back(move.instance);
+    for (const auto& mask : changes.masks)
+        if (!mask.instance.below.empty()) ways.push_back(mask.instance);
+    if (ways.empty() && changes.deformed.empty()) return ways;
+    std::vector<std::uint32_t> uses(view.object_count);
+    for (std::uint32_t i = 0; i < view.instance_count; ++i) ++uses[view.instances[i].object];
+    const auto is_shared = [&](const InstancePlace& place) {
+        return std::ranges::any_of(steps_to(view, place), [&](const WayStep& step) {
+            return step.object != view.root && uses[step.object] > 1;
+        });
+    };
+    std::erase_if(ways, [&](const InstancePlace& place) { return !is_shared(place); });
+    // A mesh all of whose placements deform alike stays one.
+    std::map<std::pair<std::uint32_t, const Vec3*>, std::uint32_t> alike;
+    for (const MeshVertices& mesh : changes.deformed)
+        if (!is_shared(mesh.instance))
+            ++alike[{object_of(view, mesh.instance), mesh.vertices.data()}];
+    for (const MeshVertices& mesh : changes.deformed) {
+        const std::uint32_t object = object_of(view, mesh.instance);
+        const auto found = alike.find({object, mesh.vertices.data()});
+        if (found != alike.end() && found->second == uses[object]) continue;
+        ways.push_back(mesh.instance);
+        ways.back().below.push_back(0);
+    }
+    return ways;
+}
+
+std::uint32_t mask_below(const SceneView& view, std::uint32_t object) {
+    const ObjectRecord& record = view.objects[object];
+    std::uint32_t mask = record.has_own_primitives() ? ~0U : 0;
+    for (std::uint32_t i = 0; i < record.instance_count; ++i)
+        mask |= view.instances[record.first_instance + i].mask;
+    return mask;
+}
+
+/// Sets the mask of an instance. Groups above it that had the mask of their contents have it still.
+void set_mask(EditedArena& arena, const InstanceMask& change) {
+    const std::vector<WayStep> steps = steps_to(arena.view(), change.instance);
+    std::uint32_t before = arena.view().instances[steps.back().instance].mask;
+    std::uint32_t after = change.mask;
+    for (std::size_t i = steps.size(); i-- > 0;) {
+        InstanceRecord& record = arena.instance(steps[i].instance);
+        if (record.mask != before) break;
+        if (i != 0) before = mask_below(arena.view(), steps[i].object);
+        record.mask = after;
+        arena.touch(record);
+        if (i != 0) after = mask_below(arena.view(), steps[i].object);
+    }
+}
+
+/// Applies moves, masks and vertices in a copy of the arena.
+Result<std::shared_ptr<const Snapshot>> change_in_place(const Snapshot& scene,
+                                                        const SceneChanges& changes,
+                                                        std::shared_ptr<const Snapshot> spare) {
+    EditedArena arena(Snapshot::copy_arena(scene, std::move(spare)), scene.view());
+    for (const InstanceMask& change : changes.masks) set_mask(arena, change);
+
+    ChangesByObject places;
+    const std::uint32_t root = scene.view().root;
+    // Notes that what is placed by the last one of these steps moves, or something in it.
+    const auto note = [&](const std::vector<WayStep>& steps, const Transform* to_parent) {
+        for (std::size_t i = 0; i < steps.size(); ++i) {
+            const std::uint32_t place =
+                steps[i].instance - arena.object(steps[i].object).first_instance;
+            places[steps[i].object].places.push_back(
+                {place, i + 1 == steps.size() ? to_parent : nullptr});
+        }
+    };
+    for (const InstanceMove& move : changes.moves) {
+        if (move.instance.below.empty())
+            places[root].places.push_back({move.instance.outermost, &move.to_parent});
+        else
+            note(steps_to(arena.view(), move.instance), &move.to_parent);
+    }
+    for (const MeshVertices& mesh : changes.deformed) {
+        places[object_of(arena.view(), mesh.instance)].vertices = mesh.vertices;
+        note(steps_to(arena.view(), mesh.instance), nullptr);
+    }
+    const Refitted refitted = refit(arena, places);
+    if (refitted.far) {
+        const auto is_far = [&](const WayStep& step) {
+            const std::uint32_t first = arena.object(step.object).first_instance;
+            return step.object == refitted.far->object &&
+                   step.instance == first + refitted.far->place;
+        };
+        const auto leads_there = [&](const auto& change) {
+            return std::ranges::any_of(steps_to(arena.view(), change.instance), is_far);
+        };
+        const auto move = std::ranges::find_if(changes.moves, leads_there);
+        const InstancePlace& far =
+            move != changes.moves.end()
+                ? move->instance
+                : std::ranges::find_if(changes.deformed, leads_there)->instance;
+        return refused(scene, far, "{} would reach beyond 1e15");
+    }
+    // A move within the scene leaves no side of it and reaches none.
+    if (!is_inside(refitted.reached, scene.bounds()))
+        arena.set_bounds(vertex_bounds(ViewTrees(arena.view()), root));
+
+    BuiltArena built;
+    built.edits = scene.statistics().edits;
+    if (built.edits.built_cost == 0) built.edits.built_cost = scene.statistics().trees.sah_cost;
+    ++built.edits.refits;
+    std::vector<std::uint32_t> objects;
+    for (const auto& [object, unused] : places) objects.push_back(object);
+    std::vector<bool> changed = arena.changed();
+    const double limit = rebuild_cost_factor * built.edits.built_cost;
+    const bool may_rebuild = !places.empty() && !arena.object(root).has_own_primitives();
+    built.arena = arena.take();
+    auto edited = Snapshot::open_edited(std::move(built), scene, std::move(changed), objects);
+    if (!edited || !may_rebuild || (*edited)->statistics().trees.sah_cost <= limit) return edited;
+    return rebuild(**edited);
 }
 
 }  // namespace
 
 Result<std::shared_ptr<const Snapshot>> edit_scene(const Snapshot& scene,
-                                                   std::span<const InstanceMove> moves,
-                                                   std::span<const InstanceMask> masks,
+                                                   const SceneChanges& changes,
                                                    std::shared_ptr<const Snapshot> spare) {
-    const auto move_of = changes_by_instance(scene, moves);
-    if (!move_of) return tl::unexpected(move_of.error());
-    if (const auto known = changes_by_instance(scene, masks); !known)
+    if (auto known = check_places(scene, changes.moves); !known)
         return tl::unexpected(known.error());
-    std::vector<Transform> inverse(moves.size());
-    for (std::size_t i = 0; i < moves.size(); ++i) {
-        const Transform& to_scene = moves[i].to_scene;
-        if (!std::ranges::all_of(to_scene.m, [](float x) { return std::isfinite(x); }))
-            return fail(ErrorCode::field_invalid, "the placement of " +
-                                                      label(scene, moves[i].instance) +
-                                                      " has numbers that are not finite");
-        if (!invert(to_scene, inverse[i]))
-            return fail(ErrorCode::field_invalid,
-                        "the placement of " + label(scene, moves[i].instance) +
-                            " is singular: a scale of 0 leaves no way to bring rays into its space; "
-                            "to hide it set its mask to 0");
-    }
-
-    EditedArena arena(Snapshot::copy_arena(scene, std::move(spare)), scene.view());
-    ObjectRecord& root = arena.root();
-    for (const InstanceMask& change : masks) {
-        arena.instances()[change.instance].mask = change.mask;
-        arena.touch(arena.instances()[change.instance]);
-    }
-    BuiltArena built;
-    built.edits = scene.statistics().edits;
-    if (built.edits.built_cost == 0) built.edits.built_cost = scene.statistics().trees.sah_cost;
-    ++built.edits.refits;
-    const auto refitted = [&] {
-        std::vector<bool> changed = arena.changed();
-        built.arena = arena.take();
-        return Snapshot::open_edited(std::move(built), scene, std::move(changed));
-    };
-    if (moves.empty()) return refitted();
-
-    std::vector<Box> boxes(moves.size());
-    std::vector<float> errors(moves.size());
-    const ViewTrees trees(arena.view());
-    tbb::parallel_for(std::size_t{0}, moves.size(), [&](std::size_t i) {
-        const InstanceMove& move = moves[i];
-        InstanceRecord& record = arena.instances()[move.instance];
-        arena.infos()[move.instance].to_parent = move.to_scene;
-        record.to_object = by_columns(inverse[i]);
-        errors[i] = placement_error(move.to_scene, arena.view().objects[record.object].origin_error);
-        boxes[i] = place_box(trees, record.object, move.to_scene, errors[i]).box;
-    });
-    if (const auto far = std::ranges::find_if(boxes, [](const Box& box) { return !in_range(box); });
-        far != boxes.end())
+    if (auto known = check_places(scene, changes.masks); !known)
+        return tl::unexpected(known.error());
+    if (auto sound = check_moves(scene, changes.moves); !sound)
+        return tl::unexpected(sound.error());
+    if (auto known = check_places(scene, changes.deformed); !known)
+        return tl::unexpected(known.error());
+    if (auto sound = check_vertices(scene, changes.deformed); !sound)
+        return tl::unexpected(sound.error());
+    const std::uint32_t count = scene.view().objects[scene.view().root].instance_count;
+    if (!std::ranges::is_sorted(changes.removed, std::less_equal()) ||
+        (!changes.removed.empty() && changes.removed.back() >= count))
         return fail(ErrorCode::field_invalid,
-                    label(scene, moves[static_cast<std::size_t>(far - boxes.begin())].instance) +
-                        " would reach beyond 1e15");
-    for (const InstanceMove& move : moves) {
-        arena.touch(arena.instances()[move.instance]);
-        arena.touch(arena.infos()[move.instance]);
-    }
-    root.origin_error = std::max(root.origin_error, *std::ranges::max_element(errors));
-    const Box reached = refit(arena, *move_of, boxes);
-    arena.touch(root);
-    // A move within the scene leaves no side of it and reaches none.
-    if (!is_inside(reached, scene.bounds()))
-        arena.set_bounds(vertex_bounds(trees, arena.view().root));
+                    "the removed instances are not in order, or not in the scene");
 
-    const double limit = rebuild_cost_factor * built.edits.built_cost;
-    const bool may_rebuild = !root.has_own_primitives();
-    auto edited = refitted();
-    if (!edited || !may_rebuild || (*edited)->statistics().trees.sah_cost <= limit) return edited;
-    return rebuild(**edited);
+    std::shared_ptr<const Snapshot> made;
+    const auto now = [&]() -> const Snapshot& { return made ? *made : scene; };
+    const auto advance = [&made](Result<std::shared_ptr<const Snapshot>> next) -> Result<void> {
+        if (!next) return tl::unexpected(next.error());
+        made = std::move(*next);
+        return {};
+    };
+    if (const auto ways = shared_ways(scene.view(), changes); !ways.empty())
+        if (auto done = advance(unshare(scene, ways).and_then(Snapshot::open)); !done)
+            return tl::unexpected(done.error());
+    if (!changes.moves.empty() || !changes.masks.empty() || !changes.deformed.empty() ||
+        (changes.removed.empty() && changes.added.empty()))
+        if (auto done = advance(change_in_place(now(), changes, std::move(spare))); !done)
+            return tl::unexpected(done.error());
+    if (!changes.removed.empty() || !changes.added.empty())
+        if (auto done = advance(
+                link_scenes(now(), changes.removed, changes.added).and_then(Snapshot::open));
+            !done)
+            return tl::unexpected(done.error());
+    return made;
 }
 
 }  // namespace raynest

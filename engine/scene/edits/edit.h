@@ -1,46 +1,67 @@
-// Changes of a built scene: outermost instances move, and their masks change.
+// Changes of a built scene: instances move, their masks change, meshes deform, some go and others
+// come.
 //
 //   snapshot ──edit_scene──► the next snapshot
 //
-// The objects stay as they are. The tree of the root is refitted: the boxes above what moved are made
-// anew and all others stay. Rays hit what they would hit in the same scene loaded afresh, bit for bit;
-// they may visit other boxes on their way. When the refitted tree's expected cost has grown by a fifth
-// since the tree was built, it is built again.
+// Objects stay as they are but for vertices. The trees on the way from what moved to the root are
+// refitted: the boxes above it are made anew and all others stay. What is placed several times and
+// changes at one place gets objects of its own there first. Rays hit what they would hit in the
+// same scene loaded afresh, bit for bit; they may visit other boxes on their way. When the expected
+// cost of the root's refitted tree has grown by a fifth since it was built, it is built again; so
+// it is when instances come or go.
 #pragma once
 
 #include "engine/math/vec.h"
 #include "engine/result.h"
+#include "engine/scene/edits/instance_place.h"
+#include "engine/scene/edits/link.h"
 #include "engine/scene/snapshot.h"
 
 #include <cstdint>
 #include <memory>
-#include <span>
+#include <vector>
 
 namespace raynest {
 
-/// An outermost instance, by its place in the root, and where it stands from now on.
+/// An instance, and where it stands from now on.
 struct InstanceMove {
-    std::uint32_t instance = 0;
-    Transform to_scene;
+    InstancePlace instance;
+    Transform to_parent;  ///< to the space of the object that places it
 };
 
-/// An outermost instance and its mask from now on; with 0 no ray enters it.
+/// An instance and its mask from now on; with 0 no ray enters it.
 struct InstanceMask {
-    std::uint32_t instance = 0;
+    InstancePlace instance;
     std::uint32_t mask = 0xFFFFFFFFU;
+};
+
+/// The object of an instance, and where its vertices are from now on.
+struct MeshVertices {
+    InstancePlace instance;
+    std::span<const Vec3>
+        vertices;  ///< in the object's space, those of its geometries one behind the other
+};
+
+struct SceneChanges {
+    std::vector<InstanceMove> moves = {};
+    std::vector<InstanceMask> masks = {};
+    std::vector<std::uint32_t> removed = {};  ///< outermost instances, ascending
+    std::vector<AddedScene> added = {};
+    std::vector<MeshVertices> deformed = {};
 };
 
 /// The root's tree is built again once its expected cost is this many times that of its last build.
 inline constexpr double rebuild_cost_factor = 1.2;
 
-/// Returns a changed copy of the scene. `spare` may be the scene before its last edit: if nobody else
-/// refers to it, its memory becomes that of the copy, and an edit costs what it changes. Fails with field_invalid for an instance that the scene
-/// lacks or that is named twice, and for a placement that is singular, not finite or reaches beyond
-/// coordinate_max; names the instance by its path. Thread-safe. Costs a copy of what
-/// differs, a look at each node, and what moved. Throws std::bad_alloc.
+/// Returns a changed copy of the scene. `spare` may be the scene before its last edit: if nobody
+/// else refers to it, its memory becomes that of the copy, and an edit costs what it changes. Fails
+/// with field_invalid for an instance that the scene lacks or that is named twice, for a placement
+/// that is singular, not finite or reaches beyond coordinate_max, and as link_scenes() does; names
+/// the instance by its path. Thread-safe. Moves and masks cost a copy of what differs, a look at
+/// each node of the trees above, and what moved; the rest costs what link_scenes() and unshare()
+/// cost. Throws std::bad_alloc.
 Result<std::shared_ptr<const Snapshot>> edit_scene(const Snapshot& scene,
-                                                   std::span<const InstanceMove> moves,
-                                                   std::span<const InstanceMask> masks,
+                                                   const SceneChanges& changes,
                                                    std::shared_ptr<const Snapshot> spare = nullptr);
 
 }  // namespace raynest

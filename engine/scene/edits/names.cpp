@@ -2,7 +2,10 @@
 
 #include <fmt/format.h>
 
+#include <algorithm>
+#include <cstddef>
 #include <string>
+#include <utility>
 
 namespace raynest {
 namespace {
@@ -31,34 +34,136 @@ bool matches_whole(std::string_view glob, std::string_view text) {
     return at == glob.size();
 }
 
+/// Returns the steps that two paths have in common, as a text. All paths between them have these
+/// too.
+std::string common_text(std::vector<PathStep> first, const std::vector<PathStep>& last) {
+    std::size_t count = 0;
+    while (count < first.size() && count < last.size() && first[count].name == last[count].name)
+        ++count;
+    first.resize(count);
+    return path_name(first);
+}
+
+/// Finds the outer ones of the instances all of whose placements match. `texts` are those of the
+/// outermost instances, as text_above() gives them.
+class Search {
+public:
+    Search(const Snapshot& scene, const std::vector<std::string>& texts, std::string_view glob,
+           const std::function<bool()>& stopped)
+        : scene_(scene),
+          texts_(texts),
+          glob_(glob),
+          beginning_(glob.substr(0, glob.find('*'))),
+          stopped_(stopped) {}
+
+    Result<std::vector<InstancePlace>> search() {
+        const SceneView& view = scene_.view();
+        const ObjectRecord& root = view.objects[view.root];
+        for (std::uint32_t i = 0; i < root.instance_count; ++i) {
+            // The longest texts take 30 ms to compare.
+            if (stopped_()) return stopped();
+            const InstanceRecord& instance = view.instances[root.first_instance + i];
+            const std::uint64_t placements = view.objects[instance.object].placement_count;
+            if (placements == 0) continue;  // it has no path
+            const std::string& common = texts_[i];
+            if (!common.empty() && glob_matches(glob_, common)) {
+                found_.emplace_back(i);
+                continue;
+            }
+            const std::size_t both = std::min(common.size(), beginning_.size());
+            if (placements == 1 || common.compare(0, both, beginning_, 0, both) != 0) continue;
+            if (auto looked = look_into(i, instance, placements); !looked)
+                return tl::unexpected(looked.error());
+        }
+        return std::move(found_);
+    }
+
+private:
+    static tl::unexpected<Error> stopped() { return fail(ErrorCode::limit_exceeded, "stopped"); }
+
+    Result<void> look_into(std::uint32_t place, const InstanceRecord& instance,
+                           std::uint64_t placements) {
+        looked_at_ += placements;
+        if (looked_at_ > nested_placements_max)
+            return fail(
+                ErrorCode::limit_exceeded,
+                fmt::format(
+                    "'{}' may stand for parts of more than {} placements: begin it with the "
+                    "text of an outermost instance",
+                    glob_, nested_placements_max));
+        matches_.assign(placements, false);
+        for (std::uint64_t k = 0; k < placements; ++k) {
+            if (k % 1024 == 0 && stopped_()) return stopped();
+            const auto steps = expand_path(scene_, instance.path_base + k);
+            matches_[k] = steps && glob_matches(glob_, path_name(*steps));
+        }
+        enter(instance.object, 0, place);
+        return {};
+    }
+
+    /// Looks at an instance at a place of the object above, whose first placement is `base` of the
+    /// outermost one's.
+    void enter(std::uint32_t object, std::uint64_t base, std::uint32_t place) {
+        const SceneView& view = scene_.view();
+        const ObjectRecord& record = view.objects[object];
+        const auto first = matches_.begin() + static_cast<std::ptrdiff_t>(base);
+        const auto end = first + static_cast<std::ptrdiff_t>(record.placement_count);
+        if (std::find(first, end, true) == end) return;
+        way_.push_back(place);
+        if (std::find(first, end, false) == end) {
+            found_.emplace_back(way_.front(), std::vector(way_.begin() + 1, way_.end()));
+        } else {
+            for (std::uint32_t i = 0; i < record.instance_count; ++i) {
+                const InstanceRecord& child = view.instances[record.first_instance + i];
+                enter(child.object, base + child.path_base, i);
+            }
+        }
+        way_.pop_back();
+    }
+
+    const Snapshot& scene_;
+    const std::vector<std::string>& texts_;
+    const std::string_view glob_;
+    const std::string_view beginning_;  ///< of the glob, before its first star
+    const std::function<bool()>& stopped_;
+    std::uint64_t looked_at_ = 0;
+    std::vector<bool> matches_;  ///< the placements of an outermost instance
+    std::vector<std::uint32_t> way_;
+    std::vector<InstancePlace> found_;
+};
+
 }  // namespace
+
+std::string text_above(const Snapshot& scene, std::uint64_t path, std::uint64_t count) {
+    const auto first = expand_path(scene, path);
+    const auto last = count == 1 ? first : expand_path(scene, path + count - 1);
+    return first && last ? common_text(*first, *last) : "";
+}
 
 bool glob_matches(std::string_view glob, std::string_view text) {
     return matches_whole(glob, text) || matches_whole(std::string(glob) + "/*", text);
 }
 
-Result<std::vector<std::uint32_t>> find_instances(const Snapshot& scene, std::string_view glob,
-                                                  const std::function<bool()>& stopped) {
-    const SceneView& view = scene.view();
+Result<std::vector<InstancePlace>> InstanceFinder::find(std::string_view glob) {
+    const SceneView& view = scene_.view();
     const ObjectRecord& root = view.objects[view.root];
-    std::vector<std::uint32_t> found;
-    for (std::uint32_t i = 0; i < root.instance_count; ++i) {
-        // The longest texts take 30 ms to compare.
-        if (stopped()) return fail(ErrorCode::limit_exceeded, "stopped");
+    for (std::size_t i = texts_.size(); i < root.instance_count; ++i) {
+        if (i % 256 == 0 && stopped_()) return fail(ErrorCode::limit_exceeded, "stopped");
         const InstanceRecord& instance = view.instances[root.first_instance + i];
-        if (view.objects[instance.object].placement_count == 0) continue;  // it has no path
-        const auto steps = expand_path(scene, instance.path_base);
-        if (steps && glob_matches(glob, path_name(*steps))) found.push_back(i);
+        const std::uint64_t count = view.objects[instance.object].placement_count;
+        texts_.push_back(count == 0 ? "" : text_above(scene_, instance.path_base, count));
     }
-    if (!found.empty()) return found;
-    const auto inside = find_path(scene, glob);
-    if (inside)
-        return fail(ErrorCode::field_invalid,
-                    fmt::format("'{}' lies inside of an instance; edits change outermost ones alone",
-                                glob));
-    if (glob.find('*') == std::string_view::npos)
-        return fail(ErrorCode::field_invalid, inside.error().message);
-    return fail(ErrorCode::field_invalid, fmt::format("no path is of the form '{}'", glob));
+    auto found = Search(scene_, texts_, glob, stopped_).search();
+    if (!found || !found->empty()) return found;
+    if (glob.find('*') != std::string_view::npos)
+        return fail(ErrorCode::field_invalid, fmt::format("no path is of the form '{}'", glob));
+    const auto known = find_path(scene_, glob);
+    return fail(
+        ErrorCode::field_invalid,
+        known ? fmt::format("'{}' are primitives of an object's own, which has no instance to "
+                            "edit there: name what stands above it",
+                            glob)
+              : known.error().message);
 }
 
 }  // namespace raynest

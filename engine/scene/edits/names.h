@@ -1,22 +1,47 @@
-// Outermost instances by the texts of their paths.
+// Instances by the texts of their paths.
 #pragma once
 
 #include "engine/result.h"
+#include "engine/scene/edits/instance_place.h"
 #include "engine/scene/snapshot.h"
 
 #include <cstdint>
 #include <functional>
+#include <string>
 #include <string_view>
+#include <utility>
 #include <vector>
 
 namespace raynest {
 
-/// Returns the outermost instances, in order, whose path, or a path above it, has this text. '*' stands
-/// for any text, '/' included, as in mask rules (assets/mask_rules.h). Fails with field_invalid where
-/// there is none; says so if the text names something inside of an instance. Looks at all outermost
-/// instances, about 1 us each; ends early, with an error, once `stopped` is true. Thread-safe.
-Result<std::vector<std::uint32_t>> find_instances(const Snapshot& scene, std::string_view glob,
-                                                  const std::function<bool()>& stopped);
+/// Placements that a search for nested instances looks at, at most.
+inline constexpr std::uint64_t nested_placements_max = 1 << 20;
+
+/// Finds instances by texts of paths. `scene` must outlive it. Not thread-safe.
+class InstanceFinder {
+public:
+    /// Searches end early, with an error, once `stopped` is true.
+    InstanceFinder(const Snapshot& scene, std::function<bool()> stopped)
+        : scene_(scene),
+          stopped_(std::move(stopped)) {}
+
+    /// Returns the instances, in order, all of whose placements have this text, or have it above
+    /// them, and which lie in no such instance themselves. '*' stands for any text, '/' included,
+    /// as in mask rules (assets/mask_rules.h). Fails with field_invalid where there is none, and
+    /// with limit_exceeded beyond nested_placements_max. Looks at all outermost instances, the
+    /// first time about 1 us each, and at the placements of those that may match in part.
+    Result<std::vector<InstancePlace>> find(std::string_view glob);
+
+private:
+    const Snapshot& scene_;
+    const std::function<bool()> stopped_;
+    std::vector<std::string> texts_;  ///< of the outermost instances
+};
+
+/// Returns the steps that the paths [path, path + count) have in common, as a text; "" if there are
+/// none.
+[[nodiscard]] std::string text_above(const Snapshot& scene, std::uint64_t path,
+                                     std::uint64_t count);
 
 /// True if the text, or what stands before one of its '/', is of the form of the glob.
 [[nodiscard]] bool glob_matches(std::string_view glob, std::string_view text);

@@ -132,8 +132,8 @@ void run(std::uint32_t count, int rounds) {
 
     auto scene = built(description);
     std::shared_ptr<const Snapshot> before;
-    const auto edit = [&](const std::vector<InstanceMove>& moves) {
-        auto next = edit_scene(*scene, moves, {}, std::move(before));
+    const auto edit = [&](std::vector<InstanceMove> moves) {
+        auto next = edit_scene(*scene, {std::move(moves), {}, {}, {}}, std::move(before));
         if (!next) throw std::runtime_error(next.error().message);
         before = std::exchange(scene, std::move(*next));
     };

@@ -71,6 +71,21 @@ TEST_CASE("a forest may have any number of trees") {
     CHECK(triangles("builtin:forest?trees=100000") > 50 * triangles("builtin:forest?trees=1000"));
 }
 
+TEST_CASE("the street has cars with four wheels each, on four lanes that lead both ways") {
+    const auto street = build_scene("builtin:street?cars=9&length=100");
+    CHECK(street->statistics().levels == 3);
+    const auto has = [&](const std::string& path) { return find_path(*street, path).has_value(); };
+    CHECK(has("car-0"));
+    CHECK(has("car-8/wheel-3"));
+    CHECK(!has("car-9"));
+    CHECK(!has("car-8/wheel-4"));
+    CHECK(has("house-0"));
+    CHECK(street->statistics().cameras == std::vector<std::string>{"driver", "roof"});
+    CHECK(street->bounds().upper.x - street->bounds().lower.x < 130);
+    CHECK(build_scene("builtin:street?cars=0")->statistics().instances + 5 * 50 ==
+          build_scene("builtin:street")->statistics().instances);
+}
+
 TEST_CASE("the terrain is one mesh, the flake is nested spheres") {
     const auto terrain = build_scene("builtin:terrain?size=64");
     CHECK(terrain->statistics().unique_triangles == 2 * 64 * 64);
@@ -84,7 +99,7 @@ TEST_CASE("the terrain is one mesh, the flake is nested spheres") {
 }
 
 TEST_CASE("an unknown scene or key is an error that lists the known ones") {
-    for (const char* scene : {"forest", "terrain", "flake"})
+    for (const char* scene : {"forest", "terrain", "flake", "street"})
         CHECK(refusal("builtin:jungle").find(scene) != std::string::npos);
     CHECK(refusal("builtin:forest?tree=3").find("trees (1..4000000, default 1000)") !=
           std::string::npos);

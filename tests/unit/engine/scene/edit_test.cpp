@@ -57,9 +57,12 @@ SceneDescription random_scene(Random& random, std::uint32_t count) {
     return scene;
 }
 
-Scene edit(const Snapshot& scene, const std::vector<InstanceMove>& moves,
-           const std::vector<InstanceMask>& masks = {}, Scene spare = nullptr) {
-    auto edited = edit_scene(scene, moves, masks, std::move(spare));
+SceneChanges moving(std::vector<InstanceMove> moves) {
+    return {std::move(moves), {}, {}, {}};
+}
+
+Scene edit(const Snapshot& scene, const SceneChanges& changes, Scene spare = nullptr) {
+    auto edited = edit_scene(scene, changes, std::move(spare));
     REQUIRE_MESSAGE(edited, edited.error().message);
     // An edit leaves a valid arena, and the digest that it has.
     BuiltArena copy{Arena((*edited)->bytes().size()), 0};
@@ -70,9 +73,8 @@ Scene edit(const Snapshot& scene, const std::vector<InstanceMove>& moves,
     return *edited;
 }
 
-std::string fault(const Snapshot& scene, const std::vector<InstanceMove>& moves,
-                  const std::vector<InstanceMask>& masks = {}) {
-    const auto edited = edit_scene(scene, moves, masks);
+std::string fault(const Snapshot& scene, const SceneChanges& changes) {
+    const auto edited = edit_scene(scene, changes);
     REQUIRE(!edited);
     CHECK(edited.error().code == ErrorCode::field_invalid);
     return edited.error().message;
@@ -125,13 +127,131 @@ TEST_CASE("edited scenes answer as those that are built afresh") {
                 }
             }
             // Every second scene leaves the memory of the epoch before to the next one.
-            Scene next = edit(*scene, moves, masks, seed % 2 == 0 ? std::move(spare) : nullptr);
+            Scene next =
+                edit(*scene, {moves, masks, {}, {}}, seed % 2 == 0 ? std::move(spare) : nullptr);
             spare = std::exchange(scene, std::move(next));
             const Scene fresh = build_scene(description);
             check_same_answers(*scene, *fresh, random);
             CHECK(scene->bounds().lower == fresh->bounds().lower);
             CHECK(scene->bounds().upper == fresh->bounds().upper);
         }
+    }
+}
+
+TEST_CASE("what is placed several times moves and hides at the one place that is named") {
+    for (std::uint64_t seed = 0; seed < 8; ++seed) {
+        CAPTURE(seed);
+        Random random(seed);
+        SceneDescription description = random_scene(random, 60);
+        Scene scene = build_scene(description);
+        for (int step = 0; step < 3; ++step) {
+            SceneChanges changes;
+            for (std::uint32_t i = 0; i < 60; ++i) {
+                // The copy of the group that this place has from now on, in the description that is built afresh.
+                const std::uint32_t group = description.objects[4].instances[i].object;
+                if (group != 2 && group < 5) continue;
+                if (random.below(3) != 0) continue;
+                const ObjectDescription copy = description.objects[group];
+                description.objects[4].instances[i].object =
+                    static_cast<std::uint32_t>(description.objects.size());
+                auto& inside = description.objects.emplace_back(copy).instances;
+                const std::uint32_t place = random.below(4);
+                inside[place].transform = random_place(random, 3);
+                changes.moves.push_back({{i, {place}}, inside[place].transform});
+                if (random.below(2) == 0) continue;
+                inside[3 - place].mask = random.below(2) == 0 ? 0 : 0xFFFFFFFFU;
+                changes.masks.push_back({{i, {3 - place}}, inside[3 - place].mask});
+            }
+            if (random.below(2) == 0) {
+                auto& outer = description.objects[4].instances[5];
+                outer.transform = random_place(random, 40);
+                changes.moves.push_back({5, outer.transform});
+            }
+            scene = edit(*scene, changes);
+            const Scene fresh = build_scene(description);
+            check_same_answers(*scene, *fresh, random);
+            CHECK(scene->bounds().lower == fresh->bounds().lower);
+            CHECK(scene->bounds().upper == fresh->bounds().upper);
+        }
+        // Each place has a group of its own by now: such an edit copies no object any more.
+        const std::size_t bytes = scene->bytes().size();
+        for (std::uint32_t i = 0; i < 60; ++i)
+            if (description.objects[4].instances[i].object >= 5) {
+                scene = edit(*scene, moving({{{i, {1}}, translation(0, 1, 0)}}));
+                break;
+            }
+        CHECK(scene->bytes().size() == bytes);
+    }
+}
+
+TEST_CASE("instances go and scenes come, and the others keep their names") {
+    for (std::uint64_t seed = 0; seed < 8; ++seed) {
+        CAPTURE(seed);
+        Random random(seed);
+        SceneDescription description = random_scene(random, 40);
+        description.objects[4].name = "all";
+        for (std::uint32_t i = 0; i < 40; ++i)
+            description.objects[4].instances[i].name = "part" + std::to_string(i);
+        description.objects[4].instances[9].object = 0;  // an empty object has no path
+        const bool has_own = !description.objects[4].geometries.empty();
+        SceneDescription more = test::tree_scene();
+        more.origin = {};
+        const Scene added = build_scene(more);
+        Scene scene = build_scene(description);
+        // The objects of the added scene, in the description that is built afresh.
+        const auto first = static_cast<std::uint32_t>(description.objects.size());
+        for (ObjectDescription object : more.objects) {
+            for (InstanceDescription& instance : object.instances) instance.object += first;
+            description.objects.push_back(std::move(object));
+        }
+        SceneChanges changes;
+        if (has_own) {
+            // The root becomes an instance, because its tree is not built again.
+            ObjectDescription& outer = description.objects.emplace_back();
+            outer.instances.push_back(place(4, Transform{}, "all"));
+            description.root = static_cast<std::uint32_t>(description.objects.size() - 1);
+        }
+        auto& placed = description.objects[description.root].instances;
+        if (!has_own) {
+            changes.removed = {0, 7, 8, 39};
+            for (const int i : {39, 8, 7, 0}) placed.erase(placed.begin() + i);
+        }
+        AddedScene& twice = changes.added.emplace_back(AddedScene{added, "tree", {}, {}});
+        for (int i = 0; i < 2; ++i) {
+            twice.to_scene.push_back(random_place(random, 30));
+            twice.masks.push_back(i == 0 ? ~0U : 4U);
+            placed.push_back(place(first + more.root, twice.to_scene.back(), "tree"));
+            placed.back().mask = twice.masks.back();
+        }
+        scene = edit(*scene, changes);
+        check_same_answers(*scene, *build_scene(description), random);
+        const auto has = [&](const char* text) { return find_path(*scene, text).has_value(); };
+        CHECK(has("tree#0/second/low"));
+        CHECK(has("tree#1/third"));
+        CHECK(!has("tree#2/third"));
+        if (!has_own) {
+            CHECK(!has("part7"));
+            CHECK(InstanceFinder(*scene, [] { return false; }).find("part9")->front() == InstancePlace(6));
+        } else {
+            CHECK(InstanceFinder(*scene, [] { return false; }).find("all/part9").has_value());
+        }
+        // Once more: the numbers count on, and what is there already is not stored again.
+        const std::size_t objects = scene->view().object_count;
+        SceneChanges third;
+        third.added.push_back({added, "tree", {translation(50, 0, 0)}, {~0U}});
+        scene = edit(*scene, third);
+        CHECK(has("tree#2/third"));
+        CHECK(scene->view().object_count == objects);
+        placed.push_back(place(first + more.root, translation(50, 0, 0), "tree"));
+        check_same_answers(*scene, *build_scene(description), random);
+        // Objects that nothing places any more are gone.
+        SceneChanges away;
+        const auto trees = InstanceFinder(*scene, [] { return false; }).find("tree#*");
+        REQUIRE_MESSAGE(trees, trees.error().message);
+        for (const InstancePlace& tree : *trees) away.removed.push_back(tree.outermost);
+        scene = edit(*scene, away);
+        CHECK(!has("tree#1/third"));
+        CHECK(scene->view().object_count < objects);
     }
 }
 
@@ -143,7 +263,7 @@ TEST_CASE("the tree of the root is built again when its expected cost has grown"
     Scene scene = build_scene(description);
     for (std::uint32_t i = 0; i < 3; ++i) {
         placed[i].transform.m[3] += 0.1F;
-        scene = edit(*scene, {{i, placed[i].transform}});
+        scene = edit(*scene, moving({{i, placed[i].transform}}));
     }
     CHECK(scene->statistics().edits.refits == 3);
     CHECK(scene->statistics().edits.rebuilds == 0);
@@ -156,7 +276,7 @@ TEST_CASE("the tree of the root is built again when its expected cost has grown"
             moves.push_back({a, placed[a].transform});
             moves.push_back({a + 1, placed[a + 1].transform});
         }
-        scene = edit(*scene, moves);
+        scene = edit(*scene, moving(moves));
     }
     CHECK(scene->statistics().edits.rebuilds > 0);
     const Scene fresh = build_scene(description);
@@ -175,32 +295,43 @@ TEST_CASE("instances are found by the texts of their paths, and '*' stands for a
     CHECK(!glob_matches("wheel", "car/wheel"));
     CHECK(!glob_matches("", "car"));
     const Scene scene = build_scene(test::tree_scene());
-    const auto find = [&](const char* text) { return find_instances(*scene, text, [] { return false; }); };
-    CHECK(*find("second") == std::vector<std::uint32_t>{1});
-    CHECK(*find("*") == std::vector<std::uint32_t>{0, 1, 2, 3});
-    CHECK(*find("*ir*") == std::vector<std::uint32_t>{0, 3});
-    CHECK(find("first/low").error().message.find("lies inside of an instance") != std::string::npos);
+    const auto find = [&](const char* text) { return InstanceFinder(*scene, [] { return false; }).find(text); };
+    CHECK(*find("second") == std::vector<InstancePlace>{1});
+    CHECK(*find("*") == std::vector<InstancePlace>{0, 1, 2, 3});
+    CHECK(*find("*ir*") == std::vector<InstancePlace>{0, 3});
+    CHECK(*find("*l*") == std::vector<InstancePlace>{{0, {0}}, {0, {1}}, {1, {0}}, {1, {1}}, 2, {3, {0}}, {3, {1}}});
+    CHECK(*find("first/low") == std::vector<InstancePlace>{{0, {0}}});
+    CHECK(*find("*/leaf") == std::vector<InstancePlace>{{0, {1}}, {1, {1}}, {3, {1}}});
     CHECK(find("fourth").error().message.find("there are: first, second") != std::string::npos);
     CHECK(find("x*").error().message == "no path is of the form 'x*'");
-    CHECK(!find_instances(*scene, "*", [] { return true; }));
+    CHECK(!InstanceFinder(*scene, [] { return true; }).find("*"));
 }
 
 TEST_CASE("what cannot be edited is refused by name, and the scene stays as it is") {
     const Scene scene = build_scene(test::tree_scene());
     const std::string before = scene->digest();
     const Transform here = translation(1, 2, 3);
-    CHECK(fault(*scene, {{4, here}}) == "there is no outermost instance 4: the scene has 4");
-    CHECK(fault(*scene, {}, {{9, 0}}).find("instance 9") != std::string::npos);
-    CHECK(fault(*scene, {{1, here}, {1, here}}).find("named twice") != std::string::npos);
-    CHECK(fault(*scene, {{2, test::scaling(1, 0, 1)}}).find("'lone' is singular") !=
+    CHECK(fault(*scene, moving({{4, here}})) == "there is no outermost instance 4: the scene has 4");
+    CHECK(fault(*scene, {{}, {{9, 0}}, {}, {}}).find("instance 9") != std::string::npos);
+    CHECK(fault(*scene, moving({{1, here}, {1, here}})).find("named twice") != std::string::npos);
+    CHECK(fault(*scene, moving({{2, test::scaling(1, 0, 1)}})).find("'lone' is singular") !=
           std::string::npos);
     Transform odd = here;
     odd.m[7] = std::numeric_limits<float>::quiet_NaN();
-    CHECK(fault(*scene, {{2, odd}}).find("not finite") != std::string::npos);
-    CHECK(fault(*scene, {{2, translation(2e15F, 0, 0)}}).find("1e15") != std::string::npos);
+    CHECK(fault(*scene, moving({{2, odd}})).find("not finite") != std::string::npos);
+    CHECK(fault(*scene, moving({{2, translation(2e15F, 0, 0)}})).find("1e15") != std::string::npos);
+    SceneChanges far;
+    far.added.push_back({scene, "more", {translation(2e15F, 0, 0)}, {~0U}});
+    CHECK(fault(*scene, far).find("1e15") != std::string::npos);
+    far.added.front().to_scene = {test::scaling(1, 0, 1)};
+    CHECK(fault(*scene, far).find("'more' is singular") != std::string::npos);
+    CHECK(fault(*scene, {{}, {}, {4}, {}}).find("not in the scene") != std::string::npos);
+    CHECK(fault(*scene, moving({{{0, {2}}, here}})).find("within 'first'") != std::string::npos);
+    CHECK(fault(*scene, moving({{{0, {0}}, translation(2e15F, 0, 0)}})).find("'first/low' would reach") !=
+          std::string::npos);
     CHECK(scene->digest() == before);
     // Nothing changes nothing but the number of edits; back where it was, it is the same content.
-    const Scene there = edit(*scene, {{2, here}});
+    const Scene there = edit(*scene, moving({{2, here}}));
     CHECK(there->digest() != before);
-    CHECK(edit(*there, {{2, translation(20, 0, 0)}})->digest() == before);
+    CHECK(edit(*there, moving({{2, translation(20, 0, 0)}}))->digest() == before);
 }

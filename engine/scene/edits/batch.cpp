@@ -1,0 +1,119 @@
+#include "engine/scene/edits/batch.h"
+
+#include <utility>
+
+namespace raynest {
+namespace {
+
+/// Returns the map from coordinates less an origin to those of the world.
+Matrix to_world(const WorldPoint& origin) {
+    return translation_by(origin);
+}
+
+Matrix from_world(const WorldPoint& origin) {
+    return translation_by({-origin[0], -origin[1], -origin[2]});
+}
+
+/// Calls visit(index in SceneView::instances, place of it) for each instance on the way to `place`,
+/// itself last.
+template <class Visit>
+void walk(const SceneView& view, const InstancePlace& place, Visit&& visit) {
+    std::uint32_t object = view.root;
+    InstancePlace at(place.outermost);
+    for (std::size_t depth = 0;; ++depth) {
+        const std::uint32_t index = view.objects[object].first_instance +
+                                    (depth == 0 ? place.outermost : place.below[depth - 1]);
+        visit(index, at);
+        if (depth == place.below.size()) return;
+        object = view.instances[index].object;
+        at.below.push_back(place.below[depth]);
+    }
+}
+
+}  // namespace
+
+Matrix EditBatch::placement_of(const InstancePlace& place) const {
+    if (const auto known = placements_.find(place); known != placements_.end())
+        return known->second;
+    Matrix now(1);
+    walk(scene_.view(), place, [&](std::uint32_t index, const InstancePlace&) {
+        now = matrix_of(scene_.view().instance_infos[index].to_parent);
+    });
+    return now;
+}
+
+Matrix EditBatch::above(const InstancePlace& place) const {
+    Matrix all(1);
+    if (place.below.empty()) return all;
+    walk(scene_.view(), place, [&](std::uint32_t, const InstancePlace& at) {
+        if (at != place) all = all * placement_of(at);
+    });
+    return all;
+}
+
+void EditBatch::move(const InstancePlace& place, const Matrix& by, EditFrame frame) {
+    const Matrix now = placement_of(place);
+    Matrix& made = placements_[place];
+    if (frame == EditFrame::own) {
+        made = now * by;
+    } else if (frame == EditFrame::parent && !place.below.empty()) {
+        made = by * now;
+    } else {
+        const Matrix in_scene = from_world(scene_.origin()) * by * to_world(scene_.origin());
+        const Matrix outer = above(place);
+        made = place.below.empty() ? in_scene * now : glm::inverse(outer) * in_scene * outer * now;
+    }
+}
+
+Result<void> EditBatch::place(const InstancePlace& place, const Matrix& to, EditFrame frame) {
+    const bool in_world = frame == EditFrame::world || place.below.empty();
+    if (in_world && scene_.origin() != WorldPoint{})
+        return fail(ErrorCode::field_invalid,
+                    "places an instance; in a scene with an origin objects have "
+                    "coordinates of their own: move it instead");
+    placements_[place] = in_world && !place.below.empty() ? glm::inverse(above(place)) * to : to;
+    return {};
+}
+
+Result<void> EditBatch::remove(const InstancePlace& place) {
+    if (!place.below.empty())
+        return fail(ErrorCode::field_invalid,
+                    "removes what lies within an instance: hide it instead, or remove "
+                    "the outermost instance as a whole");
+    removed_.insert(place.outermost);
+    return {};
+}
+
+void EditBatch::add(std::uint32_t key, std::shared_ptr<const Snapshot> scene,
+                    const std::string& name, const Matrix& placed, std::uint32_t mask) {
+    AddedScene& added = added_[key];
+    const WorldPoint origin = scene->origin();
+    added.scene = std::move(scene);
+    added.name = path_step_text(name);
+    added.to_scene.push_back(transform_of(from_world(scene_.origin()) * placed * to_world(origin)));
+    added.masks.push_back(mask);
+}
+
+std::size_t EditBatch::size() const {
+    std::set<InstancePlace> all;
+    for (const auto& [place, matrix] : placements_) all.insert(place);
+    for (const auto& [place, mask] : masks_) all.insert(place);
+    for (const auto& [place, vertices] : vertices_) all.insert(place);
+    for (const std::uint32_t place : removed_) all.insert(place);
+    std::size_t size = all.size();
+    for (const auto& [key, scene] : added_) size += scene.to_scene.size();
+    return size;
+}
+
+SceneChanges EditBatch::changes() const {
+    SceneChanges made;
+    for (const auto& [place, matrix] : placements_)
+        made.moves.push_back({place, transform_of(matrix)});
+    for (const auto& [place, mask] : masks_) made.masks.push_back({place, mask});
+    for (const auto& [place, vertices] : vertices_) made.deformed.push_back({place, vertices});
+    made.removed.assign(removed_.begin(), removed_.end());
+    for (const auto& [key, scene] : added_) made.added.push_back(scene);
+    return made;
+}
+
+}  // namespace raynest

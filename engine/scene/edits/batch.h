@@ -1,0 +1,68 @@
+// Collects the changes of one edit in their order. Placements are computed in double and rounded
+// once.
+#pragma once
+
+#include "engine/math/matrix.h"
+#include "engine/result.h"
+#include "engine/scene/edits/edit.h"
+#include "engine/scene/snapshot.h"
+
+#include <cstdint>
+#include <map>
+#include <memory>
+#include <set>
+#include <span>
+#include <string>
+
+namespace raynest {
+
+/// The space that a matrix is given in.
+enum class EditFrame : std::uint32_t {
+    world,
+    parent,  ///< of the object that places the instance
+    own,     ///< of the instance's object; to move alone
+    count_
+};
+
+/// Not thread-safe. `scene` must outlive it.
+class EditBatch {
+public:
+    explicit EditBatch(const Snapshot& scene) : scene_(scene) {}
+
+    /// Moves an instance that the scene has, on top of what has been said of it and of those above
+    /// it.
+    void move(const InstancePlace& place, const Matrix& by, EditFrame frame);
+    /// Places it: `to` maps the object's own coordinates to those of the frame, which is not `own`.
+    /// Fails with field_invalid in a scene with an origin, whose objects have coordinates of their
+    /// own.
+    Result<void> place(const InstancePlace& place, const Matrix& to, EditFrame frame);
+    void set_mask(const InstancePlace& place, std::uint32_t mask) { masks_[place] = mask; }
+    /// Gives the object of an instance other vertices, which must outlive the batch and its
+    /// changes.
+    void set_vertices(const InstancePlace& place, std::span<const Vec3> vertices) {
+        vertices_[place] = vertices;
+    }
+    /// Fails with field_invalid for an instance within another one.
+    Result<void> remove(const InstancePlace& place);
+    /// Adds a placement of a scene, from its world to this scene's. Placements of one key share the
+    /// name and are numbered in their order.
+    void add(std::uint32_t key, std::shared_ptr<const Snapshot> scene, const std::string& name,
+             const Matrix& to_world, std::uint32_t mask);
+
+    /// How many instances are named or added.
+    [[nodiscard]] std::size_t size() const;
+    [[nodiscard]] SceneChanges changes() const;
+
+private:
+    [[nodiscard]] Matrix placement_of(const InstancePlace& place) const;
+    [[nodiscard]] Matrix above(const InstancePlace& place) const;
+
+    const Snapshot& scene_;
+    std::map<InstancePlace, Matrix> placements_;
+    std::map<InstancePlace, std::uint32_t> masks_;
+    std::map<InstancePlace, std::span<const Vec3>> vertices_;
+    std::set<std::uint32_t> removed_;
+    std::map<std::uint32_t, AddedScene> added_;
+};
+
+}  // namespace raynest

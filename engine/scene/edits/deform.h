@@ -1,0 +1,25 @@
+// Meshes whose vertices move: the same triangles with other corners.
+#pragma once
+
+#include "engine/geometry/box.h"
+#include "engine/math/vec.h"
+#include "engine/scene/edits/edited_arena.h"
+
+#include <cstdint>
+#include <span>
+
+namespace raynest {
+
+/// Returns how many vertices an object has: those of its geometries, one behind the other.
+std::uint64_t vertex_count(const SceneView& view, const ObjectRecord& object);
+
+/// Moves the vertices of an object: in its attributes and in the leaf blocks of its tree. Where
+/// vertices have normals, makes these anew, weighted by the areas around them. Tangents stay. Does
+/// not refit the tree. `vertices` are vertex_count() finite points. Returns by how much the number
+/// of degenerate triangles has grown.
+std::int64_t deform(EditedArena& arena, const ObjectRecord& object, std::span<const Vec3> vertices);
+
+/// Returns the box of a leaf of triangles.
+Box box_of_leaf(const SceneView& view, const ObjectRecord& object, std::uint32_t leaf);
+
+}  // namespace raynest

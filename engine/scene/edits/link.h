@@ -1,0 +1,48 @@
+// Scenes out of parts of scenes. Trees and vertices are copied, not built again:
+//
+//   kept objects of the base ─┐
+//   objects of added scenes  ─┼──► one arena, with a new tree for its root
+//   copies of shared objects ─┘
+//
+// Objects, materials and textures that are there twice, byte for byte, are stored once.
+#pragma once
+
+#include "engine/math/vec.h"
+#include "engine/result.h"
+#include "engine/scene/edits/instance_place.h"
+#include "engine/scene/snapshot.h"
+
+#include <cstdint>
+#include <memory>
+#include <span>
+#include <string>
+#include <vector>
+
+namespace raynest {
+
+/// A scene that becomes part of another one: its geometry and materials, without its cameras and
+/// lights. Each placement is an outermost instance from then on.
+struct AddedScene {
+    std::shared_ptr<const Snapshot> scene;
+    /// Their step in path texts, as path_step_text() spells it. Where it is there already, or has
+    /// several placements, they have numbers behind it, counted on from the largest.
+    std::string name;
+    std::vector<Transform> to_scene;
+    std::vector<std::uint32_t> masks;  ///< one for each
+};
+
+/// Returns `base` without the outermost instances `removed` (ascending) and with the `added` scenes
+/// behind the others. Instances that stay keep the texts of their paths; ids of paths behind
+/// removed ones change. A base with primitives of its own becomes an instance of the new root.
+/// Costs a copy of the scenes and a build of the root's tree. Fails with field_invalid if an added
+/// placement is singular, not finite or reaches beyond coordinate_max, or if own primitives and
+/// instances of the root would have to be parted; with limit_exceeded beyond the limits of a scene.
+/// Thread-safe. Throws std::bad_alloc.
+Result<BuiltArena> link_scenes(const Snapshot& base, std::span<const std::uint32_t> removed,
+                               std::span<const AddedScene> added);
+
+/// Returns the same scene with objects of their own on the ways to these instances, so that a
+/// change there shows at no other place. Ids and texts of paths stay. Costs a copy of the scene.
+Result<BuiltArena> unshare(const Snapshot& base, std::span<const InstancePlace> ways);
+
+}  // namespace raynest

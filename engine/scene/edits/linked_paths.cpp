@@ -1,0 +1,167 @@
+#include "engine/scene/edits/linked_paths.h"
+
+#include <algorithm>
+#include <string_view>
+#include <vector>
+
+namespace raynest {
+namespace {
+
+std::uint64_t end_of_run(const Snapshot& scene, std::uint32_t run) {
+    const PathTable& paths = scene.paths();
+    return run + 1 < paths.run_count ? paths.runs[run + 1].first_path
+                                     : scene.statistics().instances;
+}
+
+/// Tells which nodes stay: all but those that had placements and have none any more.
+std::vector<bool> nodes_that_stay(const PathTable& paths, std::span<const PathRun> runs) {
+    std::vector<bool> had(paths.node_count), has(paths.node_count);
+    for (std::uint32_t r = 0; r < paths.run_count; ++r) had[paths.runs[r].node] = true;
+    for (const PathRun& run : runs) has[run.node] = true;
+    for (std::uint32_t i = paths.node_count; i-- > 1;) {
+        if (had[i]) had[paths.nodes[i].parent] = true;
+        if (has[i]) has[paths.nodes[i].parent] = true;
+    }
+    for (std::uint32_t i = 0; i < paths.node_count; ++i) has[i] = i == 0 || has[i] || !had[i];
+    return has;
+}
+
+/// Returns the first node of each level below the scene itself, and the end of the last one.
+std::vector<std::uint32_t> levels_of(const PathTable& paths) {
+    std::vector<std::uint32_t> starts{1};
+    for (std::uint32_t i = 1; i < paths.node_count; ++i)
+        if (paths.nodes[i].parent >= starts.back()) starts.push_back(i);
+    starts.push_back(paths.node_count);
+    return starts;
+}
+
+/// A tree of nodes that becomes part of another one, and where its nodes go.
+struct Part {
+    const Snapshot* scene;
+    std::vector<std::uint32_t> levels;
+    std::vector<std::uint32_t> made;  ///< new index of each node
+};
+
+}  // namespace
+
+bool is_one_node(const Snapshot& added) {
+    return added.paths().node_count == 0 || added.statistics().instances == 1;
+}
+
+std::uint32_t next_number(const Snapshot& base, std::uint32_t name) {
+    const PathTable& paths = base.paths();
+    std::uint32_t next = no_id;
+    const auto raise = [&](std::uint64_t to) {
+        const auto number = static_cast<std::uint32_t>(std::min<std::uint64_t>(to, no_id - 1));
+        next = next == no_id ? number : std::max(next, number);
+    };
+    for (std::uint32_t i = 1; i < paths.node_count && paths.nodes[i].parent == 0; ++i) {
+        const PathNode& node = paths.nodes[i];
+        if (node.name != name) continue;
+        raise(node.number == no_id ? 1 : std::uint64_t{node.number} + 1);
+        for (std::uint32_t r = node.first_run; r < paths.run_count && paths.runs[r].node == i; ++r)
+            raise(paths.runs[r].number + (end_of_run(base, r) - paths.runs[r].first_path));
+    }
+    return next;
+}
+
+void link_paths(const Snapshot& base, std::span<const PathRange> kept,
+                std::span<const AddedPaths> added, Content& content) {
+    const PathTable& paths = base.paths();
+    const SceneView& view = base.view();
+    std::vector<PathNode>& nodes = content.path_nodes;
+    std::vector<PathRun>& runs = content.path_runs;
+
+    // The base's runs, with its own numbers of nodes for now.
+    std::uint64_t path = 0;
+    std::uint32_t r = 0;
+    for (const PathRange& range : kept) {
+        for (std::uint64_t at = range.first; at < range.end;) {
+            while (end_of_run(base, r) <= at) ++r;
+            const PathRun& run = paths.runs[r];
+            const std::uint64_t end = std::min(end_of_run(base, r), range.end);
+            const auto number = run.number + static_cast<std::uint32_t>(at - run.first_path);
+            const bool goes_on = !runs.empty() && runs.back().node == run.node &&
+                                 number - runs.back().number == path - runs.back().first_path;
+            if (!goes_on) runs.push_back({path, run.node, number});
+            path += end - at;
+            at = end;
+        }
+    }
+    const std::vector<bool> stays = nodes_that_stay(paths, runs);
+
+    // Nodes stand breadth first, so the trees are merged level by level.
+    const std::vector<std::uint32_t> base_levels = levels_of(paths);
+    std::vector<std::uint32_t> made(paths.node_count, 0);
+    std::vector<std::vector<Part>> copies(added.size());
+    std::vector<std::uint32_t> tops(added.size());  // of those with one node
+    const auto push = [&](PathNode node, std::uint32_t parent) {
+        nodes.push_back({parent, node.name, node.number, node.source, no_id});
+        return static_cast<std::uint32_t>(nodes.size() - 1);
+    };
+    push(paths.nodes[0], 0);
+    nodes[0].name = content.names.add(view.names + paths.nodes[0].name);
+    std::size_t level_count = std::max<std::size_t>(base_levels.size() - 1, 1);
+    for (const AddedPaths& part : added)
+        if (!is_one_node(*part.scene))
+            level_count = std::max(level_count, levels_of(part.scene->paths()).size());
+    for (std::size_t level = 0; level < level_count; ++level) {
+        if (level + 1 < base_levels.size())
+            for (std::uint32_t i = base_levels[level]; i < base_levels[level + 1]; ++i) {
+                if (!stays[i]) continue;
+                PathNode node = paths.nodes[i];
+                node.name = content.names.add(view.names + node.name);
+                made[i] = push(node, made[node.parent]);
+            }
+        for (std::size_t a = 0; a < added.size(); ++a) {
+            const AddedPaths& part = added[a];
+            if (level == 0) {
+                if (is_one_node(*part.scene)) {
+                    tops[a] = push({0, part.name, part.first_number, no_id, no_id}, 0);
+                    continue;
+                }
+                for (std::uint32_t c = 0; c < part.copies; ++c) {
+                    Part& copy = copies[a].emplace_back(
+                        Part{part.scene, levels_of(part.scene->paths()),
+                             std::vector<std::uint32_t>(part.scene->paths().node_count)});
+                    const std::uint32_t number =
+                        part.first_number == no_id ? no_id : part.first_number + c;
+                    copy.made[0] = push({0, part.name, number, no_id, no_id}, 0);
+                }
+                continue;
+            }
+            for (Part& copy : copies[a]) {
+                if (level >= copy.levels.size()) continue;
+                const PathTable& theirs = copy.scene->paths();
+                for (std::uint32_t i = copy.levels[level - 1]; i < copy.levels[level]; ++i) {
+                    PathNode node = theirs.nodes[i];
+                    node.name = content.names.add(copy.scene->view().names + node.name);
+                    copy.made[i] = push(node, copy.made[node.parent]);
+                }
+            }
+        }
+    }
+
+    for (PathRun& run : runs) run.node = made[run.node];
+    for (std::size_t a = 0; a < added.size(); ++a) {
+        const AddedPaths& part = added[a];
+        const std::uint64_t placements = part.scene->statistics().instances;
+        if (placements == 0) continue;
+        if (is_one_node(*part.scene)) {
+            runs.push_back({path, tops[a], part.first_number == no_id ? 0 : part.first_number});
+            path += placements * part.copies;
+            continue;
+        }
+        for (const Part& copy : copies[a]) {
+            const PathTable& theirs = copy.scene->paths();
+            for (std::uint32_t i = 0; i < theirs.run_count; ++i)
+                runs.push_back({path + theirs.runs[i].first_path, copy.made[theirs.runs[i].node],
+                                theirs.runs[i].number});
+            path += placements;
+        }
+    }
+    for (std::uint32_t i = static_cast<std::uint32_t>(runs.size()); i-- > 0;)
+        nodes[runs[i].node].first_run = i;
+}
+
+}  // namespace raynest

@@ -1,0 +1,40 @@
+// The tree of nodes that names the paths of a scene out of parts (FORMAT.md, sections 15 and 16).
+#pragma once
+
+#include "engine/scene/content.h"
+#include "engine/scene/snapshot.h"
+
+#include <cstdint>
+#include <span>
+
+namespace raynest {
+
+/// Paths [first, end) of the base.
+struct PathRange {
+    std::uint64_t first = 0;
+    std::uint64_t end = 0;
+};
+
+/// Copies of a scene behind the base's paths, one behind the other.
+struct AddedPaths {
+    const Snapshot* scene;
+    std::uint32_t name;          ///< offset in content.names
+    std::uint32_t first_number;  ///< the others count on; no_id: the only one, and unique
+    std::uint32_t copies;
+};
+
+/// Fills path_nodes and path_runs: the base's nodes without those that have lost all of their
+/// placements, and a node for each copy, with the nodes of its scene below it. Copies of scenes
+/// with one placement share a node, and so do those of scenes without nodes, whose placements are
+/// numbered through. `kept` is ascending. The base has nodes.
+void link_paths(const Snapshot& base, std::span<const PathRange> kept,
+                std::span<const AddedPaths> added, Content& content);
+
+/// True if one node stands for all placements of all copies.
+[[nodiscard]] bool is_one_node(const Snapshot& added);
+
+/// Returns the smallest number behind those of the outermost steps of this name, and no_id if there
+/// is none of that name. Only where the base has nodes.
+std::uint32_t next_number(const Snapshot& base, std::uint32_t name);
+
+}  // namespace raynest
