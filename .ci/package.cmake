@@ -82,7 +82,7 @@ set(CPACK_DEBIAN_DEVELOPMENT_PACKAGE_SECTION libdevel)
 set(CPACK_DEBIAN_DEVELOPMENT_PACKAGE_DEPENDS "libglm-dev, libhwy-dev, libexpected-dev")
 # For programs that embed the engine; a kernel pack needs none of them.
 set(CPACK_DEBIAN_DEVELOPMENT_PACKAGE_RECOMMENDS
-    "libfmt-dev, libmeshoptimizer-dev, libseccomp-dev, libssl-dev, libtbb-dev, libtinygltf-dev, nlohmann-json3-dev, raynest")
+    "libfmt-dev, libmeshoptimizer-dev, libseccomp-dev, libssl-dev, libtbb-dev, libtinygltf-dev, nlohmann-json3-dev, raynest, zlib1g-dev")
 set(CPACK_DEBIAN_DEVELOPMENT_DESCRIPTION
     "kernel packs for raynestd, and its engine as a library
 The headers and the CMake configuration with which an intersector is

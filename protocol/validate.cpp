@@ -172,6 +172,10 @@ Result<void> validate(const wire::Load& message, const Limits& limits) {
         .finite("origin", message.origin_x())
         .finite("origin", message.origin_y())
         .finite("origin", message.origin_z())
+        .finite("unit", message.unit())
+        .name("up", message.up())
+        .finite("radius", message.radius())
+        .finite("spacing", message.spacing())
         .texts("masks", message.masks())
         .names("share", message.share());
     const auto is_given = [](const auto* list) { return list != nullptr && list->size() != 0; };

@@ -27,6 +27,9 @@ namespace raynest::client {
 struct LoadOptions {
     std::string source, name, build, primitive, instances;
     WorldPoint origin{};
+    bool auto_origin = false;
+    std::string up;
+    double unit = 0, radius = 0, spacing = 0;  ///< 0: not given
     std::vector<std::string> masks;  ///< "GLOB=HEX"
     std::vector<std::string> share;  ///< principals, or "public"
     bool replace = false;

@@ -10,7 +10,10 @@
 #include "client/requests/scene_source.h"
 #include "protocol/subject.h"
 
+#include <array>
 #include <iostream>
+#include <string_view>
+#include <utility>
 
 namespace raynest::client {
 namespace {
@@ -24,18 +27,55 @@ wire::LoadT load_message(const LoadOptions& options, const Upload& upload) {
     load.origin_x = options.origin[0];
     load.origin_y = options.origin[1];
     load.origin_z = options.origin[2];
+    load.origin_auto = options.auto_origin;
+    load.unit = options.unit;
+    load.up = options.up;
+    load.radius = options.radius;
+    load.spacing = options.spacing;
     load.masks = options.masks;
     load.share = options.share;
     return load;
 }
 
+/// Reads mm, cm, m, in, ft or a number of metres; returns what is wrong, or "".
+std::string read_unit(const std::string& text, double& unit) {
+    constexpr std::array<std::pair<std::string_view, double>, 5> units{
+        {{"mm", 0.001}, {"cm", 0.01}, {"m", 1}, {"in", 0.0254}, {"ft", 0.3048}}};
+    for (const auto& [name, metres] : units) {
+        if (text == name) unit = metres;
+        if (text == name) return "";
+    }
+    const auto number = parse_world(text, 1, 1, "metres");
+    if (!number || !((*number)[0] >= 1e-9 && (*number)[0] <= 1e9))
+        return "'" + text + "' is none of mm, cm, m, in, ft, and no number of metres";
+    unit = (*number)[0];
+    return "";
+}
+
+void add_origin(CommandLine& line, LoadOptions& load) {
+    line.add_parsed(
+            "--origin",
+            [&load](const std::string& text) -> std::string {
+                load.auto_origin = text == "auto";
+                if (load.auto_origin) return "";
+                const auto numbers = parse_world(text, 3, 3, "x,y,z");
+                if (!numbers) return numbers.error().message;
+                load.origin = {(*numbers)[0], (*numbers)[1], (*numbers)[2]};
+                return "";
+            },
+            "a point near a scene that lies far from zero; it is subtracted, so that coordinates "
+            "keep their digits. Rays and answers stay in the world. auto chooses one for a file "
+            "that is not glTF")
+        .type_name("X,Y,Z");
+}
+
 }  // namespace
 
 void declare(CommandLine& line, LoadOptions& load) {
-    line.add_option(
-            "SOURCE", load.source,
-            "FILE.glb, FILE.gltf or FILE.npy; builtin:NAME[?key=value&...], root:PATH, or - for "
-            "such a file on stdin, with --name")
+    line.add_option("SOURCE", load.source,
+                    "FILE.glb, .gltf, .obj, .ply, .stl, .off, .npz, .las or .npy; "
+                    "builtin:NAME[?key=value&...], root:PATH, or - for "
+                    "such a file on stdin, with --name")
         .required();
     line.add_option("--name", load.name,
                     "name of the scene (the file's stem; forest for builtin:forest?trees=5)");
@@ -63,13 +103,25 @@ void declare(CommandLine& line, LoadOptions& load) {
         "GLOB=HEX: the mask of placements whose path is GLOB or lies below it, where * stands for "
         "any text; may be repeated, the last match wins (see: query --mask)");
     line.add_option("--primitive", load.primitive,
-                    "type of the records in a .npy: sphere, or one of a loaded pack");
+                    "type of the records in a .npy: sphere, or one of a loaded pack; or heights: a "
+                    "grid of shape (rows, columns)");
     line.add_option("--instances", load.instances,
                     "FILE.npy of shape (N, 3, 4): where the records of a .npy are placed");
-    add_point(line, "--origin",
-              "a point near a scene that lies far from zero; it is subtracted, so that coordinates "
-              "keep their digits. Rays and answers stay in the world",
-              [&load](const WorldPoint& point) { load.origin = point; });
+    add_origin(line, load);
+    line.add_parsed(
+            "--unit", [&load](const std::string& text) { return read_unit(text, load.unit); },
+            "unit of a file that has none, which is not glTF: mm | cm | m | in | ft, or metres as "
+            "a "
+            "number (m)")
+        .type_name("UNIT");
+    line.add_option("--up", load.up,
+                    "y | z: the axis of such a file that points up; z is turned to y, x,y,z to "
+                    "x,z,-y (y)");
+    line.add_number(
+        "--radius", load.radius, 1e-9, 1e9, "a length from 1e-9 to 1e9",
+        "of the points of a .ply or .las, which are loaded as spheres, in the file's unit");
+    line.add_number("--spacing", load.spacing, 1e-9, 1e9, "a length from 1e-9 to 1e9",
+                    "between the heights of a grid, in its unit (1)");
 }
 
 Result<void> run(Context& context, const LoadOptions& options) {

@@ -41,7 +41,7 @@ std::string exit_codes() {
 
 void add_scene(CommandLine& line, std::string& scene) {
     line.add_option("SCENE", scene,
-                    "name of a loaded scene (see: raynest scenes); or FILE.glb, FILE.gltf, "
+                    "name of a loaded scene (see: raynest scenes); or FILE.glb, FILE.obj, FILE.ply, "
                     "builtin:NAME or root:PATH, which is loaded for this command")
         .required();
 }

@@ -42,14 +42,18 @@ constexpr std::array words = {
     Word{"only", "--only"},
     Word{"origin", "--origin"},
     Word{"primitive", "--primitive"},
+    Word{"radius", "--radius"},
     Word{"replace", "--replace"},
     Word{"samples", "--spp"},
     Word{"size", "--size"},
     Word{"skip_hidden_boxes", "--skip-hidden-boxes"},
+    Word{"spacing", "--spacing"},
     Word{"sun", "--sun"},
     Word{"tonemap", "--tonemap"},
     Word{"top", "--top"},
     Word{"traversal", "--traversal"},
+    Word{"unit", "--unit"},
+    Word{"up", "--up"},
     Word{"worker", "--worker"},
 };
 

@@ -79,11 +79,11 @@ Result<Reply<wire::Loaded>> load_scene(Connection& connection, Progress& progres
 bool is_source(const std::string& scene) {
     if (has_scheme(scene)) return true;
     const std::string ending = extension_of(scene);
-    if (ending == ".glb" || ending == ".gltf" || ending == ".npy") return true;
+    if (std::ranges::find(scene_endings, ending) != scene_endings.end()) return true;
     std::error_code ignored;
     // Files of other programs: gather() says how to convert them.
-    constexpr std::array foreign = {".3ds", ".abc", ".blend", ".dae",  ".fbx",  ".obj",
-                                    ".ply", ".stl", ".usd",   ".usda", ".usdc", ".usdz"};
+    constexpr std::array foreign = {".3ds", ".abc", ".blend", ".dae",  ".fbx",
+                                    ".laz", ".usd", ".usda",  ".usdc", ".usdz"};
     if (std::ranges::find(foreign, ending) != foreign.end() &&
         std::filesystem::exists(scene, ignored))
         return true;

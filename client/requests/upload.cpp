@@ -2,6 +2,7 @@
 
 #include "client/files/files.h"
 #include "client/files/gltf_names.h"
+#include "client/files/obj_names.h"
 #include "client/ground/interrupt.h"
 #include "client/requests/send_file.h"
 #include "protocol/limits.h"
@@ -40,7 +41,7 @@ bool is_nameless(const std::string& path) {
 }
 
 bool is_known(const std::string& extension) {
-    return extension == ".gltf" || extension == ".glb" || extension == ".npy";
+    return std::ranges::find(scene_endings, extension) != scene_endings.end();
 }
 
 /// Returns the file ending that fits the first bytes, or "".
@@ -48,6 +49,11 @@ std::string sniff(std::span<const std::byte> bytes) {
     const std::string_view text(reinterpret_cast<const char*>(bytes.data()), bytes.size());
     if (text.starts_with("glTF")) return ".glb";
     if (text.starts_with("\x93NUMPY")) return ".npy";
+    if (text.starts_with("ply\n") || text.starts_with("ply\r")) return ".ply";
+    if (text.starts_with("LASF")) return ".las";
+    if (text.starts_with("PK\x03\x04")) return ".npz";
+    if (text.starts_with("solid ")) return ".stl";
+    if (text.starts_with("OFF") || text.starts_with("COFF")) return ".off";
     const std::size_t letter = text.find_first_not_of(" \t\r\n");
     return letter != std::string_view::npos && text[letter] == '{' ? ".gltf" : "";
 }
@@ -55,7 +61,11 @@ std::string sniff(std::span<const std::byte> bytes) {
 constexpr std::size_t head_bytes = 256;
 
 tl::unexpected<Failure> unknown_content(const std::string& source) {
-    return fail(Exit::invalid, shown_name(source) + " brought neither a .glb, a .gltf nor a .npy");
+    return fail(
+        Exit::invalid,
+        shown_name(source) +
+            " brought no scene that is known by its first bytes: a .glb, .gltf, .npy, .ply, "
+            ".stl, .off, .npz or .las; name a file of another kind by its ending");
 }
 
 /// Says why a source that exists or not is none that can be read, and what to do about it.
@@ -63,11 +73,21 @@ tl::unexpected<Failure> not_a_scene(const std::string& source) {
     std::error_code ignored;
     if (std::filesystem::is_directory(source, ignored))
         return fail(Exit::invalid, source + " is a folder; name the .glb or .gltf file in it");
+    if (extension_of(source) == ".laz")
+        return fail(Exit::invalid, source +
+                                       " is compressed (LAZ), which is not read: unpack it with "
+                                       "laszip -i in.laz -o out.las");
+    if (extension_of(source) == ".tif" || extension_of(source) == ".tiff")
+        return fail(Exit::invalid,
+                    source +
+                        " is a raster: save it with numpy.save() as a .npy, for example out of "
+                        "rasterio, and load that with --primitive heights");
     constexpr std::array packed = {".xz", ".gz", ".bz2", ".zst", ".zip", ".7z", ".tar", ".tgz"};
     if (std::ranges::find(packed, extension_of(source)) != packed.end())
         return fail(Exit::invalid, source + " is packed; unpack it and load what comes out");
     return fail(Exit::invalid, source +
-                                   " is not a .glb, .gltf or .npy file, nor builtin:NAME; "
+                                   " is not a .glb, .gltf, .obj, .ply, .stl, .off, .npz, .las or "
+                                   ".npy file, nor builtin:NAME; "
                                    "convert it to .glb, for example with trimesh or Blender");
 }
 
@@ -149,6 +169,28 @@ Result<void> gather_named(const std::string& path, const std::string& folder, Ga
     return {};
 }
 
+/// Adds the MTL files of the main file, an .obj, and their pictures. One that cannot be read is
+/// left out: the scene can do without it.
+Result<void> gather_of_obj(const std::string& folder, Gatherer& gatherer, Upload& upload) {
+    for (std::size_t i = 0; i < upload.files.size(); ++i) {
+        const std::string by = upload.files[i].name;
+        for (const std::string& name : obj_names(by, std::as_const(upload.files[i].bytes).span())) {
+            if (std::ranges::find(upload.files, name, &UploadFile::name) != upload.files.end())
+                continue;
+            if (upload.files.size() >= protocol::Limits{}.upload_files_max)
+                return fail(Exit::invalid, by + " names too many files");
+            auto bytes = read_file_beneath(folder, name, gatherer.left());
+            if (!bytes && bytes.error().exit != Exit::invalid)
+                return tl::unexpected<Failure>(bytes.error());
+            if (!bytes)
+                upload.warnings.push_back("the file " + bytes.error().message + ". It is left out");
+            if (!bytes || !*bytes) continue;
+            if (auto added = gatherer.add(name, std::move(**bytes)); !added) return added;
+        }
+    }
+    return {};
+}
+
 }  // namespace
 
 Result<Upload> gather(const std::string& source, const std::string& primitive,
@@ -170,7 +212,7 @@ Result<Upload> gather(const std::string& source, const std::string& primitive,
     const bool is_named_so = !nameless && is_known(ending);
     const bool is_piped = nameless || is_device(source);
     std::string extension = is_named_so ? ending : is_piped ? "" : sniff(head_of(source));
-    if (extension.empty() && !is_piped) return not_a_scene(source);
+    if ((extension.empty() && !is_piped) || ending == ".laz") return not_a_scene(source);
     Gatherer gatherer(upload);
     const auto check =
         [&](std::span<const std::byte> begin) -> Result<std::optional<std::uint64_t>> {
@@ -188,7 +230,8 @@ Result<Upload> gather(const std::string& source, const std::string& primitive,
     if (extension == ".npy" && primitive.empty())
         return fail(Exit::usage,
                     shown_name(source) +
-                        " holds records: say of what, for example with --primitive sphere");
+                        " holds records: say of what, for example with --primitive sphere, or "
+                        "--primitive heights for a grid");
 
     // The name by which the daemon speaks of the file, in letters that may travel.
     std::string name = nameless ? "stdin" : file_name_of(source);
@@ -198,7 +241,9 @@ Result<Upload> gather(const std::string& source, const std::string& primitive,
         upload.scene_name =
             stem_of(is_named_so || ending.empty() ? upload.source : stem_of(upload.source));
     Result<void> added = gatherer.add(upload.source, std::move(bytes));
-    if (added && extension != ".npy")
+    if (added && extension == ".obj")
+        added = gather_of_obj(nameless ? "." : folder_of(source), gatherer, upload);
+    if (added && (extension == ".glb" || extension == ".gltf"))
         added = gather_named(source, nameless ? "." : folder_of(source), gatherer, upload);
     if (added && !instances.empty())
         added = gatherer.add(

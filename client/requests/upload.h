@@ -2,6 +2,8 @@
 //
 //   builtin:..., root:...     only a name: the daemon has it
 //   .glb, .gltf               the file and what it names, read beneath its folder
+//   .obj                      the file, its MTL files and their pictures
+//   .ply .stl .off .npz .las  the file
 //   .npy                      records of a primitive type, with --primitive; --instances beside it
 //   -, /dev/stdin, /dev/fd/N  one of these out of a pipe; what a .gltf names is then looked for in
 //                             the current folder
@@ -17,11 +19,17 @@
 #include "protocol/buffer.h"
 #include "protocol/openssl.h"
 
+#include <array>
 #include <cstdint>
 #include <string>
+#include <string_view>
 #include <vector>
 
 namespace raynest::client {
+
+/// Endings of the files that are scenes.
+inline constexpr std::array<std::string_view, 9> scene_endings = {
+    ".glb", ".gltf", ".npy", ".ply", ".stl", ".obj", ".off", ".npz", ".las"};
 
 struct UploadFile {
     std::string name;  ///< the name that the main file uses

@@ -2,6 +2,7 @@
 #include "engine/assets/import.h"
 
 #include "engine/assets/builtin/builtin.h"
+#include "engine/assets/formats/formats.h"
 #include "engine/assets/formats/npy.h"
 #include "engine/assets/gltf/gltf.h"
 #include "engine/assets/input/mask_rules.h"
@@ -41,6 +42,19 @@ Result<SceneDescription> masked(const ImportRequest& request, Result<SceneDescri
     return scene;
 }
 
+/// Reads a format of the table, or a grid of heights.
+Result<SceneDescription> describe_file(ReadFile read, const ImportRequest& request,
+                                       const ImportLimits& limits, const Registry& registry) {
+    if (request.options.auto_origin && request.origin != WorldPoint{})
+        return fail(ErrorCode::scene_invalid, "takes an origin or one that is chosen, not both");
+    auto content = read(request, limits);
+    if (!content) return tl::unexpected<Error>(content.error());
+    return masked(request, check_primitives(place(std::move(*content), request, limits), registry));
+}
+
+/// The word for a .npy of heights, in the place of a primitive type.
+constexpr std::string_view heights = "heights";
+
 bool is_gltf(std::string_view source) {
     return has_extension(source, ".glb") || has_extension(source, ".gltf");
 }
@@ -52,7 +66,7 @@ double mebibytes(std::uint64_t bytes) {
 /// Prefixes an error with its scene: a user may load a dozen. Built-in scenes and arrays name
 /// themselves.
 Error named(const ImportRequest& request, Error error) {
-    if (is_gltf(request.source))
+    if (is_gltf(request.source) || find_format(request.source) != nullptr)
         error.message = fmt::format("{}: {}", one_line(request.source), error.message);
     return error;
 }
@@ -64,6 +78,15 @@ Result<SceneDescription> describe(const ImportRequest& request, const ImportLimi
     const std::string_view source = request.source;
     if (!is_origin(request.origin)) {
         return fail(ErrorCode::scene_invalid, "the origin is not finite, or lies beyond 1e15");
+    }
+    const bool is_npy = has_extension(source, ".npy");
+    const FileFormat* const format = find_format(source);
+    const bool takes_options = format != nullptr || (is_npy && request.primitive == heights);
+    if (!takes_options && request.options != FileOptions{}) {
+        return fail(ErrorCode::scene_invalid,
+                    fmt::format("`unit`, `up`, `radius`, `spacing` and an automatic origin are for "
+                                "{} and heights: leave them out",
+                                format_list()));
     }
     if (source.starts_with("builtin:")) {
         if (request.origin != WorldPoint{}) {
@@ -84,13 +107,14 @@ Result<SceneDescription> describe(const ImportRequest& request, const ImportLimi
         }
     }
     if (is_gltf(source)) return describe_gltf(request, limits);
-    if (has_extension(source, ".npy"))
-        return masked(request, describe_npy(request, limits, registry));
-    return fail(
-        ErrorCode::scene_unsupported,
-        fmt::format("'{}' is not a scene that RayNest reads: .glb, .gltf, .npy, or builtin:forest, "
-                    "builtin:terrain, builtin:flake, builtin:street",
-                    source.substr(0, 200)));
+    if (format != nullptr) return describe_file(format->read, request, limits, registry);
+    if (is_npy && request.primitive == heights)
+        return describe_file(read_heights, request, limits, registry);
+    if (is_npy) return masked(request, describe_npy(request, limits, registry));
+    return fail(ErrorCode::scene_unsupported,
+                fmt::format("'{}' is not a scene that RayNest reads: .glb, .gltf, .npy, {}, or "
+                            "builtin:forest, builtin:terrain, builtin:flake, builtin:street",
+                            source.substr(0, 200), format_list()));
 }
 
 Result<BuiltArena> import_arena(const ImportRequest& request, const ImportLimits& limits,

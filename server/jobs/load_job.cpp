@@ -194,6 +194,7 @@ private:
         request.primitive = order_.primitive;
         request.build = order_.build;
         request.origin = order_.origin;
+        request.options = order_.options;
         request.masks = order_.masks;
         for (const UploadFile& file : order_.files) {
             if (!is_intact(file))

@@ -3,6 +3,7 @@
 // The import runs in a process of its own; a thread of the blocking pool waits for it.
 #pragma once
 
+#include "engine/assets/input/import_request.h"
 #include "engine/scene/description.h"
 #include "protocol/buffer.h"
 #include "protocol/openssl.h"
@@ -45,6 +46,7 @@ struct LoadOrder {
     BuildQuality build = BuildQuality::medium;
     Publication publication;
     WorldPoint origin{};
+    FileOptions options{};
     std::vector<std::string> masks;
     std::optional<DiskSource> disk;  ///< nothing: a built-in scene or an upload
     std::vector<UploadFile> files;

@@ -1,9 +1,10 @@
-// LOAD: imports uploaded files, a built-in scene or a file under --scene-root as a named scene. The start
-// of the daemon loads the sources of --load in the same way.
+// LOAD: imports uploaded files, a built-in scene or a file under --scene-root as a named scene. The
+// start of the daemon loads the sources of --load in the same way.
 //
 //   upload:  NEED ──► UPLOAD pieces ──► import       builtin:, root:, --load  import at once
 //
-// An upload whose files' digests make a scene that the caller may see is published without being sent.
+// An upload whose files' digests make a scene that the caller may see is published without being
+// sent.
 #include "engine/assets/input/mask_rules.h"
 #include "protocol/hash.h"
 #include "protocol/openssl.h"
@@ -53,6 +54,10 @@ std::string digest_of(const LoadOrder& order) {
     add_text(order.primitive);
     add_text(build_quality_names[static_cast<std::size_t>(order.build)]);
     add(order.origin.data(), sizeof order.origin);
+    const FileOptions& options = order.options;
+    const std::array<double, 5> given{options.unit, options.radius, options.spacing,
+                                      options.z_up ? 1.0 : 0.0, options.auto_origin ? 1.0 : 0.0};
+    add(given.data(), sizeof given);
     const std::array<std::uint64_t, 2> counts{order.masks.size(), order.files.size()};
     add(counts.data(), sizeof counts);
     for (const std::string& mask : order.masks) add_text(mask);
@@ -102,6 +107,27 @@ Reply<void> read_files(const Services& services, const wire::Load& message, Load
         order.files[i].bytes =
             protocol::Buffer(message.file_bytes()->Get(static_cast<flatbuffers::uoffset_t>(i)));
     return {};
+}
+
+/// Reads how to take a file without units. Lengths up to 1e9 keep all products finite.
+Reply<FileOptions> options_of(const wire::Load& message) {
+    FileOptions options{message.unit(), message.radius(), message.spacing(),
+                        protocol::text(message.up()) == "z", message.origin_auto()};
+    const std::string_view up = protocol::word(message.up(), "y");
+    if (up != "y" && up != "z")
+        return refuse(Code::invalid_field, "unknown up '" + std::string(up) + "': use one of y, z");
+    constexpr double least = 1e-9, most = 1e9;
+    for (const auto& [name, value] :
+         {std::pair{"unit", options.unit}, std::pair{"radius", options.radius},
+          std::pair{"spacing", options.spacing}}) {
+        if (value != 0 && !(value >= least && value <= most))
+            return refuse(Code::invalid_field,
+                          std::string("`") + name + "` is a length of 1e-9 to 1e9, or 0 for none");
+    }
+    if (options.auto_origin &&
+        (message.origin_x() != 0 || message.origin_y() != 0 || message.origin_z() != 0))
+        return refuse(Code::invalid_field, "give an origin or origin_auto, not both");
+    return options;
 }
 
 Reply<void> check_name(const Services& services, const LoadOrder& order) {
@@ -165,6 +191,9 @@ Reply<Answer> load(const Services& services, const Caller& caller,
     order.publication = {message->replace(), message->temporary(),
                          protocol::strings(message->share())};
     order.origin = {message->origin_x(), message->origin_y(), message->origin_z()};
+    const auto options = options_of(*message.table);
+    if (!options) return tl::unexpected(options.error());
+    order.options = *options;
     order.masks = protocol::strings(message->masks());
     if (const auto rules = MaskRules::parse(order.masks); !rules)
         return refuse(Code::invalid_field, rules.error().message);

@@ -1,11 +1,14 @@
 #include "server/store/scene_files.h"
 
+#include "engine/assets/formats/obj_names.h"
 #include "engine/assets/gltf/file/prescan.h"
 #include "engine/assets/gltf/file/uri.h"
+#include "engine/assets/input/uploaded_files.h"
 
 #include <nlohmann/json.hpp>
 
 #include <algorithm>
+#include <deque>
 
 namespace raynest::server {
 namespace {
@@ -78,20 +81,32 @@ Result<std::vector<SourceFile>> read_scene(const std::filesystem::path& root, st
         return fail(ErrorCode::scene_invalid,
                     "cannot open root:" + std::string(path) + ": there is no such file");
 
-    const std::vector<std::string> names = named_files((*main)->bytes);
+    const std::vector<std::string> names =
+        has_extension(path, ".obj") ? files_named_by((*main)->name, (*main)->bytes, files_max)
+                                    : named_files((*main)->bytes);
     if (names.size() >= files_max)
         return fail(ErrorCode::limit_exceeded, "root:" + std::string(path) + " names over " +
                                                    std::to_string(files_max) + " files");
     std::uint64_t left = bytes_max - (*main)->bytes.size();
     std::vector<SourceFile> files;
     files.push_back(std::move(**main));
-    for (const std::string& name : names) {
-        if (name == files.front().name) continue;
+    // The MTL files of an OBJ name others in turn, which go to the end of the list.
+    std::deque<std::string> open(names.begin(), names.end());
+    for (; !open.empty(); open.pop_front()) {
+        const std::string& name = open.front();
+        const auto is_it = [&](const SourceFile& file) { return file.name == name; };
+        if (std::any_of(files.begin(), files.end(), is_it)) continue;
         auto file = read_under_root(root, folder, name, left, memory);
         if (!file) return tl::unexpected(file.error());
         // Skip a missing file; the import reports it if it needs it.
         if (!*file) continue;
         left -= (*file)->bytes.size();
+        for (std::string& more : files_named_by(name, (*file)->bytes, files_max)) {
+            if (has_extension(name, ".mtl")) open.push_back(std::move(more));
+        }
+        if (files.size() >= files_max)
+            return fail(ErrorCode::limit_exceeded, "root:" + std::string(path) + " names over " +
+                                                       std::to_string(files_max) + " files");
         files.push_back(std::move(**file));
     }
     return files;

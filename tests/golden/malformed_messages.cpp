@@ -127,6 +127,12 @@ void add_bad_loads(Table& table) {
         l.file_hashes.assign(513, 1);
         l.file_bytes.assign(513, 1);
     });
+    constexpr double none = std::numeric_limits<double>::quiet_NaN();
+    add("Load with a unit that is no number", Code::invalid_field, [](auto& l) { l.unit = none; });
+    add("Load with a radius that is no number", Code::invalid_field,
+        [](auto& l) { l.radius = none; });
+    add("Load with a spacing that is no number", Code::invalid_field,
+        [](auto& l) { l.spacing = none; });
     add("Load of an overlong source", Code::limit_exceeded,
         [](auto& l) { l.source = std::string(4097, 'x'); });
 }

@@ -57,11 +57,11 @@ class FirstHour(DaemonTest):
         self.says(2, "'0 0,90,0,0,-1,0'", "query", "hills", "--ray", "0 0,90,0,0,-1,0")
 
     def test_what_is_not_what_it_was_taken_for_is_said(self):
-        self.says(5, ("no scene is called 'forest.stl'", "raynest load"), "info",
-                  "forest.stl")
+        self.says(5, ("no scene is called 'forest.fbx'", "raynest load"), "info",
+                  "forest.fbx")
         self.says(2, "did you mean unix:/tmp/x/s?", "scenes", "--server", "/tmp/x/s")
         self.says(2, "unix:PATH", "scenes", "--server", "unix:")
-        self.says(5, "convert it to .glb", "load", "a.stl")
+        self.says(5, "convert it to .glb", "load", "a.fbx")
 
     # ---- the first steps ------------------------------------------------------------------------
 

@@ -187,10 +187,10 @@ class Notes(DaemonTest):
             self.assertIn(f"; {100 * finding['share']:.1f} % of all work; ", line)
 
     def test_files_of_other_programs_are_refused_at_once(self):
-        (self.out / "x.obj").write_text("v 0 0 0\n")
+        (self.out / "x.fbx").write_text("v 0 0 0\n")
         client = Client(self.raynest, self.daemon.uri)
         for command in (("info",), ("render", "-o", "x.png"), ("heatmap", "-o", "x.png")):
-            process = client.start(command[0], "x.obj", *command[1:], cwd=self.out)
+            process = client.start(command[0], "x.fbx", *command[1:], cwd=self.out)
             _, errors = process.communicate(timeout=PATIENCE)
             self.assertEqual(process.returncode, 5, errors)
             self.assertIn("convert it to .glb", errors)

@@ -24,6 +24,7 @@ from raynest._net.schema import SCHEMA, SCALARS
 from raynest._requests.columns import Answered, OF_HITS, OF_RAYS
 from raynest._requests.files import read_file_beneath
 from raynest._requests.gltf import file_names, file_of_uri, mesh_glb
+from raynest._requests.obj import names_in
 from raynest._requests.rays import Rays, segments
 
 ROOT = pathlib.Path(__file__).resolve().parents[2]
@@ -245,6 +246,10 @@ class Chunks(unittest.TestCase):
             self.assertEqual(file_of_uri(uri), name, uri)
         self.assertIsNone(file_of_uri("%ff"))
         self.assertIsNone(file_of_uri("x" * 1025))
+
+    def test_an_obj_names_files_beneath_its_folder(self):
+        for case in json.loads(GLTF_URIS.with_name("obj_names.json").read_text(encoding="utf-8")):
+            self.assertEqual(names_in(case["file"], case["text"].encode()), case["names"], case)
 
     def test_links_are_followed_where_they_end_in_the_folder(self):
         with tempfile.TemporaryDirectory() as outside, tempfile.TemporaryDirectory() as inside:

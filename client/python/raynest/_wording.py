@@ -17,10 +17,10 @@ WORDS = {
     "exposure": "exposure=", "hide": "hide=", "level": "level=",
     "look_at": "look_at=", "mask": "mask=", "name": "name=", "noise": "noise=",
     "only": "only=", "origin": "origin=", "primitive": "primitive=",
-    "replace": "replace=True",
+    "radius": "radius=", "replace": "replace=True",
     "samples": "spp=", "size": "size=",
-    "skip_hidden_boxes": "skip_hidden_boxes=", "sun": "sun=", "tonemap": "tonemap=", "top": "top=",
-    "traversal": "traversal=", "worker": "worker="}
+    "skip_hidden_boxes": "skip_hidden_boxes=", "spacing": "spacing=", "sun": "sun=", "tonemap": "tonemap=", "top": "top=",
+    "traversal": "traversal=", "unit": "unit=", "up": "up=", "worker": "worker="}
 
 
 def _points(numbers: str) -> str:

@@ -86,9 +86,10 @@ class Client(Session):
     def load(self, source: Union[str, os.PathLike[str]], name: Optional[str] = None, *,
              origin: Any = None, replace: bool = False, build: str = "medium", primitive: str = "",
              instances: Union[str, os.PathLike[str]] = "", masks: Masks = (),
+             unit: Union[str, float] = 1, up: str = "y", radius: float = 0, spacing: float = 0,
              share: Union[str, Sequence[str]] = (), progress: Progress = None) -> Scene:
-        """Uploads a .glb or .gltf with the files that it names, or a .npy of `primitive` records; or
-        loads "builtin:forest?trees=9" or "root:PATH", which the daemon has. A pipe, or "-" for
+        """Uploads a .glb, .gltf or .obj with the files that it names, a .ply, .stl, .off or .las, a .npz
+        of the arrays vertices and faces, or a .npy of `primitive` records or "heights"; or loads "builtin:forest?trees=9" or "root:PATH", which the daemon has. A pipe, or "-" for
         stdin, may bring any of these files; it then needs a `name`.
 
         The scene is called `name`, by default the file's stem. If other content has that name, the
@@ -98,6 +99,11 @@ class Client(Session):
         float32 loses small details far from zero. `origin`, three float64 near the scene, is
         subtracted before they are lost. It stays with the scene; rays, cameras and positions are in
         the world for every client. A SceneWarning says when an origin would help.
+
+        Formats without a unit, which are all but glTF, take these: `unit`, "mm", "cm", "m", "in", "ft"
+        or metres as a number; `up="z"` turns (x, y, z) to (x, z, -y); `radius` makes spheres of the
+        points of a .ply or .las, in the file's unit; `spacing` lies between the heights of a grid,
+        whose rows go along z and columns along x; `origin="auto"` has the daemon choose an origin.
 
         The daemon is asked by the files' SHA-256 first: it publishes a scene of the same content
         that you may see under the new name, and nothing is sent.
@@ -116,8 +122,11 @@ class Client(Session):
             upload = upload._replace(scene_name=name)
         elif upload.files and not upload.scene_name:
             raise UsageError(f"a scene of {source} has no name of its own: pass name=")
-        message = {**upload.message(), **_origin_message(origin), "replace": replace,
-                   "build": build, "primitive": primitive, "masks": mask_rules(masks),
+        chosen = isinstance(origin, str) and origin == "auto"
+        message = {**upload.message(), **_origin_message(None if chosen else origin), "replace": replace,
+                   "build": build, "primitive": primitive, "origin_auto": chosen,
+                   "unit": _metres(unit), "up": "" if up == "y" else up, "radius": radius,
+                   "spacing": spacing, "masks": mask_rules(masks),
                    "share": split_principals(share) if isinstance(share, str) else list(share)}
         return self._load(upload, message, progress)[0]
 
@@ -272,6 +281,15 @@ class Client(Session):
         begin = time.perf_counter()
         self.connection.ask("Ping", {"payload": 1}, "Pong")
         return time.perf_counter() - begin
+
+
+def _metres(unit: Union[str, float]) -> float:
+    """Returns a unit in metres, 0 for one metre."""
+    units = {"mm": 0.001, "cm": 0.01, "m": 1.0, "in": 0.0254, "ft": 0.3048}
+    if isinstance(unit, str) and unit not in units:
+        raise UsageError(f"unit must be one of {', '.join(units)}, or metres as a number, not {unit!r}")
+    metres = units[unit] if isinstance(unit, str) else float(unit)
+    return 0.0 if metres == 1 else metres
 
 
 def _origin_message(origin: Any) -> Message:

@@ -20,12 +20,23 @@ struct NamedBytes {
     std::span<const std::byte> bytes;
 };
 
+/// How to read a format that says neither its unit nor its axes (formats/formats.h).
+struct FileOptions {
+    double unit = 0;           ///< metres per unit; 0: 1
+    double radius = 0;         ///< of a point that has none, in units of the file; 0: none
+    double spacing = 0;        ///< units between the heights of a grid; 0: 1
+    bool z_up = false;         ///< else y points up
+    bool auto_origin = false;  ///< an origin is chosen if the file lies far from zero
+    friend bool operator==(const FileOptions&, const FileOptions&) = default;
+};
+
 struct ImportRequest {
     std::string source;             ///< "forest.glb", "builtin:forest?trees=100", "points.npy"
     std::vector<NamedBytes> files;  ///< files[0] is the main file; empty for built-in scenes
     std::string primitive;          ///< record type of a .npy, e.g. "sphere"
     BuildQuality build = BuildQuality::medium;
     WorldPoint origin{};             ///< subtracted from world coordinates before they are rounded
+    FileOptions options{};
     std::vector<std::string> masks;  ///< rules "GLOB=HEX" (mask_rules.h)
 };
 

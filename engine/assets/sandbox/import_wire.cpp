@@ -30,6 +30,7 @@ struct RequestHeader {
     std::uint32_t mask_count = 0;
     BuildQuality build = BuildQuality::medium;
     WorldPoint origin{};
+    FileOptions options{};
 };
 struct FileHeader {
     std::uint64_t bytes = 0;
@@ -148,6 +149,7 @@ Result<void> write_request(int fd, Work work, const ImportRequest& request,
     header.primitive_bytes = static_cast<std::uint32_t>(request.primitive.size());
     header.build = request.build;
     header.origin = request.origin;
+    header.options = request.options;
     header.file_count = static_cast<std::uint32_t>(request.files.size());
     header.mask_count = static_cast<std::uint32_t>(request.masks.size());
     if (request.source.size() > text_bytes_max || request.primitive.size() > text_bytes_max ||
@@ -189,6 +191,7 @@ Result<Message> parse_request(std::span<const std::byte> bytes) {
     message.parent = header.parent;
     message.request.build = header.build;
     message.request.origin = header.origin;
+    message.request.options = header.options;
     const auto take_text = [&](std::uint64_t size, std::string& text) {
         const std::byte* from = size > text_bytes_max ? nullptr : cursor.take(size);
         if (from != nullptr) text.assign(reinterpret_cast<const char*>(from), size);

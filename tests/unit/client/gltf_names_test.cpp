@@ -1,5 +1,7 @@
 #include "client/files/gltf_names.h"
 
+#include "client/files/obj_names.h"
+
 #include <doctest/doctest.h>
 #include <nlohmann/json.hpp>
 
@@ -121,4 +123,14 @@ TEST_CASE("a GLB's lengths must add up") {
     CHECK(!reads(glb(json + "abc")));
     const std::string whole = glb(json);
     for (std::size_t size = 4; size < whole.size(); ++size) CHECK(!reads(whole.substr(0, size)));
+}
+
+TEST_CASE("names in an OBJ and its MTL files, as all readers of them find them") {
+    std::ifstream table(RAYNEST_SOURCE_DIR "/tests/golden/obj_names.json");
+    for (const auto& entry : nlohmann::json::parse(table)) {
+        const auto text = entry["text"].get<std::string>();
+        CAPTURE(text);
+        CHECK(client::obj_names(entry["file"].get<std::string>(), std::as_bytes(std::span(text))) ==
+              entry["names"].get<std::vector<std::string>>());
+    }
 }

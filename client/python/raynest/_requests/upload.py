@@ -2,6 +2,8 @@
 
     builtin:..., root:...     a name only: the daemon has the content
     .glb, .gltf               the file, and the files that it names below its folder
+    .obj                      the file, its MTL files and their pictures
+    .ply .stl .off .npz .las  the file
     .npy                      records of a primitive type, with an optional file of `instances`
     -, /dev/stdin, /dev/fd/N  one of these from a pipe; a .gltf's files are then read from the
                               current folder
@@ -22,20 +24,25 @@ from .._net.frame import Array, padding
 from .files import (STANDARD, head_of, is_nameless, is_pipe, read_file, read_file_beneath,
                     sendable)
 from .gltf import file_names
+from .obj import names_in
 
 # Bytes of a file per frame: headers do not matter at this size, and it fits any frame limit.
 PIECE_BYTES = 1 << 20
 
+# Endings of the files that are scenes.
+_SCENES = (".glb", ".gltf", ".npy", ".ply", ".stl", ".obj", ".off", ".npz", ".las")
+
 # Endings of packed files, which are not unpacked here.
 _PACKED = (".xz", ".gz", ".bz2", ".zst", ".zip", ".7z", ".tar", ".tgz")
 
-_POINTS = ("points have no surface to hit: load spheres around them, a .npy with primitive='sphere', or make "
+_POINTS = ("points have no surface to hit: save them as .ply or .las and load them with radius=, or make "
            "a mesh of them")
 # Files of other programs that hold no triangles.
 _OF_OTHERS = {
-    **dict.fromkeys((".las", ".laz", ".e57", ".pcd", ".xyz"), _POINTS),
+    ".laz": "it is compressed: unpack it with laszip -i in.laz -o out.las",
+    **dict.fromkeys((".e57", ".pcd", ".xyz"), _POINTS),
     **dict.fromkeys((".tif", ".tiff", ".asc"), "a raster of heights becomes a mesh by its grid: read it with "
-                    "rasterio and pass vertices and faces to mesh()"),
+                    "rasterio, save it with numpy.save() and load that with primitive='heights'"),
     ".epw": "weather is not part of a scene: take the sun's directions from it and trace rays to them",
     **dict.fromkeys((".exr", ".hdr"), "it is a picture: pass it as environment= of render()")}
 
@@ -65,14 +72,14 @@ def gather(source: str, primitive: str, instances: str) -> Upload:
     folder, name = os.path.split(source)
     stem, extension = os.path.splitext(name)
     nameless = is_nameless(source)
-    if not nameless and extension.lower() in (".glb", ".gltf", ".npy"):
+    if not nameless and extension.lower() in _SCENES:
         data = read_file(source, _limits.upload_bytes_max)
     elif nameless or is_pipe(source):
         data = read_file(source, _limits.upload_bytes_max, lambda begin: _sniffed(source, begin))
         extension = _sniffed(source, data)
         name += extension
     else:
-        extension = _sniff(head_of(source))
+        extension = "" if extension.lower() == ".laz" else _sniff(head_of(source))
         name += extension
         if not extension:
             raise errors.InvalidError(f"{source} {_not_a_scene(source)}", "FILE_INVALID")
@@ -83,12 +90,14 @@ def gather(source: str, primitive: str, instances: str) -> Upload:
     records = extension.lower() == ".npy"
     _check_records(source, records, primitive, instances)
     main = File(sendable(name), data)
-    if not records:
+    if extension.lower() == ".obj":
+        return Upload(main.name, sendable(stem), (main, *_files_of_obj(main, folder)))
+    if extension.lower() in (".glb", ".gltf"):
         try:
             return Upload(main.name, sendable(stem), (main, *_named_files(main, folder)))
         except errors.InvalidError as error:
             raise errors.InvalidError(f"{source} {error}", error.name) from None
-    files = [main]
+    files = [main]  # of one file, or of records
     if instances:
         left = _limits.upload_bytes_max - len(data)
         files.append(File(sendable(os.path.basename(instances)), read_file(instances, left)))
@@ -100,7 +109,7 @@ def _check_records(source: str, records: bool, primitive: str, instances: str) -
         raise errors.UsageError(f"primitive and instances are for .npy files; {source} is none")
     if records and not primitive:
         raise errors.UsageError(f"{source} holds records: say of what, for example with "
-                                "primitive='sphere'")
+                                "primitive='sphere', or primitive='heights' for a grid")
 
 
 def _not_a_scene(source: str) -> str:
@@ -109,14 +118,16 @@ def _not_a_scene(source: str) -> str:
         return "is a folder; name the .glb or .gltf file in it"
     if os.path.splitext(source)[1].lower() in _PACKED:
         return "is packed; unpack it and load what comes out"
-    kind = "is not a .glb, .gltf or .npy file, nor builtin:NAME; "
+    kind = "is not a .glb, .gltf, .obj, .ply, .stl, .off, .npz, .las or .npy file, nor builtin:NAME; "
     return kind + _OF_OTHERS.get(os.path.splitext(source)[1].lower(), "read it with trimesh and pass its "
                                  "vertices and faces to mesh(), or convert it to .glb")
 
 
 def _sniff(data: bytes) -> str:
     """Returns the file ending that fits the first bytes; "" if none does."""
-    for start, extension in ((b"glTF", ".glb"), (b"\x93NUMPY", ".npy")):
+    for start, extension in ((b"glTF", ".glb"), (b"\x93NUMPY", ".npy"), (b"ply\n", ".ply"), (b"ply\r", ".ply"),
+                             (b"LASF", ".las"), (b"PK\x03\x04", ".npz"), (b"solid ", ".stl"), (b"OFF", ".off"),
+                             (b"COFF", ".off")):
         if data.startswith(start):
             return extension
     return ".gltf" if data.lstrip(b" \t\r\n")[:1] == b"{" else ""
@@ -132,7 +143,8 @@ def _sniffed(source: str, data: bytes) -> str:
     _refuse_empty(source, data)
     extension = _sniff(data)
     if not extension:
-        raise errors.InvalidError(f"{source} brought neither a .glb, a .gltf nor a .npy",
+        raise errors.InvalidError(f"{source} brought no scene that is known by its first bytes: a .glb, .gltf, "
+                                  ".npy, .ply, .stl, .off, .npz or .las; name a file of another kind by its ending",
                                   "FILE_INVALID")
     return extension
 
@@ -156,6 +168,28 @@ def _named_files(main: File, folder: str) -> Iterator[File]:
             continue
         left -= len(data)
         yield File(other, data)
+
+
+def _files_of_obj(main: File, folder: str) -> list[File]:
+    """The MTL files and their pictures. One that cannot be read is left out: the scene can do without."""
+    files = [main]
+    left = _limits.upload_bytes_max - len(main.data)
+    for by in files:  # which grows
+        for name in names_in(by.name, bytes(by.data)):
+            if any(file.name == name for file in files):
+                continue
+            if len(files) >= _limits.upload_files_max:
+                raise errors.InvalidError(f"{main.name} names over {len(files)} files", "FILE_INVALID")
+            try:
+                data = read_file_beneath(folder, name, left)
+            except errors.InvalidError as error:
+                errors.warn(f"the file {error}. It is left out", errors.SceneWarning)
+                continue
+            if data is None:
+                continue
+            left -= len(data)
+            files.append(File(name, data))
+    return files[1:]
 
 
 class FileSender:

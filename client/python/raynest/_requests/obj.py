@@ -1,0 +1,35 @@
+"""The names of the files that an OBJ and its MTL files name, read from text that may be hostile."""
+from __future__ import annotations
+
+import re
+
+from .gltf import file_of_uri
+
+_NUMBER = rb"[-+.0-9eE]+"
+# Options of a map before its file's name: "-s 2 2 1 leaf.png".
+_OPTION = re.compile(rb"-mm(?:[ \t]+" + _NUMBER + rb"){0,2}[ \t]+"
+                     rb"|-[sot](?:[ \t]+" + _NUMBER + rb"){0,3}[ \t]+"
+                     rb"|-[a-z]+[ \t]+[^ \t]+[ \t]+")
+_LINES = {".obj": re.compile(rb"^[ \t]*mtllib[ \t]+([^\r\n]+)", re.M),
+          ".mtl": re.compile(rb"^[ \t]*map_Kd[ \t]+([^\r\n]+)", re.M)}
+
+
+def names_in(file: str, data: bytes) -> list[str]:
+    """Returns the MTL files of an .obj, or the pictures of an .mtl, each once, beneath the scene's
+    folder; `file` is the name of the file itself. Names outside the folder are left out: the daemon
+    complains of them."""
+    lines = _LINES.get(file[-4:].lower())
+    names: dict[str, None] = {}
+    for match in lines.finditer(data) if lines else ():
+        rest = match[1].strip()
+        while file[-4:].lower() == ".mtl" and rest.startswith(b"-"):
+            option = _OPTION.match(rest)
+            rest = rest[option.end():] if option else b""
+        text = rest.decode("utf-8", "surrogateescape")
+        if text.startswith(("/", "\\")):
+            continue
+        folder = file[:file.rfind("/") + 1]
+        name = file_of_uri((folder + text).replace("%", "%25"))
+        if name is not None:
+            names.setdefault(name)
+    return list(names)

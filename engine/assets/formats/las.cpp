@@ -1,0 +1,78 @@
+// LAS points. Debian 12 has no LASzip and no PDAL, so compressed files (LAZ) are refused.
+#include "engine/assets/formats/formats.h"
+
+#include <fmt/format.h>
+
+#include <array>
+#include <cstring>
+
+namespace raynest {
+namespace {
+
+constexpr std::size_t header_bytes_min = 227;  ///< of LAS 1.0 to 1.2
+constexpr std::size_t header_bytes_14 = 375;
+
+template <class Number>
+Number number_at(std::span<const std::byte> bytes, std::size_t at) {
+    Number value{};
+    std::memcpy(&value, bytes.data() + at, sizeof value);
+    return value;
+}
+
+tl::unexpected<Error> refuse_laz() {
+    return fail(
+        ErrorCode::scene_unsupported,
+        "is compressed (LAZ), which is not read: unpack it with laszip -i in.laz -o out.las, or "
+        "with pdal translate in.laz out.las");
+}
+
+}  // namespace
+
+Result<FileContent> read_laz(const ImportRequest&, const ImportLimits&) {
+    return refuse_laz();
+}
+
+Result<FileContent> read_las(const ImportRequest& request, const ImportLimits& limits) {
+    const std::span<const std::byte> file = request.files.front().bytes;
+    if (file.size() < header_bytes_min || std::memcmp(file.data(), "LASF", 4) != 0)
+        return fail(ErrorCode::scene_invalid, "is no LAS file, or is cut short within its header");
+    const auto major = number_at<std::uint8_t>(file, 24);
+    const auto minor = number_at<std::uint8_t>(file, 25);
+    const auto format = number_at<std::uint8_t>(file, 104);
+    if (major != 1 || minor > 4)
+        return fail(ErrorCode::scene_unsupported,
+                    fmt::format("is LAS {}.{}; 1.0 to 1.4 are read", major, minor));
+    if ((format & 0x80) != 0) return refuse_laz();
+    const auto data_at = number_at<std::uint32_t>(file, 96);
+    const auto record_bytes = number_at<std::uint16_t>(file, 105);
+    std::uint64_t count = number_at<std::uint32_t>(file, 107);
+    if (minor == 4 && file.size() >= header_bytes_14) count = number_at<std::uint64_t>(file, 247);
+    constexpr std::uint16_t record_bytes_min = 20;  // of format 0
+    if (record_bytes < record_bytes_min || data_at < header_bytes_min || data_at > file.size())
+        return fail(ErrorCode::scene_invalid,
+                    "has a damaged header: its points lie outside the file or are too short");
+    const std::uint64_t there = (file.size() - data_at) / record_bytes;
+    if (count > there)
+        return fail(
+            ErrorCode::scene_invalid,
+            fmt::format("says that it has {} points, and has {}: it is cut short", count, there));
+    if (count > limits.triangles_max)
+        return fail(ErrorCode::limit_exceeded, fmt::format("has {} points; at most {} are allowed",
+                                                           count, limits.triangles_max));
+    std::array<double, 6> scale_offset{};  // of x, y, z each
+    std::memcpy(scale_offset.data(), file.data() + 131, sizeof scale_offset);
+    FileContent content;
+    content.points.reserve(count);
+    for (std::uint64_t i = 0; i < count; ++i) {
+        const std::size_t at = data_at + i * record_bytes;
+        glm::dvec3 point;
+        for (int axis = 0; axis < 3; ++axis)
+            point[axis] = number_at<std::int32_t>(file, at + 4 * static_cast<std::size_t>(axis)) *
+                              scale_offset[static_cast<std::size_t>(axis)] +
+                          scale_offset[static_cast<std::size_t>(axis) + 3];
+        content.points.push_back(point);
+    }
+    return content;
+}
+
+}  // namespace raynest
