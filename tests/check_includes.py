@@ -124,7 +124,7 @@ HEAVY = {
 # The Python package: its rooms from the ground up, each with its modules or folders.
 PACKAGE = "client/python/raynest"
 PYTHON = [{"errors", "_lists", "_limits", "_wording", "_version", "_handles"}, {"_net"}, {"images"},
-          {"_requests"}, {"_session"}, {"job"}, {"generators"}, {"edits"}, {"_render"}, {"_paths"},
+          {"_requests"}, {"_session"}, {"job"}, {"generators", "sweeps", "points"}, {"edits"}, {"_render"}, {"_paths"},
           {"scene"}, {"client"}, {"compat"}, {"__init__"}]
 
 SOURCES = {".h", ".cpp", ".cu", ".inc", ".in"}

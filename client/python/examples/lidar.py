@@ -7,7 +7,6 @@ import terminal
 
 POINT = np.dtype([("x", "<f8"), ("y", "<f8"), ("z", "<f8"), ("cosine", "<f4"), ("instance", "<u4"),
                   ("channel", "<u2")])
-PLY_TYPES = {"<f8": "double", "<f4": "float", "<u4": "uint", "<u2": "ushort"}
 
 
 def options():
@@ -58,11 +57,8 @@ def sweep(scene, lidar, azimuths, progress):
 def save(path, points):
     if path.endswith(".npy"):
         return np.save(path, points)
-    lines = ["ply", "format binary_little_endian 1.0", f"element vertex {len(points)}"]
-    lines += [f"property {PLY_TYPES[POINT[name].str]} {name}" for name in POINT.names]
-    with open(path, "wb") as file:
-        file.write("\n".join(lines + ["end_header", ""]).encode())
-        file.write(points.tobytes())
+    raynest.points.save(path, np.stack([points[axis] for axis in "xyz"], -1),
+                        **{name: points[name] for name in ("cosine", "instance", "channel")})
 
 
 def main():

@@ -1,0 +1,128 @@
+"""Point clouds as files: PLY, PCD and LAS, binary."""
+from __future__ import annotations
+
+import os
+import struct
+from typing import Any, Union
+
+import numpy as np
+
+from ._net.frame import Array
+from ._requests.arguments import numbers
+from .errors import UsageError
+
+_PLY_TYPES = {"i1": "char", "u1": "uchar", "i2": "short", "u2": "ushort", "i4": "int", "u4": "uint",
+              "f4": "float", "f8": "double"}
+# float32 tells millimetres apart up to here.
+_FLOAT32_MOST = 1e4
+_LAS_HEADER_BYTES = 227
+_LAS_POINT = np.dtype([("x", "<i4"), ("y", "<i4"), ("z", "<i4"), ("intensity", "<u2"), ("returns", "u1"),
+                       ("classification", "u1"), ("angle", "i1"), ("user", "u1"), ("source", "<u2"),
+                       ("time", "<f8")])
+
+
+def save(path: Union[str, os.PathLike[str]], position: Any, *, where: Any = None, **columns: Any) -> int:
+    """Writes points (N, 3) to a .ply, .pcd or .las, with columns of their own: (N,), or (N, k), which become
+    name_0, name_1, ... `where` (N,) chooses the points, as the column hit does; points that are not finite are
+    left out. LAS has room for the columns time (GPS time), intensity (0 to 1), return (from 0) and ring (as user
+    data), and refuses others. Returns the number of points."""
+    name = os.fspath(path)
+    write = {".ply": _write_ply, ".pcd": _write_pcd, ".las": _write_las}.get(os.path.splitext(name)[1].lower())
+    if write is None:
+        raise UsageError(f"'{name}' is no point cloud that can be written: the name must end with .ply, .pcd or .las")
+    points = numbers("position", position).astype(np.float64)
+    if points.ndim != 2 or points.shape[1] != 3:
+        raise UsageError(f"position has shape {points.shape}: it must be (N, 3)")
+    chosen = np.isfinite(points).all(axis=1)
+    if where is not None:
+        mask = np.asarray(where)
+        if mask.shape != (len(points),):
+            raise UsageError(f"where has shape {mask.shape}: it must be ({len(points)},)")
+        chosen &= mask.astype(bool)
+    flat: dict[str, Array] = {}
+    for key, values in columns.items():
+        column = np.asarray(values)
+        if column.ndim not in (1, 2) or len(column) != len(points) or column.dtype.kind not in "biuf":
+            raise UsageError(f"{key} has shape {column.shape} and type {column.dtype}: it must be numbers, "
+                             f"({len(points)},) or ({len(points)}, k)")
+        parts = [(key, column)] if column.ndim == 1 else [(f"{key}_{i}", column[:, i]) for i in range(column.shape[1])]
+        flat.update((part, _plain(part, values[chosen])) for part, values in parts)
+    with open(path, "wb") as file:
+        file.write(write(points[chosen], flat))
+    return int(chosen.sum())
+
+
+def _plain(name: str, column: Array) -> Array:
+    """A column in a type that all formats know."""
+    if column.dtype.kind == "b":
+        return column.astype("u1")
+    if column.dtype.itemsize == 8 and column.dtype.kind in "iu":
+        small = column.astype("<u4" if column.dtype.kind == "u" else "<i4")
+        if (small != column).any():
+            raise UsageError(f"{name} has numbers beyond 32 bits, which these files cannot hold")
+        return small
+    return column.astype(column.dtype.newbyteorder("<")) if column.dtype != np.float16 else column.astype("<f4")
+
+
+def _table(points: Array, columns: dict[str, Array], real: str) -> Array:
+    table = np.empty(len(points), [(axis, real) for axis in "xyz"]
+                     + [(name, column.dtype.str) for name, column in columns.items()])
+    for axis, values in zip("xyz", points.T):
+        table[axis] = values
+    for name, column in columns.items():
+        table[name] = column
+    return table
+
+
+def _write_ply(points: Array, columns: dict[str, Array]) -> bytes:
+    table = _table(points, columns, "<f8")
+    lines = ["ply", "format binary_little_endian 1.0", f"element vertex {len(table)}"]
+    for name in table.dtype.names or ():
+        kind = table.dtype[name]
+        lines.append(f"property {_PLY_TYPES[kind.kind + str(kind.itemsize)]} {name}")
+    return "\n".join((*lines, "end_header\n")).encode() + table.tobytes()
+
+
+def _write_pcd(points: Array, columns: dict[str, Array]) -> bytes:
+    # Many readers take float32 alone.
+    far = len(points) and np.abs(points).max() > _FLOAT32_MOST
+    table = _table(points, columns, "<f8" if far else "<f4")
+    kinds = [table.dtype[name] for name in table.dtype.names or ()]
+    letter = {"f": "F", "u": "U", "i": "I"}
+    lines = ["# .PCD v0.7 - Point Cloud Data file format", "VERSION 0.7",
+             "FIELDS " + " ".join(table.dtype.names or ()),
+             "SIZE " + " ".join(str(kind.itemsize) for kind in kinds),
+             "TYPE " + " ".join(letter[kind.kind] for kind in kinds),
+             "COUNT " + " ".join("1" for _ in kinds), f"WIDTH {len(table)}", "HEIGHT 1",
+             "VIEWPOINT 0 0 0 1 0 0 0", f"POINTS {len(table)}", "DATA binary\n"]
+    return "\n".join(lines).encode() + table.tobytes()
+
+
+def _write_las(points: Array, columns: dict[str, Array]) -> bytes:
+    """LAS 1.2, point format 1."""
+    table = np.zeros(len(points), _LAS_POINT)
+    low = points.min(axis=0) if len(points) else np.zeros(3)
+    high = points.max(axis=0) if len(points) else np.zeros(3)
+    offset = np.floor(low)
+    scale = np.maximum(0.0001, (high - offset) / 2**30)
+    for axis, values in zip("xyz", np.rint((points - offset) / scale).T):
+        table[axis] = values
+    table["returns"] = 1 | 1 << 3
+    for name, column in columns.items():
+        if name == "time":
+            table["time"] = column
+        elif name == "intensity":
+            table["intensity"] = np.rint(np.clip(column.astype(np.float64), 0, 1) * 65535)
+        elif name == "return":
+            number = np.clip(column, 0, 4).astype("u1") + np.uint8(1)
+            table["returns"] = number | (number.max(initial=1) << 3)
+        elif name == "ring":
+            table["user"] = np.clip(column, 0, 255)
+        else:
+            raise UsageError(f"a .las has no room for the column '{name}': save it as .ply or .pcd, or leave it away")
+    by_return = np.bincount((table["returns"] & 7) - 1, minlength=5)[:5] if len(table) else np.zeros(5, int)
+    header = struct.pack("<4sHH16sBB32s32sHHHIIBHI5I", b"LASF", 0, 0, bytes(16), 1, 2, b"RayNest", b"RayNest", 0, 0,
+                         _LAS_HEADER_BYTES, _LAS_HEADER_BYTES, 0, 1, _LAS_POINT.itemsize, len(table),
+                         *(int(count) for count in by_return))
+    header += struct.pack("<12d", *scale, *offset, high[0], low[0], high[1], low[1], high[2], low[2])
+    return header + table.tobytes()

@@ -1,0 +1,133 @@
+"""Sweeps of a sensor in motion: each column of a lidar's rays leaves from where the sensor is at its time.
+
+    times, poses = ...                              # (K,), (K, 3, 4): from the sensor's space to the world
+    sweep = raynest.sweeps.lidar(np.linspace(-25, 15, 64), (0, 360, 1800), begin=0.0, end=0.1,
+                                 trajectory=(times, poses))
+    seen = s.trace(sweep.rays, fields=("t", "position", "hit"))
+    raynest.points.save("sweep.ply", seen["position"], where=seen["hit"], ring=sweep.ring, time=sweep.time)
+"""
+from __future__ import annotations
+
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from . import _limits
+from ._net.frame import Array
+from ._requests.arguments import count_of, numbers, real
+from .errors import UsageError
+
+# Columns of a pose may be off unit length and right angles by so much.
+_RIGID = 1e-4
+
+
+class Sweep(NamedTuple):
+    """Ray c * columns + j is channel c at column j, as for generators.lidar()."""
+
+    rays: Array  # (N, 6): origins and unit directions, float64
+    ring: Array  # (N,): the channel, uint16
+    time: Array  # (N,): of the column, float64
+
+
+def lidar(elevations: Any, azimuths: Any = (0.0, 360.0, 2048), *, begin: float = 0.0, end: float = 0.1,
+          trajectory: Any) -> Sweep:
+    """A rotating head that moves while it turns. `elevations` (C,) and azimuths are in degrees; `azimuths` is
+    (start, stop, count), without stop, or an array (A,) in any order, clockwise too. Column j is measured at
+    begin + (end - begin) * j / A. `trajectory` is (times, poses): ascending times (K,) and rigid poses (K, 3, 4)
+    or (K, 4, 4) from the sensor's space (x ahead, y left, z up) to the world. Between them positions are
+    interpolated along lines and rotations along the shortest arc, in float64."""
+    up = np.radians(_list("elevations", elevations, 4096))
+    around = np.radians(_azimuths(azimuths))
+    begin, end = real("begin", begin), real("end", end)
+    if end < begin:
+        raise UsageError(f"a sweep from {begin} to {end}: it must end after it begins")
+    times = begin + (end - begin) * np.arange(len(around)) / len(around)
+    poses = poses_at(trajectory, times)
+    ways = np.stack([np.cos(up)[:, None] * np.cos(around), np.cos(up)[:, None] * np.sin(around),
+                     np.broadcast_to(np.sin(up)[:, None], (len(up), len(around)))], -1)
+    rays = np.empty((len(up), len(around), 6))
+    rays[..., :3] = poses[:, :, 3]
+    rays[..., 3:] = np.einsum("jrk,cjk->cjr", poses[:, :, :3], ways)
+    return Sweep(rays.reshape(-1, 6), np.repeat(np.arange(len(up), dtype=np.uint16), len(around)),
+                 np.tile(times, len(up)))
+
+
+def poses_at(trajectory: Any, times: Any) -> Array:
+    """Returns the poses (N, 3, 4) of a trajectory at `times` (N,), which lie within it."""
+    if not isinstance(trajectory, (tuple, list)) or len(trajectory) != 2:
+        raise UsageError("a trajectory is (times, poses)")
+    known = _list("the trajectory's times", trajectory[0], 1 << 20).astype(np.float64)
+    poses = numbers("the trajectory's poses", trajectory[1]).astype(np.float64)
+    if poses.ndim != 3 or poses.shape[1:] not in ((3, 4), (4, 4)) or len(poses) != len(known):
+        raise UsageError(f"poses of shape {poses.shape} for {len(known)} times: they must be ({len(known)}, 3, 4) "
+                         f"or ({len(known)}, 4, 4)")
+    poses = poses[:, :3]
+    if not (np.diff(known) > 0).all():
+        raise UsageError("the trajectory's times must ascend")
+    turns = poses[:, :, :3]
+    off = np.abs(turns.swapaxes(1, 2) @ turns - np.eye(3)).max(axis=(1, 2))
+    wrong = ~np.isfinite(poses).all(axis=(1, 2)) | ~(off < _RIGID) | ~(np.linalg.det(np.where(
+        np.isfinite(turns), turns, 0)) > 0)
+    if wrong.any():
+        raise UsageError(f"pose {int(np.argmax(wrong))} of the trajectory is not rigid: it must turn and move alone, "
+                         "without scale or reflection")
+    at = numbers("times", times).astype(np.float64)
+    if len(at) and (at.min() < known[0] or at.max() > known[-1]):
+        raise UsageError(f"the sweep lasts from {at.min()} to {at.max()}, the trajectory from {known[0]} to {known[-1]}")
+    if len(known) == 1:
+        return np.repeat(poses, len(at), axis=0)
+    last = np.clip(np.searchsorted(known, at, side="right"), 1, len(known) - 1)
+    share = ((at - known[last - 1]) / (known[last] - known[last - 1]))[:, None]
+    made = np.empty((len(at), 3, 4))
+    made[:, :, 3] = (1 - share) * poses[last - 1, :, 3] + share * poses[last, :, 3]
+    made[:, :, :3] = _turned(turns[last - 1], turns[last], share)
+    return made
+
+
+def steps(speed: float, period: float, error: float) -> int:
+    """Returns into how many equal steps a period is to be cut, so that what moves at `speed` is off by at most
+    `error`, if it stands at each step where it is in its middle."""
+    speed, period, error = real("speed", speed), real("period", period), real("error", error)
+    if not (speed >= 0 and period >= 0 and error > 0):
+        raise UsageError("speed and period must not be negative, and error above 0")
+    return max(1, int(np.ceil(speed * period / (2 * error))))
+
+
+def _turned(first: Array, second: Array, share: Array) -> Array:
+    """Rotations between two others, along the shortest arc: first, then `share` of the turn to the second."""
+    turn = first.swapaxes(1, 2) @ second
+    cosine = np.clip((np.trace(turn, axis1=1, axis2=2) - 1) / 2, -1, 1)
+    # The antisymmetric part is the axis times the sine; at half a turn the symmetric part has it.
+    axis = np.stack([turn[:, 2, 1] - turn[:, 1, 2], turn[:, 0, 2] - turn[:, 2, 0],
+                     turn[:, 1, 0] - turn[:, 0, 1]], -1) / 2
+    sine = np.linalg.norm(axis, axis=1)
+    angle = np.arctan2(sine, cosine)
+    half = (turn + np.eye(3)) / 2
+    column = np.argmax(np.diagonal(half, axis1=1, axis2=2), axis=1)
+    along = half[np.arange(len(half)), :, column]
+    along = along / np.maximum(np.linalg.norm(along, axis=1), 1e-300)[:, None]
+    unit = np.where((sine > 1e-9)[:, None], axis / np.maximum(sine, 1e-300)[:, None], along)
+    part = angle[:, None] * share
+    x, y, z = unit.T
+    zero = np.zeros_like(x)
+    across = np.stack([zero, -z, y, z, zero, -x, -y, x, zero], -1).reshape(-1, 3, 3)
+    step = np.eye(3) + np.sin(part)[:, :, None] * across + (1 - np.cos(part))[:, :, None] * (across @ across)
+    return first @ step
+
+
+def _azimuths(azimuths: Any) -> Array:
+    if isinstance(azimuths, tuple) and len(azimuths) == 3:
+        start, stop, count = azimuths
+        columns = count_of("the count of azimuths", count, _limits.azimuths_max)
+        start, stop = real("azimuths", start), real("azimuths", stop)
+        return start + (stop - start) * np.arange(columns) / columns
+    return _list("azimuths", azimuths, _limits.azimuths_max)
+
+
+def _list(what: str, values: Any, most: int) -> Array:
+    given = numbers(what, values).astype(np.float64)
+    if given.ndim != 1 or not 0 < len(given) <= most:
+        raise UsageError(f"{what} of shape {given.shape}: 1 to {most} numbers are taken")
+    if not np.isfinite(given).all():
+        raise UsageError(f"{what} must be finite")
+    return given
