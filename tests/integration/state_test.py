@@ -94,6 +94,10 @@ class State(unittest.TestCase):
             blob.seek(-1, os.SEEK_CUR)
             blob.write(bytes([byte ^ 1]))
 
+    def check(self):
+        done = subprocess.run([self.raynestd, "check", self.state], capture_output=True, text=True, timeout=PATIENCE)
+        return done.returncode, done.stdout
+
     def test_scenes_are_there_after_a_kill_with_owners_shares_and_equal_hits(self):
         options, token = second_principal(self.raynestd, self.addCleanup)
         client = self.start(*options)
@@ -191,8 +195,11 @@ class State(unittest.TestCase):
         client.json("load", "builtin:flake?depth=2", "--name", "flake")
         cut = client.json("load", "builtin:flake?depth=1", "--name", "cut")["hash"]
         self.kill()
+        self.assertEqual(self.check()[0], 0)
         self.damage(digest)
         os.truncate(self.blobs / cut, 4096)
+        code, said = self.check()
+        self.assertEqual((code, said.splitlines()[-1].split(", ")[-1]), (1, "2 damaged"))
         client = self.start()
         for _ in range(2):
             self.fails(5, "the stored copy of scene 'woods' is damaged", "info", "woods")
