@@ -238,6 +238,10 @@ Result<void> validate(const wire::SceneList& message, const Limits& limits) {
         .that(message.shares() == nullptr || message.names() == nullptr ||
                   message.shares()->size() == message.names()->size(),
               "shares", "lists differ in length")
+        .texts("states", message.states())
+        .that(message.states() == nullptr || message.names() == nullptr ||
+                  message.states()->size() == message.names()->size(),
+              "states", "lists differ in length")
         .result();
 }
 

@@ -115,6 +115,7 @@ HEAVY = {
     "toml++/": {"server/options": 1, "client/net": 1},
     "openssl/": {"protocol": 1, "engine/scene": 1, "server/security": 6, "server/net": 1,
                  "client/net": 1},
+    "sqlite3.h": {"server/store": 1},
     "seccomp.h": {"engine/assets/sandbox": 1},
     "spdlog/": {"server/ground": 1},
     "embree3/": {},

@@ -19,7 +19,7 @@ Result<void> run(Context& context, const ScenesOptions&) {
     const auto scenes = list_scenes(context.connection);
     if (!scenes) return tl::unexpected<Failure>(scenes.error());
     Json list = Json::array();
-    std::vector<std::vector<std::string>> rows = {{"SCENE", "EPOCH", "TRIANGLES", "MEMORY", "OWNER",
+    std::vector<std::vector<std::string>> rows = {{"SCENE", "EPOCH", "TRIANGLES", "BYTES", "STATE", "OWNER",
                                                    "SHARED WITH", "AGE", "UNUSED", "OPEN",
                                                    "HASH (FIRST 16)"}};
     for (const ListedScene& scene : *scenes) {
@@ -28,13 +28,14 @@ Result<void> run(Context& context, const ScenesOptions&) {
                             {"epoch", scene.epoch},
                             {"instanced_triangles", scene.triangles},
                             {"bytes", scene.bytes},
+                            {"state", scene.state},
                             {"owner", scene.owner},
                             {"share", scene.share},
                             {"age_seconds", scene.age_seconds},
                             {"idle_seconds", scene.idle_seconds},
                             {"holders", scene.holders}});
         rows.push_back({scene.name, std::to_string(scene.epoch), grouped(scene.triangles),
-                        bytes_text(scene.bytes), scene.owner,
+                        bytes_text(scene.bytes), scene.state, scene.owner,
                         scene.share.empty() ? "-" : scene.share, age_text(scene.age_seconds),
                         age_text(scene.idle_seconds), std::to_string(scene.holders),
                         scene.hash.substr(0, short_hash_digits)});

@@ -66,6 +66,8 @@ Result<std::vector<ListedScene>> list_scenes(Connection& connection) {
         const std::vector<std::string> hashes = protocol::strings(list.hashes());
         std::vector<std::string> shares = protocol::strings(list.shares());
         shares.resize(names.size());
+        std::vector<std::string> states = protocol::strings(list.states());
+        states.resize(names.size(), "memory");
         for (std::size_t k = 0; k < names.size(); ++k) {
             const auto i = static_cast<flatbuffers::uoffset_t>(k);
             scenes.push_back({names[k], hashes[k], list.owners()->Get(i)->str(), shares[k],
@@ -73,7 +75,7 @@ Result<std::vector<ListedScene>> list_scenes(Connection& connection) {
                               list.bytes()->Get(i),
                               static_cast<double>(list.age_ms()->Get(i)) / 1e3,
                               static_cast<double>(list.idle_ms()->Get(i)) / 1e3,
-                              list.holders()->Get(i)});
+                              list.holders()->Get(i), states[k]});
         }
         request.first += static_cast<std::uint32_t>(names.size());
         more = !names.empty() && request.first < list.total();

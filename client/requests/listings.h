@@ -34,6 +34,7 @@ struct ListedScene {
     double age_seconds = 0;   ///< since the load
     double idle_seconds = 0;  ///< since a request last used it
     std::uint32_t holders = 0;  ///< connections that loaded or opened it
+    std::string state = {};     ///< memory, disk or damaged
 };
 Result<std::vector<ListedScene>> list_scenes(Connection& connection);
 

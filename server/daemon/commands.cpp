@@ -2,6 +2,7 @@
 
 #include "protocol/subject.h"
 #include "protocol/text.h"
+#include "server/daemon/check_command.h"
 #include "server/security/certificates.h"
 #include "server/security/file_place.h"
 #include "server/security/quotas.h"
@@ -354,6 +355,10 @@ std::string command_fault(std::string_view group, std::string_view word) {
 
 std::optional<int> run_command(int argc, const char* const* argv) {
     const std::string_view word = argc > 1 ? argv[1] : "";
+    if (word == "check") {
+        if (argc == 3 && argv[2][0] != '-') return check_state(argv[2]);
+        return failed("raynestd check DIR looks at a state folder that no daemon uses", exit_usage);
+    }
     if (word != "tls" && word != "token") return std::nullopt;
     if (const std::string fault = command_fault(word, argc > 2 ? argv[2] : ""); !fault.empty())
         return failed(fault + "; see raynestd " + std::string(word) + " --help", exit_usage);

@@ -3,6 +3,7 @@
 #include "engine/packs/load.h"
 #include "protocol/text.h"
 #include "server/backends/backends.h"
+#include "server/daemon/constants.h"
 #include "server/daemon/exposition.h"
 #include "server/ground/io_turn.h"
 #include "server/ground/limited_log.h"
@@ -29,7 +30,9 @@
 #include "server/options/reload.h"
 #include "server/options/start_checks.h"
 #include "server/daemon/start_loads.h"
+#include "server/jobs/scene_waker.h"
 #include "server/store/scene_store.h"
+#include "server/store/state_folder.h"
 
 #include <unistd.h>
 
@@ -47,27 +50,10 @@
 namespace raynest::server {
 namespace {
 
-/// Maximum spare threads, for tasks that wait while long ones occupy all threads. Three requests
-/// have at most 3 * (threads + 1) chunks in flight; that leaves 13 threads for other tasks.
-constexpr unsigned spare_threads(unsigned threads) {
-    return 2 * threads + 16;
-}
-/// Maximum concurrent imports, and those of one principal; each is a process with limits of its own,
-/// which uses all cores. Their memory counts towards --memory.
-constexpr unsigned imports_max = 8;
-constexpr unsigned principal_imports_max = 2;
-constexpr std::chrono::milliseconds drain_look{20};
-/// Interval of the search for connections whose client's machine or network is gone.
-constexpr std::chrono::seconds lost_look{5};
-/// Interval of looking for credentials that have ended: within a second nobody uses them.
-constexpr std::chrono::milliseconds credentials_look{300};
-/// Time for clients to receive the error after a drain took too long.
-constexpr std::chrono::milliseconds last_words_time{1000};
-constexpr int exit_forced = 3;
-
 class Daemon final : public Administration {
 public:
-    Daemon(Options options, ReadOptions read_again, std::shared_ptr<const Registry> registry);
+    Daemon(Options options, ReadOptions read_again, std::shared_ptr<const Registry> registry,
+           std::unique_ptr<StateFolder> state);
     ~Daemon() {
         // No job runs any more, so no other thread drops a scene.
         scenes_.set_disposal({});
@@ -118,6 +104,7 @@ private:
     Metrics metrics_;
     Budget budget_;
     Peers peers_;
+    const std::unique_ptr<StateFolder> state_;  ///< null: no --state
     SceneStore scenes_;
     Admission admission_;
     TraceBufferPool trace_buffers_;
@@ -125,12 +112,14 @@ private:
     Coalescer coalescer_;
     asio::io_context io_{1};
     Services services_;
+    SceneWaker waker_;
     JobContext context_;
     DetachedJobs detached_;
     // Keep the threads below all members that tasks use: destruction joins the threads first.
     Backends backends_;
     FairThreadPool compute_;
     FairThreadPool blocking_;
+    FairThreadPool disk_;
     asio::signal_set signals_;
     asio::steady_timer drain_timer_;
     asio::steady_timer detached_timer_;
@@ -152,13 +141,15 @@ private:
     bool cut_short_ = false;  ///< the drain exceeded its deadline
 };
 
-Daemon::Daemon(Options options, ReadOptions read_again, std::shared_ptr<const Registry> registry)
+Daemon::Daemon(Options options, ReadOptions read_again, std::shared_ptr<const Registry> registry,
+               std::unique_ptr<StateFolder> state)
     : options_(std::move(options)),
       read_again_(std::move(read_again)),
       registry_(std::move(registry)),
       limits_(options_.limits),
       budget_(options_.memory),
       peers_(limits_, budget_, metrics_),
+      state_(std::move(state)),
       scenes_(budget_, limits_),
       admission_(limits_),
       trace_buffers_(budget_),
@@ -177,7 +168,12 @@ Daemon::Daemon(Options options, ReadOptions read_again, std::shared_ptr<const Re
                 trace_buffers_,
                 blocking_,
                 {},
-                this},
+                this,
+                nullptr,
+                state_.get(),
+                state_ ? &waker_ : nullptr,
+                &disk_},
+      waker_(services_, [this](std::function<void()> done) { asio::post(io_, std::move(done)); }),
       context_{compute_,
                admission_,
                metrics_,
@@ -191,6 +187,7 @@ Daemon::Daemon(Options options, ReadOptions read_again, std::shared_ptr<const Re
       backends_(make_backends({options_.cuda_pack, *registry_, budget_, metrics_, limits_})),
       compute_(options_.threads, FairThreadPool::Time::processor, spare_threads(options_.threads)),
       blocking_(imports_max, FairThreadPool::Time::clock, 0, principal_imports_max),
+      disk_(state_ ? disk_threads : 0, FairThreadPool::Time::clock),
       signals_(io_, SIGTERM, SIGINT, SIGHUP),
       drain_timer_(io_),
       detached_timer_(io_),
@@ -214,6 +211,7 @@ Daemon::Daemon(Options options, ReadOptions read_again, std::shared_ptr<const Re
     scenes_.set_disposal([this](std::shared_ptr<const Snapshot> scene) {
         dispose(compute_, "", std::move(scene));
     });
+    if (state_) scenes_.adopt(*state_);
 }
 
 Result<void> Daemon::listen() {
@@ -304,6 +302,8 @@ Result<void> Daemon::run() {
         connections_.close_lost();
         trace_buffers_.trim();
         log_left_out();
+        if (state_ && state_->has_work())
+            disk_.submit("", Priority::low, [this] { state_->collect(); });
     });
     repeat(credentials_timer_, credentials_look, [this] {
         if (credentials_.look(WallClock::now())) end_revoked();
@@ -483,7 +483,9 @@ int run_daemon(Options options, ReadOptions read_again) {
     if (!registry) return failed(registry.error());
     for (const auto& [event, reason] : start_warnings(options))
         log(LogLevel::warn, event, {{"reason", reason}});
-    Daemon daemon(std::move(options), std::move(read_again), *registry);
+    auto state = StateFolder::open(options.state);
+    if (!state) return failed(state.error());
+    Daemon daemon(std::move(options), std::move(read_again), *registry, std::move(*state));
     if (const auto listening = daemon.listen(); !listening) return failed(listening.error());
     if (const auto ended = daemon.run(); !ended) return failed(ended.error());
     return 0;

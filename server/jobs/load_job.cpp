@@ -11,6 +11,7 @@
 #include "server/scheduling/peers.h"
 #include "server/store/import_memory.h"
 #include "server/store/scene_files.h"
+#include "server/store/state_folder.h"
 
 #include <algorithm>
 #include <numeric>
@@ -78,27 +79,45 @@ public:
         return copies_.add(block->bytes.first(block->count), place, std::move(frame));
     }
 
+    ~LoadJob() override {
+        // The row of a load that was stopped between its commit and its publication.
+        if (committed_ && !scene_) services_.state->undo(stored_.row, std::move(stored_.before));
+    }
+
     std::optional<Task> next() override {
         const std::string& principal = order_.caller.principal;
+        if (commit_next_) return commit();
         // Close paused connections while the import grows: only it knows what it needs.
         if (memory_ && memory_->missing() != 0)
-            services_.peers.make_memory(memory_->missing(), principal, Use::lasting);
+            make_room(memory_->missing());
         if (import_started_) return std::nullopt;
         if (order_.known) {
             import_started_ = true;
             snapshot_ = order_.known->snapshot;
+            is_stored_ = stores();
             Task publish;
-            publish.run = [](const Stop&) -> Reply<Frames> { return Frames{}; };
-            publish.inline_cost = 1;
+            publish.run = [this](const Stop& stop) -> Reply<Frames> {
+                if (!is_stored_) return Frames{};
+                return store(stop);
+            };
+            if (is_stored_)
+                publish.pool = &services_.blocking;
+            else
+                publish.inline_cost = 1;
             return publish;
         }
         if (current_ < order_.files.size() || !copies_.all_copied()) return copies_.next();
         import_started_ = true;
         // Free memory for a copy of the files and a scene of about their size.
         services_.scenes.drop_spares();
-        services_.peers.make_memory(2 * announced_, principal, Use::lasting);
+        // An import tells what it needs only while it runs, and then cannot wait for stored scenes to go.
+        constexpr std::uint64_t part_kept_free = 4;
+        make_room(services_.state == nullptr
+                      ? 2 * announced_
+                      : std::max(2 * announced_, services_.budget.limit() / part_kept_free));
         memory_.emplace(services_.budget, principal, Use::lasting,
                         services_.peers.reclaimable_bytes(principal));
+        is_stored_ = stores();
         Task task;
         task.pool = &services_.blocking;
         task.run = [this, remedy = memory_remedy()](const Stop& stop) -> Reply<Frames> {
@@ -107,7 +126,7 @@ public:
             snapshot_ = std::move(*snapshot);
             huge_bytes_ = snapshot_->huge_bytes();
             order_.files.clear();
-            return Frames{};
+            return is_stored_ ? store(stop) : Frames{};
         };
         return task;
     }
@@ -117,17 +136,30 @@ public:
             copies_.ended();
             return {};
         }
-        order_.lease = {};
-        memory_.reset();
-        // Another's copy saves memory, and is not told.
-        reused_ = services_.scenes.shows(snapshot_->digest(), order_.caller);
-        if (!services_.scenes.holds(snapshot_->digest()))
-            services_.peers.make_memory(snapshot_->bytes().size(), order_.caller.principal,
-                                        Use::lasting);
+        if (!committed_) {
+            order_.lease = {};
+            memory_.reset();
+            // Another's copy saves memory, and is not told.
+            reused_ = services_.scenes.shows(snapshot_->digest(), order_.caller);
+            if (!services_.scenes.holds(snapshot_->digest())) make_room(snapshot_->bytes().size());
+        }
+        if (is_stored_ && !committed_) {
+            auto stored = services_.scenes.prepare_to_store(order_.name, snapshot_,
+                                                            order_.publication, order_.caller);
+            if (!stored) return tl::unexpected(stored.error());
+            stored_ = std::move(*stored);
+            commit_next_ = true;
+            return {};
+        }
+        if (committed_) {
+            order_.publication.blob = blob_;
+            order_.publication.number = stored_.row.number;
+        }
         auto scene = services_.scenes.publish(order_.name, std::move(snapshot_), order_.publication,
                                               order_.caller);
         if (!scene) return tl::unexpected(scene.error());
         scene_ = std::move(*scene);
+        name_lock_.reset();
         services_.metrics.count<&Metrics::scenes_loaded>(order_.caller.principal);
         services_.metrics.load_seconds.add(seconds());
         log_limited(LogLevel::info, "loaded", order_.caller.principal,
@@ -141,7 +173,9 @@ public:
         return {};
     }
 
-    [[nodiscard]] bool finished() const override { return import_started_; }
+    [[nodiscard]] bool finished() const override {
+        return import_started_ && (!is_stored_ || commit_started_);
+    }
     [[nodiscard]] bool needs_input() const override {
         return !import_started_ && !order_.known && current_ < order_.files.size();
     }
@@ -168,6 +202,51 @@ private:
     [[nodiscard]] std::string memory_remedy() const {
         return services_.scenes.remedy(order_.caller.principal,
                                        "start raynestd with a larger --memory");
+    }
+
+    /// Closes paused connections, and lets go of stored scenes, until there is room for a scene of `bytes`.
+    void make_room(std::uint64_t bytes) {
+        services_.peers.make_memory(bytes, order_.caller.principal, Use::lasting);
+        services_.scenes.make_room(bytes, order_.caller.principal);
+    }
+
+    /// True if the scene outlives the daemon.
+    [[nodiscard]] bool stores() const {
+        return services_.state != nullptr &&
+               (!order_.publication.temporary ||
+                services_.scenes.is_stored(order_.name, order_.caller));
+    }
+
+    /// Writes the scene to the state folder, then waits until no other load of its name is under way. On a
+    /// thread of the blocking pool.
+    Reply<Frames> store(const Stop& stop) {
+        const auto stopped = [&] { return stop.requested(); };
+        auto blob = services_.state->keep(snapshot_->digest(), snapshot_->bytes(), stopped);
+        if (stop.requested()) return refuse(Code::cancelled, "");
+        if (!blob) return refuse(std::move(blob.error()));
+        blob_ = std::move(*blob);
+        name_lock_ = services_.state->lock_name(order_.caller.principal, order_.name, stopped);
+        if (!name_lock_) return refuse(Code::cancelled, "");
+        return Frames{};
+    }
+
+    /// Commits the row of the scene, before anybody sees it.
+    Task commit() {
+        commit_next_ = false;
+        commit_started_ = true;
+        Task task;
+        // Not the pool of imports, where others may wait for this load.
+        task.pool = services_.disk;
+        task.run = [this](const Stop&) -> Reply<Frames> {
+            // The scene before comes back if this load is stopped now.
+            if (stored_.before) blob_before_ = services_.state->pin(stored_.before->digest);
+            stored_.row.number = services_.state->next_number();
+            if (auto put = services_.state->put(stored_.row); !put)
+                return refuse(std::move(put.error()));
+            committed_ = true;
+            return Frames{};
+        };
+        return task;
     }
 
     [[nodiscard]] double seconds() const {
@@ -253,6 +332,15 @@ private:
     std::shared_ptr<const Snapshot> snapshot_;  ///< written by the import task
     std::size_t huge_bytes_ = 0;                ///< likewise
     std::optional<NamedScene> scene_;
+    // For scenes that outlive the daemon:
+    bool is_stored_ = false;
+    bool commit_next_ = false;
+    bool commit_started_ = false;
+    bool committed_ = false;           ///< written by the task
+    BlobPin blob_;                     ///< likewise
+    BlobPin blob_before_;              ///< likewise
+    std::shared_ptr<void> name_lock_;  ///< likewise
+    SceneStore::Stored stored_;
 };
 
 }  // namespace

@@ -21,6 +21,8 @@ class DetachedJobs;
 class FairThreadPool;
 class Peers;
 class SceneStore;
+class SceneWaker;
+class StateFolder;
 struct Metrics;
 class Administration;
 class PageLogins;
@@ -45,6 +47,9 @@ struct Services {
     std::string page = {};     ///< address of the daemon's page; empty: none
     Administration* administration = nullptr;  ///< null in tests without a whole daemon
     PageLogins* page_logins = nullptr;         ///< null likewise
+    StateFolder* state = nullptr;              ///< null: scenes are in memory only
+    SceneWaker* waker = nullptr;               ///< null likewise
+    FairThreadPool* disk = nullptr;  ///< null likewise; for short tasks of it that no import may hold up
 };
 
 }  // namespace raynest::server

@@ -143,7 +143,7 @@ void declare(CLI::App& app, Options& options, Words& words, ConfigOrigins& origi
            "-Proto and -Host count; repeatable")
         ->check(CLI::Validator(proxy_fault, ""));
     declare_security(app, options.security, words);
-    app.add_option("--state", options.state, "Folder that this daemon alone may use; locked");
+    app.add_option("--state", options.state, "Folder in which scenes outlive the daemon; this daemon alone uses it");
     app.add_option("--scene-root", options.scene_root,
                    "Folder in which root:PATH is looked up; links must end inside")
         ->check(CLI::ExistingDirectory);
@@ -375,7 +375,8 @@ ParsedOptions parse_options(int argc, const char* const* argv, std::ostream& err
         "Example:\n"
         "  raynestd --listen tcp://127.0.0.1:0 --ready-file /tmp/raynest.json\n\n"
         "raynestd traces rays through instanced scenes for clients. raynestd tls --help makes\n"
-        "certificates, raynestd token --help gives access.",
+        "certificates, raynestd token --help gives access. raynestd check DIR looks\n"
+        "at a state folder.",
         "raynestd");
     app.footer(
         "\nExit codes: 0 stopped, 1 cannot start, 2 usage, 3 stopped before its jobs had ended.");

@@ -160,6 +160,8 @@ Reply<JobSubmission> load_at_start(const Services& services, const Caller& calle
     order.name = default_name(source);
     order.caller = caller;
     order.publication.share = {"public"};
+    // The file of a scene that a daemon before this one has stored may have changed.
+    order.publication.replace = services.scenes.is_from_before(order.name, caller);
     if (starts_with(source, root_scheme)) {
         order.disk = {services.scene_root, source.substr(root_scheme.size())};
     } else if (!starts_with(source, builtin_scheme)) {

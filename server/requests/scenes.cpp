@@ -29,17 +29,17 @@ Reply<Answer> scenes(const Services& services, const Caller& caller,
     list.total = static_cast<std::uint32_t>(page.total);
     std::size_t text_bytes = 0;
     for (const SceneStore::Listed& listed : page.scenes) {
-        const Snapshot& snapshot = listed.scene.snapshot();
-        text_bytes += listed.scene.name.size() + snapshot.digest().size() + listed.owner.size() +
+        text_bytes += listed.scene.name.size() + listed.facts.digest.size() + listed.owner.size() +
                       listed.share.size();
         if (text_bytes > page_text_bytes && !list.names.empty()) break;
         list.names.push_back(listed.scene.name);
-        list.hashes.push_back(snapshot.digest());
+        list.hashes.push_back(listed.facts.digest);
         list.epochs.push_back(listed.scene.epoch);
-        list.instanced_triangles.push_back(snapshot.statistics().instanced_triangles);
-        list.bytes.push_back(snapshot.statistics().bytes);
+        list.instanced_triangles.push_back(listed.facts.instanced_triangles);
+        list.bytes.push_back(listed.facts.bytes);
         list.owners.push_back(listed.owner);
         list.shares.push_back(listed.share);
+        list.states.push_back(listed.state);
         list.age_ms.push_back(milliseconds(listed.age));
         list.idle_ms.push_back(milliseconds(listed.idle));
         list.holders.push_back(static_cast<std::uint32_t>(listed.holders));

@@ -8,6 +8,7 @@
 #include "server/store/scene_store.h"
 #include "server/scheduling/detached.h"
 
+#include <algorithm>
 #include <string_view>
 
 namespace raynest::server {
@@ -27,11 +28,18 @@ struct OwnPart {
         if (gauge == "scenes_unlisted") return scenes(false).scenes;
         if (gauge == "scene_bytes") return scenes(true).bytes + scenes(false).bytes;
         if (gauge == "scenes_unlisted_bytes") return scenes(false).bytes;
+        if (gauge == "scenes_on_disk") return on_disk();
         if (gauge == "memory_used_bytes") return memory();
         return whole;
     }
 
 private:
+    [[nodiscard]] std::uint64_t on_disk() const {
+        const auto listed = services.scenes.list({principal, 0, Role::user});
+        return static_cast<std::uint64_t>(std::ranges::count_if(listed, [&](const auto& scene) {
+            return scene.owner == principal && !scene.scene.held;
+        }));
+    }
     [[nodiscard]] std::uint64_t memory() const {
         std::uint64_t bytes = of("scene_bytes", 0) +
                               services.peers.held_by(principal, Resource::memory);
@@ -43,7 +51,7 @@ private:
 
 constexpr bool is_part(std::string_view gauge) {
     for (const std::string_view part : {"connections_open", "jobs_running", "scenes", "scenes_unlisted",
-                                        "scene_bytes", "scenes_unlisted_bytes", "memory_used_bytes"})
+                                        "scene_bytes", "scenes_unlisted_bytes", "scenes_on_disk", "memory_used_bytes"})
         if (gauge == part) return true;
     return false;
 }

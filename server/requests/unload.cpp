@@ -1,6 +1,7 @@
 // UNLOAD: drops references to one scene, to all scenes of the caller, or to those unused for a
 // given time. Running jobs and other connections keep theirs.
 #include "server/ground/limited_log.h"
+#include "server/jobs/unload_job.h"
 #include "server/requests/request.h"
 #include "server/store/scene_store.h"
 #include "protocol/text.h"
@@ -16,18 +17,21 @@ constexpr std::uint64_t idle_ms_max = 100ULL * 366 * 24 * 3600 * 1000;
 /// Maximum scenes per answer, so that the longest names fit; the client repeats until none is left.
 constexpr std::size_t unloads_max = 128;
 
-}  // namespace
+/// The scenes that a message asks for.
+struct UnloadOrder {
+    std::string scene;
+    bool many = false;  ///< all scenes that are idle for as long
+    std::chrono::milliseconds idle{};
+};
 
-Reply<Answer> unload(const Services& services, const Caller& caller,
-                     const protocol::Opened<wire::Unload>& message) {
+Reply<wire::UnloadedT> unload_now(const Services& services, const Caller& caller,
+                                  const UnloadOrder& order) {
     wire::UnloadedT unloaded;
     std::vector<SceneStore::Unloaded> done;
-    if (message->all() || message->idle_ms() != 0) {
-        const std::uint64_t idle_ms = message->all() ? 0 : message->idle_ms();
-        const std::chrono::milliseconds idle(std::min(idle_ms, idle_ms_max));
-        done = services.scenes.unload_idle(idle, unloads_max, caller);
+    if (order.many) {
+        done = services.scenes.unload_idle(order.idle, unloads_max, caller);
     } else {
-        unloaded.name = protocol::text(message->scene());
+        unloaded.name = order.scene;
         auto holders = services.scenes.unload(unloaded.name, caller);
         if (!holders) return tl::unexpected(holders.error());
         unloaded.holders = *holders;
@@ -48,7 +52,29 @@ Reply<Answer> unload(const Services& services, const Caller& caller,
                          {"principal", caller.principal},
                          {"still_held_by", still_held_by}});
     }
-    return answer_with(caller, unloaded, services);
+    return unloaded;
+}
+
+}  // namespace
+
+Reply<Answer> unload(const Services& services, const Caller& caller,
+                     const protocol::Opened<wire::Unload>& message) {
+    UnloadOrder order;
+    order.scene = protocol::text(message->scene());
+    order.many = message->all() || message->idle_ms() != 0;
+    if (!message->all()) order.idle = std::chrono::milliseconds(std::min(message->idle_ms(), idle_ms_max));
+    if (services.state != nullptr) {
+        JobSubmission accepted;
+        accepted.kind = "unload";
+        accepted.scene = order.scene;
+        accepted.job = unload_job(services, caller.request_id, [&services, caller, order] {
+            return unload_now(services, caller, order);
+        });
+        return Answer{std::move(accepted)};
+    }
+    const auto unloaded = unload_now(services, caller, order);
+    if (!unloaded) return tl::unexpected(unloaded.error());
+    return answer_with(caller, *unloaded, services);
 }
 
 }  // namespace raynest::server

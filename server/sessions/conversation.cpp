@@ -154,7 +154,7 @@ void Conversation::handle(protocol::Frame frame) {
                                  protocol::message_name(type) + " is not for a client to send now",
                                  0});
     if (request != nullptr)
-        start(*request, frame);
+        start(*request, std::move(frame));
     else
         (this->*part->act)(std::move(frame));
 }
@@ -227,7 +227,7 @@ void Conversation::cancel(protocol::Frame frame) {
         runner_->cancel(id);
 }
 
-void Conversation::start(const Request& request, const protocol::Frame& frame) {
+void Conversation::start(const Request& request, protocol::Frame frame) {
     const std::uint64_t id = frame.header.request_id;
     if (id == 0 || runner_->knows(id) || feeding_.contains(id))
         return refuse_request(id, {Code::invalid_field,
@@ -245,7 +245,10 @@ void Conversation::start(const Request& request, const protocol::Frame& frame) {
         return send_refusal(id, allowed.error());
     }
     caller_.request_id = id;
+    (void)services_.scenes.take_asleep();
     Reply<Answer> answer = request.answer(services_, caller_, frame);
+    if (!answer && services_.waker != nullptr)
+        if (const auto asleep = services_.scenes.take_asleep()) return park(*asleep, std::move(frame));
     if (!answer) return refuse_request(id, answer.error());
     if (auto* frames = std::get_if<Frames>(&*answer)) {
         for (protocol::Frame& reply : *frames) sink_.send(std::move(reply));
@@ -271,6 +274,21 @@ void Conversation::start(const Request& request, const protocol::Frame& frame) {
     }
     if (const auto started = runner_->start(id, std::move(accepted)); !started)
         refuse_request(id, started.error());
+}
+
+void Conversation::park(const AsleepScene& scene, protocol::Frame frame) {
+    parked_ = std::move(frame);
+    awake_ = std::make_shared<SceneWaker::Awake>([this](const Reply<void>& read) {
+        protocol::Frame waiting = std::move(*std::exchange(parked_, std::nullopt));
+        const RequestScope scope({caller_.connection, waiting.header.request_id});
+        if (closing_) return;
+        if (read)
+            receive(std::move(waiting));
+        else
+            refuse_request(waiting.header.request_id, read.error());
+        if (resumed_) resumed_();
+    });
+    services_.waker->wake(scene, caller_.principal, awake_);
 }
 
 void Conversation::feed(protocol::Frame frame) {
@@ -315,12 +333,14 @@ std::uint64_t Conversation::held_bytes() const {
 }
 
 bool Conversation::waits_for_client() const {
-    return runner_->waits_for_client() &&
+    return !parked() && runner_->waits_for_client() &&
            std::all_of(feeding_.begin(), feeding_.end(),
                        [](const auto& fed) { return fed.second->runner().waits_for_client(); });
 }
 
 void Conversation::abandon(const protocol::Error& why) {
+    parked_.reset();
+    awake_.reset();
     runner_->abandon(why);
     services_.scenes.disconnect(caller_);
     for (const auto& [id, job] : std::exchange(feeding_, {})) {

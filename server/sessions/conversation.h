@@ -7,6 +7,7 @@
 // Io thread only.
 #pragma once
 
+#include "server/jobs/scene_waker.h"
 #include "server/requests/request.h"
 #include "server/scheduling/detached.h"
 #include "server/scheduling/runner.h"
@@ -16,6 +17,7 @@
 #include <functional>
 #include <map>
 #include <memory>
+#include <optional>
 #include <string>
 
 namespace raynest::server {
@@ -64,6 +66,10 @@ public:
     [[nodiscard]] std::size_t jobs() const { return runner_->size() + feeding_.size(); }
     /// Bytes of --memory that these requests and their answers have reserved.
     [[nodiscard]] std::uint64_t held_bytes() const;
+    /// True while a request waits for a scene to be read from the disk. Meanwhile pass no frames on;
+    /// `resumed` is called, on the io thread, when they may follow.
+    [[nodiscard]] bool parked() const { return parked_.has_value(); }
+    void set_resumed(std::function<void()> resumed) { resumed_ = std::move(resumed); }
     /// True if every request waits for its client.
     [[nodiscard]] bool waits_for_client() const;
 
@@ -86,7 +92,9 @@ private:
     void feed(protocol::Frame frame);
 
     void handle(protocol::Frame frame);
-    void start(const Request& request, const protocol::Frame& frame);
+    void start(const Request& request, protocol::Frame frame);
+    /// Reads a scene, then starts the request anew.
+    void park(const AsleepScene& scene, protocol::Frame frame);
     /// Returns the runner that has the request of this id: a detached job's, else the connection's.
     [[nodiscard]] Runner& runner_of(std::uint64_t id) const;
     Reply<void> detach(std::uint64_t id, JobSubmission accepted);
@@ -109,6 +117,9 @@ private:
     bool waited_ = false;  ///< a Wait was sent and no Fetch since
     Clock::time_point fetch_until_ = Clock::time_point::max();
     bool closing_ = false;
+    std::optional<protocol::Frame> parked_;
+    std::shared_ptr<SceneWaker::Awake> awake_;  ///< of the parked request
+    std::function<void()> resumed_;
 };
 
 }  // namespace raynest::server

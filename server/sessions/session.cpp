@@ -86,6 +86,10 @@ Session::Session(asio::io_context& io, std::unique_ptr<Transport> transport,
       moved_(Clock::now()),
       damage_(damaged_messages_max) {
     decoder_.set_frame_bytes_max(services.limits.greeting_bytes_max);
+    conversation_.set_resumed([this] {
+        room_.cancel();
+        settle();
+    });
     decoder_.set_admission(
         [this](const protocol::FrameHeader& header) { return conversation_.admit(header); });
 }
@@ -273,6 +277,7 @@ asio::awaitable<void> Session::read_some(SystemError& error) {
         write_at_once();
         settle();
         if (turn_is_over()) co_await yield();
+        while (open_ && conversation_.parked()) co_await wait(room_);
     } while (open_ && !conversation_.closing() && !rest.empty());
 }
 
@@ -301,7 +306,8 @@ std::span<const std::byte> Session::take_frames(std::span<const std::byte> bytes
             }
         }
         kept_ = kept_before + (Clock::now() - began);
-    } while (open_ && !conversation_.closing() && !bytes.empty() && !turn_is_over());
+    } while (open_ && !conversation_.closing() && !conversation_.parked() && !bytes.empty() &&
+             !turn_is_over());
     return bytes;
 }
 
@@ -395,8 +401,10 @@ void Session::settle() {
                  " damaged messages came in a minute; mend the client before it connects again",
              0});
     conversation_.settle();
-    if (conversation_.closing() && close_deadline_ == never)
+    if (conversation_.closing() && close_deadline_ == never) {
         close_deadline_ = Clock::now() + flush_time;
+        room_.cancel();  // nothing is parked any more
+    }
     if (next_deadline() < watchdog_.expiry()) watchdog_.cancel();
 }
 

@@ -16,6 +16,16 @@ struct HeldScene {
     mutable Budget::Lease lease;  ///< charged to one of those who hold the scene; io thread only
 };
 
+/// Known of a scene also while it is on the disk alone.
+struct SceneFacts {
+    std::string digest;
+    std::uint64_t bytes = 0;
+    std::uint64_t instanced_triangles = 0;
+};
+[[nodiscard]] inline SceneFacts facts_of(const Snapshot& snapshot) {
+    return {snapshot.digest(), snapshot.bytes().size(), snapshot.statistics().instanced_triangles};
+}
+
 /// The scene of a name at one epoch.
 struct NamedScene {
     std::string name;         ///< as its caller finds it: "car", or "OWNER/car" of another owner
@@ -23,7 +33,7 @@ struct NamedScene {
     /// Of the load that published it. Equal content is held once, and the time that another's load
     /// took would tell that it is there.
     double build_seconds = 0;
-    std::shared_ptr<const HeldScene> held;
+    std::shared_ptr<const HeldScene> held;  ///< null in lists alone, for a scene on the disk
     [[nodiscard]] const Snapshot& snapshot() const { return *held->snapshot; }
 };
 

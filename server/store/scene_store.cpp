@@ -114,6 +114,12 @@ auto SceneStore::own(AnyEntries& entries, std::string_view name, const Connectio
     return found == last ? entries.end() : found;
 }
 
+const SceneStore::Entry* SceneStore::own_entry(std::string_view name,
+                                               const ConnectionId& caller) const {
+    const auto found = own(entries_, name, caller);
+    return found == entries_.end() ? nullptr : &found->second;
+}
+
 bool SceneStore::found_by(const Entry& entry, const ConnectionId& caller) const {
     if (!entry.visible_to(caller)) return false;
     if (entry.held_by(caller)) return true;
@@ -129,7 +135,7 @@ void SceneStore::disconnect(const ConnectionId& caller) noexcept {
         if (entry->second.held_by(caller)) {
             const auto held = entry->second.scene.held;
             if (entry->second.release(caller)) entries_.erase(entry);
-            settle_charge(*held);
+            if (held) settle_charge(*held);
         }
         entry = next;
     }
@@ -198,7 +204,7 @@ Reply<void> SceneStore::check_quota(const Entry* changed, const ConnectionId& ca
     for (const auto& [name, entry] : entries_) {
         if (&entry == changed || !entry.charged_to(principal)) continue;
         ++scenes;
-        held += entry.scene.snapshot().bytes().size();
+        if (entry.scene.held) held += entry.facts.bytes;
     }
     if (scenes >= limits_.principal_scenes_max)
         return refuse(Code::quota, principal + " holds " + counted(scenes, "scene") +
@@ -219,8 +225,7 @@ Reply<void> SceneStore::check_quota(const Entry* changed, const ConnectionId& ca
 
 Reply<void> SceneStore::check_quota(std::string_view name, const ConnectionId& caller,
                                     std::uint64_t bytes) const {
-    const auto known = own(entries_, name, caller);
-    return check_quota(known == entries_.end() ? nullptr : &known->second, caller, bytes);
+    return check_quota(own_entry(name, caller), caller, bytes);
 }
 
 Reply<NamedScene> SceneStore::publish(const std::string& name,
@@ -228,30 +233,39 @@ Reply<NamedScene> SceneStore::publish(const std::string& name,
                                       const ConnectionId& caller) {
     std::erase_if(by_digest_, [](const auto& known) { return known.second.expired(); });
 
+    // The checks of a stored scene were made before its row was committed.
+    if (how.blob == nullptr)
+        if (const auto allowed = check_publication(name, *snapshot, how, caller); !allowed)
+            return tl::unexpected(allowed.error());
     const auto found = own(entries_, name, caller);
     const bool taken = found != entries_.end();
-    if (const auto quota = check_quota(name, caller, snapshot->bytes().size()); !quota)
-        return tl::unexpected(quota.error());
-    const bool equal = taken && found->second.scene.snapshot().digest() == snapshot->digest();
-    if (taken && !equal && !how.replace)
-        return refuse(Code::name_taken, "another scene is called '" + name +
-                                            "'; give this one another `name`, or put it in the "
-                                            "other's place with `replace`");
+    const bool equal = taken && found->second.facts.digest == snapshot->digest();
 
     // Complete the entry before it enters the table, so that a lack of memory changes nothing.
     Entry entry = taken ? found->second : Entry();
     entry.used = now_();
     entry.scene.build_seconds = snapshot->statistics().build_seconds;
-    if (!equal) {
+    if (!equal || entry.scene.held == nullptr) {
+        entry.facts = facts_of(*snapshot);
         auto held = hold(std::move(snapshot), caller.principal);
         if (!held) return tl::unexpected(held.error());
-        entry.scene.name = name;
         entry.scene.held = std::move(*held);
+    }
+    if (!equal) {
+        entry.scene.name = name;
         ++entry.scene.epoch;
         entry.owner = caller.principal;
         entry.loaded = entry.used;
         entry.made_of.clear();
         entry.spare.reset();
+        entry.blob.reset();
+    }
+    entry.damage.clear();
+    entry.from_before = false;
+    if (how.blob) {
+        entry.blob = std::move(how.blob);
+        entry.number = how.number;
+        entry.stored = entry.facts.digest;
     }
     if (!how.made_of.empty()) entry.made_of = std::move(how.made_of);
     if (!how.share.empty()) entry.share = {how.share.begin(), how.share.end()};
@@ -273,7 +287,7 @@ Reply<NamedScene> SceneStore::publish(const std::string& name,
     if (before != last) {
         const auto held = before->second.scene.held;
         if (before->second.release(caller)) entries_.erase(before);
-        settle_charge(*held);
+        if (held) settle_charge(*held);
     }
     return scene;
 }
@@ -296,6 +310,8 @@ Reply<std::optional<NamedScene>> SceneStore::publish_edit(const NamedScene& befo
     auto held = hold(std::move(edited), entry.scene.held->lease.principal());
     if (!held) return tl::unexpected(held.error());
     const auto replaced = std::exchange(entry.scene.held, std::move(*held));
+    entry.facts = facts_of(entry.scene.snapshot());
+    entry.blob.reset();
     ++entry.scene.epoch;
     entry.used = entry.loaded = now_();
     entry.made_of.clear();
@@ -324,7 +340,7 @@ bool SceneStore::holds(const std::string& hash) const {
 
 bool SceneStore::shows(const std::string& hash, const ConnectionId& caller) const {
     return std::ranges::any_of(entries_, [&](const auto& entry) {
-        return entry.second.visible_to(caller) && entry.second.scene.snapshot().digest() == hash;
+        return entry.second.visible_to(caller) && entry.second.facts.digest == hash;
     });
 }
 
@@ -332,7 +348,8 @@ std::shared_ptr<const HeldScene> SceneStore::find_made_of(const std::string& dig
                                                           const ConnectionId& caller) const {
     std::shared_ptr<const HeldScene> found;
     for (const auto& [name, entry] : entries_)
-        if (entry.made_of == digest && entry.visible_to(caller)) found = entry.scene.held;
+        if (entry.made_of == digest && entry.visible_to(caller) && entry.scene.held)
+            found = entry.scene.held;
     return found;
 }
 
@@ -358,6 +375,7 @@ Reply<NamedScene> SceneStore::find(std::string_view name, std::uint64_t epoch,
                                                std::to_string(scene.epoch) + ", not " +
                                                std::to_string(epoch) + "; leave `epoch` out");
     found->second.used = now_();
+    if (scene.held == nullptr) return tl::unexpected(asleep(found->second));
     return found->second.scene_for(caller);
 }
 
@@ -383,7 +401,11 @@ Reply<std::vector<std::string>> SceneStore::unload(std::string_view name,
         !allowed)
         return tl::unexpected(allowed.error());
 
-    if (may_drop_name && !entry.temporary_of(caller)) entry.kept = entry.listed = false;
+    if (may_drop_name && !entry.temporary_of(caller)) {
+        if (entry.number != 0) dropped_.push_back(entry.row());
+        entry.number = 0;
+        entry.kept = entry.listed = false;
+    }
     const auto held = entry.scene.held;
     const bool last = entry.release(caller);
     std::vector<std::string> holders;
@@ -391,7 +413,7 @@ Reply<std::vector<std::string>> SceneStore::unload(std::string_view name,
     for (const auto& [principal, connections] : entry.holders)
         holders.push_back(principal + " (" + counted(connections.size(), "connection") + ")");
     if (last) entries_.erase(found);
-    settle_charge(*held);
+    if (held) settle_charge(*held);
     return holders;
 }
 
@@ -423,36 +445,13 @@ SceneStore::Page SceneStore::page(const ConnectionId& caller, std::size_t first,
         for (const std::string& principal : known.share)
             share.append(share.empty() ? "" : ",").append(protocol::in_list(principal));
         page.scenes.push_back({known.scene_for(caller), known.owner, std::move(share),
-                               now - known.loaded, now - known.used, known.connections()});
+                               now - known.loaded, now - known.used, known.connections(),
+                               known.facts,
+                               known.scene.held        ? "memory"
+                               : known.damage.empty() ? "disk"
+                                                      : "damaged"});
     }
     return page;
-}
-
-std::uint64_t SceneStore::bytes() const {
-    std::uint64_t sum = 0;
-    for (const auto& [digest, held] : by_digest_)
-        if (const auto scene = held.lock()) sum += scene->snapshot->bytes().size();
-    return sum;
-}
-
-SceneStore::Total SceneStore::charged_to(const std::string& principal, bool listed) const {
-    Total total;
-    for (const auto& [name, entry] : entries_) {
-        if (entry.listed != listed || !entry.charged_to(principal)) continue;
-        ++total.scenes;
-        total.bytes += entry.scene.snapshot().bytes().size();
-    }
-    return total;
-}
-
-SceneStore::Total SceneStore::unlisted() const {
-    Total total;
-    for (const auto& [name, entry] : entries_) {
-        if (entry.listed) continue;
-        ++total.scenes;
-        total.bytes += entry.scene.snapshot().bytes().size();
-    }
-    return total;
 }
 
 }  // namespace raynest::server

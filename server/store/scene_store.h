@@ -16,6 +16,7 @@
 #include "server/security/caller.h"
 #include "server/security/quotas.h"
 #include "server/store/named_scene.h"
+#include "server/store/state_folder.h"
 #include "server/ground/budget.h"
 
 #include <chrono>
@@ -39,6 +40,14 @@ struct Publication {
     std::vector<std::string> share = {};
     /// Digest of the upload that the scene is made of, with all that its import depends on; empty: none.
     std::string made_of = {};
+    BlobPin blob = {};         ///< not null: the scene is stored, and `number` is that of its row
+    std::uint64_t number = 0;
+};
+
+/// A scene that a request needs and that is on the disk alone.
+struct AsleepScene {
+    SceneFacts facts;
+    std::string owner;
 };
 
 /// The table of scenes. Io thread only.
@@ -85,6 +94,34 @@ public:
     /// whoever owns them.
     Reply<NamedScene> publish(const std::string& name, std::shared_ptr<const Snapshot> snapshot,
                               Publication how, const ConnectionId& caller);
+
+    /// A row that must be committed before publish() may publish its scene.
+    struct Stored {
+        StoredScene row;
+        std::unique_ptr<StoredScene> before;  ///< the row in whose place it is put; null: none
+        std::shared_ptr<const HeldScene> held;
+    };
+    /// Checks all that publish() checks, and returns the row; its number is for the caller to fill in.
+    Reply<Stored> prepare_to_store(const std::string& name, std::shared_ptr<const Snapshot> snapshot,
+                                   const Publication& how, const ConnectionId& caller);
+    /// True if a load of this name changes a scene that is stored, or would be without `temporary`.
+    [[nodiscard]] bool is_stored(std::string_view name, const ConnectionId& caller) const;
+    /// True if the scene was stored before the start and was not loaded since.
+    [[nodiscard]] bool is_from_before(std::string_view name, const ConnectionId& caller) const;
+
+    /// Enters the scenes of a state folder; they are on the disk alone.
+    void adopt(StateFolder& state);
+    /// Returns the scene because of which find() has failed, once.
+    [[nodiscard]] std::optional<AsleepScene> take_asleep();
+    /// Brings all scenes of this content into memory. Fails as hold() does.
+    Reply<void> wake(std::shared_ptr<const Snapshot> snapshot, const AsleepScene& scene);
+    /// The stored content cannot be used; find() says why until somebody loads it again. Returns their names.
+    std::vector<std::string> quarantine(const std::string& digest, const std::string& why);
+    /// Frees memory of stored scenes that nobody uses, the least recently used first, until the principal
+    /// has room for `bytes`, within its quota and --memory.
+    void make_room(std::uint64_t bytes, const std::string& principal);
+    /// Returns the rows of names that unload() has dropped since the last call.
+    [[nodiscard]] std::vector<StoredScene> take_dropped() { return std::exchange(dropped_, {}); }
 
     /// Fails as find() does, and with NOT_ALLOWED for a scene of another owner.
     [[nodiscard]] Reply<void> may_edit(std::string_view name, const ConnectionId& caller) const;
@@ -141,6 +178,8 @@ public:
         Clock::duration age{};
         Clock::duration idle{};   ///< time since a request last used the scene
         std::size_t holders = 0;  ///< number of open connections that loaded or opened the scene
+        SceneFacts facts = {};
+        const char* state = "";  ///< memory, disk or damaged
     };
     /// The scenes that find() can return to the caller, by name: at most `most` from number `first` on,
     /// and the number of all.
@@ -162,6 +201,8 @@ public:
     };
     /// Bytes of all scenes that somebody holds, each once.
     [[nodiscard]] std::uint64_t bytes() const;
+    /// Returns number and bytes of the scenes on the disk alone.
+    [[nodiscard]] Total asleep() const;
     /// Returns number and bytes of the unlisted scenes.
     [[nodiscard]] Total unlisted() const;
     /// Returns number and bytes of the scenes that count towards the quotas of a principal, listed or
@@ -173,7 +214,13 @@ public:
 
 private:
     struct Entry {
-        NamedScene scene;
+        NamedScene scene;  ///< its memory is null while the scene is on the disk alone
+        SceneFacts facts;
+        BlobPin blob;             ///< of this content; null: the content is not stored
+        std::uint64_t number = 0;  ///< of the row of this name; 0: it has none
+        std::string stored;        ///< the digest in that row: after edits, another one than in `facts`
+        std::string damage;        ///< why the stored content cannot be used; empty: it can
+        bool from_before = false;  ///< stored before the start, and not loaded since
         std::string owner;  ///< the principal that loaded it
         Clock::time_point loaded;
         mutable Clock::time_point used;
@@ -194,6 +241,8 @@ private:
         /// Returns the name by which the caller finds the scene.
         [[nodiscard]] std::string name_for(const ConnectionId& caller) const;
         [[nodiscard]] NamedScene scene_for(const ConnectionId& caller) const;
+        /// The row of this name; its content, once edited, is another one.
+        [[nodiscard]] StoredScene row() const;
         [[nodiscard]] std::size_t connections() const;
         /// Drops the reference of the caller's connection; true if no reference is left.
         bool release(const ConnectionId& caller) noexcept;
@@ -210,6 +259,7 @@ private:
     /// Returns the caller's own listed entry of this name, or the end.
     template <class AnyEntries>
     static auto own(AnyEntries& entries, std::string_view name, const ConnectionId& caller);
+    [[nodiscard]] const Entry* own_entry(std::string_view name, const ConnectionId& caller) const;
     /// Returns the error for a name that resolve() does not find: it means several scenes, or none.
     [[nodiscard]] protocol::Error not_found(std::string_view name, const ConnectionId& caller) const;
     /// True if the caller finds this entry by its name: none that it holds hides it.
@@ -219,6 +269,14 @@ private:
     /// Charges the memory of a scene to another principal if the one that it is charged to holds the
     /// scene no more.
     void settle_charge(const HeldScene& held) const noexcept;
+    /// Frees the memory of the least recently used stored scene that nobody uses; with `principal`, of those
+    /// charged to it. False if there is none.
+    bool let_go_of_oldest(const std::string* principal);
+    /// Returns the error for a scene on the disk alone, and remembers it for take_asleep().
+    protocol::Error asleep(const Entry& entry) const;
+    /// Fails with NAME_TAKEN or QUOTA if publish() may not publish this.
+    Reply<void> check_publication(const std::string& name, const Snapshot& snapshot,
+                                  const Publication& how, const ConnectionId& caller) const;
     Reply<std::shared_ptr<const HeldScene>> hold(std::shared_ptr<const Snapshot> snapshot,
                                                  const std::string& principal);
 
@@ -232,6 +290,8 @@ private:
     Entries entries_;
     std::map<std::string, std::weak_ptr<const HeldScene>> by_digest_;
     std::uint64_t last_connection_ = 0;
+    mutable std::optional<AsleepScene> asleep_;
+    std::vector<StoredScene> dropped_;
 };
 
 }  // namespace raynest::server

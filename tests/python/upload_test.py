@@ -60,7 +60,7 @@ class Upload(WithDaemon):
         # A name that is taken is taken, whether the content is there or not.
         with self.assertRaisesRegex(raynest.Error, "NAME_TAKEN|another scene is called"):
             other.load(self.out / "b.glb", "first")
-        # What the import depends on is part of the question.
+        # The question includes all that the import depends on.
         for options in ({"build": "high"}, {"masks": {"mesh": 1}}, {"origin": (1, 2, 3)}):
             stages, _ = self.stages(lambda told: other.load(self.out / "a.glb", "third", replace=True,
                                                             progress=told, **options))

@@ -226,11 +226,12 @@ class Client(Session):
     def scenes(self) -> list[dict[str, Any]]:
         """Lists the loaded scenes: name, hash, epoch, instanced_triangles, bytes, owner,
         age_seconds, idle_seconds (since a request last used it), holders (the open connections
-        that loaded or opened it) and share ("", "public" or principals joined by commas)."""
+        that loaded or opened it), share ("", "public" or principals joined by commas) and state
+        (memory; disk: the next request reads it; damaged: load it again)."""
         columns = {"name": "names", "hash": "hashes", "epoch": "epochs",
                    "instanced_triangles": "instanced_triangles", "bytes": "bytes",
                    "owner": "owners", "age_seconds": "age_ms", "idle_seconds": "idle_ms",
-                   "holders": "holders", "share": "shares"}
+                   "holders": "holders", "share": "shares", "state": "states"}
         scenes = [dict(zip(columns, row)) for page in self.pages("Scenes", "SceneList", "names")
                   for row in zip(*(page[plural] or [""] * len(page["names"])
                                    for plural in columns.values()))]

@@ -58,7 +58,7 @@ TEST_CASE("every text of every message is checked") {
 TEST_CASE("the lists of a SceneList are equally long") {
     const auto full = [] {
         wire::SceneListT list;
-        list.names = list.hashes = list.owners = {"a"};
+        list.names = list.hashes = list.owners = list.shares = list.states = {"a"};
         list.epochs = list.instanced_triangles = list.bytes = list.age_ms = list.idle_ms = {1};
         list.holders = {1};
         return list;
@@ -74,7 +74,8 @@ TEST_CASE("the lists of a SceneList are equally long") {
         (spoilt.*list).clear();
         CHECK_FALSE(is_valid(spoilt));
     }
-    for (const auto list : {&wire::SceneListT::hashes, &wire::SceneListT::owners}) {
+    for (const auto list : {&wire::SceneListT::hashes, &wire::SceneListT::owners, &wire::SceneListT::shares,
+                            &wire::SceneListT::states}) {
         auto spoilt = full();
         (spoilt.*list).emplace_back("b");
         CHECK_FALSE(is_valid(spoilt));

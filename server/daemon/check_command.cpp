@@ -1,0 +1,56 @@
+#include "server/daemon/check_command.h"
+
+#include "protocol/text.h"
+#include "server/options/ready_file.h"
+#include "server/store/manifest.h"
+#include "server/store/state_folder.h"
+
+#include <algorithm>
+#include <cstdint>
+#include <iostream>
+#include <string>
+#include <system_error>
+
+namespace raynest::server {
+namespace {
+
+/// Most bytes of a printed line.
+constexpr std::size_t line_bytes_max = 4096;
+
+int failed(const std::string& why) {
+    std::cerr << "raynestd: " << protocol::clean_text(why, line_bytes_max) << '\n';
+    return 1;
+}
+
+}  // namespace
+
+int check_state(const std::filesystem::path& folder) {
+    const std::filesystem::path manifest_file = folder / "manifest.sqlite";
+    std::error_code error;
+    if (!std::filesystem::exists(manifest_file, error))
+        return failed(folder.string() + " is no state folder: it has no manifest.sqlite");
+    const auto lock = StateLock::take(folder);
+    if (!lock) return failed(lock.error().message);
+    auto manifest = Manifest::open(manifest_file, true);
+    if (!manifest) return failed(manifest.error().message);
+    const auto rows = manifest->rows();
+    if (!rows) return failed(rows.error().message);
+    std::size_t damaged = 0;
+    std::uint64_t bytes = 0;
+    for (const StoredScene& row : *rows) {
+        bytes += row.bytes;
+        const auto stored = read_stored(folder, row.digest, row.bytes);
+        if (stored) continue;
+        ++damaged;
+        std::cout << protocol::clean_text(row.owner + "/" + row.name + ": " + stored.error().why +
+                                              "; load it again",
+                                          line_bytes_max)
+                  << '\n';
+    }
+    std::cout << rows->size() << " scenes, " << protocol::bytes_text(bytes) << ", " << damaged
+              << " damaged\n";
+    if (!std::cout.flush()) return failed("cannot write stdout");
+    return damaged == 0 ? 0 : 1;
+}
+
+}  // namespace raynest::server

@@ -1,0 +1,91 @@
+#include "server/jobs/scene_waker.h"
+
+#include "engine/scene/snapshot.h"
+#include "server/ground/limited_log.h"
+#include "server/ground/metrics.h"
+#include "server/scheduling/fair_thread_pool.h"
+#include "server/scheduling/peers.h"
+#include "server/store/state_folder.h"
+
+#include <chrono>
+#include <exception>
+#include <optional>
+#include <utility>
+
+namespace raynest::server {
+
+/// The result of a task.
+struct SceneWaker::Read {
+    Budget::Lease lease;
+    std::shared_ptr<const Snapshot> snapshot;
+    std::optional<BlobFault> fault;
+    double seconds = 0;
+};
+
+void SceneWaker::wake(const AsleepScene& scene, const std::string& principal,
+                      std::weak_ptr<Awake> awake) {
+    auto& waiting = waiting_[scene.facts.digest];
+    waiting.push_back(std::move(awake));
+    if (waiting.size() > 1) return;
+    auto read = std::make_shared<Read>();
+    services_.scenes.make_room(scene.facts.bytes, scene.owner);
+    auto lease = services_.peers.reserve(scene.facts.bytes, scene.owner, Use::lasting);
+    if (!lease) {
+        const auto full = services_.budget.refuse(
+            "the scene", scene.facts.bytes, scene.owner,
+            services_.scenes.remedy(scene.owner, "start raynestd with a larger --memory"));
+        for (const auto& each : std::exchange(waiting, {}))
+            if (const auto waits = each.lock()) (*waits)(Reply<void>(full));
+        waiting_.erase(scene.facts.digest);
+        return;
+    }
+    read->lease = std::move(*lease);
+    services_.disk->submit(principal, Priority::normal, [this, scene, read] {
+        const auto began = std::chrono::steady_clock::now();
+        try {
+            auto stored =
+                read_stored(services_.state->path(), scene.facts.digest, scene.facts.bytes);
+            if (stored)
+                read->snapshot = std::move(*stored);
+            else
+                read->fault = std::move(stored.error());
+            if (read->fault && read->fault->damaged) services_.state->set_aside(scene.facts.digest);
+        } catch (const std::exception& error) {
+            read->fault = BlobFault{false, error.what()};
+        }
+        read->seconds =
+            std::chrono::duration<double>(std::chrono::steady_clock::now() - began).count();
+        post_([this, scene, read] { done(scene, *read); });
+    });
+}
+
+void SceneWaker::done(const AsleepScene& scene, Read& read) {
+    read.lease = {};
+    Reply<void> result;
+    if (read.snapshot) {
+        result = services_.scenes.wake(std::move(read.snapshot), scene);
+        log_limited(LogLevel::info, "scene_read", scene.owner,
+                    {{"hash", scene.facts.digest},
+                     {"bytes", std::to_string(scene.facts.bytes)},
+                     {"seconds", std::to_string(read.seconds)}});
+    } else if (read.fault && read.fault->damaged) {
+        for (const std::string& name :
+             services_.scenes.quarantine(scene.facts.digest, read.fault->why)) {
+            services_.metrics.count<&Metrics::scenes_damaged>(scene.owner);
+            log(LogLevel::error, "scene_damaged",
+                {{"scene", name},
+                 {"hash", scene.facts.digest},
+                 {"reason", read.fault->why},
+                 {"remedy", "load it again; the bytes are in the folder damaged of --state"}});
+        }
+    } else {
+        result = refuse(Code::resource_exhausted,
+                        "the stored scene could not be read: " + read.fault->why + "; try again");
+    }
+    const auto waiting = waiting_.extract(scene.facts.digest);
+    if (waiting.empty()) return;
+    for (const auto& each : waiting.mapped())
+        if (const auto waits = each.lock()) (*waits)(result);
+}
+
+}  // namespace raynest::server

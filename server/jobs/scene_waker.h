@@ -1,0 +1,40 @@
+// Brings scenes that are on the disk alone back into memory, for the requests that need them.
+#pragma once
+
+#include "server/ground/errors.h"
+#include "server/jobs/services.h"
+#include "server/store/scene_store.h"
+
+#include <functional>
+#include <map>
+#include <memory>
+#include <string>
+#include <vector>
+
+namespace raynest::server {
+
+/// Reads each scene once, however many requests wait for it. Io thread only.
+class SceneWaker {
+public:
+    /// Gets the error of a scene that could not be read, or nothing.
+    using Awake = std::function<void(const Reply<void>&)>;
+    using Post = std::function<void(std::function<void()>)>;
+
+    /// `post` runs a function on the io thread. `services` outlives this.
+    SceneWaker(const Services& services, Post post) : services_(services), post_(std::move(post)) {}
+    SceneWaker(const SceneWaker&) = delete;
+
+    /// Reads a scene in a task of `principal`, then calls `awake` unless it has expired. A damaged scene is
+    /// no error here: find() tells of it.
+    void wake(const AsleepScene& scene, const std::string& principal, std::weak_ptr<Awake> awake);
+
+private:
+    struct Read;
+    void done(const AsleepScene& scene, Read& read);
+
+    const Services& services_;
+    const Post post_;
+    std::map<std::string, std::vector<std::weak_ptr<Awake>>> waiting_;  ///< by digest
+};
+
+}  // namespace raynest::server

@@ -1,0 +1,228 @@
+#include "server/store/manifest.h"
+
+#include "protocol/hash.h"
+#include "protocol/subject.h"
+
+#include <fmt/format.h>
+#include <sqlite3.h>
+
+#include <array>
+#include <bit>
+#include <span>
+#include <string_view>
+#include <utility>
+
+namespace raynest::server {
+namespace {
+
+/// Tells a manifest from files of other programs: "RNST".
+constexpr int application = 0x524E5354;
+constexpr const char* remedy =
+    "; nothing was changed. Put a copy of the folder in its place, or name another --state";
+
+std::string joined(const std::vector<std::string>& share) {
+    std::string list;
+    for (const std::string& principal : share)
+        list.append(list.empty() ? "" : ",").append(protocol::in_list(principal));
+    return list;
+}
+
+/// Returns the file's name for SQLite. A manifest that was closed well is read without files beside it.
+std::string uri_of(const std::filesystem::path& file, bool read_only) {
+    std::string uri = "file:";
+    for (const char c : std::filesystem::absolute(file).string())
+        if (c == '%' || c == '?' || c == '#')
+            uri += fmt::format("%{:02x}", c);
+        else
+            uri += c;
+    std::error_code ignored;
+    const bool open = std::filesystem::exists(file.string().append("-wal"), ignored);
+    return read_only && !open ? uri.append("?immutable=1") : uri;
+}
+
+/// Returns the checksum of a row: SQLite finds damaged pages, not changed letters.
+std::int64_t checksum(const StoredScene& scene) {
+    const std::string text =
+        fmt::format("{}\n{}\n{}\n{}\n{}\n{}\n{}\n{}\n{}\n{}", scene.number, scene.owner, scene.name,
+                    joined(scene.share), scene.digest, scene.epoch, scene.bytes,
+                    scene.instanced_triangles, scene.build_seconds, scene.used);
+    return std::bit_cast<std::int64_t>(protocol::upload_checksum(std::as_bytes(std::span(text))));
+}
+
+}  // namespace
+
+void Manifest::Close::operator()(sqlite3* connection) const noexcept {
+    sqlite3_close(connection);
+}
+
+/// A prepared statement. Values are bound and read in order.
+class Manifest::Statement {
+public:
+    Statement(const Manifest& manifest, const char* sql) {
+        sqlite3_prepare_v2(manifest.connection_.get(), sql, -1, &statement_, nullptr);
+    }
+    Statement(const Statement&) = delete;
+    ~Statement() { sqlite3_finalize(statement_); }
+    void bind(const std::string& text) {
+        sqlite3_bind_text(statement_, ++bound_, text.data(), static_cast<int>(text.size()),
+                          SQLITE_TRANSIENT);
+    }
+    void bind(std::int64_t number) { sqlite3_bind_int64(statement_, ++bound_, number); }
+    void bind(std::uint64_t number) { bind(static_cast<std::int64_t>(number)); }
+    void bind(double number) { sqlite3_bind_double(statement_, ++bound_, number); }
+    int step() { return sqlite3_step(statement_); }
+    std::string text() {
+        const int column = read_++;
+        const auto* bytes = static_cast<const char*>(sqlite3_column_blob(statement_, column));
+        const auto size = static_cast<std::size_t>(sqlite3_column_bytes(statement_, column));
+        return bytes == nullptr ? std::string() : std::string(bytes, size);
+    }
+    std::int64_t integer() { return sqlite3_column_int64(statement_, read_++); }
+    std::uint64_t count() { return static_cast<std::uint64_t>(integer()); }
+    double real() { return sqlite3_column_double(statement_, read_++); }
+    void next_row() { read_ = 0; }
+
+private:
+    sqlite3_stmt* statement_ = nullptr;
+    int bound_ = 0;
+    int read_ = 0;
+};
+
+tl::unexpected<Error> Manifest::fault(const std::string& doing) {
+    const int code = sqlite3_extended_errcode(connection_.get());
+    // After a failed fsync the next one may succeed although the bytes are lost.
+    if (code == SQLITE_IOERR_FSYNC || code == SQLITE_IOERR_DIR_FSYNC) failed_ = true;
+    return fail(ErrorCode::io_failed,
+                doing + ": " + (sqlite3_errmsg(connection_.get()) == nullptr
+                                    ? "unknown"
+                                    : sqlite3_errmsg(connection_.get())));
+}
+
+Result<void> Manifest::run(const char* sql) {
+    if (sqlite3_exec(connection_.get(), sql, nullptr, nullptr, nullptr) == SQLITE_OK) return {};
+    return fault("the manifest of the state folder could not be changed");
+}
+
+Result<void> Manifest::check() {
+    const auto damaged = [&](const std::string& why) {
+        return fail(ErrorCode::io_failed, "the manifest " + file_ + " is damaged: " + why + remedy);
+    };
+    Statement integrity(*this, "PRAGMA integrity_check(1)");
+    if (integrity.step() != SQLITE_ROW) return damaged(sqlite3_errmsg(connection_.get()));
+    if (const std::string found = integrity.text(); found != "ok") return damaged(found);
+    Statement kind(*this, "PRAGMA application_id");
+    Statement version(*this, "PRAGMA user_version");
+    Statement tables(*this, "SELECT count(*) FROM sqlite_schema");
+    if (kind.step() != SQLITE_ROW || version.step() != SQLITE_ROW || tables.step() != SQLITE_ROW)
+        return damaged(sqlite3_errmsg(connection_.get()));
+    const std::int64_t found = version.integer();
+    const std::int64_t of = kind.integer();
+    if (tables.integer() == 0 && of == 0 && found == 0) return {};
+    if (of != application) return damaged("it is not one of raynestd");
+    if (found > manifest_version)
+        return fail(ErrorCode::io_failed,
+                    fmt::format("{} has version {}, this raynestd knows {}: a newer one wrote it. Start "
+                                "that one, or name another --state",
+                                file_, found, manifest_version));
+    if (found != manifest_version) return damaged(fmt::format("it has version {}", found));
+    return {};
+}
+
+Result<Manifest> Manifest::open(const std::filesystem::path& file, bool read_only) {
+    std::error_code ignored;
+    if (!read_only && std::filesystem::exists(file, ignored)) {
+        // A connection that may write changes a damaged file when it is closed.
+        auto look = open(file, true);
+        if (!look) return look;
+        if (const auto rows = look->rows(); !rows) return tl::unexpected(rows.error());
+    }
+    Manifest manifest;
+    manifest.file_ = file.string();
+    sqlite3* connection = nullptr;
+    const int mode = read_only ? SQLITE_OPEN_READONLY : SQLITE_OPEN_READWRITE | SQLITE_OPEN_CREATE;
+    const int opened = sqlite3_open_v2(uri_of(file, read_only).c_str(), &connection,
+                                       mode | SQLITE_OPEN_NOMUTEX | SQLITE_OPEN_URI, nullptr);
+    manifest.connection_.reset(connection);
+    if (opened != SQLITE_OK) return manifest.fault("cannot open " + file.string());
+    sqlite3_extended_result_codes(connection, 1);
+    sqlite3_busy_timeout(connection, 2000);
+    if (const auto good = manifest.check(); !good) return tl::unexpected(good.error());
+    if (read_only) return manifest;
+    // EXCLUSIVE: no other process opens the file, and none needs its shared memory.
+    for (const char* sql :
+         {"PRAGMA locking_mode=EXCLUSIVE", "PRAGMA journal_mode=WAL", "PRAGMA synchronous=FULL",
+          "BEGIN IMMEDIATE",
+          "CREATE TABLE IF NOT EXISTS scenes(number INTEGER NOT NULL, owner TEXT NOT NULL, "
+          "name TEXT NOT NULL, share TEXT NOT NULL, digest TEXT NOT NULL, epoch INTEGER NOT NULL, "
+          "bytes INTEGER NOT NULL, triangles INTEGER NOT NULL, build_seconds REAL NOT NULL, "
+          "used INTEGER NOT NULL, checksum INTEGER NOT NULL, PRIMARY KEY(owner, name)) STRICT",
+          "PRAGMA application_id=1380864852", "PRAGMA user_version=1", "COMMIT"})
+        if (const auto done = manifest.run(sql); !done)
+            return fail(ErrorCode::io_failed, file.string() + ": " + done.error().message);
+    static_assert(application == 1380864852 && manifest_version == 1);
+    return manifest;
+}
+
+Result<std::vector<StoredScene>> Manifest::rows() {
+    Statement all(*this, "SELECT number, owner, name, share, digest, epoch, bytes, triangles, "
+                         "build_seconds, used, checksum FROM scenes ORDER BY number");
+    std::vector<StoredScene> rows;
+    int state = SQLITE_DONE;
+    while ((state = all.step()) == SQLITE_ROW) {
+        StoredScene& scene = rows.emplace_back();
+        all.next_row();
+        scene.number = all.count();
+        scene.owner = all.text();
+        scene.name = all.text();
+        const std::string share = all.text();
+        scene.digest = all.text();
+        scene.epoch = all.count();
+        scene.bytes = all.count();
+        scene.instanced_triangles = all.count();
+        scene.build_seconds = all.real();
+        scene.used = all.integer();
+        const std::int64_t sum = all.integer();
+        const auto principals = protocol::split_principals(share);
+        if (!share.empty() && principals) scene.share = *principals;
+        constexpr std::size_t digits = 64;
+        const bool named = scene.digest.size() == digits &&
+                           scene.digest.find_first_not_of("0123456789abcdef") == std::string::npos;
+        if (!named || sum != checksum(scene))
+            return fail(ErrorCode::io_failed,
+                        fmt::format("the manifest {} is damaged: row {} is not as it was written{}", file_,
+                                    scene.number, remedy));
+    }
+    if (state != SQLITE_DONE)
+        return fail(ErrorCode::io_failed, "the manifest " + file_ + " is damaged: " +
+                                              sqlite3_errmsg(connection_.get()) + remedy);
+    return rows;
+}
+
+Result<void> Manifest::put(const StoredScene& scene) {
+    Statement row(*this, "INSERT OR REPLACE INTO scenes VALUES(?,?,?,?,?,?,?,?,?,?,?)");
+    row.bind(scene.number);
+    row.bind(scene.owner);
+    row.bind(scene.name);
+    row.bind(joined(scene.share));
+    row.bind(scene.digest);
+    row.bind(scene.epoch);
+    row.bind(scene.bytes);
+    row.bind(scene.instanced_triangles);
+    row.bind(scene.build_seconds);
+    row.bind(scene.used);
+    row.bind(checksum(scene));
+    if (row.step() == SQLITE_DONE) return {};
+    return fault("the scene could not be entered in the state folder");
+}
+
+Result<void> Manifest::remove(const std::string& owner, const std::string& name,
+                              std::uint64_t number) {
+    Statement row(*this, "DELETE FROM scenes WHERE owner=? AND name=? AND number<=?");
+    row.bind(owner);
+    row.bind(name);
+    row.bind(number);
+    if (row.step() == SQLITE_DONE) return {};
+    return fault("the scene could not be removed from the state folder");
+}
+
+}  // namespace raynest::server

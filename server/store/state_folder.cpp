@@ -1,0 +1,332 @@
+#include "server/store/state_folder.h"
+
+#include "protocol/text.h"
+
+#include <fmt/format.h>
+
+#include <fcntl.h>
+#include <sys/stat.h>
+#include <sys/vfs.h>
+#include <unistd.h>
+
+#include <algorithm>
+#include <array>
+#include <cerrno>
+#include <chrono>
+#include <cstring>
+#include <new>
+#include <string_view>
+#include <system_error>
+
+namespace raynest::server {
+namespace fs = std::filesystem;
+namespace {
+
+/// Bytes that are written or read between two looks at whether to go on.
+constexpr std::size_t step_bytes = 8 << 20;
+constexpr std::string_view temporary_prefix = ".new-";
+
+/// A file descriptor; closed at its end.
+class File {
+public:
+    File(const fs::path& path, int flags, mode_t mode = 0)
+        : number_(::open(path.c_str(), flags | O_CLOEXEC | O_NOFOLLOW, mode)) {}
+    File(const File&) = delete;
+    ~File() {
+        if (number_ >= 0) ::close(number_);
+    }
+    [[nodiscard]] int number() const { return number_; }
+    [[nodiscard]] bool is_open() const { return number_ >= 0; }
+
+private:
+    const int number_;
+};
+
+std::string reason(int error) {
+    return std::generic_category().message(error);
+}
+
+bool flush_folder(const fs::path& folder) {
+    const File file(folder, O_RDONLY | O_DIRECTORY);
+    return file.is_open() && ::fsync(file.number()) == 0;
+}
+
+Result<void> make_folder(const fs::path& folder) {
+    if (::mkdir(folder.c_str(), S_IRWXU) == 0 || errno == EEXIST) return {};
+    return fail(ErrorCode::io_failed, "cannot make " + folder.string() + ": " + reason(errno) +
+                                          "; give --state a folder that can be written");
+}
+
+tl::expected<Pages, BlobFault> read_blob(const fs::path& path, std::uint64_t bytes) {
+    const File file(path, O_RDONLY);
+    if (!file.is_open())
+        return tl::unexpected(BlobFault{errno == ENOENT, errno == ENOENT ? "its file is gone" : reason(errno)});
+    struct stat found {};
+    if (::fstat(file.number(), &found) != 0) return tl::unexpected(BlobFault{false, reason(errno)});
+    if (static_cast<std::uint64_t>(found.st_size) != bytes)
+        return tl::unexpected(BlobFault{
+            true, fmt::format("its file has {} bytes in place of {}", found.st_size, bytes)});
+    Pages arena(bytes);
+    std::size_t at = 0;
+    while (at < bytes) {
+        const ssize_t done = ::read(file.number(), arena.data() + at, std::min(bytes - at, step_bytes));
+        if (done < 0 && errno == EINTR) continue;
+        if (done < 0) return tl::unexpected(BlobFault{false, reason(errno)});
+        if (done == 0) return tl::unexpected(BlobFault{true, "its file was cut"});
+        at += static_cast<std::size_t>(done);
+    }
+    return arena;
+}
+
+}  // namespace
+
+tl::expected<std::shared_ptr<const Snapshot>, BlobFault> read_stored(const fs::path& folder,
+                                                                     const std::string& digest,
+                                                                     std::uint64_t bytes) {
+    auto arena = read_blob(folder / "blobs" / digest, bytes);
+    if (!arena) return tl::unexpected(std::move(arena.error()));
+    auto opened = Snapshot::open({std::move(*arena), 0, {}});
+    if (!opened) return tl::unexpected(BlobFault{true, std::move(opened.error().message)});
+    if ((*opened)->digest() != digest) return tl::unexpected(BlobFault{true, "its bytes have changed"});
+    return std::move(*opened);
+}
+
+const char* network_file_system(std::uint64_t magic) {
+    struct Row {
+        std::uint64_t magic;
+        const char* name;
+    };
+    static constexpr std::array rows = {
+        Row{0x6969, "NFS"},         Row{0x517B, "SMB"},         Row{0xFF534D42, "CIFS"},
+        Row{0xFE534D42, "SMB2"},    Row{0x65735546, "FUSE"},    Row{0x01021997, "9P"},
+        Row{0x73757245, "Coda"},    Row{0x5346414F, "AFS"},     Row{0x00C36400, "Ceph"},
+        Row{0x7461636F, "OCFS2"},   Row{0x01161970, "GFS2"},    Row{0x0BD00BD0, "Lustre"},
+        Row{0x786F4256, "vboxsf"},  Row{0x47504653, "GPFS"},
+    };
+    const auto* found = std::ranges::find(rows, magic, &Row::magic);
+    return found == rows.end() ? nullptr : found->name;
+}
+
+Result<std::unique_ptr<StateFolder>> StateFolder::open(const fs::path& folder) {
+    if (folder.empty()) return std::unique_ptr<StateFolder>();
+    struct statfs system {};
+    if (::statfs(folder.c_str(), &system) != 0)
+        return fail(ErrorCode::io_failed, "cannot use " + folder.string() + ": " + reason(errno));
+    if (const char* name = network_file_system(static_cast<std::uint32_t>(system.f_type)))
+        return fail(ErrorCode::io_failed, folder.string() + " is on " + name +
+                                              ", where scenes may be lost; give --state a folder on a "
+                                              "disk of this machine");
+    for (const char* part : {"blobs", "damaged"})
+        if (const auto made = make_folder(folder / part); !made) return tl::unexpected(made.error());
+    // A new manifest in place of a lost one would take the rows of all blobs away.
+    const fs::path manifest_file = folder / "manifest.sqlite";
+    std::error_code error;
+    if ((!fs::exists(manifest_file, error) || fs::file_size(manifest_file, error) == 0) &&
+        std::ranges::any_of(fs::directory_iterator(folder / "blobs", error), [](const auto& file) {
+            return !file.path().filename().string().starts_with('.');
+        }))
+        return fail(ErrorCode::io_failed,
+                    "the manifest " + manifest_file.string() +
+                        " is damaged: it is gone or empty, and there are scenes; nothing was changed. "
+                        "Put a copy of it in its place, or remove the folder blobs");
+    auto manifest = Manifest::open(manifest_file);
+    if (!manifest) return tl::unexpected(manifest.error());
+    auto rows = manifest->rows();
+    if (!rows) return tl::unexpected(rows.error());
+    std::unique_ptr<StateFolder> state(new StateFolder(folder, std::move(*manifest)));
+    std::set<std::string> used;
+    for (const StoredScene& row : *rows) {
+        used.insert(row.digest);
+        state->rows_[{row.owner, row.name}] = {row.digest, row.number};
+        state->last_number_ = std::max(state->last_number_.load(), row.number);
+    }
+    state->found_ = std::move(*rows);
+    // A daemon that was killed leaves unfinished files, and blobs whose row was not committed.
+    for (const auto& file : fs::directory_iterator(folder / "blobs", error))
+        if (!used.contains(file.path().filename().string())) fs::remove(file.path(), error);
+    if (!flush_folder(folder) || !flush_folder(folder / "blobs"))
+        return fail(ErrorCode::io_failed,
+                    "cannot flush " + folder.string() + ": " + reason(errno) + "; see to its disk");
+    return state;
+}
+
+Result<void> StateFolder::usable() const {
+    if (!failed_ && !manifest_.failed()) return {};
+    return fail(ErrorCode::io_failed,
+                "the disk of the state folder has failed: scenes there can be read, none can be stored. "
+                "See to the disk, then restart raynestd");
+}
+
+BlobPin StateFolder::pin(const std::string& digest) {
+    const std::lock_guard lock(pins_->mutex);
+    auto& live = pins_->live[digest];
+    if (auto pin = live.lock()) return pin;
+    const BlobPin pin(new std::string(digest), [pins = pins_](const std::string* ended) {
+        const std::unique_ptr<const std::string> owned(ended);
+        const std::lock_guard guard(pins->mutex);
+        try {
+            pins->ended.insert(*ended);
+        } catch (const std::bad_alloc&) {
+            // The next start removes it.
+        }
+    });
+    live = pin;
+    return pin;
+}
+
+Result<BlobPin> StateFolder::keep(const std::string& digest, std::span<const std::byte> arena,
+                                  const Stopped& stopped) {
+    if (const auto good = usable(); !good) return tl::unexpected(good.error());
+    // First: from then on nobody removes it.
+    BlobPin pin = this->pin(digest);
+    struct stat found {};
+    if (::stat(blob(digest).c_str(), &found) == 0 &&
+        static_cast<std::uint64_t>(found.st_size) == arena.size())
+        return pin;
+    if (const auto written = write_blob(digest, arena, stopped); !written)
+        return tl::unexpected(written.error());
+    return pin;
+}
+
+Result<void> StateFolder::write_blob(const std::string& digest, std::span<const std::byte> arena,
+                                     const Stopped& stopped) {
+    const fs::path folder = folder_ / "blobs";
+    const fs::path temporary =
+        folder / fmt::format("{}{}", temporary_prefix, ++last_temporary_);
+    const auto refused = [&](int error) {
+        ::unlink(temporary.c_str());
+        const bool full = error == ENOSPC || error == EDQUOT || error == EFBIG;
+        return fail(ErrorCode::io_failed,
+                    full ? fmt::format("the state folder has no room for the scene's {}; make room on "
+                                       "its disk, or unload scenes",
+                                       protocol::bytes_text(arena.size()))
+                         : "the scene could not be stored in the state folder: " + reason(error) +
+                               "; see to its disk");
+    };
+    {
+        const File file(temporary, O_WRONLY | O_CREAT | O_EXCL, S_IRUSR | S_IWUSR);
+        if (!file.is_open()) return refused(errno);
+        // Find out now whether the disk has room.
+        const int room = ::posix_fallocate(file.number(), 0, static_cast<off_t>(arena.size()));
+        if (room != 0 && room != EOPNOTSUPP && room != EINVAL) return refused(room);
+        for (std::span<const std::byte> rest = arena; !rest.empty();) {
+            if (stopped()) return refused(ECANCELED);
+            const ssize_t done =
+                ::write(file.number(), rest.data(), std::min(rest.size(), step_bytes));
+            if (done < 0 && errno == EINTR) continue;
+            if (done < 0) return refused(errno);
+            rest = rest.subspan(static_cast<std::size_t>(done));
+        }
+        if (::fsync(file.number()) != 0) {
+            // The system forgets a failed flush: the next one would succeed without the bytes.
+            failed_ = true;
+            return refused(errno);
+        }
+    }
+    if (::rename(temporary.c_str(), blob(digest).c_str()) != 0) return refused(errno);
+    if (!flush_folder(folder)) {
+        failed_ = true;
+        return refused(errno);
+    }
+    return {};
+}
+
+Result<void> StateFolder::put(const StoredScene& scene) {
+    const std::lock_guard lock(mutex_);
+    if (const auto good = usable(); !good) return good;
+    if (const auto put = manifest_.put(scene); !put) return put;
+    const Row before = std::exchange(rows_[{scene.owner, scene.name}], {scene.digest, scene.number});
+    if (!before.digest.empty()) let_go(before.digest);
+    collect_locked();
+    return {};
+}
+
+Result<void> StateFolder::remove(const std::vector<StoredScene>& scenes) {
+    const std::lock_guard lock(mutex_);
+    if (const auto good = usable(); !good) return good;
+    for (const StoredScene& scene : scenes) {
+        if (const auto gone = manifest_.remove(scene.owner, scene.name, scene.number); !gone) return gone;
+        const auto row = rows_.find({scene.owner, scene.name});
+        if (row == rows_.end() || row->second.number > scene.number) continue;
+        let_go(row->second.digest);
+        rows_.erase(row);
+    }
+    collect_locked();
+    return {};
+}
+
+void StateFolder::undo(StoredScene scene, std::unique_ptr<StoredScene> before) {
+    const std::lock_guard guard(pins_->mutex);
+    pins_->undone.emplace_back(std::move(scene), std::move(before));
+}
+
+bool StateFolder::has_work() {
+    const std::lock_guard guard(pins_->mutex);
+    return !pins_->ended.empty() || !pins_->undone.empty();
+}
+
+void StateFolder::collect() {
+    const std::lock_guard lock(mutex_);
+    collect_locked();
+}
+
+void StateFolder::let_go(const std::string& digest) {
+    const std::lock_guard guard(pins_->mutex);
+    pins_->ended.insert(digest);
+}
+
+void StateFolder::collect_locked() {
+    std::unique_lock guard(pins_->mutex);
+    auto undone = std::exchange(pins_->undone, {});
+    guard.unlock();
+    for (auto& [scene, before] : undone) {
+        const auto row = rows_.find({scene.owner, scene.name});
+        if (row == rows_.end() || row->second.number != scene.number) continue;
+        if (before ? !manifest_.put(*before) : !manifest_.remove(scene.owner, scene.name, scene.number))
+            continue;
+        if (before)
+            row->second = {before->digest, before->number};
+        else
+            rows_.erase(row);
+        let_go(scene.digest);
+    }
+    std::vector<fs::path> unused;
+    guard.lock();
+    for (const std::string& digest : std::exchange(pins_->ended, {})) {
+        const auto live = pins_->live.find(digest);
+        if (live != pins_->live.end() && !live->second.expired()) continue;
+        if (live != pins_->live.end()) pins_->live.erase(live);
+        if (std::ranges::any_of(rows_, [&](const auto& row) { return row.second.digest == digest; }))
+            continue;
+        // To unlink a large file takes long; a load of this content may write it anew from now on.
+        const fs::path old = folder_ / "blobs" / fmt::format(".old-{}", ++last_temporary_);
+        if (::rename(blob(digest).c_str(), old.c_str()) == 0) unused.push_back(old);
+    }
+    guard.unlock();
+    for (const fs::path& file : unused) ::unlink(file.c_str());
+}
+
+void StateFolder::set_aside(const std::string& digest) {
+    ::rename(blob(digest).c_str(), (folder_ / "damaged" / digest).c_str());
+    (void)flush_folder(folder_ / "blobs");
+}
+
+std::shared_ptr<void> StateFolder::lock_name(const std::string& owner, const std::string& name,
+                                             const Stopped& stopped) {
+    constexpr std::chrono::milliseconds look{20};
+    std::unique_lock lock(names_mutex_);
+    const std::pair key(owner, name);
+    while (names_.contains(key)) {
+        if (stopped()) return nullptr;
+        name_free_.wait_for(lock, look);
+    }
+    names_.insert(key);
+    // It holds no more than this folder, which outlives all jobs.
+    return {static_cast<void*>(this), [this, key](void*) {
+                const std::lock_guard guard(names_mutex_);
+                names_.erase(key);
+                name_free_.notify_all();
+            }};
+}
+
+}  // namespace raynest::server

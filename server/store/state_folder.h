@@ -1,0 +1,127 @@
+// The folder of --state: scenes that outlive the daemon.
+//
+//   DIR/lock              held while a daemon runs (options/ready_file.h)
+//   DIR/manifest.sqlite   a row per owner and name
+//   DIR/blobs/DIGEST      the arena of a scene (scene/FORMAT.md), named by its digest
+//   DIR/damaged/DIGEST    blobs that are not as they were written; kept for a look, never read
+//
+// A blob is written to a temporary name, flushed, renamed, and its folder flushed; then its row is
+// committed; then the load is answered. Blobs are never changed: they are read and unlinked alone.
+#pragma once
+
+#include "engine/scene/snapshot.h"
+#include "server/store/manifest.h"
+
+#include <atomic>
+#include <condition_variable>
+#include <cstddef>
+#include <cstdint>
+#include <filesystem>
+#include <functional>
+#include <map>
+#include <memory>
+#include <mutex>
+#include <set>
+#include <span>
+#include <string>
+#include <utility>
+#include <vector>
+
+namespace raynest::server {
+
+/// Keeps a blob in the folder, with or without a row; holds its digest.
+using BlobPin = std::shared_ptr<const std::string>;
+
+/// Why a blob cannot be used.
+struct BlobFault {
+    bool damaged = false;  ///< false: the system cannot read it now
+    std::string why;
+};
+
+/// Reads the blob of a scene in the state folder `folder`, and checks its digest and its arena. Blocks;
+/// throws std::bad_alloc.
+[[nodiscard]] tl::expected<std::shared_ptr<const Snapshot>, BlobFault> read_stored(
+    const std::filesystem::path& folder, const std::string& digest, std::uint64_t bytes);
+
+/// Returns the name of a network file system by its number in statfs; null for others. A manifest may be
+/// damaged there, and a lock may hold nobody off.
+[[nodiscard]] const char* network_file_system(std::uint64_t magic);
+
+/// The open folder; its lock is taken already. Thread-safe. Functions block but for pins' end.
+class StateFolder {
+public:
+    using Stopped = std::function<bool()>;
+
+    /// Opens the folder, or returns null for an empty name. Makes what is missing, and removes unfinished files and blobs without a row. Fails with
+    /// io_failed on network file systems, and as Manifest::open() does.
+    static Result<std::unique_ptr<StateFolder>> open(const std::filesystem::path& folder);
+
+    /// The rows at the start.
+    [[nodiscard]] const std::vector<StoredScene>& found() const { return found_; }
+    /// A number larger than that of all rows.
+    [[nodiscard]] std::uint64_t next_number() { return ++last_number_; }
+
+    /// Writes the blob of a scene unless it is there. Fails with io_failed, and leaves nothing, if the disk
+    /// is full or fails.
+    [[nodiscard]] Result<BlobPin> keep(const std::string& digest, std::span<const std::byte> arena,
+                                       const Stopped& stopped);
+    /// Keeps a blob that has a row.
+    [[nodiscard]] BlobPin pin(const std::string& digest);
+    /// Commits a row, whose blob is kept.
+    [[nodiscard]] Result<void> put(const StoredScene& scene);
+    /// Removes rows as Manifest::remove() does.
+    [[nodiscard]] Result<void> remove(const std::vector<StoredScene>& scenes);
+    /// Undoes put() for a load that has ended before its scene was published; at the next collect().
+    void undo(StoredScene scene, std::unique_ptr<StoredScene> before);
+
+    [[nodiscard]] const std::filesystem::path& path() const { return folder_; }
+    /// Moves a damaged blob out of the way, so that a load writes it anew.
+    void set_aside(const std::string& digest);
+    /// Removes blobs that lost their last row and pin.
+    void collect();
+    [[nodiscard]] bool has_work();
+
+    /// Keeps other loads of this owner and name waiting until the result is destroyed; null if stopped.
+    [[nodiscard]] std::shared_ptr<void> lock_name(const std::string& owner, const std::string& name,
+                                                  const Stopped& stopped);
+
+private:
+    StateFolder(std::filesystem::path folder, Manifest manifest)
+        : folder_(std::move(folder)),
+          manifest_(std::move(manifest)) {}
+    [[nodiscard]] std::filesystem::path blob(const std::string& digest) const {
+        return folder_ / "blobs" / digest;
+    }
+    void let_go(const std::string& digest);
+    void collect_locked();
+    [[nodiscard]] Result<void> write_blob(const std::string& digest, std::span<const std::byte> arena,
+                                          const Stopped& stopped);
+    /// Fails once the disk has failed.
+    [[nodiscard]] Result<void> usable() const;
+
+    const std::filesystem::path folder_;
+    std::vector<StoredScene> found_;
+    std::atomic<std::uint64_t> last_number_{0};
+    std::atomic<std::uint64_t> last_temporary_{0};
+    std::atomic<bool> failed_{false};
+    std::mutex mutex_;  ///< of the manifest, and of what follows
+    Manifest manifest_;
+    struct Row {
+        std::string digest;
+        std::uint64_t number = 0;
+    };
+    std::map<std::pair<std::string, std::string>, Row> rows_;  ///< by owner and name
+    /// Pins and loads end on any thread, also the io thread: they take this lock alone.
+    struct Pins {
+        std::mutex mutex;
+        std::map<std::string, std::weak_ptr<const std::string>> live;
+        std::set<std::string> ended;
+        std::vector<std::pair<StoredScene, std::unique_ptr<StoredScene>>> undone;
+    };
+    const std::shared_ptr<Pins> pins_ = std::make_shared<Pins>();
+    std::mutex names_mutex_;
+    std::condition_variable name_free_;
+    std::set<std::pair<std::string, std::string>> names_;
+};
+
+}  // namespace raynest::server

@@ -1,0 +1,325 @@
+#!/usr/bin/env python3
+"""Scenes outlive the daemon with --state: kills, full disks, damaged files, and memory that is too small.
+
+  state_test.py RAYNESTD RAYNEST
+"""
+import json
+import os
+import pathlib
+import random
+import sqlite3
+import subprocess
+import sys
+import tempfile
+import threading
+import time
+import unittest
+
+import numpy
+
+from daemon import LONG, PATIENCE, Client, Daemon, run_tests, second_principal, until
+
+ROUNDS = 60 if LONG else 20
+WOODS = "builtin:forest?trees=40"
+
+
+class State(unittest.TestCase):
+    raynestd = raynest = None
+
+    def setUp(self):
+        folder = tempfile.TemporaryDirectory(prefix="raynest test ")
+        self.addCleanup(folder.cleanup)
+        self.folder = pathlib.Path(folder.name)
+        self.state = self.folder / "state"
+        self.blobs = self.state / "blobs"
+        self.daemon = None
+        rays = numpy.random.default_rng(1).uniform(-20, 20, size=(5000, 6)).astype(numpy.float32)
+        rays[:, 2] += 10
+        self.rays = self.folder / "rays.npy"
+        numpy.save(self.rays, rays)
+
+    def start(self, *arguments):
+        self.daemon = Daemon(self.raynestd, "--state", self.state, *arguments)
+        self.addCleanup(self.daemon.folder.cleanup)
+        self.addCleanup(self.daemon.process.wait)
+        self.addCleanup(self.daemon.process.kill)
+        self.client = Client(self.raynest, self.daemon.uri)
+        return self.client
+
+    def kill(self):
+        self.daemon.process.kill()
+        self.daemon.process.wait()
+
+    def again(self, *arguments):
+        self.kill()
+        return self.start(*arguments)
+
+    def refused(self, *arguments):
+        """Starts a daemon that must end with 1, and returns its one line."""
+        done = subprocess.run([self.raynestd, "--listen", "tcp://127.0.0.1:0", "--http", "off", "--cuda", "off",
+                               "--state", self.state, *arguments], stdin=subprocess.DEVNULL,
+                              capture_output=True, text=True, timeout=PATIENCE)
+        self.assertEqual(done.returncode, 1, done.stderr)
+        self.assertEqual(done.stderr.count("\n"), 1, done.stderr)
+        return done.stderr
+
+    def scenes(self, client=None):
+        return {scene["name"]: scene for scene in (client or self.client).json("scenes")["scenes"]}
+
+    def hits(self, scene, client=None):
+        file = self.folder / "hits.npz"
+        file.unlink(missing_ok=True)
+        done = (client or self.client).run("--quiet", "query", scene, "--rays", self.rays, "-o", file)
+        self.assertEqual(done.returncode, 0, done.stderr)
+        with numpy.load(file) as columns:
+            return {name: columns[name].tobytes() for name in columns}
+
+    def fails(self, code, says, *arguments):
+        done = self.client.run(*arguments)
+        self.assertEqual(done.returncode, code, done.stderr)
+        self.assertEqual(done.stderr.count("\n"), 1, done.stderr)
+        self.assertIn(says, done.stderr)
+
+    def files(self):
+        return {file.relative_to(self.state).as_posix(): file.read_bytes()
+                for file in self.state.rglob("*") if file.is_file() and file.name != "lock"}
+
+    def blob_names(self):
+        return {file.name for file in self.blobs.iterdir()}
+
+    def damage(self, digest):
+        with open(self.blobs / digest, "r+b") as blob:
+            blob.seek(os.fstat(blob.fileno()).st_size // 2)
+            byte = blob.read(1)[0]
+            blob.seek(-1, os.SEEK_CUR)
+            blob.write(bytes([byte ^ 1]))
+
+    def check(self):
+        done = subprocess.run([self.raynestd, "check", self.state], capture_output=True, text=True, timeout=PATIENCE)
+        return done.returncode, done.stdout
+
+    def test_scenes_are_there_after_a_kill_with_owners_shares_and_equal_hits(self):
+        options, token = second_principal(self.raynestd, self.addCleanup)
+        client = self.start(*options)
+        client.json("load", WOODS, "--name", "woods", "--share", "public")
+        client.json("load", "builtin:flake?depth=3", "--name", "mine")
+        client.json("load", "builtin:flake?depth=2", "--name", "ours", "--share", "bob,CN=robot\\,O=Lab")
+        client.json("load", WOODS + "&seed=3", "--name", "woods", "--replace")
+        before = self.scenes()
+        self.assertEqual({scene["state"] for scene in before.values()}, {"memory"})
+        hits = {name: self.hits(name) for name in before}
+        client = self.again(*options)
+        after = self.scenes()
+        self.assertEqual({scene["state"] for scene in after.values()}, {"disk"})
+        for row in [*before.values(), *after.values()]:
+            for name in ("age_seconds", "idle_seconds", "holders", "state"):
+                del row[name]
+        self.assertEqual(after, before)
+        bob = Client(self.raynest, self.daemon.uri, token)
+        owner = before["woods"]["owner"]
+        self.assertEqual(set(self.scenes(bob)), {f"{owner}/woods", f"{owner}/ours"})
+        self.assertEqual(bob.run("info", f"{owner}/mine").returncode, 5)
+        self.assertEqual(self.hits("ours", bob), hits["ours"])
+        for name in before:
+            self.assertEqual(self.hits(name), hits[name], name)
+        self.assertEqual({scene["state"] for scene in self.scenes().values()}, {"memory"})
+        self.assertEqual(after["woods"]["epoch"], 2)
+
+    def test_many_requests_wait_for_one_read(self):
+        self.start().json("load", WOODS, "--name", "woods")
+        hits = self.hits("woods")
+        self.again()
+        running = [self.client.start("--quiet", "query", "woods", "--rays", self.rays, "-o", self.folder / f"{i}.npz")
+                   for i in range(6)]
+        for i, process in enumerate(running):
+            _, errors = process.communicate(timeout=PATIENCE)
+            self.assertEqual(process.returncode, 0, errors)
+            with numpy.load(self.folder / f"{i}.npz") as columns:
+                self.assertEqual({name: columns[name].tobytes() for name in columns}, hits)
+        self.assertEqual(self.daemon.log().count("scene_read"), 1)
+
+    def test_what_was_answered_as_loaded_survives_every_kill(self):
+        """Also loads under way: their scenes are there whole, or not at all."""
+        chance = random.Random(int(os.environ.get("RAYNEST_SEED", time.time())))
+        loaded, gone, number, started = {}, set(), 0, []
+        for _ in range(ROUNDS):
+            client = self.start()
+            self.assertLessEqual(set(loaded), set(self.scenes()))
+            self.assertFalse(gone & set(self.scenes()))
+            for name, scene in self.scenes().items():
+                self.assertEqual(client.json("info", name)["hash"], scene["hash"])
+                self.assertEqual(loaded.get(name, scene["hash"]), scene["hash"])
+            self.assertEqual(self.blob_names(), {scene["hash"] for scene in self.scenes().values()})
+            if len(loaded) > 6:  # also what is unloaded stays so
+                for name in list(loaded)[:4]:
+                    client.json("unload", name)
+                    del loaded[name]
+                    gone.add(name)
+            started = []
+            for _ in range(5):
+                number += 1
+                source = f"builtin:forest?trees={chance.randint(1, 30)}&seed={chance.randint(1, 9)}"
+                started.append((f"s{number}", client.start("--json", "load", source, "--name", f"s{number}")))
+            time.sleep(chance.uniform(0.1, 2))
+            self.kill()
+            for name, process in started:
+                output, _ = process.communicate(timeout=PATIENCE)
+                if process.returncode == 0:
+                    loaded[name] = json.loads(output)["hash"]
+        print(f"{number} loads, {len(loaded) + len(gone)} answered, {ROUNDS} kills, none lost")
+
+    def test_the_same_content_is_stored_once_and_removed_with_its_last_name(self):
+        client = self.start()
+        first = client.json("load", WOODS, "--name", "a")["hash"]
+        client.json("load", WOODS, "--name", "b")
+        both = [client.start("load", WOODS, "--name", "c") for _ in range(2)]  # at once
+        for process in both:
+            _, errors = process.communicate(timeout=PATIENCE)
+            self.assertEqual(process.returncode, 0, errors)
+        self.assertEqual(self.blob_names(), {first})
+        client.json("unload", "a")
+        client.json("unload", "c")
+        self.assertEqual(self.blob_names(), {first})
+        second = client.json("load", "builtin:flake?depth=2", "--name", "b", "--replace")["hash"]
+        self.again()
+        self.assertEqual({name: scene["hash"] for name, scene in self.scenes().items()}, {"b": second})
+        self.assertEqual(self.blob_names(), {second})
+        self.client.json("unload", "b")
+        self.assertEqual(self.blob_names(), set())
+        self.again()
+        self.assertEqual(self.scenes(), {})
+
+    def test_a_flipped_byte_costs_one_scene_until_it_is_loaded_again(self):
+        client = self.start()
+        digest = client.json("load", WOODS, "--name", "woods")["hash"]
+        client.json("load", "builtin:flake?depth=2", "--name", "flake")
+        cut = client.json("load", "builtin:flake?depth=1", "--name", "cut")["hash"]
+        self.kill()
+        self.assertEqual(self.check()[0], 0)
+        self.damage(digest)
+        os.truncate(self.blobs / cut, 4096)
+        code, said = self.check()
+        self.assertEqual((code, said.splitlines()[-1].split(", ")[-1]), (1, "2 damaged"))
+        client = self.start()
+        for _ in range(2):
+            self.fails(5, "the stored copy of scene 'woods' is damaged", "info", "woods")
+        self.fails(5, "has 4096 bytes", "info", "cut")
+        self.hits("flake")
+        self.assertEqual({name: scene["state"] for name, scene in self.scenes().items()},
+                         {"woods": "damaged", "flake": "memory", "cut": "damaged"})
+        self.assertIn("scene_damaged", self.daemon.log())
+        self.assertEqual(client.json("stats")["scenes_damaged"], 2)
+        self.assertEqual({file.name for file in (self.state / "damaged").iterdir()}, {digest, cut})
+        client = self.again()
+        self.fails(5, "is damaged", "info", "woods")
+        self.fails(5, "its file is gone", "info", "cut")
+        self.assertEqual(client.json("load", WOODS, "--name", "woods")["hash"], digest)
+        # Another content needs no --replace there.
+        client.json("load", "builtin:flake?depth=3", "--name", "cut")
+        self.again()
+        self.hits("woods")
+        self.hits("cut")
+
+    def test_a_damaged_manifest_refuses_to_start_and_nothing_is_deleted(self):
+        self.start().json("load", WOODS, "--name", "woods")
+        self.daemon.stop()
+        manifest = self.state / "manifest.sqlite"
+        good = manifest.read_bytes()
+        changes = [good[:0] + b"x" * 100 + good[100:], good.replace(b"woods", b"weeds"), good[:5000],
+                   b"", b"no database" * 99]
+        if good.count(b"woods") == 0:
+            self.fail("the name is not in the file")
+        for bad in changes:
+            manifest.write_bytes(bad)
+            files = self.files()
+            said = self.refused()
+            self.assertIn("damaged", said)
+            self.assertIn("nothing was changed", said)
+            self.assertEqual(self.files(), files)
+        manifest.write_bytes(good)
+        with sqlite3.connect(manifest) as database:
+            database.execute("PRAGMA user_version=2")
+        database.close()
+        files = self.files()
+        self.assertIn("a newer one wrote it", self.refused())
+        self.assertEqual(set(self.files()), set(files))
+        manifest.write_bytes(good)
+        self.start()
+        self.hits("woods")
+        self.assertIn("another daemon uses", self.refused())
+
+    def test_a_full_disk_fails_the_load_and_leaves_the_rest(self):
+        if os.geteuid() != 0:
+            self.skipTest("needs root, for a small tmpfs")
+        self.state.mkdir()
+        mounted = subprocess.run(["mount", "-t", "tmpfs", "-o", "size=3m", "none", self.state], capture_output=True)
+        if mounted.returncode != 0:
+            self.skipTest("cannot mount a tmpfs")
+        self.addCleanup(subprocess.run, ["umount", "-l", self.state])
+        client = self.start()
+        self.addCleanup(self.kill)
+        small = client.json("load", "builtin:flake?depth=2", "--name", "small")["hash"]
+        self.fails(6, "has no room for the scene", "load", "builtin:forest?trees=300", "--name", "big")
+        self.assertEqual(self.blob_names(), {small})
+        self.assertEqual(set(self.scenes()), {"small"})
+        # The blob fits, the row does not.
+        free = os.statvfs(self.state)
+        (self.state / "filler").write_bytes(b"x" * (free.f_bavail * free.f_bsize))
+        for number in range(40):
+            done = client.run("load", "builtin:flake?depth=2", "--name", f"same{number}")
+            if done.returncode != 0:
+                break
+        else:
+            self.fail("the disk is not full")
+        self.assertEqual(done.returncode, 6, done.stderr)
+        self.assertIn("state folder", done.stderr)
+        names = set(self.scenes())
+        self.assertNotIn(f"same{number}", names)
+        self.kill()
+        (self.state / "filler").unlink()
+        self.start()
+        self.assertEqual(set(self.scenes()), names)
+        self.hits("small")
+        self.client.json("load", "builtin:flake?depth=3", "--name", "more")
+
+    def test_memory_holds_the_scenes_in_use_and_the_disk_all(self):
+        client = self.start("--memory", "128M", "--principal-scene-bytes-max", "1G")
+        hits = {}
+        for number in range(14):
+            loaded = client.json("load", f"builtin:forest?trees=200&seed={number}", "--name", f"f{number}")
+            hits[f"f{number}"] = self.hits(f"f{number}")
+        total = sum(scene["bytes"] for scene in self.scenes().values())
+        self.assertGreater(total, 128 << 20)
+        states = {name: scene["state"] for name, scene in self.scenes().items()}
+        self.assertEqual(states["f0"], "disk")
+        self.assertEqual(states["f13"], "memory")
+        for _ in range(2):
+            for name in hits:
+                self.assertEqual(self.hits(name), hits[name])
+        self.assertLessEqual(client.json("stats")["memory_used_bytes"], 128 << 20)
+
+    def test_an_edit_lasts_until_the_restart(self):
+        client = self.start()
+        client.json("load", WOODS, "--name", "woods")
+        loaded = self.hits("woods")
+        client.json("edit", "woods", "--hide", "*")
+        self.assertNotEqual(self.hits("woods"), loaded)
+        self.again()
+        self.assertEqual(self.hits("woods"), loaded)
+
+    def test_a_load_at_the_start_takes_the_place_of_what_it_stored_before(self):
+        def flake(other=None):
+            found = [scene["hash"] for name, scene in self.scenes().items() if name.endswith("flake")]
+            return found and found[0] != other and found[0]
+
+        self.start("--load", "builtin:flake?depth=2")
+        first = until(flake)
+        self.again("--load", "builtin:flake?depth=3")
+        until(lambda: flake(first))
+        self.assertNotIn("load_failed", self.daemon.log())
+
+
+if __name__ == "__main__":
+    State.raynestd, State.raynest = sys.argv[1:3]
+    del sys.argv[1:3]
+    run_tests()
