@@ -313,27 +313,6 @@ Result<void> validate(const wire::Unloaded& message, const Limits& limits) {
         .result();
 }
 
-Result<void> validate(const wire::Edit& message, const Limits& limits) {
-    std::uint64_t vertices = 0;
-    if (message.vertex_counts() != nullptr)
-        for (const std::uint32_t count : *message.vertex_counts()) vertices += count;
-    return Checks(limits)
-        .name("scene", message.scene())
-        .needs("scene", message.scene())
-        .texts("targets", message.targets())
-        .names("scenes", message.scenes())
-        .texts("names", message.names())
-        .aligned("vertex_counts", message.vertex_counts(), limits.list_items_max, "list_items_max")
-        .at_most("vertex_counts", vertices, limits.edit_vertices_max, "edit_vertices_max")
-        .at_least("rows", message.rows(), 1)
-        .at_most("rows", message.rows(), limits.edit_rows_max, "edit_rows_max")
-        .result();
-}
-
-Result<void> validate(const wire::Edited& message, const Limits& limits) {
-    return Checks(limits).name("hash", message.hash()).result();
-}
-
 Result<void> validate(const wire::VariantList& message, const Limits& limits) {
     Checks checks(limits);
     if (message.variants() != nullptr)
