@@ -71,11 +71,17 @@ class Examples(DaemonTest):
         said = self.example("street.py", "--cars", 8, "--rate", 20, "--seconds", 1, "--channels", 8,
                             "--azimuths", 360, "--speed", 40, "-o", "street.npz")
         self.assertRegex(said, r"epoch \d+, 40 instances moved")  # 8 cars and their wheels
-        self.assertIn("20 sweeps of 2,880 rays", said)
+        self.assertIn("20 sweeps of 2,880 rays in 1 step:", said)
         clouds = np.load(self.out / "street.npz")
         self.assertEqual(len(clouds), 20)
         centres = [np.median(clouds[name][:, 0]) for name in sorted(clouds)]
         self.assertLess(centres[-1], centres[0] - 15)  # the first car drives towards -X, and the sensor with it
+        said = self.example("street.py", "--cars", 8, "--seconds", 1, "--channels", 8, "--azimuths", 360,
+                            "--step-error", 0.2, "-o", "street.ply")
+        self.assertIn("in 4 steps:", said)  # 13 m/s in a tenth of a second
+        header = (self.out / "street.ply").read_bytes().split(b"end_header\n", 1)[0].decode()
+        self.assertEqual(re.findall(r"property \w+ (\w+)", header),
+                         ["x", "y", "z", "ring", "time", "distance", "instance"])
         # It does not see the car that it stands on.
         near = np.linalg.norm(clouds["sweep_00000"] - (-50, 1.9, -1.5 * 3.25), axis=1)
         self.assertGreater(near.min(), 1.5)

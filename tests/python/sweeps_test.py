@@ -158,7 +158,7 @@ class PointClouds(WithDaemon):
         self.assertEqual(len(data), start + size * count)
         raw = np.frombuffer(data[start:], np.uint8).reshape(count, size)
         place = np.ascontiguousarray(raw[:, :12]).view("<i4") * scale + offset
-        np.testing.assert_allclose(place, self.points[self.kept], atol=0.0001)
+        np.testing.assert_allclose(place, self.points[self.kept], atol=1e-6)
         np.testing.assert_array_equal(raw[:, 17], self.columns["ring"][self.kept])
         np.testing.assert_array_equal(np.ascontiguousarray(raw[:, 20:28]).view("<f8")[:, 0],
                                       self.columns["time"][self.kept])

@@ -119,8 +119,8 @@ def main():
     if args.output and args.output.endswith(".npz"):
         np.savez_compressed(args.output, **clouds)
     elif args.output:
-        kept = ("position", "where", "ring", "time") if args.output.endswith(".las") else tuple(cloud)
-        raynest.points.save(args.output, **{name: cloud[name] for name in kept})
+        kept = ("where", "ring", "time") if args.output.endswith(".las") else tuple(cloud)[1:]
+        raynest.points.save(args.output, cloud["position"], **{name: cloud[name] for name in kept})
     print(f"{len(sweeps)} sweeps of {args.channels * args.azimuths:,} rays in {steps} "
           f"{'step' if steps == 1 else 'steps'}: {1000 * np.median(sweeps):.1f} ms each, of which edits take "
           f"{1000 * np.median(edits):.1f} ms (medians); {late} were late by more than one period")

@@ -21,7 +21,7 @@ _LAS_POINT = np.dtype([("x", "<i4"), ("y", "<i4"), ("z", "<i4"), ("intensity", "
                        ("time", "<f8")])
 
 
-def save(path: Union[str, os.PathLike[str]], position: Any, *, where: Any = None, **columns: Any) -> int:
+def save(path: Union[str, os.PathLike[str]], position: Any, /, *, where: Any = None, **columns: Any) -> int:
     """Writes points (N, 3) to a .ply, .pcd or .las, with columns of their own: (N,), or (N, k), which become
     name_0, name_1, ... `where` (N,) chooses the points, as the column hit does; points that are not finite are
     left out. LAS has room for the columns time (GPS time), intensity (0 to 1), return (from 0) and ring (as user
@@ -47,8 +47,9 @@ def save(path: Union[str, os.PathLike[str]], position: Any, *, where: Any = None
                              f"({len(points)},) or ({len(points)}, k)")
         parts = [(key, column)] if column.ndim == 1 else [(f"{key}_{i}", column[:, i]) for i in range(column.shape[1])]
         flat.update((part, _plain(part, values[chosen])) for part, values in parts)
+    data = write(points[chosen], flat)
     with open(path, "wb") as file:
-        file.write(write(points[chosen], flat))
+        file.write(data)
     return int(chosen.sum())
 
 
@@ -104,7 +105,7 @@ def _write_las(points: Array, columns: dict[str, Array]) -> bytes:
     low = points.min(axis=0) if len(points) else np.zeros(3)
     high = points.max(axis=0) if len(points) else np.zeros(3)
     offset = np.floor(low)
-    scale = np.maximum(0.0001, (high - offset) / 2**30)
+    scale = 10.0 ** np.ceil(np.log10(np.maximum(1e-9, (high - offset) / 2**30)))
     for axis, values in zip("xyz", np.rint((points - offset) / scale).T):
         table[axis] = values
     table["returns"] = 1 | 1 << 3
