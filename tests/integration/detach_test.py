@@ -199,16 +199,16 @@ class Detach(DaemonTest):
         for _ in range(50):  # all of them fit into one answer to `jobs`
             crowd.json(*words, "512x512")
 
-        def traced():
-            """Returns the rays done by the single job and by the crowd, one after the other: a
-            principal sees its own jobs alone."""
-            alone, = (job["done"] for job in single.json("jobs")["jobs"])
-            return alone, sum(job["done"] for job in crowd.json("jobs")["jobs"])
-        before = traced()
+        # A principal sees its own jobs alone, so one is asked after the other; the crowd is first at the
+        # end and last at the beginning, so that it is charged with no ray of the time between.
+        def traced(client):
+            return sum(job["done"] for job in client.json("jobs")["jobs"])
+        before = traced(single), traced(crowd)
 
         def sixteen_chunks_later():
-            meanwhile = [now - then for now, then in zip(traced(), before)]
-            return meanwhile[0] >= 16 * 16384 and meanwhile
+            others = traced(crowd) - before[1]
+            own = traced(single) - before[0]
+            return own >= 16 * 16384 and (own, others)
         own, others = until(sixteen_chunks_later)
         # Chunks of all jobs are equal: the single job and the crowd get one each, in turn. Without
         # turns the crowd would trace fifty times as much meanwhile.

@@ -145,7 +145,8 @@ class Local(unittest.TestCase):
         self.environment["RAYNEST_TOKEN"] = "rnt_secret"
         process = self.start_long(pass_fds=(writing,))
         os.close(writing)
-        daemon, = processes_with(str(self.temporary))
+        # A child that the daemon starts has its command line for a moment.
+        daemon, = until(lambda: len(found := processes_with(str(self.temporary))) == 1 and found)
         folder = pathlib.Path(f"/proc/{daemon}")
         self.assertNotIn(f"pipe:[{os.stat(reading).st_ino}]",
                          {os.readlink(entry) for entry in (folder / "fd").iterdir()})
