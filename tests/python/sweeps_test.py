@@ -175,6 +175,10 @@ class PointClouds(WithDaemon):
         for name, more, words in (("a.xyz", {}, "must end with .ply, .pcd or .las"), ("a.las", {"prim": self.hit}, "'prim'"),
                                   ("a.ply", {"path": np.full(1000, 2**40)}, "beyond 32 bits"),
                                   ("a.ply", {"ring": np.zeros(3)}, "ring has shape"),
+                                  ("a.ply", {"x": self.hit}, "cannot be called 'x'"),
+                                  ("a.las", {"ring": np.full(1000, 256)}, "'ring' from 0 to 255"),
+                                  ("a.las", {"return": np.full(1000, 5)}, "'return' from 0 to 4"),
+                                  ("a.las", {"intensity": np.full(1000, np.nan)}, "'intensity' from 0 to 1"),
                                   ("a.ply", {"names": np.full(1000, "x")}, "must be numbers")):
             with self.subTest(words=words), self.assertRaisesRegex(raynest.UsageError, words):
                 self.save(name, **more)

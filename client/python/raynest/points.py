@@ -42,6 +42,8 @@ def save(path: Union[str, os.PathLike[str]], position: Any, /, *, where: Any = N
     flat: dict[str, Array] = {}
     for key, values in columns.items():
         column = np.asarray(values)
+        if key in ("x", "y", "z"):
+            raise UsageError(f"a column cannot be called {key!r}: that is the position's")
         if column.ndim not in (1, 2) or len(column) != len(points) or column.dtype.kind not in "biuf":
             raise UsageError(f"{key} has shape {column.shape} and type {column.dtype}: it must be numbers, "
                              f"({len(points)},) or ({len(points)}, k)")
@@ -99,6 +101,14 @@ def _write_pcd(points: Array, columns: dict[str, Array]) -> bytes:
     return "\n".join(lines).encode() + table.tobytes()
 
 
+def _within(name: str, column: Array, most: int) -> Array:
+    """The column in float64, if all of it lies in 0 to `most`."""
+    values = column.astype(np.float64)
+    if not ((values >= 0) & (values <= most)).all():
+        raise UsageError(f"a .las holds the column '{name}' from 0 to {most} alone: save it as .ply or .pcd, or leave it away")
+    return values
+
+
 def _write_las(points: Array, columns: dict[str, Array]) -> bytes:
     """LAS 1.2, point format 1."""
     table = np.zeros(len(points), _LAS_POINT)
@@ -113,12 +123,13 @@ def _write_las(points: Array, columns: dict[str, Array]) -> bytes:
         if name == "time":
             table["time"] = column
         elif name == "intensity":
-            table["intensity"] = np.rint(np.clip(column.astype(np.float64), 0, 1) * 65535)
+            table["intensity"] = np.rint(_within(name, column, 1) * 65535)
         elif name == "return":
-            number = np.clip(column, 0, 4).astype("u1") + np.uint8(1)
+            # Which points are of one pulse is not known: each is said to have as many as any has.
+            number = _within(name, column, 4).astype("u1") + np.uint8(1)
             table["returns"] = number | (number.max(initial=1) << 3)
         elif name == "ring":
-            table["user"] = np.clip(column, 0, 255)
+            table["user"] = _within(name, column, 255)
         else:
             raise UsageError(f"a .las has no room for the column '{name}': save it as .ply or .pcd, or leave it away")
     by_return = np.bincount((table["returns"] & 7) - 1, minlength=5)[:5] if len(table) else np.zeros(5, int)
