@@ -18,12 +18,6 @@
 namespace raynest {
 namespace {
 
-bool in_range(const Box& box) {
-    if (box.is_empty()) return true;
-    const Vec3 reach = glm::max(glm::abs(box.lower), glm::abs(box.upper));
-    return std::max({reach.x, reach.y, reach.z}) <= coordinate_max;
-}
-
 /// Adds the seconds of a scope to a sum.
 class Stopwatch {
 public:

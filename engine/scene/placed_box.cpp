@@ -57,6 +57,12 @@ private:
 
 }  // namespace
 
+bool in_range(const Box& box) {
+    if (box.is_empty()) return true;
+    const Vec3 reach = glm::max(glm::abs(box.lower), glm::abs(box.upper));
+    return std::max({reach.x, reach.y, reach.z}) <= coordinate_max;
+}
+
 float placement_error(const Transform& to_parent, float child_error) {
     // The limit keeps the arithmetic finite; beyond it the box test enters every box anyway.
     constexpr float origin_error_max = 1e30F;

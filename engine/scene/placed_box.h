@@ -14,6 +14,9 @@
 
 namespace raynest {
 
+/// True if the box is empty, or each of its coordinates is within coordinate_max.
+[[nodiscard]] bool in_range(const Box& box);
+
 struct PlacedBox {
     Box box;
     /// Distance by which rounding may move a hit along an axis of the parent; included in the box.

@@ -23,6 +23,11 @@
 namespace raynest::server {
 namespace {
 
+// Rows say a frame by its number.
+static_assert(static_cast<std::uint32_t>(EditFrame::world) == EditRow::world &&
+              static_cast<std::uint32_t>(EditFrame::parent) == EditRow::parent &&
+              static_cast<std::uint32_t>(EditFrame::own) == EditRow::own);
+
 /// Returns a row's matrix; nothing if a number is not finite.
 std::optional<Matrix> matrix_of(const EditRow& row) {
     Matrix made(1);

@@ -59,7 +59,7 @@ export function changesText(before, after) {
   if (come.length) differ.push(`new cameras: ${come.join(", ")}`);
   if (before.hash === after.hash) return "the same content";
   if (differ.length) return differ.join("; ");
-  return wasEdited(after) ? "parts of it stand elsewhere, or have other masks" : "other content with the same counts";
+  return wasEdited(after) ? "parts of it stand elsewhere, or have other shapes or masks" : "other content with the same counts";
 }
 
 /** Returns the choice in the list of cameras that the new content has for the old one: by name, else by number; "" where it is gone. */

@@ -49,7 +49,7 @@ browserTest("an edited scene is shown, and the page says that it was edited", as
   await page.waitForFunction(() => globalThis.raynest.selection.chosen);
   assert.equal((await record(page)).Hit, "yes");
   await daemon.json("edit", name, "--move", "inst=0=0,500,0", "--hide", "inst=1");
-  await says(page, "notice", `"${name}" was edited: parts of it stand elsewhere, or have other masks.`);
+  await says(page, "notice", `"${name}" was edited: parts of it stand elsewhere, or have other shapes or masks.`);
   await page.waitForFunction(() => document.querySelector("#record")?.textContent.includes("miss"));
 });
 

@@ -7,6 +7,7 @@
 // cards decides what a camera sees: without the mask the trees are heaps of squares.
 #include "engine/assets/builtin/builtin.h"
 #include "engine/assets/builtin/forest_parts.h"
+#include "engine/assets/builtin/look_at.h"
 
 #include <numbers>
 
@@ -213,18 +214,6 @@ private:
     std::uint32_t boulder_ = 0;
 };
 
-CameraDescription look(const char* name, const Vec3& eye, const Vec3& at, float yfov) {
-    const Vec3 z = glm::normalize(eye - at);
-    const Vec3 x = glm::normalize(glm::cross(Vec3(0, 1, 0), z));
-    const Vec3 y = glm::cross(z, x);
-    CameraDescription camera;
-    camera.name = name;
-    camera.to_world.m = {x.x, y.x, z.x, eye.x, x.y, y.y, z.y, eye.y, x.z, y.z, z.z, eye.z};
-    camera.yfov = yfov;
-    camera.aspect = 16.0F / 9;
-    return camera;
-}
-
 }  // namespace
 
 Result<SceneDescription> describe_forest(const BuiltinValues& values) {
@@ -237,8 +226,8 @@ Result<SceneDescription> describe_forest(const BuiltinValues& values) {
     scene.objects.push_back(std::move(root));
 
     scene.cameras.push_back(
-        look("clearing", clearing_eye(), clearing_eye() + Vec3(-0.6F, 1.7F, -15), 0.85F));
-    scene.cameras.push_back(look("canopy", {26, 22, 46}, {-2, 5, -6}, 0.75F));
+        look_at("clearing", clearing_eye(), clearing_eye() + Vec3(-0.6F, 1.7F, -15), 0.85F));
+    scene.cameras.push_back(look_at("canopy", {26, 22, 46}, {-2, 5, -6}, 0.75F));
 
     auto flat =
         flatten_levels(scene, static_cast<std::uint32_t>(value("levels")), flat_triangles_max);

@@ -7,6 +7,7 @@
 // wheels about their own Z. Instances are "car-0", "car-1", ..., each with "wheel-0" to "wheel-3";
 // "house-*", "tree-*", "lamp-*".
 #include "engine/assets/builtin/builtin.h"
+#include "engine/assets/builtin/look_at.h"
 #include "engine/math/random.h"
 
 #include <fmt/format.h>
@@ -236,19 +237,6 @@ Transform stand(float x, float y, float z, bool turned) {
     return at;
 }
 
-CameraDescription camera(const char* name, const Vec3& eye, const Vec3& target, float yfov) {
-    const Vec3 back = glm::normalize(eye - target);
-    const Vec3 right = glm::normalize(glm::cross(Vec3(0, 1, 0), back));
-    const Vec3 up = glm::cross(back, right);
-    CameraDescription made;
-    made.name = name;
-    made.to_world.m = {right.x, up.x,  back.x,  eye.x, right.y, up.y,
-                       back.y,  eye.y, right.z, up.z,  back.z,  eye.z};
-    made.yfov = yfov;
-    made.aspect = 16.0F / 9;
-    return made;
-}
-
 class Street {
 public:
     Street(SceneDescription& scene, float length, std::uint64_t seed)
@@ -355,9 +343,9 @@ Result<SceneDescription> describe_street(const BuiltinValues& values) {
     const auto length = static_cast<float>(values.find("length")->second);
     Street(scene, length, values.find("seed")->second)
         .build(static_cast<std::uint32_t>(values.find("cars")->second));
-    scene.cameras.push_back(camera("driver", {-length / 2 + 6, 2.4F, 0}, {0, 1.4F, 0}, 0.9F));
+    scene.cameras.push_back(look_at("driver", {-length / 2 + 6, 2.4F, 0}, {0, 1.4F, 0}, 0.9F));
     scene.cameras.push_back(
-        camera("roof", {-length / 2 + 5, 9, 8.5F}, {-length / 2 + 60, 0, -4}, 0.8F));
+        look_at("roof", {-length / 2 + 5, 9, 8.5F}, {-length / 2 + 60, 0, -4}, 0.8F));
     return scene;
 }
 

@@ -21,7 +21,6 @@ enum class EditFrame : std::uint32_t {
     world,
     parent,  ///< of the object that places the instance
     own,     ///< of the instance's object; to move alone
-    count_
 };
 
 /// Not thread-safe. `scene` must outlive it.

@@ -400,12 +400,8 @@ Result<void> LinkedContent::add_root(std::uint32_t name, std::vector<Placed> ins
         errors[i] = placement_error(placed.to_parent, content_.objects[placed.object].origin_error);
         boxes[i] = place_box(*this, placed.object, placed.to_parent, errors[i]).box;
     });
-    for (const Box& box : boxes) {
-        if (box.is_empty()) continue;
-        const Vec3 reach = glm::max(glm::abs(box.lower), glm::abs(box.upper));
-        if (!(std::max({reach.x, reach.y, reach.z}) <= coordinate_max))
-            return fail(ErrorCode::field_invalid, "an added instance would reach beyond 1e15");
-    }
+    if (!std::ranges::all_of(boxes, in_range))
+        return fail(ErrorCode::field_invalid, "an added instance would reach beyond 1e15");
     for (const float error : errors) root.origin_error = std::max(root.origin_error, error);
     root_tree_ = build_tree({boxes, 0, 0, root.instance_count, content_.build});
     root.root = root_tree_.root;

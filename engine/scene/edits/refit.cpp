@@ -44,12 +44,6 @@ std::size_t slot_of(const Node& node, std::uint32_t child) {
     return static_cast<std::size_t>(std::ranges::find(node.child, child) - std::begin(node.child));
 }
 
-bool in_range(const Box& box) {
-    if (box.is_empty()) return true;
-    const Vec3 reach = glm::max(glm::abs(box.lower), glm::abs(box.upper));
-    return std::max({reach.x, reach.y, reach.z}) <= coordinate_max;
-}
-
 /// Makes the boxes above the changed instances of an object anew, and where it is `deformed` those
 /// above its triangles. `boxes` are the instances', `change_of` says which is whose: no_id where
 /// none is. Returns the box of where they were and where they are.

@@ -48,6 +48,15 @@ inline std::shared_ptr<const Snapshot> build_scene(const SceneDescription& descr
     return *snapshot;
 }
 
+/// Returns a scene of one square with sides of this length.
+inline std::shared_ptr<const Snapshot> square(float size) {
+    SceneDescription scene;
+    scene.objects.resize(1);
+    scene.objects[0].geometries = {unit_square()};
+    for (Vec3& p : scene.objects[0].geometries[0].positions) p *= size;
+    return build_scene(scene);
+}
+
 /// Returns objects: 0 "leaf" (a square), 1 "twig" (its own square and two leaves), 2 "root" (three
 /// twigs and a leaf). Paths: twig = 3, root = 10.
 inline SceneDescription tree_scene() {

@@ -11,13 +11,7 @@ namespace {
 
 using test::build_scene;
 
-std::shared_ptr<const Snapshot> square(float size) {
-    SceneDescription scene;
-    scene.objects.resize(1);
-    scene.objects[0].geometries = {test::unit_square()};
-    for (Vec3& p : scene.objects[0].geometries[0].positions) p *= size;
-    return build_scene(scene);
-}
+using test::square;
 
 /// Returns a connection of this principal, the same one for the same number.
 ConnectionId of(const std::string& principal, std::uint64_t connection = 1) {

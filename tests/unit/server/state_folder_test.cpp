@@ -19,13 +19,7 @@ namespace {
 
 namespace fs = std::filesystem;
 
-std::shared_ptr<const Snapshot> square(float size) {
-    SceneDescription scene;
-    scene.objects.resize(1);
-    scene.objects[0].geometries = {test::unit_square()};
-    for (Vec3& p : scene.objects[0].geometries[0].positions) p *= size;
-    return test::build_scene(scene);
-}
+using test::square;
 
 bool never() {
     return false;
