@@ -24,7 +24,9 @@ void check_job(Checks& checks, const wire::Job& job) {
         .items("hidden_objects", job.hidden_objects())
         .items("only_instances", job.only_instances())
         .items("only_objects", job.only_objects())
-        .tables("tables", job.tables());
+        .tables("tables", job.tables())
+        .finite("time", job.time())
+        .name("animation", job.animation());
 }
 
 void check_camera(Checks& checks, const wire::Camera& camera) {
@@ -70,6 +72,8 @@ void check_info(Checks& checks, const wire::SceneInfo& info) {
         .texts("warnings", info.warnings())
         .names("record_types", info.record_types())
         .numbers("record_counts", info.record_types(), info.record_counts())
+        .names("animations", info.animations())
+        .numbers("animation_seconds", info.animations(), info.animation_seconds())
         .finite("origin", info.origin_x())
         .finite("origin", info.origin_y())
         .finite("origin", info.origin_z());

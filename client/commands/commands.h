@@ -45,6 +45,11 @@ struct PathOptions {
     std::string path;  ///< an id, or a text such as birch-17/leaves
     std::uint64_t epoch = 0;
 };
+struct AnimateOptions : RenderOptions {
+    double fps = 25;
+    double from = 0;  ///< seconds
+    double to = -1;   ///< negative: the animation's end
+};
 /// A change of a scene.
 struct EditChange {
     protocol::EditRow::What what = protocol::EditRow::move;

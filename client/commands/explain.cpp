@@ -64,6 +64,7 @@ wire::RenderT path_message(const ExplainOptions& options, const WorldPoint& orig
 
 void declare(CommandLine& line, ExplainOptions& explain) {
     add_job(line, explain.job);
+    add_moment(line, explain.job);
     add_camera(line, explain.camera);
     const Option pixel = line.add_parsed(
         "--pixel",

@@ -151,6 +151,7 @@ Result<void> complete(Context& context, HeatmapOptions& options) {
 
 void declare(CommandLine& line, HeatmapOptions& heatmap) {
     add_job(line, heatmap.job);
+    add_moment(line, heatmap.job);
     add_camera(line, heatmap.camera);
     add_output(
         line, heatmap.output, {".png", ".exr", ".npy", ".html"},

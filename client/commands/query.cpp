@@ -64,6 +64,7 @@ void warn_of_rounding(Context& context, const RaySource& rays, const SceneOrigin
 
 void declare(CommandLine& line, QueryOptions& query) {
     add_job(line, query.job);
+    add_moment(line, query.job);
     CommandLine rays = line.add_choice("Rays", "one of");
     rays.add_each(
         "--ray",

@@ -112,6 +112,26 @@ void add_job(CommandLine& line, JobOptions& job) {
         "leave out");
 }
 
+void add_animation(CommandLine& line, JobOptions& job) {
+    line.add_option("--animation", job.animation,
+                    "name or number of an animation of the scene (the first one; see: raynest info)");
+}
+
+void add_moment(CommandLine& line, JobOptions& job) {
+    const Option time = line.add_parsed(
+        "--time",
+        [&job](const std::string& text) -> std::string {
+            const auto seconds = parse_world(text, 1, 1, "seconds");
+            if (!seconds) return seconds.error().message;
+            job.time = seconds->front();
+            return std::isfinite(*job.time) ? "" : "'" + text + "' is not finite";
+        },
+        "the scene at this moment of its animation, in seconds");
+    time.type_name("SECONDS");
+    add_animation(line, job);
+    line.find("--animation").needs(time);
+}
+
 void add_camera(CommandLine& line, CameraOptions& camera) {
     const Option name = line.add_option(
         "--camera", camera.name,
@@ -270,6 +290,26 @@ Option add_point(CommandLine& line, const std::string& name, const std::string& 
         return "";
     };
     return line.add_parsed(name, read, text).type_name("X,Y,Z");
+}
+
+void add_film(CommandLine& line, RenderOptions& render) {
+    constexpr protocol::Limits limits;
+    add_light(line, render,
+              "primary (base colour, darker where it turns away; one ray per pixel) | ao (open or "
+              "hidden from the sky) | direct (lights and shadows) | path (all light)");
+    line.add_whole("--spp,--samples", render.samples, 1U,
+                   static_cast<std::uint32_t>(limits.samples_max),
+                   "samples per pixel (16, with --noise 1024; primary has 1)");
+    line.add_option("--tonemap", render.tonemap,
+                    "of .png and .npy: agx | aces | reinhard | none (agx; ao none)");
+    line.add_option("--exposure", render.exposure, "of .png and .npy: stops, or auto (auto; ao 0)");
+    line.add_number("--env-rotate", render.environment_rotate, -360.0F, 360.0F,
+                    "a number of degrees from -360 to 360",
+                    "turns the picture of --env by so many degrees from -Z towards +X (0)")
+        .type_name("DEGREES");
+    line.add_number("--noise", render.noise, 1e-6F, 1.0F, "a number from 0.000001 to 1",
+                    "end parts of the picture when their error, as a share of their brightness, is "
+                    "below this; --spp is then the most");
 }
 
 }  // namespace raynest::client

@@ -2,6 +2,7 @@
 #pragma once
 
 #include "client/commands/command_line.h"
+#include "client/requests/film.h"
 #include "client/requests/request_options.h"
 
 #include <cstdint>
@@ -17,6 +18,9 @@ void add_scene(CommandLine& line, std::string& scene);
 void add_epoch(CommandLine& line, std::uint64_t& epoch);
 void add_deadline(CommandLine& line, double& deadline, const char* text);
 void add_job(CommandLine& line, JobOptions& job);
+/// --animation, and --time with it.
+void add_animation(CommandLine& line, JobOptions& job);
+void add_moment(CommandLine& line, JobOptions& job);
 void add_camera(CommandLine& line, CameraOptions& camera);
 /// Adds -o FILE with one of these endings, in small or capital letters, or "-" for stdout.
 Option add_output(CommandLine& line, std::string& output, const std::vector<std::string>& endings,
@@ -31,6 +35,8 @@ void add_progressive(CommandLine& line, bool& progressive);
 void add_environment(CommandLine& line, std::string& environment);
 /// Adds what chooses the paths of light; samples are the caller's.
 void add_light(CommandLine& line, LightOptions& light, const std::string& integrators);
+/// add_light(), samples, and what becomes of the light in a picture.
+void add_film(CommandLine& line, RenderOptions& render);
 void add_job_number(CommandLine& line, std::uint64_t& job);
 Option add_point(CommandLine& line, const std::string& name, const std::string& text,
                  std::function<void(const WorldPoint&)> take);

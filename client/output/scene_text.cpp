@@ -25,6 +25,17 @@ Json skipped_json(const wire::SceneInfo& info) {
     return skipped;
 }
 
+/// Returns [{name, seconds}].
+Json animations_json(const wire::SceneInfo& info) {
+    Json animations = Json::array();
+    for (const std::string& name : protocol::strings(info.animations()))
+        animations.push_back(
+            {{"name", name},
+             {"seconds", info.animation_seconds()->Get(
+                             static_cast<flatbuffers::uoffset_t>(animations.size()))}});
+    return animations;
+}
+
 /// Returns {type: n} for primitives other than triangles.
 Json records_json(const wire::SceneInfo& info) {
     Json records = Json::object();
@@ -172,6 +183,7 @@ Json scene_json(const wire::SceneInfo& info) {
     json["box_min"] = corner(info, info.box_min());
     json["box_max"] = corner(info, info.box_max());
     json["cameras"] = protocol::strings(info.cameras());
+    json["animations"] = animations_json(info);
     json["skipped"] = skipped_json(info);
     json["warnings"] = warnings(info);
     return json;
@@ -197,6 +209,12 @@ void print_scene(const wire::SceneInfo& info) {
         {"tree", tree_text(info)},
         {"cameras", joined(numbered(protocol::strings(info.cameras())))},
     };
+    if (const Json animations = animations_json(info); !animations.empty()) {
+        std::vector<std::string> names;
+        for (const Json& each : animations)
+            names.push_back(each["name"].get<std::string>() + " (" + each["seconds"].dump() + " s)");
+        rows.push_back({"animations", joined(numbered(names))});
+    }
     if (info.degenerate_triangles() != 0)
         rows.push_back({"degenerate", grouped(info.degenerate_triangles()) +
                                           " triangles without area, which nothing can hit"});

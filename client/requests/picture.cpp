@@ -28,6 +28,7 @@ Result<void> take_piece(const protocol::Frame& frame, ReceivedPicture& picture,
     picture.width = piece.width();
     picture.height = piece.height();
     picture.encode = protocol::text(piece.encode());
+    picture.exposure = piece.exposure();
     picture.bytes.insert(picture.bytes.end(), data->bytes.begin(), data->bytes.end());
     const bool is_pass = !piece.last() && picture.bytes.size() == piece.total();
     return is_pass && consume_pass ? consume_pass(picture) : Result<void>{};

@@ -36,6 +36,7 @@ struct ReceivedPicture {
     std::uint32_t height = 0;
     std::string encode;  ///< png | exr | raw
     std::vector<std::byte> bytes;
+    float exposure = 0;  ///< of encode linear: the stops of exposure `auto`
     Outcome outcome;
 };
 /// Takes each whole picture of an answer that refines one, but for the last.

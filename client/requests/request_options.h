@@ -40,6 +40,8 @@ struct JobOptions {
     /// "inst=N", "object=N" or the text of a path: see selection.h.
     std::vector<std::string> hide, only;
     bool skip_hidden_boxes = false;
+    std::optional<double> time;  ///< seconds within the animation; nothing: the scene as it is
+    std::string animation;
 };
 
 struct CameraOptions {

@@ -2,6 +2,7 @@
 
 #include "engine/geometry/hit.h"
 #include "engine/scene/format.h"
+#include "engine/scene/motion/motion.h"
 #include "engine/scene/shading_check.h"
 #include "engine/scene/snapshot.h"
 #include "engine/scene/tree_check.h"
@@ -39,7 +40,8 @@ public:
         for (const auto step :
              {&Checker::check_header, &Checker::check_sections, &Checker::make_view,
               &Checker::check_names, &Checker::check_surfaces, &Checker::check_cameras,
-              &Checker::check_objects, &Checker::check_paths, &Checker::check_lit}) {
+              &Checker::check_objects, &Checker::check_paths, &Checker::check_lit,
+              &Checker::check_motion}) {
             if (auto checked = (this->*step)(); !checked) return tl::unexpected(checked.error());
         }
         return view_;
@@ -205,6 +207,12 @@ private:
         return {};
     }
 
+    Result<void> check_motion() {
+        auto read = read_motion({start_of<std::byte>(Section::motion), size_of(Section::motion)},
+                                view_.objects[view_.root].instance_count, view_.camera_count);
+        if (!read) return tl::unexpected(read.error());
+        return {};
+    }
     Result<void> check_lit() { return check_shading(arena_, view_); }
 
     Result<void> check_cameras() {

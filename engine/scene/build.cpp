@@ -44,6 +44,7 @@ public:
         add_surfaces(description_, content_);
         add_cameras(description_, content_);
         add_lights(description_, content_);
+        content_.motion = description_.motion;
         for (const GraphObject& object : graph_.objects) {
             if (auto added = add_object(object); !added) return tl::unexpected(added.error());
         }

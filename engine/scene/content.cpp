@@ -144,6 +144,7 @@ Arena write_arena(const Content& content) {
         content.geometry_shading.size(),
         content.texture_levels.size(),
         content.lights.size(),
+        content.motion.size(),
     };
 
     format::Header header{format::magic,      format::version,
@@ -186,6 +187,7 @@ Arena write_arena(const Content& content) {
     copy(Section::geometry_shading, content.geometry_shading);
     copy(Section::texture_levels, content.texture_levels);
     copy(Section::lights, content.lights);
+    copy(Section::motion, content.motion);
     content.attributes.write(at(Section::attributes));
     return arena;
 }

@@ -80,6 +80,7 @@ struct Content {
     std::vector<GeometryShading> geometry_shading;  ///< one per geometry
     std::vector<TextureLevels> texture_levels;    ///< one per texture
     std::vector<LightRecord> lights;
+    std::vector<std::byte> motion;  ///< motion/motion.h
     std::vector<format::SkipRecord> skips;
     std::vector<format::NameOffset> warnings;
     std::vector<format::NameOffset> record_types;

@@ -128,6 +128,7 @@ struct SceneDescription {
     std::vector<ImageDescription> images;
     std::vector<CameraDescription> cameras;
     std::vector<LightDescription> lights = {};
+    std::vector<std::byte> motion = {};  ///< tables of motion/motion.h; empty: nothing moves
     /// Reason -> count, e.g. {"singular_instances", 1}; shown by `info` and `load`.
     std::map<std::string, std::uint64_t> skipped;
     std::vector<std::string> warnings;

@@ -50,6 +50,7 @@ enum class Section : std::uint32_t {
     geometry_shading,
     texture_levels,
     lights,
+    motion,
     count_
 };
 inline constexpr std::size_t section_count = static_cast<std::size_t>(Section::count_);
@@ -79,6 +80,7 @@ inline constexpr std::array<std::uint32_t, section_count> element_size{
     sizeof(GeometryShading),
     sizeof(TextureLevels),
     sizeof(LightRecord),
+    1,
 };
 // No record has padding: its bytes are its content, so the digest is well defined.
 static_assert(sizeof(ObjectRecord) == 120 && sizeof(InstanceInfo) == 56);
@@ -96,7 +98,7 @@ struct SectionEntry {
 };
 
 inline constexpr std::array<char, 8> magic{'R', 'N', 'S', 'C', 'E', 'N', 'E', '\0'};
-inline constexpr std::uint32_t version = 10;
+inline constexpr std::uint32_t version = 11;
 inline constexpr std::uint32_t byte_order = 0x01020304;
 inline constexpr std::uint64_t alignment = 64;
 

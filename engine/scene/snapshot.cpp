@@ -212,6 +212,11 @@ Result<std::shared_ptr<const Snapshot>> Snapshot::open_edited(BuiltArena built, 
     return snapshot;
 }
 
+std::span<const std::byte> Snapshot::motion_bytes() const {
+    return {format::section<std::byte>(arena_.data(), Section::motion),
+            format::section_size(arena_.data(), Section::motion)};
+}
+
 Arena Snapshot::copy_arena(const Snapshot& scene, std::shared_ptr<const Snapshot> spare) {
     const std::size_t bytes = scene.arena_.size();
     const bool fits = spare != nullptr && spare.use_count() == 1 &&

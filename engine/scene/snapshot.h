@@ -145,6 +145,8 @@ public:
     }
     /// Bytes of the arena on huge pages (Pages::huge_bytes).
     [[nodiscard]] std::size_t huge_bytes() const { return arena_.huge_bytes(); }
+    /// The tables of its animations (motion/motion.h); empty: nothing moves by itself.
+    [[nodiscard]] std::span<const std::byte> motion_bytes() const;
     /// World coordinates less this are those of the view, of rays and of answers.
     [[nodiscard]] const WorldPoint& origin() const { return origin_; }
     /// The box of all vertices as they are placed, and of records' boxes; trees have larger ones.

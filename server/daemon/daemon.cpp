@@ -30,6 +30,7 @@
 #include "server/options/reload.h"
 #include "server/options/start_checks.h"
 #include "server/daemon/start_loads.h"
+#include "server/jobs/scene_poser.h"
 #include "server/jobs/scene_waker.h"
 #include "server/store/scene_store.h"
 #include "server/store/state_folder.h"
@@ -113,6 +114,7 @@ private:
     asio::io_context io_{1};
     Services services_;
     SceneWaker waker_;
+    ScenePoser poser_;
     JobContext context_;
     DetachedJobs detached_;
     // Keep the threads below all members that tasks use: destruction joins the threads first.
@@ -172,8 +174,10 @@ Daemon::Daemon(Options options, ReadOptions read_again, std::shared_ptr<const Re
                 nullptr,
                 state_.get(),
                 state_ ? &waker_ : nullptr,
-                &disk_},
+                &disk_,
+                &poser_},
       waker_(services_, [this](std::function<void()> done) { asio::post(io_, std::move(done)); }),
+      poser_(services_, [this](std::function<void()> done) { asio::post(io_, std::move(done)); }),
       context_{compute_,
                admission_,
                metrics_,
@@ -301,6 +305,7 @@ Result<void> Daemon::run() {
     repeat(lost_timer_, lost_look, [this] {
         connections_.close_lost();
         trace_buffers_.trim();
+        poser_.drop_idle();
         log_left_out();
         if (state_ && state_->has_work())
             disk_.submit("", Priority::low, [this] { state_->collect(); });

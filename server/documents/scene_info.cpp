@@ -2,6 +2,7 @@
 
 #include "engine/bvh/node.h"
 #include "engine/geometry/triangle.h"
+#include "engine/scene/edits/pose.h"
 #include "protocol/text.h"
 
 #include <algorithm>
@@ -88,6 +89,10 @@ wire::SceneInfoT scene_info(const NamedScene& scene, const Registry& registry,
             info.record_counts.push_back(snapshot.record_counts()[i]);
     for (const std::string& camera : statistics.cameras)
         if (!texts.append(info.cameras, camera, limits.name_bytes_max)) break;
+    for (const SceneAnimation& animation : animations_of(snapshot)) {
+        if (!texts.append(info.animations, animation.name, limits.name_bytes_max)) break;
+        info.animation_seconds.push_back(animation.seconds);
+    }
     for (const std::string& warning : statistics.warnings)
         if (!texts.append(info.warnings, warning, limits.text_bytes_max)) break;
     const std::size_t warnings = info.warnings.size();

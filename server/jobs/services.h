@@ -21,6 +21,7 @@ class DetachedJobs;
 class FairThreadPool;
 class Peers;
 class SceneStore;
+class ScenePoser;
 class SceneWaker;
 class StateFolder;
 struct Metrics;
@@ -50,6 +51,7 @@ struct Services {
     StateFolder* state = nullptr;              ///< null: scenes are in memory only
     SceneWaker* waker = nullptr;               ///< null likewise
     FairThreadPool* disk = nullptr;  ///< null likewise; for short tasks of it that no import may hold up
+    ScenePoser* poser = nullptr;     ///< null in tests without a whole daemon
 };
 
 }  // namespace raynest::server

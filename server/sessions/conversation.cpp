@@ -246,9 +246,18 @@ void Conversation::start(const Request& request, protocol::Frame frame) {
     }
     caller_.request_id = id;
     (void)services_.scenes.take_asleep();
+    if (services_.poser != nullptr) (void)services_.poser->take_wanted();
     Reply<Answer> answer = request.answer(services_, caller_, frame);
     if (!answer && services_.waker != nullptr)
-        if (const auto asleep = services_.scenes.take_asleep()) return park(*asleep, std::move(frame));
+        if (const auto asleep = services_.scenes.take_asleep()) {
+            park(std::move(frame));
+            return services_.waker->wake(*asleep, caller_.principal, awake_);
+        }
+    if (!answer && services_.poser != nullptr)
+        if (const auto wanted = services_.poser->take_wanted()) {
+            park(std::move(frame));
+            return services_.poser->make(*wanted, caller_.principal, awake_);
+        }
     if (!answer) return refuse_request(id, answer.error());
     if (auto* frames = std::get_if<Frames>(&*answer)) {
         for (protocol::Frame& reply : *frames) sink_.send(std::move(reply));
@@ -276,7 +285,7 @@ void Conversation::start(const Request& request, protocol::Frame frame) {
         refuse_request(id, started.error());
 }
 
-void Conversation::park(const AsleepScene& scene, protocol::Frame frame) {
+void Conversation::park(protocol::Frame frame) {
     parked_ = std::move(frame);
     awake_ = std::make_shared<SceneWaker::Awake>([this](const Reply<void>& read) {
         protocol::Frame waiting = std::move(*std::exchange(parked_, std::nullopt));
@@ -288,7 +297,6 @@ void Conversation::park(const AsleepScene& scene, protocol::Frame frame) {
             refuse_request(waiting.header.request_id, read.error());
         if (resumed_) resumed_();
     });
-    services_.waker->wake(scene, caller_.principal, awake_);
 }
 
 void Conversation::feed(protocol::Frame frame) {

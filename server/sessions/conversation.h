@@ -7,6 +7,7 @@
 // Io thread only.
 #pragma once
 
+#include "server/jobs/scene_poser.h"
 #include "server/jobs/scene_waker.h"
 #include "server/requests/request.h"
 #include "server/scheduling/detached.h"
@@ -94,7 +95,8 @@ private:
     void handle(protocol::Frame frame);
     void start(const Request& request, protocol::Frame frame);
     /// Reads a scene, then starts the request anew.
-    void park(const AsleepScene& scene, protocol::Frame frame);
+    /// Keeps a request until awake_ is called, which begins it once more.
+    void park(protocol::Frame frame);
     /// Returns the runner that has the request of this id: a detached job's, else the connection's.
     [[nodiscard]] Runner& runner_of(std::uint64_t id) const;
     Reply<void> detach(std::uint64_t id, JobSubmission accepted);

@@ -166,15 +166,19 @@ Reply<std::shared_ptr<const HeldScene>> SceneStore::hold(std::shared_ptr<const S
     if (!lease)
         return budget_.refuse("the scene", bytes, principal,
                               remedy(principal, "start raynestd with a larger --memory"));
-    const std::shared_ptr<const HeldScene> held(
-        new HeldScene{std::move(snapshot), std::move(*lease)},
-        [dispose = dispose_](const HeldScene* scene) {
-            auto freed = scene->snapshot;
-            delete scene;
-            if (freed && *dispose) (*dispose)(std::move(freed));
-        });
+    const auto held = with_memory(std::move(snapshot), std::move(*lease));
     known = held;
     return held;
+}
+
+std::shared_ptr<const HeldScene> SceneStore::with_memory(std::shared_ptr<const Snapshot> snapshot,
+                                                         Budget::Lease lease) const {
+    return {new HeldScene{std::move(snapshot), std::move(lease)},
+            [dispose = dispose_](const HeldScene* scene) {
+                auto freed = scene->snapshot;
+                delete scene;
+                if (freed && *dispose) (*dispose)(std::move(freed));
+            }};
 }
 
 std::string SceneStore::remedy(const std::string& principal, const std::string& larger) const {

@@ -69,6 +69,10 @@ public:
     /// Call it while no job runs: before the first scene, and with an empty function at the end.
     void set_disposal(Dispose dispose) { *dispose_ = std::move(dispose); }
 
+    /// Returns a scene that no name has: with its last reference its memory goes as that of others.
+    [[nodiscard]] std::shared_ptr<const HeldScene> with_memory(
+        std::shared_ptr<const Snapshot> snapshot, Budget::Lease lease) const;
+
     /// Changes the limits; scenes beyond them stay.
     void set_limits(const protocol::Limits& limits) {
         limits_ = limits;

@@ -51,6 +51,7 @@ export function asCommand(state, size) {
   for (const text of selected(state.hidden)) common.push("--hide", text);
   for (const text of selected(state.isolated)) common.push("--only", text);
   if (state.skipHiddenBoxes && state.hidden.length + state.isolated.length) common.push("--skip-hidden-boxes");
+  if (state.time !== "") common.push("--time", String(state.time), "--animation", String(state.animation));
   const orthographic = p.camera.projection === "orthographic";
   const camera = [`--lookat=${p.lookat}`, "--fov", String(p.camera.fov), "--size", p.size];
   let words;
@@ -87,6 +88,7 @@ export function asPython(state, size) {
   if (state.hidden.length) job.push(`hide=${JSON.stringify(selected(state.hidden))}`);
   if (state.isolated.length) job.push(`only=${JSON.stringify(selected(state.isolated))}`);
   if (state.skipHiddenBoxes && state.hidden.length + state.isolated.length) job.push("skip_hidden_boxes=True");
+  if (state.time !== "") job.push(`time=${state.time}`, `animation="${state.animation}"`);
   let lines;
   if (view.counter && !orthographic && state.kind === "closest") {
     const span = Array.isArray(state.range) ? point(state.range) : literal(range);

@@ -280,7 +280,7 @@ byId("scene").onchange = async ({ target }) => {
   if (!target.value) return;
   followed = missing = "";
   byId("notice").replaceChildren();
-  store.set({ scene: target.value, camera: null, level: "", hidden: [], isolated: [], compare: "" });
+  store.set({ scene: target.value, camera: null, level: "", hidden: [], isolated: [], compare: "", time: "", animation: 0 });
   try { await chooseScene(null); } catch (error) { failed(error); }
 };
 byId("camera").onchange = async ({ target }) => {

@@ -6,6 +6,7 @@ import { pictureRequests } from "./requests.js";
 import { lightOf } from "./light.js";
 import { traceLit, traceQuery, traceRender } from "./tracer.js";
 import { viewOf } from "./views.js";
+import { RAY_KEYS } from "./store.js";
 
 const COARSE_SHARE = 4;  // of each side: 1/16 of the rays
 const COARSE_LEAST = [160, 90];
@@ -33,7 +34,7 @@ export class Picture extends EventTarget {
     this.#store = store;
     this.#size = size;
     store.on(["camera"], () => this.moved());
-    store.on(["scene", "view", "level", "compare", "intersector", "settings", "mask", "kind", "hidden", "isolated", "skipHiddenBoxes"], () => this.restart());
+    store.on(["scene", "view", "level", "compare", "kind", ...RAY_KEYS], () => this.restart());
     store.on(["integrator", "samples", "seed", "depth", "aoDistance", "env", "sun"], ({ view }) => { if (viewOf(view).lit) this.restart(); });
   }
 
@@ -169,9 +170,9 @@ export class Picture extends EventTarget {
 
 /** The state that a picture depends on. */
 const wantedOf = (state) => {
-  const { scene, camera, view, level, compare, intersector, settings, mask, kind, hidden, isolated, skipHiddenBoxes } = state;
+  const { scene, camera, view, level, compare, kind } = state;
   const light = viewOf(view).lit ? { ...lightOf(state), samples: state.samples } : null;
-  return { scene, camera, view, level, compare, intersector, settings, mask, kind, hidden, isolated, skipHiddenBoxes, light };
+  return { scene, camera, view, level, compare, kind, ...Object.fromEntries(RAY_KEYS.map((key) => [key, state[key]])), light };
 };
 
 const pause = (ms, signal) => new Promise((resolve, reject) => {

@@ -7,9 +7,14 @@ export const DEFAULTS = {
   intersector: "auto", settings: {}, mask: "ffffffff", kind: "closest",
   palette: "turbo", range: "p99", log: false, opacity: 1, size: "fit",
   control: "orbit", upAxis: "y", panel: "setup", hidden: [], isolated: [], skipHiddenBoxes: false, boxes: "",
+  // Seconds within an animation of the scene, by its number; no time: the scene as it is.
+  time: "", animation: 0,
   // The lit view. Empty texts stand for what the daemon does by itself.
   integrator: "path", samples: 64, seed: 0, depth: 8, aoDistance: 0, env: "auto", sun: "", exposure: "", tonemap: "", sample: 0,
 };
+
+/** What decides which rays hit what, beside scene and camera. */
+export const RAY_KEYS = ["intersector", "settings", "mask", "hidden", "isolated", "skipHiddenBoxes", "time", "animation"];
 
 const same = (a, b) => a === b || JSON.stringify(a) === JSON.stringify(b);
 

@@ -26,7 +26,8 @@ const TEXTS = {
   tonemap: among(...TONEMAP_NAMES), exposure: (text) => text === "auto" || (numbers(text, 1) !== null && Math.abs(Number(text)) <= 64),
 };
 /** Whole numbers and lengths of a link: least, most, whether it must be whole. */
-const NUMBERS = { samples: [1, 65536, true], seed: [0, Number.MAX_SAFE_INTEGER, true], depth: [1, 1024, true], sample: [0, 65535, true], aoDistance: [0, 1e15, false] };
+const NUMBERS = { samples: [1, 65536, true], seed: [0, Number.MAX_SAFE_INTEGER, true], depth: [1, 1024, true], sample: [0, 65535, true], aoDistance: [0, 1e15, false],
+                  time: [0, 1e6, false], animation: [0, 4095, true] };
 
 export function toFragment(state) {
   const parts = new URLSearchParams();
@@ -102,6 +103,10 @@ export function fitted(state, model) {
   };
   if (state.level !== "" && Number(state.level) >= Number(model.info.levels)) drop("level", `level=${state.level}`);
   if (state.intersector !== "auto" && !model.variants.some(({ name }) => name === state.intersector)) drop("intersector", `intersector=${state.intersector}`);
+  if (state.time !== "" && !(state.time <= Number(model.info.animation_seconds?.[state.animation] ?? -1))) {
+    drop("time", `time=${state.time}`);
+    patch.animation = DEFAULTS.animation;
+  }
   const ran = model.resolve(patch.intersector ?? state.intersector);
   const params = model.variants.find(({ name }) => name === ran)?.params ?? [];
   const good = Object.entries(state.settings).filter(([name, text]) => {

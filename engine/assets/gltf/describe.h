@@ -2,6 +2,7 @@
 #pragma once
 
 #include "engine/assets/gltf/file/model.h"
+#include "engine/assets/gltf/motion.h"
 #include "engine/assets/input/mask_rules.h"
 #include "engine/scene/description.h"
 
@@ -14,7 +15,7 @@ namespace raynest::gltf {
 /// object of an unused mesh has no geometries.
 Result<std::vector<ObjectDescription>> read_meshes(const Model& model,
                                                    const std::vector<bool>& used,
-                                                   const ImportLimits& limits,
+                                                   const ImportLimits& limits, MotionWriter& motion,
                                                    SceneDescription& scene);
 
 /// Reads materials, their textures and the pictures that those need, decoded. A missing or damaged
@@ -25,7 +26,8 @@ Result<void> read_materials(const Model& model, const ImportLimits& limits,
 /// Reads the lights of the chosen scene.
 void read_lights(const Model& model, SceneDescription& scene);
 
-/// Reads objects, instances and cameras of the chosen scene; `rules` set masks.
+/// Reads objects, instances and cameras of the chosen scene, and what moves of them; `rules` set
+/// masks.
 Result<void> read_nodes(const Model& model, const ImportLimits& limits, MaskRules& rules,
                         SceneDescription& scene);
 

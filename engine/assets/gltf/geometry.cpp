@@ -8,6 +8,7 @@
 #include "engine/assets/gltf/facing.h"
 #include "engine/assets/gltf/skins.h"
 #include "engine/assets/input/messages.h"
+#include "engine/scene/motion/skinning.h"
 #include "engine/scene/snapshot.h"
 #include "engine/scene/texture_levels.h"
 
@@ -37,9 +38,11 @@ std::uint64_t corner(int mode, std::uint64_t i, std::uint64_t c) {
 
 class MeshReader {
 public:
-    MeshReader(const Model& model, const ImportLimits& limits, SceneDescription& scene)
+    MeshReader(const Model& model, const ImportLimits& limits, MotionWriter& motion,
+               SceneDescription& scene)
         : model_(model),
           limits_(limits),
+          motion_(motion),
           scene_(scene),
           budget_(model, limits),
           deformer_(model, budget_) {}
@@ -50,6 +53,8 @@ public:
         where_ = label("mesh", in_file, mesh.name);
         ObjectDescription object;
         object.name = mesh.name;
+        MotionWriter* const motion = motion_.deforms(index) ? &motion_ : nullptr;
+        if (motion != nullptr) motion->begin_mesh(static_cast<std::uint32_t>(index));
         for (const Primitive& primitive : model_.meshes[in_file].primitives) {
             if (primitive.mode < mode_points || primitive.mode > mode_fan) {
                 return refuse(
@@ -58,11 +63,15 @@ public:
             if (primitive.mode <= mode_lines_last) {
                 ++scene_.skipped[primitive.mode == mode_points ? "points" : "lines"];
                 object.geometries.emplace_back();
+                if (motion != nullptr) motion->begin_part(), motion->end_part(0);
                 continue;
             }
-            auto geometry = read_primitive(mesh, primitive);
+            if (motion != nullptr) motion->begin_part();
+            auto geometry = read_primitive(mesh, primitive, motion);
             if (!geometry) return error_of(geometry);
             if (geometry->indices.empty()) geometry = GeometryDescription{};
+            if (motion != nullptr)
+                motion->end_part(static_cast<std::uint32_t>(geometry->positions.size()));
             object.geometries.push_back(std::move(*geometry));
         }
         facing_.end_mesh(where_);
@@ -78,7 +87,8 @@ private:
         return fail(ErrorCode::scene_invalid, where_ + ' ' + why);
     }
 
-    Result<GeometryDescription> read_primitive(const Mesh& mesh, const Primitive& primitive) {
+    Result<GeometryDescription> read_primitive(const Mesh& mesh, const Primitive& primitive,
+                                               MotionWriter* motion) {
         if (primitive.position == no_id) return refuse("has a primitive without POSITION");
         const Accessor& position = model_.accessors[primitive.position];
         if (!position.fault.empty()) return refuse("needs " + position.fault);
@@ -93,7 +103,8 @@ private:
                                 [&](const Accessor& accessor, bool type_allowed, const char* name) {
                                     return read_attribute(accessor, position, vertices,
                                                           type_allowed, name);
-                                }};
+                                },
+                                motion};
         if (auto done = read_positions(deformed, geometry); !done) return error_of(done);
         for (std::size_t set = 0; set < 2; ++set) {
             if (auto done = read_texcoords(deformed, set, geometry.texcoords[set]); !done) {
@@ -203,6 +214,7 @@ private:
         auto values = deformed.read(
             position, position.width == 3 && is_float_or_quantized(position), "POSITION");
         if (!values) return error_of(values);
+        if (deformed.motion != nullptr) deformed.motion->set_positions(*values);
         if (auto done = deformer_.morph(deformed, morphed_position, 3, *values); !done) return done;
         for (std::size_t i = 0; i + 2 < values->size(); i += 3)
             geometry.positions.emplace_back((*values)[i], (*values)[i + 1], (*values)[i + 2]);
@@ -293,11 +305,12 @@ private:
         if (normal == no_id || geometry.indices.empty()) return {};
         auto values = read_shading(deformed, normal, 3, "NORMAL");
         if (!values) return error_of(values);
+        if (deformed.motion != nullptr && !values->empty()) deformed.motion->set_normals(*values);
         const auto bends = morph_shading(deformed, morphed_normal, values->size() / 3);
         if (!bends) return error_of(bends);
         for (std::size_t i = 0; i + 2 < values->size(); i += 3) {
             const Vec3 n((*values)[i], (*values)[i + 1], (*values)[i + 2]);
-            geometry.normals.push_back(bends->empty() ? n : morphed(n, bends->data() + i));
+            geometry.normals.push_back(bends->empty() ? n : bent(n, bends->data() + i));
         }
         if (geometry.normals.empty() || deformed.primitive.tangent == no_id) return {};
         // Tangents are read where a normal texture needs them.
@@ -306,19 +319,16 @@ private:
             return {};
         auto tangents = read_shading(deformed, deformed.primitive.tangent, 4, "TANGENT");
         if (!tangents) return error_of(tangents);
+        if (deformed.motion != nullptr && !tangents->empty())
+            deformed.motion->set_tangents(*tangents);
         const auto turns = morph_shading(deformed, morphed_tangent, tangents->size() / 4);
         if (!turns) return error_of(turns);
         for (std::size_t i = 0; i + 3 < tangents->size(); i += 4) {
             const Vec3 t((*tangents)[i], (*tangents)[i + 1], (*tangents)[i + 2]);
             geometry.tangents.emplace_back(
-                turns->empty() ? t : morphed(t, turns->data() + i / 4 * 3), (*tangents)[i + 3]);
+                turns->empty() ? t : bent(t, turns->data() + i / 4 * 3), (*tangents)[i + 3]);
         }
         return {};
-    }
-
-    static Vec3 morphed(const Vec3& v, const float* difference) {
-        return unit_vector(glm::dvec3(v) +
-                           glm::dvec3(difference[0], difference[1], difference[2]));
     }
 
     /// Returns three differences per vertex; nothing where no target has them, and, with a warning,
@@ -365,6 +375,7 @@ private:
 
     const Model& model_;
     const ImportLimits& limits_;
+    MotionWriter& motion_;
     SceneDescription& scene_;
     Budget budget_;
     Deformer deformer_;
@@ -376,9 +387,9 @@ private:
 
 Result<std::vector<ObjectDescription>> read_meshes(const Model& model,
                                                    const std::vector<bool>& used,
-                                                   const ImportLimits& limits,
+                                                   const ImportLimits& limits, MotionWriter& motion,
                                                    SceneDescription& scene) {
-    MeshReader reader(model, limits, scene);
+    MeshReader reader(model, limits, motion, scene);
     std::vector<ObjectDescription> objects(model.meshes.size());
     for (std::size_t i = 0; i < model.meshes.size(); ++i) {
         if (!used[i]) continue;

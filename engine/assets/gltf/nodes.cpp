@@ -83,11 +83,12 @@ Result<std::vector<Matrix>> placements_of(const Model& model, const Instancing& 
 class SceneWriter {
 public:
     SceneWriter(const Model& model, const Sharing& sharing, const std::vector<bool>& traceable,
-                const Masks& masks, SceneDescription& scene)
+                const Masks& masks, MotionWriter& motion, SceneDescription& scene)
         : model_(model),
           sharing_(sharing),
           traceable_(traceable),
           masks_(masks),
+          motion_(motion),
           scene_(scene),
           placements_(scene.objects, scene.origin),
           object_of_(sharing.shapes.size(), no_id) {}
@@ -136,7 +137,7 @@ private:
             const std::uint32_t shape = sharing_.shape_of[entry.node];
             if (shape == no_id) continue;
             if (!entry.is_top && object_of_[shape] != no_id) {
-                place(object, entry.node, object_of_[shape], entry.to_object, mask_all);
+                place(object, entry.node, object_of_[shape], entry.to_object, identity_matrix, mask_all);
                 continue;
             }
             const Node& node = model_.nodes[entry.node];
@@ -155,21 +156,26 @@ private:
         // subtrees with a skin are not shared.
         const Matrix& to_object = node.skin == no_id ? entry.to_object : identity_matrix;
         if (node.instancing.count == 0) {
-            place(object, entry.node, node.mesh, to_object, masks_.of(entry.node, 0));
+            place(object, entry.node, node.mesh, to_object, identity_matrix,
+                  masks_.of(entry.node, 0));
             return {};
         }
         const auto matrices = placements_of(model_, node.instancing);
         if (!matrices) return error_of(matrices);
         for (std::uint32_t i = 0; i < matrices->size(); ++i)
             place(object, entry.node, node.mesh, multiply(to_object, (*matrices)[i]),
-                  masks_.of(entry.node, i));
+                  (*matrices)[i], masks_.of(entry.node, i));
         return {};
     }
 
     void place(ObjectDescription& object, std::uint32_t node, std::uint32_t child,
-               const Matrix& to_object, std::uint32_t mask) {
+               const Matrix& to_object, const Matrix& to_node, std::uint32_t mask) {
         object.placed_by.push_back(node);
-        if (in_scene_) placements_.place_in_scene(child, to_object);
+        if (in_scene_) {
+            placements_.place_in_scene(child, to_object);
+            motion_.place(static_cast<std::uint32_t>(object.instances.size()), node, child,
+                          placements_.exact_matrix(child, to_node));
+        }
         object.instances.push_back({child, placements_.round(child, to_object), mask, 0, {}});
     }
 
@@ -177,6 +183,7 @@ private:
     const Sharing& sharing_;
     const std::vector<bool>& traceable_;
     const Masks& masks_;
+    MotionWriter& motion_;
     SceneDescription& scene_;
     Placements placements_;
     bool in_scene_ = false;  ///< the root is being filled, whose space is the scene's
@@ -245,7 +252,7 @@ void name_paths(const Model& model, const std::vector<std::uint32_t>& order,
 }
 
 /// Reads camera nodes in node order, in the scene's space.
-void read_cameras(const Model& model, SceneDescription& scene) {
+void read_cameras(const Model& model, MotionWriter& motion, SceneDescription& scene) {
     Oddities odd;  // named by the numbers that --camera takes
     for (const PlacedNode& entry : nodes_with(model, &Node::camera)) {
         const Node& node = model.nodes[entry.node];
@@ -263,6 +270,7 @@ void read_cameras(const Model& model, SceneDescription& scene) {
         }
         if (!camera.fault.empty())
             odd.add(label("camera", scene.cameras.size(), name), camera.fault);
+        motion.place_camera(static_cast<std::uint32_t>(scene.cameras.size()), entry.node);
         scene.cameras.push_back({name, *pose, camera.yfov, camera.aspect, camera.ymag});
     }
     odd.append_to(scene.warnings);
@@ -279,7 +287,8 @@ Result<void> read_nodes(const Model& model, const ImportLimits& limits, MaskRule
     for (const std::uint32_t index : order) {
         if (model.nodes[index].mesh != no_id) used[model.nodes[index].mesh] = true;
     }
-    auto meshes = read_meshes(model, used, limits, scene);
+    MotionWriter motion(model, scene);
+    auto meshes = read_meshes(model, used, limits, motion, scene);
     if (!meshes) return error_of(meshes);
     std::vector<bool> traceable;
     for (const ObjectDescription& mesh : *meshes) traceable.push_back(own_triangles(mesh) != 0);
@@ -296,9 +305,10 @@ Result<void> read_nodes(const Model& model, const ImportLimits& limits, MaskRule
     if (!masks) return error_of(masks);
 
     const Sharing sharing = find_sharing(model, order, traceable, *masks);
-    SceneWriter writer(model, sharing, traceable, *masks, scene);
+    SceneWriter writer(model, sharing, traceable, *masks, motion, scene);
     if (auto done = writer.write(); !done) return done;
-    read_cameras(model, scene);
+    read_cameras(model, motion, scene);
+    motion.finish();
     return {};
 }
 

@@ -117,7 +117,7 @@ void Placements::add(const ObjectDescription& object) {
 
 Transform Placements::round(std::uint32_t object, const Matrix& to_parent) {
     const Matrix exact = exact_matrix(object, to_parent);
-    const Transform rounded = round_matrix(exact);
+    const Transform rounded = round_affine(exact);
     Matrix error{};
     for (std::size_t i = 0; i < error.size(); ++i) error[i] = double{rounded.m[i]} - exact[i];
     const double moved = farthest(error, extents_[object].reach);

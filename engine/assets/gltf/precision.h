@@ -37,6 +37,10 @@ public:
     /// The largest distance by which the file's vertices may be off in the scene (half_step()).
     [[nodiscard]] double file_rounding() const { return file_rounding_; }
 
+    /// Returns the map to the parent of an object as it is now: its centre is moved back.
+    [[nodiscard]] Matrix exact_matrix(std::uint32_t object, const Matrix& to_parent) const;
+
+
 private:
     /// What is known of an object's vertices, in its space.
     struct Extent {
@@ -45,9 +49,6 @@ private:
         glm::dvec3 lower{0}, upper{0};  ///< box; both 0 where it has no vertices
         double half_step = 0;           ///< of its vertices as the file has them
     };
-    /// Returns the map to the parent of an object as it is now: its centre is moved back.
-    [[nodiscard]] Matrix exact_matrix(std::uint32_t object, const Matrix& to_parent) const;
-
     std::vector<Extent> extents_;  ///< by object
     double rounding_ = 0;
     double file_rounding_ = 0;

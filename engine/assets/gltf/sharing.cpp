@@ -27,7 +27,7 @@ Sharing find_sharing(const Model& model, const std::vector<std::uint32_t>& order
         const bool places_mesh = node.mesh != no_id && traceable[node.mesh];
         if (places_mesh) {
             shape.placements = std::max(node.instancing.count, 1U);
-            shape.skinned = node.skin != no_id;
+            shape.in_scene_space = node.skin != no_id;
             append(key, node.mesh);
             append(key, node.instancing.translation);
             append(key, node.instancing.rotation);
@@ -43,12 +43,14 @@ Sharing find_sharing(const Model& model, const std::vector<std::uint32_t>& order
             const std::uint32_t of_child = sharing.shape_of[child];
             if (of_child == no_id) continue;
             shape.placements += sharing.shapes[of_child].placements;
-            shape.skinned = shape.skinned || sharing.shapes[of_child].skinned;
+            const bool moves = model.nodes[child].is_animated;
+            shape.in_scene_space = shape.in_scene_space || moves || sharing.shapes[of_child].in_scene_space;
+            append(key, moves);
             append(key, model.nodes[child].local);
             append(key, of_child);
         }
         if (key.empty()) continue;
-        // A mesh's part of the key is 16 bytes and a child's is 100: one flag tells them apart.
+        // A mesh's part of the key is 17 bytes and more, and a child's is 101: one flag tells them apart.
         key.push_back(places_mesh ? '\1' : '\0');
 
         const auto number = static_cast<std::uint32_t>(sharing.shapes.size());

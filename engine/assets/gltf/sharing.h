@@ -26,10 +26,11 @@ struct Shape {
     std::uint32_t uses = 0;        ///< uses by distinct shapes and by the scene
     std::uint32_t levels = 0;      ///< object levels below an object of this shape
     std::uint32_t example = 0;     ///< the first node of this shape in depth-first order
-    bool skinned = false;          ///< holds a skinned mesh (in scene space): not shared
+    /// Holds a skinned mesh, or a node that an animation moves: not shared.
+    bool in_scene_space = false;
 
     [[nodiscard]] bool is_shared() const {
-        return !skinned && uses >= 2 && placements >= 2 && levels + 2 <= gltf_levels_max;
+        return !in_scene_space && uses >= 2 && placements >= 2 && levels + 2 <= gltf_levels_max;
     }
 };
 

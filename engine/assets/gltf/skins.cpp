@@ -1,6 +1,7 @@
 #include "engine/assets/gltf/skins.h"
 
 #include "engine/assets/input/messages.h"
+#include "engine/scene/motion/skinning.h"
 
 #include <fmt/format.h>
 
@@ -60,29 +61,6 @@ bool is_finite(const Matrix& matrix) {
     return std::all_of(matrix.begin(), matrix.end(), [](double x) { return std::isfinite(x); });
 }
 
-/// Moves vertex v by a map that its weights have blended.
-///
-/// The cofactors of a map are its inverse transpose times its determinant: they exist for a map
-/// that flattens, too. Where a map mirrors, corners wind the other way round, and shading turns the
-/// normal and the tangent of the side that it sees: so both change their sign here.
-void move_vertex(const Matrix& map, std::size_t v, GeometryDescription& geometry) {
-    const auto column = [&](std::size_t c) { return glm::dvec3(map[c], map[4 + c], map[8 + c]); };
-    const glm::dvec3 x = column(0), y = column(1), z = column(2);
-    const auto linear = [&](const glm::dvec3& p) { return x * p.x + y * p.y + z * p.z; };
-    geometry.positions[v] = Vec3(linear(glm::dvec3(geometry.positions[v])) + column(3));
-    if (!geometry.normals.empty()) {
-        const Vec3 n = geometry.normals[v];
-        geometry.normals[v] = unit_vector(static_cast<double>(n.x) * glm::cross(y, z) +
-                                          static_cast<double>(n.y) * glm::cross(z, x) +
-                                          static_cast<double>(n.z) * glm::cross(x, y));
-    }
-    if (!geometry.tangents.empty()) {
-        const double side = glm::dot(glm::cross(x, y), z) < 0 ? -1 : 1;
-        Vec4& t = geometry.tangents[v];
-        t = Vec4(unit_vector(side * linear(glm::dvec3(t))), t.w);
-    }
-}
-
 }  // namespace
 
 void separate_poses(Model& model) {
@@ -91,14 +69,17 @@ void separate_poses(Model& model) {
         has_joints.push_back(std::any_of(mesh.primitives.begin(), mesh.primitives.end(),
                                          [](const Primitive& p) { return !p.joint_sets.empty(); }));
     }
-    std::map<std::tuple<std::uint32_t, std::uint32_t, std::vector<float>>, std::uint32_t> poses;
+    // Weights that move are those of one node.
+    using Pose = std::tuple<std::uint32_t, std::uint32_t, std::vector<float>, const Node*>;
+    std::map<Pose, std::uint32_t> poses;
     for (Node& node : model.nodes) {
         if (node.mesh == no_id || !has_joints[node.mesh]) node.skin = no_id;
         if (node.mesh == no_id) continue;
         if (node.weights == model.meshes[node.mesh].weights) node.weights.clear();
-        if (node.skin == no_id && node.weights.empty()) continue;
+        if (node.skin == no_id && node.weights.empty() && !node.has_moving_weights) continue;
         const auto number = static_cast<std::uint32_t>(model.meshes.size());
-        const auto [pose, is_new] = poses.try_emplace({node.mesh, node.skin, node.weights}, number);
+        const auto [pose, is_new] = poses.try_emplace(
+            {node.mesh, node.skin, node.weights, node.has_moving_weights ? &node : nullptr}, number);
         if (is_new) {
             model.meshes.push_back(
                 {model.meshes[node.mesh].name, {}, node.weights, node.mesh, node.skin});
@@ -107,29 +88,28 @@ void separate_poses(Model& model) {
     }
 }
 
-Vec3 unit_vector(const glm::dvec3& v) {
-    const double length = glm::length(v);
-    return length > 0 && std::isfinite(length) ? Vec3(v / length) : Vec3(0);
-}
-
 Result<void> Deformer::morph(const Deformed& vertices, Morphed attribute, std::size_t width,
                              std::vector<float>& values) {
     const Mesh& mesh = vertices.mesh;
     const bool own = !mesh.weights.empty() || mesh.pose_of == no_id;
     const std::vector<float>& weights = own ? mesh.weights : model_.meshes[mesh.pose_of].weights;
     const std::vector<MorphTarget>& targets = vertices.primitive.targets;
-    const std::size_t count = std::min(targets.size(), weights.size());
+    const bool moves = vertices.motion != nullptr;
+    const std::size_t count = moves ? targets.size() : std::min(targets.size(), weights.size());
     if (auto done = budget_.take_bytes(count * sizeof(float)); !done) return done;
     for (std::size_t t = 0; t < count; ++t) {
         const std::uint32_t index = targets[t][attribute];
-        if (index == no_id || weights[t] == 0) continue;
+        const float weight = t < weights.size() ? weights[t] : 0;
+        if (index == no_id || (weight == 0 && !moves)) continue;
         const Accessor& accessor = model_.accessors[index];
         const bool allowed =
             accessor.width == width && accessor.component != Component::u32 &&
             (accessor.component == Component::f32 || accessor.normalized || model_.quantized);
         const auto differences = vertices.read(accessor, allowed, morphed_names[attribute]);
+        if (!differences && weight == 0) continue;
         if (!differences) return error_of(differences);
-        for (std::size_t i = 0; i < values.size(); ++i) values[i] += weights[t] * (*differences)[i];
+        if (moves) vertices.motion->set_target(t, attribute, *differences);
+        if (weight != 0) add_weighted(values, weight, differences->data());
     }
     return {};
 }
@@ -174,6 +154,7 @@ Result<std::span<const Matrix>> Deformer::joint_maps(std::uint32_t index) {
         for (std::size_t i = 0; i < 12 && !inverse_bind.empty(); ++i) {
             to_joint[i] = inverse_bind[16 * joints.size() + i % 4 * 4 + i / 4];  // by columns
         }
+        binds_[index].push_back(to_joint);
         joints.push_back(multiply(to_world_[node], to_joint));
         if (!is_finite(joints.back())) {
             return refuse(where, fmt::format("has a matrix that is not finite at joint {}",
@@ -183,9 +164,6 @@ Result<std::span<const Matrix>> Deformer::joint_maps(std::uint32_t index) {
     return joints;
 }
 
-// Weights are divided by their sum, as in three.js and Blender: glTF requires sums of 1, and an
-// error of 1/255 would move a vertex by that share of its distance from the scene's origin. A
-// vertex whose weights are all 0 follows its first joint, as in three.js.
 Result<void> Deformer::skin(const Deformed& vertices, GeometryDescription& geometry) {
     if (vertices.primitive.joint_sets.empty()) {
         return refuse(vertices.where, "has a skin but a primitive without JOINTS_0 and WEIGHTS_0");
@@ -207,29 +185,32 @@ Result<void> Deformer::skin(const Deformed& vertices, GeometryDescription& geome
         sets.push_back({std::move(*joints), std::move(*weights)});
     }
 
+    // Those of each vertex together.
+    std::vector<std::uint32_t> joints;
+    std::vector<float> weights;
     std::uint64_t bad_weights = 0;
     std::uint64_t bad_joints = 0;
-    for (std::size_t v = 0; v < geometry.positions.size(); ++v) {
-        Matrix blended{};
-        double total = 0;
-        const auto follow = [&](float joint, double weight) {
-            bad_joints += joint < static_cast<float>(maps->size()) ? 0U : 1U;
-            if (!(joint < static_cast<float>(maps->size()))) return;
-            const Matrix& m = (*maps)[static_cast<std::size_t>(joint)];
-            for (std::size_t i = 0; i < blended.size(); ++i) blended[i] += weight * m[i];
-            total += weight;
-        };
+    const std::size_t count = geometry.positions.size();
+    const std::size_t each = 4 * sets.size();
+    if (auto done = budget_.take_bytes(2 * sizeof(float) * each * count); !done) return done;
+    joints.reserve(each * count);
+    weights.reserve(each * count);
+    for (std::size_t v = 0; v < count; ++v) {
+        bool has_weight = false;
         for (const Set& set : sets) {
             for (std::size_t i = 4 * v; i < 4 * v + 4; ++i) {
-                const float weight = set.weights[i];
-                const bool good = weight >= 0 && std::isfinite(weight);
+                const bool good = set.weights[i] >= 0 && std::isfinite(set.weights[i]);
+                const bool known = set.joints[i] < static_cast<float>(maps->size());
+                weights.push_back(good ? set.weights[i] : 0);
+                joints.push_back(known ? static_cast<std::uint32_t>(set.joints[i]) : 0);
                 bad_weights += good ? 0U : 1U;
-                if (good && weight > 0) follow(set.joints[i], weight);
+                // A joint that moves nothing may be any number.
+                bad_joints += !known && weights.back() > 0 ? 1U : 0U;
+                has_weight = has_weight || weights.back() > 0;
             }
         }
-        if (total == 0) follow(sets[0].joints[4 * v], 1);
-        for (double& x : blended) x /= total;
-        move_vertex(blended, v, geometry);
+        const bool follows_first = sets[0].joints[4 * v] < static_cast<float>(maps->size());
+        bad_joints += !has_weight && !follows_first ? 1U : 0U;
     }
     if (bad_weights != 0) {
         return refuse(vertices.where, fmt::format("has {} skin weights that are negative or not "
@@ -242,6 +223,16 @@ Result<void> Deformer::skin(const Deformed& vertices, GeometryDescription& geome
             fmt::format("has {} vertices that name a joint beyond the {} of {}", bad_joints,
                         maps->size(),
                         label("skin", vertices.mesh.skin, model_.skins[vertices.mesh.skin].name)));
+    }
+    for (std::size_t v = 0; v < count; ++v)
+        move_vertex(blend_joints(*maps, joints.data() + each * v, weights.data() + each * v, each),
+                    geometry.positions[v],
+                    geometry.normals.empty() ? nullptr : &geometry.normals[v],
+                    geometry.tangents.empty() ? nullptr : &geometry.tangents[v]);
+    if (vertices.motion != nullptr) {
+        vertices.motion->set_joints(static_cast<std::uint32_t>(&vertices.mesh - model_.meshes.data()),
+                                    binds_[vertices.mesh.skin]);
+        vertices.motion->set_influences(static_cast<std::uint32_t>(each), joints, weights);
     }
     return {};
 }

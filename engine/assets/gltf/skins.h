@@ -1,12 +1,13 @@
 // Morph targets and skins, evaluated in the pose of the file.
 //
-// Scenes do not move, so a mesh is deformed once, at import: first by its morph targets, then by
-// its skin (glTF 2.0, 3.7.2.2 and 3.7.3). The joints of a skinned mesh place it, not its node: its
+// A mesh is deformed at import: first by its morph targets, then by its skin (glTF 2.0, 3.7.2.2 and
+// 3.7.3). What animations need to do so again goes into the scene (motion.h). The joints of a skinned mesh place it, not its node: its
 // vertices are in the scene's space.
 #pragma once
 
 #include "engine/assets/gltf/budget.h"
 #include "engine/assets/gltf/file/model.h"
+#include "engine/assets/gltf/motion.h"
 
 #include <functional>
 #include <string>
@@ -29,17 +30,16 @@ struct Deformed {
     const Mesh& mesh;
     const Primitive& primitive;
     ReadAttribute read;
+    MotionWriter* motion = nullptr;  ///< to note them in, if they move
 };
-
-/// Returns the direction of v; zero where it has none.
-[[nodiscard]] Vec3 unit_vector(const glm::dvec3& v);
 
 class Deformer {
 public:
     Deformer(const Model& model, Budget& budget)
         : model_(model),
           budget_(budget),
-          joints_(model.skins.size()) {}
+          joints_(model.skins.size()),
+          binds_(model.skins.size()) {}
 
     /// Adds the weighted differences of the targets to `values`, `width` per vertex.
     Result<void> morph(const Deformed& vertices, Morphed attribute, std::size_t width,
@@ -57,6 +57,7 @@ private:
     Budget& budget_;
     std::vector<Matrix> to_world_;             ///< by node; empty until a skin is read
     std::vector<std::vector<Matrix>> joints_;  ///< by skin; empty until it is read
+    std::vector<std::vector<Matrix>> binds_;   ///< likewise, from the mesh's space to the joints'
 };
 
 }  // namespace raynest::gltf

@@ -110,7 +110,7 @@ SceneChanges EditBatch::changes() const {
     for (const auto& [place, matrix] : placements_)
         made.moves.push_back({place, transform_of(matrix)});
     for (const auto& [place, mask] : masks_) made.masks.push_back({place, mask});
-    for (const auto& [place, vertices] : vertices_) made.deformed.push_back({place, vertices});
+    for (const auto& [place, vertices] : vertices_) made.deformed.push_back({place, {vertices}});
     made.removed.assign(removed_.begin(), removed_.end());
     for (const auto& [key, scene] : added_) made.added.push_back(scene);
     return made;

@@ -36,6 +36,14 @@ std::int64_t degenerate(const GeometryRecord& geometry, const Vec3* positions,
         std::plus<>());
 }
 
+/// Takes the first `count` elements away, or none from an empty list.
+template <class T>
+std::span<const T> take(std::span<const T>& list, std::size_t count) {
+    const auto first = list.first(std::min(count, list.size()));
+    list = list.subspan(first.size());
+    return first;
+}
+
 /// The sum of the triangles' normals at each vertex, by area.
 void make_normals(const GeometryRecord& geometry, std::span<const Vec3> positions,
                   const std::uint32_t* indices, Vec3* normals) {
@@ -63,15 +71,16 @@ std::uint64_t vertex_count(const SceneView& view, const ObjectRecord& object) {
 }
 
 std::int64_t deform(EditedArena& arena, const ObjectRecord& object,
-                    std::span<const Vec3> vertices) {
+                    NewVertices vertices) {
     const SceneView& view = arena.view();
     std::int64_t grown = 0;
     std::vector<const Vec3*> moved;  // per geometry
     for (std::uint32_t g = 0; g < object.geometry_count; ++g) {
         const std::uint32_t index = object.first_geometry + g;
         const GeometryRecord& geometry = view.geometries[index];
-        const auto now = vertices.first(geometry.vertex_count);
-        vertices = vertices.subspan(geometry.vertex_count);
+        const auto now = take(vertices.positions, geometry.vertex_count);
+        const auto new_normals = take(vertices.normals, geometry.vertex_count);
+        const auto new_tangents = take(vertices.tangents, geometry.vertex_count);
         moved.push_back(now.data());
         if (now.empty() || geometry.triangle_count == 0) continue;
         const auto* const indices = view.attribute<std::uint32_t>(geometry.indices);
@@ -81,11 +90,20 @@ std::int64_t deform(EditedArena& arena, const ObjectRecord& object,
                  degenerate(geometry, positions.data(), indices);
         std::ranges::copy(now, positions.begin());
         arena.touch_all(positions);
-        const std::uint64_t offset = arena.geometry_shading(index).normals;
-        if (offset == no_offset) continue;
-        const std::span<Vec3> normals = arena.attribute<Vec3>(offset, geometry.vertex_count);
-        make_normals(geometry, now, indices, normals.data());
+        const GeometryShading& shading = arena.geometry_shading(index);
+        if (shading.normals == no_offset) continue;
+        const std::span<Vec3> normals =
+            arena.attribute<Vec3>(shading.normals, geometry.vertex_count);
+        if (new_normals.empty())
+            make_normals(geometry, now, indices, normals.data());
+        else
+            std::ranges::copy(new_normals, normals.begin());
         arena.touch_all(normals);
+        if (shading.tangents == no_offset || new_tangents.empty()) continue;
+        const std::span<Vec4> tangents =
+            arena.attribute<Vec4>(shading.tangents, geometry.vertex_count);
+        std::ranges::copy(new_tangents, tangents.begin());
+        arena.touch_all(tangents);
     }
 
     const std::span<TriangleBlock> blocks = arena.blocks(object);

@@ -181,19 +181,19 @@ Result<void> check_vertices(const Snapshot& scene, const std::vector<MeshVertice
                 ErrorCode::field_invalid,
                 "in a scene with an origin objects have coordinates of their own: load it again");
         const std::uint64_t count = vertex_count(view, object);
-        if (mesh.vertices.size() != count)
+        if (mesh.vertices.positions.size() != count)
             return fail(ErrorCode::field_invalid, fmt::format("{} has {} vertices, {} are given",
-                                                              name, count, mesh.vertices.size()));
+                                                              name, count, mesh.vertices.positions.size()));
         const auto is_sound = [](const Vec3& p) {
             const Vec3 reach = glm::abs(p);
             return reach.x <= coordinate_max && reach.y <= coordinate_max &&
                    reach.z <= coordinate_max;
         };
-        if (const auto bad = std::ranges::find_if_not(mesh.vertices, is_sound);
-            bad != mesh.vertices.end())
+        if (const auto bad = std::ranges::find_if_not(mesh.vertices.positions, is_sound);
+            bad != mesh.vertices.positions.end())
             return fail(ErrorCode::field_invalid,
                         fmt::format("vertex {} of {} is not finite or beyond 1e15",
-                                    bad - mesh.vertices.begin(), name));
+                                    bad - mesh.vertices.positions.begin(), name));
     }
     return {};
 }
@@ -218,10 +218,10 @@ std::vector<InstancePlace> shared_ways(const SceneView& view, const SceneChanges
     std::map<std::pair<std::uint32_t, const Vec3*>, std::uint32_t> alike;
     for (const MeshVertices& mesh : changes.deformed)
         if (!is_shared(mesh.instance))
-            ++alike[{object_of(view, mesh.instance), mesh.vertices.data()}];
+            ++alike[{object_of(view, mesh.instance), mesh.vertices.positions.data()}];
     for (const MeshVertices& mesh : changes.deformed) {
         const std::uint32_t object = object_of(view, mesh.instance);
-        const auto found = alike.find({object, mesh.vertices.data()});
+        const auto found = alike.find({object, mesh.vertices.positions.data()});
         if (found != alike.end() && found->second == uses[object]) continue;
         ways.push_back(mesh.instance);
         ways.back().below.push_back(0);
@@ -272,6 +272,7 @@ Result<std::shared_ptr<const Snapshot>> change_in_place(const Snapshot& scene,
                                                         std::shared_ptr<const Snapshot> spare) {
     EditedArena arena(Snapshot::copy_arena(scene, std::move(spare)), scene.view());
     for (const InstanceMask& change : changes.masks) set_mask(arena, change);
+    for (const CameraMove& move : changes.cameras) arena.set_camera(move.camera, move.to_world);
 
     ChangesByObject places;
     const std::uint32_t root = scene.view().root;
@@ -391,7 +392,7 @@ Result<std::shared_ptr<const Snapshot>> edit_scene(const Snapshot& scene,
         if (auto done = advance(unshare(scene, ways).and_then(Snapshot::open)); !done)
             return tl::unexpected(done.error());
     if (!changes.moves.empty() || !changes.masks.empty() || !changes.deformed.empty() ||
-        (changes.removed.empty() && changes.added.empty()))
+        !changes.cameras.empty() || (changes.removed.empty() && changes.added.empty()))
         if (auto done = advance(change_in_place(now(), changes, std::move(spare))); !done)
             return tl::unexpected(done.error());
     if (!changes.removed.empty() || !changes.added.empty())

@@ -13,6 +13,7 @@
 
 #include "engine/math/vec.h"
 #include "engine/result.h"
+#include "engine/scene/edits/deform.h"
 #include "engine/scene/edits/instance_place.h"
 #include "engine/scene/edits/link.h"
 #include "engine/scene/snapshot.h"
@@ -38,8 +39,13 @@ struct InstanceMask {
 /// The object of an instance, and where its vertices are from now on.
 struct MeshVertices {
     InstancePlace instance;
-    std::span<const Vec3>
-        vertices;  ///< in the object's space, those of its geometries one behind the other
+    NewVertices vertices;
+};
+
+/// A camera, by its index, and its pose from now on (scene/camera_pose.h).
+struct CameraMove {
+    std::uint32_t camera = 0;
+    Transform to_world;
 };
 
 struct SceneChanges {
@@ -48,6 +54,7 @@ struct SceneChanges {
     std::vector<std::uint32_t> removed = {};  ///< outermost instances, ascending
     std::vector<AddedScene> added = {};
     std::vector<MeshVertices> deformed = {};
+    std::vector<CameraMove> cameras = {};
 };
 
 /// The root's tree is built again once its expected cost is this many times that of its last build.

@@ -23,6 +23,7 @@ public:
         view_.instance_infos = section<InstanceInfo>(format::Section::instance_infos);
         view_.blocks = section<TriangleBlock>(format::Section::blocks);
         view_.geometries = section<GeometryRecord>(format::Section::geometries);
+        view_.cameras = section<CameraRecord>(format::Section::cameras);
         view_.attributes = section<std::byte>(format::Section::attributes);
     }
 
@@ -52,6 +53,11 @@ public:
     [[nodiscard]] std::span<T> attribute(std::uint64_t offset, std::size_t count) {
         return {reinterpret_cast<T*>(section<std::byte>(format::Section::attributes) + offset),
                 count};
+    }
+    void set_camera(std::uint32_t index, const Transform& to_world) {
+        CameraRecord& camera = section<CameraRecord>(format::Section::cameras)[index];
+        camera.to_world = to_world;
+        touch(camera);
     }
     void set_bounds(const Box& bounds) {
         header().bounds = bounds;

@@ -2,6 +2,7 @@
 
 #include "engine/scene/edits/linked_content.h"
 #include "engine/scene/edits/linked_paths.h"
+#include "engine/scene/motion/motion.h"
 
 #include <fmt/format.h>
 
@@ -86,6 +87,7 @@ private:
                 return fail(ErrorCode::field_invalid,
                             "the scene has primitives of its own beside its instances: hide these "
                             "instead of removing them");
+            content_.content().motion.clear();  // its instances are outermost no more
             LinkedContent::Placed& whole = instances_.emplace_back();
             whole.object = content_.keep(0, view.root);
             whole.name = content_.content().names.add(path_step_text(view.names + root.name));
@@ -93,6 +95,8 @@ private:
             paths_.push_back({0, root.placement_count});
             return {};
         }
+        auto& motion = content_.content().motion;
+        if (!removed_.empty()) motion = motion_without(motion, removed_);
         auto removed = removed_.begin();
         for (std::uint32_t i = 0; i < root.instance_count; ++i) {
             if (removed != removed_.end() && *removed == i) {

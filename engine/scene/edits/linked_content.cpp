@@ -84,6 +84,7 @@ LinkedContent::LinkedContent(const Snapshot& base) {
     };
     take(Section::cameras, content_.cameras);
     take(Section::lights, content_.lights);
+    take(Section::motion, content_.motion);
     take(Section::skips, content_.skips);
     take(Section::warnings, content_.warnings);
     Scene& scene = scenes_.emplace_back(Scene{&base, std::vector(view.object_count, no_id), {}});

@@ -3,6 +3,7 @@
 
 #include "engine/geometry/box.h"
 #include "engine/math/vec.h"
+#include "engine/scene/edits/deform.h"
 #include "engine/scene/edits/edited_arena.h"
 #include "engine/scene/edits/tree_links.h"
 
@@ -22,7 +23,7 @@ struct ChangedPlace {
 
 struct ObjectChanges {
     std::vector<ChangedPlace> places;
-    std::span<const Vec3> vertices = {};  ///< vertex_count() new ones (deform.h); empty: they stay
+    NewVertices vertices = {};  ///< empty: they stay
 };
 
 /// By object. What is above a changed place is changed itself, up to the root.

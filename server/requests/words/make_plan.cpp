@@ -3,6 +3,7 @@
 #include "engine/packs/registry.h"
 #include "protocol/control.h"
 #include "protocol/text.h"
+#include "server/jobs/scene_poser.h"
 #include "server/scheduling/peers.h"
 #include "server/store/scene_store.h"
 
@@ -92,6 +93,12 @@ Reply<Plan> make_plan(const Services& services, const Caller& caller, const wire
     Plan plan;
     auto scene = services.scenes.find(text(job.scene()), job.epoch(), caller);
     if (!scene) return tl::unexpected(scene.error());
+    if (job.timed() && services.poser != nullptr) {
+        scene = services.poser->find(*scene, text(job.animation()), job.time(), caller);
+        if (!scene) return tl::unexpected(scene.error());
+    } else if (!text(job.animation()).empty()) {
+        return refuse(Code::invalid_field, "`animation` names what plays, and `time` no moment of it");
+    }
     plan.scene = std::move(*scene);
     std::string_view intersector = word(job.intersector(), "auto");
     if (lit && intersector == "auto" && plan.scene.snapshot().view().blended_materials != 0 &&

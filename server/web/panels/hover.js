@@ -3,6 +3,7 @@
 // shows the same place.
 import { askPixel } from "./ray.js";
 import { jobOf } from "../requests.js";
+import { RAY_KEYS } from "../store.js";
 
 export class Hover extends EventTarget {
   #app;
@@ -16,7 +17,7 @@ export class Hover extends EventTarget {
     super();
     this.#app = app;
     app.store.on(["scene", "camera", "size"], () => this.#drop(Boolean(this.pinned)));
-    app.store.on(["intersector", "settings", "mask", "hidden", "isolated", "skipHiddenBoxes"], () => this.again());
+    app.store.on(RAY_KEYS, () => this.again());
   }
 
   at(x, y) {

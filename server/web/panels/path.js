@@ -6,6 +6,7 @@ import { element } from "../dom.js";
 import { lightOf } from "../light.js";
 import { jobOf } from "../requests.js";
 import { viewOf } from "../views.js";
+import { RAY_KEYS } from "../store.js";
 
 const COLOURS = { camera: "#ffffff", bounce: "#4cc9f0", reached: "#ffd166", blocked: "#ff5d5d" };
 const kindOf = ({ kind, blocked }) => (kind === "shadow" ? (blocked ? "blocked" : "reached") : kind);
@@ -91,7 +92,7 @@ export function lightPath(app, place) {
   }
   store.on(["sample"], () => { if (asked) ask(); });
   store.on(["camera"], () => { earlier.hidden = !asked || JSON.stringify(asked.camera) === JSON.stringify(cameraTable(store.values.camera)); });
-  store.on(["intersector", "settings", "mask", "hidden", "isolated", "skipHiddenBoxes", "seed", "depth", "aoDistance", "env", "sun"], again);
+  store.on([...RAY_KEYS, "seed", "depth", "aoDistance", "env", "sun"], again);
   let version = model.version;
   model.addEventListener("change", () => {
     if (version !== model.version && model.info) again();

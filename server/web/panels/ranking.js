@@ -6,6 +6,7 @@ import { countText, percentText, valueText } from "../numbers.js";
 import { jobOf } from "../requests.js";
 import { rankingOf } from "./selection.js";
 import { sortableTable } from "./tables.js";
+import { RAY_KEYS } from "../store.js";
 
 export const rankingPanel = { id: "ranking", title: "Ranking", build };
 
@@ -111,7 +112,7 @@ function build(app, place) {
   selection.addEventListener("change", mark);
   model.addEventListener("change", levels);
   picture.addEventListener("image", ask);
-  store.on(["panel", "camera", "scene", "intersector", "settings", "mask", "hidden", "isolated", "skipHiddenBoxes", "size"], ask);
+  store.on(["panel", "camera", "scene", ...RAY_KEYS, "size"], ask);
   say("Counting.");
   levels();
 }

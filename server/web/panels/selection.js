@@ -4,6 +4,7 @@ import { cameraTable, generator } from "../camera.js";
 import { askDocument, latest } from "../documents.js";
 import { jobOf } from "../requests.js";
 import { traceQuery } from "../tracer.js";
+import { RAY_KEYS } from "../store.js";
 
 /** `chosen` is {kind: "placements", first, count} with BigInts, {kind: "object", object} or {kind: "material", material}; and a name. */
 export class Selection extends EventTarget {
@@ -19,7 +20,7 @@ export class Selection extends EventTarget {
     this.#app = app;
     this.#run = latest((error) => app.failed(error));
     app.picture.addEventListener("image", () => { if (app.picture.image.complete) this.#mark(); });
-    app.store.on(["camera", "scene", "hidden", "isolated", "skipHiddenBoxes", "intersector", "settings", "mask", "size"], () => app.overlay?.mask(null));
+    app.store.on(["camera", "scene", ...RAY_KEYS, "size"], () => app.overlay?.mask(null));
     app.store.on(["scene"], () => this.choose(null));
   }
 

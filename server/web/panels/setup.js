@@ -2,6 +2,7 @@
 import { AXES, add, cross, distance, dot, length, sub, unit, basis, scale, rounded } from "../camera.js";
 import { element, field, fillSelect, pairs } from "../dom.js";
 import { followsLight, lightSection } from "../light.js";
+import { timeSection } from "./time.js";
 import { bytesText, countText, timeText, valueText, vectorText } from "../numbers.js";
 
 const SIZES = [["fit", "As large as shown"], ["320x180", "320 x 180"], ["640x360", "640 x 360"], ["960x540", "960 x 540"],
@@ -10,7 +11,7 @@ const SIZES = [["fit", "As large as shown"], ["320x180", "320 x 180"], ["640x360
 export const setupPanel = { id: "setup", title: "Setup", build };
 
 function build(app, place) {
-  place.append(lightSection(app.store), element("h2", {}, "Intersector"), intersector(app), element("h2", {}, "Rays"), rays(app),
+  place.append(lightSection(app.store), timeSection(app), element("h2", {}, "Intersector"), intersector(app), element("h2", {}, "Rays"), rays(app),
                element("h2", {}, "Difference with"), difference(app), element("h2", {}, "Camera"), cameraFields(app),
                element("h2", {}, "Scene"), sceneFacts(app), element("h2", {}, "This picture"), pictureFacts(app));
 }

@@ -34,6 +34,8 @@ class JobOptions(TypedDict, total=False):
     worker: Optional[Worker]        # "auto" lets the daemon choose
     hide: Any                       # what no ray enters: 3, "inst=3", "object=2", a path, or a list of them
     only: Any                       # the same: if any, rays enter nothing else
+    time: Optional[float]           # seconds within the scene's animation; None: the scene as it is
+    animation: Optional[str]        # its name or number; the first one
     skip_hidden_boxes: Optional[bool]  # boxes that lead to what is hidden alone are not tested, nor counted
 
 
@@ -134,6 +136,8 @@ def job_message(scene: str, options: JobOptions, instance_of: InstanceOf) -> Mes
     message: Message = {key: value for key, value in options.items()
                         if key not in ("params", "deadline", "hide", "only")}
     message["scene"] = scene
+    if options.get("time") is not None:
+        message["timed"] = True
     for key, prefix in (("hide", "hidden"), ("only", "only")):
         message.update(selection_lists(key, prefix, options.get(key), instance_of))
     params = options.get("params")

@@ -281,6 +281,12 @@ std::optional<std::vector<unsigned char>> decode_percent(std::string_view text) 
 
 }  // namespace
 
+std::string without_animations(const std::string& json) {
+    Json root = Json::parse(json, nullptr, false);
+    if (root.is_object()) root.erase("animations");
+    return root.dump();
+}
+
 std::optional<std::vector<unsigned char>> decode_data_uri(std::string_view uri) {
     const std::size_t comma = uri.find(',');
     if (!uri.starts_with("data:") || comma == std::string_view::npos) return std::nullopt;
@@ -300,7 +306,6 @@ Result<Rewritten> rewrite(std::span<const std::byte> json, std::span<const std::
             return tl::unexpected<Error>(done.error());
         if (auto done = take_images(root, upload, out); !done)
             return tl::unexpected<Error>(done.error());
-        root.erase("animations");
         if (Json* const accessors = objects_of(root, "accessors")) {
             state_types(*accessors, out);
             place_indices(root, *accessors, out);

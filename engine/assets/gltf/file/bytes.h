@@ -38,7 +38,7 @@ inline constexpr double yfov_of_unknown_type = -1e30;
 inline constexpr double cone_of_no_spot = -1e30;
 
 struct Rewritten {
-    std::string json;  ///< the scene without buffers, images and animations
+    std::string json;  ///< the scene without buffers and images
     std::vector<Fetched> buffers;
     std::vector<FetchedImage> images;
     /// Accessors whose type or componentType is unknown; the text states a valid one instead.
@@ -57,6 +57,9 @@ struct Rewritten {
 /// stored as the fault of its buffer or picture.
 Result<Rewritten> rewrite(std::span<const std::byte> json, std::span<const std::byte> binary,
                           Upload& upload);
+
+/// Returns a text of rewrite() without its animations.
+std::string without_animations(const std::string& json);
 
 /// Returns the content of a data URI, base64 or percent-encoded; nothing if it is damaged.
 [[nodiscard]] std::optional<std::vector<unsigned char>> decode_data_uri(std::string_view uri);

@@ -20,6 +20,8 @@ Result<std::vector<float>> finite_list(std::span<const double> values, std::stri
 /// Call these in order: accessors before meshes, nodes before skins, and pictures before textures
 /// before materials.
 Result<void> convert_meshes(tinygltf::Model& file, Model& model);
+/// After nodes and meshes. Refuses nothing.
+Result<void> convert_animations(tinygltf::Model& file, Model& model);
 Result<void> convert_skins(tinygltf::Model& file, Model& model);
 Result<void> convert_textures(tinygltf::Model& file, Model& model);
 Result<void> convert_materials(tinygltf::Model& file, Model& model);

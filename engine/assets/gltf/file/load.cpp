@@ -115,6 +115,7 @@ struct Parsed {
     tinygltf::Model file;
     std::vector<Fetched> buffers;
     std::vector<FetchedImage> images;
+    std::string lost_animations;  ///< why they are left out; empty: they are not
 };
 
 /// Reads a scene whose only bytes are a BIN chunk as it is. Any other scene, and one that tinygltf
@@ -147,6 +148,15 @@ Result<Parsed> parse(const ImportRequest& request, const Glb& text, const Presca
                     "the file has no asset.version, so it is no glTF 2.0 scene");
     if (auto done = run_tinygltf(std::as_bytes(json), parsed.file, problem); !done)
         return error_of(done);
+    if (!problem.empty()) {
+        // Without animations the scene is still there.
+        const std::string still = without_animations(rewritten->json);
+        parsed.file = {};
+        parsed.lost_animations = still.size() < rewritten->json.size() ? one_line(problem) : "";
+        problem.clear();
+        if (auto done = run_tinygltf(std::as_bytes(std::span<const char>(still)), parsed.file, problem); !done)
+            return error_of(done);
+    }
     if (!problem.empty()) {
         return fail(ErrorCode::scene_invalid, "the glTF file is damaged: " + one_line(problem));
     }
@@ -335,6 +345,10 @@ Result<void> convert_nodes(tinygltf::Model& file, Model& model) {
         node.camera = *camera;
         node.instancing = *instancing;
         node.local = *local;
+        node.has_matrix = !in.matrix.empty();
+        std::ranges::copy(in.translation, node.trs.begin());
+        std::ranges::copy(in.rotation, node.trs.begin() + 3);
+        std::ranges::copy(in.scale, node.trs.begin() + 7);
         for (const int child : in.children) {
             const auto index = required_index(child, file.nodes.size(), "child node");
             if (!index) return error_of(index);
@@ -465,9 +479,12 @@ Result<Model> load_model(const ImportRequest& request, const Glb& text, const Pr
                                 "KHR_mesh_quantization") != file.extensionsUsed.end();
     if (auto done = convert_accessors(*parsed, model); !done) return error_of(done);
     for (const auto convert : {convert_meshes, convert_textures, convert_materials, convert_cameras,
-                               convert_nodes, convert_lights, convert_skins, choose_scene}) {
+                               convert_nodes, convert_lights, convert_skins,
+                               convert_animations, choose_scene}) {
         if (auto done = convert(file, model); !done) return error_of(done);
     }
+    if (!parsed->lost_animations.empty())
+        model.warnings.push_back("its animations are left out: " + parsed->lost_animations);
     take_masks(prescan, model);
     report_types(prescan, file, model);
     model.odd.append_to(model.warnings);

@@ -15,6 +15,8 @@
 #include "engine/geometry/hit.h"
 #include "engine/result.h"
 #include "engine/scene/description.h"
+#include "engine/scene/motion/affine.h"
+#include "engine/scene/motion/motion.h"
 
 #include <array>
 #include <cstddef>
@@ -169,9 +171,8 @@ struct Image {
     std::string fault = {};
 };
 
-/// A double-precision 3x4 map, row-major as Transform: composed down the graph, rounded once.
-using Matrix = std::array<double, 12>;
-inline constexpr Matrix identity_matrix{1, 0, 0, 0, 0, 1, 0, 0, 0, 0, 1, 0};
+using Matrix = Affine;
+inline constexpr Matrix identity_matrix = identity_affine;
 
 /// EXT_mesh_gpu_instancing: accessors of one element per placement, or no_id.
 struct Instancing {
@@ -189,10 +190,24 @@ struct Node {
     std::uint32_t light = no_id;
     std::uint32_t skin = no_id;  ///< set: the mesh is in the scene's space
     std::vector<float> weights;  ///< if empty, the mesh's weights apply
+    std::array<double, 10> trs{0, 0, 0, 0, 0, 0, 1, 1, 1, 1};  ///< as in MotionNode
+    bool has_matrix = false;          ///< `local` is not made of parts: it cannot be animated
+    bool is_animated = false;         ///< its parts change
+    bool has_moving_weights = false;  ///< those of its mesh change
     bool visible = true;  ///< KHR_node_visibility: false hides meshes of the node and below it
     Instancing instancing;
     std::optional<std::uint32_t> mask;  ///< extras.raynest.mask
     std::vector<std::uint32_t> children;
+};
+
+struct Channel {
+    std::uint32_t sampler = 0;
+    std::uint32_t node = 0;
+    MotionPath path = MotionPath::translation;
+};
+struct Animation {
+    std::string name;
+    std::vector<Channel> channels;
 };
 
 struct Camera {
@@ -221,6 +236,9 @@ struct Model {
     std::vector<Image> images;
     std::vector<Skin> skins;
     std::vector<Node> nodes;
+    std::vector<Animation> animations;
+    std::vector<MotionSampler> samplers;  ///< of their channels; their numbers are in key_floats
+    std::vector<float> key_floats;
     std::vector<Camera> cameras;
     std::vector<Light> lights;
     std::vector<std::uint32_t> roots;    ///< root nodes of the chosen scene
@@ -264,14 +282,6 @@ std::vector<PlacedNode> nodes_with(const Model& model, std::uint32_t Node::*what
 Result<Matrix> local_matrix(std::span<const double> matrix, std::span<const double> translation,
                             std::span<const double> rotation, std::span<const double> scale,
                             const std::string& where);
-/// Returns translation, quaternion (x y z w) and scale as one map; `rotation` need not be
-/// normalised but must not be zero.
-Matrix from_trs(const double* translation, const double* rotation, const double* scale);
-/// Returns the map that applies `inner`, then `outer`.
-Matrix multiply(const Matrix& outer, const Matrix& inner);
-/// Rounds a map to float; entries that do not fit become infinite, and the caller refuses them.
-Transform round_matrix(const Matrix& matrix);
-
 /// Reads elements as floats, `width` per element, normalised integers mapped to [0,1] or [-1,1]:
 /// those listed in `elements` (each below accessor.count), or all if the list is empty. Pass errors
 /// to blame().

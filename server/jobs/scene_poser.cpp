@@ -1,0 +1,122 @@
+#include "server/jobs/scene_poser.h"
+
+#include "server/scheduling/fair_thread_pool.h"
+#include "server/scheduling/peers.h"
+
+#include <algorithm>
+#include <exception>
+#include <utility>
+
+namespace raynest::server {
+
+/// The result of a task.
+struct ScenePoser::Made {
+    Budget::Lease lease;
+    std::shared_ptr<const Snapshot> snapshot;
+    std::optional<protocol::Error> error;
+};
+
+ScenePoser::Kept::iterator ScenePoser::place_of(const std::string& principal,
+                                                const std::string& digest, const Moment& moment) {
+    return std::ranges::find_if(kept_, [&](const Posed& posed) {
+        return posed.principal == principal && posed.digest == digest && posed.moment == moment;
+    });
+}
+
+Reply<NamedScene> ScenePoser::find(const NamedScene& base, std::string_view animation,
+                                   double seconds, const Caller& caller) {
+    const auto moment = find_moment(base.snapshot(), animation, seconds);
+    if (!moment) return refuse(moment.error());
+    const auto posed = place_of(caller.principal, base.snapshot().digest(), *moment);
+    if (posed == kept_.end() || posed->held == nullptr) {
+        wanted_ = Wanted{base, *moment};
+        return refuse(Code::busy, "the scene is being posed; ask again");
+    }
+    posed->used = Clock::now();
+    NamedScene found = base;
+    found.held = posed->held;
+    return found;
+}
+
+void ScenePoser::make(const Wanted& wanted, const std::string& principal,
+                      std::weak_ptr<Ready> ready) {
+    const Snapshot& scene = wanted.base.snapshot();
+    if (const auto under_way = place_of(principal, scene.digest(), wanted.moment);
+        under_way != kept_.end()) {
+        under_way->waiting.push_back(std::move(ready));
+        return;
+    }
+    drop_idle();
+    drop_all_but(kept_max - 1, principal);
+    auto made = std::make_shared<Made>();
+    const std::uint64_t bytes = 2 * scene.bytes().size() + bytes_to_pose(scene);
+    auto lease = services_.peers.reserve(bytes, principal);
+    if (!lease) {
+        drop_all_but(0, principal);
+        lease = services_.peers.reserve(bytes, principal);
+    }
+    if (!lease) {
+        const auto full = services_.budget.refuse("the scene at another time", bytes, principal,
+                                                  "start raynestd with a larger --memory");
+        if (const auto waits = ready.lock()) (*waits)(Reply<void>(full));
+        return;
+    }
+    made->lease = std::move(*lease);
+    kept_.push_back({principal, scene.digest(), wanted.moment, nullptr});
+    kept_.back().waiting.push_back(std::move(ready));
+    services_.blocking.submit(
+        principal, Priority::normal,
+        [this, held = wanted.base.held, moment = wanted.moment, made,
+         posed = std::prev(kept_.end())] {
+            try {
+                auto snapshot = pose(*held->snapshot, moment);
+                if (snapshot)
+                    made->snapshot = std::move(*snapshot);
+                else
+                    made->error = refuse(std::move(snapshot.error())).value();
+            } catch (const std::exception& error) {
+                made->error = protocol::Error{Code::resource_exhausted, error.what(), 0};
+            }
+            post_([this, posed, made] { done(posed, *made); });
+        });
+}
+
+void ScenePoser::done(Kept::iterator posed, Made& made) {
+    const auto waiting = std::exchange(posed->waiting, {});
+    Reply<void> result;
+    if (made.snapshot) {
+        made.lease.shrink(std::min(made.lease.bytes(), made.snapshot->bytes().size()));
+        posed->held =
+            services_.scenes.with_memory(std::move(made.snapshot), std::move(made.lease));
+        posed->used = Clock::now();
+    } else {
+        kept_.erase(posed);
+        result = tl::unexpected(std::move(*made.error));
+    }
+    for (const auto& each : waiting)
+        if (const auto waits = each.lock()) (*waits)(result);
+}
+
+void ScenePoser::drop_all_but(std::size_t most, const std::string& principal) {
+    const auto is_idle = [&](const Posed& posed) {
+        return posed.principal == principal && posed.held != nullptr;
+    };
+    auto idle = static_cast<std::size_t>(std::ranges::count_if(kept_, is_idle));
+    for (auto at = kept_.begin(); at != kept_.end() && idle > most;) {
+        if (!is_idle(*at)) {
+            ++at;
+            continue;
+        }
+        at = kept_.erase(at);
+        --idle;
+    }
+}
+
+void ScenePoser::drop_idle() {
+    const auto now = Clock::now();
+    std::erase_if(kept_, [&](const Posed& posed) {
+        return posed.held != nullptr && now - posed.used > kept_time;
+    });
+}
+
+}  // namespace raynest::server

@@ -1,0 +1,76 @@
+// Scenes at moments of their animations, made for the requests that ask for one.
+#pragma once
+
+#include "engine/scene/edits/pose.h"
+#include "server/jobs/scene_waker.h"
+#include "server/security/caller.h"
+#include "server/store/named_scene.h"
+
+#include <chrono>
+#include <cstdint>
+#include <functional>
+#include <list>
+#include <memory>
+#include <optional>
+#include <string>
+#include <string_view>
+
+namespace raynest::server {
+
+/// Makes each once, and keeps the last few of each principal for a while: a client that asks for one
+/// mostly asks again. They count towards --memory as requests of the principal do. Io thread only.
+class ScenePoser {
+public:
+    using Clock = std::chrono::steady_clock;
+    using Post = SceneWaker::Post;
+    using Ready = SceneWaker::Awake;
+
+    /// Of each principal.
+    static constexpr std::size_t kept_max = 4;
+    static constexpr std::chrono::seconds kept_time{20};
+
+    /// `post` runs a function on the io thread. `services` outlives this.
+    ScenePoser(const Services& services, Post post) : services_(services), post_(std::move(post)) {}
+    ScenePoser(const ScenePoser&) = delete;
+
+    /// A scene that a request needs and that is not made yet.
+    struct Wanted {
+        NamedScene base;
+        Moment moment;
+    };
+
+    /// Returns `base` at a moment, under its name and epoch. Fails as find_moment() does, and if it is
+    /// not made yet: then take_wanted() says what lacks.
+    Reply<NamedScene> find(const NamedScene& base, std::string_view animation, double seconds,
+                           const Caller& caller);
+    /// Returns the scene because of which find() has failed, once.
+    [[nodiscard]] std::optional<Wanted> take_wanted() { return std::exchange(wanted_, std::nullopt); }
+    /// Makes it in a task of `principal`, then calls `ready` unless that has expired.
+    void make(const Wanted& wanted, const std::string& principal, std::weak_ptr<Ready> ready);
+    /// Frees what nobody has used for kept_time.
+    void drop_idle();
+
+private:
+    struct Posed {
+        std::string principal;
+        std::string digest;  ///< of the scene that it is made of
+        Moment moment;
+        std::shared_ptr<const HeldScene> held;  ///< null: it is being made
+        std::vector<std::weak_ptr<Ready>> waiting = {};
+        Clock::time_point used = Clock::now();
+    };
+    struct Made;
+    using Kept = std::list<Posed>;
+
+    Kept::iterator place_of(const std::string& principal, const std::string& digest,
+                            const Moment& moment);
+    void drop_all_but(std::size_t most, const std::string& principal);
+    void done(Kept::iterator posed, Made& made);
+
+    const Services& services_;
+    const Post post_;
+    Kept kept_;
+    std::optional<Wanted> wanted_;
+};
+
+}  // namespace raynest::server

@@ -1,0 +1,30 @@
+// The section "Time": moments of the scene's animations. It is there where the scene has any.
+import { element, field, fillSelect } from "../dom.js";
+
+const STEPS = 200;
+
+export function timeSection({ store, model }) {
+  const place = element("section", { id: "time-section", hidden: true });
+  const animation = element("select", { id: "animation" });
+  const slider = element("input", { type: "range", id: "time", min: 0, step: "any", ariaLabel: "Time in seconds" });
+  const text = element("output", { id: "time-text" });
+  const stop = element("button", { type: "button", id: "time-off", onclick: () => store.set({ time: "", animation: 0 }) }, "As it was loaded");
+  const seconds = () => model.info?.animation_seconds?.[store.values.animation] ?? 0;
+  animation.onchange = () => store.set({ animation: Number(animation.value), time: 0 });
+  slider.oninput = () => store.set({ time: Number(Number(slider.value).toFixed(4)) });
+  const show = () => {
+    const names = model.info?.animations ?? [], { time } = store.values;
+    place.hidden = names.length === 0;
+    fillSelect(animation, names.map((name, i) => [String(i), name || `animation ${i}`]), String(store.values.animation));
+    slider.max = seconds();
+    slider.step = seconds() / STEPS || 1;
+    slider.value = time === "" ? 0 : time;
+    text.textContent = time === "" ? "as it was loaded and edited" : `${Number(time).toFixed(2)} s of ${Number(seconds()).toFixed(2)} s`;
+    stop.disabled = time === "";
+  };
+  store.on(["time", "animation", "scene"], show);
+  model.addEventListener("change", show);
+  place.append(element("h2", {}, "Time"), field("Animation", animation), field("Moment", slider), text, stop);
+  show();
+  return place;
+}
