@@ -2,6 +2,7 @@
 // arena, or no request reads beyond it, and none goes on for ever.
 //
 // The input is a list of changes to a good arena, 9 bytes each: a place, a word, and how it is written.
+#include "engine/scene/edits/pose.h"
 #include "engine/scene/format.h"
 #include "engine/scene/snapshot.h"
 #include "tests/fuzz/target.h"
@@ -222,6 +223,11 @@ int LLVMFuzzerTestOneInput(const std::uint8_t* data, std::size_t size) {
     client.ask_for_descriptions();
     client.ask_for_hits();
     client.ask_for_pictures();
+    for (std::uint32_t i = 0; i < animations_of(**scene).size(); ++i)
+        for (const double share : {0.0, 0.3, 1.0}) {
+            const auto posed = pose(**scene, {i, share * animations_of(**scene)[i].seconds});
+            fuzz::require(posed.has_value() || size != 0);
+        }
     // The good arena answers all.
     fuzz::require(size != 0 || client.answers > 40);
     return 0;

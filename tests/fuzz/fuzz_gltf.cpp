@@ -1,6 +1,7 @@
 // Imports a hostile scene file, a GLB or a single .gltf: it is described, or refused with a
 // message.
 #include "engine/assets/gltf/gltf.h"
+#include "engine/scene/motion/motion.h"
 #include "tests/fuzz/target.h"
 
 #include <cstring>
@@ -44,7 +45,14 @@ std::string deformed_triangle() {
         {"bufferView":0,"componentType":5126,"count":3,"type":"VEC3"},
         {"bufferView":0,"byteOffset":8,"componentType":5121,"count":3,"type":"VEC4"},
         {"bufferView":0,"componentType":5126,"count":3,"type":"VEC4"},
-        {"bufferView":0,"componentType":5126,"count":2,"type":"MAT4"}],
+        {"bufferView":0,"componentType":5126,"count":2,"type":"MAT4"},
+        {"bufferView":0,"componentType":5126,"count":2,"type":"SCALAR"},
+        {"bufferView":0,"componentType":5126,"count":2,"type":"VEC4"},
+        {"bufferView":0,"componentType":5126,"count":6,"type":"VEC3"}],
+        "animations":[{"samplers":[{"input":4,"output":5},{"input":4,"output":6,
+        "interpolation":"CUBICSPLINE"},{"input":4,"output":4,"interpolation":"STEP"}],
+        "channels":[{"sampler":0,"target":{"node":1,"path":"rotation"}},{"sampler":1,
+        "target":{"node":2,"path":"scale"}},{"sampler":2,"target":{"node":3,"path":"weights"}}]}],
         "meshes":[{"weights":[0.5],"primitives":[{"attributes":{"POSITION":0,"JOINTS_0":1,
         "WEIGHTS_0":2},"targets":[{"POSITION":0}]}]}],
         "skins":[{"joints":[1,2],"inverseBindMatrices":3}],
@@ -87,5 +95,12 @@ int LLVMFuzzerTestOneInput(const std::uint8_t* data, std::size_t size) {
     limits.nodes_max = 1 << 16;
     const auto scene = describe_gltf(request, limits);
     if (!scene) fuzz::require(!scene.error().message.empty());
+    // Motion that an import writes is motion that the daemon accepts.
+    if (scene && !scene->motion.empty()) {
+        const auto outermost =
+            static_cast<std::uint32_t>(scene->objects[scene->root].instances.size());
+        const auto cameras = static_cast<std::uint32_t>(scene->cameras.size());
+        fuzz::require(read_motion(scene->motion, outermost, cameras).has_value());
+    }
     return 0;
 }

@@ -1,6 +1,7 @@
 // A scene that uses every section of an arena, for tests that damage it.
 #pragma once
 
+#include "engine/scene/motion/motion.h"
 #include "tests/unit/engine/small_scenes.h"
 
 #include <cstdint>
@@ -8,6 +9,52 @@
 #include <vector>
 
 namespace raynest::test {
+
+/// Returns an animation of "third", of the first camera, and of the vertices of "lone", which are
+/// `corners`: a target and a joint move them.
+inline MotionTables rich_motion(const std::vector<Vec3>& corners) {
+    MotionTables motion;
+    const auto add = [&](std::vector<float> floats) {
+        const auto first = static_cast<std::uint32_t>(motion.floats.size());
+        motion.floats.insert(motion.floats.end(), floats.begin(), floats.end());
+        return first;
+    };
+    const auto count = static_cast<std::uint32_t>(corners.size());
+    const std::uint32_t times = add({0, 1});
+    motion.nodes.resize(2);
+    motion.nodes[0].has_trs = 1;
+    motion.nodes[1].parent = 0;
+    motion.instances.push_back({3, 1});
+    motion.cameras.push_back({0, 0});
+    motion.joints.push_back({0});
+    motion.places.push_back(2);
+    MovedPart part;
+    part.vertices = count;
+    part.positions = static_cast<std::uint32_t>(motion.floats.size());
+    for (const Vec3& corner : corners) add({corner.x, corner.y, corner.z});
+    part.normals = add(std::vector<float>(3 * corners.size(), 1));
+    part.tangents = add(std::vector<float>(4 * corners.size(), 1));
+    part.influences = 4;
+    part.first_influence = add(std::vector<float>(4 * corners.size(), 0.25F));
+    motion.joint_numbers.resize(4 * corners.size());
+    motion.parts.push_back(part);
+    const std::uint32_t differences = add(std::vector<float>(3 * corners.size(), 0.5F));
+    motion.targets.push_back({differences, differences, differences});
+    MovedMesh mesh;
+    mesh.place_count = mesh.part_count = mesh.joint_count = mesh.weight_count = 1;
+    mesh.first_weight = add({0});
+    motion.meshes.push_back(mesh);
+    motion.samplers = {
+        {times, 2, add({0, 0, 0, 0, 3, 0}), 3, Interpolation::linear},
+        {times, 2, add({0, 0, 0, 1, 0, 1, 0, 0}), 4, Interpolation::step},
+        {times, 2, add({0, 0, 0, 0, 1, 0}), 1, Interpolation::cubic}};
+    motion.channels = {{0, 0, MotionPath::translation},
+                       {1, 0, MotionPath::rotation},
+                       {2, 0, MotionPath::weights}};
+    motion.animations.push_back({0, 0, 3, 1});
+    motion.names = {'s', 'w', 'a', 'y', '\0'};
+    return motion;
+}
 
 /// Returns a scene with some of everything: triangles in trees of several nodes, textures, cameras,
 /// names, and records, which no built-in kernel knows.
@@ -38,6 +85,8 @@ inline std::shared_ptr<const Snapshot> rich_scene(bool has_records = true) {
     scene.lights.resize(1);
     scene.lights[0].name = "lamp";
     scene.cameras = {{"eye", translation(0, 0, 5), 0.7F, 1}};
+    MotionTables motion = rich_motion(many.positions);
+    scene.motion = motion_bytes(motion);
     scene.skipped = {{"points", 1}};
     scene.warnings = {"a warning"};
     if (!has_records) return build_scene(scene);
