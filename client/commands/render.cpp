@@ -20,7 +20,12 @@ std::string numbered(const std::string& output, std::size_t number) {
 Result<void> render_one(Context& context, const RenderOptions& options) {
     if (!options.job.detach)
         if (auto writable = check_writable(options.output); !writable) return writable;
-    auto request = picture_request<wire::RenderT>(options);
+    if (options.part.count != 0 && encoding_of(options.output) == "raw")
+        return fail(Exit::usage,
+                    "--part: a .npy does not say which part it is; write a .png or an .exr");
+    auto made = picture_request<wire::RenderT>(options);
+    if (!made) return tl::unexpected<Failure>(made.error());
+    wire::RenderT& request = *made;
     FilmFiles files;
     if (auto filled = fill_film(options, request, files); !filled) return filled;
     PassConsumer write_pass;
@@ -47,6 +52,7 @@ void declare(CommandLine& line, RenderOptions& render) {
     add_output(line, render.output, {".png", ".exr", ".npy"},
                "FILE.png, FILE.exr, or FILE.npy of (height, width, 4) bytes");
     add_detach(line, render.job, &render.output);
+    add_part(line, render.part);
     add_light(line, render,
               "primary (base colour, darker where it turns away; one ray per pixel) | ao (open or "
               "hidden from the sky) | direct (lights and shadows) | path (all light)");
