@@ -3,6 +3,7 @@
 #include <unistd.h>
 
 #include <cerrno>
+#include <cstdlib>
 #include <cstring>
 #include <iostream>
 #include <utility>
@@ -22,7 +23,9 @@ sys.exit(module.main(sys.argv[2:])))";
 }  // namespace
 
 Failure become_python(const std::string& module, std::vector<std::string> words) {
-    std::vector<std::string> all = {"python3", "-c", start, module};
+    const char* named = std::getenv("RAYNEST_PYTHON");
+    const std::string program = named != nullptr && *named != '\0' ? named : "python3";
+    std::vector<std::string> all = {program, "-c", start, module};
     for (std::string& word : words) all.push_back(std::move(word));
     std::vector<char*> pointers;
     for (std::string& word : all) pointers.push_back(word.data());
@@ -30,7 +33,7 @@ Failure become_python(const std::string& module, std::vector<std::string> words)
     std::cout.flush();
     ::execvp(pointers.front(), pointers.data());
     return failure(Exit::failed,
-                   std::string("this needs python3, which cannot be started: ") + std::strerror(errno));
+                   std::string("this needs ").append(program).append(", which cannot be started: ").append(std::strerror(errno)));
 }
 
 }  // namespace raynest::client

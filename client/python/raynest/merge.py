@@ -5,12 +5,14 @@ file of the whole picture, byte by byte; a .png has its pixels, and a .npz its c
 """
 from __future__ import annotations
 
+import io
 import json
 import os
 import re
 import struct
 import sys
 import tempfile
+import zipfile
 import zlib
 from typing import Any, NamedTuple, Optional, Sequence
 
@@ -55,7 +57,8 @@ def merge(out: str, paths: Sequence[str]) -> str:
                 parts.append(read(path, file.read()))
         except OSError as error:
             raise InvalidError(f"{path}: {error.strerror}", "FILE_INVALID") from None
-        except (struct.error, zlib.error, ValueError, IndexError, KeyError, TypeError) as error:
+        except (struct.error, zlib.error, zipfile.BadZipFile, EOFError, ValueError, LookupError, TypeError,
+                AttributeError) as error:
             raise InvalidError(f"{path}: is no part, made with --part: {error}", "FILE_INVALID") from None
     parts.sort(key=lambda part: part.first)
     _check(parts, rows)
@@ -107,7 +110,6 @@ def _short(value: Any) -> str:
 # ---- columns ------------------------------------------------------------------------------------
 
 def _read_npz(path: str, data: bytes) -> Part:
-    import io
     with np.load(io.BytesIO(data), allow_pickle=False) as file:
         columns = {name: file[name] for name in file.files}
     if "part" not in columns:
