@@ -50,7 +50,7 @@ class Cluster:
     def __init__(self, workers):
         self.folder = tempfile.TemporaryDirectory(prefix="raynest-test-dask-")
         file = Path(self.folder.name) / "scheduler.json"
-        self.environment = {**os.environ, "DASK_DISTRIBUTED__WORKER__DAEMON": "False"}
+        self.environment = {**os.environ, "RAYNESTD": WithDaemon.raynestd}
         self.scheduler = self.start("dask_scheduler", "--host", "tcp://127.0.0.1", "--port", "0", "--no-dashboard",
                                     "--no-show", "--scheduler-file", file)
         self.file = file
@@ -140,6 +140,39 @@ class ManyHosts(WithDaemon):
             many.trace(cluster.client, "builtin:nothing", SWEEP, setup=self.setup)
         with self.subTest("no daemon"), self.assertRaisesRegex(raynest.Error, "binary="):
             many.trace(cluster.client, SCENE, SWEEP, setup=self.setup._replace(binary="/nowhere/raynestd"))
+
+    def test_the_command_line(self):
+        cluster = self.cluster(1)
+        address = cluster.client.scheduler.address
+        folder = Path(cluster.folder.name)
+        environment = {**os.environ, "RAYNEST_PYTHON": sys.executable}
+
+        def run(*words):
+            return subprocess.run([self.raynest, "--dask", address, *map(str, words)], env=environment,
+                                  stdin=subprocess.DEVNULL, capture_output=True, text=True, timeout=120)
+        lit = ("render", SCENE, "--size", "160x90", "--integrator", "path", "--spp", "2")
+        done = run(*lit, "-o", folder / "lit.exr")
+        self.assertEqual((done.returncode, done.stdout), (0, f"{folder}/lit.exr: 90 rows of pixels of 6 parts\n"),
+                         done.stderr)
+        layers = raynest.read_layers((folder / "lit.exr").read_bytes())
+        self.same(layers, self.woods.render(size=(160, 90), integrator="path", spp=2))
+        done = run("query", SCENE, "--generate", "camera", "size=500x500", "--fields", "t,prim", "-o", folder / "q.npz")
+        self.assertEqual(done.returncode, 0, done.stderr)
+        with np.load(folder / "q.npz") as columns:
+            self.same(dict(columns), self.woods.trace(generators.camera(size=(500, 500)), fields=("t", "prim")))
+        for code, said, words in (
+                (2, "exposure", (*lit, "-o", folder / "lit.png")),
+                (5, "no built-in scene", ("render", "builtin:nothing", "-o", folder / "x.exr")),
+                (2, "--dask needs -o", ("query", SCENE, "--ray", "0,1,5,0,0,-1")),
+                (2, "--dask is for", ("info", SCENE))):
+            done = run(*words)
+            self.assertEqual(done.returncode, code, done.stderr)
+            self.assertRegex(done.stderr, said)
+            self.assertEqual(done.stderr.count("\n"), 1, done.stderr)
+        done = subprocess.run([self.raynest, "--dask", "tcp://127.0.0.1:1", *map(str, lit), "-o", folder / "x.exr"],
+                              env=environment, capture_output=True, text=True, timeout=120)
+        self.assertEqual(done.returncode, 3)
+        self.assertRegex(done.stderr, "^raynest: no Dask scheduler answers at tcp://127.0.0.1:1: [^\n]*\n$")
 
     def test_a_worker_dies_and_a_late_one_joins(self):
         cluster = self.cluster(2)

@@ -160,9 +160,9 @@ def run(address: str, parts_max: int, scene: str, out: str, words: Sequence[str]
     """Has a cluster carry out a command of raynest in parts, and writes their whole as `out`."""
     ending = os.path.splitext(out)[1].lower()
     try:
-        cluster = distributed.Client(address, timeout=10, set_as_default=False)
+        cluster = distributed.Client(address, timeout=5, set_as_default=False)
     except (OSError, asyncio.TimeoutError, ValueError) as error:
-        raise ConnectError(f"no Dask scheduler answers at {address}: {error or 'no answer within 10 s'}; start one with "
+        raise ConnectError(f"no Dask scheduler answers at {address}: {error or 'no answer within 5 s'}; start one with "
                            "dask-scheduler or dask-ssh") from None
     with cluster, tempfile.TemporaryDirectory(prefix="raynest-dask-") as folder:
         source = _source_of(cluster, scene, setup, None, patience)
