@@ -3,10 +3,13 @@
 #include "client/commands/may_repeat.h"
 #include "client/commands/parse.h"
 #include "client/ground/interrupt.h"
+#include "client/ground/python.h"
 #include "client/net/local_daemon.h"
 #include "client/net/reconnect.h"
 #include "client/net/ssh_tunnel.h"
 #include "client/output/output.h"
+#include "client/output/output_file.h"
+#include "client/requests/generator.h"
 #include "client/requests/scene_source.h"
 #include "client/requests/selection.h"
 #include "client/requests/tables.h"
@@ -53,7 +56,46 @@ Result<void> load_first(Context& context, Command& command) {
     return {};
 }
 
+/// How many parts a command may have at most, of sensible size; 0: it takes none.
+template <class Command>
+std::uint64_t parts_max(const Command& command) {
+    constexpr std::uint64_t rays = 1 << 16;
+    if constexpr (requires { command.rays_file; }) {
+        const auto generate = parse_generate(command.generate);
+        if (command.rays_file.empty() && command.rays.empty() && generate && generate->points.empty())
+            return sensor_rays(generate->message) / rays + 1;
+        return 1;
+    } else if constexpr (requires { command.part; }) {
+        return (command.camera.height + part_rows - 1) / part_rows;
+    }
+    return 0;
+}
+
+/// Makes this process the Python program that has a cluster carry out the command, or fails.
+Failure become_dask(const Options& options) {
+    const bool places = options.local || options.json;
+    if (places) return failure(Exit::usage, "--dask goes without --local and --json");
+    return std::visit(
+        [&](const auto& command) -> Failure {
+            const std::uint64_t parts = parts_max(command);
+            if constexpr (requires { command.part; command.output; }) {
+                if (command.part.count != 0 || command.job.detach || is_stdout(command.output) ||
+                    command.output.empty())
+                    return failure(Exit::usage, "--dask needs -o FILE, and goes without --part and --detach");
+                std::vector<std::string> words = {options.dask, std::to_string(parts), command.job.scene,
+                                                  command.output};
+                words.insert(words.end(), options.words.begin(), options.words.end());
+                return become_python("raynest.dask", std::move(words));
+            }
+            return failure(Exit::usage, "--dask is for render, heatmap and query");
+        },
+        options.command);
+}
+
 Result<void> connect_and_run(Options options) {
+    if (const auto* merge = std::get_if<MergeOptions>(&options.command))
+        return tl::unexpected<Failure>(become_merge(*merge));
+    if (!options.dask.empty()) return tl::unexpected<Failure>(become_dask(options));
     std::optional<LocalDaemon> local;
     if (options.local) {
         auto started = LocalDaemon::start();

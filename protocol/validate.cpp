@@ -49,6 +49,17 @@ void check_picture(Checks& checks, std::uint64_t width, std::uint64_t height) {
         .at_most("width * height", width * height, limits.picture_pixels_max, "picture_pixels_max");
 }
 
+/// A tile lies within the picture, or there is none.
+template <class Message>
+void check_tile(Checks& checks, const Message& message) {
+    const std::uint64_t width = message.tile_width(), height = message.tile_height();
+    if ((width | height | message.tile_x() | message.tile_y()) == 0) return;
+    checks.that(width != 0 && height != 0, "tile", "has no width or no height")
+        .that(message.tile_x() + width <= message.width() &&
+                  message.tile_y() + height <= message.height(),
+              "tile", "reaches beyond the picture");
+}
+
 bool is_word(const String* word, std::string_view value) {
     return word != nullptr && word->string_view() == value;
 }
@@ -347,6 +358,10 @@ Result<void> validate(const wire::Query& message, const Limits& limits) {
         .name("reduce", message.reduce())
         .at_least("ray_count", message.ray_count(), message.generator() != nullptr ? 0 : 1)
         .at_most("ray_count", message.ray_count(), limits.rays_max, "rays_max")
+        .at_most("part_first", message.part_first(), limits.rays_max, "rays_max")
+        .at_most("part_count", message.part_count(), limits.rays_max, "rays_max")
+        .that(message.generator() != nullptr || (message.part_first() | message.part_count()) == 0,
+              "part", "is of a generator's rays: of rays that you send, send the part alone")
         .result();
 }
 
@@ -381,6 +396,7 @@ Result<void> validate(const wire::Render& message, const Limits& limits) {
                  "upload_bytes_max")
         .name("encode", message.encode());
     check_picture(checks, message.width(), message.height());
+    check_tile(checks, message);
     return checks.result();
 }
 
@@ -397,6 +413,7 @@ Result<void> validate(const wire::Heatmap& message, const Limits& limits) {
         .name("count", message.count())
         .name("encode", message.encode());
     check_picture(checks, message.width(), message.height());
+    check_tile(checks, message);
     return checks.result();
 }
 

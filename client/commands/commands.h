@@ -78,6 +78,7 @@ struct QueryOptions {
     std::optional<WorldPoint> from;  ///< common origin of the file's rays
     std::uint32_t max_hits = 0;      ///< 0: the kind's default
     std::vector<std::string> fields;
+    PartOption part;
 };
 struct HeatmapOptions : PictureOptions {
     std::string metric, palette, scale, range, count;
@@ -98,6 +99,10 @@ struct ExplainOptions : LightOptions {
     std::uint32_t sample = 0;  ///< with an integrator: the one whose path is told
 };
 
+struct MergeOptions {
+    std::string output;
+    std::vector<std::string> parts;
+};
 struct TopOptions {
     bool once = false;  ///< one look, and the end
 };
@@ -162,6 +167,9 @@ struct Context {
     void declare(CommandLine& line, Name##Options& options); \
     Result<void> run(Context& context, const Name##Options& options);
 #include "client/commands/commands.def"
+
+/// `merge`, which needs no connection. The program becomes the one that joins them, or this fails.
+Failure become_merge(const MergeOptions& options);
 
 /// `logout` without a connection.
 Result<void> log_out(const std::string& uri, bool json);

@@ -107,8 +107,11 @@ public:
         return {};
     }
 
-    [[nodiscard]] std::vector<std::byte> npz() const {
+    /// The file of all columns; `part` becomes an array of its letters, unless it is empty.
+    [[nodiscard]] std::vector<std::byte> npz(std::string_view part) const {
         std::vector<NamedArray> arrays;
+        if (!part.empty())
+            arrays.push_back({"part", {"|u1", {part.size()}, std::as_bytes(std::span(part))}});
         if (has_splits_)
             arrays.push_back(
                 {"ray_splits", {"<i8", {splits_.size()}, std::as_bytes(std::span(splits_))}});
@@ -244,7 +247,8 @@ Result<void> deliver_ranking(Context& context, const ReceivedPicture& answer) {
 }
 
 Result<void> deliver_query(Context& context, const std::string& output, const std::string& what,
-                           const std::function<Result<Outcome>(const ChunkConsumer&)>& ask) {
+                           const std::function<Result<Outcome>(const ChunkConsumer&)>& ask,
+                           const Json& part) {
     const bool rows = output.empty();
     if (!rows) {
         if (auto writable = check_writable(output); !writable) return writable;
@@ -269,7 +273,14 @@ Result<void> deliver_query(Context& context, const std::string& output, const st
         return check_whole(*outcome);
     }
 
-    if (auto written = write_file(output, columns.npz()); !written) return written;
+    std::string said;
+    if (!part.is_null()) {
+        Json whole = part;
+        whole["hash"] = outcome->hash;
+        whole["epoch"] = outcome->epoch;
+        said = whole.dump();
+    }
+    if (auto written = write_file(output, columns.npz(said)); !written) return written;
     if (context.json) {
         Json json = outcome_json(*outcome);
         json["file"] = output;

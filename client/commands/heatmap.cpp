@@ -27,8 +27,10 @@ bool needs_document(const HeatmapOptions& options) {
     return is_report(options.output) || !options.fail_if.empty();
 }
 
-wire::HeatmapT heatmap_message(const HeatmapOptions& options) {
-    auto request = picture_request<wire::HeatmapT>(options);
+Result<wire::HeatmapT> heatmap_message(const HeatmapOptions& options) {
+    auto made = picture_request<wire::HeatmapT>(options);
+    if (!made) return made;
+    wire::HeatmapT& request = *made;
     request.metric = options.metric;
     request.palette = options.palette;
     request.scale = options.scale;
@@ -38,7 +40,7 @@ wire::HeatmapT heatmap_message(const HeatmapOptions& options) {
         request.other = job_message(other_job(options.job, *options.difference));
     if (needs_document(options))
         request.encode = options.output.empty() ? "json" : "json+" + request.encode;
-    return request;
+    return made;
 }
 
 /// Asks for the ranking of the rays.
@@ -96,7 +98,8 @@ Result<ReceivedPicture> write_report(Context& context, const HeatmapOptions& opt
     HeatmapOptions same = options;
     same.job.epoch = heat.outcome.epoch;
     auto render = picture_request<wire::RenderT>(same);
-    auto picture = ask_picture(context.connection, context.progress, same, std::move(render));
+    if (!render) return tl::unexpected<Failure>(render.error());
+    auto picture = ask_picture(context.connection, context.progress, same, std::move(*render));
     if (!picture) return tl::unexpected<Failure>(picture.error());
     report.picture = std::move(picture->bytes);
     auto ranking = ask_ranking(context, same);
@@ -158,6 +161,7 @@ void declare(CommandLine& line, HeatmapOptions& heatmap) {
         "FILE.png with a legend; FILE.exr of every metric and level, FILE.npy of raw counts; "
         "FILE.html, a report to attach to a ticket");
     add_detach(line, heatmap.job, &heatmap.output);
+    add_part(line, heatmap.part);
     line.add_option("--metric", heatmap.metric,
                     alternatives(metric_words) + " (total); boxes.1 is level 1 alone");
     line.add_option("--palette", heatmap.palette, alternatives(palette_words));
@@ -198,6 +202,9 @@ void declare(CommandLine& line, HeatmapOptions& heatmap) {
         .needs(top);
     line.at_end([&heatmap]() -> std::string {
         const bool has_detach = heatmap.job.detach;
+        if (heatmap.part.count != 0 &&
+            (heatmap.top != 0 || !heatmap.fail_if.empty() || !heatmap.output.ends_with(".exr")))
+            return "--part: makes a .exr alone: the legend, the ranking and --fail-if need all rays";
         if (heatmap.output.empty() && !has_detach && heatmap.top == 0 && heatmap.fail_if.empty())
             return "--output, --top or --fail-if is required";
         if (!heatmap.output.empty() && has_detach && heatmap.top != 0)
@@ -219,8 +226,9 @@ Result<void> run(Context& context, const HeatmapOptions& asked) {
     if (!options.job.detach && !options.output.empty())
         if (auto writable = check_writable(options.output); !writable) return writable;
     if (auto completed = complete(context, options); !completed) return completed;
-    auto picture =
-        ask_picture(context.connection, context.progress, options, heatmap_message(options));
+    auto request = heatmap_message(options);
+    if (!request) return tl::unexpected<Failure>(request.error());
+    auto picture = ask_picture(context.connection, context.progress, options, std::move(*request));
     if (!picture) return tl::unexpected<Failure>(picture.error());
     if (picture->outcome.detached != 0) {
         print_detached(context, picture->outcome);

@@ -4,6 +4,7 @@
 #include "client/net/connection.h"
 #include "client/requests/scene_source.h"
 
+#include <algorithm>
 #include <cstdlib>
 #include <memory>
 #include <string_view>
@@ -146,6 +147,9 @@ Result<Parsed> parse_options(int argc, const char* const* argv) {
     add_access(line, options.access);
     line.add_flag("--local", options.local,
                   "start a raynestd for this command alone, with no scene but those it loads");
+    line.add_option("--dask", options.dask,
+                    "tcp://HOST:PORT of a Dask scheduler: its workers make the parts of a render, heatmap "
+                    "or query, each with a raynestd of its own");
     line.add_flag("--json", options.json, "print answers and errors as JSON");
     line.add_flag("--quiet", options.quiet, "show no progress on the terminal");
     add_reconnect(line, options.reconnect);
@@ -160,6 +164,13 @@ Result<Parsed> parse_options(int argc, const char* const* argv) {
     if (options.server.empty()) options.server = default_uri;
     if (auto useful = check_local(options); !useful)
         return program.refuse(useful.error().message);
+    if (!options.dask.empty()) {
+        const auto is_command = [](std::string_view word) {
+            return word == "render" || word == "heatmap" || word == "query";
+        };
+        const char* const* const end = argv + argc;
+        options.words.assign(std::find_if(argv + 1, end, is_command), end);
+    }
     if (auto* heatmap = std::get_if<HeatmapOptions>(&options.command))
         heatmap->command_line = shell_words(argc, argv);
     return Parsed{"", std::move(options)};

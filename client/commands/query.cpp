@@ -2,6 +2,7 @@
 // hits as a table, as JSON lines or as a .npz of columns.
 #include "client/commands/deliver.h"
 #include "client/commands/shared_options.h"
+#include "client/ground/json.h"
 #include "client/ground/lists.h"
 #include "client/requests/generator.h"
 #include "client/requests/query.h"
@@ -50,6 +51,31 @@ Result<Outcome> ask_about_no_rays(Context& context, wire::QueryT& request, const
         });
     if (outcome) outcome->rays = outcome->misses = outcome->invalid = 0;
     return outcome;
+}
+
+/// Leaves the rays or points of --part. Returns what its file says: which rows of which request it has.
+Result<Json> take_part(const QueryOptions& options, wire::QueryT& request, RaySource& rays) {
+    if (options.output.empty() || options.job.detach)
+        return fail(Exit::usage, "--part needs -o FILE.npz, and goes without --detach");
+    const bool sensor = request.generator != nullptr && rays.count() == 0;
+    const std::uint64_t all = sensor ? sensor_rays(*request.generator) : rays.count();
+    std::uint64_t step = sensor ? sensor_band(*request.generator) : 1;
+    if (options.part.count > all / step) step = 1;
+    const auto range = part_of(options.part, all, step, sensor ? "rays" : "rays or points");
+    if (!range) return tl::unexpected<Failure>(range.error());
+    if (!sensor) rays.keep(*range);
+    if (request.generator != nullptr) {
+        request.part_first = range->first;
+        request.part_count = range->count;
+    }
+    const JobOptions& job = options.job;
+    return Json{{"first", range->first},     {"count", range->count},
+                {"of", all},                 {"kind", request.kind},
+                {"fields", request.fields},  {"reduce", request.reduce},
+                {"max_hits", request.max_hits}, {"generate", options.generate},
+                {"rays", options.rays_file}, {"intersector", job.intersector},
+                {"set", job.settings},       {"mask", job.mask},
+                {"hide", job.hide},          {"only", job.only}};
 }
 
 void warn_of_rounding(Context& context, const RaySource& rays, const SceneOrigin& scene,
@@ -106,6 +132,7 @@ void declare(CommandLine& line, QueryOptions& query) {
         "one row per point or path instead of one per ray: " + alternatives(reduce_words));
     add_output(line, query.output, {".npz"}, "FILE.npz (else a table on stdout)");
     add_detach(line, query.job, nullptr);
+    add_part(line, query.part);
 }
 
 Result<void> run(Context& context, const QueryOptions& options) {
@@ -131,6 +158,12 @@ Result<void> run(Context& context, const QueryOptions& options) {
     if (!options.rays_file.empty()) rays = RaySource::open(options.rays_file, options.from, origin);
     if (!points.empty()) rays = RaySource::open_points(points, origin);
     if (!rays) return tl::unexpected<Failure>(rays.error());
+    Json part;
+    if (options.part.count != 0) {
+        auto taken = take_part(options, request, *rays);
+        if (!taken) return tl::unexpected<Failure>(taken.error());
+        part = std::move(*taken);
+    }
     request.ray_count = rays->count();
     warn_of_rounding(context, *rays, *scene);
     // Rows need these columns, shown or hidden, to tell hits, misses and invalid rays apart; points
@@ -154,7 +187,8 @@ Result<void> run(Context& context, const QueryOptions& options) {
             if (sends && rays->count() == 0)
                 return ask_about_no_rays(context, request, *rays, consume);
             return run_query(context.connection, request, *rays, context.progress, consume);
-        });
+        },
+        part);
 }
 
 }  // namespace raynest::client

@@ -15,6 +15,8 @@
 namespace raynest::client {
 namespace {
 
+constexpr std::uint64_t part_count_max = 1 << 20;
+
 /// Checks that all are name=value, each name once.
 Result<void> check_settings(const std::vector<std::string>& settings) {
     std::set<std::string> names;
@@ -235,6 +237,25 @@ void add_detach(CommandLine& line, JobOptions& job, const std::string* required_
     line.at_end([&job, required_output] {
         return required_output->empty() && !job.detach ? "--output is required" : "";
     });
+}
+
+Option add_part(CommandLine& line, PartOption& part) {
+    return line
+        .add_parsed(
+            "--part",
+            [&part](const std::string& text) -> std::string {
+                const char* const end = text.data() + text.size();
+                const auto [slash, bad] = std::from_chars(text.data(), end, part.number);
+                if (bad == std::errc{} && slash != end && *slash == '/') {
+                    const auto [last, wrong] = std::from_chars(slash + 1, end, part.count);
+                    if (wrong == std::errc{} && last == end && part.number >= 1 &&
+                        part.number <= part.count && part.count <= part_count_max)
+                        return "";
+                }
+                return "'" + text + "' is not I/N, such as 3/8, with I from 1 to N";
+            },
+            "I/N: make part I of N alone, on one of N machines; `raynest merge` joins the files")
+        .type_name("I/N");
 }
 
 void add_progressive(CommandLine& line, bool& progressive) {

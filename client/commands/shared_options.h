@@ -31,6 +31,8 @@ void add_kind(CommandLine& line, std::string& kind, std::uint32_t& max_hits,
 /// Adds --detach, with which a file that is otherwise required may be left out. In that case it
 /// uses the one check at the end that a command has.
 void add_detach(CommandLine& line, JobOptions& job, const std::string* required_output);
+/// Adds --part I/N.
+Option add_part(CommandLine& line, PartOption& part);
 void add_progressive(CommandLine& line, bool& progressive);
 void add_environment(CommandLine& line, std::string& environment);
 /// Adds what chooses the paths of light; samples are the caller's.

@@ -103,6 +103,52 @@ Result<Generate> parse_generate(std::span<const std::string> words) {
     return generate;
 }
 
+namespace {
+
+std::string setting_of(const wire::GeneratorT& generator, std::string_view name) {
+    for (const std::string& each : generator.settings)
+        if (each.starts_with(name) && each.size() > name.size() && each[name.size()] == '=')
+            return each.substr(name.size() + 1);
+    return {};
+}
+
+/// The whole number at the end of a text, at most 2^32; 0: there is none.
+std::uint64_t number_at_end(std::string_view text) {
+    const std::size_t before = text.find_last_not_of("0123456789");
+    if (before != std::string_view::npos) text.remove_prefix(before + 1);
+    std::uint32_t number = 0;
+    std::from_chars(text.data(), text.data() + text.size(), number);
+    return number;
+}
+
+struct Grid {
+    std::uint64_t width = 0, height = 0;
+};
+Grid grid_of(const wire::GeneratorT& generator) {
+    if (generator.kind == "lidar") {
+        const std::string elevations = setting_of(generator, "elevations");
+        const bool steps = elevations.find(':') != std::string::npos;
+        return {number_at_end(setting_of(generator, "azimuths")),
+                steps ? number_at_end(elevations)
+                      : 1 + static_cast<std::uint64_t>(std::ranges::count(elevations, ','))};
+    }
+    const std::string size = setting_of(generator, "size");
+    if (size.empty()) return {960, 540};
+    return {number_at_end(size.substr(0, size.find('x'))), number_at_end(size)};
+}
+
+}  // namespace
+
+std::uint64_t sensor_rays(const wire::GeneratorT& generator) {
+    const Grid grid = grid_of(generator);
+    return grid.width * grid.height;
+}
+
+std::uint64_t sensor_band(const wire::GeneratorT& generator) {
+    constexpr std::uint64_t tile_rows = 8;
+    return generator.kind == "lidar" ? 1 : std::max<std::uint64_t>(1, tile_rows * grid_of(generator).width);
+}
+
 std::string generate_help() {
     std::string help = "\nKinds of --generate and their keys:\n";
     const auto add = [&](const Row& row) {

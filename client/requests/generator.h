@@ -28,6 +28,11 @@ struct Generate {
 /// Reads the words of --generate; exit code 2 if one is not key=value.
 Result<Generate> parse_generate(std::span<const std::string> words);
 
+/// The number of rays of a sensor, as its settings say it; 0 where the daemon will refuse them.
+[[nodiscard]] std::uint64_t sensor_rays(const wire::GeneratorT& generator);
+/// The rays of a band of a sensor's tiles, which the daemon traces faster together; 1 of a lidar.
+[[nodiscard]] std::uint64_t sensor_band(const wire::GeneratorT& generator);
+
 /// Returns the help: every kind with its keys, and every key with its text.
 [[nodiscard]] std::string generate_help();
 

@@ -20,14 +20,21 @@ namespace raynest::client {
 /// daemon encodes; png for stdout as "-".
 [[nodiscard]] std::string encoding_of(const std::string& output);
 
-/// Makes a wire::RenderT or wire::HeatmapT with the fields that both have.
+/// Makes a wire::RenderT or wire::HeatmapT with the fields that both have. Fails as part_of().
 template <class Request>
-[[nodiscard]] Request picture_request(const PictureOptions& options) {
+[[nodiscard]] Result<Request> picture_request(const PictureOptions& options) {
     Request request;
     request.job = job_message(options.job);
     request.width = options.camera.width;
     request.height = options.camera.height;
     request.encode = encoding_of(options.output);
+    if (options.part.count != 0) {
+        const auto rows = part_of(options.part, request.height, part_rows, "rows of pixels");
+        if (!rows) return tl::unexpected<Failure>(rows.error());
+        request.tile_y = static_cast<std::uint32_t>(rows->first);
+        request.tile_width = request.width;
+        request.tile_height = static_cast<std::uint32_t>(rows->count);
+    }
     return request;
 }
 

@@ -137,7 +137,13 @@ Result<RaySource> RaySource::open(const std::string& path, const WorldPoint& sce
     return source;
 }
 
+void RaySource::keep(const PartRange& range) {
+    first_ += range.first;
+    count_ = range.count;
+}
+
 std::span<const std::byte> RaySource::bytes(std::uint64_t first, std::uint64_t count) const {
+    first += first_;
     if (!values_.empty())
         return std::as_bytes(std::span(values_).subspan(first * width_, count * width_));
     if (!has_float_rows(array_) || subtracts()) return {};
@@ -149,11 +155,12 @@ void RaySource::read(std::uint64_t first, std::span<float> out) const {
         std::memcpy(out.data(), ready.data(), ready.size());
         return;
     }
-    read_rows(array_, first, out,
+    read_rows(array_, first_ + first, out,
               subtracts() ? std::span<const double>(scene_origin_) : std::span<const double>());
 }
 
 double RaySource::moved(std::uint64_t ray) const {
+    ray += first_;
     if (!moved_.empty()) return moved_[std::min<std::uint64_t>(ray, moved_.size() - 1)];
     const WorldPoint start{value_at(array_, ray, 0), value_at(array_, ray, 1),
                            value_at(array_, ray, 2)};

@@ -35,6 +35,8 @@ public:
                                          const WorldPoint& scene_origin = {});
 
     [[nodiscard]] std::uint64_t count() const { return count_; }
+    /// Leaves out all but the rays of a part, which count from 0 then.
+    void keep(const PartRange& range);
     /// The common origin of rays that have only directions.
     [[nodiscard]] const std::optional<wire::Vec3>& common_origin() const { return common_origin_; }
     /// The point that was subtracted from the rays' origins.
@@ -72,6 +74,7 @@ private:
     std::vector<double> moved_;  ///< of the rays in values_, or of all rays
     protocol::Buffer file_;
     Array array_;
+    std::uint64_t first_ = 0;  ///< number of the first ray that is kept
     std::uint64_t count_ = 0;
     std::uint32_t width_ = 8;
     std::optional<wire::Vec3> common_origin_;

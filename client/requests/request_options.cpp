@@ -2,6 +2,7 @@
 
 #include "client/ground/numbers.h"
 
+#include <algorithm>
 #include <charconv>
 #include <limits>
 
@@ -60,6 +61,21 @@ void add_selection(const JobOptions& options, wire::JobT& job) {
     add(options.hide, job.hidden_instances, job.hidden_objects);
     add(options.only, job.only_instances, job.only_objects);
     job.skip_hidden_boxes = options.skip_hidden_boxes;
+}
+
+Result<PartRange> part_of(const PartOption& part, std::uint64_t all, std::uint64_t step,
+                          const char* items) {
+    if (part.count == 0) return PartRange{0, all};
+    const std::uint64_t steps = (all + step - 1) / step;
+    if (part.count > steps)
+        return fail(Exit::usage, "--part: " + std::to_string(all) + " " + items + " have at most " +
+                                     std::to_string(steps) + " parts");
+    // Both below 2^36: no product wraps.
+    const auto begin = [&](std::uint64_t number) {
+        return std::min(all, steps * number / part.count * step);
+    };
+    const std::uint64_t first = begin(part.number - 1);
+    return PartRange{first, begin(part.number) - first};
 }
 
 }  // namespace raynest::client

@@ -52,11 +52,26 @@ struct CameraOptions {
     std::uint32_t height = 540;
 };
 
+/// One of `count` parts of a request, number 1 and up; count 0: all of it.
+struct PartOption {
+    std::uint64_t number = 1, count = 0;
+};
+/// Items [first, first + count) of a request.
+struct PartRange {
+    std::uint64_t first = 0, count = 0;
+};
+/// Parts of a picture begin at multiples of so many rows: a block of an EXR.
+inline constexpr std::uint64_t part_rows = 16;
+/// The items of a part of `all`, whose parts begin at multiples of `step`; the whole without a part. Exit
+/// code 2 where there are fewer steps than parts.
+Result<PartRange> part_of(const PartOption& part, std::uint64_t all, std::uint64_t step, const char* items);
+
 /// Options of render and heatmap.
 struct PictureOptions {
     JobOptions job;
     CameraOptions camera;
     std::string output;
+    PartOption part;
 };
 /// How light is followed: options of render and explain.
 struct LightOptions {

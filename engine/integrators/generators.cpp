@@ -116,28 +116,30 @@ void generate_rays(const Sensor& sensor, std::uint64_t first, std::span<Ray> out
         sensor);
 }
 
-void generate_tiles(const Sensor& sensor, std::uint64_t first, std::span<Ray> out) {
-    const ImageSize size = ray_grid(sensor);
+void generate_tiles(const Sensor& sensor, std::uint64_t first, std::span<Ray> out,
+                    const PixelWindow& window) {
+    const ImageSize size = window.size_of(sensor);
     std::visit(
         [&](const auto& kind) {
             for_each_in_tiles(first, out.size(), size.width, size.height,
                               [&](std::uint64_t i, std::uint64_t column, std::uint64_t row) {
-                                  out[i] = kind.ray(column, row);
+                                  out[i] = kind.ray(window.x + column, window.y + row);
                               });
         },
         sensor);
 }
 
 void generate_samples(const Sensor& sensor, std::uint32_t samples, std::uint64_t first,
-                      std::span<Ray> out) {
-    if (samples == 1) return generate_tiles(sensor, first, out);
+                      std::span<Ray> out, const PixelWindow& window) {
+    if (samples == 1) return generate_tiles(sensor, first, out, window);
     // The R2 sequence, which begins at the centre: any number of its points is spread evenly.
     constexpr double step_x = 0.7548776662466927;
     constexpr double step_y = 0.5698402909980532;
-    const ImageSize size = ray_grid(sensor);
+    const ImageSize size = window.size_of(sensor);
     const auto rays = [&](const auto& kind) {
         for_each_in_tiles(first, out.size() / samples, size.width, size.height,
-                          [&](std::uint64_t i, std::uint64_t column, std::uint64_t row) {
+                          [&](std::uint64_t i, std::uint64_t x_in, std::uint64_t y_in) {
+                              const std::uint64_t column = window.x + x_in, row = window.y + y_in;
                               for (std::uint32_t s = 0; s < samples; ++s) {
                                   Ray& ray = out[i * samples + s];
                                   if constexpr (requires { kind.ray_at(0.5, 0.5); }) {

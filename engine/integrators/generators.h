@@ -107,13 +107,23 @@ using Sensor = std::variant<Pinhole, Orthographic, Equirectangular, Lidar>;
 [[nodiscard]] std::uint64_t ray_count(const Sensor& sensor);
 /// Rays [first, first + out.size()).
 void generate_rays(const Sensor& sensor, std::uint64_t first, std::span<Ray> out);
-/// The same in tile order (geometry/tile_order.h).
-void generate_tiles(const Sensor& sensor, std::uint64_t first, std::span<Ray> out);
+/// Pixels of a sensor's picture, by default all of them: `size` from column x and row y on.
+struct PixelWindow {
+    std::uint32_t x = 0, y = 0;
+    ImageSize size = {};  ///< 0: the whole picture
+    [[nodiscard]] bool is_whole() const { return size.width == 0; }
+    [[nodiscard]] ImageSize size_of(const Sensor& sensor) const {
+        return is_whole() ? ray_grid(sensor) : size;
+    }
+};
+/// The same in the tile order of the window (geometry/tile_order.h).
+void generate_tiles(const Sensor& sensor, std::uint64_t first, std::span<Ray> out,
+                    const PixelWindow& window = {});
 /// Rays of pixels from place `first` of the tile order on, `samples` each: the first one through
 /// the centre, as generate_tiles() makes it; others of a Pinhole or Orthographic spread evenly over
 /// the pixel. out.size() is a multiple of `samples`.
 void generate_samples(const Sensor& sensor, std::uint32_t samples, std::uint64_t first,
-                      std::span<Ray> out);
+                      std::span<Ray> out, const PixelWindow& window = {});
 
 /// Rays from given points over the hemisphere of a normal, cosine-weighted: their mean of a
 /// function of the direction is its integral over the projected solid angle.

@@ -19,7 +19,7 @@ std::optional<CameraHits> measure_work(const PixelRange& pixels, const ColumnSou
     const std::span<Ray> rays = arrays.rays.first(pixels.rays());
     const std::span<HitRecord> hits = arrays.hits.first(rays.size());
     const std::span<Counters> counters = arrays.counters.first(rays.size() * arrays.counter_sets);
-    generate_samples(pixels.camera, pixels.samples, pixels.first, rays);
+    generate_samples(pixels.camera, pixels.samples, pixels.first, rays, pixels.window);
     // Necessary work is what lies before the hit: with tmax there, order no longer matters.
     if (necessary) {
         if (!caster.closest(rays, hits)) return std::nullopt;

@@ -48,7 +48,7 @@ bool Integrator::add(const SampleRange& range, RayCaster& caster, Wavefront& arr
                      Film& film) const {
     arrays.samples.assign(range.samples(), FilmSample{});
     if (!render(range, caster, arrays, arrays.samples)) return false;
-    const ImageSize size = ray_grid(range.camera);
+    const ImageSize size = range.window.size_of(range.camera);
     const std::span<const FilmSample> samples(arrays.samples);
     for_each_in_tiles(range.first_pixel, range.pixel_count, size.width, size.height,
                       [&](std::uint64_t i, std::uint64_t x, std::uint64_t y) {
@@ -59,15 +59,17 @@ bool Integrator::add(const SampleRange& range, RayCaster& caster, Wavefront& arr
 }
 
 bool cast_camera_rays(const SampleRange& range, RayCaster& caster, Wavefront& arrays) {
-    const ImageSize size = ray_grid(range.camera);
+    const ImageSize size = range.window.size_of(range.camera);
+    const std::uint64_t row_pixels = ray_grid(range.camera).width;
     arrays.pixels.resize(range.pixel_count);
     arrays.rays.resize(range.samples());
     arrays.hits.resize(range.samples());
     const auto make = [&](const auto& sensor) {
         for_each_in_tiles(
             range.first_pixel, range.pixel_count, size.width, size.height,
-            [&](std::uint64_t i, std::uint64_t x, std::uint64_t y) {
-                arrays.pixels[i] = y * size.width + x;
+            [&](std::uint64_t i, std::uint64_t column, std::uint64_t row) {
+                const std::uint64_t x = range.window.x + column, y = range.window.y + row;
+                arrays.pixels[i] = y * row_pixels + x;
                 for (std::uint32_t s = 0; s < range.sample_count; ++s) {
                     Ray& ray = arrays.rays[i * range.sample_count + s];
                     if constexpr (requires { sensor.ray_at(0.5, 0.5); }) {

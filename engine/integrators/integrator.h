@@ -70,11 +70,12 @@ struct IntegratorScene {
 /// Samples to make: `sample_count` of each of `pixel_count` pixels.
 struct SampleRange {
     const Sensor& camera;
-    std::uint64_t first_pixel = 0;  ///< in tile order (geometry/tile_order.h)
+    std::uint64_t first_pixel = 0;  ///< in the tile order of the window
     std::uint64_t pixel_count = 0;
     std::uint32_t first_sample = 0;
     std::uint32_t sample_count = 1;
     std::uint64_t seed = 0;
+    PixelWindow window = {};  ///< that the film holds
 
     /// Sample s of pixel p is number p * sample_count + s of all arrays.
     [[nodiscard]] std::uint64_t samples() const { return pixel_count * sample_count; }
@@ -91,7 +92,7 @@ struct IntegratorMemory {
 /// Arrays to work in, kept between calls for their memory. Integrators size them as they need;
 /// nothing in them survives a call.
 struct Wavefront {
-    std::vector<std::uint64_t> pixels;  ///< index of each pixel of the range, row by row
+    std::vector<std::uint64_t> pixels;  ///< index of each pixel in the whole picture, row by row
     std::vector<Ray> rays;
     std::vector<HitRecord> hits;
     std::vector<Ray> shadow_rays;
@@ -136,7 +137,7 @@ struct IntegratorInfo {
 };
 [[nodiscard]] std::span<const IntegratorInfo> integrator_table();
 
-/// Makes the samples of a range and adds them to a film of the camera's size. False where the
+/// Makes the samples of a range and adds them to a film of the window's size. False where the
 /// caster had no answers: then the film is as before.
 [[nodiscard]] inline bool add_samples(const Integrator& integrator, const SampleRange& range,
                                       RayCaster& caster, Wavefront& arrays, Film& film) {

@@ -22,12 +22,13 @@ struct Picture {
     std::vector<std::uint8_t> rgba;
 };
 
-/// Pixels of a camera's picture, in tile order (geometry/tile_order.h), and how many rays each has.
+/// Pixels of a camera's picture, in the tile order of a window of it, and how many rays each has.
 struct PixelRange {
     const Sensor& camera;
     std::uint64_t first = 0;
     std::uint64_t count = 0;
     std::uint32_t samples = 1;
+    PixelWindow window = {};
     [[nodiscard]] std::uint64_t rays() const { return count * samples; }
 };
 

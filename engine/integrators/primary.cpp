@@ -114,9 +114,9 @@ std::optional<CameraHits> render_primary(const PixelRange& pixels, const ColumnS
                                          std::span<Vec4> out) {
     const std::span<Ray> rays = arrays.rays.first(pixels.rays());
     const std::span<HitRecord> hits = arrays.hits.first(rays.size());
-    generate_samples(pixels.camera, pixels.samples, pixels.first, rays);
+    generate_samples(pixels.camera, pixels.samples, pixels.first, rays, pixels.window);
     const auto* pinhole = std::get_if<Pinhole>(&pixels.camera);
-    const bool cast = pinhole != nullptr && pixels.samples == 1
+    const bool cast = pinhole != nullptr && pixels.samples == 1 && pixels.window.is_whole()
                           ? caster.closest(PinholeRays{*pinhole, pixels.first, true}, rays, hits)
                           : caster.closest(rays, hits);
     if (!cast) return std::nullopt;

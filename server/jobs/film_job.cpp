@@ -366,7 +366,7 @@ Traced<Frames> FilmJob::trace(const Chunk& chunk, const Stop& stop, TraceBuffers
             continue;
         }
         SampleRange range{sensor(), tiles_->first_pixel(run.tile), 0, tiles_->taken(run.tile),
-                          run.samples, options_.seed};
+                          run.samples, options_.seed, request().window};
         for (std::uint64_t i = 0; i < run.count; ++i)
             range.pixel_count += tiles_->pixels(run.tile + i);
         // Samples that were added before a failure stay: the counts of tiles say what is left to do.

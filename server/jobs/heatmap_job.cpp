@@ -205,7 +205,9 @@ private:
         auto attributes = provenance();
         attributes.push_back({"raynest:metric", options_.metric});
         attributes.push_back({"raynest:count", options_.count});
-        attributes.push_back({"raynest:range", range_text(statistics_)});
+        // A tile does not know the counts of the others.
+        if (request().window.is_whole())
+            attributes.push_back({"raynest:range", range_text(statistics_)});
         add_selection(form_.selected, attributes);
         if (other_) {
             const Plan& other = other_->counted;

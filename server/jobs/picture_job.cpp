@@ -39,7 +39,7 @@ PictureJob::PictureJob(const Services& services, const Caller& caller, PictureRe
                        std::uint64_t total)
     : ChunkedJob(services, caller, std::move(request.plan), total, false),
       request_(std::move(request)),
-      sensor_(camera_sensor(request_.camera, {}, {request_.width, request_.height})),
+      sensor_(camera_sensor(request_.camera, {}, request_.whole)),
       payload_(services.limits, caller, request_.encode) {}
 
 Frames PictureJob::greeting() {
@@ -94,8 +94,9 @@ std::string PictureJob::hint(std::uint64_t rays) const {
                           services_.limits.text_bytes_max);
     };
     if (scene.bounds().is_empty()) return line("nothing: the scene is empty");
-    // A picture that was continued or cut short may have traced a few of its pixels only.
-    if (rays < request_.pixels()) return {};
+    // A picture that was continued or cut short may have traced a few of its pixels only, and a tile
+    // has few of them.
+    if (rays < request_.pixels() || !request_.window.is_whole()) return {};
     const bool nothing = statistics_.hits() == 0;
     if (nothing && mask_hides_all(plan_))
         return line("nothing: no instance shares a bit with `mask` " + mask_text(plan_.mask));
@@ -131,7 +132,8 @@ std::vector<Attribute> PictureJob::provenance() const {
     std::string pose;
     for (const float element : request_.camera.to_world.m)
         pose.append(pose.empty() ? "" : " ").append(number(element));
-    return {{"Software", "RayNest " RAYNEST_VERSION},
+    std::vector<Attribute> attributes = {
+            {"Software", "RayNest " RAYNEST_VERSION},
             {"raynest:scene", text(plan_.scene.name)},
             {"raynest:hash", plan_.scene.snapshot().digest()},
             {"raynest:epoch", number(plan_.scene.epoch)},
@@ -140,6 +142,13 @@ std::vector<Attribute> PictureJob::provenance() const {
             {"raynest:mask", number(plan_.mask)},
             {"raynest:camera", text(request_.camera.name)},
             {"raynest:camera_to_world", pose}};
+    if (const PixelWindow& tile = request_.window; !tile.is_whole())
+        attributes.push_back({"raynest:tile", number(tile.x) + " " + number(tile.y) + " " +
+                                                  number(tile.size.width) + " " +
+                                                  number(tile.size.height) + " of " +
+                                                  number(request_.whole.width) + "x" +
+                                                  number(request_.whole.height)});
+    return attributes;
 }
 
 std::optional<Progress> PictureJob::progress() const {
@@ -163,7 +172,7 @@ PixelArrays PictureJob::arrays_for(const PixelRange& pixels, const CastPlans& pl
 
 Traced<Frames> PictureJob::trace(const Chunk& chunk, const Stop& stop, TraceBuffers& buffers) {
     std::call_once(arrays_made_, [this] { make_arrays(); });
-    const PixelRange pixels{sensor_, chunk.first, chunk.count, request_.samples};
+    const PixelRange pixels{sensor_, chunk.first, chunk.count, request_.samples, request_.window};
     const CastPlans by = plans();
     ChunkCaster caster(by, chunk.backend, stop, buffers);
     const auto seen = trace_pixels(pixels, plan_.source(services_.registry), caster,

@@ -23,10 +23,12 @@ std::uint64_t RaySource::chunk_rays(std::uint64_t most) const {
     return band == 0 || band > most ? most : most / band * band;
 }
 
-bool RaySource::has_tiles(const Chunk& chunk) const {
-    const std::uint64_t band = sensor() != nullptr ? tile_rows * (*sensor())->grid().width : 0;
-    const bool to_the_end = chunk.first + chunk.count == rays_;
-    return band != 0 && chunk.first % band == 0 && (chunk.count % band == 0 || to_the_end);
+bool RaySource::has_tiles(std::uint64_t first, std::uint64_t count) const {
+    if (sensor() == nullptr) return false;
+    const ImageSize grid = (*sensor())->grid();
+    const std::uint64_t band = tile_rows * grid.width;
+    const bool to_the_end = first + count == grid.pixels();
+    return first % band == 0 && (count % band == 0 || to_the_end);
 }
 
 Traced<TracedRays> RaySource::trace(const Plan& plan, const Chunk& chunk, RayInput& input,
@@ -41,22 +43,24 @@ Traced<TracedRays> RaySource::trace(const Plan& plan, const Chunk& chunk, RayInp
         const std::uint64_t last = (chunk.first + chunk.count - 1) / hemisphere->samples;
         const auto points = input.sent(first, last - first + 1, buffers);
         buffers.resize(buffers.rays, chunk.count);
-        generate_rays(*hemisphere, points, first, chunk.first, buffers.rays);
+        generate_rays(*hemisphere, points, first_ + first,
+                      first_ * hemisphere->samples + chunk.first, buffers.rays);
         return trace_rays(plan, chunk.backend, buffers.rays, stop, buffers);
     }
 
     LateSensor& late = **made_by;
     const Sensor& from = late.get();
-    const bool tiles = any_order && has_tiles(chunk);
+    const std::uint64_t first = first_ + chunk.first;
+    const bool tiles = any_order && has_tiles(first, chunk.count);
     const auto generate = [&] {
-        tiles ? generate_tiles(from, chunk.first, buffers.rays)
-              : generate_rays(from, chunk.first, buffers.rays);
+        tiles ? generate_tiles(from, first, buffers.rays)
+              : generate_rays(from, first, buffers.rays);
     };
     buffers.resize(buffers.rays, chunk.count);
     std::optional<PinholeRays> camera;
     const auto* pinhole = std::get_if<Pinhole>(&from);
     if (pinhole != nullptr && plan.worker.order[chunk.backend]->makes_camera_rays())
-        camera = PinholeRays{*pinhole, chunk.first, tiles};
+        camera = PinholeRays{*pinhole, first, tiles};
     if (!camera) generate();
     auto traced =
         trace_rays(plan, chunk.backend, buffers.rays, stop, buffers, camera ? &*camera : nullptr);
@@ -65,9 +69,9 @@ Traced<TracedRays> RaySource::trace(const Plan& plan, const Chunk& chunk, RayInp
     if (tiles) {
         const ImageSize size = late.grid();
         buffers.resize(buffers.order, chunk.count);
-        for_each_in_tiles(chunk.first, chunk.count, size.width, size.height,
+        for_each_in_tiles(first, chunk.count, size.width, size.height,
                           [&](std::uint64_t i, std::uint64_t x, std::uint64_t y) {
-                              buffers.order[y * size.width + x - chunk.first] =
+                              buffers.order[y * size.width + x - first] =
                                   static_cast<std::uint32_t>(i);
                           });
         traced->order = buffers.order;

@@ -47,14 +47,16 @@ class RaySource {
 public:
     /// Rays that the client sends.
     explicit RaySource(std::uint64_t rays) : rays_(rays) {}
-    /// Rays of a sensor.
-    explicit RaySource(SensorPointer sensor)
+    /// Rays [first, first + rays) of a sensor, which has as many.
+    RaySource(SensorPointer sensor, std::uint64_t first, std::uint64_t rays)
         : origin_(std::move(sensor)),
-          rays_(std::get<SensorPointer>(origin_)->grid().pixels()) {}
-    /// Rays from points that the client sends.
-    RaySource(const Hemisphere& hemisphere, std::uint64_t points)
+          rays_(rays),
+          first_(first) {}
+    /// Rays from points that the client sends, whose numbers begin at `first`.
+    RaySource(const Hemisphere& hemisphere, std::uint64_t first, std::uint64_t points)
         : origin_(hemisphere),
-          rays_(points * hemisphere.samples) {}
+          rays_(points * hemisphere.samples),
+          first_(first) {}
 
     /// Number of rays of the query.
     [[nodiscard]] std::uint64_t rays() const { return rays_; }
@@ -74,8 +76,8 @@ public:
                              const Stop& stop, TraceBuffers& buffers, bool any_order) const;
 
 private:
-    /// True if the chunk consists of whole rows of a sensor's tiles.
-    [[nodiscard]] bool has_tiles(const Chunk& chunk) const;
+    /// True if `count` rays from number `first` of the sensor on are whole rows of its tiles.
+    [[nodiscard]] bool has_tiles(std::uint64_t first, std::uint64_t count) const;
     [[nodiscard]] const SensorPointer* sensor() const {
         return std::get_if<SensorPointer>(&origin_);
     }
@@ -83,6 +85,7 @@ private:
     struct Sent {};
     std::variant<Sent, SensorPointer, Hemisphere> origin_;
     std::uint64_t rays_;
+    std::uint64_t first_ = 0;  ///< number of the first ray of a sensor, or of the first point
 };
 
 }  // namespace raynest::server

@@ -97,7 +97,7 @@ Reply<Answer> blame(const Services& services, const Caller& caller,
     const std::uint64_t document = head_bytes + 3 * std::uint64_t{top} * listed_row_bytes;
     auto request =
         make_document_request(services, caller, std::move(*plan), message->camera(),
-                              message->width(), message->height(), rows * row_bytes + document,
+                              {{message->width(), message->height()}}, rows * row_bytes + document,
                               "group by an outer `level`");
     if (!request) return tl::unexpected(request.error());
     JobSubmission accepted = accept(request->plan, "blame", request->rays());

@@ -175,7 +175,12 @@ Reply<Answer> heatmap(const Services& services, const Caller& caller,
     std::vector<Column> metrics = metrics_of(*options, *form, levels);
 
     form->selected = selection_text(protocol::present(message->job()));
-    const std::uint32_t width = message->width(), height = message->height();
+    const AskedPixels pixels = asked_pixels(*message.table);
+    const auto [width, height] = pixels.size();
+    if (!pixels.window.is_whole() && (form->document || form->file == "png"))
+        return refuse(Code::invalid_field,
+                      "the legend and the document tell statistics of the whole map, which a tile "
+                      "does not see: ask for encode exr or raw");
     std::vector<const Plan*> more;
     for (const HeatPlans* each : {&*plans, other ? &*other : nullptr}) {
         if (each == nullptr) continue;
@@ -192,10 +197,10 @@ Reply<Answer> heatmap(const Services& services, const Caller& caller,
     const std::uint64_t bytes = heat_bytes(width, height, *form, metrics.size());
     auto request =
         form->document
-            ? make_document_request(services, caller, std::move(plan), message->camera(), width,
-                                    height, bytes, smaller_picture(form->file))
-            : make_request(services, caller, std::move(plan), message->camera(), width, height,
-                           form->file, bytes);
+            ? make_document_request(services, caller, std::move(plan), message->camera(), pixels,
+                                    bytes, smaller_picture(form->file))
+            : make_request(services, caller, std::move(plan), message->camera(), pixels, form->file,
+                           bytes);
     if (!request) return tl::unexpected(request.error());
     JobSubmission accepted = accept(request->plan, "heatmap", request->rays() * (other ? 2 : 1));
     accepted.advice = smaller_picture(form->file);

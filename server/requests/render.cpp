@@ -1,5 +1,6 @@
 // RENDER: a picture from a camera.
 #include "server/jobs/film_job.h"
+#include "server/jobs/film_tiles.h"
 #include "server/requests/request.h"
 #include "server/requests/words/idle_options.h"
 #include "server/jobs/primary_job.h"
@@ -19,6 +20,29 @@
 namespace raynest::server {
 namespace {
 
+/// Fails where the pixels of a tile would not be those of the whole picture.
+Reply<void> check_tile(const wire::Render& message, const FilmOptions& options,
+                       const AskedPixels& pixels) {
+    const PixelWindow& tile = pixels.window;
+    if (tile.is_whole()) return {};
+    const std::string_view encode = protocol::word(message.encode(), "png");
+    if (!options.look.exposure && (encode == "png" || encode == "raw"))
+        return refuse(Code::invalid_field,
+                      "exposure auto looks at the whole picture, which a tile does not see: give "
+                      "`exposure` in stops, or ask for encode exr or linear");
+    const auto even = [](std::uint32_t first, std::uint32_t count, std::uint32_t whole,
+                         std::uint32_t step) {
+        return first % step == 0 && (count % step == 0 || first + count == whole);
+    };
+    if (options.noise > 0 &&
+        !(even(tile.x, tile.size.width, pixels.whole.width, FilmTiles::columns) &&
+          even(tile.y, tile.size.height, pixels.whole.height, FilmTiles::rows)))
+        return refuse(Code::invalid_field,
+                      "`noise` decides for blocks of 64 x 8 pixels together: begin and end the "
+                      "tile at multiples of 64 and 8, or at the edge");
+    return {};
+}
+
 /// A picture of samples, by one of the integrators of engine/integrators/LIST.
 Reply<Answer> render_film(const Services& services, const Caller& caller,
                           const wire::Render& message, std::string integrator) {
@@ -30,7 +54,10 @@ Reply<Answer> render_film(const Services& services, const Caller& caller,
         plan->notes.push_back(std::move(note));
     auto any = Plan::with(*plan, query_any, counters_none);
     if (!any) return tl::unexpected(any.error());
-    const ImageSize size{message.width(), message.height()};
+    const AskedPixels pixels = asked_pixels(message);
+    const ImageSize size = pixels.size();
+    if (auto good = check_tile(message, *options, pixels); !good)
+        return tl::unexpected(good.error());
     const std::uint64_t rays = size.pixels() * options->samples;
     const Plan* others[] = {&*any};
     if (auto chosen = choose_backends(services.backends, rays, *plan, others); !chosen)
@@ -38,8 +65,8 @@ Reply<Answer> render_film(const Services& services, const Caller& caller,
     any->worker = plan->worker;
     const std::string_view encode = protocol::word(message.encode(), "png");
     // Only films have linear values; they are sent as raw ones are.
-    auto request = make_request(services, caller, std::move(*plan), message.camera(), size.width,
-                                size.height, encode == "linear" ? "raw" : encode,
+    auto request = make_request(services, caller, std::move(*plan), message.camera(), pixels,
+                                encode == "linear" ? "raw" : encode,
                                 film_job_bytes(size, encode, *options));
     if (!request) return tl::unexpected(request.error());
     request->encode = encode;
@@ -61,6 +88,8 @@ Reply<Answer> render_film(const Services& services, const Caller& caller,
 Reply<Answer> render(const Services& services, const Caller& caller,
                      const protocol::Opened<wire::Render>& message) {
     const std::string_view form = protocol::text(message->encode());
+    if (form.starts_with(path_encoding) && message->tile_width() != 0)
+        return refuse(Code::invalid_field, "encode path+X,Y is of one pixel: ask for no tile");
     if (form.starts_with(path_encoding))
         return explain_path(services, caller, *message.table, form.substr(path_encoding.size()));
     const std::string_view integrator = protocol::word(message->integrator(), "primary");
@@ -71,7 +100,8 @@ Reply<Answer> render(const Services& services, const Caller& caller,
                       "primary takes no files: nothing lights it, and it has no samples to continue");
     auto plan = make_plan(services, caller, *message->job(), query_closest);
     if (!plan) return tl::unexpected(plan.error());
-    const std::uint64_t pixels = std::uint64_t{message->width()} * message->height();
+    const AskedPixels asked = asked_pixels(*message.table);
+    const std::uint64_t pixels = asked.size().pixels();
     if (auto chosen = choose_backends(services.backends, pixels, *plan); !chosen)
         return tl::unexpected(chosen.error());
     if (message->samples() > 1)
@@ -80,8 +110,7 @@ Reply<Answer> render(const Services& services, const Caller& caller,
         plan->notes.push_back(std::move(note));
 
     const std::string_view encode = protocol::word(message->encode(), "png");
-    auto request = make_request(services, caller, std::move(*plan), message->camera(),
-                                message->width(), message->height(), encode,
+    auto request = make_request(services, caller, std::move(*plan), message->camera(), asked, encode,
                                 primary_job_bytes(pixels, encode));
     if (!request) return tl::unexpected(request.error());
     JobSubmission accepted = accept(request->plan, "render", request->rays());

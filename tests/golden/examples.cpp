@@ -163,6 +163,10 @@ void add_work_requests(Collection& all) {
     sweep.generator->settings = {"elevations=-15,0,15", "azimuths=0:360:1800", "camera=overview"};
     all.add(12, sweep, " of a generator");
 
+    sweep.part_first = 1800;
+    sweep.part_count = 900;
+    all.add(12, sweep, " of a part");
+
     Bulk rays;
     rays.add("rays", wire::Dtype::f32, 8, 2);
     rays.allocate();
@@ -178,6 +182,11 @@ void add_work_requests(Collection& all) {
     render.integrator = "primary";
     render.encode = "png";
     all.add(10, render);
+    render.tile_x = 64;
+    render.tile_y = 8;
+    render.tile_width = 128;
+    render.tile_height = 16;
+    all.add(10, render, " of a tile");
 
     wire::HeatmapT heatmap;
     heatmap.job = std::make_unique<wire::JobT>(forest_job());

@@ -103,8 +103,9 @@ private:
     }
 
     void add_number(const reflection::Field& field) {
-        // A query whose rays the daemon makes sends none.
-        if (field.name()->string_view() == "ray_count") return;
+        // A query whose rays the daemon makes sends none, and a tile lies in a picture of one pixel.
+        const std::string_view name = field.name()->string_view();
+        if (name == "ray_count" || name == "tile_x" || name == "tile_y") return;
         const auto add = [&]<class Number>(Number one) {
             builder_.AddElement<Number>(field.offset(), one, Number{});
         };

@@ -70,6 +70,23 @@ void add_missing_fields(Table& table) {
     difference.other = std::make_unique<wire::JobT>();
     table.spoilt("Heatmap of a difference without its other scene", difference,
                  Code::invalid_field);
+    wire::RenderT tile;
+    tile.job = std::make_unique<wire::JobT>();
+    tile.job->scene = "forest";
+    tile.tile_x = 960 - 64;
+    tile.tile_width = 65;
+    tile.tile_height = 8;
+    table.spoilt("Render of a tile beyond the picture", tile, Code::invalid_field);
+    tile.tile_x = ~0U;
+    table.spoilt("Render of a tile far beyond the picture", tile, Code::invalid_field);
+    tile.tile_x = 8;
+    tile.tile_width = 0;
+    table.spoilt("Render of a tile without a width", tile, Code::invalid_field);
+    wire::HeatmapT map_tile;
+    map_tile.job = std::make_unique<wire::JobT>();
+    map_tile.job->scene = "forest";
+    map_tile.tile_y = 1;
+    table.spoilt("Heatmap of a tile without a size", map_tile, Code::invalid_field);
     wire::BlameT blame;
     table.spoilt("Blame without a job", blame, Code::invalid_field);
     blame.job = std::make_unique<wire::JobT>();
@@ -160,6 +177,9 @@ void add_bad_queries(Table& table) {
     add("Query of 513 fields", Code::limit_exceeded, [](auto& q) { q.fields.assign(513, "t"); });
     add("Query of an overlong field", Code::limit_exceeded,
         [](auto& q) { q.fields = {std::string(300, 't')}; });
+    add("Query of a part of sent rays", Code::invalid_field, [](auto& q) { q.part_first = 1; });
+    add("Query of a part beyond 2^36 rays", Code::limit_exceeded,
+        [](auto& q) { q.part_first = (1ULL << 36) + 1; });
     add("Query with a setting without a value", Code::invalid_field,
         [](auto& q) { q.job->settings = {"cutoff"}; });
     add("Query with 513 settings", Code::limit_exceeded,

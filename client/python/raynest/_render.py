@@ -10,7 +10,7 @@ from ._requests.arguments import Unpack, none_is_default
 from ._requests.film import (Environment, EnvironmentFile, Layers, film_message, is_lit, layers_of,
                              warn_if_incomplete, warn_of_options)
 from ._requests.job import JobOptions, Outcome, Progress, SceneMoved, job_message
-from ._requests.picture import Picture, camera_message, size_message
+from ._requests.picture import Picture, camera_message, size_message, tile_message
 from ._session import Session
 from .errors import InvalidError, UsageError
 from .job import Job
@@ -38,7 +38,8 @@ class Renders:
                depth: int = 0, ao_distance: float = 0.0, environment: Environment = "",
                environment_rotate: float = 0.0,
                sun: Optional[Sequence[float]] = None, noise: float = 0.0, tonemap: str = "",
-               exposure: Union[str, float] = "", **job: Unpack[JobOptions]) -> Any:
+               exposure: Union[str, float] = "", tile: Optional[Sequence[int]] = None,
+               **job: Unpack[JobOptions]) -> Any:
         """Renders a picture. `integrator` "primary" gives base colours, darker where a surface turns
         away: (height, width, 4) of u8, sRGB and alpha, row 0 on top, an Image, which also has png(). "ao", "direct" and "path" give a lit
         picture as Layers: a dict of arrays, rgba linear. `encode` "raw" gives an Image of either, "png"
@@ -52,13 +53,14 @@ class Renders:
         `environment_rotate` turns it by so many degrees from -Z towards +X. `sun` is (azimuth from the
         north (-Z) eastwards, elevation) in degrees. `noise` ends parts of the picture whose relative error is
         below it. `tonemap` (agx, aces, reinhard, none) and `exposure` (stops, or "auto") are for
-        Images and png. A `deadline` gives a lit picture with the samples made by then, and a warning.
+        Images and png. `tile` (x, y, width, height) makes these pixels of the picture alone, with the
+        bytes that they have in it; an Image or png of a lit one needs `exposure` in stops. A `deadline` gives a lit picture with the samples made by then, and a warning.
         """
         film = _Film(self, camera, look_at, fov, size, encode, detach, job, {
             "integrator": integrator, "spp": spp if samples is None else samples, "seed": seed,
             "depth": depth, "ao_distance": ao_distance, "environment": environment,
             "environment_rotate": environment_rotate, "sun": sun, "noise": noise, "tonemap": tonemap,
-            "exposure": exposure})
+            "exposure": exposure}, tile)
         if detach:
             self._look_up(job)
         answer = self._at(None, lambda origin, _: film.ask(origin, progress), repeats=not detach)
@@ -98,7 +100,7 @@ class _Film:
 
     def __init__(self, scene: Renders, camera: Union[str, int], look_at: Optional[Sequence[Any]],
                  fov: float, size: tuple[int, int], encode: str, detach: bool, job: JobOptions,
-                 fields: dict[str, Any]) -> None:
+                 fields: dict[str, Any], tile: Optional[Sequence[int]] = None) -> None:
         integrator = fields.pop("integrator")
         self._lit = is_lit(integrator)
         self._scene, self._view, self._job = scene, (camera, look_at, fov), job
@@ -108,6 +110,7 @@ class _Film:
             raise UsageError("primary has no layers: pass encode='raw', 'png' or 'exr'")
         self._layers = encode == "layers"
         self._shape: Message = {**size_message(size), "encode": "exr" if self._layers else encode}
+        self._place, self._payload = tile_message(tile, self._shape)
         self._file = EnvironmentFile(fields.pop("environment"))
         if self._file.message["environment"] and not self._lit:
             raise UsageError("environment: only of a lit picture; pass integrator='path'")
@@ -117,7 +120,7 @@ class _Film:
         """The request, and the seconds after which a daemon without an answer counts as lost."""
         options = job_message(self._scene.name, self._job, self._scene._instance_of)
         camera, look_at, fov = self._view
-        message: Message = {"job": {**options, "detach": self._detach}, **self._shape,
+        message: Message = {"job": {**options, "detach": self._detach}, **self._shape, **self._place,
                             "camera": camera_message(camera, look_at, fov, origin),
                             **self._fields, **self._file.message}
         deadline = options["deadline_ms"]
@@ -159,7 +162,7 @@ class _Film:
         yield self._shown(picture.result(), picture, True)
 
     def _picture(self, origin: Array) -> Picture:
-        return Picture("render", self._shape, None if self._view[1] is None else origin)
+        return Picture("render", self._payload, None if self._view[1] is None else origin)
 
     def _shown(self, result: Any, picture: Picture, last: bool) -> Any:
         if not self._layers:

@@ -14,6 +14,7 @@ formulas; the columns `origin` and `direction` show the rays.
 """
 from __future__ import annotations
 
+import copy
 import math
 import reprlib
 from typing import Any, Callable, Optional, Sequence, TypedDict, Union, cast
@@ -58,6 +59,22 @@ class Generator:
         elif "look_at" in self._sensor:
             self._start = numbers("look_at", self._sensor["look_at"])[:1]
         self._fov = fov
+        self._part = (0, 0)
+
+    def part(self, first: int, count: int) -> Generator:
+        """Rays [first, first + count) of these, of hemisphere() its points: rows of the answer are those of
+        all rays in every byte. Parts of a part count from its own first one."""
+        all_of = self.count if self._points is None else len(self._points)
+        first, count = whole("first", first, all_of - 1, 0), whole("count", count, all_of)
+        if first + count > all_of:
+            raise UsageError(f"a part of {count} from number {first} on: there are {all_of}")
+        part = copy.copy(self)
+        part._part = (self._part[0] + first, count)
+        part.count = self.count // all_of * count
+        if self._points is not None:
+            part._points = self._points[first:first + count]
+            part._start = None if self._start is None else self._start[first:first + count]
+        return part
 
     def __repr__(self) -> str:
         return f"<raynest.generators.{self._kind}, {self.count} rays>"
@@ -68,7 +85,8 @@ class Generator:
         given = next((name for name in ("pose", "look_at") if name in self._sensor), "points")
         stands = None if self._start is None else Starts(self._start, self.count, shift, given)
         if self._points is not None:
-            return Source(Rays(self._points, origin=origin), self.count, self._message({}), stands)
+            return Source(Rays(self._points, origin=origin), self.count, self._message({}), stands,
+                          self._part)
         look_at, camera = self._sensor.get("look_at"), self._sensor.get("camera")
         camera = "" if camera is None else camera
         pose, place = self._pose, {}
@@ -84,7 +102,8 @@ class Generator:
                 place["lookat"] = _exact_text("look_at", [message[at] for at in ("eye", "at", "up")])
             if self._fov:
                 place["fov"] = _text("fov", self._fov)
-        return Source(Rays(np.empty((0, 8), np.float32)), self.count, self._message(place), stands)
+        return Source(Rays(np.empty((0, 8), np.float32)), self.count, self._message(place), stands,
+                      self._part)
 
     def _message(self, place: dict[str, str]) -> Message:
         settings = {**self._settings, **place}

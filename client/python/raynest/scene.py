@@ -19,7 +19,7 @@ from ._requests.arguments import Unpack, none_is_default, numbers, whole
 from ._requests.columns import Columns, Whole, anywhere, as_usual
 from ._requests.explain import path_message, pixel_message, ray_message, receive_document
 from ._requests.job import JobOptions, Outcome, Progress, SceneMoved, job_message, origin_of, other_message
-from ._requests.picture import Picture, camera_message, size_message
+from ._requests.picture import Picture, camera_message, size_message, tile_message
 from ._requests.precision import ray_warning
 from ._requests.query import Query
 from ._requests.rays import Rays, Source, Starts, flat_pairs, segments, vector
@@ -329,7 +329,7 @@ class Scene(Renders, Paths):
                 palette: str = "", scale: str = "linear",
                 range: Union[str, Sequence[float]] = "p99",
                 count: str = "traversed", diff: Union[Scene, Mapping[str, Any], None] = None,
-                encode: str = "raw", progress: Progress = None,
+                encode: str = "raw", tile: Optional[Sequence[int]] = None, progress: Progress = None,
                 detach: bool = False, **job: Unpack[JobOptions]) -> Any:
         """Returns the cost of a ray through each pixel, a Heatmap: counts, (height, width) of u32,
         which also has png(), top() and explain(x, y). With `encode` "png" or "exr" it is the bytes
@@ -338,8 +338,8 @@ class Scene(Renders, Paths):
 
         `metric` is a counter, or as "boxes.1" that of one level. `range` is "p99", "auto", or (low,
         high). `diff` is another Scene, or the job options that differ, as {"intersector": "opaque"}:
-        what the same rays cost there is subtracted, and the counts are i32. Cameras and `detach`
-        are those of render()."""
+        what the same rays cost there is subtracted, and the counts are i32. Cameras, `tile` and `detach`
+        are those of render(); a tile has no png."""
         colours = {"palette": palette, "scale": scale, "range": range}
         if not isinstance(range, str):
             if np.shape(range) != (2,):
@@ -347,8 +347,8 @@ class Scene(Renders, Paths):
             range = f"{float(range[0])!r}:{float(range[1])!r}"
         answer = self._picture("Heatmap", camera, look_at, fov, size, progress, detach, job, {
             "metric": metric, "palette": palette, "scale": scale, "range": range, "count": count,
-            "encode": encode, "other": other_message(self.name, job, diff, self._instance_of)})
-        if detach or encode != "raw":
+            "encode": encode, "other": other_message(self.name, job, diff, self._instance_of)}, tile)
+        if detach or encode != "raw" or tile is not None:
             return answer
         outcome = dict(self._client.outcome)
         view = {"camera": camera, "look_at": look_at, "fov": fov, "size": size, **job,
@@ -362,19 +362,20 @@ class Scene(Renders, Paths):
 
     def _picture(self, name: str, camera: Union[str, int], look_at: Optional[Sequence[Any]],
                  fov: float, size: tuple[int, int], progress: Progress, detach: bool,
-                 job: JobOptions, fields: Message) -> Any:
+                 job: JobOptions, fields: Message, tile: Optional[Sequence[int]] = None) -> Any:
         if detach:
             self._look_up(job)
         options = job_message(self.name, job, self._instance_of)
         shape = {**size_message(size), "encode": fields["encode"]}
+        place, shown = tile_message(tile, shape)
         connection = self._client.connection
 
         def ask(origin: Array, _expected: bool) -> Any:
-            message = {"job": {**options, "detach": detach}, **shape,
+            message = {"job": {**options, "detach": detach}, **shape, **place,
                        "camera": camera_message(camera, look_at, fov, origin), **fields}
             if detach:
                 return Job(self._client, connection.ask(name, message, "Detached")["job"])
-            picture = Picture(name.lower(), shape, None if look_at is None else origin)
+            picture = Picture(name.lower(), shown, None if look_at is None else origin)
             pixels = picture.receive(connection, name, message, progress,
                                      options["deadline_ms"] / 1000)
             self._client.outcome = picture.outcome

@@ -312,12 +312,26 @@ Reply<RaySource> read_rays(const wire::Query& query, const Snapshot& scene) {
             return refuse(Code::invalid_field,
                           "generator " + std::string(protocol::text(generator->kind())) +
                               " needs points");
-        return RaySource(*hemisphere, sent);
+        if (query.part_count() != 0 && query.part_count() != sent)
+            return refuse(Code::invalid_field,
+                          "part_count: the part is " + std::to_string(query.part_count()) +
+                              " points, but ray_count is " + std::to_string(sent) +
+                              ": send the points of the part alone");
+        return RaySource(*hemisphere, query.part_first(), sent);
     }
     if (sent != 0)
         return refuse(Code::invalid_field,
                       "ray_count must be 0 where the daemon makes the rays");
-    return RaySource(std::get<SensorPointer>(std::move(*generated)));
+    auto sensor = std::get<SensorPointer>(std::move(*generated));
+    const std::uint64_t all = sensor->grid().pixels();
+    const std::uint64_t first = query.part_first();
+    if (all != 0 && (first >= all || query.part_count() > all - first))
+        return refuse(Code::invalid_field,
+                      "part: rays " + std::to_string(first) + " to " +
+                          std::to_string(first + query.part_count()) + ", but the generator makes " +
+                          std::to_string(all));
+    return RaySource(std::move(sensor), first,
+                     query.part_count() != 0 ? query.part_count() : all - first);
 }
 
 }  // namespace raynest::server

@@ -13,9 +13,9 @@ namespace raynest::server {
 namespace {
 
 Reply<PictureRequest> make_checked(const Services& services, const Caller& caller, Plan plan,
-                                   const wire::Camera* camera, std::uint32_t width,
-                                   std::uint32_t height, std::string encode,
-                                   std::uint64_t bytes, std::string_view advice) {
+                                   const wire::Camera* camera, const AskedPixels& pixels,
+                                   std::string encode, std::uint64_t bytes,
+                                   std::string_view advice) {
     PictureRequest request;
     request.encode = std::move(encode);
 
@@ -29,12 +29,15 @@ Reply<PictureRequest> make_checked(const Services& services, const Caller& calle
         plan.notes.push_back("the scene has no camera: this one frames its bounding box");
 
     request.plan = std::move(plan);
-    request.width = width;
-    request.height = height;
+    request.width = pixels.size().width;
+    request.height = pixels.size().height;
+    request.whole = pixels.whole;
+    request.window = pixels.window;
     auto lease = services.peers.reserve(bytes, caller.principal);
     if (!lease)
         return services.budget.refuse(
-            "a picture of " + std::to_string(width) + "x" + std::to_string(height), bytes,
+            "a picture of " + std::to_string(request.width) + "x" + std::to_string(request.height),
+            bytes,
             caller.principal, std::string(advice) + ", or start raynestd with a larger --memory");
     request.lease = std::move(*lease);
     return request;
@@ -53,22 +56,20 @@ Reply<std::string> check_encode(std::string_view word) {
 }
 
 Reply<PictureRequest> make_request(const Services& services, const Caller& caller, Plan plan,
-                                   const wire::Camera* camera, std::uint32_t width,
-                                   std::uint32_t height, std::string_view encode,
-                                   std::uint64_t bytes) {
+                                   const wire::Camera* camera, const AskedPixels& pixels,
+                                   std::string_view encode, std::uint64_t bytes) {
     auto word = check_encode(encode);
     if (!word) return tl::unexpected(word.error());
     const std::string advice = smaller_picture(*word);
-    return make_checked(services, caller, std::move(plan), camera, width, height, std::move(*word),
-                        bytes, advice);
+    return make_checked(services, caller, std::move(plan), camera, pixels, std::move(*word), bytes,
+                        advice);
 }
 
 Reply<PictureRequest> make_document_request(const Services& services, const Caller& caller,
                                             Plan plan, const wire::Camera* camera,
-                                            std::uint32_t width, std::uint32_t height,
-                                            std::uint64_t bytes, std::string_view advice) {
-    return make_checked(services, caller, std::move(plan), camera, width, height, "json", bytes,
-                        advice);
+                                            const AskedPixels& pixels, std::uint64_t bytes,
+                                            std::string_view advice) {
+    return make_checked(services, caller, std::move(plan), camera, pixels, "json", bytes, advice);
 }
 
 std::string smaller_picture(std::string_view encode) {

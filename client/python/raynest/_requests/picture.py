@@ -147,6 +147,19 @@ class Picture:
         return [piece]
 
 
+def tile_message(tile: Optional[Sequence[int]], shape: Message) -> tuple[Message, Message]:
+    """The fields of a tile (x, y, width, height) of the picture, and the shape of its payload."""
+    if tile is None:
+        return {}, shape
+    if np.shape(tile) != (4,):
+        raise UsageError(f"tile of {tile!r}: it must be (x, y, width, height)")
+    x, y, width, height = (whole("a number of tile", each, _limits.picture_side_max, 0) for each in tile)
+    if not (0 < width <= shape["width"] - x and 0 < height <= shape["height"] - y):
+        raise UsageError(f"tile of {tile!r}: it must lie within {shape['width']}x{shape['height']}")
+    return ({"tile_x": x, "tile_y": y, "tile_width": width, "tile_height": height},
+            {**shape, "width": width, "height": height})
+
+
 def size_message(size: tuple[int, int]) -> Message:
     if np.shape(size) != (2,):
         raise UsageError(f"size of {size!r}: it must be (width, height)")

@@ -109,7 +109,8 @@ class Query(Answer):
             hidden = ["hit"]
         super().__init__(connection, "Query", {
             **message, "fields": [*message["fields"], *hidden], "hidden": hidden,
-            "ray_count": source.sent.count, "generator": source.generator},
+            "ray_count": source.sent.count, "generator": source.generator,
+            "part_first": source.part[0], "part_count": source.part[1]},
             message["job"]["deadline_ms"] / 1000)
         self.origin, self._expects_origin = origin, expects_origin
         if source.generator and source.sent.count:

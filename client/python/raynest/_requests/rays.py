@@ -104,6 +104,7 @@ class Source:
     count: int                              # number of rays that will be traced
     generator: Optional[Message] = None     # makes the rays in the daemon
     stands: Optional[Starts] = None         # where it stands, if the caller says it
+    part: tuple[int, int] = (0, 0)          # of the generator's rays, of a hemisphere its points: first, count
 
     @property
     def starts(self) -> Starts:

@@ -1,0 +1,39 @@
+#include "client/ground/python.h"
+
+#include <unistd.h>
+
+#include <cerrno>
+#include <cstdlib>
+#include <cstring>
+#include <iostream>
+#include <utility>
+
+namespace raynest::client {
+namespace {
+
+/// A package that is missing is one line, which names it.
+constexpr const char* start = R"(import importlib, sys
+try:
+    module = importlib.import_module(sys.argv[1])
+except ImportError as error:
+    named = str(error) if 'apt install' in str(error) else f'{error}: apt install python3-raynest python3-numpy'
+    sys.exit('raynest: ' + named)
+sys.exit(module.main(sys.argv[2:])))";
+
+}  // namespace
+
+Failure become_python(const std::string& module, std::vector<std::string> words) {
+    const char* named = std::getenv("RAYNEST_PYTHON");
+    const std::string program = named != nullptr && *named != '\0' ? named : "python3";
+    std::vector<std::string> all = {program, "-c", start, module};
+    for (std::string& word : words) all.push_back(std::move(word));
+    std::vector<char*> pointers;
+    for (std::string& word : all) pointers.push_back(word.data());
+    pointers.push_back(nullptr);
+    std::cout.flush();
+    ::execvp(pointers.front(), pointers.data());
+    return failure(Exit::failed,
+                   std::string("this needs ").append(program).append(", which cannot be started: ").append(std::strerror(errno)));
+}
+
+}  // namespace raynest::client

@@ -1,0 +1,189 @@
+"""Deals items out to the workers of a Dask cluster, until each is answered whatever dies."""
+from __future__ import annotations
+
+import asyncio
+import os
+import queue
+import time
+from typing import Any, Callable, Iterator, NamedTuple, Optional, Sequence
+
+import numpy as np
+
+from ._version import VERSION
+from ._workers import Setup, Source, distributed, item as make_item
+from .errors import Error, FailedError, InvalidError, RayWarning, UsageError, warn
+
+PATIENCE = 4.0             # s of silence after which open items are dealt again
+COPIES_MAX = 3             # of an item on the workers, before it is made here
+_ONCE = (UsageError, InvalidError)  # what another worker would answer alike
+
+
+class Part(NamedTuple):
+    """An item: a method of Scene and its arguments. `rays` is called when the item is dealt."""
+
+    options: dict[str, Any]
+    rays: Optional[Callable[[], Any]] = None
+    heavy: bool = False        # its rays travel from here to the worker, not through the scheduler
+    weight: int = 1            # rays or samples, for progress
+
+
+class Deal:
+    """Deals items out to a cluster until each is answered. The first answer of an item counts."""
+
+    def __init__(self, cluster: distributed.Client, setup: Setup, source: Source, method: Any,
+                 parts: Sequence[Part], patience: float, progress: Any, stage: str = "tracing") -> None:
+        self._cluster, self._setup, self._source, self._method = cluster, setup, source, method
+        self._parts, self._patience, self._progress, self._stage = parts, patience, progress, stage
+        self._open: dict[int, dict[Any, float]] = {}    # item -> its copies, and when each was dealt
+        self._copies = [0] * len(parts)
+        self._left = len(parts)
+        self._done = [False] * len(parts)
+        self._events: queue.SimpleQueue[Any] = queue.SimpleQueue()
+        self._heard: dict[str, float] = {}              # worker -> when it last answered
+        self._seconds: list[float] = []                 # that items took
+        self._news = time.monotonic()
+        self._alone = False
+        self.notes: dict[str, None] = {}
+
+    def answers(self) -> Iterator[tuple[int, Any]]:
+        """Yields (item, answer) in any order. Leaving the loop cancels the rest."""
+        next_item, answered = 0, 0
+        total = sum(part.weight for part in self._parts)
+        try:
+            while self._left:
+                ahead = max(8, 3 * sum(self._threads()))
+                while not self._alone and next_item < len(self._parts) and len(self._open) < ahead:
+                    self._deal(next_item)
+                    next_item += 1
+                if self._alone:
+                    next_item = len(self._parts)
+                    found = [(item, self._make(item)) for item in [self._done.index(False)]]
+                else:
+                    found = self._next()
+                for item, answer in found:
+                    if self._done[item]:
+                        continue
+                    self._done[item] = True
+                    self._left -= 1
+                    for copy in self._open.pop(item, {}):
+                        copy.release()
+                    answered += self._parts[item].weight
+                    if self._progress:
+                        self._progress(answered, total, self._stage)
+                    yield item, answer
+        finally:
+            for copies in self._open.values():
+                for copy in copies:
+                    copy.release()
+            for note in self.notes:
+                warn(note, RayWarning)
+
+    def _threads(self) -> list[int]:
+        # The client's own copy, which costs no round trip.
+        workers = (self._cluster._scheduler_identity or {}).get("workers", {})
+        return [worker["nthreads"] for worker in workers.values()]
+
+    def _deal(self, item: int, workers: Optional[list[str]] = None) -> None:
+        part = self._parts[item]
+        rays = None if part.rays is None else part.rays()
+        try:
+            if part.heavy:
+                rays = self._cluster.scatter(rays, hash=False)
+            copy = self._cluster.submit(make_item, VERSION, self._setup, self._source, self._method, rays, part.options,
+                                        pure=False, retries=1, workers=workers, key=f"raynest-{os.urandom(8).hex()}")
+        except (OSError, asyncio.TimeoutError, RuntimeError, ValueError) as error:
+            return self._give_up_cluster(error)
+        self._copies[item] += 1
+        self._open.setdefault(item, {})[copy] = time.monotonic()
+        copy.add_done_callback(lambda done: self._events.put((item, done, None)))
+
+    def _next(self) -> list[tuple[int, Any]]:
+        try:
+            item, copy, data = self._events.get(timeout=0.25)
+        except queue.Empty:
+            return self._look()
+        if self._done[item] or copy not in self._open.get(item, {}):
+            return []
+        if data is None and copy.status == "finished":
+            fetched = asyncio.run_coroutine_threadsafe(self._fetch(copy), self._cluster.loop.asyncio_loop)
+            fetched.add_done_callback(lambda done: self._events.put((item, copy, done)))
+            return []
+        born = self._open[item].pop(copy)
+        if data is None:
+            return self._failed(item, copy)
+        try:
+            where, answer, notes = data.result()
+        except Exception as error:  # the worker died with the answer, or cannot be reached
+            return self._again(item, error)
+        self._news = self._heard[where] = time.monotonic()
+        self._seconds.append(self._news - born)
+        self.notes.update(dict.fromkeys(notes))
+        return [(item, answer)]
+
+    async def _fetch(self, copy: Any) -> Any:
+        return (await self._cluster.gather([copy], direct=True, asynchronous=True))[0]
+
+    def _failed(self, item: int, copy: Any) -> list[tuple[int, Any]]:
+        if copy.status in ("cancelled", "lost"):
+            return self._again(item, FailedError("the scheduler dropped it"))
+        error = copy.exception()
+        if isinstance(error, _ONCE):
+            raise error
+        if isinstance(error, ImportError):
+            raise FailedError(f"the workers cannot run it: {error}; install python3-raynest {VERSION} on all hosts")
+        return self._again(item, error)
+
+    def _again(self, item: int, error: BaseException) -> list[tuple[int, Any]]:
+        if self._cluster.status != "running":
+            self._give_up_cluster(error)
+        elif self._open.get(item):
+            pass    # another copy is on its way
+        elif self._copies[item] < COPIES_MAX:
+            self._deal(item)
+        else:
+            return [(item, self._make(item, error))]
+        return []
+
+    def _look(self) -> list[tuple[int, Any]]:
+        """Nothing came for a while: deals what is late again, to workers that were heard of since."""
+        now = time.monotonic()
+        if self._cluster.status != "running":
+            self._give_up_cluster(None)
+            return []
+        slow = 3 * float(np.quantile(self._seconds, 0.99)) if self._seconds else 4 * self._patience
+        silence = max(self._patience, slow)
+        silent = now - self._news > silence
+        lively = [where.split()[-1] for where, heard in self._heard.items() if now - heard < silence + self._patience]
+        for item in sorted(self._open):
+            copies = self._open[item]
+            if copies and now - max(copies.values()) < silence:
+                continue
+            if self._copies[item] < COPIES_MAX:
+                self._deal(item, lively or None)
+            elif silent or not copies:
+                return [(item, self._make(item))]
+        return []
+
+    def _give_up_cluster(self, error: Optional[BaseException]) -> None:
+        if not self._alone:
+            self._alone = True
+            self.notes[f"the Dask scheduler went away: {self._left} of {len(self._parts)} items were made on this "
+                       "machine"] = None
+
+    def _make(self, item: int, error: Optional[BaseException] = None) -> Any:
+        """The last resort: a daemon on this machine."""
+        part = self._parts[item]
+        try:
+            _, answer, notes = make_item(VERSION, self._setup, self._source, self._method,
+                                     None if part.rays is None else part.rays(), part.options)
+        except Error as here:
+            raise FailedError(f"no worker finished an item{_because(error)}, and this machine cannot make it: {here}"
+                              ) from error
+        if not self._alone:
+            self.notes[f"no worker finished some items{_because(error)}; they were made on this machine"] = None
+        self.notes.update(dict.fromkeys(notes))
+        return answer
+
+
+def _because(error: Optional[BaseException]) -> str:
+    return "" if error is None else f" ({type(error).__name__}: {error})".replace("\n", " ")

@@ -1,0 +1,203 @@
+"""Rays and pictures on many hosts: a thin layer over Dask distributed, which deals out the work.
+
+    import raynest.dask, raynest.generators
+    from distributed import Client
+
+    cluster = Client("tcp://head:8786")                 # after: dask-ssh head node1 node2
+    rays = raynest.generators.camera(size=(16384, 16384))
+    seen = raynest.dask.trace(cluster, "/shared/forest.glb", rays, fields=("t", "prim"))
+
+Each host of the cluster gets one raynestd, which listens on a private Unix socket and ends with its worker. A
+request is cut into items, parts of its rays or tiles of its picture. An item gives the same bytes wherever and
+however often it is made, so what is lost or silent is dealt again, and what no worker finishes is made here.
+Whoever reaches a Dask scheduler runs code on its workers: one cluster per user, or Dask's TLS.
+"""
+from __future__ import annotations
+
+import asyncio
+import os
+import sys
+import tempfile
+import warnings
+from typing import Any, Callable, Iterator, Optional, Sequence, Union
+
+import numpy as np
+
+from ._deal import PATIENCE, Deal, Part
+from ._net.frame import Array
+from ._requests.columns import Columns
+from ._requests.film import Layers, is_lit
+from ._workers import Setup, Source, command, digest_of, distributed
+from .errors import ConnectError, Error, UsageError
+from .generators import Generator
+from .images import Image
+from .merge import joined, merge
+
+ITEM_RAYS = 1 << 18        # of a query's item: some 50 ms of work or more
+ITEM_SAMPLES = 1 << 16     # of a lit picture's item
+
+
+def _source_of(cluster: distributed.Client, scene: str, setup: Setup, load: Optional[dict[str, Any]],
+               patience: float) -> Source:
+    """Names the scene's digest, which all workers must agree on."""
+    if not isinstance(cluster, distributed.Client):
+        raise UsageError("the first argument is a distributed.Client, as Client('tcp://head:8786')")
+    path = os.fspath(scene)
+    if not path.startswith(("builtin:", "root:")):
+        path = os.path.abspath(path)
+    source = Source(path, tuple(sorted((load or {}).items())))
+    (_, digest), = Deal(cluster, setup, source, digest_of, [Part({})], patience, None).answers()
+    return source._replace(digest=digest)
+
+
+def trace(cluster: distributed.Client, scene: str, rays: Any, *, fields: Union[str, Sequence[str], None] = None,
+          kind: Optional[str] = None, reduce: str = "", load: Optional[dict[str, Any]] = None, setup: Setup = Setup(),
+          item_rays: int = ITEM_RAYS, patience: float = PATIENCE, progress: Any = None, **job: Any) -> Columns:
+    """As Scene.trace(), on all workers of a cluster: the same columns, in every byte. `scene` is a path that all
+    hosts see, or "builtin:...", and `load` are more arguments of Client.load(). `rays` is a generator, or an array
+    (N, 6) or (N, 8). Items have `item_rays` rays; after `patience` seconds of silence they are dealt again."""
+    source = _source_of(cluster, scene, setup, load, patience)
+    parts = list(_parts_of(rays, item_rays, {**job, "fields": fields, "kind": kind, "reduce": reduce}))
+    found = [columns for _, columns in sorted(Deal(cluster, setup, source, "trace", parts, patience, progress).answers(),
+                                              key=lambda each: each[0])]
+    return joined(found, reduce)
+
+
+def reduce(cluster: distributed.Client, scene: str, rays: Any, name: str, **options: Any) -> Columns:
+    """trace() with a reducer, "visible_pixels" or "hit_fraction": few bytes leave the workers."""
+    return trace(cluster, scene, rays, reduce=name, **options)
+
+
+def _parts_of(rays: Any, item_rays: int, options: dict[str, Any]) -> Iterator[Part]:
+    if isinstance(rays, Generator):
+        points = rays._points is not None
+        total = len(rays._points) if rays._points is not None else rays.count
+        each = max(1, item_rays * total // max(1, rays.count))
+        width = int(rays._settings.get("size", "0x0").split("x")[0])
+        band = 8 * width        # rows of the daemon's tiles, which it traces faster together
+        if band and each >= band:
+            each = each // band * band
+        take: Callable[[int, int], Any] = rays.part
+    else:
+        rows = np.asarray(rays)
+        if rows.ndim != 2 or rows.shape[1] not in (6, 8):
+            raise UsageError(f"rays of shape {rows.shape}: they must be (N, 6), (N, 8) or a generator")
+        points, total, each = True, len(rows), item_rays
+
+        def take(first: int, count: int) -> Any:
+            return rows[first:first + count]
+    if total == 0:
+        raise UsageError("there are no rays to deal out")
+    for first in range(0, total, each):
+        count = min(each, total - first)
+        yield Part(options, lambda first=first, count=count: take(first, count), points, count)  # type: ignore[misc]
+
+
+def render(cluster: distributed.Client, scene: str, *, size: tuple[int, int] = (960, 540), integrator: str = "primary",
+           spp: int = 0, encode: str = "", load: Optional[dict[str, Any]] = None, setup: Setup = Setup(),
+           patience: float = PATIENCE, progress: Any = None, item_samples: int = ITEM_SAMPLES, **options: Any) -> Any:
+    """As Scene.render(), in tiles: an Image, or of a lit picture its Layers. `encode` "raw" makes an Image of
+    a lit picture too, which needs `exposure` in stops."""
+    encode = encode or ("layers" if is_lit(integrator) else "raw")
+    if encode not in ("layers", "raw"):
+        raise UsageError(f"encode {encode}: a picture of tiles is 'raw' or 'layers'; write raw as a file with its png()")
+    source = _source_of(cluster, scene, setup, load, patience)
+    samples = (spp or 16) if is_lit(integrator) else 1
+    options.update(integrator=integrator, spp=spp, encode=encode)
+    pieces = _tiles(cluster, source, "render", size, samples, item_samples, options, setup, patience, progress)
+    whole = _mosaic(size, pieces)
+    if encode == "raw":
+        return whole[""].view(Image)
+    layers = Layers(whole)
+    layers.last = True
+    return layers
+
+
+def heatmap(cluster: distributed.Client, scene: str, *, size: tuple[int, int] = (960, 540),
+            load: Optional[dict[str, Any]] = None, setup: Setup = Setup(), patience: float = PATIENCE,
+            progress: Any = None, item_samples: int = ITEM_SAMPLES, **options: Any) -> Array:
+    """As Scene.heatmap(), in tiles: the counts, (height, width)."""
+    source = _source_of(cluster, scene, setup, load, patience)
+    pieces = _tiles(cluster, source, "heatmap", size, 1, item_samples, options, setup, patience, progress)
+    return _mosaic(size, pieces)[""]
+
+
+def tiles(size: tuple[int, int], pixels: int) -> list[tuple[int, int, int, int]]:
+    """Cuts a picture into tiles (x, y, width, height) of about so many pixels, at multiples of 64 and 8."""
+    width, height = size
+    rows = max(1, pixels // (8 * width)) * 8
+    columns = width if pixels >= 8 * width else max(1, pixels // (64 * 8)) * 64
+    return [(x, y, min(columns, width - x), min(rows, height - y))
+            for y in range(0, height, rows) for x in range(0, width, columns)]
+
+
+def _tiles(cluster: distributed.Client, source: Source, method: str, size: tuple[int, int], samples: int,
+           item_samples: int, options: dict[str, Any], setup: Setup, patience: float, progress: Any
+           ) -> Iterator[tuple[tuple[int, int, int, int], Any]]:
+    cut = tiles(size, item_samples // samples)
+    parts = [Part({**options, "size": size, "tile": tile}, weight=tile[2] * tile[3]) for tile in cut]
+    for item, answer in Deal(cluster, setup, source, method, parts, patience, progress).answers():
+        yield cut[item], answer
+
+
+def _mosaic(size: tuple[int, int], pieces: Iterator[tuple[tuple[int, int, int, int], Any]]) -> dict[str, Array]:
+    whole: dict[str, Array] = {}
+    for (x, y, width, height), answer in pieces:
+        for name, piece in (answer if isinstance(answer, dict) else {"": answer}).items():
+            if name not in whole:
+                whole[name] = np.empty((size[1], size[0], *piece.shape[2:]), piece.dtype)
+            whole[name][y:y + height, x:x + width] = piece
+    return whole
+
+
+# ---- the command line ---------------------------------------------------------------------------
+
+PARTS_PER_THREAD = 4
+
+
+def run(address: str, parts_max: int, scene: str, out: str, words: Sequence[str], setup: Setup = Setup(),
+        patience: float = PATIENCE) -> str:
+    """Has a cluster carry out a command of raynest in parts, and writes their whole as `out`."""
+    ending = os.path.splitext(out)[1].lower()
+    try:
+        cluster = distributed.Client(address, timeout=5, set_as_default=False)
+    except (OSError, asyncio.TimeoutError, ValueError) as error:
+        raise ConnectError(f"no Dask scheduler answers at {address}: {error or 'no answer within 5 s'}; start one with "
+                           "dask-scheduler or dask-ssh") from None
+    with cluster, tempfile.TemporaryDirectory(prefix="raynest-dask-") as folder:
+        source = _source_of(cluster, scene, setup, None, patience)
+        threads = sum(worker["nthreads"] for worker in cluster.scheduler_info()["workers"].values())
+        count = max(1, min(parts_max, PARTS_PER_THREAD * threads))
+        at = next(i for i, word in enumerate(words) if word in ("-o", "--output") or word in
+                  (f"-o{out}", f"--output={out}"))
+        if words[at] in ("-o", "--output"):
+            plain = [*words[:at], *words[at + 2:]]
+        else:
+            plain = [*words[:at], *words[at + 1:]]
+        parts = [Part({"scene": scene, "ending": ending,
+                        "words": [*plain, "-o", None, "--part", f"{i + 1}/{count}"]}) for i in range(count)]
+        paths = [os.path.join(folder, f"{i}{ending}") for i in range(count)]
+        progress = _bar if sys.stderr.isatty() else None
+        for item, answer in Deal(cluster, setup, source, command, parts, patience, progress, "parts").answers():
+            with open(paths[item], "wb") as file:
+                file.write(answer)
+        return merge(out, paths)
+
+
+def _bar(done: int, total: int, stage: str) -> None:
+    print(f"\r{done} of {total} {stage} ", end="\n" if done == total else "", file=sys.stderr, flush=True)
+
+
+def main(words: Sequence[str]) -> int:
+    """`raynest --dask ADDRESS COMMAND ...`, which passes on what it has read. Returns the exit code."""
+    address, parts_max, scene, out, *rest = words
+    warnings.showwarning = lambda message, *_, **__: print(f"raynest: {message}", file=sys.stderr)
+    try:
+        print(run(address, int(parts_max), scene, out, rest))
+        return 0
+    except KeyboardInterrupt:
+        print("raynest: interrupted", file=sys.stderr)
+        return 130
+    except Error as error:
+        print(f"raynest: {error}", file=sys.stderr)
+        return error.exit_code

@@ -1,0 +1,301 @@
+"""Joins the files of `raynest query|render|heatmap --part I/N`: `raynest merge OUT PARTS...`.
+
+Each part says which scene (digest, epoch) and request it is of, and which rows it has. An .exr of a render is the
+file of the whole picture, byte by byte; a .png has its pixels, and a .npz its columns.
+"""
+from __future__ import annotations
+
+import io
+import json
+import os
+import re
+import struct
+import sys
+import tempfile
+import zipfile
+import zlib
+from typing import Any, NamedTuple, Optional, Sequence
+
+import numpy as np
+
+from ._requests.columns import REDUCED
+from .errors import Error, InvalidError, UsageError
+
+LINES = 16                  # rows of a block of the daemon's EXR files, at which parts begin
+PNG = b"\x89PNG\r\n\x1a\n"
+EXR = struct.pack("<II", 20000630, 2)
+SIDE_MAX = 1 << 20
+TILE = re.compile(r"(\d{1,7}) (\d{1,7}) (\d{1,7}) (\d{1,7}) of (\d{1,7})x(\d{1,7})\Z")
+
+
+class Part(NamedTuple):
+    """A file of rows [first, first + count) of `of`, made by `request`."""
+
+    path: str
+    first: int
+    count: int
+    of: int
+    request: dict[str, Any]
+    body: Any
+
+
+def merge(out: str, paths: Sequence[str]) -> str:
+    """Writes the whole as `out`; returns a line that says what it is. InvalidError names a part that is missing,
+    there twice, or of another request."""
+    ending = os.path.splitext(out)[1].lower()
+    kinds = {".npz": (_read_npz, _join_npz, "rows"), ".png": (_read_png, _join_png, "rows of pixels"),
+             ".exr": (_read_exr, _join_exr, "rows of pixels")}
+    if ending not in kinds:
+        raise UsageError(f"{out}: parts become a .npz, a .png or an .exr")
+    read, join, rows = kinds[ending]
+    if not paths:
+        raise UsageError("name the parts behind the file that they become")
+    parts = []
+    for path in paths:
+        try:
+            with open(path, "rb") as file:
+                parts.append(read(path, file.read()))
+        except OSError as error:
+            raise InvalidError(f"{path}: {error.strerror}", "FILE_INVALID") from None
+        except (struct.error, zlib.error, zipfile.BadZipFile, EOFError, ValueError, LookupError, TypeError,
+                AttributeError) as error:
+            raise InvalidError(f"{path}: is no part, made with --part: {error}", "FILE_INVALID") from None
+    parts.sort(key=lambda part: part.first)
+    _check(parts, rows)
+    folder, name = os.path.split(os.path.abspath(out))
+    whole = join(parts)
+    with tempfile.NamedTemporaryFile(dir=folder, prefix="." + name, delete=False) as file:
+        try:
+            whole(file) if callable(whole) else file.write(whole)
+            file.flush()
+            os.chmod(file.name, 0o666 & ~_umask())
+            os.replace(file.name, out)
+        except BaseException:
+            os.unlink(file.name)
+            raise
+    return f"{out}: {parts[0].of} {rows} of {len(parts)} parts"
+
+
+def _umask() -> int:
+    mask = os.umask(0)
+    os.umask(mask)
+    return mask
+
+
+def _check(parts: Sequence[Part], rows: str) -> None:
+    first = parts[0]
+    end = 0
+    for part in parts:
+        for key in sorted(first.request.keys() | part.request.keys()):
+            one, other = first.request.get(key), part.request.get(key)
+            if one != other:
+                raise InvalidError(f"{part.path} is of another request than {first.path}: {key} is {_short(other)}, not "
+                                   f"{_short(one)}", "FILE_INVALID")
+        if part.of != first.of:
+            raise InvalidError(f"{part.path} is of {part.of} {rows}, {first.path} of {first.of}", "FILE_INVALID")
+        if part.first < end:
+            raise InvalidError(f"{part.path} has {rows} that another part has too: from {part.first} on", "FILE_INVALID")
+        if part.first > end:
+            raise InvalidError(f"a part is missing: {rows} {end} to {part.first - 1} of {part.of}", "FILE_INVALID")
+        end = part.first + part.count
+    if end != first.of:
+        raise InvalidError(f"a part is missing: {rows} {end} to {first.of - 1} of {first.of}", "FILE_INVALID")
+
+
+def _short(value: Any) -> str:
+    text = json.dumps(value) if not isinstance(value, str) else value
+    return text if len(text) <= 60 else text[:57] + "..."
+
+
+# ---- columns ------------------------------------------------------------------------------------
+
+def _read_npz(path: str, data: bytes) -> Part:
+    with np.load(io.BytesIO(data), allow_pickle=False) as file:
+        columns = {name: file[name] for name in file.files}
+    if "part" not in columns:
+        raise ValueError("it does not say which part it is")
+    said = json.loads(columns.pop("part").tobytes().decode())
+    first, count, of = (int(said.pop(key)) for key in ("first", "count", "of"))
+    if not 0 <= first <= first + count <= of:
+        raise ValueError("its range is none")
+    return Part(path, first, count, of, said, columns)
+
+
+def _join_npz(parts: Sequence[Part]) -> Any:
+    found = [part.body for part in parts]
+    columns = joined(found, str(parts[0].request.get("reduce", "")))
+    return lambda file: np.savez(file, **columns)
+
+
+def joined(found: Sequence[dict[str, Any]], reduce: str = "") -> dict[str, Any]:
+    """The columns of all parts of a request, in the order of its rays."""
+    names = set(found[0])
+    if any(set(columns) != names for columns in found):
+        raise InvalidError("the parts have other columns", "FILE_INVALID")
+    if reduce == "visible_pixels":
+        return summed(found, reduce)
+    whole = {}
+    for name in found[0]:
+        pieces = [columns[name] for columns in found]
+        if name == "ray_splits":
+            steps = np.concatenate([np.diff(piece) for piece in pieces])
+            whole[name] = np.concatenate([np.zeros(1, steps.dtype), np.cumsum(steps)])
+        else:
+            whole[name] = np.concatenate(pieces)
+    return whole
+
+
+def summed(found: Sequence[dict[str, Any]], reduce: str) -> dict[str, Any]:
+    """Rows of one key are added up, and sorted by it, as the daemon does."""
+    key, value = REDUCED[reduce]
+    keys, where = np.unique(np.concatenate([columns[key] for columns in found]), return_inverse=True)
+    sums = np.zeros(len(keys), np.uint64)
+    np.add.at(sums, where, np.concatenate([columns[value] for columns in found]).astype(np.uint64))
+    return {key: keys, value: sums.astype(REDUCED[reduce][value][0])}
+
+
+# ---- pictures -----------------------------------------------------------------------------------
+
+def _placed(path: str, texts: dict[str, str], width: int, height: int, body: Any) -> Part:
+    """A picture's part by its header; parts are as wide as the whole."""
+    match = TILE.match(texts.pop("raynest:tile", ""))
+    if match is None:
+        raise ValueError("it does not say which tile it is")
+    x, y, tile_width, tile_height, whole_width, whole_height = map(int, match.groups())
+    if (tile_width, tile_height) != (width, height) or x != 0 or width != whole_width:
+        raise ValueError("it is no row of tiles from edge to edge")
+    if not 0 < y + height <= whole_height <= SIDE_MAX:
+        raise ValueError("its range is none")
+    return Part(path, y, height, whole_height, {**texts, "width": whole_width}, body)
+
+
+def _read_png(path: str, data: bytes) -> Part:
+    if not data.startswith(PNG):
+        raise ValueError("it is no PNG")
+    at, texts, packed, head, keep = len(PNG), {}, [], b"", []
+    while at < len(data):
+        size, kind = struct.unpack_from(">I4s", data, at)
+        body = data[at + 8:at + 8 + size]
+        if len(body) != size or zlib.crc32(kind + body) != struct.unpack_from(">I", data, at + 8 + size)[0]:
+            raise ValueError("a chunk is damaged")
+        at += 12 + size
+        if kind == b"IHDR":
+            head = body
+        elif kind == b"IDAT":
+            packed.append(body)
+        elif kind in (b"tEXt", b"iTXt", b"zTXt"):
+            key, _, rest = body.partition(b"\0")
+            text = rest if kind == b"tEXt" else rest[1:]
+            if kind == b"zTXt":
+                text = zlib.decompressobj().decompress(text, 1 << 20)
+            texts[key.decode("latin-1")] = text.decode("latin-1")
+            if key != b"raynest:tile":
+                keep.append((kind, body))
+        elif kind != b"IEND":
+            keep.append((kind, body))
+    width, height, depth, colour, _, _, interlaced = struct.unpack(">IIBBBBB", head)
+    if (depth, colour, interlaced) != (8, 6, 0) or not (0 < width <= SIDE_MAX and 0 < height <= SIDE_MAX):
+        raise ValueError("its pixels have another form")
+    size = height * (1 + 4 * width)
+    rows = zlib.decompressobj().decompress(b"".join(packed), size)
+    if len(rows) != size:
+        raise ValueError("it is too short")
+    return _placed(path, texts, width, height, (head, keep, rows))
+
+
+def _join_png(parts: Sequence[Part]) -> bytes:
+    head, keep, _ = parts[0].body
+    width = struct.unpack_from(">I", head)[0]
+    packer = zlib.compressobj(6)
+    packed = b""
+    for part in parts:
+        rows = part.body[2]
+        # The filter of a row looks at the row above it, and a part's first row had none.
+        packed += packer.compress(_unfiltered(rows[:1 + 4 * width])) + packer.compress(rows[1 + 4 * width:])
+    packed += packer.flush()
+    blocks = [(b"IHDR", struct.pack(">II", width, parts[0].of) + head[8:]), *keep, (b"IDAT", packed), (b"IEND", b"")]
+    return PNG + b"".join(struct.pack(">I", len(body)) + kind + body + struct.pack(">I", zlib.crc32(kind + body))
+                          for kind, body in blocks)
+
+
+def _unfiltered(row: bytes) -> bytes:
+    """A picture's first row of RGBA without its filter: what lies above it is 0."""
+    kind, values = row[0], np.frombuffer(row, np.uint8, offset=1).reshape(-1, 4)
+    if kind in (0, 2):
+        plain = values
+    elif kind in (1, 4):
+        plain = np.cumsum(values, axis=0, dtype=np.uint8)
+    elif kind == 3:
+        plain = np.empty_like(values)
+        before = np.zeros(4, np.uint8)
+        for i, value in enumerate(values):
+            before = plain[i] = value + before // 2
+    else:
+        raise ValueError("a row has an unknown filter")
+    return b"\0" + plain.tobytes()
+
+
+def _read_exr(path: str, data: bytes) -> Part:
+    if data[:8] != EXR:
+        raise ValueError("it is no EXR of a daemon")
+    at, fields, texts = 8, [], {}
+    while data[at]:
+        end = data.index(0, at)
+        kind_end = data.index(0, end + 1)
+        name, kind = data[at:end].decode(), data[end + 1:kind_end].decode()
+        size, = struct.unpack_from("<I", data, kind_end + 1)
+        value = data[kind_end + 5:kind_end + 5 + size]
+        at = kind_end + 5 + size
+        fields.append((name, kind, value))
+        if kind == "string":
+            texts[name] = value.decode(errors="replace")
+        elif name not in ("dataWindow", "displayWindow"):
+            texts[name] = value.hex()
+    left, top, right, bottom = struct.unpack("<4i", dict((n, v) for n, _, v in fields)["dataWindow"])
+    width, height = right - left + 1, bottom - top + 1
+    if (left, top) != (0, 0) or not (0 < width <= SIDE_MAX and 0 < height <= SIDE_MAX):
+        raise ValueError("its window is another")
+    blocks = []
+    for number, offset in enumerate(struct.unpack_from(f"<{-(-height // LINES)}Q", data, at + 1)):
+        row, size = struct.unpack_from("<iI", data, offset)
+        if row != number * LINES or size > len(data) - offset - 8:
+            raise ValueError("a block is elsewhere")
+        blocks.append(data[offset + 8:offset + 8 + size])
+    return _placed(path, texts, width, height, (fields, blocks))
+
+
+def _join_exr(parts: Sequence[Part]) -> bytes:
+    fields = parts[0].body[0]
+    window = struct.pack("<4i", 0, 0, parts[0].request["width"] - 1, parts[0].of - 1)
+    head = EXR
+    for name, kind, value in fields:
+        if name == "raynest:tile":
+            continue
+        value = window if name in ("dataWindow", "displayWindow") else value
+        head += name.encode() + b"\0" + kind.encode() + b"\0" + struct.pack("<I", len(value)) + value
+    head += b"\0"
+    if any(part.first % LINES for part in parts):
+        raise InvalidError(f"parts of an EXR begin at multiples of {LINES} rows, as those of --part do", "FILE_INVALID")
+    blocks = [block for part in parts for block in part.body[1]]
+    place = len(head) + 8 * len(blocks)
+    table, body = [], []
+    for number, block in enumerate(blocks):
+        table.append(place)
+        body.append(struct.pack("<iI", number * LINES, len(block)) + block)
+        place += 8 + len(block)
+    return head + struct.pack(f"<{len(table)}Q", *table) + b"".join(body)
+
+
+def main(words: Optional[Sequence[str]] = None) -> int:
+    """The command `raynest merge`. Returns its exit code."""
+    out, *paths = sys.argv[1:] if words is None else words
+    try:
+        print(merge(out, paths))
+        return 0
+    except Error as error:
+        print(f"raynest: {error}", file=sys.stderr)
+        return error.exit_code
+
+
+if __name__ == "__main__":
+    sys.exit(main())

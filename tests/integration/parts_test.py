@@ -1,0 +1,168 @@
+#!/usr/bin/env python3
+"""--part of query, render and heatmap, and `raynest merge`: the files of the whole, and what is wrong with parts.
+
+  parts_test.py RAYNESTD RAYNEST
+"""
+import os
+import pathlib
+import struct
+import sys
+import unittest
+import zlib
+
+import numpy
+
+from daemon import DaemonTest, run_tests
+
+PACKAGE = pathlib.Path(__file__).resolve().parents[2] / "client/python"
+LOOK = "lookat=0,6,20,0,2,0"
+SWEEP = ("--generate", "lidar", "elevations=-30:10:24", "azimuths=0:360:500", LOOK)
+
+
+def pixels(data):
+    """The pixels of a PNG of RGBA, (height, width, 4), by its definition."""
+    at, packed = 8, b""
+    while at < len(data):
+        size, kind = struct.unpack_from(">I4s", data, at)
+        body = data[at + 8:at + 8 + size]
+        at += 12 + size
+        if kind == b"IHDR":
+            width, height = struct.unpack_from(">II", body)
+        if kind == b"IDAT":
+            packed += body
+    rows, above, out = zlib.decompress(packed), [0] * (4 * width), []
+    for y in range(height):
+        kind, *line = rows[y * (1 + 4 * width):(y + 1) * (1 + 4 * width)]
+        row = []
+        for i, value in enumerate(line):
+            left, corner = (row[i - 4], above[i - 4]) if i >= 4 else (0, 0)
+            up = above[i]
+            paeth = min((abs(up - corner), 0, left), (abs(left - corner), 1, up),
+                        (abs(left + up - 2 * corner), 2, corner))[2]
+            row.append((value + (0, left, up, (left + up) // 2, paeth)[kind]) & 255)
+        out.append(row)
+        above = row
+    return numpy.array(out, numpy.uint8).reshape(height, width, 4)
+
+
+class Parts(DaemonTest):
+    @classmethod
+    def setUpClass(cls):
+        super().setUpClass()
+        cls.client.environment.update(PYTHONPATH=str(PACKAGE), RAYNEST_PYTHON=sys.executable)
+        cls.client.json("load", "builtin:forest?trees=20", "--name", "woods")
+
+    def done(self, *words):
+        done = self.client.run(*words)
+        self.assertEqual(done.returncode, 0, done.stderr)
+        return done.stdout
+
+    def parts(self, name, count, *words):
+        """Makes the whole and its parts; returns their paths."""
+        whole = self.out / f"whole-{name}"
+        self.done(*words, "-o", whole)
+        made = [self.out / f"{i}-{name}" for i in range(1, count + 1)]
+        for i, path in enumerate(made, 1):
+            self.done(*words, "-o", path, "--part", f"{i}/{count}")
+        return whole, made
+
+    def merged(self, name, made):
+        out = self.out / f"merged-{name}"
+        self.assertIn(f"of {len(made)} parts", self.done("merge", out, *made))
+        return out
+
+    def refused(self, code, said, *words):
+        done = self.client.run(*words)
+        self.assertEqual((done.returncode, done.stdout), (code, ""), done.stderr)
+        self.assertRegex(done.stderr, said)
+        self.assertEqual(done.stderr.count("\n"), 1, done.stderr)
+
+    def same_columns(self, name, count, *words):
+        whole, made = self.parts(name, count, "query", "woods", *words)
+        with numpy.load(whole) as one, numpy.load(self.merged(name, made[::-1])) as other:
+            self.assertEqual(set(one.files), set(other.files))
+            for column in one.files:
+                self.assertEqual(one[column].dtype, other[column].dtype)
+                self.assertEqual(one[column].tobytes(), other[column].tobytes(), column)
+        return made
+
+    def test_columns_of_parts_are_those_of_the_whole(self):
+        numpy.save(self.out / "rays.npy", numpy.random.default_rng(1).normal(0, 1, (1000, 6)) * [9, 1, 9, 1, 1, 1])
+        points = numpy.random.default_rng(2).normal(0, 1, (100, 6)) * [9, 1, 9, 1, 1, 1]
+        numpy.save(self.out / "points.npy", points.astype(numpy.float32))
+        sky = ("--generate", "hemisphere", f"points={self.out}/points.npy", "samples=20", "seed=7")
+        for name, count, words in (
+                ("sweep.npz", 7, (*SWEEP, "--fields", "t,prim,path,direction")),
+                ("camera.npz", 3, ("--generate", "camera", "size=97x61", LOOK, "--fields", "t,position")),
+                ("all.npz", 4, (*SWEEP, "--kind", "all", "--fields", "t,prim")),
+                ("rays.npz", 7, ("--rays", self.out / "rays.npy", "--fields", "t,origin")),
+                ("sky.npz", 7, (*sky, "--fields", "t,direction")),
+                ("open.npz", 7, (*sky, "--reduce", "hit_fraction")),
+                ("seen.npz", 7, (*SWEEP, "--reduce", "visible_pixels"))):
+            with self.subTest(name):
+                self.same_columns(name, count, *words)
+
+    def test_pictures_of_parts_are_the_whole(self):
+        size = ("--size", "200x150")
+        for name, words in (("primary.exr", ("render", "woods", *size)),
+                            ("path.exr", ("render", "woods", *size, "--integrator", "path", "--spp", "3"))):
+            with self.subTest(name):
+                whole, made = self.parts(name, 7, *words)
+                self.assertEqual(whole.read_bytes(), self.merged(name, made).read_bytes())
+        for name, words in (("primary.png", ("render", "woods", *size)),
+                            ("ao.png", ("render", "woods", *size, "--integrator", "ao", "--spp", "3"))):
+            with self.subTest(name):
+                whole, made = self.parts(name, 7, *words)
+                whole, merged = whole.read_bytes(), self.merged(name, made).read_bytes()
+                self.assertNotIn(b"raynest:tile", merged)
+                self.assertTrue((pixels(whole) == pixels(merged)).all())
+        with self.subTest("heat map"):
+            sys.path.insert(0, str(PACKAGE))
+            from raynest._requests.exr import read_exr
+            whole, made = self.parts("heat.exr", 7, "heatmap", "woods", *size)
+            one, other = (read_exr(path.read_bytes(), 1 << 20)[0] for path in (whole, self.merged("heat.exr", made)))
+            self.assertEqual(one.keys(), other.keys())
+            for channel in one:
+                self.assertTrue((one[channel] == other[channel]).all(), channel)
+
+    def test_a_wrong_part_is_named(self):
+        made = self.same_columns("again.npz", 3, *SWEEP, "--fields", "t")
+        out = self.out / "wrong.npz"
+        self.refused(5, "a part is missing: rows 4000 to 7999 of 12000", "merge", out, made[0], made[2])
+        self.refused(5, "a part is missing: rows 8000 to 11999", "merge", out, *made[:2])
+        self.refused(5, "1-again.npz has rows that another part has too", "merge", out, *made, made[0])
+        other = self.out / "foreign.npz"
+        self.done("query", "woods", *SWEEP, "--fields", "t", "--mask", "1", "-o", other, "--part", "2/3")
+        self.refused(5, "foreign.npz is of another request .*: mask is 1, not 4294967295", "merge", out, made[0], other,
+                     made[2])
+        self.client.json("load", "builtin:forest?trees=21", "--name", "others")
+        self.done("query", "others", *SWEEP, "--fields", "t", "-o", other, "--part", "2/3")
+        self.refused(5, "foreign.npz is of another request .*: hash is", "merge", out, made[0], other, made[2])
+        self.refused(5, "whole-again.npz: is no part", "merge", out, self.out / "whole-again.npz")
+        self.refused(5, "nowhere.npz: No such file", "merge", out, "nowhere.npz")
+        self.refused(2, "parts become a .npz, a .png or an .exr", "merge", "out.txt", made[0])
+        (self.out / "cut.npz").write_bytes(made[0].read_bytes()[:300])
+        self.refused(5, "cut.npz: is no part", "merge", out, self.out / "cut.npz")
+        self.assertFalse(out.exists())
+        for name in ("cut.png", "cut.exr"):
+            whole = self.out / ("1-" + name)
+            self.done("render", "woods", "--size", "64x64", "-o", whole, "--part", "1/2")
+            for length in (0, 9, 100, whole.stat().st_size - 30):
+                (self.out / name).write_bytes(whole.read_bytes()[:length])
+                self.refused(5, f"{name}: is no part", "merge", self.out / ("wrong" + name[3:]), self.out / name)
+
+    def test_a_part_that_cannot_be_made_says_why(self):
+        picture = ("render", "woods", "--size", "64x64", "-o", self.out / "no.png")
+        for text in ("0/3", "4/3", "1/0", "1", "a/b", "1/3x"):
+            self.refused(2, "is not I/N", *picture, "--part", text)
+        self.refused(2, "64 rows of pixels have at most 4 parts", *picture, "--part", "1/5")
+        self.refused(2, "give `exposure` in stops|--exposure", *picture, "--integrator", "path", "--part", "1/2")
+        self.refused(2, "a .npy does not say", *picture[:-1], self.out / "no.npy", "--part", "1/2")
+        self.refused(2, "--part: makes a .exr alone", "heatmap", "woods", "-o", self.out / "no.png", "--part", "1/2")
+        self.refused(2, "--part needs -o", "query", "woods", *SWEEP, "--part", "1/2")
+
+
+if __name__ == "__main__":
+    Parts.raynestd, Parts.raynest = sys.argv[1:3]
+    del sys.argv[1:3]
+    run_tests()

@@ -1,0 +1,213 @@
+#!/usr/bin/env python3
+"""Many hosts on Dask distributed: the same bytes as one daemon, whatever dies.
+
+  dask_test.py RAYNESTD RAYNEST FLATC
+"""
+import os
+import signal
+import subprocess
+import sys
+import tempfile
+import threading
+import time
+import warnings
+from pathlib import Path
+
+import numpy as np
+
+import raynest
+from daemon import until
+from raynest import generators
+from with_daemon import WithDaemon, main, rain
+
+try:
+    import distributed
+    import raynest.dask as many
+except ImportError as missing:
+    print(f"skipped: {missing}")
+    sys.exit(77)
+
+SCENE = "builtin:forest?trees=20"
+SWEEP = generators.lidar(np.linspace(-40, 5, 64), (0, 360, 2048), look_at=((0, 9, 0), (1, 9, 0)))
+FIELDS = ("t", "prim", "path", "direction")
+
+
+def processes(word):
+    """Process ids of this test's children and theirs whose command line has the word."""
+    found = []
+    for entry in Path("/proc").glob("[0-9]*"):
+        try:
+            if word in (entry / "cmdline").read_bytes().decode(errors="replace"):
+                found.append(int(entry.name))
+        except OSError:
+            pass
+    return found
+
+
+class Cluster:
+    """A scheduler and workers in processes of their own, as on hosts: one daemon each."""
+
+    def __init__(self, workers):
+        self.folder = tempfile.TemporaryDirectory(prefix="raynest-test-dask-")
+        file = Path(self.folder.name) / "scheduler.json"
+        self.environment = {**os.environ, "RAYNESTD": WithDaemon.raynestd}
+        self.scheduler = self.start("dask_scheduler", "--host", "tcp://127.0.0.1", "--port", "0", "--no-dashboard",
+                                    "--no-show", "--scheduler-file", file)
+        self.file = file
+        until(file.exists)
+        self.client = distributed.Client(scheduler_file=str(file), set_as_default=False)
+        self.workers = [self.add() for _ in range(workers)]
+        self.client.wait_for_workers(workers, timeout=60)
+
+    def start(self, module, *words):
+        return subprocess.Popen([sys.executable, "-m", f"distributed.cli.{module}", *map(str, words)],
+                                env=self.environment, stdin=subprocess.DEVNULL, stdout=subprocess.DEVNULL,
+                                stderr=subprocess.DEVNULL, start_new_session=True)
+
+    def add(self):
+        return self.start("dask_worker", "--scheduler-file", self.file, "--no-nanny", "--nthreads", 2, "--no-dashboard",
+                          "--local-directory", self.folder.name)
+
+    def close(self):
+        try:
+            self.client.close(timeout=2)
+        finally:
+            for process in [*self.workers, self.scheduler]:
+                process.kill()
+                process.wait()
+            self.folder.cleanup()
+
+
+class ManyHosts(WithDaemon):
+    @classmethod
+    def setUpClass(cls):
+        super().setUpClass()
+        cls.setup = many.Setup(cls.raynestd, "worker", ("--threads", "1"))
+        cls.sweep = cls.woods.trace(SWEEP, fields=FIELDS)
+
+    def cluster(self, workers):
+        made = Cluster(workers)
+        self.addCleanup(made.close)
+        return made
+
+    def traced(self, cluster, **options):
+        options = {"item_rays": 4096, "fields": FIELDS, "setup": self.setup, **options}
+        return many.trace(cluster.client, SCENE, SWEEP, **options)
+
+    def disturbed(self, cluster, act, at=5, **options):
+        """A trace during which `act` is called once so many items are answered. Returns columns and warnings."""
+        called = []
+
+        def progress(done, _total, _stage):
+            if done >= at * 4096 and not called:
+                called.append(True)
+                act()
+        with warnings.catch_warnings(record=True) as said:
+            warnings.simplefilter("always")
+            seen = self.traced(cluster, progress=progress, **options)
+        self.assertTrue(called)
+        return seen, [str(one.message) for one in said if one.category is raynest.RayWarning]
+
+    def test_all_that_is_dealt_out_has_the_bytes_of_one_daemon(self):
+        cluster = self.cluster(2)
+        with self.subTest("a generator"):
+            self.same(self.traced(cluster), self.sweep)
+        with self.subTest("all hits"):
+            whole = self.woods.trace(SWEEP.part(0, 20000), kind="all", fields=("t", "prim"))
+            self.same(many.trace(cluster.client, SCENE, SWEEP.part(0, 20000), kind="all", fields=("t", "prim"),
+                                 item_rays=3000, setup=self.setup), whole)
+        with self.subTest("sent rays"):
+            rays = rain(20000)
+            self.same(many.trace(cluster.client, SCENE, rays, item_rays=3000, setup=self.setup), self.woods.trace(rays))
+        with self.subTest("a hemisphere"):
+            points = np.random.default_rng(3).uniform(-20, 20, (500, 3))
+            sky = generators.hemisphere(points, np.broadcast_to([0, 1, 0], points.shape), samples=50, seed=4)
+            self.same(many.reduce(cluster.client, SCENE, sky, "hit_fraction", item_rays=2500, setup=self.setup),
+                      self.woods.trace(sky, reduce="hit_fraction"))
+        with self.subTest("visible pixels"):
+            self.same(many.reduce(cluster.client, SCENE, SWEEP, "visible_pixels", item_rays=5000, setup=self.setup),
+                      self.woods.trace(SWEEP, reduce="visible_pixels"))
+        with self.subTest("pictures"):
+            size = (200, 100)
+            lit = {"size": size, "integrator": "path", "spp": 4, "seed": 5}
+            self.same(many.render(cluster.client, SCENE, **lit, item_samples=4 * 2048, setup=self.setup),
+                      self.woods.render(**lit))
+            np.testing.assert_array_equal(many.render(cluster.client, SCENE, size=size, item_samples=4000,
+                                                      setup=self.setup), self.woods.render(size=size))
+            np.testing.assert_array_equal(many.heatmap(cluster.client, SCENE, size=size, item_samples=4000,
+                                                       setup=self.setup), self.woods.heatmap(size=size))
+        with self.subTest("a mistake"), self.assertRaisesRegex(raynest.InvalidError, "nothing"):
+            many.trace(cluster.client, "builtin:nothing", SWEEP, setup=self.setup)
+        with self.subTest("no daemon"), self.assertRaisesRegex(raynest.Error, "binary="):
+            many.trace(cluster.client, SCENE, SWEEP, setup=self.setup._replace(binary="/nowhere/raynestd"))
+
+    def test_the_command_line(self):
+        cluster = self.cluster(1)
+        address = cluster.client.scheduler.address
+        folder = Path(cluster.folder.name)
+        environment = {**os.environ, "RAYNEST_PYTHON": sys.executable}
+
+        def run(*words):
+            return subprocess.run([self.raynest, "--dask", address, *map(str, words)], env=environment,
+                                  stdin=subprocess.DEVNULL, capture_output=True, text=True, timeout=120)
+        lit = ("render", SCENE, "--size", "160x90", "--integrator", "path", "--spp", "2")
+        done = run(*lit, "-o", folder / "lit.exr")
+        self.assertEqual((done.returncode, done.stdout), (0, f"{folder}/lit.exr: 90 rows of pixels of 6 parts\n"),
+                         done.stderr)
+        layers = raynest.read_layers((folder / "lit.exr").read_bytes())
+        self.same(layers, self.woods.render(size=(160, 90), integrator="path", spp=2))
+        done = run("query", SCENE, "--generate", "camera", "size=500x500", "--fields", "t,prim", "-o", folder / "q.npz")
+        self.assertEqual(done.returncode, 0, done.stderr)
+        with np.load(folder / "q.npz") as columns:
+            self.same(dict(columns), self.woods.trace(generators.camera(size=(500, 500)), fields=("t", "prim")))
+        for code, said, words in (
+                (2, "exposure", (*lit, "-o", folder / "lit.png")),
+                (5, "no built-in scene", ("render", "builtin:nothing", "-o", folder / "x.exr")),
+                (2, "--dask needs -o", ("query", SCENE, "--ray", "0,1,5,0,0,-1")),
+                (2, "--dask is for", ("info", SCENE))):
+            done = run(*words)
+            self.assertEqual(done.returncode, code, done.stderr)
+            self.assertRegex(done.stderr, said)
+            self.assertEqual(done.stderr.count("\n"), 1, done.stderr)
+        done = subprocess.run([self.raynest, "--dask", "tcp://127.0.0.1:1", *map(str, lit), "-o", folder / "x.exr"],
+                              env=environment, capture_output=True, text=True, timeout=120)
+        self.assertEqual(done.returncode, 3)
+        self.assertRegex(done.stderr, "^raynest: no Dask scheduler answers at tcp://127.0.0.1:1: [^\n]*\n$")
+
+    def test_a_worker_dies_and_a_late_one_joins(self):
+        cluster = self.cluster(2)
+
+        def act():
+            cluster.workers[0].kill()
+            cluster.workers.append(cluster.add())
+        seen, _ = self.disturbed(cluster, act)
+        self.same(seen, self.sweep)
+        cluster.workers[1].kill()       # the late one alone has to make it
+        cluster.workers[1].wait()
+        cluster.client.wait_for_workers(1, timeout=60)
+        self.same(self.traced(cluster), self.sweep)
+
+    def test_a_daemon_dies(self):
+        cluster = self.cluster(1)
+        self.traced(cluster)
+        before = set(processes("raynest-dask-"))
+        self.assertTrue(before)
+        seen, said = self.disturbed(cluster, lambda: os.kill(before.pop(), signal.SIGKILL))
+        self.same(seen, self.sweep)
+        self.assertEqual(said, [])
+
+    def test_a_stuck_worker_is_not_waited_for(self):
+        cluster = self.cluster(2)
+        self.traced(cluster)
+        seen, _ = self.disturbed(cluster, lambda: cluster.workers[0].send_signal(signal.SIGSTOP), patience=1.0)
+        self.same(seen, self.sweep)
+
+    def test_the_scheduler_dies(self):
+        cluster = self.cluster(2)
+        seen, said = self.disturbed(cluster, cluster.scheduler.kill)
+        self.same(seen, self.sweep)
+        self.assertTrue(any("scheduler went away" in line for line in said), said)
+
+
+if __name__ == "__main__":
+    main()
