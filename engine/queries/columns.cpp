@@ -1,7 +1,10 @@
 #include "engine/queries/columns.h"
 
 #include "engine/geometry/path.h"
+#include "engine/intersectors/texture.h"
+#include "engine/queries/base_colour.h"
 #include "engine/queries/triangle_place.h"
+#include "engine/shading/records.h"
 
 #include <algorithm>
 #include <array>
@@ -100,6 +103,46 @@ glm::dvec3 record_normal(const ColumnSource& source, const HitRecord& hit, const
     float normal[3] = {0, 0, 0};
     normal_of(source.scene->record_of(object, hit.triangle), at, normal);
     return {normal[0], normal[1], normal[2]};
+}
+
+/// A normal is a covector: the transposed world-to-object map takes it to the world, and keeps it
+/// outward where the placement mirrors.
+glm::dvec3 normal_to_world(const Transform& to_object, const glm::dvec3& n) {
+    const auto m = [&](std::size_t i) { return static_cast<double>(to_object.m[i]); };
+    return {m(0) * n.x + m(4) * n.y + m(8) * n.z, m(1) * n.x + m(5) * n.y + m(9) * n.z,
+            m(2) * n.x + m(6) * n.y + m(10) * n.z};
+}
+
+/// The interpolated normal of the vertices in the world; world_normal() where they have none.
+Vec3 vertex_normal(const ColumnSource& source, const Ray& ray, const HitRecord& hit) {
+    const GeometryRecord* const geometry = geometry_of(source, hit);
+    const std::uint64_t offset =
+        geometry == nullptr || source.shading == nullptr
+            ? no_offset
+            : source.shading[geometry - source.scene->geometries].normals;
+    if (offset != no_offset) {
+        const auto* const corner = source.scene->attribute<std::uint32_t>(geometry->indices) +
+                                   std::size_t{3} * (hit.triangle - geometry->first_triangle);
+        const auto* const normals = source.scene->attribute<Vec3>(offset);
+        const auto of = [&](std::size_t i) { return glm::dvec3(normals[corner[i]]); };
+        const double u{hit.u}, v{hit.v};
+        const glm::dvec3 world =
+            normal_to_world(world_to_object(*source.scene, hit.path),
+                            (1 - u - v) * of(0) + u * of(1) + v * of(2));
+        const double length = glm::length(world);
+        if (length > 0) return Vec3(world / length);
+    }
+    return world_normal(source, ray, hit);
+}
+
+/// The coordinates of a hit in the set of its material.
+Vec2 texture_place(const ColumnSource& source, const HitRecord& hit) {
+    const GeometryRecord* const geometry = geometry_of(source, hit);
+    if (geometry == nullptr) return Vec2(0);
+    const std::uint32_t set =
+        geometry->material == no_id ? 0 : source.scene->materials[geometry->material].texcoord;
+    if (set > 1 || geometry->texcoords[set] == no_offset) return Vec2(0);
+    return texture_coordinates(*source.scene, *geometry, set, hit.triangle, hit.u, hit.v);
 }
 
 /// Calls f(i, hit, ray) for every element.
@@ -309,6 +352,12 @@ void write_column(const Column& column, const ColumnSource& source, std::byte* o
                            ? no_id
                            : tree_depth(*scene, object_of(source, h), h.triangle, h.u, h.v);
             });
+        case Field::normal:
+            return each(Vec3(0), [&](Hit h, At ray) { return vertex_normal(source, ray, h); });
+        case Field::texcoord:
+            return each(Vec2(0), [&](Hit h, At) { return texture_place(source, h); });
+        case Field::base_colour:
+            return each(Vec3(0), [&](Hit h, At) { return base_colour(*scene, h); });
         case Field::origin:
             return always([](Hit, At ray) { return ray.origin; });
         case Field::direction:
@@ -342,12 +391,7 @@ Vec3 world_normal(const ColumnSource& source, const Ray& ray, const HitRecord& h
             ? record_normal(source, hit, to_object.point(world_position(ray, hit.t)))
             : triangle_normal(scene, *geometry, hit.triangle);
 
-    // A normal is a covector: the transposed world-to-object map takes it to the world, and keeps
-    // it outward where the placement mirrors.
-    const auto m = [&](std::size_t i) { return static_cast<double>(to_object.m[i]); };
-    const glm::dvec3 world(m(0) * n.x + m(4) * n.y + m(8) * n.z,
-                           m(1) * n.x + m(5) * n.y + m(9) * n.z,
-                           m(2) * n.x + m(6) * n.y + m(10) * n.z);
+    const glm::dvec3 world = normal_to_world(to_object, n);
     const double length = glm::length(world);
     return length > 0 ? Vec3(world / length) : Vec3(0);
 }

@@ -18,6 +18,8 @@
 
 namespace raynest {
 
+struct GeometryShading;  // shading/records.h
+
 /// Those of fields.def, then the counters.
 enum class Field : std::uint32_t {
 #define RAYNEST_FIELD(name, ...) name,
@@ -84,6 +86,7 @@ struct ColumnSource {
     RecordNormal (*record_normal)(std::uint32_t type, const void* context) = nullptr;
     const void* context = nullptr;
     const PathTable* paths = nullptr;  ///< null: user ids are those of instances
+    const GeometryShading* shading = nullptr;  ///< one per geometry; null: vertices have no normals
 };
 
 /// Writes an element of field_bytes() per hit (counters: per ray), canonical for misses. A counter

@@ -106,6 +106,7 @@ ColumnSource Plan::source(const Registry& registry) const {
     ColumnSource source;
     source.scene = &scene.snapshot().view();
     source.paths = &scene.snapshot().paths();
+    source.shading = scene.snapshot().shading().geometries;
     source.record_normal = record_normal;
     source.context = &registry;
     return source;

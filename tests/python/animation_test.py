@@ -295,6 +295,15 @@ class Animation(WithDaemon):
                 hit = scene.trace(top, fields=("t", "path"), time=1.0)
                 self.assertEqual(scene.path_of(int(hit["path"][0])), name)
 
+    def test_the_daemon_keeps_the_last_few_alone(self):
+        scene = self.load(self.skinned(True)[0], "strip")
+        used = lambda: self.client.stats()["memory_used_bytes"]
+        before = used()
+        for time in np.linspace(0, 2, 12):
+            scene.trace(RAIN[:8], time=float(time))
+        self.assertGreater(used() - before, scene.info["bytes"] // 2)
+        self.assertLess(used() - before, 6 * scene.info["bytes"])
+
     def test_what_cannot_be_is_refused_in_one_line(self):
         scene = self.load(travelling(), "drive")
         still = self.client.load("builtin:flake?depth=1", "still", replace=True)

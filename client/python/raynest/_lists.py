@@ -47,6 +47,9 @@ OF_HITS: dict[str, tuple[str, int]] = {
     'mask': ('u32', 1),
     'box_share': ('f32', 1),
     'tree_depth': ('u32', 1),
+    'normal': ('f32', 3),
+    'texcoord': ('f32', 2),
+    'base_colour': ('f32', 3),
 }
 
 OF_RAYS: dict[str, tuple[str, int]] = {

@@ -25,7 +25,7 @@ struct BuiltinKey {
 using BuiltinValues = std::map<std::string, std::uint64_t, std::less<>>;
 
 /// Describes builtin:forest[?trees=..&leaves=..&levels=1..4&seed=..], builtin:flake[?depth=..],
-/// builtin:terrain[?size=..&seed=..] or builtin:street[?cars=..&length=..&seed=..]. A scene_invalid error
+/// builtin:terrain[?size=..&seed=..] or builtin:street[?cars=..&length=..&seconds=..&seed=..]. A scene_invalid error
 /// names the known keys.
 Result<SceneDescription> describe_builtin(std::string_view source);
 

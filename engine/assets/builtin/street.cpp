@@ -5,9 +5,11 @@
 //
 // The street runs along X, two lanes a side of Z = 0. A car looks along its own +X and turns its
 // wheels about their own Z. Instances are "car-0", "car-1", ..., each with "wheel-0" to "wheel-3";
-// "house-*", "tree-*", "lamp-*".
+// "house-*", "tree-*", "lamp-*". With `seconds` it has an animation: cars drive, with the first camera
+// among them, and trees sway. Wheels stand still: they lie within the cars.
 #include "engine/assets/builtin/builtin.h"
 #include "engine/assets/builtin/look_at.h"
+#include "engine/assets/builtin/play.h"
 #include "engine/math/random.h"
 
 #include <fmt/format.h>
@@ -239,9 +241,10 @@ Transform stand(float x, float y, float z, bool turned) {
 
 class Street {
 public:
-    Street(SceneDescription& scene, float length, std::uint64_t seed)
+    Street(SceneDescription& scene, float length, std::uint64_t seed, float seconds)
         : scene_(scene),
           length_(length),
+          seconds_(seconds),
           random_(seed) {
         root_.name = "street";
     }
@@ -265,6 +268,25 @@ public:
         park_cars(cars);
         scene_.objects.push_back(std::move(root_));
         scene_.root = static_cast<std::uint32_t>(scene_.objects.size() - 1);
+    }
+    /// Makes the animation of what moves, which is built.
+    void play() {
+        Play play(seconds_);
+        // Its own: without an animation the street is the same.
+        Random random = random_.split();
+        const std::vector<InstanceDescription>& placed = scene_.objects[scene_.root].instances;
+        for (std::uint32_t i = 0; i < placed.size(); ++i) {
+            const Transform& at = placed[i].transform;
+            if (placed[i].name.starts_with("car-"))
+                play.follow(play.add_drive({at.m[0] * random.uniform(9, 14) * seconds_, 0, 0}), i, at);
+            if (placed[i].name.starts_with("tree-"))
+                play.follow(play.add_sway({at.m[3], at.m[7], at.m[11]}, random.uniform(0.02F, 0.06F),
+                                          random.uniform(2, 4), random.uniform(0, 1)),
+                            i, at);
+        }
+        const std::uint32_t driver = play.add_drive({11 * seconds_, 0, 0});
+        play.follow_with_camera(driver, 0, scene_.cameras[0].to_world);
+        scene_.motion = play.bytes();
     }
 
 private:
@@ -313,6 +335,7 @@ private:
 
     SceneDescription& scene_;
     const float length_;
+    const float seconds_;
     Random random_;
     ObjectDescription root_;
     std::uint32_t lamps_ = 0, trees_ = 0;
@@ -341,11 +364,13 @@ Result<SceneDescription> describe_street(const BuiltinValues& values) {
     for (std::size_t i = 0; i < paints.size(); ++i)
         add_material(scene, paints[i], colours[i], 0.25F);
     const auto length = static_cast<float>(values.find("length")->second);
-    Street(scene, length, values.find("seed")->second)
-        .build(static_cast<std::uint32_t>(values.find("cars")->second));
+    const auto seconds = static_cast<float>(values.find("seconds")->second);
+    Street street(scene, length, values.find("seed")->second, seconds);
+    street.build(static_cast<std::uint32_t>(values.find("cars")->second));
     scene.cameras.push_back(look_at("driver", {-length / 2 + 6, 2.4F, 0}, {0, 1.4F, 0}, 0.9F));
     scene.cameras.push_back(
         look_at("roof", {-length / 2 + 5, 9, 8.5F}, {-length / 2 + 60, 0, -4}, 0.8F));
+    if (seconds > 0) street.play();
     return scene;
 }
 

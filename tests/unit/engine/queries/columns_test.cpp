@@ -166,6 +166,40 @@ TEST_CASE("normals are unit length and outward under rotation, stretching and mi
     CHECK(is_close(normal_under(shear), glm::normalize(Vec3(-2, 0, 1))));
 }
 
+TEST_CASE("surfaces have the normals, texture coordinates and colours of their vertices") {
+    SceneDescription description;
+    description.objects.resize(2);
+    GeometryDescription square = test::unit_square(0);
+    square.normals = {{0, 0, 2}, {0, 0, 1}, {0, 3, 0}, {0, 0, 1}};
+    square.texcoords[1] = {{0, 0}, {4, 0}, {4, 8}, {0, 8}};
+    square.colours = {255, 0, 0, 255, 255, 0, 0, 255, 255, 255, 0, 255, 255, 0, 0, 255};
+    description.materials.resize(1);
+    description.materials[0].texcoord = 1;
+    description.materials[0].base_colour = Vec4(0.5F, 1, 1, 1);
+    description.objects[0].geometries = {square, test::unit_square()};
+    description.objects[1].instances = {test::place(0, scaling(1, 1, 2), "stretched")};
+    description.root = 1;
+    const auto scene = test::build_scene(description);
+    const std::vector<Ray> rays(3);
+    std::vector<HitRecord> hits{hit_at(scene->view(), 0, 0, 1), hit_at(scene->view(), 0, 2, 1), {}};
+    hits[0].u = 0.25F;  // of corner 1; corner 2 has half
+    hits[0].v = 0.5F;
+    ColumnSource source{&scene->view(), rays, hits};
+    source.shading = scene->shading().geometries;
+    // (0, 1.5, 0.75) in the object; a normal shrinks where the placement stretches.
+    const auto normals = column<Vec3>(Field::normal, source, 3);
+    CHECK(glm::length(normals[0] - glm::normalize(Vec3(0, 1.5F, 0.375F))) < 1e-6F);
+    CHECK(normals[1] == Vec3(0, 0, 1));  // no vertex normals: ng
+    CHECK(normals[2] == Vec3(0));
+    const auto texcoords = column<Vec2>(Field::texcoord, source, 3);
+    CHECK(texcoords[0] == Vec2(3, 4));
+    CHECK(texcoords[1] == Vec2(0));
+    const auto colours = column<Vec3>(Field::base_colour, source, 3);
+    CHECK(colours[0] == Vec3(0.5F, 0.5F, 0));
+    CHECK(colours[1] == Vec3(1));
+    CHECK(colours[2] == Vec3(0));
+}
+
 TEST_CASE("front is set if the ray meets the side that the normal points to, also mirrored") {
     const auto registry = Registry::load({});
     REQUIRE(registry.has_value());
