@@ -176,7 +176,9 @@ TEST_CASE("surfaces have the normals, texture coordinates and colours of their v
     description.materials.resize(1);
     description.materials[0].texcoord = 1;
     description.materials[0].base_colour = Vec4(0.5F, 1, 1, 1);
-    description.objects[0].geometries = {square, test::unit_square()};
+    GeometryDescription bare = test::unit_square();
+    bare.texcoords[0].clear();
+    description.objects[0].geometries = {square, bare};
     description.objects[1].instances = {test::place(0, scaling(1, 1, 2), "stretched")};
     description.root = 1;
     const auto scene = test::build_scene(description);
