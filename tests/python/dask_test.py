@@ -136,6 +136,11 @@ class ManyHosts(WithDaemon):
                                                       setup=self.setup), self.woods.render(size=size))
             np.testing.assert_array_equal(many.heatmap(cluster.client, SCENE, size=size, item_samples=4000,
                                                        setup=self.setup), self.woods.heatmap(size=size))
+        with self.subTest("arrays that stay"):
+            found = many.arrays(cluster.client, SCENE, SWEEP, fields=FIELDS, item_rays=10000, setup=self.setup)
+            for name, column in found.items():
+                np.testing.assert_array_equal(cluster.client.compute(column, sync=True), self.sweep[name])
+            self.assertEqual(cluster.client.compute(found["prim"].max(), sync=True), self.sweep["prim"].max())
         with self.subTest("a mistake"), self.assertRaisesRegex(raynest.InvalidError, "nothing"):
             many.trace(cluster.client, "builtin:nothing", SWEEP, setup=self.setup)
         with self.subTest("no daemon"), self.assertRaisesRegex(raynest.Error, "binary="):

@@ -10,7 +10,7 @@ from typing import Any, Callable, Iterator, NamedTuple, Optional, Sequence
 import numpy as np
 
 from ._version import VERSION
-from ._workers import Setup, Source, distributed, item as make_item
+from ._workers import Setup, Source, item as make_item
 from .errors import Error, FailedError, InvalidError, RayWarning, UsageError, warn
 
 PATIENCE = 4.0             # s of silence after which open items are dealt again
@@ -30,7 +30,7 @@ class Part(NamedTuple):
 class Deal:
     """Deals items out to a cluster until each is answered. The first answer of an item counts."""
 
-    def __init__(self, cluster: distributed.Client, setup: Setup, source: Source, method: Any,
+    def __init__(self, cluster: Any, setup: Setup, source: Source, method: Any,
                  parts: Sequence[Part], patience: float, progress: Any, stage: str = "tracing") -> None:
         self._cluster, self._setup, self._source, self._method = cluster, setup, source, method
         self._parts, self._patience, self._progress, self._stage = parts, patience, progress, stage

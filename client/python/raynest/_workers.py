@@ -23,7 +23,7 @@ from .errors import BusyError, ConnectError, DeadlineError, Error, FailedError, 
 from .scene import Scene
 
 try:
-    import distributed
+    import distributed as distributed
 except ImportError:
     raise ImportError("raynest.dask needs Dask distributed: apt install python3-distributed python3-paramiko") from None
 
@@ -214,6 +214,11 @@ def item(version: str, setup: Setup, source: Source, method: Any, rays: Any, opt
             if last or not (error.lost or isinstance(error, ConnectError)):
                 raise
             host.drop()
+
+
+def columns_of(version: str, setup: Setup, source: Source, rays: Any, options: dict[str, Any]) -> Any:
+    """The columns of an item alone, as they stay on a worker."""
+    return item(version, setup, source, "trace", rays, options)[1]
 
 
 def digest_of(_at: Host, scene: Scene, _options: dict[str, Any]) -> str:
