@@ -206,6 +206,9 @@ class ManyHosts(WithDaemon):
         self.traced(cluster)
         seen, _ = self.disturbed(cluster, lambda: cluster.workers[0].send_signal(signal.SIGSTOP), patience=1.0)
         self.same(seen, self.sweep)
+        rays = rain(20000)
+        self.same(many.trace(cluster.client, SCENE, rays, item_rays=1000, setup=self.setup, patience=1.0),
+                  self.woods.trace(rays))
 
     def test_the_scheduler_dies(self):
         cluster = self.cluster(2)

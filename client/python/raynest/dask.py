@@ -82,7 +82,7 @@ def arrays(cluster: Any, scene: str, rays: Any, *, fields: Union[str, Sequence[s
     blocks = []
     for part in parts:
         assert part.rays is not None
-        given = cluster.scatter(part.rays(), hash=False) if part.heavy else part.rays()
+        given = cluster.scatter(part.rays(), hash=False, direct=True) if part.heavy else part.rays()
         blocks.append(cluster.submit(columns_of, VERSION, setup, source, given, part.options, pure=False, retries=5))
     return {name: dask.array.concatenate([
         dask.array.from_delayed(dask.delayed(operator.getitem)(block, name), (part.weight, *column.shape[1:]),
