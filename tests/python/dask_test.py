@@ -197,6 +197,10 @@ class ManyHosts(WithDaemon):
         self.traced(cluster)
         before = set(processes("raynest-dask-"))
         self.assertTrue(before)
+        for pid in before:
+            words = Path(f"/proc/{pid}/cmdline").read_bytes().decode().split("\0")
+            socket, = (word.removeprefix("unix:") for word in words if word.startswith("unix:"))
+            self.assertEqual(os.stat(os.path.dirname(socket)).st_mode & 0o777, 0o700)
         seen, said = self.disturbed(cluster, lambda: os.kill(before.pop(), signal.SIGKILL))
         self.same(seen, self.sweep)
         self.assertEqual(said, [])

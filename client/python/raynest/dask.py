@@ -4,7 +4,7 @@
     from distributed import Client
 
     cluster = Client("tcp://head:8786")                 # after: dask-ssh head node1 node2
-    rays = raynest.generators.camera(size=(16384, 16384))
+    rays = raynest.generators.camera(size=(8192, 8192))
     seen = raynest.dask.trace(cluster, "/shared/forest.glb", rays, fields=("t", "prim"))
 
 Each host of the cluster gets one raynestd, which listens on a private Unix socket and ends with its worker. A
