@@ -136,6 +136,11 @@ class ManyHosts(WithDaemon):
                                                       setup=self.setup), self.woods.render(size=size))
             np.testing.assert_array_equal(many.heatmap(cluster.client, SCENE, size=size, item_samples=4000,
                                                        setup=self.setup), self.woods.heatmap(size=size))
+        with self.subTest("arrays that stay"):
+            found = many.arrays(cluster.client, SCENE, SWEEP, fields=FIELDS, item_rays=10000, setup=self.setup)
+            for name, column in found.items():
+                np.testing.assert_array_equal(cluster.client.compute(column, sync=True), self.sweep[name])
+            self.assertEqual(cluster.client.compute(found["prim"].max(), sync=True), self.sweep["prim"].max())
         with self.subTest("a mistake"), self.assertRaisesRegex(raynest.InvalidError, "nothing"):
             many.trace(cluster.client, "builtin:nothing", SWEEP, setup=self.setup)
         with self.subTest("no daemon"), self.assertRaisesRegex(raynest.Error, "binary="):
@@ -192,6 +197,10 @@ class ManyHosts(WithDaemon):
         self.traced(cluster)
         before = set(processes("raynest-dask-"))
         self.assertTrue(before)
+        for pid in before:
+            words = Path(f"/proc/{pid}/cmdline").read_bytes().decode().split("\0")
+            socket, = (word.removeprefix("unix:") for word in words if word.startswith("unix:"))
+            self.assertEqual(os.stat(os.path.dirname(socket)).st_mode & 0o777, 0o700)
         seen, said = self.disturbed(cluster, lambda: os.kill(before.pop(), signal.SIGKILL))
         self.same(seen, self.sweep)
         self.assertEqual(said, [])
@@ -201,6 +210,9 @@ class ManyHosts(WithDaemon):
         self.traced(cluster)
         seen, _ = self.disturbed(cluster, lambda: cluster.workers[0].send_signal(signal.SIGSTOP), patience=1.0)
         self.same(seen, self.sweep)
+        rays = rain(20000)
+        self.same(many.trace(cluster.client, SCENE, rays, item_rays=1000, setup=self.setup, patience=1.0),
+                  self.woods.trace(rays))
 
     def test_the_scheduler_dies(self):
         cluster = self.cluster(2)

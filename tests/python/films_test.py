@@ -154,6 +154,36 @@ class Films(WithDaemon):
         with self.assertRaises(raynest.ProtocolError):
             read_exr(file, 100)
 
+    def test_tiles_are_pixels_of_the_whole(self):
+        view = {**VIEW, "size": (203, 97)}
+        tiles = ((0, 0, 203, 16), (64, 8, 100, 40), (7, 5, 13, 11), (202, 96, 1, 1))
+        for options in ({"integrator": "ao"}, {"integrator": "direct"}, {"integrator": "path", "seed": 9}):
+            whole = self.woods.render(**options, spp=5, **view)
+            for x, y, width, height in tiles:
+                self.same(self.woods.render(**options, spp=5, tile=(x, y, width, height), **view), {
+                    name: layer[y:y + height, x:x + width] for name, layer in whole.items()})
+        lit = {"integrator": "path", "spp": 2, "encode": "raw", "exposure": 1.5}
+        for ask in (self.woods.render, self.woods.heatmap, lambda **more: self.woods.render(**lit, **more)):
+            whole = np.asarray(ask(**view))
+            for x, y, width, height in tiles:
+                np.testing.assert_array_equal(np.asarray(ask(tile=(x, y, width, height), **view)),
+                                              whole[y:y + height, x:x + width])
+        noisy = {"integrator": "path", "spp": 48, "noise": 0.2, **view}
+        whole, tile = self.woods.render(**noisy), self.woods.render(tile=(64, 8, 139, 24), **noisy)
+        self.same(tile, {name: layer[8:32, 64:] for name, layer in whole.items()})
+        self.assertGreater(len(np.unique(tile["samples"])), 1)
+
+    def test_a_tile_is_refused_where_it_is_no_part_of_the_whole(self):
+        for said, options in (
+                ("exposure", {"integrator": "path", "encode": "png", "tile": (0, 0, 8, 8)}),
+                ("multiples of 64 and 8", {"integrator": "path", "noise": 0.1, "tile": (8, 0, 64, 8)}),
+                ("must lie within", {"tile": (0, 0, 91, 8)}), ("must lie within", {"tile": (0, 50, 8, 1)}),
+                ("must lie within", {"tile": (0, 0, 0, 8)}), ("must be", {"tile": (0, 0, 8)})):
+            with self.assertRaisesRegex(raynest.UsageError, said):
+                self.woods.render(**options, **VIEW)
+        with self.assertRaisesRegex(raynest.UsageError, "the legend and the document"):
+            self.woods.heatmap(encode="png", tile=(0, 0, 8, 8), **VIEW)
+
 
 if __name__ == "__main__":
     main()

@@ -340,6 +340,33 @@ class Kinds(WithDaemon):
         self.assertTrue(np.isinf(hits["t"]).all() and (hits["prim"] == 2**32 - 1).all())
         self.assertFalse(hits["hit"].any())
 
+    def test_parts_are_rows_of_the_whole(self):
+        fields = ("t", "path", "origin", "direction", "total")
+        points = np.random.default_rng(5).uniform(-20, 20, (40, 3))
+        for whole in (generators.camera(size=(203, 97)), generators.equirectangular(size=(64, 33), look_at=((0, 9, 0), (1, 9, 0))),
+                      generators.orthographic((40, 40), size=(50, 50), look_at=((0, 60, 0), (0, 0, 0), (1, 0, 0))),
+                      generators.lidar([-9, -5, 0, 5], (0, 360, 1000), look_at=((0, 9, 0), (1, 9, 0))),
+                      generators.hemisphere(points, np.broadcast_to([0, 1, 0], points.shape), samples=30, seed=3)):
+            columns = self.woods.trace(whole, fields=fields)
+            count = len(points) if "hemisphere" in repr(whole) else whole.count
+            each = whole.count // count
+            for first, rows in ((0, count), (0, 1), (count - 1, 1), (count // 3, count // 2), (count // 5, 8)):
+                part = whole.part(first, rows)
+                self.assertEqual(part.count, rows * each)
+                self.same(self.woods.trace(part, fields=fields), {
+                    name: column[first * each:(first + rows) * each] for name, column in columns.items()})
+            within = whole.part(count // 4, count // 2).part(3, 2)
+            self.same(self.woods.trace(within, fields=("t",)), {
+                "t": columns["t"][(count // 4 + 3) * each:(count // 4 + 5) * each]})
+            for first, rows in ((count, 1), (-1, 1), (0, 0), (1, count)):
+                with self.assertRaises(raynest.UsageError):
+                    whole.part(first, rows)
+        # The daemon checks it too.
+        beyond = generators.camera(size=(10, 10)).part(50, 50)
+        beyond._part = (51, 50)
+        with self.assertRaisesRegex(raynest.UsageError, "part: rays 51 to 101, but the generator makes 100"):
+            self.woods.trace(beyond)
+
 
 if __name__ == "__main__":
     main()

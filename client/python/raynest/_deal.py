@@ -10,7 +10,7 @@ from typing import Any, Callable, Iterator, NamedTuple, Optional, Sequence
 import numpy as np
 
 from ._version import VERSION
-from ._workers import Setup, Source, distributed, item as make_item
+from ._workers import Setup, Source, item as make_item
 from .errors import Error, FailedError, InvalidError, RayWarning, UsageError, warn
 
 PATIENCE = 4.0             # s of silence after which open items are dealt again
@@ -30,7 +30,7 @@ class Part(NamedTuple):
 class Deal:
     """Deals items out to a cluster until each is answered. The first answer of an item counts."""
 
-    def __init__(self, cluster: distributed.Client, setup: Setup, source: Source, method: Any,
+    def __init__(self, cluster: Any, setup: Setup, source: Source, method: Any,
                  parts: Sequence[Part], patience: float, progress: Any, stage: str = "tracing") -> None:
         self._cluster, self._setup, self._source, self._method = cluster, setup, source, method
         self._parts, self._patience, self._progress, self._stage = parts, patience, progress, stage
@@ -88,7 +88,7 @@ class Deal:
         rays = None if part.rays is None else part.rays()
         try:
             if part.heavy:
-                rays = self._cluster.scatter(rays, hash=False)
+                rays = self._sent(rays, workers or self._lively())
             copy = self._cluster.submit(make_item, VERSION, self._setup, self._source, self._method, rays, part.options,
                                         pure=False, retries=1, workers=workers, key=f"raynest-{os.urandom(8).hex()}")
         except (OSError, asyncio.TimeoutError, RuntimeError, ValueError) as error:
@@ -96,6 +96,28 @@ class Deal:
         self._copies[item] += 1
         self._open.setdefault(item, {})[copy] = time.monotonic()
         copy.add_done_callback(lambda done: self._events.put((item, done, None)))
+
+    def _sent(self, rays: Any, workers: list[str]) -> Any:
+        """Sends rays to a worker; where that is stuck they go with the task, through the scheduler."""
+        async def scatter() -> Any:
+            return await self._cluster.scatter(rays, hash=False, direct=True, workers=workers or None,
+                                               asynchronous=True)
+        sending = asyncio.run_coroutine_threadsafe(scatter(), self._cluster.loop.asyncio_loop)
+        try:
+            return sending.result(self._patience)
+        except Exception:   # whatever it is, the rays are still here
+            sending.cancel()
+            return rays
+
+    def _lively(self) -> list[str]:
+        """Addresses of the workers that answered lately."""
+        since = self._news - self._silence()
+        return [where.split()[-1] for where, heard in self._heard.items() if heard >= since]
+
+    def _silence(self) -> float:
+        """Seconds after which an item is late, in which even a slow one is made."""
+        slow = 3 * float(np.quantile(self._seconds, 0.99)) if self._seconds else 4 * self._patience
+        return max(self._patience, slow)
 
     def _next(self) -> list[tuple[int, Any]]:
         try:
@@ -150,10 +172,9 @@ class Deal:
         if self._cluster.status != "running":
             self._give_up_cluster(None)
             return []
-        slow = 3 * float(np.quantile(self._seconds, 0.99)) if self._seconds else 4 * self._patience
-        silence = max(self._patience, slow)
+        silence = self._silence()
         silent = now - self._news > silence
-        lively = [where.split()[-1] for where, heard in self._heard.items() if now - heard < silence + self._patience]
+        lively = self._lively()
         for item in sorted(self._open):
             copies = self._open[item]
             if copies and now - max(copies.values()) < silence:

@@ -1,6 +1,7 @@
 """The side of the workers: a daemon for each host, and what an item of raynest.dask does there."""
 from __future__ import annotations
 
+import atexit
 import ctypes
 import fcntl
 import hashlib
@@ -23,7 +24,7 @@ from .errors import BusyError, ConnectError, DeadlineError, Error, FailedError, 
 from .scene import Scene
 
 try:
-    import distributed
+    import distributed as distributed
 except ImportError:
     raise ImportError("raynest.dask needs Dask distributed: apt install python3-distributed python3-paramiko") from None
 
@@ -91,6 +92,12 @@ class Host:
                 self._process.kill()
                 self._process.wait()
 
+    def _end(self) -> None:
+        if self._process is not None:
+            self._process.kill()
+            self._process.wait()
+        shutil.rmtree(self.folder, ignore_errors=True)
+
     def _connect(self) -> Client:
         end = time.monotonic() + START_SECONDS
         while True:
@@ -105,6 +112,7 @@ class Host:
 
     def _start_if_owner(self) -> None:
         if self._owned is None:
+            self._private()     # a worker that ends takes it away
             lock = os.open(self.folder + "/lock", os.O_RDWR | os.O_CREAT | os.O_CLOEXEC, 0o600)
             try:
                 fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
@@ -112,6 +120,7 @@ class Host:
                 os.close(lock)
                 return
             self._owned = lock
+            atexit.register(self._end)
         if self._process is None or self._process.poll() is not None:
             started: queue.SimpleQueue[Union[OSError, subprocess.Popen[bytes]]] = queue.SimpleQueue()
             # The system ends the daemon with the thread that started it, so that thread stays.
@@ -214,6 +223,11 @@ def item(version: str, setup: Setup, source: Source, method: Any, rays: Any, opt
             if last or not (error.lost or isinstance(error, ConnectError)):
                 raise
             host.drop()
+
+
+def columns_of(version: str, setup: Setup, source: Source, rays: Any, options: dict[str, Any]) -> Any:
+    """The columns of an item alone, as they stay on a worker."""
+    return item(version, setup, source, "trace", rays, options)[1]
 
 
 def digest_of(_at: Host, scene: Scene, _options: dict[str, Any]) -> str:

@@ -4,7 +4,7 @@
     from distributed import Client
 
     cluster = Client("tcp://head:8786")                 # after: dask-ssh head node1 node2
-    rays = raynest.generators.camera(size=(16384, 16384))
+    rays = raynest.generators.camera(size=(8192, 8192))
     seen = raynest.dask.trace(cluster, "/shared/forest.glb", rays, fields=("t", "prim"))
 
 Each host of the cluster gets one raynestd, which listens on a private Unix socket and ends with its worker. A
@@ -15,6 +15,8 @@ Whoever reaches a Dask scheduler runs code on its workers: one cluster per user,
 from __future__ import annotations
 
 import asyncio
+import functools
+import operator
 import os
 import sys
 import tempfile
@@ -27,7 +29,8 @@ from ._deal import PATIENCE, Deal, Part
 from ._net.frame import Array
 from ._requests.columns import Columns
 from ._requests.film import Layers, is_lit
-from ._workers import Setup, Source, command, digest_of, distributed
+from ._version import VERSION
+from ._workers import Setup, Source, columns_of, command, digest_of, distributed
 from .errors import ConnectError, Error, UsageError
 from .generators import Generator
 from .images import Image
@@ -37,7 +40,7 @@ ITEM_RAYS = 1 << 18        # of a query's item: some 50 ms of work or more
 ITEM_SAMPLES = 1 << 16     # of a lit picture's item
 
 
-def _source_of(cluster: distributed.Client, scene: str, setup: Setup, load: Optional[dict[str, Any]],
+def _source_of(cluster: Any, scene: str, setup: Setup, load: Optional[dict[str, Any]],
                patience: float) -> Source:
     """Names the scene's digest, which all workers must agree on."""
     if not isinstance(cluster, distributed.Client):
@@ -50,7 +53,7 @@ def _source_of(cluster: distributed.Client, scene: str, setup: Setup, load: Opti
     return source._replace(digest=digest)
 
 
-def trace(cluster: distributed.Client, scene: str, rays: Any, *, fields: Union[str, Sequence[str], None] = None,
+def trace(cluster: Any, scene: str, rays: Any, *, fields: Union[str, Sequence[str], None] = None,
           kind: Optional[str] = None, reduce: str = "", load: Optional[dict[str, Any]] = None, setup: Setup = Setup(),
           item_rays: int = ITEM_RAYS, patience: float = PATIENCE, progress: Any = None, **job: Any) -> Columns:
     """As Scene.trace(), on all workers of a cluster: the same columns, in every byte. `scene` is a path that all
@@ -63,7 +66,31 @@ def trace(cluster: distributed.Client, scene: str, rays: Any, *, fields: Union[s
     return joined(found, reduce)
 
 
-def reduce(cluster: distributed.Client, scene: str, rays: Any, name: str, **options: Any) -> Columns:
+def arrays(cluster: Any, scene: str, rays: Any, *, fields: Union[str, Sequence[str]] = ("t", "prim"), kind: str = "closest",
+           load: Optional[dict[str, Any]] = None, setup: Setup = Setup(), item_rays: int = ITEM_RAYS,
+           patience: float = PATIENCE, **job: Any) -> dict[str, Any]:
+    """The columns of trace() as dask arrays, whose blocks stay on the workers that made them: to reduce them there,
+    or to write them from there, as with to_zarr(). Of kinds with a row per ray. A block that is lost is made again."""
+    import dask.array
+
+    if kind not in ("closest", "any"):
+        raise UsageError(f"arrays() has a row per ray, and kind {kind} has not: use trace()")
+    source = _source_of(cluster, scene, setup, load, patience)
+    parts = list(_parts_of(rays, item_rays, {**job, "fields": fields, "kind": kind}))
+    one = next(_parts_of(rays, 1, {**job, "fields": fields, "kind": kind}))
+    (_, row), = Deal(cluster, setup, source, "trace", [one], patience, None).answers()
+    blocks = []
+    for part in parts:
+        assert part.rays is not None
+        given = cluster.scatter(part.rays(), hash=False, direct=True) if part.heavy else part.rays()
+        blocks.append(cluster.submit(columns_of, VERSION, setup, source, given, part.options, pure=False, retries=5))
+    return {name: dask.array.concatenate([
+        dask.array.from_delayed(dask.delayed(operator.getitem)(block, name), (part.weight, *column.shape[1:]),
+                                column.dtype) for part, block in zip(parts, blocks)])
+            for name, column in row.items()}
+
+
+def reduce(cluster: Any, scene: str, rays: Any, name: str, **options: Any) -> Columns:
     """trace() with a reducer, "visible_pixels" or "hit_fraction": few bytes leave the workers."""
     return trace(cluster, scene, rays, reduce=name, **options)
 
@@ -86,14 +113,15 @@ def _parts_of(rays: Any, item_rays: int, options: dict[str, Any]) -> Iterator[Pa
 
         def take(first: int, count: int) -> Any:
             return rows[first:first + count]
+    per_item = rays.count // total if isinstance(rays, Generator) and total else 1
     if total == 0:
         raise UsageError("there are no rays to deal out")
     for first in range(0, total, each):
         count = min(each, total - first)
-        yield Part(options, lambda first=first, count=count: take(first, count), points, count)  # type: ignore[misc]
+        yield Part(options, functools.partial(take, first, count), points, count * per_item)
 
 
-def render(cluster: distributed.Client, scene: str, *, size: tuple[int, int] = (960, 540), integrator: str = "primary",
+def render(cluster: Any, scene: str, *, size: tuple[int, int] = (960, 540), integrator: str = "primary",
            spp: int = 0, encode: str = "", load: Optional[dict[str, Any]] = None, setup: Setup = Setup(),
            patience: float = PATIENCE, progress: Any = None, item_samples: int = ITEM_SAMPLES, **options: Any) -> Any:
     """As Scene.render(), in tiles: an Image, or of a lit picture its Layers. `encode` "raw" makes an Image of
@@ -113,7 +141,7 @@ def render(cluster: distributed.Client, scene: str, *, size: tuple[int, int] = (
     return layers
 
 
-def heatmap(cluster: distributed.Client, scene: str, *, size: tuple[int, int] = (960, 540),
+def heatmap(cluster: Any, scene: str, *, size: tuple[int, int] = (960, 540),
             load: Optional[dict[str, Any]] = None, setup: Setup = Setup(), patience: float = PATIENCE,
             progress: Any = None, item_samples: int = ITEM_SAMPLES, **options: Any) -> Array:
     """As Scene.heatmap(), in tiles: the counts, (height, width)."""
@@ -131,7 +159,7 @@ def tiles(size: tuple[int, int], pixels: int) -> list[tuple[int, int, int, int]]
             for y in range(0, height, rows) for x in range(0, width, columns)]
 
 
-def _tiles(cluster: distributed.Client, source: Source, method: str, size: tuple[int, int], samples: int,
+def _tiles(cluster: Any, source: Source, method: str, size: tuple[int, int], samples: int,
            item_samples: int, options: dict[str, Any], setup: Setup, patience: float, progress: Any
            ) -> Iterator[tuple[tuple[int, int, int, int], Any]]:
     cut = tiles(size, item_samples // samples)
@@ -160,7 +188,8 @@ def run(address: str, parts_max: int, scene: str, out: str, words: Sequence[str]
     """Has a cluster carry out a command of raynest in parts, and writes their whole as `out`."""
     ending = os.path.splitext(out)[1].lower()
     try:
-        cluster = distributed.Client(address, timeout=5, set_as_default=False)
+        connected: Any = distributed.Client
+        cluster = connected(address, timeout=5, set_as_default=False)
     except (OSError, asyncio.TimeoutError, ValueError) as error:
         raise ConnectError(f"no Dask scheduler answers at {address}: {error or 'no answer within 5 s'}; start one with "
                            "dask-scheduler or dask-ssh") from None

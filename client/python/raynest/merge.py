@@ -29,11 +29,11 @@ TILE = re.compile(r"(\d{1,7}) (\d{1,7}) (\d{1,7}) (\d{1,7}) of (\d{1,7})x(\d{1,7
 
 
 class Part(NamedTuple):
-    """A file of rows [first, first + count) of `of`, made by `request`."""
+    """A file of rows [first, first + rows) of `of`, made by `request`."""
 
     path: str
     first: int
-    count: int
+    rows: int
     of: int
     request: dict[str, Any]
     body: Any
@@ -97,7 +97,7 @@ def _check(parts: Sequence[Part], rows: str) -> None:
             raise InvalidError(f"{part.path} has {rows} that another part has too: from {part.first} on", "FILE_INVALID")
         if part.first > end:
             raise InvalidError(f"a part is missing: {rows} {end} to {part.first - 1} of {part.of}", "FILE_INVALID")
-        end = part.first + part.count
+        end = part.first + part.rows
     if end != first.of:
         raise InvalidError(f"a part is missing: {rows} {end} to {first.of - 1} of {first.of}", "FILE_INVALID")
 

@@ -5,6 +5,7 @@
 #include <doctest/doctest.h>
 
 #include <cmath>
+#include <memory>
 #include <string>
 #include <tuple>
 #include <utility>
@@ -228,4 +229,37 @@ TEST_CASE("what is misshapen, too much or twice there is named") {
     std::string many = "elevations=0";
     for (int i = 0; i < 512; ++i) many += ",0";
     CHECK(mentions(complaint("lidar", {many}, Code::limit_exceeded), "list_items_max"));
+}
+
+TEST_CASE("a part lies within the rays of a sensor, and is of the points that were sent") {
+    const auto source = [](const std::string& kind, const Words& settings, std::uint64_t first,
+                           std::uint64_t count, std::uint64_t sent = 0) {
+        wire::QueryT query;
+        query.generator = std::make_unique<wire::GeneratorT>();
+        query.generator->kind = kind;
+        query.generator->settings = settings;
+        query.part_first = first;
+        query.part_count = count;
+        query.ray_count = sent;
+        flatbuffers::FlatBufferBuilder builder;
+        builder.Finish(wire::Query::Pack(builder, &query));
+        return server::read_rays(*flatbuffers::GetRoot<wire::Query>(builder.GetBufferPointer()),
+                                 scene());
+    };
+    const Words small = {"size=10x10"};
+    CHECK(source("camera", small, 0, 0)->rays() == 100);
+    CHECK(source("camera", small, 30, 0)->rays() == 70);
+    CHECK(source("camera", small, 30, 20)->rays() == 20);
+    CHECK(source("camera", small, 99, 1)->rays() == 1);
+    const std::vector<std::pair<std::uint64_t, std::uint64_t>> too_far = {
+        {100, 0}, {99, 2}, {0, 101}, {1ULL << 36, 1}};
+    for (const auto& [first, count] : too_far) {
+        const auto beyond = source("camera", small, first, count);
+        REQUIRE_FALSE(beyond.has_value());
+        CHECK(mentions(beyond.error().message, "but the generator makes 100"));
+    }
+    CHECK(source("hemisphere", {"samples=4"}, 1000, 5, 5)->rays() == 20);
+    const auto other = source("hemisphere", {"samples=4"}, 1000, 6, 5);
+    REQUIRE_FALSE(other.has_value());
+    CHECK(mentions(other.error().message, "send the points of the part alone"));
 }

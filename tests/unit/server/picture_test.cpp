@@ -138,8 +138,8 @@ TEST_CASE("a picture of several samples per pixel ends, and its edges are smooth
         auto plan = make_plan(daemon.services, caller, *opened->job(), query_closest);
         REQUIRE(plan);
         REQUIRE(choose_backends(daemon.backends, 64 * 49, *plan));
-        auto request = make_request(daemon.services, caller, std::move(*plan), opened->camera(), 64,
-                                    49, "raw", 1000);
+        auto request = make_request(daemon.services, caller, std::move(*plan), opened->camera(),
+                                    AskedPixels{{64, 49}}, "raw", 1000);
         REQUIRE(request);
         request->samples = samples;
         SampledPicture job(daemon.services, caller, std::move(*request));
