@@ -104,10 +104,11 @@ Result<void> fix_exposure(Context& context, Progress& quiet, RenderOptions& opti
     const bool has_auto = options.integrator == "direct" || options.integrator == "path";
     if (!has_auto || (!options.exposure.empty() && options.exposure != "auto")) return {};
     auto request = picture_request<wire::RenderT>(options);
+    if (!request) return tl::unexpected<Failure>(request.error());
     FilmFiles files;
-    if (auto filled = fill_film(options, request, files); !filled) return filled;
-    request.encode = "linear";
-    const auto picture = ask_film(context.connection, quiet, options, request, files, {});
+    if (auto filled = fill_film(options, *request, files); !filled) return filled;
+    request->encode = "linear";
+    const auto picture = ask_film(context.connection, quiet, options, *request, files, {});
     if (!picture) return tl::unexpected<Failure>(picture.error());
     options.exposure = Json(picture->exposure).dump();
     return {};
@@ -163,9 +164,10 @@ Result<void> run(Context& context, const AnimateOptions& options) {
         one.job.time = options.from + static_cast<double>(i) / options.fps;
         context.progress.update(i, static_cast<std::uint64_t>(count), "pictures");
         auto request = picture_request<wire::RenderT>(one);
+        if (!request) return tl::unexpected<Failure>(request.error());
         FilmFiles files;
-        if (auto filled = fill_film(one, request, files); !filled) return filled;
-        const auto picture = ask_film(context.connection, quiet, one, request, files, {});
+        if (auto filled = fill_film(one, *request, files); !filled) return filled;
+        const auto picture = ask_film(context.connection, quiet, one, *request, files, {});
         if (!picture) return tl::unexpected<Failure>(picture.error());
         if (auto written = write_picture(frame_name(frames, i), *picture); !written) return written;
     }

@@ -52,24 +52,8 @@ void declare(CommandLine& line, RenderOptions& render) {
     add_output(line, render.output, {".png", ".exr", ".npy"},
                "FILE.png, FILE.exr, or FILE.npy of (height, width, 4) bytes");
     add_detach(line, render.job, &render.output);
-<<<<<<< HEAD
-    add_film(line, render);
-=======
     add_part(line, render.part);
-    add_light(line, render,
-              "primary (base colour, darker where it turns away; one ray per pixel) | ao (open or "
-              "hidden from the sky) | direct (lights and shadows) | path (all light)");
-    line.add_whole("--spp,--samples", render.samples, 1U,
-                   static_cast<std::uint32_t>(limits.samples_max),
-                   "samples per pixel (16, with --noise 1024; primary has 1)");
-    line.add_option("--tonemap", render.tonemap,
-                    "of .png and .npy: agx | aces | reinhard | none (agx; ao none)");
-    line.add_option("--exposure", render.exposure, "of .png and .npy: stops, or auto (auto; ao 0)");
-    line.add_number("--env-rotate", render.environment_rotate, -360.0F, 360.0F,
-                    "a number of degrees from -360 to 360",
-                    "turns the picture of --env by so many degrees from -Z towards +X (0)")
-        .type_name("DEGREES");
->>>>>>> hosts
+    add_film(line, render);
     add_progressive(line, render.progressive);
     line.add_parsed(
             "--cameras",

@@ -112,6 +112,13 @@ void ScenePoser::drop_all_but(std::size_t most, const std::string& principal) {
     }
 }
 
+std::uint64_t ScenePoser::held_by(const std::string& principal) const {
+    std::uint64_t bytes = 0;
+    for (const Posed& posed : kept_)
+        if (posed.principal == principal && posed.held != nullptr) bytes += posed.held->lease.bytes();
+    return bytes;
+}
+
 void ScenePoser::drop_idle() {
     const auto now = Clock::now();
     std::erase_if(kept_, [&](const Posed& posed) {

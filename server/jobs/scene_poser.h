@@ -47,6 +47,8 @@ public:
     [[nodiscard]] std::optional<Wanted> take_wanted() { return std::exchange(wanted_, std::nullopt); }
     /// Makes it in a task of `principal`, then calls `ready` unless that has expired.
     void make(const Wanted& wanted, const std::string& principal, std::weak_ptr<Ready> ready);
+    /// Returns how many bytes of --memory are kept for a principal.
+    [[nodiscard]] std::uint64_t held_by(const std::string& principal) const;
     /// Frees what nobody has used for kept_time.
     void drop_idle();
 

@@ -1,5 +1,6 @@
 // STATS: lists the daemon's counters and gauges by name. Administrators see the whole daemon; others see
 // their own part of what principals did and hold. quota_* are the caller's own for both.
+#include "server/jobs/scene_poser.h"
 #include "server/requests/request.h"
 #include "server/requests/quota_use.h"
 #include "server/scheduling/admission.h"
@@ -42,7 +43,8 @@ private:
     }
     [[nodiscard]] std::uint64_t memory() const {
         std::uint64_t bytes = of("scene_bytes", 0) +
-                              services.peers.held_by(principal, Resource::memory);
+                              services.peers.held_by(principal, Resource::memory) +
+                              (services.poser == nullptr ? 0 : services.poser->held_by(principal));
         for (const auto& [number, job] : services.detached.all())
             if (job->record().principal == principal) bytes += job->bytes();
         return bytes;
