@@ -1,4 +1,4 @@
-// Checks of the messages of edits (validate.h).
+// Checks of the messages that change a scene or pin it (validate.h).
 #include "protocol/checks.h"
 #include "protocol/validate.h"
 
@@ -23,6 +23,14 @@ Result<void> validate(const wire::Edit& message, const Limits& limits) {
 
 Result<void> validate(const wire::Edited& message, const Limits& limits) {
     return Checks(limits).name("hash", message.hash()).result();
+}
+
+Result<void> validate(const wire::Pin& message, const Limits& limits) {
+    return Checks(limits).name("scene", message.scene()).needs("scene", message.scene()).result();
+}
+
+Result<void> validate(const wire::Pinned& message, const Limits& limits) {
+    return Checks(limits).text("name", message.name()).result();
 }
 
 }  // namespace raynest::protocol

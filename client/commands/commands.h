@@ -61,6 +61,11 @@ struct EditOptions {
     std::string scene;
     std::uint64_t epoch = 0;  ///< 0: the current one
     std::vector<EditChange> changes;
+    bool keep = false;  ///< answered when it outlives the daemon
+};
+struct PinOptions {
+    std::vector<std::string> scenes;
+    bool off = false;
 };
 /// Selects scenes by name, all, or those that were not used for `idle_ms`.
 struct UnloadOptions {

@@ -130,6 +130,9 @@ void declare(CommandLine& line, EditOptions& edit) {
     line.add_in_order(
         "--file", [&edit](const std::string& path) { return read_changes(path, edit); },
         "File of changes, one a line, as these options without their dashes: move PATH=DX,DY,DZ");
+    line.add_flag("--keep", edit.keep,
+                  "the scene is like this after a restart, too: for a daemon with --state. Without "
+                  "it, it is then what it was before");
     add_epoch(line, edit.epoch);
     line.at_end([&edit] {
         return edit.changes.empty()
@@ -143,6 +146,7 @@ Result<void> run(Context& context, const EditOptions& options) {
     wire::EditT request;
     request.scene = options.scene;
     request.epoch = options.epoch;
+    request.keep = options.keep;
     // The places of texts in a list of the request, each once.
     const auto place_in = [](std::vector<std::string>& list, const std::string& text) {
         const auto at = std::ranges::find(list, text);
@@ -184,12 +188,14 @@ Result<void> run(Context& context, const EditOptions& options) {
                             {"instances", done.instances()},
                             {"refits", done.refits()},
                             {"rebuilds", done.rebuilds()},
+                            {"kept", done.kept()},
                             {"seconds", done.seconds()}});
             return {};
         }
         std::cout << options.scene << " is at epoch " << done.epoch() << ": " << done.instances()
-                  << (done.instances() == 1 ? " instance has changed\n"
-                                            : " instances have changed\n");
+                  << (done.instances() == 1 ? " instance has changed"
+                                            : " instances have changed")
+                  << (done.kept() ? ", kept\n" : "\n");
         return {};
     }
 }

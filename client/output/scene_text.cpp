@@ -175,6 +175,7 @@ Json scene_json(const wire::SceneInfo& info) {
     json["tree_height"] = info.tree_height();
     json["refits"] = info.refits();
     json["rebuilds"] = info.rebuilds();
+    json["kept"] = info.kept();
     json["nodes"] = info.nodes();
     json["leaf_blocks"] = info.leaf_blocks();
     json["tree_bytes"] = info.tree_bytes();

@@ -40,10 +40,11 @@ int check_state(const std::filesystem::path& folder) {
     for (const StoredScene& row : *rows) {
         bytes += row.bytes;
         const auto stored = read_stored(folder, row.digest, row.bytes);
-        if (stored) continue;
+        const auto edits = manifest->edits(row.number);
+        if (stored && edits) continue;
         ++damaged;
-        std::cout << protocol::clean_text(row.owner + "/" + row.name + ": " + stored.error().why +
-                                              "; load it again",
+        const std::string& why = stored ? edits.error().message : stored.error().why;
+        std::cout << protocol::clean_text(row.owner + "/" + row.name + ": " + why + "; load it again",
                                           line_bytes_max)
                   << '\n';
     }

@@ -79,6 +79,7 @@ wire::SceneInfoT scene_info(const NamedScene& scene, const Registry& registry,
     info.degenerate_triangles = statistics.degenerate_triangles;
     info.refits = statistics.edits.refits;
     info.rebuilds = statistics.edits.rebuilds;
+    info.kept = scene.kept;
 
     TextBudget texts(limits);
     for (const auto& [reason, count] : statistics.skipped)

@@ -2,7 +2,6 @@
 
 #include "engine/scene/edits/batch.h"
 #include "engine/scene/edits/edit.h"
-#include "engine/scene/edits/names.h"
 #include "protocol/control.h"
 #include "protocol/text.h"
 #include "server/ground/limited_log.h"
@@ -10,33 +9,17 @@
 #include "server/jobs/received_file.h"
 #include "server/scheduling/peers.h"
 #include "server/store/scene_store.h"
+#include "server/store/state_folder.h"
 
 #include <fmt/format.h>
 
 #include <algorithm>
 #include <chrono>
-#include <cmath>
-#include <cstring>
 #include <optional>
 #include <utility>
 
 namespace raynest::server {
 namespace {
-
-// Rows say a frame by its number.
-static_assert(static_cast<std::uint32_t>(EditFrame::world) == EditRow::world &&
-              static_cast<std::uint32_t>(EditFrame::parent) == EditRow::parent &&
-              static_cast<std::uint32_t>(EditFrame::own) == EditRow::own);
-
-/// Returns a row's matrix; nothing if a number is not finite.
-std::optional<Matrix> matrix_of(const EditRow& row) {
-    Matrix made(1);
-    for (int i = 0; i < 12; ++i) {
-        if (!std::isfinite(row.m[i])) return std::nullopt;
-        made[i % 4][i / 4] = row.m[i];
-    }
-    return made;
-}
 
 class EditJob final : public Job {
 public:
@@ -45,7 +28,7 @@ public:
           id_(caller.request_id),
           caller_(caller),
           order_(std::move(order)),
-          rows_(0, order_.bytes()) {}
+          rows_(0, order_.content.bytes()) {}
 
     Reply<std::uint64_t> feed(protocol::Frame frame) override {
         const auto message = protocol::open<wire::Upload>(frame, services_.limits);
@@ -58,6 +41,7 @@ public:
     }
 
     std::optional<Task> next() override {
+        if (keeping_ == Keep::waits) return keep();
         if (task_started_) return std::nullopt;
         if (!rows_.complete() || !copies_.all_copied()) return copies_.next();
         task_started_ = true;
@@ -68,6 +52,7 @@ public:
             auto edited = edit(stop);
             if (!edited) return tl::unexpected(edited.error());
             snapshot_ = std::move(*edited);
+            if (const auto stored = store(stop); !stored) return tl::unexpected(stored.error());
             return Frames{};
         };
         return task;
@@ -78,16 +63,22 @@ public:
             copies_.ended();
             return {};
         }
+        if (keeping_ == Keep::runs) return kept();
         lease_ = {};
-        auto published =
-            services_.scenes.publish_edit(*before_, std::exchange(snapshot_, nullptr), caller_);
+        auto published = services_.scenes.publish_edit(*before_, std::exchange(snapshot_, nullptr), caller_,
+                                                       publication_);
         if (!published) return tl::unexpected(published.error());
         if (!*published) {
             // Another edit was faster. With an epoch of its own this one now fails by that.
             task_started_ = false;
+            name_lock_.reset();
             return {};
         }
         after_ = std::move(**published);
+        if (publication_.keep) {
+            services_.state->hand_in(publication_.keep);
+            keeping_ = Keep::waits;
+        }
         before_.reset();
         services_.metrics.count<&Metrics::scenes_edited>(caller_.principal);
         log_limited(LogLevel::debug, "edited", caller_.principal,
@@ -97,7 +88,7 @@ public:
         return {};
     }
 
-    [[nodiscard]] bool finished() const override { return after_.has_value(); }
+    [[nodiscard]] bool finished() const override { return after_ && (keeping_ == Keep::not_asked || keeping_ == Keep::done); }
     [[nodiscard]] bool needs_input() const override { return !rows_.complete(); }
     std::uint64_t take_freed_input() override { return copies_.take_freed(); }
     [[nodiscard]] std::uint64_t held_bytes() const override {
@@ -112,6 +103,7 @@ public:
         edited.instances = instances_;
         edited.refits = edits.refits;
         edited.rebuilds = edits.rebuilds;
+        edited.kept = after_->kept;
         edited.seconds = std::chrono::duration<double>(Clock::now() - started_).count();
         Frames frames;
         frames.push_back(*protocol::encode(id_, edited));
@@ -119,6 +111,7 @@ public:
     }
 
     [[nodiscard]] std::optional<Progress> progress() const override {
+        if (keeping_ != Keep::not_asked) return Progress{0, 0, "storing"};
         if (task_started_) return Progress{0, 0, "editing"};
         return Progress{rows_.received(), rows_.bytes().size(), "uploading"};
     }
@@ -131,6 +124,7 @@ private:
         if (!scene) return tl::unexpected(scene.error());
         before_ = std::move(*scene);
         spare_ = services_.scenes.take_spare(*before_, caller_);
+        publication_ = {.plan = services_.scenes.plan_edit(*before_, rows_.bytes().size(), caller_)};
         const std::uint64_t bytes = before_->snapshot().bytes().size();
         auto lease = services_.peers.reserve(bytes, caller_.principal, Use::lasting);
         if (!lease)
@@ -145,7 +139,10 @@ private:
     Reply<std::shared_ptr<const Snapshot>> edit(const Stop& stop) {
         const Snapshot& scene = before_->snapshot();
         EditBatch batch(scene);
-        if (auto read = read_rows(batch, stop); !read) return tl::unexpected(read.error());
+        if (auto read = read_edit(batch, scene, before_->name, order_.content, rows_.bytes(),
+                                  [&] { return stop.requested(); });
+            !read)
+            return tl::unexpected(read.error());
         instances_ = static_cast<std::uint32_t>(batch.size());
         const SceneChanges changes = batch.changes();
         if (stop.requested()) return refuse(Code::cancelled, "");
@@ -154,6 +151,54 @@ private:
         auto edited = edit_scene(scene, changes, std::move(spare_));
         if (!edited) return refuse(std::move(edited.error()));
         return std::move(*edited);
+    }
+
+    /// Puts on the disk what must be there before anybody sees the edit. On a thread of the blocking pool.
+    Reply<void> store(const Stop& stop) {
+        const EditPlan& plan = publication_.plan;
+        const auto stopped = [&] { return stop.requested(); };
+        if (plan.reserve != 0)
+            if (auto done = services_.state->reserve(plan.row.number, plan.reserve); !done)
+                return refuse(std::move(done.error()));
+        if (!order_.keep) return {};
+        publication_.keep = std::make_shared<Keeping>();
+        if (!plan.whole && order_.content.sources.empty()) {
+            auto change = kept_change(order_.content, rows_.bytes());
+            if (!change) return tl::unexpected(change.error());
+            publication_.keep->edit.change = std::move(*change);
+            return {};
+        }
+        // No load may put its scene in the place of this one between here and the commit.
+        name_lock_ = services_.state->lock_name(plan.row.owner, plan.row.name, stopped);
+        if (!name_lock_) return refuse(Code::cancelled, "");
+        auto blob = services_.state->keep(snapshot_->digest(), snapshot_->bytes(), stopped);
+        if (stop.requested()) return refuse(Code::cancelled, "");
+        if (!blob) return refuse(std::move(blob.error()));
+        publication_.blob = std::move(*blob);
+        publication_.number = services_.state->next_number();
+        return {};
+    }
+
+    /// Commits the edit, which everybody sees already.
+    Task keep() {
+        keeping_ = Keep::runs;
+        Task task;
+        task.pool = services_.disk;
+        task.run = [this](const Stop&) -> Reply<Frames> {
+            outcome_ = services_.state->commit(publication_.keep);
+            return Frames{};
+        };
+        return task;
+    }
+
+    Reply<void> kept() {
+        keeping_ = Keep::done;
+        name_lock_.reset();
+        if (outcome_) return {};
+        services_.scenes.edit_was_not_kept(publication_.keep->edit.number);
+        return refuse(Code::resource_exhausted,
+                      fmt::format("the edit was made, epoch {}, but is not kept: {}", after_->epoch,
+                                  outcome_.error().message));
     }
 
     /// Reserves what an edit needs that does not only move outermost instances: the new scene besides the
@@ -179,85 +224,6 @@ private:
         return std::move(*lease);
     }
 
-    /// Reads all rows into the batch.
-    Reply<void> read_rows(EditBatch& batch, const Stop& stop) const {
-        const Snapshot& scene = before_->snapshot();
-        const std::uint32_t outermost = scene.view().objects[scene.view().root].instance_count;
-        const auto no_instances = [&] {
-            return refuse(Code::invalid_field,
-                          fmt::format("'{}' has no instances to change: all that it has is its own. A glTF places "
-                                      "its meshes by nodes, which can be edited; other scenes can be added",
-                                      before_->name));
-        };
-        if (outermost == 0 && !order_.targets.empty()) return no_instances();
-        std::vector<std::vector<InstancePlace>> named;
-        InstanceFinder finder(scene, [&] { return stop.requested(); });
-        for (const std::string& text : order_.targets) {
-            auto found = finder.find(text);
-            if (stop.requested()) return refuse(Code::cancelled, "");
-            if (!found) return refuse(std::move(found.error()));
-            named.push_back(std::move(*found));
-        }
-        // The rows' bytes are a multiple of 4 and begin where a vector of floats may.
-        std::vector<std::span<const Vec3>> vertices;
-        const auto* first = reinterpret_cast<const Vec3*>(rows_.bytes().data() + order_.rows * sizeof(EditRow));
-        for (const std::uint32_t count : order_.vertex_counts) {
-            vertices.emplace_back(first, count);
-            first += count;
-        }
-        std::vector<InstancePlace> one(1);
-        for (std::uint32_t i = 0; i < order_.rows; ++i) {
-            if (i % 1024 == 0 && stop.requested()) return refuse(Code::cancelled, "");
-            EditRow row;
-            std::memcpy(&row, rows_.bytes().data() + i * sizeof row, sizeof row);
-            const auto wrong = [&](const std::string& why) {
-                return refuse(Code::invalid_field, fmt::format("row {} of the edit {}", i, why));
-            };
-            const bool has_matrix = row.what == EditRow::place || row.what == EditRow::move || row.what == EditRow::add;
-            const auto matrix = has_matrix ? matrix_of(row) : Matrix(1);
-            if (row.what >= EditRow::what_count)
-                return wrong(fmt::format("does something unknown: what is {}", row.what));
-            if (!matrix) return wrong("has a matrix with a number that is not finite");
-            if (row.what == EditRow::vertices && row.value >= vertices.size())
-                return wrong(fmt::format("names vertices {} of {}", row.value, vertices.size()));
-            if (row.what == EditRow::add) {
-                if (row.target >= order_.sources.size())
-                    return wrong(fmt::format("adds scene {} of {}", row.target, order_.sources.size()));
-                const EditOrder::Source& source = order_.sources[row.target];
-                batch.add(row.target, {source.held, source.held->snapshot.get()}, source.name, *matrix, row.value);
-                continue;
-            }
-            if ((row.what == EditRow::place || row.what == EditRow::move) && row.value >= EditRow::frame_count)
-                return wrong(fmt::format("has an unknown frame: {}", row.value));
-            if (row.what == EditRow::place && row.value == EditRow::own)
-                return wrong("places an instance in its own frame: place it in its parent's, or move it");
-            if (row.by_text != 0 && row.target >= named.size())
-                return wrong(fmt::format("names target {} of {}", row.target, named.size()));
-            if (row.by_text == 0 && row.target >= outermost)
-                return outermost == 0 ? no_instances()
-                                      : wrong(fmt::format("names the outermost instance {}; the scene has {}",
-                                                          row.target, outermost));
-            one.front() = row.target;
-            for (const InstancePlace& place : row.by_text != 0 ? named[row.target] : one) {
-                if (row.what == EditRow::vertices)
-                    batch.set_vertices(place, vertices[row.value]);
-                else if (auto done = apply(batch, row, *matrix, place); !done)
-                    return wrong(done.error().message);
-            }
-        }
-        return {};
-    }
-
-    static Result<void> apply(EditBatch& batch, const EditRow& row, const Matrix& matrix,
-                              const InstancePlace& place) {
-        switch (row.what) {
-            case EditRow::set_mask: batch.set_mask(place, row.value); return {};
-            case EditRow::remove: return batch.remove(place);
-            case EditRow::place: return batch.place(place, matrix, static_cast<EditFrame>(row.value));
-            default: batch.move(place, matrix, static_cast<EditFrame>(row.value)); return {};
-        }
-    }
-
     const Services& services_;
     const std::uint64_t id_;
     const Caller caller_;
@@ -272,15 +238,13 @@ private:
     std::shared_ptr<const Snapshot> snapshot_;  ///< written by the task
     std::uint32_t instances_ = 0;               ///< likewise
     std::optional<NamedScene> after_;
+    EditPublication publication_;
+    enum class Keep { not_asked, waits, runs, done } keeping_ = Keep::not_asked;
+    std::shared_ptr<void> name_lock_;  ///< written by the task
+    Result<void> outcome_;             ///< written by the task that commits
 };
 
 }  // namespace
-
-std::uint64_t EditOrder::bytes() const {
-    std::uint64_t sum = std::uint64_t{rows} * sizeof(EditRow);
-    for (const std::uint32_t count : vertex_counts) sum += std::uint64_t{count} * sizeof(Vec3);
-    return sum;
-}
 
 std::unique_ptr<Job> edit_job(const Services& services, const Caller& caller, EditOrder order) {
     return std::make_unique<EditJob>(services, caller, std::move(order));

@@ -153,12 +153,13 @@ public:
         }
         if (committed_) {
             order_.publication.blob = blob_;
-            order_.publication.number = stored_.row.number;
+            order_.publication.row = stored_.row;
         }
         auto scene = services_.scenes.publish(order_.name, std::move(snapshot_), order_.publication,
                                               order_.caller);
         if (!scene) return tl::unexpected(scene.error());
         scene_ = std::move(*scene);
+        if (committed_ && stored_.before) services_.state->forget(stored_.before->number);
         name_lock_.reset();
         services_.metrics.count<&Metrics::scenes_loaded>(order_.caller.principal);
         services_.metrics.load_seconds.add(seconds());

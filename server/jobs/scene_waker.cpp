@@ -3,6 +3,7 @@
 #include "engine/scene/snapshot.h"
 #include "server/ground/limited_log.h"
 #include "server/ground/metrics.h"
+#include "server/jobs/edit_content.h"
 #include "server/scheduling/fair_thread_pool.h"
 #include "server/scheduling/peers.h"
 #include "server/store/state_folder.h"
@@ -16,6 +17,28 @@ namespace raynest::server {
 
 /// The result of a task.
 struct SceneWaker::Read {
+    /// Reads the blob, then makes the edits again that were kept since. Blocks.
+    void read(StateFolder& state, const AsleepScene& scene) {
+        auto stored = read_stored(state.path(), scene.row.digest, scene.row.bytes);
+        if (!stored) {
+            fault = std::move(stored.error());
+            if (fault->damaged) state.set_aside(scene.row.digest);
+            return;
+        }
+        if (scene.facts.digest == scene.row.digest) {
+            snapshot = std::move(*stored);
+            return;
+        }
+        const auto edits = state.edits(scene.row.number);
+        auto edited = edits ? replay_edits(std::move(*stored), scene.row.epoch, *edits)
+                            : refuse(edits.error());
+        if (edited && (*edited)->digest() == scene.facts.digest)
+            snapshot = std::move(*edited);
+        else
+            fault = BlobFault{!edited && edited.error().code == Code::scene_invalid,
+                              edited ? "its edits are gone" : edited.error().message};
+    }
+
     Budget::Lease lease;
     std::shared_ptr<const Snapshot> snapshot;
     std::optional<BlobFault> fault;
@@ -28,11 +51,14 @@ void SceneWaker::wake(const AsleepScene& scene, const std::string& principal,
     waiting.push_back(std::move(awake));
     if (waiting.size() > 1) return;
     auto read = std::make_shared<Read>();
-    services_.scenes.make_room(scene.facts.bytes, scene.owner);
-    auto lease = services_.peers.reserve(scene.facts.bytes, scene.owner, Use::lasting);
+    // Edits are made beside the scene that they change.
+    const std::uint64_t bytes =
+        scene.facts.bytes + (scene.facts.digest == scene.row.digest ? 0 : scene.row.bytes);
+    services_.scenes.make_room(bytes, scene.owner);
+    auto lease = services_.peers.reserve(bytes, scene.owner, Use::lasting);
     if (!lease) {
         const auto full = services_.budget.refuse(
-            "the scene", scene.facts.bytes, scene.owner,
+            "the scene", bytes, scene.owner,
             services_.scenes.remedy(scene.owner, "start raynestd with a larger --memory"));
         for (const auto& each : std::exchange(waiting, {}))
             if (const auto waits = each.lock()) (*waits)(Reply<void>(full));
@@ -43,13 +69,7 @@ void SceneWaker::wake(const AsleepScene& scene, const std::string& principal,
     services_.disk->submit(principal, Priority::normal, [this, scene, read] {
         const auto began = std::chrono::steady_clock::now();
         try {
-            auto stored =
-                read_stored(services_.state->path(), scene.facts.digest, scene.facts.bytes);
-            if (stored)
-                read->snapshot = std::move(*stored);
-            else
-                read->fault = std::move(stored.error());
-            if (read->fault && read->fault->damaged) services_.state->set_aside(scene.facts.digest);
+            read->read(*services_.state, scene);
         } catch (const std::exception& error) {
             read->fault = BlobFault{false, error.what()};
         }

@@ -14,23 +14,27 @@ Reply<Answer> edit(const Services& services, const Caller& caller,
     EditOrder order;
     order.scene = protocol::text(message->scene());
     order.epoch = message->epoch();
-    order.targets = protocol::strings(message->targets());
-    order.rows = message->rows();
+    order.keep = message->keep();
+    order.content.targets = protocol::strings(message->targets());
+    order.content.rows = message->rows();
     const auto scene = services.scenes.find(order.scene, order.epoch, caller);
     if (!scene) return tl::unexpected(scene.error());
     if (const auto allowed = services.scenes.may_edit(order.scene, caller); !allowed)
         return tl::unexpected(allowed.error());
+    if (order.keep)
+        if (const auto kept = services.scenes.may_keep(order.scene, services.state != nullptr, caller); !kept)
+            return tl::unexpected(kept.error());
     const std::vector<std::string> names = protocol::strings(message->names());
     for (const std::string& source : protocol::strings(message->scenes())) {
         const auto added = services.scenes.find(source, 0, caller);
         if (!added) return tl::unexpected(added.error());
-        const std::string name = names.size() > order.sources.size() ? names[order.sources.size()] : "";
+        const std::string name = names.size() > order.content.sources.size() ? names[order.content.sources.size()] : "";
         // Another owner's scene is "OWNER/NAME".
-        order.sources.push_back({added->held, name.empty() ? source.substr(source.rfind('/') + 1) : name});
+        order.content.sources.push_back({added->held, name.empty() ? source.substr(source.rfind('/') + 1) : name});
     }
     if (message->vertex_counts() != nullptr)
-        order.vertex_counts.assign(message->vertex_counts()->begin(), message->vertex_counts()->end());
-    const std::uint64_t bytes = order.bytes();
+        order.content.vertex_counts.assign(message->vertex_counts()->begin(), message->vertex_counts()->end());
+    const std::uint64_t bytes = order.content.bytes();
     auto lease = services.peers.reserve(bytes, caller.principal);
     if (!lease)
         return services.budget.refuse("the rows and vertices of the edit", bytes,

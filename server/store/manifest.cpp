@@ -49,6 +49,13 @@ std::int64_t checksum(const StoredScene& scene) {
     return std::bit_cast<std::int64_t>(protocol::upload_checksum(std::as_bytes(std::span(text))));
 }
 
+std::int64_t checksum(const KeptEdit& edit) {
+    const std::string text = fmt::format("{}\n{}\n{}\n{}\n{}\n{}\n", edit.number, edit.epoch, edit.before,
+                                         edit.digest, edit.bytes, edit.instanced_triangles);
+    return std::bit_cast<std::int64_t>(protocol::upload_checksum(
+        edit.change, protocol::upload_checksum(std::as_bytes(std::span(text)))));
+}
+
 }  // namespace
 
 void Manifest::Close::operator()(sqlite3* connection) const noexcept {
@@ -67,6 +74,10 @@ public:
         sqlite3_bind_text(statement_, ++bound_, text.data(), static_cast<int>(text.size()),
                           SQLITE_TRANSIENT);
     }
+    void bind(const std::vector<std::byte>& bytes) {
+        sqlite3_bind_blob64(statement_, ++bound_, bytes.empty() ? "" : static_cast<const void*>(bytes.data()),
+                            bytes.size(), SQLITE_STATIC);
+    }
     void bind(std::int64_t number) { sqlite3_bind_int64(statement_, ++bound_, number); }
     void bind(std::uint64_t number) { bind(static_cast<std::int64_t>(number)); }
     void bind(double number) { sqlite3_bind_double(statement_, ++bound_, number); }
@@ -76,6 +87,12 @@ public:
         const auto* bytes = static_cast<const char*>(sqlite3_column_blob(statement_, column));
         const auto size = static_cast<std::size_t>(sqlite3_column_bytes(statement_, column));
         return bytes == nullptr ? std::string() : std::string(bytes, size);
+    }
+    std::vector<std::byte> bytes() {
+        const int column = read_++;
+        const auto* first = static_cast<const std::byte*>(sqlite3_column_blob(statement_, column));
+        return first == nullptr ? std::vector<std::byte>()
+                                : std::vector(first, first + sqlite3_column_bytes(statement_, column));
     }
     std::int64_t integer() { return sqlite3_column_int64(statement_, read_++); }
     std::uint64_t count() { return static_cast<std::uint64_t>(integer()); }
@@ -124,7 +141,8 @@ Result<void> Manifest::check() {
                     fmt::format("{} has version {}, this raynestd knows {}: a newer one wrote it. Start "
                                 "that one, or name another --state",
                                 file_, found, manifest_version));
-    if (found != manifest_version) return damaged(fmt::format("it has version {}", found));
+    if (found < 1) return damaged(fmt::format("it has version {}", found));
+    has_edits_ = found > 1;
     return {};
 }
 
@@ -156,10 +174,15 @@ Result<Manifest> Manifest::open(const std::filesystem::path& file, bool read_onl
           "name TEXT NOT NULL, share TEXT NOT NULL, digest TEXT NOT NULL, epoch INTEGER NOT NULL, "
           "bytes INTEGER NOT NULL, triangles INTEGER NOT NULL, build_seconds REAL NOT NULL, "
           "used INTEGER NOT NULL, checksum INTEGER NOT NULL, PRIMARY KEY(owner, name)) STRICT",
-          "PRAGMA application_id=1380864852", "PRAGMA user_version=1", "COMMIT"})
+          "CREATE TABLE IF NOT EXISTS edits(number INTEGER NOT NULL, epoch INTEGER NOT NULL, "
+          "before INTEGER NOT NULL, digest TEXT NOT NULL, bytes INTEGER NOT NULL, "
+          "triangles INTEGER NOT NULL, change BLOB NOT NULL, checksum INTEGER NOT NULL, "
+          "PRIMARY KEY(number, epoch)) STRICT",
+          "PRAGMA application_id=1380864852", "PRAGMA user_version=2", "COMMIT"})
         if (const auto done = manifest.run(sql); !done)
             return fail(ErrorCode::io_failed, file.string() + ": " + done.error().message);
-    static_assert(application == 1380864852 && manifest_version == 1);
+    static_assert(application == 1380864852 && manifest_version == 2);
+    manifest.has_edits_ = true;
     return manifest;
 }
 
@@ -223,6 +246,89 @@ Result<void> Manifest::remove(const std::string& owner, const std::string& name,
     row.bind(number);
     if (row.step() == SQLITE_DONE) return {};
     return fault("the scene could not be removed from the state folder");
+}
+
+Result<void> Manifest::together(const std::function<Result<void>()>& changes) {
+    Result<void> done = run("BEGIN IMMEDIATE");
+    if (!done) return done;
+    done = changes();
+    if (done) done = run("COMMIT");
+    if (!done) sqlite3_exec(connection_.get(), "ROLLBACK", nullptr, nullptr, nullptr);
+    return done;
+}
+
+Result<void> Manifest::put(const KeptEdit& edit) {
+    Statement row(*this, "INSERT OR REPLACE INTO edits VALUES(?,?,?,?,?,?,?,?)");
+    row.bind(edit.number);
+    row.bind(edit.epoch);
+    row.bind(edit.before);
+    row.bind(edit.digest);
+    row.bind(edit.bytes);
+    row.bind(edit.instanced_triangles);
+    row.bind(edit.change);
+    row.bind(checksum(edit));
+    if (row.step() == SQLITE_DONE) return {};
+    return fault("the edit could not be entered in the state folder");
+}
+
+Result<void> Manifest::remove_edits(std::uint64_t number) {
+    Statement rows(*this, "DELETE FROM edits WHERE number=?");
+    rows.bind(number);
+    if (rows.step() == SQLITE_DONE) return {};
+    return fault("edits could not be removed from the state folder");
+}
+
+Result<void> Manifest::remove_orphans() {
+    return run("DELETE FROM edits WHERE number NOT IN (SELECT number FROM scenes)");
+}
+
+Result<std::vector<KeptEdit>> Manifest::edits(std::uint64_t number) {
+    std::vector<KeptEdit> edits;
+    if (!has_edits_) return edits;
+    Statement rows(*this, "SELECT epoch, before, digest, bytes, triangles, change, checksum FROM edits "
+                          "WHERE number=? AND length(change)>0 ORDER BY epoch");
+    rows.bind(number);
+    int state = SQLITE_DONE;
+    while ((state = rows.step()) == SQLITE_ROW) {
+        KeptEdit& edit = edits.emplace_back();
+        rows.next_row();
+        edit.number = number;
+        edit.epoch = rows.count();
+        edit.before = rows.count();
+        edit.digest = rows.text();
+        edit.bytes = rows.count();
+        edit.instanced_triangles = rows.count();
+        edit.change = rows.bytes();
+        if (rows.integer() != checksum(edit))
+            return fail(ErrorCode::scene_invalid,
+                        fmt::format("its edit of epoch {} is not as it was written", edit.epoch));
+    }
+    if (state == SQLITE_DONE) return edits;
+    return fault("the edits in the state folder could not be read");
+}
+
+Result<KeptEdits> Manifest::sum_of_edits(std::uint64_t number) {
+    KeptEdits sum;
+    if (!has_edits_) return sum;
+    Statement rows(*this, "SELECT epoch, digest, bytes, triangles, length(change) FROM edits WHERE number=? "
+                          "ORDER BY epoch");
+    rows.bind(number);
+    int state = SQLITE_DONE;
+    while ((state = rows.step()) == SQLITE_ROW) {
+        rows.next_row();
+        KeptEdit edit{.number = number, .epoch = rows.count()};
+        edit.digest = rows.text();
+        edit.bytes = rows.count();
+        edit.instanced_triangles = rows.count();
+        const std::uint64_t bytes = rows.count();
+        sum.epoch_last = edit.epoch;
+        if (bytes == 0) continue;
+        ++sum.count;
+        sum.bytes += bytes;
+        sum.last = std::move(edit);
+    }
+    if (state == SQLITE_DONE) return sum;
+    return fault("the edits in the state folder could not be read");
 }
 
 }  // namespace raynest::server

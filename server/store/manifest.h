@@ -3,8 +3,10 @@
 
 #include "engine/result.h"
 
+#include <cstddef>
 #include <cstdint>
 #include <filesystem>
+#include <functional>
 #include <memory>
 #include <string>
 #include <vector>
@@ -27,8 +29,28 @@ struct StoredScene {
     std::int64_t used = 0;  ///< Unix time
 };
 
+/// An edit that outlives the daemon: `change` turns the scene of a row into what it is at `epoch`. Without
+/// `change` it says that epochs up to this one were told, and must mean nothing else after a restart.
+struct KeptEdit {
+    std::uint64_t number = 0;  ///< of the scene's row
+    std::uint64_t epoch = 0;
+    std::uint64_t before = 0;  ///< the epoch that it changes
+    std::string digest = {};   ///< of the scene at `epoch`
+    std::uint64_t bytes = 0;   ///< likewise
+    std::uint64_t instanced_triangles = 0;
+    std::vector<std::byte> change = {};
+};
+
+/// The edits of a row, summed up.
+struct KeptEdits {
+    KeptEdit last = {};             ///< without its change; epoch 0: there is none
+    std::uint64_t epoch_last = 0;   ///< of all that were told
+    std::uint64_t count = 0;
+    std::uint64_t bytes = 0;  ///< of the changes
+};
+
 /// The version of the manifest's tables. Another release may write a larger one, which this one refuses.
-inline constexpr int manifest_version = 1;
+inline constexpr int manifest_version = 2;
 
 /// An open manifest. Every change is on the disk when its function returns. Not thread-safe; blocks.
 class Manifest {
@@ -44,6 +66,16 @@ public:
     /// Removes the owner's row of that name, unless its number is larger.
     [[nodiscard]] Result<void> remove(const std::string& owner, const std::string& name,
                                       std::uint64_t number);
+    /// Commits all that `changes` does, or nothing if that fails.
+    [[nodiscard]] Result<void> together(const std::function<Result<void>()>& changes);
+    [[nodiscard]] Result<void> put(const KeptEdit& edit);
+    /// Removes the edits of a row.
+    [[nodiscard]] Result<void> remove_edits(std::uint64_t number);
+    /// Removes the edits of all rows that are gone.
+    [[nodiscard]] Result<void> remove_orphans();
+    /// Returns the edits of a row that have a change, by epoch. Fails if one is not as it was written.
+    [[nodiscard]] Result<std::vector<KeptEdit>> edits(std::uint64_t number);
+    [[nodiscard]] Result<KeptEdits> sum_of_edits(std::uint64_t number);
     /// True once the disk has failed: what is written after that may be lost, so nothing is.
     [[nodiscard]] bool failed() const { return failed_; }
 
@@ -60,6 +92,7 @@ private:
     std::string file_;
     std::unique_ptr<sqlite3, Close> connection_;
     bool failed_ = false;
+    bool has_edits_ = true;  ///< false: written by a release that kept none, and opened to be read
 };
 
 }  // namespace raynest::server

@@ -56,6 +56,7 @@ std::string SceneStore::Entry::name_for(const ConnectionId& caller) const {
 NamedScene SceneStore::Entry::scene_for(const ConnectionId& caller) const {
     NamedScene named = scene;
     named.name = name_for(caller);
+    named.kept = blob != nullptr && stored.number != 0;
     return named;
 }
 
@@ -117,6 +118,11 @@ auto SceneStore::own(AnyEntries& entries, std::string_view name, const Connectio
 const SceneStore::Entry* SceneStore::own_entry(std::string_view name,
                                                const ConnectionId& caller) const {
     const auto found = own(entries_, name, caller);
+    return found == entries_.end() ? nullptr : &found->second;
+}
+
+SceneStore::Entry* SceneStore::meant(std::string_view name, const ConnectionId& caller) {
+    const auto found = resolve(entries_, name, caller);
     return found == entries_.end() ? nullptr : &found->second;
 }
 
@@ -257,7 +263,7 @@ Reply<NamedScene> SceneStore::publish(const std::string& name,
     }
     if (!equal) {
         entry.scene.name = name;
-        ++entry.scene.epoch;
+        entry.scene.epoch = entry.next_epoch();
         entry.owner = caller.principal;
         entry.loaded = entry.used;
         entry.made_of.clear();
@@ -268,15 +274,16 @@ Reply<NamedScene> SceneStore::publish(const std::string& name,
     entry.from_before = false;
     if (how.blob) {
         entry.blob = std::move(how.blob);
-        entry.number = how.number;
-        entry.stored = entry.facts.digest;
+        entry.stored = std::move(how.row);
+        entry.edits = entry.edit_bytes = 0;
+        entry.epoch_reserved = entry.stored.epoch;
     }
     if (!how.made_of.empty()) entry.made_of = std::move(how.made_of);
     if (!how.share.empty()) entry.share = {how.share.begin(), how.share.end()};
     if (!how.temporary) entry.kept = true;
     const bool temporary = how.temporary && (!entry.held_by(caller) || entry.temporary_of(caller));
     entry.holders[caller.principal].insert_or_assign(caller.connection, temporary);
-    NamedScene scene = entry.scene;
+    NamedScene scene = entry.scene_for(caller);
     if (taken)
         found->second = std::move(entry);
     else
@@ -300,28 +307,6 @@ Reply<void> SceneStore::may_edit(std::string_view name, const ConnectionId& call
     const auto found = resolve(entries_, name, caller);
     if (found == entries_.end()) return tl::unexpected(not_found(name, caller));
     return access::edit_scene(name, found->second.owner, caller);
-}
-
-Reply<std::optional<NamedScene>> SceneStore::publish_edit(const NamedScene& before,
-                                                          std::shared_ptr<const Snapshot> edited,
-                                                          const ConnectionId& caller) {
-    std::erase_if(by_digest_, [](const auto& known) { return known.second.expired(); });
-    if (const auto allowed = may_edit(before.name, caller); !allowed)
-        return tl::unexpected(allowed.error());
-    Entry& entry = resolve(entries_, before.name, caller)->second;
-    if (entry.scene.epoch != before.epoch || entry.scene.held != before.held)
-        return std::optional<NamedScene>();
-    auto held = hold(std::move(edited), entry.scene.held->lease.principal());
-    if (!held) return tl::unexpected(held.error());
-    const auto replaced = std::exchange(entry.scene.held, std::move(*held));
-    entry.facts = facts_of(entry.scene.snapshot());
-    entry.blob.reset();
-    ++entry.scene.epoch;
-    entry.used = entry.loaded = now_();
-    entry.made_of.clear();
-    settle_charge(*replaced);
-    entry.spare = replaced;
-    return std::optional(entry.scene_for(caller));
 }
 
 std::shared_ptr<const Snapshot> SceneStore::take_spare(const NamedScene& of,
@@ -406,8 +391,8 @@ Reply<std::vector<std::string>> SceneStore::unload(std::string_view name,
         return tl::unexpected(allowed.error());
 
     if (may_drop_name && !entry.temporary_of(caller)) {
-        if (entry.number != 0) dropped_.push_back(entry.row());
-        entry.number = 0;
+        if (entry.stored.number != 0) dropped_.push_back(entry.stored);
+        entry.stored = {};
         entry.kept = entry.listed = false;
     }
     const auto held = entry.scene.held;
@@ -451,7 +436,7 @@ SceneStore::Page SceneStore::page(const ConnectionId& caller, std::size_t first,
         page.scenes.push_back({known.scene_for(caller), known.owner, std::move(share),
                                now - known.loaded, now - known.used, known.connections(),
                                known.facts,
-                               known.scene.held        ? "memory"
+                               known.scene.held        ? (known.pinned ? "pinned" : "memory")
                                : known.damage.empty() ? "disk"
                                                       : "damaged"});
     }

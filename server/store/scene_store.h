@@ -19,6 +19,7 @@
 #include "server/store/state_folder.h"
 #include "server/ground/budget.h"
 
+#include <algorithm>
 #include <chrono>
 #include <cstdint>
 #include <functional>
@@ -40,14 +41,30 @@ struct Publication {
     std::vector<std::string> share = {};
     /// Digest of the upload that the scene is made of, with all that its import depends on; empty: none.
     std::string made_of = {};
-    BlobPin blob = {};         ///< not null: the scene is stored, and `number` is that of its row
-    std::uint64_t number = 0;
+    BlobPin blob = {};     ///< not null: the scene is stored, by this row
+    StoredScene row = {};
 };
 
 /// A scene that a request needs and that is on the disk alone.
 struct AsleepScene {
     SceneFacts facts;
     std::string owner;
+    StoredScene row = {};  ///< whose blob, with its edits, is the scene
+};
+
+/// How an edit of a scene is made, besides its content.
+struct EditPlan {
+    StoredScene row = {};       ///< of the scene; number 0: it is not stored
+    std::uint64_t reserve = 0;  ///< not 0: the epoch to reserve before the edit is published
+    bool whole = false;         ///< to keep it, the whole scene must be stored
+};
+
+/// The work of publish_edit() besides its content.
+struct EditPublication {
+    EditPlan plan = {};
+    std::shared_ptr<Keeping> keep = {};  ///< not null: gets what to hand in; has the edit's change, if any
+    BlobPin blob = {};                   ///< of the edited scene, if it is stored whole
+    std::uint64_t number = 0;            ///< for its row then
 };
 
 /// The table of scenes. Io thread only.
@@ -129,11 +146,23 @@ public:
 
     /// Fails as find() does, and with NOT_ALLOWED for a scene of another owner.
     [[nodiscard]] Reply<void> may_edit(std::string_view name, const ConnectionId& caller) const;
+    /// Fails with INVALID_FIELD for a scene of which nothing outlives the daemon.
+    [[nodiscard]] Reply<void> may_keep(std::string_view name, bool has_state, const ConnectionId& caller);
+    /// Says what must be on the disk before an edit of a scene is published. `change_bytes`: of one to be
+    /// kept.
+    [[nodiscard]] EditPlan plan_edit(const NamedScene& before, std::uint64_t change_bytes,
+                                     const ConnectionId& caller);
     /// Publishes what an edit made of `before` as the scene's next epoch, for all who hold it. Returns
     /// nothing if it is at another epoch meanwhile. Fails as may_edit() and publish() do.
     Reply<std::optional<NamedScene>> publish_edit(const NamedScene& before,
                                                   std::shared_ptr<const Snapshot> edited,
-                                                  const ConnectionId& caller);
+                                                  const ConnectionId& caller,
+                                                  EditPublication how = {});
+    /// Keeps a scene in memory, or no longer, whatever make_room() lets go of. Fails as find() and may_edit()
+    /// do.
+    Reply<NamedScene> pin(std::string_view name, bool pinned, const ConnectionId& caller);
+    /// The edits of this row on their way to the disk have failed: what the scene is now is not kept.
+    void edit_was_not_kept(std::uint64_t number);
 
     /// Returns the epoch before the last edit of a scene, for its memory: null if anybody else refers to it.
     std::shared_ptr<const Snapshot> take_spare(const NamedScene& of, const ConnectionId& caller);
@@ -183,7 +212,7 @@ public:
         Clock::duration idle{};   ///< time since a request last used the scene
         std::size_t holders = 0;  ///< number of open connections that loaded or opened the scene
         SceneFacts facts = {};
-        const char* state = "";  ///< memory, disk or damaged
+        const char* state = "";  ///< memory, pinned, disk or damaged
     };
     /// The scenes that find() can return to the caller, by name: at most `most` from number `first` on,
     /// and the number of all.
@@ -220,10 +249,15 @@ private:
     struct Entry {
         NamedScene scene;  ///< its memory is null while the scene is on the disk alone
         SceneFacts facts;
-        BlobPin blob;             ///< of this content; null: the content is not stored
-        std::uint64_t number = 0;  ///< of the row of this name; 0: it has none
-        std::string stored;        ///< the digest in that row: after edits, another one than in `facts`
+        BlobPin blob;             ///< not null: this content is stored
+        StoredScene stored;  ///< the row of this name; number 0: it has none
+        /// Kept edits since that row. They lead to this content if `blob`, that of the row, is not null.
+        std::uint64_t edits = 0;
+        std::uint64_t edit_bytes = 0;
+        std::uint64_t epoch_reserved = 0;  ///< epochs up to this one are not told again after a restart
+        std::uint64_t epoch_free = 0;      ///< the first that the daemons before have not told
         std::string damage;        ///< why the stored content cannot be used; empty: it can
+        bool pinned = false;       ///< stays in memory
         bool from_before = false;  ///< stored before the start, and not loaded since
         std::string owner;  ///< the principal that loaded it
         Clock::time_point loaded;
@@ -245,8 +279,11 @@ private:
         /// Returns the name by which the caller finds the scene.
         [[nodiscard]] std::string name_for(const ConnectionId& caller) const;
         [[nodiscard]] NamedScene scene_for(const ConnectionId& caller) const;
-        /// The row of this name; its content, once edited, is another one.
+        /// A row of this content; its number is for the caller to fill in.
         [[nodiscard]] StoredScene row() const;
+        [[nodiscard]] std::uint64_t next_epoch() const {
+            return std::max(scene.epoch + 1, epoch_free);
+        }
         [[nodiscard]] std::size_t connections() const;
         /// Drops the reference of the caller's connection; true if no reference is left.
         bool release(const ConnectionId& caller) noexcept;
@@ -263,6 +300,8 @@ private:
     /// Returns the caller's own listed entry of this name, or the end.
     template <class AnyEntries>
     static auto own(AnyEntries& entries, std::string_view name, const ConnectionId& caller);
+    /// Returns what resolve() does; null in place of the end.
+    Entry* meant(std::string_view name, const ConnectionId& caller);
     [[nodiscard]] const Entry* own_entry(std::string_view name, const ConnectionId& caller) const;
     /// Returns the error for a name that resolve() does not find: it means several scenes, or none.
     [[nodiscard]] protocol::Error not_found(std::string_view name, const ConnectionId& caller) const;

@@ -141,6 +141,12 @@ Result<std::unique_ptr<StateFolder>> StateFolder::open(const fs::path& folder) {
         state->last_number_ = std::max(state->last_number_.load(), row.number);
     }
     state->found_ = std::move(*rows);
+    if (const auto gone = state->manifest_.remove_orphans(); !gone) return tl::unexpected(gone.error());
+    for (const StoredScene& row : state->found_) {
+        auto edits = state->manifest_.sum_of_edits(row.number);
+        if (!edits) return tl::unexpected(edits.error());
+        state->found_edits_.push_back(std::move(*edits));
+    }
     // A daemon that was killed leaves unfinished files, and blobs whose row was not committed.
     for (const auto& file : fs::directory_iterator(folder / "blobs", error))
         if (!used.contains(file.path().filename().string())) fs::remove(file.path(), error);
@@ -231,8 +237,71 @@ Result<void> StateFolder::write_blob(const std::string& digest, std::span<const 
     return {};
 }
 
+void StateFolder::hand_in(std::shared_ptr<Keeping> edit) {
+    const std::lock_guard guard(pins_->mutex);
+    pins_->keeping.push_back(std::move(edit));
+}
+
+Result<void> StateFolder::commit(const std::shared_ptr<Keeping>& edit) {
+    const std::lock_guard lock(mutex_);
+    commit_locked();
+    return *edit->outcome;
+}
+
+void StateFolder::commit_locked() {
+    std::unique_lock guard(pins_->mutex);
+    const auto edits = std::exchange(pins_->keeping, {});
+    guard.unlock();
+    if (edits.empty()) return;
+    Result<void> done = usable();
+    if (done)
+        done = manifest_.together([&]() -> Result<void> {
+            for (const auto& edit : edits) {
+                if (broken_.contains(edit->edit.number)) continue;
+                Result<void> put;
+                if (edit->row) put = manifest_.put(*edit->row);
+                if (put && edit->row) put = manifest_.remove_edits(edit->ended);
+                if (put) put = manifest_.put(edit->edit);
+                if (!put) return put;
+            }
+            return {};
+        });
+    for (const auto& edit : edits) {
+        const bool follows_broken = broken_.contains(edit->edit.number);
+        edit->outcome = done;
+        if (done && follows_broken)
+            edit->outcome = fail(ErrorCode::io_failed, "an edit before it could not be kept");
+        if (done && !follows_broken && edit->row) {
+            const StoredScene& row = *edit->row;
+            const Row before = std::exchange(rows_[{row.owner, row.name}], {row.digest, row.number});
+            if (!before.digest.empty()) let_go(before.digest);
+        }
+    }
+    if (!done)
+        for (const auto& edit : edits) broken_.insert(edit->edit.number);
+}
+
+Result<void> StateFolder::reserve(std::uint64_t number, std::uint64_t epoch) {
+    const std::lock_guard lock(mutex_);
+    if (const auto good = usable(); !good) return good;
+    commit_locked();
+    return manifest_.put(KeptEdit{.number = number, .epoch = epoch});
+}
+
+Result<std::vector<KeptEdit>> StateFolder::edits(std::uint64_t number) {
+    const std::lock_guard lock(mutex_);
+    commit_locked();
+    return manifest_.edits(number);
+}
+
+void StateFolder::forget(std::uint64_t number) {
+    const std::lock_guard guard(pins_->mutex);
+    pins_->forgotten.push_back(number);
+}
+
 Result<void> StateFolder::put(const StoredScene& scene) {
     const std::lock_guard lock(mutex_);
+    commit_locked();
     if (const auto good = usable(); !good) return good;
     if (const auto put = manifest_.put(scene); !put) return put;
     const Row before = std::exchange(rows_[{scene.owner, scene.name}], {scene.digest, scene.number});
@@ -243,9 +312,14 @@ Result<void> StateFolder::put(const StoredScene& scene) {
 
 Result<void> StateFolder::remove(const std::vector<StoredScene>& scenes) {
     const std::lock_guard lock(mutex_);
+    commit_locked();
     if (const auto good = usable(); !good) return good;
     for (const StoredScene& scene : scenes) {
-        if (const auto gone = manifest_.remove(scene.owner, scene.name, scene.number); !gone) return gone;
+        const auto gone = manifest_.together([&] {
+            auto done = manifest_.remove(scene.owner, scene.name, scene.number);
+            return done ? manifest_.remove_edits(scene.number) : done;
+        });
+        if (!gone) return gone;
         const auto row = rows_.find({scene.owner, scene.name});
         if (row == rows_.end() || row->second.number > scene.number) continue;
         let_go(row->second.digest);
@@ -262,11 +336,13 @@ void StateFolder::undo(StoredScene scene, std::unique_ptr<StoredScene> before) {
 
 bool StateFolder::has_work() {
     const std::lock_guard guard(pins_->mutex);
-    return !pins_->ended.empty() || !pins_->undone.empty();
+    return !pins_->ended.empty() || !pins_->undone.empty() || !pins_->keeping.empty() ||
+           !pins_->forgotten.empty();
 }
 
 void StateFolder::collect() {
     const std::lock_guard lock(mutex_);
+    commit_locked();
     collect_locked();
 }
 
@@ -278,7 +354,10 @@ void StateFolder::let_go(const std::string& digest) {
 void StateFolder::collect_locked() {
     std::unique_lock guard(pins_->mutex);
     auto undone = std::exchange(pins_->undone, {});
+    const auto forgotten = std::exchange(pins_->forgotten, {});
     guard.unlock();
+    // The next start removes those that fail here.
+    for (const std::uint64_t number : forgotten) (void)manifest_.remove_edits(number);
     for (auto& [scene, before] : undone) {
         const auto row = rows_.find({scene.owner, scene.name});
         if (row == rows_.end() || row->second.number != scene.number) continue;

@@ -1,12 +1,13 @@
 // The folder of --state: scenes that outlive the daemon.
 //
 //   DIR/lock              held while a daemon runs (options/ready_file.h)
-//   DIR/manifest.sqlite   a row per owner and name
+//   DIR/manifest.sqlite   a row per owner and name, and the kept edits since it was committed
 //   DIR/blobs/DIGEST      the arena of a scene (scene/FORMAT.md), named by its digest
 //   DIR/damaged/DIGEST    blobs that are not as they were written; kept for a look, never read
 //
 // A blob is written to a temporary name, flushed, renamed, and its folder flushed; then its row is
 // committed; then the load is answered. Blobs are never changed: they are read and unlinked alone.
+// Edits are seen at once and committed together: what one commit finds waiting is one transaction.
 #pragma once
 
 #include "engine/scene/snapshot.h"
@@ -21,6 +22,7 @@
 #include <map>
 #include <memory>
 #include <mutex>
+#include <optional>
 #include <set>
 #include <span>
 #include <string>
@@ -31,6 +33,14 @@ namespace raynest::server {
 
 /// Keeps a blob in the folder, with or without a row; holds its digest.
 using BlobPin = std::shared_ptr<const std::string>;
+
+/// A kept edit that everybody sees already, on its way to the disk.
+struct Keeping {
+    std::unique_ptr<StoredScene> row = {};  ///< of the whole scene, whose blob is kept; null: `edit` has a change
+    KeptEdit edit = {};
+    std::uint64_t ended = 0;  ///< the number of the row in whose place `row` is put
+    std::optional<Result<void>> outcome = {};  ///< for StateFolder
+};
 
 /// Why a blob cannot be used.
 struct BlobFault {
@@ -58,6 +68,8 @@ public:
 
     /// The rows at the start.
     [[nodiscard]] const std::vector<StoredScene>& found() const { return found_; }
+    /// The edits of each of these, summed up.
+    [[nodiscard]] const std::vector<KeptEdits>& found_edits() const { return found_edits_; }
     /// A number larger than that of all rows.
     [[nodiscard]] std::uint64_t next_number() { return ++last_number_; }
 
@@ -73,6 +85,17 @@ public:
     [[nodiscard]] Result<void> remove(const std::vector<StoredScene>& scenes);
     /// Undoes put() for a load that has ended before its scene was published; at the next collect().
     void undo(StoredScene scene, std::unique_ptr<StoredScene> before);
+
+    /// Takes an edit, which later ones follow on the disk, too. Does not block.
+    void hand_in(std::shared_ptr<Keeping> edit);
+    /// Commits it with all others that were handed in meanwhile. One that follows a failed one fails.
+    [[nodiscard]] Result<void> commit(const std::shared_ptr<Keeping>& edit);
+    /// Commits that epochs up to this one were told.
+    [[nodiscard]] Result<void> reserve(std::uint64_t number, std::uint64_t epoch);
+    /// Returns the edits of a row as Manifest::edits() does.
+    [[nodiscard]] Result<std::vector<KeptEdit>> edits(std::uint64_t number);
+    /// Lets go of the edits of a row that is gone for good; at the next collect().
+    void forget(std::uint64_t number);
 
     [[nodiscard]] const std::filesystem::path& path() const { return folder_; }
     /// Moves a damaged blob out of the way, so that a load writes it anew.
@@ -94,6 +117,7 @@ private:
     }
     void let_go(const std::string& digest);
     void collect_locked();
+    void commit_locked();
     [[nodiscard]] Result<void> write_blob(const std::string& digest, std::span<const std::byte> arena,
                                           const Stopped& stopped);
     /// Fails once the disk has failed.
@@ -101,6 +125,7 @@ private:
 
     const std::filesystem::path folder_;
     std::vector<StoredScene> found_;
+    std::vector<KeptEdits> found_edits_;
     std::atomic<std::uint64_t> last_number_{0};
     std::atomic<std::uint64_t> last_temporary_{0};
     std::atomic<bool> failed_{false};
@@ -111,12 +136,15 @@ private:
         std::uint64_t number = 0;
     };
     std::map<std::pair<std::string, std::string>, Row> rows_;  ///< by owner and name
+    std::set<std::uint64_t> broken_;  ///< numbers of rows of which an edit could not be committed
     /// Pins and loads end on any thread, also the io thread: they take this lock alone.
     struct Pins {
         std::mutex mutex;
         std::map<std::string, std::weak_ptr<const std::string>> live;
         std::set<std::string> ended;
         std::vector<std::pair<StoredScene, std::unique_ptr<StoredScene>>> undone;
+        std::vector<std::shared_ptr<Keeping>> keeping;
+        std::vector<std::uint64_t> forgotten;
     };
     const std::shared_ptr<Pins> pins_ = std::make_shared<Pins>();
     std::mutex names_mutex_;

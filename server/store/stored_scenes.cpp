@@ -7,11 +7,10 @@
 namespace raynest::server {
 
 StoredScene SceneStore::Entry::row() const {
-    return {.number = number,
-            .owner = owner,
+    return {.owner = owner,
             .name = scene.name,
             .share = {share.begin(), share.end()},
-            .digest = stored,
+            .digest = facts.digest,
             .epoch = scene.epoch,
             .bytes = facts.bytes,
             .instanced_triangles = facts.instanced_triangles,
@@ -41,11 +40,12 @@ Reply<SceneStore::Stored> SceneStore::prepare_to_store(const std::string& name,
     const SceneFacts facts = facts_of(*snapshot);
     Stored stored;
     if (taken != nullptr) stored.row = taken->row();
-    if (taken != nullptr && taken->number != 0) stored.before = std::make_unique<StoredScene>(taken->row());
+    if (taken != nullptr && taken->stored.number != 0)
+        stored.before = std::make_unique<StoredScene>(taken->stored);
     const bool equal = taken != nullptr && taken->facts.digest == facts.digest;
     stored.row.owner = caller.principal;
     stored.row.name = name;
-    if (!equal) ++stored.row.epoch;
+    if (!equal) stored.row.epoch = taken == nullptr ? 1 : taken->next_epoch();
     if (!how.share.empty()) stored.row.share = how.share;
     stored.row.digest = facts.digest;
     stored.row.bytes = facts.bytes;
@@ -69,15 +69,24 @@ bool SceneStore::is_from_before(std::string_view name, const ConnectionId& calle
 }
 
 void SceneStore::adopt(StateFolder& state) {
-    for (const StoredScene& row : state.found()) {
+    for (std::size_t i = 0; i < state.found().size(); ++i) {
+        const StoredScene& row = state.found()[i];
+        const KeptEdits& edits = state.found_edits()[i];
         Entry entry;
         entry.scene.name = row.name;
         entry.scene.epoch = row.epoch;
         entry.scene.build_seconds = row.build_seconds;
         entry.facts = {row.digest, row.bytes, row.instanced_triangles};
         entry.blob = state.pin(row.digest);
-        entry.number = row.number;
-        entry.stored = row.digest;
+        entry.stored = row;
+        entry.edits = edits.count;
+        entry.edit_bytes = edits.bytes;
+        entry.epoch_reserved = std::max(row.epoch, edits.epoch_last);
+        entry.epoch_free = entry.epoch_reserved + 1;
+        if (edits.count != 0) {
+            entry.scene.epoch = edits.last.epoch;
+            entry.facts = {edits.last.digest, edits.last.bytes, edits.last.instanced_triangles};
+        }
         entry.from_before = true;
         entry.owner = row.owner;
         entry.share = {row.share.begin(), row.share.end()};
@@ -93,7 +102,7 @@ protocol::Error SceneStore::asleep(const Entry& entry) const {
                 "the stored copy of scene '" + entry.scene.name + "' is damaged: " + entry.damage +
                     "; `Load` it again, or `Unload` it",
                 0};
-    asleep_ = AsleepScene{entry.facts, entry.owner};
+    asleep_ = AsleepScene{entry.facts, entry.owner, entry.stored};
     return {Code::busy, "scene '" + entry.scene.name + "' is read from the disk; ask again", 0};
 }
 
@@ -146,7 +155,7 @@ bool SceneStore::let_go_of_oldest(const std::string* principal) {
     };
     std::map<const HeldScene*, Candidate> candidates;
     for (const auto& [name, entry] : entries_) {
-        if (entry.scene.held == nullptr || entry.blob == nullptr) continue;
+        if (entry.scene.held == nullptr || entry.blob == nullptr || entry.pinned) continue;
         Candidate& candidate = candidates[entry.scene.held.get()];
         candidate.used = std::max(candidate.used, entry.used);
         candidate.charged |= principal == nullptr || entry.charged_to(*principal);

@@ -141,7 +141,11 @@ void add_scene_requests(Collection& all) {
     edit.scenes = {"taxi"};
     edit.names = {"car"};
     edit.vertex_counts = {8};
+    edit.keep = true;
     all.add(16, edit);
+    wire::PinT pin;
+    pin.scene = "forest";
+    all.add(17, pin);
 }
 
 void add_work_requests(Collection& all) {
@@ -440,7 +444,12 @@ void add_administration(Collection& all) {
     edited.instances = 41;
     edited.refits = 1;
     edited.seconds = 0.004;
+    edited.kept = true;
     all.add(16, edited);
+    wire::PinnedT pinned;
+    pinned.name = "forest";
+    pinned.pinned = true;
+    all.add(17, pinned);
     wire::PageAddressT page;
     page.http = "https://192.0.2.7:31061";
     page.code = "7d3f";

@@ -105,7 +105,7 @@ void add_bad_headers(Table& table) {
 
 void add_unknown_types(Table& table) {
     const Frame ping = protocol::encode(1, wire::PingT{}).value();
-    for (const unsigned type : {0U, 4U, 5U, 6U, 7U, 21U, 23U, 31U, 63U, 65U, 127U, 128U, 200U, 255U,
+    for (const unsigned type : {0U, 4U, 5U, 6U, 7U, 22U, 23U, 31U, 63U, 65U, 127U, 128U, 200U, 255U,
                                 256U, 257U, 1000U, 32768U, 65535U}) {
         Frame frame =
             with_control(Frame{}, {ping.control.span().begin(), ping.control.span().end()});

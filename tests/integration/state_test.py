@@ -238,7 +238,7 @@ class State(unittest.TestCase):
             self.assertEqual(self.files(), files)
         manifest.write_bytes(good)
         with sqlite3.connect(manifest) as database:
-            database.execute("PRAGMA user_version=2")
+            database.execute("PRAGMA user_version=3")
         database.close()
         files = self.files()
         self.assertIn("a newer one wrote it", self.refused())
@@ -285,6 +285,11 @@ class State(unittest.TestCase):
     def test_memory_holds_the_scenes_in_use_and_the_disk_all(self):
         client = self.start("--memory", "128M", "--principal-scene-bytes-max", "1G")
         hits = {}
+        client.json("load", "builtin:forest?trees=200&seed=99", "--name", "pinned")
+        client.json("load", "builtin:forest?trees=200&seed=98", "--name", "loose")
+        for name in ("pinned", "loose"):
+            self.assertEqual(client.json("pin", name), {"pinned": [name]})
+        client.json("pin", "--off", "loose")
         for number in range(14):
             loaded = client.json("load", f"builtin:forest?trees=200&seed={number}", "--name", f"f{number}")
             hits[f"f{number}"] = self.hits(f"f{number}")
@@ -292,11 +297,125 @@ class State(unittest.TestCase):
         self.assertGreater(total, 128 << 20)
         states = {name: scene["state"] for name, scene in self.scenes().items()}
         self.assertEqual(states["f0"], "disk")
+        self.assertEqual((states["pinned"], states["loose"]), ("pinned", "disk"))
         self.assertEqual(states["f13"], "memory")
         for _ in range(2):
             for name in hits:
                 self.assertEqual(self.hits(name), hits[name])
         self.assertLessEqual(client.json("stats")["memory_used_bytes"], 128 << 20)
+
+    def edits(self, name, keep, limit):
+        """Starts a client that makes the same edit again and again, and prints epoch and hash of each."""
+        script = """
+import sys, raynest
+uri, name, keep, limit = sys.argv[1:]
+with raynest.connect(uri) as client:
+    scene = client.scene(name)
+    for _ in range(int(limit)):
+        with scene.edit(keep=keep == "True") as edit:
+            edit.move(0, (0.01, 0, 0)).move(1, (0, 0, 0.01))
+        assert str(edit.kept) == keep
+        print(edit.epoch, edit.hash, flush=True)
+"""
+        package = pathlib.Path(__file__).parents[2] / "client" / "python"
+        return subprocess.Popen([sys.executable, "-c", script, self.daemon.uri, name, str(keep), str(limit)],
+                                stdout=subprocess.PIPE, stderr=subprocess.DEVNULL, text=True,
+                                env={**os.environ, "PYTHONPATH": str(package)})
+
+    def test_kept_edits_are_there_after_every_kill_and_none_is_half(self):
+        chance = random.Random(int(os.environ.get("RAYNEST_SEED", time.time())))
+        client = self.start()
+        hashes = [client.json("load", WOODS, "--name", "woods")["hash"]]
+        client.json("load", WOODS, "--name", "twin")
+        with self.edits("twin", False, 4000) as twin:
+            hashes += [line.split()[1] for line in twin.communicate(timeout=4 * PATIENCE)[0].splitlines()]
+        self.assertEqual(len(hashes), 4001)
+        done = 0
+        for _ in range(ROUNDS // 2):
+            with self.edits("woods", True, 4000 - done) as edits:
+                time.sleep(chance.uniform(0.3, 1.2))
+                self.kill()
+                said = [line.split() for line in edits.communicate(timeout=PATIENCE)[0].splitlines()]
+            self.start()
+            scene = self.scenes()["woods"]
+            self.assertIn(scene["hash"], hashes)
+            # One that was on its way may be there without an answer.
+            now = hashes.index(scene["hash"])
+            self.assertIn(now - done - len(said), (0, 1))
+            if said:
+                self.assertGreaterEqual(scene["epoch"], int(said[-1][0]))
+                self.assertEqual(said[-1][1], hashes[done + len(said)])
+            self.assertEqual(self.client.json("info", "woods")["hash"], scene["hash"])
+            self.assertEqual(self.client.json("info", "twin")["hash"], hashes[0])
+            done = now
+        self.assertGreater(done, ROUNDS)
+        self.kill()
+        self.assertEqual(self.check()[0], 0)
+        print(f"{done} kept edits, {ROUNDS // 2} kills, none lost")
+
+    def test_what_is_kept_and_what_is_not(self):
+        client = self.start()
+        loaded = client.json("load", WOODS, "--name", "woods")
+        car = client.json("load", "builtin:flake?depth=2", "--name", "car")
+        self.assertTrue(client.json("info", "woods")["kept"])
+        first = client.json("edit", "woods", "--move", "inst=0=3,0,0", "--keep")
+        self.assertEqual((first["kept"], first["epoch"]), (True, 2))
+        # An edit that is not kept: after a restart the scene is what the kept one made of it.
+        loose = client.json("edit", "woods", "--hide", "*")
+        self.assertFalse(loose["kept"])
+        self.assertFalse(client.json("info", "woods")["kept"])
+        client = self.again()
+        self.assertEqual({name: scene["hash"] for name, scene in self.scenes().items()},
+                         {"woods": first["hash"], "car": car["hash"]})
+        self.assertEqual(client.json("info", "woods")["epoch"], 2)
+        # Its epoch is not told again for other content.
+        second = client.json("edit", "woods", "--move", "inst=1=3,0,0")
+        self.assertGreater(second["epoch"], loose["epoch"])
+        # A kept edit after one that is not keeps both; so does one that adds a scene.
+        third = client.json("edit", "woods", "--add", "car=9,0,0", "--keep")
+        client.json("unload", "car")
+        hits = self.hits("woods")
+        client = self.again()
+        self.assertEqual(client.json("info", "woods")["hash"], third["hash"])
+        self.assertEqual(self.hits("woods"), hits)
+        self.assertEqual(self.blob_names(), {third["hash"]})
+        fourth = client.json("edit", "woods", "--remove", "car", "--keep")
+        # A load takes the place of all that; its edits are gone with it.
+        client = self.again()
+        self.assertEqual(client.json("load", WOODS, "--name", "woods", "--replace")["hash"], loaded["hash"])
+        self.assertGreater(client.json("info", "woods")["epoch"], fourth["epoch"])
+        client = self.again()
+        self.assertEqual(client.json("info", "woods")["hash"], loaded["hash"])
+        client.json("unload", "woods")
+        client = self.again()
+        self.assertEqual(self.scenes(), {})
+
+    def test_a_damaged_edit_costs_one_scene_until_it_is_loaded_again(self):
+        client = self.start()
+        client.json("load", WOODS, "--name", "woods")
+        client.json("load", WOODS, "--name", "other")
+        client.json("edit", "woods", "--hide", "*", "--keep")
+        hits = self.hits("other")
+        self.daemon.stop()
+        with sqlite3.connect(self.state / "manifest.sqlite") as database:
+            change = bytearray(database.execute("SELECT change FROM edits WHERE length(change)>0").fetchone()[0])
+            change[-1] ^= 1
+            database.execute("UPDATE edits SET change=? WHERE length(change)>0", (bytes(change),))
+        database.close()
+        self.assertEqual(self.check()[0], 1)
+        client = self.start()
+        self.fails(5, "its edit of epoch 2 is not as it was written", "info", "woods")
+        self.assertEqual(self.hits("other"), hits)
+        client.json("load", WOODS, "--name", "woods")
+        self.again()
+        self.assertEqual(self.hits("woods"), hits)
+
+    def test_without_a_state_folder_nothing_is_kept(self):
+        daemon = Daemon(self.raynestd)
+        self.addCleanup(daemon.stop)
+        self.client = Client(self.raynest, daemon.uri)
+        self.client.json("load", WOODS, "--name", "woods")
+        self.fails(2, "--state", "edit", "woods", "--hide", "*", "--keep")
 
     def test_an_edit_lasts_until_the_restart(self):
         client = self.start()

@@ -14,7 +14,7 @@ WORDS = {
     "deadline_ms": "deadline=", "depth": "depth=",
     "detach": "detach=", "environment": "environment=", "environment_rotate": "environment_rotate=",
     "epoch": "epoch=",
-    "exposure": "exposure=", "hide": "hide=", "level": "level=",
+    "exposure": "exposure=", "hide": "hide=", "keep": "keep=True", "level": "level=",
     "look_at": "look_at=", "mask": "mask=", "name": "name=", "noise": "noise=",
     "only": "only=", "origin": "origin=", "primitive": "primitive=",
     "radius": "radius=", "replace": "replace=True",

@@ -35,11 +35,13 @@ class Edit:
     refits: int     # edits since the tree of the scene's root was built
     rebuilds: int   # how often it was built again
     hash: str       # of the content after the edit
+    kept: bool      # the scene, as it is now, is there after a restart
     seconds: float  # that the daemon took
 
-    def __init__(self, connection: Connection, scene: str, epoch: int) -> None:
+    def __init__(self, connection: Connection, scene: str, epoch: int, keep: bool = False) -> None:
         self._connection = connection
         self._scene = scene
+        self._keep = bool(keep)
         self.epoch = whole("epoch", epoch, 2**64 - 1, 0)
         self._texts: dict[str, int] = {}
         self._added: dict[tuple[str, str], int] = {}
@@ -162,7 +164,7 @@ class Edit:
         if len(self._texts) > _limits.list_items_max:
             raise UsageError(f"{len(self._texts)} texts in one edit, at most {_limits.list_items_max} are "
                              "taken: name instances by number, as the column inst tells them")
-        message = {"scene": self._scene, "epoch": self.epoch, "rows": len(rows),
+        message = {"scene": self._scene, "epoch": self.epoch, "rows": len(rows), "keep": self._keep,
                    "targets": list(self._texts), "scenes": [scene for scene, _ in self._added],
                    "names": [name for _, name in self._added],
                    "vertex_counts": [len(points) for points in self._vertices]}
@@ -175,7 +177,7 @@ class Edit:
         with self._connection.interrupts, contextlib.closing(frames):
             for kind, news in frames:
                 if kind == "Edited":
-                    for key in ("epoch", "instances", "refits", "rebuilds", "hash", "seconds"):
+                    for key in ("epoch", "instances", "refits", "rebuilds", "hash", "kept", "seconds"):
                         setattr(self, key, news[key])
                     return
         raise ProtocolError("the daemon ended an edit without an answer")

@@ -449,7 +449,7 @@ class Scene(Renders, Paths):
 
     # ---- edits ----------------------------------------------------------------------------------
 
-    def edit(self, *, epoch: int = 0) -> Edit:
+    def edit(self, *, epoch: int = 0, keep: bool = False) -> Edit:
         """Begins a batch of changes, which becomes the scene's next epoch when the block ends:
 
             with scene.edit() as edit:
@@ -457,8 +457,10 @@ class Scene(Renders, Paths):
                 edit.hide("tree-1*")
 
         Requests that run keep the epoch they began with; later ones see the new one. Only the scene's
-        owner may edit it. With `epoch` the edit fails unless the scene is at that epoch."""
-        return Edit(self._client.connection, self.name, epoch)
+        owner may edit it. With `epoch` the edit fails unless the scene is at that epoch. With `keep` the block
+        ends when the scene, as it is then, outlives the daemon, which needs --state; without it, the scene is
+        after a restart what it was before."""
+        return Edit(self._client.connection, self.name, epoch, keep)
 
     # ---- what it is -----------------------------------------------------------------------------
 
@@ -483,6 +485,10 @@ class Scene(Renders, Paths):
         pages = self._client.pages("Parts", "PartList", "names", scene=self.name, kind=kind)
         return [dict(zip(keys, row)) for page in pages
                 for row in zip(*(page[plural.get(key, key)] for key in keys))]
+
+    def pin(self, on: bool = True) -> None:
+        """Keeps the scene in memory until the daemon ends, whatever else is loaded; or no longer."""
+        self._client.connection.ask("Pin", {"scene": self.name, "off": not on}, "Pinned")
 
     def unload(self) -> list[str]:
         """Releases the name's hold of the scene, and this connection's. Returns the remaining

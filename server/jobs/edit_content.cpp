@@ -1,0 +1,185 @@
+#include "server/jobs/edit_content.h"
+
+#include "engine/scene/edits/edit.h"
+#include "engine/scene/edits/names.h"
+#include "protocol/control.h"
+#include "protocol/text.h"
+
+#include <fmt/format.h>
+
+#include <algorithm>
+#include <cmath>
+#include <cstring>
+#include <optional>
+#include <utility>
+
+namespace raynest::server {
+namespace {
+
+// Rows say a frame by its number.
+static_assert(static_cast<std::uint32_t>(EditFrame::world) == EditRow::world &&
+              static_cast<std::uint32_t>(EditFrame::parent) == EditRow::parent &&
+              static_cast<std::uint32_t>(EditFrame::own) == EditRow::own);
+
+/// Returns a row's matrix; nothing if a number is not finite.
+std::optional<Matrix> matrix_of(const EditRow& row) {
+    Matrix made(1);
+    for (int i = 0; i < 12; ++i) {
+        if (!std::isfinite(row.m[i])) return std::nullopt;
+        made[i % 4][i / 4] = row.m[i];
+    }
+    return made;
+}
+
+Result<void> apply(EditBatch& batch, const EditRow& row, const Matrix& matrix,
+                          const InstancePlace& place) {
+    switch (row.what) {
+        case EditRow::set_mask: batch.set_mask(place, row.value); return {};
+        case EditRow::remove: return batch.remove(place);
+        case EditRow::place: return batch.place(place, matrix, static_cast<EditFrame>(row.value));
+        default: batch.move(place, matrix, static_cast<EditFrame>(row.value)); return {};
+    }
+}
+
+}  // namespace
+
+std::uint64_t EditContent::bytes() const {
+    std::uint64_t sum = std::uint64_t{rows} * sizeof(EditRow);
+    for (const std::uint32_t count : vertex_counts) sum += std::uint64_t{count} * sizeof(Vec3);
+    return sum;
+}
+
+Reply<void> read_edit(EditBatch& batch, const Snapshot& scene, const std::string& name,
+                      const EditContent& content, std::span<const std::byte> bytes,
+                      const std::function<bool()>& stopped) {
+    const std::uint32_t outermost = scene.view().objects[scene.view().root].instance_count;
+    const auto no_instances = [&] {
+        return refuse(Code::invalid_field,
+                      fmt::format("'{}' has no instances to change: all that it has is its own. A glTF places "
+                                  "its meshes by nodes, which can be edited; other scenes can be added",
+                                  name));
+    };
+    if (outermost == 0 && !content.targets.empty()) return no_instances();
+    std::vector<std::vector<InstancePlace>> named;
+    InstanceFinder finder(scene, stopped);
+    for (const std::string& text : content.targets) {
+        auto found = finder.find(text);
+        if (stopped()) return refuse(Code::cancelled, "");
+        if (!found) return refuse(std::move(found.error()));
+        named.push_back(std::move(*found));
+    }
+    // The rows' bytes are a multiple of 4 and begin where a vector of floats may.
+    std::vector<std::span<const Vec3>> vertices;
+    const auto* first = reinterpret_cast<const Vec3*>(bytes.data() + content.rows * sizeof(EditRow));
+    for (const std::uint32_t count : content.vertex_counts) {
+        vertices.emplace_back(first, count);
+        first += count;
+    }
+    std::vector<InstancePlace> one(1);
+    for (std::uint32_t i = 0; i < content.rows; ++i) {
+        if (i % 1024 == 0 && stopped()) return refuse(Code::cancelled, "");
+        EditRow row;
+        std::memcpy(&row, bytes.data() + i * sizeof row, sizeof row);
+        const auto wrong = [&](const std::string& why) {
+            return refuse(Code::invalid_field, fmt::format("row {} of the edit {}", i, why));
+        };
+        const bool has_matrix = row.what == EditRow::place || row.what == EditRow::move || row.what == EditRow::add;
+        const auto matrix = has_matrix ? matrix_of(row) : Matrix(1);
+        if (row.what >= EditRow::what_count)
+            return wrong(fmt::format("does something unknown: what is {}", row.what));
+        if (!matrix) return wrong("has a matrix with a number that is not finite");
+        if (row.what == EditRow::vertices && row.value >= vertices.size())
+            return wrong(fmt::format("names vertices {} of {}", row.value, vertices.size()));
+        if (row.what == EditRow::add) {
+            if (row.target >= content.sources.size())
+                return wrong(fmt::format("adds scene {} of {}", row.target, content.sources.size()));
+            const EditContent::Source& source = content.sources[row.target];
+            batch.add(row.target, {source.held, source.held->snapshot.get()}, source.name, *matrix, row.value);
+            continue;
+        }
+        if ((row.what == EditRow::place || row.what == EditRow::move) && row.value >= EditRow::frame_count)
+            return wrong(fmt::format("has an unknown frame: {}", row.value));
+        if (row.what == EditRow::place && row.value == EditRow::own)
+            return wrong("places an instance in its own frame: place it in its parent's, or move it");
+        if (row.by_text != 0 && row.target >= named.size())
+            return wrong(fmt::format("names target {} of {}", row.target, named.size()));
+        if (row.by_text == 0 && row.target >= outermost)
+            return outermost == 0 ? no_instances()
+                                  : wrong(fmt::format("names the outermost instance {}; the scene has {}",
+                                                      row.target, outermost));
+        one.front() = row.target;
+        for (const InstancePlace& place : row.by_text != 0 ? named[row.target] : one) {
+            if (row.what == EditRow::vertices)
+                batch.set_vertices(place, vertices[row.value]);
+            else if (auto done = apply(batch, row, *matrix, place); !done)
+                return wrong(done.error().message);
+        }
+    }
+    return {};
+}
+
+// A kept change is an EDIT message, its length before it in 8 bytes, and the rows and vertices behind it.
+
+Reply<std::vector<std::byte>> kept_change(const EditContent& content,
+                                          std::span<const std::byte> bytes) {
+    wire::EditT message;
+    message.scene = "kept";
+    message.targets = content.targets;
+    message.rows = content.rows;
+    message.vertex_counts = content.vertex_counts;
+    const auto frame = protocol::encode(0, message);
+    if (!frame) return tl::unexpected(frame.error());
+    const auto& control = frame->control;
+    const std::uint64_t size = control.size();
+    std::vector<std::byte> change;
+    change.reserve(sizeof size + size + bytes.size());
+    const auto head = std::as_bytes(std::span(&size, 1));
+    change.insert(change.end(), head.begin(), head.end());
+    change.insert(change.end(), control.data(), control.data() + size);
+    change.insert(change.end(), bytes.begin(), bytes.end());
+    return change;
+}
+
+Reply<std::shared_ptr<const Snapshot>> replay_edits(std::shared_ptr<const Snapshot> scene,
+                                                    std::uint64_t epoch,
+                                                    const std::vector<KeptEdit>& edits) {
+    std::shared_ptr<const Snapshot> spare;
+    const std::function<bool()> never = [] { return false; };
+    for (const KeptEdit& edit : edits) {
+        const auto damaged = [&](const std::string& why) {
+            return refuse(Code::scene_invalid, fmt::format("its edit of epoch {} {}", edit.epoch, why));
+        };
+        if (edit.before != epoch) return damaged(fmt::format("follows epoch {}, not {}", edit.before, epoch));
+        std::uint64_t size = 0;
+        if (edit.change.size() < sizeof size) return damaged("is cut");
+        std::memcpy(&size, edit.change.data(), sizeof size);
+        if (size > edit.change.size() - sizeof size) return damaged("is cut");
+        protocol::Frame frame;
+        frame.header.type = static_cast<std::uint16_t>(protocol::message_of<wire::Edit>);
+        const auto control = std::span(edit.change).subspan(sizeof size, size);
+        frame.control = protocol::Buffer(size);
+        std::ranges::copy(control, frame.control.data());
+        const auto message = protocol::open<wire::Edit>(frame);
+        if (!message) return damaged("cannot be read: " + message.error().message);
+        EditContent content;
+        content.targets = protocol::strings((*message)->targets());
+        content.rows = (*message)->rows();
+        if (const auto* counts = (*message)->vertex_counts())
+            content.vertex_counts.assign(counts->begin(), counts->end());
+        const auto rest = std::span(edit.change).subspan(sizeof size + size);
+        if (rest.size() != content.bytes()) return damaged("is cut");
+        // Rows begin where a float may.
+        const std::vector<std::byte> bytes(rest.begin(), rest.end());
+        EditBatch batch(*scene);
+        if (auto read = read_edit(batch, *scene, "kept", content, bytes, never); !read)
+            return damaged("does not fit it: " + read.error().message);
+        auto edited = edit_scene(*scene, batch.changes(), std::exchange(spare, nullptr));
+        if (!edited) return damaged("does not fit it: " + edited.error().message);
+        spare = std::exchange(scene, std::move(*edited));
+        if (scene->digest() != edit.digest) return damaged("gives another scene than before");
+        epoch = edit.epoch;
+    }
+    return scene;
+}
+
+}  // namespace raynest::server

@@ -1,0 +1,49 @@
+// The rows of an edit, and how they are kept for the time after a restart.
+#pragma once
+
+#include "engine/scene/edits/batch.h"
+#include "protocol/edit_row.h"
+#include "server/ground/errors.h"
+#include "server/store/manifest.h"
+#include "server/store/named_scene.h"
+
+#include <cstddef>
+#include <cstdint>
+#include <functional>
+#include <memory>
+#include <span>
+#include <string>
+#include <vector>
+
+namespace raynest::server {
+
+using protocol::EditRow;
+
+/// The rows say what changes; these lists say what they name.
+struct EditContent {
+    std::vector<std::string> targets;
+    /// A scene of which placements are added, with its share of --memory.
+    struct Source {
+        std::shared_ptr<const HeldScene> held;
+        std::string name;  ///< in paths
+    };
+    std::vector<Source> sources;
+    std::uint32_t rows = 0;
+    std::vector<std::uint32_t> vertex_counts;   ///< of the meshes behind the rows
+    [[nodiscard]] std::uint64_t bytes() const;  ///< of the rows and vertices
+};
+
+/// Reads all rows into the batch, whose scene is called `name`. `bytes` are the rows and vertices, aligned
+/// as a float is, and outlive the batch. Fails with INVALID_FIELD and the row, and with CANCELLED.
+Reply<void> read_edit(EditBatch& batch, const Snapshot& scene, const std::string& name,
+                      const EditContent& content, std::span<const std::byte> bytes,
+                      const std::function<bool()>& stopped);
+
+/// Returns an edit that adds no scenes as replay_edits() reads it.
+[[nodiscard]] Reply<std::vector<std::byte>> kept_change(const EditContent& content,
+                                                        std::span<const std::byte> bytes);
+/// Makes the edits of a stored scene again; fails if that gives another scene than they gave before.
+[[nodiscard]] Reply<std::shared_ptr<const Snapshot>> replay_edits(
+    std::shared_ptr<const Snapshot> scene, std::uint64_t epoch, const std::vector<KeptEdit>& edits);
+
+}  // namespace raynest::server
