@@ -24,6 +24,7 @@ constexpr std::array words = {
     Word{"Variants", "raynest variants"},
     Word{"Wait", "raynest wait"},
     // fields
+    Word{"animation", "--animation"},
     Word{"ao_distance", "--ao-distance"},
     Word{"camera", "--camera"},
     Word{"count", "--count"},
@@ -51,6 +52,7 @@ constexpr std::array words = {
     Word{"skip_hidden_boxes", "--skip-hidden-boxes"},
     Word{"spacing", "--spacing"},
     Word{"sun", "--sun"},
+    Word{"time", "--time"},
     Word{"tonemap", "--tonemap"},
     Word{"top", "--top"},
     Word{"traversal", "--traversal"},

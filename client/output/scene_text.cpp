@@ -7,6 +7,7 @@
 
 #include <algorithm>
 #include <array>
+#include <cmath>
 #include <iomanip>
 #include <iostream>
 #include <sstream>
@@ -25,15 +26,10 @@ Json skipped_json(const wire::SceneInfo& info) {
     return skipped;
 }
 
-/// Returns [{name, seconds}].
-Json animations_json(const wire::SceneInfo& info) {
-    Json animations = Json::array();
-    for (const std::string& name : protocol::strings(info.animations()))
-        animations.push_back(
-            {{"name", name},
-             {"seconds", info.animation_seconds()->Get(
-                             static_cast<flatbuffers::uoffset_t>(animations.size()))}});
-    return animations;
+/// How long each animation is.
+std::vector<double> seconds_of(const wire::SceneInfo& info) {
+    const auto* const seconds = info.animation_seconds();
+    return seconds == nullptr ? std::vector<double>() : std::vector(seconds->begin(), seconds->end());
 }
 
 /// Returns {type: n} for primitives other than triangles.
@@ -184,7 +180,8 @@ Json scene_json(const wire::SceneInfo& info) {
     json["box_min"] = corner(info, info.box_min());
     json["box_max"] = corner(info, info.box_max());
     json["cameras"] = protocol::strings(info.cameras());
-    json["animations"] = animations_json(info);
+    json["animations"] = protocol::strings(info.animations());
+    json["animation_seconds"] = seconds_of(info);
     json["skipped"] = skipped_json(info);
     json["warnings"] = warnings(info);
     return json;
@@ -210,10 +207,10 @@ void print_scene(const wire::SceneInfo& info) {
         {"tree", tree_text(info)},
         {"cameras", joined(numbered(protocol::strings(info.cameras())))},
     };
-    if (const Json animations = animations_json(info); !animations.empty()) {
-        std::vector<std::string> names;
-        for (const Json& each : animations)
-            names.push_back(each["name"].get<std::string>() + " (" + each["seconds"].dump() + " s)");
+    if (std::vector<std::string> names = protocol::strings(info.animations()); !names.empty()) {
+        const std::vector<double> seconds = seconds_of(info);
+        for (std::size_t i = 0; i < names.size(); ++i)
+            names[i] += " (" + Json(std::round(1000 * seconds[i]) / 1000).dump() + " s)";
         rows.push_back({"animations", joined(numbered(names))});
     }
     if (info.degenerate_triangles() != 0)

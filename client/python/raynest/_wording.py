@@ -7,10 +7,10 @@ WORDS = {
     # requests
     "CancelJob": "Job.cancel()", "Edit": "Scene.edit()", "Fetch": "Job.fetch()",
     "Info": "Scene.info",
-    "Jobs": "Client.jobs()", "Load": "Client.load()", "Scenes": "Client.scenes()",
+    "Jobs": "Client.jobs()", "Load": "Client.load()", "Pin": "Scene.pin()", "Scenes": "Client.scenes()",
     "Unload": "Scene.unload()", "Variants": "Client.variants()", "Wait": "Job.wait()",
     # fields
-    "ao_distance": "ao_distance=", "camera": "camera=", "count": "count=",
+    "animation": "animation=", "ao_distance": "ao_distance=", "camera": "camera=", "count": "count=",
     "deadline_ms": "deadline=", "depth": "depth=",
     "detach": "detach=", "environment": "environment=", "environment_rotate": "environment_rotate=",
     "epoch": "epoch=",
@@ -19,7 +19,8 @@ WORDS = {
     "only": "only=", "origin": "origin=", "primitive": "primitive=",
     "radius": "radius=", "replace": "replace=True",
     "samples": "spp=", "size": "size=",
-    "skip_hidden_boxes": "skip_hidden_boxes=", "spacing": "spacing=", "sun": "sun=", "tonemap": "tonemap=", "top": "top=",
+    "skip_hidden_boxes": "skip_hidden_boxes=", "spacing": "spacing=", "sun": "sun=", "time": "time=",
+    "tonemap": "tonemap=", "top": "top=",
     "traversal": "traversal=", "unit": "unit=", "up": "up=", "worker": "worker="}
 
 

@@ -97,7 +97,7 @@ Reply<Plan> make_plan(const Services& services, const Caller& caller, const wire
         scene = services.poser->find(*scene, text(job.animation()), job.time(), caller);
         if (!scene) return tl::unexpected(scene.error());
     } else if (!text(job.animation()).empty()) {
-        return refuse(Code::invalid_field, "`animation` names what plays, and `time` no moment of it");
+        return refuse(Code::invalid_field, "`animation` is given and no moment of it: give `time`, too");
     }
     plan.scene = std::move(*scene);
     std::string_view intersector = word(job.intersector(), "auto");

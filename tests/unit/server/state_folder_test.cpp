@@ -176,9 +176,9 @@ TEST_CASE("a manifest that is not as it was written refuses the start") {
     test.run("UPDATE scenes SET share='mallory'");
     CHECK(test.refusal().find("row 1 is not as it was written") != std::string::npos);
     CHECK(names_in(test.blobs).size() == 1);
-    test.run("PRAGMA user_version=2");
+    test.run("PRAGMA user_version=3");
     CHECK(test.refusal().find("a newer one wrote it") != std::string::npos);
-    test.run("PRAGMA user_version=1; PRAGMA application_id=5");
+    test.run("PRAGMA user_version=2; PRAGMA application_id=5");
     CHECK(test.refusal().find("it is not one of raynestd") != std::string::npos);
 }
 
