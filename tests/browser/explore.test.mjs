@@ -249,3 +249,24 @@ browserTest("a level of a counter, and a rectangle's statistics", async ({ open 
   const text = (await page.textContent("#area-statistics")).replaceAll(",", "");
   assert.ok(text.includes(`max${expected.max}`) && text.includes(`min${expected.min}`), text);
 });
+
+browserTest("the slider shows moments of an animation, and the link keeps them", async ({ open }) => {
+  await daemon.json("load", "builtin:street?seconds=2&cars=8&length=60", "--name", "street");
+  const view = { scene: "street", size: "320x180", camera: "-25,6,12,0,1,0,0,1,0,50" };
+  const page = await open(daemon, view);
+  await fine(page);
+  assert.equal(await page.isVisible("#time-section"), true);
+  const still = await sum(page);
+  const counted = async (...time) => (await daemon.json("heatmap", "street", "--lookat=-25,6,12,0,1,0,0,1,0", "--fov", "50", "--size", "320x180",
+    "-o", `${daemon.folder}/street.png`, ...time)).mean * 320 * 180;
+  assert.ok(Math.abs(still - await counted()) < 1, "as the command line counts");
+  await page.fill("#time", "1.5");
+  await until(async () => await sum(page) !== still, "another picture");
+  await fine(page);
+  assert.ok(Math.abs(await sum(page) - await counted("--time", "1.5")) < 1);
+  assert.match(page.url(), /time=1\.5/);
+  await page.click("#time-off");
+  await until(async () => await sum(page) === still, "the scene as it was loaded");
+  await page.selectOption("#scene", "forest");
+  await until(() => page.isHidden("#time-section"), "a scene that does not move has no slider");
+});

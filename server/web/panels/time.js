@@ -24,7 +24,7 @@ export function timeSection({ store, model }) {
   };
   store.on(["time", "animation", "scene"], show);
   model.addEventListener("change", show);
-  place.append(element("h2", {}, "Time"), field("Animation", animation), field("Moment", slider), text, stop);
+  place.append(element("h2", {}, "Time"), field("Animation", animation), field("Moment", slider), text, " ", stop);
   show();
   return place;
 }
