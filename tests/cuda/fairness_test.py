@@ -66,7 +66,7 @@ class Waiting(HeldTest):
     def test_nor_does_one_whose_deadline_passed(self):
         self.inject("cudaLaunchKernel hold")
         process = self.begin(self.client, *self.render("1024x1024", "--deadline", "0.5"))
-        time.sleep(1)
+        process.wait(PATIENCE)  # it is told while its calls are held
         self.end_early(process, 7)
 
     def test_a_principal_with_many_jobs_does_not_keep_another_waiting(self):
