@@ -99,16 +99,24 @@ Result<double> seconds_of(Context& context, const JobOptions& job) {
     return seconds->Get(static_cast<flatbuffers::uoffset_t>(at));
 }
 
-/// Gives all pictures the exposure that the first one would have: a film must not flicker.
-Result<void> fix_exposure(Context& context, Progress& quiet, RenderOptions& options) {
-    const bool has_auto = options.integrator == "direct" || options.integrator == "path";
-    if (!has_auto || (!options.exposure.empty() && options.exposure != "auto")) return {};
+/// Asks for one picture, in another encoding than its file has where that is named.
+Result<ReceivedPicture> ask_one(Context& context, const RenderOptions& options,
+                                const char* encode = nullptr) {
     auto request = picture_request<wire::RenderT>(options);
     if (!request) return tl::unexpected<Failure>(request.error());
     FilmFiles files;
-    if (auto filled = fill_film(options, *request, files); !filled) return filled;
-    request->encode = "linear";
-    const auto picture = ask_film(context.connection, quiet, options, *request, files, {});
+    if (auto filled = fill_film(options, *request, files); !filled)
+        return tl::unexpected<Failure>(filled.error());
+    if (encode != nullptr) request->encode = encode;
+    Progress quiet(Progress::Style::none);  // there is one bar, of all pictures
+    return ask_film(context.connection, quiet, options, *request, files, {});
+}
+
+/// Gives all pictures the exposure that the first one would have: a film must not flicker.
+Result<void> fix_exposure(Context& context, RenderOptions& options) {
+    const bool has_auto = options.integrator == "direct" || options.integrator == "path";
+    if (!has_auto || (!options.exposure.empty() && options.exposure != "auto")) return {};
+    const auto picture = ask_one(context, options, "linear");
     if (!picture) return tl::unexpected<Failure>(picture.error());
     options.exposure = Json(picture->exposure).dump();
     return {};
@@ -155,19 +163,14 @@ Result<void> run(Context& context, const AnimateOptions& options) {
         folder.emplace(std::move(*made));
     }
     const std::string frames = film ? (folder->path() / "frame.png").string() : options.output;
-    Progress quiet(Progress::Style::none);  // there is one bar, of all pictures
     RenderOptions one = options;
     one.output = frames;
     one.job.time = options.from;
-    if (auto fixed = fix_exposure(context, quiet, one); !fixed) return fixed;
+    if (auto fixed = fix_exposure(context, one); !fixed) return fixed;
     for (std::size_t i = 0; i < static_cast<std::size_t>(count); ++i) {
         one.job.time = options.from + static_cast<double>(i) / options.fps;
         context.progress.update(i, static_cast<std::uint64_t>(count), "pictures");
-        auto request = picture_request<wire::RenderT>(one);
-        if (!request) return tl::unexpected<Failure>(request.error());
-        FilmFiles files;
-        if (auto filled = fill_film(one, *request, files); !filled) return filled;
-        const auto picture = ask_film(context.connection, quiet, one, *request, files, {});
+        const auto picture = ask_one(context, one);
         if (!picture) return tl::unexpected<Failure>(picture.error());
         if (auto written = write_picture(frame_name(frames, i), *picture); !written) return written;
     }

@@ -108,8 +108,7 @@ struct PosedVertices {
 class Poser {
 public:
     Poser(const Snapshot& scene, const Moment& moment)
-        : scene_(scene),
-          motion_(motion_of(scene)),
+        : motion_(motion_of(scene)),
           animation_(motion_.animations[moment.animation]),
           sampling_(motion_, moment.seconds) {}
 
@@ -253,7 +252,6 @@ private:
         return any ? bent(rest, sum.data()) : rest;
     }
 
-    const Snapshot& scene_;
     const Motion motion_;
     const MotionAnimation& animation_;
     const Sampling sampling_;
