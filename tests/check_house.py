@@ -26,6 +26,11 @@ FORBIDDEN = {
 # A line of the log that names who caused it has a limit, so that nobody fills the disk.
 UNLIMITED_LINE = re.compile(r'(?<![\w:])log\((?:[^;"]|"(?!principal"|peer"|newcomer")[^"]*")*"(?:principal|peer|newcomer)"')
 
+# nvcc compiles libstdc++'s to a constant.
+WRONG_ON_GPU = re.compile(r"std::countr_(?:zero|one)\(")
+MASKS = "engine/math/mask.h"
+COMPILED_BY_NVCC = re.compile(r"engine/(?:math|geometry|bvh|intersectors|queries|packs|cuda)/.*\.(?:h|cu)")
+
 
 def tracked(root):
     listing = subprocess.run(["git", "-C", root, "-c", f"safe.directory={root}", "ls-files", "-z"],
@@ -56,6 +61,8 @@ def violations_of(root, name):
         for match in UNLIMITED_LINE.finditer(text):
             line = text.count("\n", 0, match.start()) + 1
             yield f"{name}:{line}: log() of what a peer causes; call log_limited()"
+    if COMPILED_BY_NVCC.fullmatch(name) and name != MASKS and WRONG_ON_GPU.search(text):
+        yield f"{name}: nvcc compiles {WRONG_ON_GPU.search(text).group()}) wrongly; call lowest_bit() ({MASKS})"
     lines = text.count("\n")
     if file.suffix in SOURCES and lines > SOURCE_LINES_MAX:
         yield f"{name}: {lines} lines, at most {SOURCE_LINES_MAX}: it holds more than one idea"

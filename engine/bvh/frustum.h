@@ -20,9 +20,9 @@
 
 #include "engine/bvh/packet.h"
 #include "engine/geometry/triangle.h"
+#include "engine/math/mask.h"
 
 #include <algorithm>
-#include <bit>
 #include <cstdint>
 
 namespace raynest {
@@ -35,7 +35,7 @@ public:
     /// component along `axis`.
     RAYNEST_INLINE Frustum(const PacketLevel& level, RayMask rays, std::uint32_t axis) : axis(axis) {
         axes_.look_along(axis);
-        const auto first = static_cast<std::uint32_t>(std::countr_zero(rays));
+        const auto first = lowest_bit(rays);
         axes_.origin_x = level.shear_origin[0].of[first];
         axes_.origin_y = level.shear_origin[1].of[first];
         axes_.origin_z = level.shear_origin[2].of[first];
@@ -110,7 +110,7 @@ public:
         const std::uint32_t valid = block.valid();
         RayMask between = 0;
         for (RayMask rest = rays; rest != 0; rest &= rest - 1) {
-            const auto i = static_cast<std::uint32_t>(std::countr_zero(rest));
+            const auto i = lowest_bit(rest);
             const F8 to_x = F8::splat(level.shear_to[0].of[i]);
             const F8 to_y = F8::splat(level.shear_to[1].of[i]);
             F8 x[3], y[3];

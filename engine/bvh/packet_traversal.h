@@ -18,6 +18,7 @@
 #include "engine/bvh/tree_arrays.h"
 #include "engine/geometry/coherence.h"
 #include "engine/geometry/ray.h"
+#include "engine/math/mask.h"
 
 #include <algorithm>
 #include <bit>
@@ -77,7 +78,7 @@ public:
         io.prefetch_answers(count);
         visit_level({root.scene, &root.record(), 0}, level, rays);
         for (RayMask rest = rays; rest != 0; rest &= rest - 1) {
-            const auto i = static_cast<std::uint32_t>(std::countr_zero(rest));
+            const auto i = lowest_bit(rest);
             io.end(i, queries_[i]);
         }
     }
@@ -194,7 +195,7 @@ private:
     template <class Visit>
     void one_by_one(const Place& place, const PacketLevel& level, RayMask rays, Visit&& visit_one) {
         for (; rays != 0; rays &= rays - 1) {
-            const auto i = static_cast<std::uint32_t>(std::countr_zero(rays));
+            const auto i = lowest_bit(rays);
             BoxRay ray(single(place, level, i));
             if (visit_one(ray, queries_[i])) live_ &= ~(RayMask{1} << i);
             range_.tmax.of[i] = ray.tmax;
@@ -207,7 +208,7 @@ private:
         RayMask alone = rays & ~level.finite;
         RayMask rest = rays & level.finite;
         while (rest != 0) {
-            const auto first = static_cast<std::uint32_t>(std::countr_zero(rest));
+            const auto first = lowest_bit(rest);
             RayMask alike = rest;
             std::uint32_t octant = 0;
             for (std::uint32_t axis = 0; axis < 3; ++axis) {
@@ -236,7 +237,7 @@ private:
         const Vec3 size = object.bounds.size();
         float turn = 0;
         float shift = 0;
-        const auto first = std::countr_zero(rays);
+        const auto first = static_cast<int>(lowest_bit(rays));
         float main = 0;
         for (int axis = 0; axis < 3; ++axis) {
             const PacketRow& d = level.direction[axis];
@@ -270,7 +271,7 @@ private:
             spans.store(near);
             Entry* const base = top;
             for (std::uint32_t rest = mask; rest != 0; rest &= rest - 1) {
-                const auto slot = static_cast<std::uint32_t>(std::countr_zero(rest));
+                const auto slot = lowest_bit(rest);
                 Entry* at = top++;
                 for (; at != base && at[-1].near <= near[slot]; --at) *at = at[-1];
                 *at = {node, slot, near[slot]};
@@ -337,7 +338,7 @@ private:
             alone = walk.frustum->between_edges(walk.level, block, alone);
         }
         for (; alone != 0; alone &= alone - 1) {
-            const auto i = static_cast<std::uint32_t>(std::countr_zero(alone));
+            const auto i = lowest_bit(alone);
             PacketRay ray(single(walk.place, walk.level, i), walk.level, i);
             if (visit(ray, block, isect_, queries_[i])) live_ &= ~(RayMask{1} << i);
             range_.tmax.of[i] = ray.tmax;
@@ -396,7 +397,7 @@ private:
         const std::uint32_t first = packet_lanes * g;
         std::uint32_t members = group_mask(rays, g);
         for (; triangles != 0; triangles &= triangles - 1) {
-            const auto lane = static_cast<std::uint32_t>(std::countr_zero(triangles));
+            const auto lane = lowest_bit(triangles);
             auto hits = intersect(group, SharedTriangle{&block, lane});
             hits.mask &= members;
             if (hits.mask == 0) continue;

@@ -22,6 +22,7 @@
 #include "engine/bvh/tree_arrays.h"
 #include "engine/bvh/visit_primitive.h"
 #include "engine/math/compact.h"
+#include "engine/math/mask.h"
 
 #include <bit>
 #include <cstddef>
@@ -141,7 +142,7 @@ RAYNEST_INLINE bool traverse(BoxRay& ray, const Bvh& bvh, Isect& isect, Query& q
             // of those in no order, and an only one, as most nodes near the leaves have, of others.
             const Node& node = arrays.node(child);
             const auto spans = intersect_with(isect, ray, Boxes8{&node});
-            const int lane = std::countr_zero(spans.mask);
+            const int lane = static_cast<int>(lowest_bit(spans.mask));
             if constexpr (Query::ordered) {
                 if (std::has_single_bit(spans.mask)) {
                     child = node.child[lane];

@@ -2,6 +2,7 @@
 
 #include "engine/cuda/limits.h"
 #include "engine/geometry/intersect_triangle.h"
+#include "engine/math/mask.h"
 
 #include <algorithm>
 #include <array>
@@ -87,7 +88,7 @@ std::array<std::uint32_t, slots> arrange(const Node& node) {
     child_in.fill(child_empty);
     for (std::uint32_t children = valid; children != 0;) {
         float best = -std::numeric_limits<float>::infinity();
-        std::uint32_t best_child = static_cast<std::uint32_t>(std::countr_zero(children));
+        std::uint32_t best_child = lowest_bit(children);
         std::uint32_t best_slot = static_cast<std::uint32_t>(
             std::find(child_in.begin(), child_in.end(), child_empty) - child_in.begin());
         for_each_lane<8>(children, [&](int c) {

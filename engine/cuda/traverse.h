@@ -9,12 +9,11 @@
 // `Trees` is CompressedTrees, or in tests a plain version of it with binary nodes. Trees::stack_max
 // is the size of the stack.
 //
-// Tested without a GPU: compiled by g++ and looped over rays, every intersector and query on both
-// kinds of trees gives the bytes of the reference and of pack v3 (708 comparisons, 5.0 million
-// rays, levels 1 to 8; tests/cuda). With nvcc 13.0 for sm_90 the nine kernels take 80 to 96
-// registers, which is five or six blocks of 128 threads per multiprocessor, and a frame of 720
-// bytes; none spills. Not tested: bits and speed on a GPU. Try there first: a cap of 64 registers,
-// the top of the stack in shared memory, slabs in the node's own grid (one fma per plane).
+// On an H200 every intersector, query and depth gives the CPU's bytes (tests/bench/BENCH.md);
+// without a GPU, g++ compiles this too and tests loop it over rays (tests/cuda). Registers and
+// frames: tests/cuda/registers.txt. Bounds of 80 and 64 registers make flat scenes up to 1.16 times
+// as fast and instanced ones down to 0.66. Not tried: the top of the stack in shared memory, slabs
+// in the node's own grid (one fma per plane).
 #pragma once
 
 #include "engine/bvh/intersect_with.h"
@@ -22,8 +21,8 @@
 #include "engine/bvh/visit_primitive.h"
 #include "engine/cuda/limits.h"
 #include "engine/geometry/box_ray.h"
+#include "engine/math/mask.h"
 
-#include <bit>
 #include <cstdint>
 
 namespace raynest::cuda {
@@ -111,7 +110,7 @@ template <class Trees, class Isect, class Query>
             view.path = parent.path;
             look_from(view);
         }
-        const auto nearest = static_cast<std::uint32_t>(std::countr_zero(waiting.children));
+        const auto nearest = lowest_bit(waiting.children);
         waiting.children &= waiting.children - 1;
         child = tree.child(waiting.node, nearest ^ ray.slabs.octant);
     }

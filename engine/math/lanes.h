@@ -15,9 +15,9 @@
 #include "engine/math/highway_part.h"
 #endif
 
+#include "engine/math/mask.h"
 #include "engine/math/vec.h"
 
-#include <bit>
 #include <cstddef>
 #include <cstdint>
 
@@ -187,7 +187,7 @@ RAYNEST_INLINE void for_each_lane(std::uint32_t mask, F&& f) {
         if ((mask >> lane & 1U) != 0) f(lane);
     }
 #else
-    for (; mask != 0; mask &= mask - 1) f(std::countr_zero(mask));
+    for (; mask != 0; mask &= mask - 1) f(static_cast<int>(lowest_bit(mask)));
 #endif
 }
 
