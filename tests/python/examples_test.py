@@ -57,6 +57,14 @@ class Examples(DaemonTest):
         self.assertTrue(((points["cosine"] >= 0) & (points["cosine"] <= 1.0001)).all())
         self.assertEqual(set(points["channel"]), set(range(64)))
 
+    def test_a_flight_has_several_returns_of_a_pulse(self):
+        said = self.example("canopy.py", FOREST, "--lines", 20, "--pulses", 200, "--returns", 3, "-o", "a.las")
+        pulses = [int(count.replace(",", "")) for count in said.rpartition("returns: ")[2].split(", ")]
+        self.assertEqual((len(pulses), sum(pulses)), (4, 20 * 200))
+        self.assertTrue(all(count > 0 for count in pulses[1:]), said)
+        of_return = np.frombuffer((self.out / "a.las").read_bytes()[111:131], "<u4")
+        self.assertEqual(of_return.tolist(), [sum(pulses[1:]), sum(pulses[2:]), pulses[3], 0, 0])
+
     def test_a_part_moves_from_sweep_to_sweep(self):
         said = self.example("moving.py", FOREST, "--part", "birch-*", "--by", "0,2,0", "--frames", 3,
                             "--channels", 8, "--azimuths", 400, "-o", "moving.npz")

@@ -10,7 +10,7 @@ from pathlib import Path
 import numpy as np
 
 import raynest
-from raynest import points, sweeps
+from raynest import points, returns, sweeps
 from with_daemon import WithDaemon, main
 
 
@@ -106,6 +106,130 @@ class Trajectories(WithDaemon):
                 sweeps.lidar(elevations, azimuths, trajectory=([0, 1, 2], good))
 
 
+def plate(x, y=(-90, 90), z=(-90, 90)):
+    """A rectangle across x, as vertices and triangles."""
+    return ([[x, y[0], z[0]], [x, y[1], z[0]], [x, y[1], z[1]], [x, y[0], z[1]]], [[0, 1, 2], [0, 2, 3]])
+
+
+def still(elevations, azimuths, place=(0, 0, 0), speed=(0, 0, 0), **more):
+    """A sweep of a sensor that looks along x, in a second."""
+    poses = np.tile(np.eye(4)[:3], (2, 1, 1))
+    poses[:, :, 3] = place, np.add(place, speed)
+    return sweeps.lidar(elevations, azimuths, end=1, trajectory=([0, 1], poses), **more)
+
+
+class Returns(WithDaemon):
+    def test_a_beam_without_width_measures_what_its_ray_meets(self):
+        wall = self.client.mesh(*plate(50), name="plain")
+        sweep = still([-10, 0, 12], (-80, 80, 300))
+        made = returns.measure(wall, sweep, returns=3)
+        hits = wall.trace(sweep.rays, fields=("t", "hit", "prim", "base_colour"))
+        self.assertEqual(made["beam"].tolist(), np.flatnonzero(hits["hit"]).tolist())
+        self.assertEqual({len(column) for column in made.values()}, {len(made["beam"])})
+        np.testing.assert_array_equal(made["t"], hits["t"][made["beam"]])
+        np.testing.assert_array_equal(made["prim"], hits["prim"][made["beam"]])
+        np.testing.assert_allclose(made["position"][:, 0], 50, rtol=1e-6)
+        np.testing.assert_array_equal(made["time"], sweep.time[made["beam"]])
+        np.testing.assert_array_equal(made["ring"], sweep.ring[made["beam"]])
+        white = hits["base_colour"][hits["hit"]][0] @ [0.2126, 0.7152, 0.0722]
+        np.testing.assert_allclose(made["intensity"], white * sweep.rays[made["beam"], 3], rtol=1e-5)
+        self.assertEqual((made["return"].max(), made["returns"].max(), made["share"].min()), (0, 1, 1))
+
+    def test_returns_end_at_surfaces_and_share_the_beam(self):
+        # A near plate that covers what is left of the beam's middle, one behind it, and one behind that.
+        scene = self.client.scene_of({"near": plate(10, y=(0.001, 9)), "far": plate(20), "hidden": plate(30)},
+                                     {name: (name, (0, 0, 0)) for name in ("near", "far", "hidden")}, name="plates")
+        sweep = still([0], [0.0, 5.0, 180.0])
+        made = returns.measure(scene, sweep, divergence=0.01, footprint=400, returns=3)
+        self.assertEqual(made["beam"].tolist(), [0, 0, 1])  # all of the second beam ends at the near plate, none turns back
+        self.assertEqual(made["return"].tolist(), [0, 1, 0])
+        self.assertEqual(made["returns"].tolist(), [2, 2, 1])
+        np.testing.assert_allclose(made["t"], [10, 20, 10 / np.cos(np.radians(5))], rtol=1e-4)
+        np.testing.assert_allclose(made["share"], [0.5, 0.5, 1], atol=0.03)
+        self.assertAlmostEqual(made["share"][:2].sum(), 1, places=6)
+        self.assertNotEqual(made["path"][0], made["path"][1])
+        one = returns.measure(scene, sweep, divergence=0.01, footprint=400, returns=1, prefer="strongest")
+        self.assertEqual(one["t"][0], made["t"][np.argmax(made["intensity"][:2])])
+        self.assertEqual(one["returns"].tolist(), [1, 1])
+        joined = returns.measure(scene, sweep, divergence=0.01, footprint=400, returns=3, resolution=11)
+        self.assertEqual(len(joined["t"]), 2)
+        np.testing.assert_allclose(joined["t"][0], 15, atol=0.3)
+        weak = returns.measure(scene, sweep, divergence=0.01, footprint=400, returns=3, threshold=0.6)
+        self.assertEqual(weak["beam"].tolist(), [1])
+        self.assertEqual(len(returns.measure(scene, sweep, range=(0, 9))["t"]), 0)
+        self.assertEqual(returns.measure(scene, sweep, range=(11, 90))["t"].tolist()[0], 20)
+
+    def test_a_wide_beam_does_not_fall_through_a_small_hole(self):
+        # A hole of 1 cm at 100 m, where a beam of 1.35 mrad is 13.5 cm wide.
+        pieces = {"a": plate(100, y=(-90, -0.005)), "b": plate(100, y=(0.005, 90)),
+                  "c": plate(100, y=(-0.005, 0.005), z=(0.005, 90)), "d": plate(100, y=(-0.005, 0.005), z=(-90, -0.005))}
+        scene = self.client.scene_of(pieces, {name: (name, (0, 0, 0)) for name in pieces}, name="hole")
+        sweep = still([0], [0.0])
+        self.assertEqual(len(returns.measure(scene, sweep)["t"]), 0)
+        np.testing.assert_allclose(returns.measure(scene, sweep, divergence=0.00135)["t"], [100], rtol=1e-5)
+
+    def test_noise_is_of_its_seed(self):
+        wall = self.client.mesh(*plate(50), name="noisy")
+        sweep = still(np.linspace(-20, 20, 50), (-20, 20, 200))
+        plain = returns.measure(wall, sweep)["t"]
+        first, again, other = (returns.measure(wall, sweep, noise=0.05, seed=seed) for seed in (1, 1, 2))
+        np.testing.assert_array_equal(first["t"], again["t"])
+        self.assertGreater(np.abs(first["t"] - other["t"]).min(), 0)
+        off = first["t"] - plain
+        self.assertAlmostEqual(off.std() / 0.05, 1, delta=0.05)
+        self.assertLess(abs(off.mean()), 5 * 0.05 / 100)
+        np.testing.assert_allclose(np.linalg.norm(first["position"] - sweep.rays[:, :3], axis=1), first["t"], rtol=1e-9)
+
+    def test_radial_velocity_of_the_sensor_and_of_what_moves(self):
+        boxes = {name: plate(0, y=(-5, 5), z=(-5, 5)) for name in ("stands", "drives", "turns")}
+        scene = self.client.scene_of(boxes, {"stands": ("stands", (40, -20, 0)), "drives": ("drives", (40, 0, 0)),
+                                             "turns": ("turns", (40, 20, 0))}, name="three")
+        speed, velocity, spin, pivot = np.array([13, 2, 1]), np.array([-9, 1, 0.5]), np.array([0, 0, 2.5]), np.array([40, 20, 0])
+        sweep = still([-2, 0, 3], (-40, 40, 400), speed=speed)
+        made = returns.measure(scene, sweep, velocities={"drives": velocity, "turns": [velocity, spin, pivot]})
+        name = np.array([text.partition("/")[0] for text in scene.path_of(made["path"])])
+        self.assertEqual(set(name), set(boxes))
+        way = sweep.rays[made["beam"], 3:]
+        moving = np.zeros((len(way), 3))
+        moving[name == "drives"] = velocity
+        arm = made["position"] - pivot - velocity * made["time"][:, None]
+        turning = name == "turns"
+        moving[turning] = velocity + np.stack([-2.5 * arm[:, 1], 2.5 * arm[:, 0], 0 * arm[:, 0]], -1)[turning]
+        np.testing.assert_allclose(made["radial_velocity"], ((moving - speed) * way).sum(axis=1), atol=1e-4)
+        # Approach is negative: the distance a moment later says so, too.
+        later = still([-2, 0, 3], (-40, 40, 400), place=speed * 1e-3, speed=speed)
+        stands = name == "stands"
+        gone = np.linalg.norm(made["position"] - later.rays[made["beam"], :3], axis=1) - made["t"]
+        np.testing.assert_allclose(made["radial_velocity"][stands], gone[stands] / 1e-3, rtol=1e-2)
+
+    def test_pieces_of_a_sweep_are_the_sweep(self):
+        wall = self.client.mesh(*plate(50), name="whole")
+        sweep = still([-10, 0, 12], (-60, 60, 300))
+        whole = returns.measure(wall, sweep, divergence=0.003, returns=2)
+        parts = [returns.measure(wall, sweep.where(chosen), divergence=0.003, returns=2)
+                 for chosen in np.array_split(np.arange(len(sweep.rays)), 7)]
+        for name in ("t", "position", "intensity", "ring", "time", "radial_velocity"):
+            np.testing.assert_array_equal(np.concatenate([part[name] for part in parts]), whole[name])
+        kept, returns._TRACED_MAX = returns._TRACED_MAX, 1000
+        self.addCleanup(setattr, returns, "_TRACED_MAX", kept)
+        small = returns.measure(wall, sweep, divergence=0.003, returns=2)
+        for name, column in whole.items():
+            np.testing.assert_array_equal(small[name], column)
+
+    def test_bad_values_are_refused(self):
+        wall = self.client.mesh(*plate(50), name="refused")
+        sweep = still([0], [0.0])
+        for more, words in (({"divergence": -1}, "divergence"), ({"divergence": np.nan}, "divergence"),
+                            ({"divergence": 2}, "angle in radians"), ({"footprint": 0}, "footprint"),
+                            ({"footprint": 5000}, "footprint"), ({"returns": 0}, "returns"), ({"returns": 99}, "returns"),
+                            ({"resolution": 0}, "resolution"), ({"threshold": 2}, "threshold"), ({"noise": -1}, "noise"),
+                            ({"prefer": "last"}, "'nearest' or 'strongest'"), ({"range": (5, 5)}, "range"),
+                            ({"range": (-1, 5)}, "range"), ({"velocities": {"car": (1, 2)}}, "'car' has shape"),
+                            ({"velocities": {"car": (1, 2, np.inf)}}, "'car'"), ({"velocities": {3: (1, 2, 3)}}, "texts of paths"), ({"seed": -1}, "seed")):
+            with self.subTest(more=more), self.assertRaisesRegex(raynest.UsageError, words):
+                returns.measure(wall, sweep, **more)
+
+
 class PointClouds(WithDaemon):
     def setUp(self):
         self.folder = Path(self.enterContext(tempfile.TemporaryDirectory()))
@@ -149,7 +273,7 @@ class PointClouds(WithDaemon):
             self.same(table, 1e-9 if far else 4e-5)
 
     def test_las_comes_back(self):
-        data = self.save("a.las", **{"return": np.arange(1000) % 3})
+        data = self.save("a.las", **{"return": np.arange(1000) % 3, "returns": 3 + np.arange(1000) % 2})
         version, start, kind, size, count = (*struct.unpack_from("<BB", data, 24)[1:],
                                              *struct.unpack_from("<I", data, 96),
                                              *struct.unpack_from("<BHI", data, 104))
@@ -163,6 +287,7 @@ class PointClouds(WithDaemon):
         np.testing.assert_array_equal(np.ascontiguousarray(raw[:, 20:28]).view("<f8")[:, 0],
                                       self.columns["time"][self.kept])
         np.testing.assert_array_equal((raw[:, 14] & 7) - 1, (np.arange(1000) % 3)[self.kept])
+        np.testing.assert_array_equal(raw[:, 14] >> 3, (3 + np.arange(1000) % 2)[self.kept])
         returns = struct.unpack_from("<5I", data, 111)
         self.assertEqual(sum(returns), count)
         bounds = np.frombuffer(data, "<f8", 6, 179).reshape(3, 2)
@@ -178,6 +303,8 @@ class PointClouds(WithDaemon):
                                   ("a.ply", {"x": self.hit}, "cannot be called 'x'"),
                                   ("a.las", {"ring": np.full(1000, 256)}, "'ring' from 0 to 255"),
                                   ("a.las", {"return": np.full(1000, 5)}, "'return' from 0 to 4"),
+                                  ("a.las", {"return": np.full(1000, 2), "returns": np.full(1000, 2)}, "beyond the number"),
+                                  ("a.las", {"returns": np.full(1000, 6)}, "'returns' from 0 to 5"),
                                   ("a.las", {"intensity": np.full(1000, np.nan)}, "'intensity' from 0 to 1"),
                                   ("a.ply", {"names": np.full(1000, "x")}, "must be numbers")):
             with self.subTest(words=words), self.assertRaisesRegex(raynest.UsageError, words):

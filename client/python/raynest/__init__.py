@@ -11,7 +11,7 @@ See README.md in this package's folder. Errors are in raynest.errors.
 """
 import sys
 
-from . import compat, generators, points, sweeps
+from . import compat, generators, points, returns, sweeps
 from ._version import VERSION as __version__
 from .client import Client, connect, logout
 from .errors import (BusyError, CancelledError, ConnectError, DeadlineError, Error, FailedError,
@@ -29,4 +29,4 @@ if sys.byteorder != "little":
 __all__ = ["BusyError", "CancelledError", "Client", "ConnectError", "DeadlineError", "Error",
            "FailedError", "Heatmap", "Image", "InvalidError", "Job", "Layers", "NotAllowedError", "ProtocolError", "RayWarning",
            "Scene", "SceneWarning", "UsageError", "compat", "connect", "generators",
-           "logout", "points", "read_layers", "sweeps", "__version__"]
+           "logout", "points", "read_layers", "returns", "sweeps", "__version__"]

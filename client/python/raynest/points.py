@@ -24,8 +24,8 @@ _LAS_POINT = np.dtype([("x", "<i4"), ("y", "<i4"), ("z", "<i4"), ("intensity", "
 def save(path: Union[str, os.PathLike[str]], position: Any, /, *, where: Any = None, **columns: Any) -> int:
     """Writes points (N, 3) to a .ply, .pcd or .las, with columns of their own: (N,), or (N, k), which become
     name_0, name_1, ... `where` (N,) chooses the points, as the column hit does; points that are not finite are
-    left out. LAS has room for the columns time (GPS time), intensity (0 to 1), return (from 0) and ring (as user
-    data), and refuses others. Returns the number of points."""
+    left out. LAS has room for the columns time (GPS time), intensity (0 to 1), return (from 0, at most 4), returns (of
+    the same pulse) and ring (as user data), and refuses others. Returns the number of points."""
     name = os.fspath(path)
     write = {".ply": _write_ply, ".pcd": _write_pcd, ".las": _write_las}.get(os.path.splitext(name)[1].lower())
     if write is None:
@@ -118,19 +118,20 @@ def _write_las(points: Array, columns: dict[str, Array]) -> bytes:
     scale = 10.0 ** np.ceil(np.log10(np.maximum(1e-9, (high - offset) / 2**30)))
     for axis, values in zip("xyz", np.rint((points - offset) / scale).T):
         table[axis] = values
-    table["returns"] = 1 | 1 << 3
+    number = _within("return", columns.get("return", np.zeros(len(points))), 4).astype("u1") + np.uint8(1)
+    # Where it is not said which points are of one pulse, each is said to have as many as any has.
+    of_pulse = _within("returns", columns.get("returns", np.full(len(points), number.max(initial=1))), 5).astype("u1")
+    if (of_pulse < number).any():
+        raise UsageError("a point has a 'return' beyond the number of 'returns' of its pulse")
+    table["returns"] = number | of_pulse << 3
     for name, column in columns.items():
         if name == "time":
             table["time"] = column
         elif name == "intensity":
             table["intensity"] = np.rint(_within(name, column, 1) * 65535)
-        elif name == "return":
-            # Which points are of one pulse is not known: each is said to have as many as any has.
-            number = _within(name, column, 4).astype("u1") + np.uint8(1)
-            table["returns"] = number | (number.max(initial=1) << 3)
         elif name == "ring":
             table["user"] = _within(name, column, 255)
-        else:
+        elif name not in ("return", "returns"):
             raise UsageError(f"a .las has no room for the column '{name}': save it as .ply or .pcd, or leave it away")
     by_return = np.bincount((table["returns"] & 7) - 1, minlength=5)[:5] if len(table) else np.zeros(5, int)
     header = struct.pack("<4sHH16sBB32s32sHHHIIBHI5I", b"LASF", 0, 0, bytes(16), 1, 2, b"RayNest", b"RayNest", 0, 0,

@@ -27,6 +27,11 @@ class Sweep(NamedTuple):
     rays: Array  # (N, 6): origins and unit directions, float64
     ring: Array  # (N,): the channel, uint16
     time: Array  # (N,): of the column, float64
+    velocity: Array  # (N, 3): of the sensor, in the world, per unit of the trajectory's time, float64
+
+    def where(self, chosen: Any) -> Sweep:
+        """The rays that a mask (N,) or an array of indices chooses."""
+        return Sweep(*(column[chosen] for column in self))
 
 
 def lidar(elevations: Any, azimuths: Any = (0.0, 360.0, 2048), *, begin: float = 0.0, end: float = 0.1,
@@ -49,7 +54,17 @@ def lidar(elevations: Any, azimuths: Any = (0.0, 360.0, 2048), *, begin: float =
     rays[..., :3] = poses[:, :, 3]
     rays[..., 3:] = np.einsum("jrk,cjk->cjr", poses[:, :, :3], ways)
     return Sweep(rays.reshape(-1, 6), np.repeat(np.arange(len(up), dtype=np.uint16), len(around)),
-                 np.tile(times, len(up)))
+                 np.tile(times, len(up)), np.tile(_velocity_at(trajectory, times), (len(up), 1)))
+
+
+def _velocity_at(trajectory: Any, times: Array) -> Array:
+    """The velocity (N, 3) of a sound trajectory. At a known time, that of the stretch which begins there."""
+    known = np.asarray(trajectory[0], np.float64)
+    places = np.asarray(trajectory[1], np.float64)[:, :3, 3]
+    if len(known) == 1:
+        return np.zeros((len(times), 3))
+    slopes = np.diff(places, axis=0) / np.diff(known)[:, None]
+    return slopes[np.clip(np.searchsorted(known, times, side="right"), 1, len(known) - 1) - 1]
 
 
 def poses_at(trajectory: Any, times: Any) -> Array:

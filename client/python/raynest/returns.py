@@ -1,0 +1,180 @@
+"""Returns of a lidar: what it reports of the surfaces that its beams meet.
+
+    points = raynest.returns.measure(s, sweep, divergence=0.003, returns=3, noise=0.02, seed=1)
+    raynest.points.save("sweep.las", points["position"], **{k: points[k] for k in ("ring", "time", "intensity", "return")})
+"""
+from __future__ import annotations
+
+from typing import Any, Literal, Mapping, Optional
+
+import numpy as np
+
+from ._net.frame import Array
+from ._requests.arguments import count_of, numbers, real, whole
+from .errors import UsageError
+from .scene import Scene
+from .sweeps import Sweep
+
+# Rays that are traced at once: their answers take some 70 bytes each.
+_TRACED_MAX = 1 << 20
+_RETURNS_MAX = 16
+_FOOTPRINT_MAX = 1024
+# Of light: red, green and blue weigh as ITU-R BT.709 has it.
+_LUMINANCE = np.array([0.2126, 0.7152, 0.0722])
+_IDS = ("prim", "geom", "path", "uid")
+
+
+def measure(scene: Scene, sweep: Sweep, *, divergence: float = 0.0, footprint: int = 19, returns: int = 1,
+            prefer: Literal["nearest", "strongest"] = "nearest", resolution: float = 0.3, threshold: float = 0.0,
+            range: tuple[float, float] = (0.0, np.inf), noise: float = 0.0, seed: int = 0,
+            velocities: Optional[Mapping[str, Any]] = None, **job: Any) -> dict[str, Array]:
+    """Measures a sweep and returns columns with a row per return, beam by beam, near ones first.
+
+    A beam spreads by `divergence` (radians, the full angle in which its power falls to 1/e^2) and is traced by
+    `footprint` rays, which end at the first surface. Those whose distances differ by less than `resolution` from
+    the next make one return; of a beam, at most `returns` are kept, the `prefer`red ones, of those with a share of
+    the beam of at least `threshold`. `range` is what the sensor measures at all. Distances get Gaussian noise
+    with the deviation `noise`, the same for the same `seed`.
+
+    Columns: beam (row of the sweep), ring, time, return (from 0) and returns (how many the beam has); t and position,
+    along the beam's middle, with noise; share (of the beam's power that met this surface) and intensity (share times
+    the base colour's luminance times the cosine to the surface's normal: 1 is a white wall seen at right angles);
+    prim, geom, path and uid of what reflected most; radial_velocity (away from the sensor is positive).
+    `velocities` says what moves, by the texts of paths, as edits do: {"car-3": v}, for all that is part of it, too. It
+    is a velocity (3,), or (3, 3): the velocity, the angular velocity in radians, and a point of the axis at the
+    sweep's first time. All else stands still. `job` is what Scene.trace takes: epoch, time, hide, origin ..."""
+    offsets, power = _footprint(divergence, footprint)
+    returns = count_of("returns", returns, _RETURNS_MAX)
+    resolution, threshold, noise = real("resolution", resolution), real("threshold", threshold), real("noise", noise)
+    seed = whole("seed", seed, 2**64 - 1, 0)
+    if not (resolution > 0 and 0 <= threshold <= 1 and noise >= 0):
+        raise UsageError("resolution must be above 0, threshold from 0 to 1, and noise not negative")
+    if prefer not in ("nearest", "strongest"):
+        raise UsageError(f"prefer={prefer!r}: it is 'nearest' or 'strongest'")
+    near, far = float(range[0]), float(range[1])
+    if not 0 <= near < far:
+        raise UsageError(f"range=({near}, {far}): it must begin at 0 or above, and end after that")
+    moves = {text: _motion(text, motion) for text, motion in (velocities or {}).items()}
+    beams = max(1, _TRACED_MAX // len(power))
+    parts = []
+    for first in np.arange(0, max(1, len(sweep.rays)), beams):
+        rays = sweep.rays[first:first + beams]
+        cast = np.empty((len(rays), len(power), 8))
+        cast[..., :3], cast[..., 3], cast[..., 7] = rays[:, None, :3], near, far
+        cast[..., 4:7] = _spread(rays[:, 3:], offsets)
+        hits = scene.trace(cast.reshape(-1, 8), fields=("t", *_IDS, "normal", "base_colour"), **job)
+        part = _returns_of(hits, cast[..., 4:7].reshape(-1, 3), power, resolution, threshold, returns, prefer)
+        part["beam"] += first
+        parts.append(part)
+    made = {name: np.concatenate([part[name] for part in parts]) for name in parts[0]}
+    beam = made["beam"]
+    made["t"] = made["t"] + np.random.default_rng(seed).normal(0, noise, len(beam)) if noise else made["t"]
+    made["position"] = sweep.rays[beam, :3] + made["t"][:, None] * sweep.rays[beam, 3:]
+    made["ring"], made["time"] = sweep.ring[beam], sweep.time[beam]
+    moving = np.zeros((len(beam), 3))
+    part_of = _parts_of(scene, made["path"], list(moves), job.get("epoch") or 0)
+    for number, (along, turning, pivot) in enumerate(moves.values()):
+        of = part_of == number
+        since = (made["time"][of] - sweep.time.min())[:, None]
+        moving[of] = along + np.cross(turning, made["position"][of] - pivot - along * since)
+    made["radial_velocity"] = ((moving - sweep.velocity[beam]) * sweep.rays[beam, 3:]).sum(axis=1)
+    return made
+
+
+def _footprint(divergence: Any, count: Any) -> tuple[Array, Array]:
+    """Tangents (K, 2) across a beam, evenly over its footprint along a spiral, and the power (K,) of each, 1 in all."""
+    divergence = real("divergence", divergence)
+    count = count_of("footprint", count, _FOOTPRINT_MAX)
+    if not 0 <= divergence < np.pi / 2:
+        raise UsageError(f"divergence={divergence}: it is an angle in radians from 0 to below pi/2")
+    if divergence == 0 or count == 1:
+        return np.zeros((1, 2)), np.ones(1)
+    number = np.arange(count)
+    radius = np.sqrt(number / (count - 1))
+    angle = number * np.pi * (3 - np.sqrt(5))
+    power = np.exp(-2 * radius**2)
+    ring = np.tan(divergence / 2) * radius
+    return np.stack([ring * np.cos(angle), ring * np.sin(angle)], -1), power / power.sum()
+
+
+def _spread(ways: Array, offsets: Array) -> Array:
+    """Unit directions (N, K, 3) around unit `ways` (N, 3). One whose offset is 0 keeps its bits."""
+    helper = np.eye(3)[np.argmin(np.abs(ways), axis=1)]
+    right = np.cross(ways, helper)
+    right /= np.linalg.norm(right, axis=1)[:, None]
+    up = np.cross(right, ways)
+    spread = ways[:, None] + offsets[:, :1] * right[:, None] + offsets[:, 1:] * up[:, None]
+    aside = offsets.any(axis=1)
+    spread[:, aside] /= np.linalg.norm(spread[:, aside], axis=2)[..., None]
+    return spread
+
+
+def _returns_of(hits: dict[str, Array], ways: Array, power: Array, resolution: float, threshold: float, most: int,
+                prefer: str) -> dict[str, Array]:
+    """Joins the hits of K rays per beam to returns."""
+    rays = len(power)
+    t = hits["t"].astype(np.float64).reshape(-1, rays)
+    order = np.argsort(t, axis=1, kind="stable")
+    with np.errstate(invalid="ignore"):  # inf - inf
+        begins = np.diff(np.take_along_axis(t, order, 1), axis=1, prepend=-np.inf) > resolution
+    of_beam = np.arange(len(t))[:, None]
+    row = (of_beam * rays + order).ravel()
+    met = np.isfinite(t.ravel()[row])
+    row = row[met]
+    # Numbers returns from 0, over all beams.
+    number = np.cumsum(begins.ravel()[met]) - 1
+    count = int(number[-1]) + 1 if len(number) else 0
+    normal = hits["normal"][row].astype(np.float64)
+    length = np.linalg.norm(normal, axis=1)
+    cosine = np.abs((normal * ways[row]).sum(axis=1)) / np.where(length > 0, length, 1)
+    weight = power[row % rays]
+    light = weight * cosine * (hits["base_colour"][row] @ _LUMINANCE)
+    def total(values: Array) -> Array:
+        return np.bincount(number, values, minlength=count)
+    share = total(weight)
+    # The last of each return's hits, weakest first, is the one that reflected most.
+    strongest = np.zeros(count, np.int64)
+    by_light = np.lexsort((weight, light))
+    strongest[number[by_light]] = row[by_light]
+    beam = np.zeros(count, np.int64)
+    beam[number] = row // rays
+    made = {"beam": beam, "t": total(weight * t.ravel()[row]) / np.where(share > 0, share, 1), "share": share,
+            "intensity": total(light), **{name: hits[name][strongest] for name in _IDS}}
+    kept = np.flatnonzero(share >= threshold)
+    if prefer == "strongest":
+        kept = kept[np.lexsort((-made["intensity"][kept], beam[kept]))]
+    kept = np.sort(kept[_place_in_beam(beam[kept]) < most])
+    made = {name: column[kept] for name, column in made.items()}
+    made["return"] = _place_in_beam(made["beam"]).astype(np.uint8)
+    made["returns"] = np.bincount(made["beam"], minlength=len(t)).astype(np.uint8)[made["beam"]]
+    return made
+
+
+def _place_in_beam(beam: Array) -> Array:
+    """For ascending beams, the how-manieth each row is in its own."""
+    first = np.flatnonzero(np.diff(beam, prepend=-1))
+    return np.arange(len(beam)) - np.repeat(first, np.diff(first, append=len(beam)))
+
+
+def _parts_of(scene: Scene, paths: Array, texts: list[str], epoch: int) -> Array:
+    """For each path, which of `texts` names it or, next above it, what it is part of; -1 for none."""
+    if not texts or not len(paths):
+        return np.full(len(paths), -1)
+    ids, where = np.unique(paths, return_inverse=True)
+    numbers_of = {text: number for number, text in enumerate(texts)}
+    found = np.full(len(ids), -1)
+    for place, path in enumerate(scene.path_of(ids, epoch=epoch)):
+        while path and path not in numbers_of:
+            path = path.rpartition("/")[0]
+        found[place] = numbers_of.get(path, -1)
+    return found[where]
+
+
+def _motion(text: Any, motion: Any) -> Array:
+    if not isinstance(text, str):
+        raise UsageError(f"velocities are by the texts of paths, such as 'car-3', not by {text!r}")
+    given = numbers(f"the velocity of '{text}'", motion).astype(np.float64)
+    if given.shape not in ((3,), (3, 3)) or not np.isfinite(given).all():
+        raise UsageError(f"the velocity of '{text}' has shape {given.shape}: it is three finite numbers, or (3, 3): "
+                         "velocity, angular velocity, and a point of the axis")
+    return np.concatenate([given[None], np.zeros((2, 3))]) if given.ndim == 1 else given
