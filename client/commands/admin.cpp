@@ -23,8 +23,8 @@ Result<void> list_connections(Context& context) {
                                    {"peer", row.peer},
                                    {"age_seconds", row.age_seconds},
                                    {"jobs", row.jobs}});
-        rows.push_back({std::to_string(row.number), row.principal, row.role, row.transport, row.peer,
-                        age_text(row.age_seconds), std::to_string(row.jobs)});
+        rows.push_back({std::to_string(row.number), row.principal, row.role, row.transport,
+                        row.peer, age_text(row.age_seconds), std::to_string(row.jobs)});
     });
     if (!listed) return listed;
     if (context.json)
@@ -45,10 +45,11 @@ void declare(CommandLine& line, AdminOptions& admin) {
         .one_of({"connections", "drain", "reload", "kick", "quota"});
     line.add_option("TARGET", admin.target,
                     "of kick: a connection's number or a principal; of quota: a principal");
-    line.add_options(
-        "QUOTA", admin.quota,
-        "of quota: connections=N, jobs=N, rays=N, scene_bytes=N, second_bytes=N; bytes "
-        "also as 20G; without any, what the principal uses is told");
+    line.add_options("QUOTA", admin.quota,
+                     "of quota:"
+#define RAYNEST_QUOTA(key, least) " " #key "=N"
+#include "protocol/quotas.def"
+                     "; bytes also as 20G; without any, what the principal uses is told");
     line.at_end([&admin]() -> std::string {
         const bool needs_target = admin.act == "kick" || admin.act == "quota";
         if (needs_target && admin.target.empty()) return "TARGET is required";

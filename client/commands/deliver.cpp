@@ -1,8 +1,10 @@
 #include "client/commands/deliver.h"
 
-#include "client/files/npy.h"
+#include "client/files/files.h"
+#include "client/files/points.h"
 #include "client/ground/json.h"
 #include "client/ground/text.h"
+#include "client/output/columns.h"
 #include "client/output/outcome_text.h"
 #include "client/output/output.h"
 #include "client/output/output_file.h"
@@ -13,7 +15,6 @@
 #include <array>
 #include <cstdio>
 #include <iostream>
-#include <map>
 #include <utility>
 
 namespace raynest::client {
@@ -36,10 +37,11 @@ void print_statistics(const wire::HeatStatisticsT& heat, std::ostream& to) {
     const bool differs = is_difference(heat);
     std::array<char, 240> line;
     std::snprintf(line.data(), line.size(),
-                  differs ? "%s%s per ray, difference: min %+lld, mean %+.2f, p50 %+lld, p90 %+lld, "
-                            "p99 %+lld, max %+lld, %.2f %% clipped"
-                          : "%s%s per ray: min %lld, mean %.2f, p50 %lld, p90 %lld, p99 %lld, max "
-                            "%lld, %.2f %% clipped",
+                  differs
+                      ? "%s%s per ray, difference: min %+lld, mean %+.2f, p50 %+lld, p90 %+lld, "
+                        "p99 %+lld, max %+lld, %.2f %% clipped"
+                      : "%s%s per ray: min %lld, mean %.2f, p50 %lld, p90 %lld, p99 %lld, max "
+                        "%lld, %.2f %% clipped",
                   heat.count == "necessary" ? "necessary " : "", heat.metric.c_str(),
                   value(heat.min), heat.mean, value(heat.p50), value(heat.p90), value(heat.p99),
                   value(heat.max), heat.clipped * 100);
@@ -67,96 +69,6 @@ Json statistics_json(const wire::HeatStatisticsT& heat) {
     if (is_difference(heat)) json["difference"] = true;
     return json;
 }
-
-std::string numpy_dtype(wire::Dtype dtype) {
-    switch (dtype) {
-        case wire::Dtype::u8:
-            return "|u1";
-        case wire::Dtype::u32:
-            return "<u4";
-        case wire::Dtype::u64:
-            return "<u8";
-        case wire::Dtype::f32:
-            return "<f4";
-    }
-    return "|u1";
-}
-
-/// Joins chunks to whole columns.
-class Columns {
-public:
-    explicit Columns(bool splits) : has_splits_(splits) {}
-
-    Result<void> append(const QueryChunk& chunk) {
-        for (const protocol::BlockView& block : chunk.columns) {
-            if (!chunk.shows(block.name)) continue;
-            if (is_point_field(block.name) && block.dtype == wire::Dtype::f32 &&
-                block.width() == 3) {
-                append_points(chunk, block);
-                continue;
-            }
-            Column& column = columns_[std::string(block.name)];
-            if (column.bytes.empty()) column.dtype = block.dtype, column.width = block.width();
-            if (column.dtype != block.dtype || column.width != block.width())
-                return fail(Exit::failed, "the daemon changed a column's type between chunks");
-            column.count += block.count;
-            column.bytes.insert(column.bytes.end(), block.bytes.begin(), block.bytes.end());
-        }
-        for (std::uint32_t i = 0; i < chunk.count; ++i)
-            splits_.push_back(splits_.back() + chunk.splits[i + 1] - chunk.splits[i]);
-        return {};
-    }
-
-    /// The file of all columns; `part` becomes an array of its letters, unless it is empty.
-    [[nodiscard]] std::vector<std::byte> npz(std::string_view part) const {
-        std::vector<NamedArray> arrays;
-        if (!part.empty())
-            arrays.push_back({"part", {"|u1", {part.size()}, std::as_bytes(std::span(part))}});
-        if (has_splits_)
-            arrays.push_back(
-                {"ray_splits", {"<i8", {splits_.size()}, std::as_bytes(std::span(splits_))}});
-        for (const auto& [name, column] : columns_) {
-            std::vector<std::uint64_t> shape = {column.count};
-            if (column.width > 1) shape.push_back(column.width);
-            const bool is_truth = column.dtype == wire::Dtype::u8 && is_truth_field(name);
-            const std::string dtype = column.is_world ? "<f8"
-                                      : is_truth      ? "|b1"
-                                                      : numpy_dtype(column.dtype);
-            arrays.push_back({name, {dtype, shape, column.bytes}});
-        }
-        return format_npz(arrays);
-    }
-
-private:
-    struct Column {
-        wire::Dtype dtype = wire::Dtype::u8;
-        std::uint32_t width = 1;
-        std::uint64_t count = 0;
-        std::vector<std::byte> bytes;
-        bool is_world = false;  ///< a point: float64 in the file
-    };
-
-    /// Appends points in the world; the position of a miss stays 0.
-    void append_points(const QueryChunk& chunk, const protocol::BlockView& block) {
-        Column& column = columns_[std::string(block.name)];
-        column.width = 3, column.is_world = true;
-        const protocol::BlockView* hit = protocol::find_block(chunk.columns, "hit");
-        const bool tells = hit != nullptr && hit->count == block.count &&
-                           block.name == "position" && hit->dtype == wire::Dtype::u8;
-        const std::span<const float> points = block.values<float>();
-        for (std::uint64_t i = 0; i < 3 * block.count; ++i) {
-            const bool missed = tells && hit->bytes[i / 3] == std::byte{0};
-            const double value = double{points[i]} + (missed ? 0 : chunk.origin[i % 3]);
-            const auto bytes = std::as_bytes(std::span(&value, 1));
-            column.bytes.insert(column.bytes.end(), bytes.begin(), bytes.end());
-        }
-        column.count += block.count;
-    }
-
-    bool has_splits_;
-    std::map<std::string, Column> columns_;
-    std::vector<std::uint64_t> splits_ = {0};
-};
 
 /// Returns a consumer that prints rows of those columns of `first` that users asked for.
 ChunkConsumer row_printer(const std::string& what, const QueryChunk& first, bool json) {
@@ -280,7 +192,11 @@ Result<void> deliver_query(Context& context, const std::string& output, const st
         whole["epoch"] = outcome->epoch;
         said = whole.dump();
     }
-    if (auto written = write_file(output, columns.npz(said)); !written) return written;
+    const std::string ending = extension_of(output);
+    const auto file = is_point_ending(ending) ? columns.points(ending)
+                                              : Result<std::vector<std::byte>>(columns.npz(said));
+    if (!file) return tl::unexpected<Failure>(file.error());
+    if (auto written = write_file(output, *file); !written) return written;
     if (context.json) {
         Json json = outcome_json(*outcome);
         json["file"] = output;

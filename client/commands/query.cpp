@@ -1,11 +1,14 @@
 // raynest query SCENE --ray ... | --rays FILE | --generate KIND ...: traces rays and gives their
-// hits as a table, as JSON lines or as a .npz of columns.
+// hits as a table, as JSON lines, as a .npz of columns or as a point cloud.
+#include "client/requests/query.h"
+
 #include "client/commands/deliver.h"
 #include "client/commands/shared_options.h"
+#include "client/files/files.h"
+#include "client/files/points.h"
 #include "client/ground/json.h"
 #include "client/ground/lists.h"
 #include "client/requests/generator.h"
-#include "client/requests/query.h"
 #include "client/requests/scene_origin.h"
 
 #include <algorithm>
@@ -22,6 +25,11 @@ wire::QueryT query_message(const QueryOptions& options) {
     const ReducerWords* reducer = find_reducer(options.reduce);
     if (request.kind.empty()) request.kind = reducer != nullptr ? reducer->kind : "closest";
     request.fields = options.fields;
+    const std::string ending = extension_of(options.output);
+    if (request.fields.empty() && is_point_ending(ending)) {
+        request.fields = {"position"};
+        if (ending != ".las") request.fields.insert(request.fields.end(), {"t", "inst"});
+    }
     if (request.fields.empty() && request.reduce.empty())
         request.fields = default_fields(request.kind);
     request.max_hits = options.max_hits;
@@ -53,7 +61,22 @@ Result<Outcome> ask_about_no_rays(Context& context, wire::QueryT& request, const
     return outcome;
 }
 
-/// Leaves the rays or points of --part. Returns what its file says: which rows of which request it has.
+/// A point cloud needs points that were hit, and all of them.
+Result<void> check_points(const QueryOptions& options, const wire::QueryT& request) {
+    if (!is_point_ending(extension_of(options.output))) return {};
+    if (request.kind == "any" || !request.reduce.empty())
+        return fail(Exit::usage, options.output +
+                                     " needs hits: leave --kind any and --reduce out, "
+                                     "or write a .npz");
+    if (std::ranges::find(request.fields, "position") == request.fields.end())
+        return fail(Exit::usage, options.output + " needs the column position among --fields");
+    if (options.part.count != 0)
+        return fail(Exit::usage, "--part needs -o FILE.npz, which raynest merge reads");
+    return {};
+}
+
+/// Leaves the rays or points of --part. Returns what its file says: which rows of which request it
+/// has.
 Result<Json> take_part(const QueryOptions& options, wire::QueryT& request, RaySource& rays) {
     if (options.output.empty() || options.job.detach)
         return fail(Exit::usage, "--part needs -o FILE.npz, and goes without --detach");
@@ -69,13 +92,20 @@ Result<Json> take_part(const QueryOptions& options, wire::QueryT& request, RaySo
         request.part_count = range->count;
     }
     const JobOptions& job = options.job;
-    return Json{{"first", range->first},     {"count", range->count},
-                {"of", all},                 {"kind", request.kind},
-                {"fields", request.fields},  {"reduce", request.reduce},
-                {"max_hits", request.max_hits}, {"generate", options.generate},
-                {"rays", options.rays_file}, {"intersector", job.intersector},
-                {"set", job.settings},       {"mask", job.mask},
-                {"hide", job.hide},          {"only", job.only}};
+    return Json{{"first", range->first},
+                {"count", range->count},
+                {"of", all},
+                {"kind", request.kind},
+                {"fields", request.fields},
+                {"reduce", request.reduce},
+                {"max_hits", request.max_hits},
+                {"generate", options.generate},
+                {"rays", options.rays_file},
+                {"intersector", job.intersector},
+                {"set", job.settings},
+                {"mask", job.mask},
+                {"hide", job.hide},
+                {"only", job.only}};
 }
 
 void warn_of_rounding(Context& context, const RaySource& rays, const SceneOrigin& scene,
@@ -130,13 +160,16 @@ void declare(CommandLine& line, QueryOptions& query) {
     line.add_option(
         "--reduce", query.reduce,
         "one row per point or path instead of one per ray: " + alternatives(reduce_words));
-    add_output(line, query.output, {".npz"}, "FILE.npz (else a table on stdout)");
+    add_output(line, query.output, {".npz", ".ply", ".pcd", ".las"},
+               "FILE.npz of columns, or a point cloud: FILE.ply, .pcd or .las (else a table on "
+               "stdout)");
     add_detach(line, query.job, nullptr);
     add_part(line, query.part);
 }
 
 Result<void> run(Context& context, const QueryOptions& options) {
     wire::QueryT request = query_message(options);
+    if (auto fits = check_points(options, request); !fits) return fits;
     const auto scene = ask_origin(context.connection, options.job.scene);
     if (!scene) return tl::unexpected<Failure>(scene.error());
     const WorldPoint& origin = scene->point;

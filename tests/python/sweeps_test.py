@@ -4,6 +4,7 @@
   sweeps_test.py RAYNESTD RAYNEST FLATC
 """
 import struct
+import subprocess
 import tempfile
 from pathlib import Path
 
@@ -11,7 +12,7 @@ import numpy as np
 
 import raynest
 from raynest import points, returns, sweeps
-from with_daemon import WithDaemon, main
+from with_daemon import WithDaemon, main, rain
 
 
 def turn(axis, angle):
@@ -295,6 +296,54 @@ class PointClouds(WithDaemon):
         # The daemon reads them as points.
         cloud = self.client.load(str(self.folder / "a.las"), "cloud", radius=0.5)
         self.assertEqual(cloud.info["records"]["sphere"] if "records" in cloud.info else self.kept.sum(), self.kept.sum())
+
+    def query(self, name, *words, code=0):
+        """Writes a file by the command line; returns what it said."""
+        done = subprocess.run([self.raynest, "--server", self.daemon.uri, "query", "woods", *words, "-o",
+                               str(self.folder / name)], capture_output=True, text=True, check=False)
+        self.assertEqual(done.returncode, code, done.stderr)
+        return done.stdout + done.stderr
+
+    def test_the_command_line_writes_the_same_bytes(self):
+        np.save(self.folder / "rain.npy", rain(5000))
+        rays = ("--rays", str(self.folder / "rain.npy"))
+        hits = self.woods.trace(rain(5000), fields=("position", "t", "inst", "ng", "hit"))
+        self.assertTrue(0 < hits["hit"].sum() < 5000)
+        beside = {"t": hits["t"], "inst": hits["inst"]}
+        for ending, fields, columns in ((".ply", "", beside), (".pcd", "", beside), (".las", "", {}),
+                                        (".ply", "ng,position", {"ng": hits["ng"]})):
+            self.query("theirs" + ending, *rays, *(("--fields", fields) if fields else ()))
+            points.save(self.folder / ("ours" + ending), hits["position"], where=hits["hit"], **columns)
+            with self.subTest(ending=ending, fields=fields):
+                self.assertEqual((self.folder / ("theirs" + ending)).read_bytes(),
+                                 (self.folder / ("ours" + ending)).read_bytes())
+        # Several hits of a ray, and a column that rays have once.
+        many = self.woods.trace(rain(5000), kind="multi", max_hits=3, fields=("position", "direction"))
+        splits = many["ray_splits"]
+        counts = np.diff(splits)
+        number = (np.arange(splits[-1]) - np.repeat(splits[:-1], counts)).astype(np.uint16)
+        of_ray = np.repeat(counts, counts).astype(np.uint16)
+        for ending in (".ply", ".las"):
+            more = {} if ending == ".las" else {"direction": np.repeat(many["direction"], counts, axis=0)}
+            self.query("theirs" + ending, *rays, "--kind", "multi", "--max-hits", "3", "--fields",
+                       "position" if ending == ".las" else "position,direction")
+            points.save(self.folder / ("ours" + ending), many["position"], **more, **{"return": number, "returns": of_ray})
+            with self.subTest(ending=ending):
+                self.assertEqual((self.folder / ("theirs" + ending)).read_bytes(),
+                                 (self.folder / ("ours" + ending)).read_bytes())
+
+    def test_the_command_line_refuses_what_makes_no_points(self):
+        through = np.zeros((400, 6), np.float32)  # along the ground, through many leaves
+        through[:, 0], through[:, 1], through[:, 2], through[:, 3] = -60, 4, np.linspace(-40, 40, 400), 1
+        np.save(self.folder / "rain.npy", through)
+        rays = ("--rays", str(self.folder / "rain.npy"))
+        for name, words, said in (("a.ply", ("--kind", "any"), "needs hits"), ("a.ply", ("--fields", "t"), "column position"),
+                                  ("a.las", ("--fields", "position,t"), "no room for the column 't'"),
+                                  ("a.las", ("--kind", "multi"), "--max-hits 5"), ("a.ply", ("--part", "1/2"), "FILE.npz"),
+                                  ("a.xyz", (), ".npz or .ply or .pcd or .las")):
+            with self.subTest(name=name, words=words):
+                self.assertIn(said, self.query(name, *rays, *words, code=2))
+                self.assertFalse((self.folder / name).exists())
 
     def test_what_no_file_can_hold_is_refused(self):
         for name, more, words in (("a.xyz", {}, "must end with .ply, .pcd or .las"), ("a.las", {"prim": self.hit}, "'prim'"),

@@ -19,7 +19,7 @@ from .sweeps import Sweep
 _TRACED_MAX = 1 << 20
 _RETURNS_MAX = 16
 _FOOTPRINT_MAX = 1024
-# Of light: red, green and blue weigh as ITU-R BT.709 has it.
+# Luminance of red, green and blue, by ITU-R BT.709.
 _LUMINANCE = np.array([0.2126, 0.7152, 0.0722])
 _IDS = ("prim", "geom", "path", "uid")
 

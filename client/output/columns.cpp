@@ -1,0 +1,173 @@
+#include "client/output/columns.h"
+
+#include "client/files/npy.h"
+#include "client/files/points.h"
+
+#include <algorithm>
+#include <cstring>
+#include <iterator>
+#include <limits>
+#include <span>
+
+namespace raynest::client {
+namespace {
+
+std::string numpy_dtype(wire::Dtype dtype) {
+    switch (dtype) {
+        case wire::Dtype::u8:
+            return "|u1";
+        case wire::Dtype::u32:
+            return "<u4";
+        case wire::Dtype::u64:
+            return "<u8";
+        case wire::Dtype::f32:
+            return "<f4";
+    }
+    return "|u1";
+}
+
+/// Makes numbers of 64 bits those of 32.
+Result<void> shorten(PointColumn& column) {
+    std::vector<std::byte> values(column.values.size() / 2);
+    for (std::size_t i = 0; i < values.size() / 4; ++i) {
+        std::uint64_t value = 0;
+        std::memcpy(&value, column.values.data() + 8 * i, 8);
+        if (value > std::numeric_limits<std::uint32_t>::max())
+            return fail(Exit::usage, "the column '" + column.name +
+                                         "' has numbers beyond 32 bits, "
+                                         "which these files cannot hold: leave it out of --fields");
+        const auto narrow = static_cast<std::uint32_t>(value);
+        std::memcpy(values.data() + 4 * i, &narrow, 4);
+    }
+    column.values = std::move(values);
+    column.dtype = "<u4";
+    return {};
+}
+
+}  // namespace
+
+Result<void> Columns::append(const QueryChunk& chunk) {
+    for (const protocol::BlockView& block : chunk.columns) {
+        const auto [at, is_new] = columns_.try_emplace(std::string(block.name));
+        Column& column = at->second;
+        if (is_new) {
+            order_.push_back(at->first);
+            column.dtype = block.dtype, column.width = block.width();
+            column.shown = chunk.shows(block.name);
+            column.is_world =
+                is_point_field(block.name) && block.dtype == wire::Dtype::f32 && block.width() == 3;
+        }
+        if (column.dtype != block.dtype || column.width != block.width())
+            return fail(Exit::failed, "the daemon changed a column's type between chunks");
+        if (column.is_world)
+            append_points(chunk, block, column);
+        else
+            column.bytes.insert(column.bytes.end(), block.bytes.begin(), block.bytes.end());
+        column.count += block.count;
+    }
+    for (std::uint32_t i = 0; i < chunk.count; ++i)
+        splits_.push_back(splits_.back() + chunk.splits[i + 1] - chunk.splits[i]);
+    return {};
+}
+
+/// Appends points in the world; the position of a miss stays 0.
+void Columns::append_points(const QueryChunk& chunk, const protocol::BlockView& block,
+                            Column& column) {
+    const protocol::BlockView* hit = protocol::find_block(chunk.columns, "hit");
+    const bool tells = hit != nullptr && hit->count == block.count && block.name == "position" &&
+                       hit->dtype == wire::Dtype::u8;
+    const std::span<const float> points = block.values<float>();
+    for (std::uint64_t i = 0; i < 3 * block.count; ++i) {
+        const bool missed = tells && hit->bytes[i / 3] == std::byte{0};
+        const double value = double{points[i]} + (missed ? 0 : chunk.origin[i % 3]);
+        const auto bytes = std::as_bytes(std::span(&value, 1));
+        column.bytes.insert(column.bytes.end(), bytes.begin(), bytes.end());
+    }
+}
+
+std::vector<std::byte> Columns::npz(std::string_view part) const {
+    std::vector<NamedArray> arrays;
+    if (!part.empty())
+        arrays.push_back({"part", {"|u1", {part.size()}, std::as_bytes(std::span(part))}});
+    if (has_splits_)
+        arrays.push_back(
+            {"ray_splits", {"<i8", {splits_.size()}, std::as_bytes(std::span(splits_))}});
+    for (const auto& [name, column] : columns_) {
+        if (!column.shown) continue;
+        std::vector<std::uint64_t> shape = {column.count};
+        if (column.width > 1) shape.push_back(column.width);
+        const bool is_truth = column.dtype == wire::Dtype::u8 && is_truth_field(name);
+        const std::string dtype = column.is_world ? "<f8"
+                                  : is_truth      ? "|b1"
+                                                  : numpy_dtype(column.dtype);
+        arrays.push_back({name, {dtype, shape, column.bytes}});
+    }
+    return format_npz(arrays);
+}
+
+std::uint64_t Columns::ray_of(std::uint64_t hit) const {
+    return static_cast<std::uint64_t>(
+        std::distance(splits_.begin(), std::ranges::upper_bound(splits_, hit)) - 1);
+}
+
+std::vector<std::uint64_t> Columns::hit_rows() const {
+    std::vector<std::uint64_t> rows;
+    const auto position = columns_.find("position");
+    if (position == columns_.end()) return rows;
+    const auto hit = columns_.find("hit");
+    for (std::uint64_t row = 0; row < position->second.count; ++row) {
+        if (has_splits_ || hit == columns_.end() || hit->second.bytes[row] != std::byte{0})
+            rows.push_back(row);
+    }
+    return rows;
+}
+
+Result<std::vector<std::byte>> Columns::points(std::string_view ending) const {
+    const std::vector<std::uint64_t> hits = hit_rows();
+    std::vector<double> positions(3 * hits.size());
+    std::vector<PointColumn> beside;
+    for (const std::string& name : order_) {
+        const Column& column = columns_.find(name)->second;
+        if (!column.shown) continue;
+        std::vector<std::uint64_t> rows = hits;
+        if (has_splits_ && !is_hit_field(name))
+            std::ranges::transform(hits, rows.begin(),
+                                   [&](std::uint64_t hit) { return ray_of(hit); });
+        if (name == "position") {
+            for (std::size_t i = 0; i < rows.size(); ++i)
+                std::memcpy(&positions[3 * i], column.bytes.data() + 24 * rows[i], 24);
+            continue;
+        }
+        const std::size_t size = column.is_world ? 8 : protocol::dtype_bytes(column.dtype);
+        for (std::uint32_t part = 0; part < column.width; ++part) {
+            PointColumn made{column.width == 1 ? name : name + "_" + std::to_string(part),
+                             column.is_world ? "<f8" : numpy_dtype(column.dtype),
+                             std::vector<std::byte>(size * rows.size())};
+            for (std::size_t i = 0; i < rows.size(); ++i)
+                std::memcpy(made.values.data() + size * i,
+                            column.bytes.data() + size * (rows[i] * column.width + part), size);
+            if (made.dtype == "<u8") {
+                if (auto fits = shorten(made); !fits) return tl::unexpected<Failure>(fits.error());
+            }
+            beside.push_back(std::move(made));
+        }
+    }
+    if (has_splits_) {
+        PointColumn number{"return", "<u2", {}};
+        PointColumn of_ray{"returns", "<u2", {}};
+        for (const std::uint64_t hit : hits) {
+            const std::uint64_t ray = ray_of(hit);
+            const std::uint16_t counts[2] = {
+                static_cast<std::uint16_t>(hit - splits_[ray]),
+                static_cast<std::uint16_t>(splits_[ray + 1] - splits_[ray])};
+            const auto bytes = std::as_bytes(std::span(counts));
+            number.values.insert(number.values.end(), bytes.begin(), bytes.begin() + 2);
+            of_ray.values.insert(of_ray.values.end(), bytes.begin() + 2, bytes.end());
+        }
+        beside.push_back(std::move(number));
+        beside.push_back(std::move(of_ray));
+    }
+    return format_points(ending, positions, beside);
+}
+
+}  // namespace raynest::client
