@@ -2,6 +2,7 @@
 
 #include "protocol/text.h"
 #include "server/options/ready_file.h"
+#include "server/store/backup.h"
 #include "server/store/manifest.h"
 #include "server/store/state_folder.h"
 
@@ -52,6 +53,16 @@ int check_state(const std::filesystem::path& folder) {
               << " damaged\n";
     if (!std::cout.flush()) return failed("cannot write stdout");
     return damaged == 0 ? 0 : 1;
+}
+
+int back_up_state(const std::filesystem::path& from, const std::filesystem::path& to) {
+    const auto counts = back_up(from, to);
+    if (!counts) return failed(counts.error().message);
+    const int checked = check_state(to);
+    if (counts->missing != 0)
+        return failed(std::to_string(counts->missing) + " scenes have lost their blobs in " + from.string() +
+                      "; load them again");
+    return checked;
 }
 
 }  // namespace raynest::server

@@ -318,8 +318,7 @@ void declare_token(CLI::App& app, std::function<int()>& action) {
           "a time such as 90s, 12h or 30d, at most " + std::to_string(expires_days_max) +
               "d; leave it out for a token that never expires");
     add->add_option("--quota", words->quota,
-                    "connections=N,jobs=N,rays=N,scene_bytes=N,second_bytes=N; any of them, "
-                    "bytes also as 20G")
+                    quota_keys() + "; any of them, bytes also as 20G")
         ->check(CLI::Validator(
             [](const std::string& text) {
                 const auto quota = read_quota(text);
@@ -358,6 +357,12 @@ std::optional<int> run_command(int argc, const char* const* argv) {
     if (word == "check") {
         if (argc == 3 && argv[2][0] != '-') return check_state(argv[2]);
         return failed("raynestd check DIR looks at a state folder that no daemon uses", exit_usage);
+    }
+    if (word == "backup") {
+        if (argc == 4 && argv[2][0] != '-' && argv[3][0] != '-') return back_up_state(argv[2], argv[3]);
+        return failed("raynestd backup DIR NEW copies the state folder DIR, which a daemon may use, to the "
+                      "new folder NEW; to restore it, start with --state NEW",
+                      exit_usage);
     }
     if (word != "tls" && word != "token") return std::nullopt;
     if (const std::string fault = command_fault(word, argc > 2 ? argv[2] : ""); !fault.empty())

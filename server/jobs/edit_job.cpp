@@ -124,7 +124,9 @@ private:
         if (!scene) return tl::unexpected(scene.error());
         before_ = std::move(*scene);
         spare_ = services_.scenes.take_spare(*before_, caller_);
-        publication_ = {.plan = services_.scenes.plan_edit(*before_, rows_.bytes().size(), caller_)};
+        auto plan = services_.scenes.plan_edit(*before_, rows_.bytes().size(), order_.keep, caller_);
+        if (!plan) return tl::unexpected(plan.error());
+        publication_ = {.plan = std::move(*plan)};
         const std::uint64_t bytes = before_->snapshot().bytes().size();
         auto lease = services_.peers.reserve(bytes, caller_.principal, Use::lasting);
         if (!lease)

@@ -16,11 +16,13 @@
 #include <algorithm>
 #include <cerrno>
 #include <cstring>
+#include <filesystem>
 #include <iostream>
 #include <iterator>
 #include <memory>
 #include <sstream>
 #include <string_view>
+#include <system_error>
 #include <thread>
 
 namespace raynest::server {
@@ -354,6 +356,10 @@ void set_shares(Options& options, const CLI::App& app) {
     for (const MemoryShare& share : memory_shares)
         if (app.count(share.option) == 0)
             options.limits.*share.quota = options.memory / share.parts;
+    std::error_code no_disk;
+    const auto disk = std::filesystem::space(options.state, no_disk);
+    if (!options.state.empty() && !no_disk && app.count("--principal-disk-bytes-max") == 0)
+        options.limits.principal_disk_bytes_max = disk.capacity / 2;
 }
 
 /// Ends a command that only prints; fails if stdout could not be written.
@@ -376,7 +382,7 @@ ParsedOptions parse_options(int argc, const char* const* argv, std::ostream& err
         "  raynestd --listen tcp://127.0.0.1:0 --ready-file /tmp/raynest.json\n\n"
         "raynestd traces rays through instanced scenes for clients. raynestd tls --help makes\n"
         "certificates, raynestd token --help gives access. raynestd check DIR looks\n"
-        "at a state folder.",
+        "at a state folder, raynestd backup DIR NEW copies one.",
         "raynestd");
     app.footer(
         "\nExit codes: 0 stopped, 1 cannot start, 2 usage, 3 stopped before its jobs had ended.");

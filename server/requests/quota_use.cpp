@@ -6,7 +6,7 @@
 
 namespace raynest::server {
 
-std::array<QuotaUse, 5> quota_uses(const Services& services, const std::string& principal) {
+std::array<QuotaUse, 6> quota_uses(const Services& services, const std::string& principal) {
     const Quota quota = services.admission.quotas().of(principal);
     std::uint64_t rays = 0;
     for (const auto& [number, job] : services.admission.jobs())
@@ -17,7 +17,8 @@ std::array<QuotaUse, 5> quota_uses(const Services& services, const std::string& 
              {"jobs", services.admission.active_of(principal), quota.jobs},
              {"rays", rays, quota.rays},
              {"scenes", listed.scenes + unlisted.scenes, services.limits.principal_scenes_max},
-             {"scene_bytes", listed.bytes + unlisted.bytes, quota.scene_bytes}}};
+             {"scene_bytes", listed.bytes + unlisted.bytes, quota.scene_bytes},
+             {"disk_bytes", services.scenes.on_disk_of(principal), quota.disk_bytes}}};
 }
 
 }  // namespace raynest::server

@@ -19,7 +19,7 @@ struct QuotaUse {
 
 /// Returns what a principal has in flight, holds and has open. `second_bytes`, a rate, is not among
 /// them. Io thread only.
-[[nodiscard]] std::array<QuotaUse, 5> quota_uses(const Services& services,
+[[nodiscard]] std::array<QuotaUse, 6> quota_uses(const Services& services,
                                                  const std::string& principal);
 
 }  // namespace raynest::server

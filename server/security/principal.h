@@ -49,12 +49,8 @@ struct PeerIdentity {
 
 /// Quotas that may differ between principals; 0: the limit principal_*_max.
 struct Quota {
-    std::uint64_t connections = 0;
-    std::uint64_t jobs = 0;
-    std::uint64_t rays = 0;
-    std::uint64_t scene_bytes = 0;
-    std::uint64_t second_bytes = 0;
-
+#define RAYNEST_QUOTA(key, least) std::uint64_t key = 0;
+#include "protocol/quotas.def"
     bool operator==(const Quota&) const = default;
 };
 

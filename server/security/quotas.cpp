@@ -9,23 +9,22 @@
 namespace raynest::server {
 namespace {
 
-/// Least bytes per second: a request of 64 KiB still arrives within the client's patience of 5 s.
-constexpr std::uint64_t second_bytes_min = 64 << 10;
-
 /// The words for a quota: its key, the option of its usual value, and its least value.
 struct Words {
     Quotas::Field field;
     std::string_view key;
-    std::string_view option;
     std::uint64_t least;
+
+    [[nodiscard]] std::string option() const {
+        std::string name = "--principal-" + std::string(key) + "-max";
+        std::ranges::replace(name, '_', '-');
+        return name;
+    }
 };
-constexpr std::array<Words, 5> table = {{
-    {&Quota::connections, "connections", "--principal-connections-max", 1},
-    {&Quota::jobs, "jobs", "--principal-jobs-max", 1},
-    {&Quota::rays, "rays", "--principal-rays-max", 1},
-    {&Quota::scene_bytes, "scene_bytes", "--principal-scene-bytes-max", 1},
-    {&Quota::second_bytes, "second_bytes", "--principal-second-bytes-max", second_bytes_min},
-}};
+constexpr std::array table = {
+#define RAYNEST_QUOTA(key, least) Words{&Quota::key, #key, least},
+#include "protocol/quotas.def"
+};
 
 const Words& words_of(Quotas::Field field) {
     return *std::ranges::find(table, field, &Words::field);
@@ -43,22 +42,30 @@ std::string Quotas::limit_text(const std::string& principal, Field field) const 
     const Words& words = words_of(field);
     const std::string value = std::to_string(of(principal).*field);
     if (is_own(principal, field)) return "its quota is " + std::string(words.key) + "=" + value;
-    return "the limit is " + std::string(words.option) + " " + value;
+    return "the limit is " + words.option() + " " + value;
 }
 
 std::string Quotas::remedy(const std::string& principal, Field field) const {
     const Words& words = words_of(field);
-    if (!is_own(principal, field)) return "start raynestd with a larger " + std::string(words.option);
+    if (!is_own(principal, field)) return "start raynestd with a larger " + words.option();
     return "ask an administrator for more: raynest admin quota " + principal + " " +
            std::string(words.key) + "=N";
+}
+
+std::string quota_keys() {
+    std::string keys;
+    for (const Words& words : table) {
+        if (!keys.empty()) keys += ",";
+        keys.append(words.key).append("=N");
+    }
+    return keys;
 }
 
 Result<Quota> read_quota(std::string_view text) {
     if (text.empty()) return not_a_quota(text, "write one such as jobs=8,rays=1000000");
     const auto quota = parse_quota(text);
     if (!quota || text.back() == ',')
-        return not_a_quota(text, "write jobs=N, rays=N, scene_bytes=N, second_bytes=N or "
-                                 "connections=N, with commas between them");
+        return not_a_quota(text, "write one or more of " + quota_keys() + ", with commas between them");
     std::vector<std::string_view> seen;
     for (std::string_view left = text; !left.empty();) {
         const std::string_view part = left.substr(0, left.find(','));

@@ -22,9 +22,10 @@ public:
 
     /// Changes the quotas of principals without others.
     void set_limits(const protocol::Limits& limits) {
-        usual_ = {limits.principal_connections_max, limits.principal_jobs_max,
-                  limits.principal_rays_max, limits.principal_scene_bytes_max,
-                  limits.principal_second_bytes_max};
+        usual_ = {
+#define RAYNEST_QUOTA(key, least) limits.principal_##key##_max,
+#include "protocol/quotas.def"
+        };
     }
 
     /// Replaces the quotas of a principal by an administrator's; 0 means the granted or usual one.
@@ -57,8 +58,10 @@ public:
     [[nodiscard]] std::string remedy(const std::string& principal, Field field) const;
 
 private:
-    static constexpr std::array<Field, 5> fields = {&Quota::connections, &Quota::jobs, &Quota::rays,
-                                                    &Quota::scene_bytes, &Quota::second_bytes};
+    static constexpr std::array fields = {
+#define RAYNEST_QUOTA(key, least) &Quota::key,
+#include "protocol/quotas.def"
+    };
     using Table = std::map<std::string, Quota>;
     static void put(Table& table, const std::string& principal, const Quota& quota) {
         if (quota == Quota{})
@@ -71,6 +74,9 @@ private:
     Table granted_;
     Table set_;
 };
+
+/// "connections=N,jobs=N,...": all that a quota may have.
+[[nodiscard]] std::string quota_keys();
 
 /// Parses the quota that an administrator gives: at least one key, each once, and none below its least
 /// value. Rows of the token file are read by parse_quota(), which asks for less.

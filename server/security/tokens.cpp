@@ -57,11 +57,8 @@ struct QuotaField {
     [[nodiscard]] bool is_bytes() const { return name.ends_with("bytes"); }
 };
 constexpr std::array quota_fields = {
-    QuotaField{"connections", &Quota::connections},
-    QuotaField{"jobs", &Quota::jobs},
-    QuotaField{"rays", &Quota::rays},
-    QuotaField{"scene_bytes", &Quota::scene_bytes},
-    QuotaField{"second_bytes", &Quota::second_bytes},
+#define RAYNEST_QUOTA(key, least) QuotaField{#key, &Quota::key},
+#include "protocol/quotas.def"
 };
 
 /// Parses a row; the error text of an invalid one has no line number.

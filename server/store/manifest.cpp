@@ -18,7 +18,7 @@ namespace {
 /// Tells a manifest from files of other programs: "RNST".
 constexpr int application = 0x524E5354;
 constexpr const char* remedy =
-    "; nothing was changed. Put a copy of the folder in its place, or name another --state";
+    "; nothing was changed. Start with a backup (raynestd backup), or name another --state";
 
 std::string joined(const std::vector<std::string>& share) {
     std::string list;
@@ -166,9 +166,9 @@ Result<Manifest> Manifest::open(const std::filesystem::path& file, bool read_onl
     sqlite3_busy_timeout(connection, 2000);
     if (const auto good = manifest.check(); !good) return tl::unexpected(good.error());
     if (read_only) return manifest;
-    // EXCLUSIVE: no other process opens the file, and none needs its shared memory.
+    // Others may read it meanwhile (store/backup.h); the folder's lock keeps a second daemon away.
     for (const char* sql :
-         {"PRAGMA locking_mode=EXCLUSIVE", "PRAGMA journal_mode=WAL", "PRAGMA synchronous=FULL",
+         {"PRAGMA journal_mode=WAL", "PRAGMA synchronous=FULL",
           "BEGIN IMMEDIATE",
           "CREATE TABLE IF NOT EXISTS scenes(number INTEGER NOT NULL, owner TEXT NOT NULL, "
           "name TEXT NOT NULL, share TEXT NOT NULL, digest TEXT NOT NULL, epoch INTEGER NOT NULL, "
@@ -184,6 +184,13 @@ Result<Manifest> Manifest::open(const std::filesystem::path& file, bool read_onl
     static_assert(application == 1380864852 && manifest_version == 2);
     manifest.has_edits_ = true;
     return manifest;
+}
+
+Result<void> Manifest::copy_to(const std::filesystem::path& file) {
+    Statement copy(*this, "VACUUM INTO ?");
+    copy.bind(file.string());
+    if (copy.step() == SQLITE_DONE) return {};
+    return fault("cannot copy the manifest to " + file.string());
 }
 
 Result<std::vector<StoredScene>> Manifest::rows() {

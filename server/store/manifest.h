@@ -76,6 +76,8 @@ public:
     /// Returns the edits of a row that have a change, by epoch. Fails if one is not as it was written.
     [[nodiscard]] Result<std::vector<KeptEdit>> edits(std::uint64_t number);
     [[nodiscard]] Result<KeptEdits> sum_of_edits(std::uint64_t number);
+    /// Writes all of it, as it is at one moment, to a new file.
+    [[nodiscard]] Result<void> copy_to(const std::filesystem::path& file);
     /// True once the disk has failed: what is written after that may be lost, so nothing is.
     [[nodiscard]] bool failed() const { return failed_; }
 

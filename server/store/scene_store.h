@@ -149,9 +149,9 @@ public:
     /// Fails with INVALID_FIELD for a scene of which nothing outlives the daemon.
     [[nodiscard]] Reply<void> may_keep(std::string_view name, bool has_state, const ConnectionId& caller);
     /// Says what must be on the disk before an edit of a scene is published. `change_bytes`: of one to be
-    /// kept.
-    [[nodiscard]] EditPlan plan_edit(const NamedScene& before, std::uint64_t change_bytes,
-                                     const ConnectionId& caller);
+    /// kept. Fails with QUOTA if a kept one is too much for the owner's disk_bytes.
+    [[nodiscard]] Reply<EditPlan> plan_edit(const NamedScene& before, std::uint64_t change_bytes, bool keep,
+                                            const ConnectionId& caller);
     /// Publishes what an edit made of `before` as the scene's next epoch, for all who hold it. Returns
     /// nothing if it is at another epoch meanwhile. Fails as may_edit() and publish() do.
     Reply<std::optional<NamedScene>> publish_edit(const NamedScene& before,
@@ -241,6 +241,8 @@ public:
     /// Returns number and bytes of the scenes that count towards the quotas of a principal, listed or
     /// unlisted ones.
     [[nodiscard]] Total charged_to(const std::string& principal, bool listed) const;
+    /// Returns the bytes of a principal's scenes in the state folder, kept edits among them.
+    [[nodiscard]] std::uint64_t on_disk_of(const std::string& principal) const;
     /// Returns advice on how to make room for scenes: to unload the principal's least recently used
     /// ones, if any, or what raises the limit, `larger`.
     [[nodiscard]] std::string remedy(const std::string& principal, const std::string& larger) const;
@@ -249,6 +251,9 @@ private:
     struct Entry {
         NamedScene scene;  ///< its memory is null while the scene is on the disk alone
         SceneFacts facts;
+        [[nodiscard]] std::uint64_t disk_bytes() const {
+            return stored.number == 0 ? 0 : stored.bytes + edit_bytes;
+        }
         BlobPin blob;             ///< not null: this content is stored
         StoredScene stored;  ///< the row of this name; number 0: it has none
         /// Kept edits since that row. They lead to this content if `blob`, that of the row, is not null.
@@ -309,6 +314,9 @@ private:
     [[nodiscard]] bool found_by(const Entry& entry, const ConnectionId& caller) const;
     Reply<void> check_quota(const Entry* changed, const ConnectionId& caller,
                             std::uint64_t bytes) const;
+    /// Fails with QUOTA if `owner` may not store so many bytes in the place of those of `changed`.
+    [[nodiscard]] Reply<void> check_disk(const Entry* changed, const std::string& owner,
+                                         std::uint64_t bytes) const;
     /// Charges the memory of a scene to another principal if the one that it is charged to holds the
     /// scene no more.
     void settle_charge(const HeldScene& held) const noexcept;

@@ -1,6 +1,7 @@
 #include "server/store/state_folder.h"
 
 #include "protocol/text.h"
+#include "server/store/descriptor.h"
 
 #include <fmt/format.h>
 
@@ -25,26 +26,6 @@ namespace {
 /// Bytes that are written or read between two looks at whether to go on.
 constexpr std::size_t step_bytes = 8 << 20;
 constexpr std::string_view temporary_prefix = ".new-";
-
-/// A file descriptor; closed at its end.
-class File {
-public:
-    File(const fs::path& path, int flags, mode_t mode = 0)
-        : number_(::open(path.c_str(), flags | O_CLOEXEC | O_NOFOLLOW, mode)) {}
-    File(const File&) = delete;
-    ~File() {
-        if (number_ >= 0) ::close(number_);
-    }
-    [[nodiscard]] int number() const { return number_; }
-    [[nodiscard]] bool is_open() const { return number_ >= 0; }
-
-private:
-    const int number_;
-};
-
-std::string reason(int error) {
-    return std::generic_category().message(error);
-}
 
 bool flush_folder(const fs::path& folder) {
     const File file(folder, O_RDONLY | O_DIRECTORY);
@@ -128,7 +109,7 @@ Result<std::unique_ptr<StateFolder>> StateFolder::open(const fs::path& folder) {
         return fail(ErrorCode::io_failed,
                     "the manifest " + manifest_file.string() +
                         " is damaged: it is gone or empty, and there are scenes; nothing was changed. "
-                        "Put a copy of it in its place, or remove the folder blobs");
+                        "Start with a backup (raynestd backup), or remove the folder blobs");
     auto manifest = Manifest::open(manifest_file);
     if (!manifest) return tl::unexpected(manifest.error());
     auto rows = manifest->rows();

@@ -1,6 +1,8 @@
 // SceneStore: what is stored, and which scenes are in memory.
 #include "server/store/scene_store.h"
 
+#include "protocol/text.h"
+
 #include <algorithm>
 #include <ctime>
 
@@ -38,6 +40,8 @@ Reply<SceneStore::Stored> SceneStore::prepare_to_store(const std::string& name,
         return tl::unexpected(allowed.error());
     const Entry* const taken = own_entry(name, caller);
     const SceneFacts facts = facts_of(*snapshot);
+    if (const auto room = check_disk(taken, caller.principal, facts.bytes); !room)
+        return tl::unexpected(room.error());
     Stored stored;
     if (taken != nullptr) stored.row = taken->row();
     if (taken != nullptr && taken->stored.number != 0)
@@ -56,6 +60,25 @@ Reply<SceneStore::Stored> SceneStore::prepare_to_store(const std::string& name,
     if (!held) return tl::unexpected(held.error());
     stored.held = std::move(*held);
     return stored;
+}
+
+std::uint64_t SceneStore::on_disk_of(const std::string& principal) const {
+    std::uint64_t bytes = 0;
+    for (const auto& [name, entry] : entries_)
+        if (entry.owner == principal) bytes += entry.disk_bytes();
+    return bytes;
+}
+
+Reply<void> SceneStore::check_disk(const Entry* changed, const std::string& owner,
+                                   std::uint64_t bytes) const {
+    const std::uint64_t bytes_max = quotas_.of(owner).disk_bytes;
+    const std::uint64_t others =
+        on_disk_of(owner) - (changed != nullptr && changed->owner == owner ? changed->disk_bytes() : 0);
+    if (bytes <= bytes_max && others <= bytes_max - bytes) return {};
+    return refuse(Code::quota, owner + " has " + protocol::bytes_text(others) + " in the state folder, " +
+                                   protocol::bytes_text(bytes) + " more are too many: " +
+                                   quotas_.limit_text(owner, &Quota::disk_bytes) + "; " +
+                                   remedy(owner, quotas_.remedy(owner, &Quota::disk_bytes)));
 }
 
 bool SceneStore::is_stored(std::string_view name, const ConnectionId& caller) const {

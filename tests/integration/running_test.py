@@ -219,7 +219,7 @@ class Running(unittest.TestCase):
         self.assertEqual((stats["quota_jobs"], stats["quota_jobs_used"]), (3, 0))
         self.assertEqual((stats["quota_scenes_used"], stats["quota_connections_used"]), (1, 1))
         self.assertEqual(root.json("stats")["quota_scenes_used"], 0)
-        self.assertRegex(root.run("admin", "quota", "bob").stdout, r"^bob uses .*0 of 3 jobs, .* of 1\.5 MiB scene_bytes; ")
+        self.assertRegex(root.run("admin", "quota", "bob").stdout, r"^bob uses .*0 of 3 jobs, .* of 1\.5 MiB scene_bytes, 0 B of .* disk_bytes; ")
         changed = root.run("admin", "quota", "bob", "scene_bytes=20G")
         self.assertEqual(changed.returncode, 0, changed.stderr)
         self.assertEqual(bob.json("stats")["quota_scene_bytes"], 20 << 30)

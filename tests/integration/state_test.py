@@ -10,94 +10,17 @@ import random
 import sqlite3
 import subprocess
 import sys
-import tempfile
-import threading
 import time
-import unittest
 
 import numpy
 
 from daemon import LONG, PATIENCE, Client, Daemon, run_tests, second_principal, until
+from with_state import WOODS, WithState
 
 ROUNDS = 60 if LONG else 20
-WOODS = "builtin:forest?trees=40"
 
 
-class State(unittest.TestCase):
-    raynestd = raynest = None
-
-    def setUp(self):
-        folder = tempfile.TemporaryDirectory(prefix="raynest test ")
-        self.addCleanup(folder.cleanup)
-        self.folder = pathlib.Path(folder.name)
-        self.state = self.folder / "state"
-        self.blobs = self.state / "blobs"
-        self.daemon = None
-        rays = numpy.random.default_rng(1).uniform(-20, 20, size=(5000, 6)).astype(numpy.float32)
-        rays[:, 2] += 10
-        self.rays = self.folder / "rays.npy"
-        numpy.save(self.rays, rays)
-
-    def start(self, *arguments):
-        self.daemon = Daemon(self.raynestd, "--state", self.state, *arguments)
-        self.addCleanup(self.daemon.folder.cleanup)
-        self.addCleanup(self.daemon.process.wait)
-        self.addCleanup(self.daemon.process.kill)
-        self.client = Client(self.raynest, self.daemon.uri)
-        return self.client
-
-    def kill(self):
-        self.daemon.process.kill()
-        self.daemon.process.wait()
-
-    def again(self, *arguments):
-        self.kill()
-        return self.start(*arguments)
-
-    def refused(self, *arguments):
-        """Starts a daemon that must end with 1, and returns its one line."""
-        done = subprocess.run([self.raynestd, "--listen", "tcp://127.0.0.1:0", "--http", "off", "--cuda", "off",
-                               "--state", self.state, *arguments], stdin=subprocess.DEVNULL,
-                              capture_output=True, text=True, timeout=PATIENCE)
-        self.assertEqual(done.returncode, 1, done.stderr)
-        self.assertEqual(done.stderr.count("\n"), 1, done.stderr)
-        return done.stderr
-
-    def scenes(self, client=None):
-        return {scene["name"]: scene for scene in (client or self.client).json("scenes")["scenes"]}
-
-    def hits(self, scene, client=None):
-        file = self.folder / "hits.npz"
-        file.unlink(missing_ok=True)
-        done = (client or self.client).run("--quiet", "query", scene, "--rays", self.rays, "-o", file)
-        self.assertEqual(done.returncode, 0, done.stderr)
-        with numpy.load(file) as columns:
-            return {name: columns[name].tobytes() for name in columns}
-
-    def fails(self, code, says, *arguments):
-        done = self.client.run(*arguments)
-        self.assertEqual(done.returncode, code, done.stderr)
-        self.assertEqual(done.stderr.count("\n"), 1, done.stderr)
-        self.assertIn(says, done.stderr)
-
-    def files(self):
-        return {file.relative_to(self.state).as_posix(): file.read_bytes()
-                for file in self.state.rglob("*") if file.is_file() and file.name != "lock"}
-
-    def blob_names(self):
-        return {file.name for file in self.blobs.iterdir()}
-
-    def damage(self, digest):
-        with open(self.blobs / digest, "r+b") as blob:
-            blob.seek(os.fstat(blob.fileno()).st_size // 2)
-            byte = blob.read(1)[0]
-            blob.seek(-1, os.SEEK_CUR)
-            blob.write(bytes([byte ^ 1]))
-
-    def check(self):
-        done = subprocess.run([self.raynestd, "check", self.state], capture_output=True, text=True, timeout=PATIENCE)
-        return done.returncode, done.stdout
-
+class State(WithState):
     def test_scenes_are_there_after_a_kill_with_owners_shares_and_equal_hits(self):
         options, token = second_principal(self.raynestd, self.addCleanup)
         client = self.start(*options)
@@ -124,6 +47,44 @@ class State(unittest.TestCase):
             self.assertEqual(self.hits(name), hits[name], name)
         self.assertEqual({scene["state"] for scene in self.scenes().values()}, {"memory"})
         self.assertEqual(after["woods"]["epoch"], 2)
+
+    def test_a_principal_fills_its_own_part_of_the_disk_alone(self):
+        options, token = second_principal(self.raynestd, self.addCleanup)
+        added = subprocess.run([self.raynestd, "token", "add", "root", "--role", "admin", *options], capture_output=True,
+                               text=True, check=True)
+        self.start(*options)
+        admin = Client(self.raynest, self.daemon.uri, added.stdout.splitlines()[-1])
+        bob = Client(self.raynest, self.daemon.uri, token)
+        bob.json("load", WOODS, "--name", "one")
+        size = bob.json("scenes")["scenes"][0]["bytes"]
+        self.assertEqual(bob.json("stats")["quota_disk_bytes_used"], size)
+        self.assertEqual(admin.run("admin", "quota", "bob", f"disk_bytes={size * 3 // 2}").returncode, 0)
+
+        def refused(*words):
+            done = bob.run(*words)
+            self.assertEqual(done.returncode, 6, done.stderr)
+            self.assertRegex(done.stderr, "in the state folder, .* its quota is disk_bytes=.*; unload scenes")
+            self.assertEqual(done.stderr.count("\n"), 1)
+
+        files = self.blob_names()
+        refused("load", WOODS + "&seed=2", "--name", "two")
+        until(lambda: self.blob_names() == files)
+        # What takes the place of another needs no more, and others have their own part.
+        bob.json("load", WOODS + "&seed=3", "--name", "one", "--replace")
+        admin.json("load", WOODS + "&seed=4", "--name", "two")
+        # Kept edits count, too, and those that are not kept do not.
+        bob.json("edit", "one", "--move", "birch-1=0,0,1", "--keep")
+        used = bob.json("stats")["quota_disk_bytes_used"]
+        self.assertGreater(used, size * 0.9)
+        admin.run("admin", "quota", "bob", f"disk_bytes={used}")
+        refused("edit", "one", "--move", "birch-1=0,0,1", "--keep")
+        bob.json("edit", "one", "--move", "birch-1=0,0,1")
+        self.again(*options)
+        bob = Client(self.raynest, self.daemon.uri, token)
+        self.assertEqual(bob.json("stats")["quota_disk_bytes_used"], used)
+        self.assertGreater(bob.json("stats")["quota_disk_bytes"], used)
+        bob.json("unload", "one")
+        self.assertEqual(bob.json("stats")["quota_disk_bytes_used"], 0)
 
     def test_many_requests_wait_for_one_read(self):
         self.start().json("load", WOODS, "--name", "woods")

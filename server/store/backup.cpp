@@ -1,0 +1,151 @@
+#include "server/store/backup.h"
+
+#include "server/store/descriptor.h"
+#include "server/store/manifest.h"
+
+#include <fcntl.h>
+#include <sys/stat.h>
+#include <unistd.h>
+
+#include <cerrno>
+#include <set>
+#include <string>
+#include <system_error>
+#include <utility>
+#include <vector>
+
+namespace raynest::server {
+namespace fs = std::filesystem;
+namespace {
+
+constexpr std::size_t step_bytes = 8 << 20;
+/// A scene that is replaced or unloaded meanwhile takes its blob along; then the manifest is copied
+/// again.
+constexpr int tries = 20;
+
+tl::unexpected<Error> refused(const std::string& doing, int error) {
+    const bool full = error == ENOSPC || error == EDQUOT || error == EFBIG;
+    return fail(ErrorCode::io_failed, doing + ": " + reason(error) +
+                                          (full ? "; make room there, or name another disk" : ""));
+}
+
+/// Copies and flushes. Returns false if there is no file `from`.
+Result<bool> copy_blob(const fs::path& from, const fs::path& to) {
+    const File source(from, O_RDONLY);
+    if (!source.is_open() && errno == ENOENT) return false;
+    if (!source.is_open()) return refused("cannot read " + from.string(), errno);
+    const File target(to, O_WRONLY | O_CREAT | O_EXCL, S_IRUSR | S_IWUSR);
+    if (!target.is_open()) return refused("cannot make " + to.string(), errno);
+    std::vector<char> bytes(step_bytes);
+    for (;;) {
+        const ssize_t read = ::read(source.number(), bytes.data(), bytes.size());
+        if (read < 0 && errno == EINTR) continue;
+        if (read < 0) return refused("cannot read " + from.string(), errno);
+        if (read == 0) break;
+        for (ssize_t at = 0; at < read;) {
+            const ssize_t written =
+                ::write(target.number(), bytes.data() + at, static_cast<std::size_t>(read - at));
+            if (written < 0 && errno == EINTR) continue;
+            if (written < 0) return refused("cannot write " + to.string(), errno);
+            at += written;
+        }
+    }
+    if (::fsync(target.number()) != 0) return refused("cannot flush " + to.string(), errno);
+    return true;
+}
+
+Result<void> flush(const fs::path& path, int flags) {
+    const File file(path, O_RDONLY | flags);
+    if (file.is_open() && ::fsync(file.number()) == 0) return {};
+    return refused("cannot flush " + path.string(), errno);
+}
+
+/// Copies the manifest, and the blobs of its rows that are not in `to` yet. Leaves the paths of
+/// blobs that `from` has no more in `gone`.
+Result<BackupCounts> copy_once(const fs::path& from, const fs::path& to,
+                               std::set<std::string>& gone) {
+    const fs::path copy = to / "manifest.sqlite";
+    std::error_code ignored;
+    fs::remove(copy, ignored);
+    {
+        auto manifest = Manifest::open(from / "manifest.sqlite", true);
+        if (!manifest) return tl::unexpected(manifest.error());
+        if (const auto copied = manifest->copy_to(copy); !copied)
+            return tl::unexpected(copied.error());
+    }
+    auto manifest = Manifest::open(copy, true);
+    if (!manifest) return tl::unexpected(manifest.error());
+    const auto rows = manifest->rows();
+    if (!rows) return tl::unexpected(rows.error());
+    BackupCounts counts;
+    std::set<std::string> used;
+    gone.clear();
+    for (const StoredScene& row : *rows) {
+        ++counts.scenes;
+        if (!used.insert(row.digest).second) continue;
+        counts.bytes += row.bytes;
+        const fs::path blob = to / "blobs" / row.digest;
+        if (fs::exists(blob, ignored)) continue;
+        const auto copied = copy_blob(from / "blobs" / row.digest, blob);
+        if (!copied) return tl::unexpected(copied.error());
+        if (!*copied) gone.insert(row.digest);
+    }
+    for (const StoredScene& row : *rows) counts.missing += gone.contains(row.digest) ? 1U : 0U;
+    for (const auto& file : fs::directory_iterator(to / "blobs", ignored))
+        if (!used.contains(file.path().filename().string())) fs::remove(file.path(), ignored);
+    if (const auto done = flush(copy, 0); !done) return tl::unexpected(done.error());
+    return counts;
+}
+
+Result<BackupCounts> fill(const fs::path& from, const fs::path& to) {
+    for (const fs::path& part : {to / "blobs", to / "damaged"})
+        if (::mkdir(part.c_str(), S_IRWXU) != 0)
+            return refused("cannot make " + part.string(), errno);
+    std::set<std::string> gone;
+    std::set<std::string> gone_before;
+    Result<BackupCounts> counts;
+    for (int i = 0; i < tries; ++i) {
+        counts = copy_once(from, to, gone);
+        // One that is gone twice is no blob of a scene that was just replaced: it is lost.
+        if (!counts || gone.empty() || gone == gone_before) break;
+        gone_before = std::exchange(gone, {});
+    }
+    if (!counts) return counts;
+    if (const auto done = flush(to / "blobs", O_DIRECTORY); !done)
+        return tl::unexpected(done.error());
+    if (const auto done = flush(to, O_DIRECTORY); !done) return tl::unexpected(done.error());
+    return counts;
+}
+
+}  // namespace
+
+Result<BackupCounts> back_up(const fs::path& from, const fs::path& to) {
+    std::error_code error;
+    if (!fs::exists(from / "manifest.sqlite", error))
+        return fail(ErrorCode::io_failed,
+                    from.string() + " is no state folder: it has no manifest.sqlite");
+    if (fs::exists(fs::symlink_status(to, error)))
+        return fail(ErrorCode::io_failed, to.string() + " exists; name a new folder");
+    const fs::path name = to.has_filename() ? to : to.parent_path();
+    fs::path unfinished = name;
+    unfinished += ".unfinished";
+    if (::mkdir(unfinished.c_str(), S_IRWXU) != 0) {
+        if (errno == EEXIST)
+            return fail(ErrorCode::io_failed, unfinished.string() +
+                                                  " exists: another backup goes on, or one was "
+                                                  "cut off; then remove it");
+        return refused("cannot make " + unfinished.string(), errno);
+    }
+    auto counts = fill(from, unfinished);
+    if (counts && ::rename(unfinished.c_str(), name.c_str()) != 0)
+        counts = refused("cannot rename " + unfinished.string(), errno);
+    const fs::path above = fs::absolute(name, error).parent_path();
+    if (counts) {
+        if (const auto done = flush(above, O_DIRECTORY); !done) return tl::unexpected(done.error());
+        return counts;
+    }
+    fs::remove_all(unfinished, error);
+    return counts;
+}
+
+}  // namespace raynest::server

@@ -1,0 +1,88 @@
+"""Shared by the tests of --state: a daemon with a state folder, and what lies in that."""
+import os
+import pathlib
+import subprocess
+import tempfile
+import unittest
+
+import numpy
+
+from daemon import PATIENCE, Client, Daemon
+
+WOODS = "builtin:forest?trees=40"
+
+
+class WithState(unittest.TestCase):
+    raynestd = raynest = None
+
+    def setUp(self):
+        folder = tempfile.TemporaryDirectory(prefix="raynest test ")
+        self.addCleanup(folder.cleanup)
+        self.folder = pathlib.Path(folder.name)
+        self.state = self.folder / "state"
+        self.blobs = self.state / "blobs"
+        self.daemon = None
+        rays = numpy.random.default_rng(1).uniform(-20, 20, size=(5000, 6)).astype(numpy.float32)
+        rays[:, 2] += 10
+        self.rays = self.folder / "rays.npy"
+        numpy.save(self.rays, rays)
+
+    def start(self, *arguments):
+        self.daemon = Daemon(self.raynestd, "--state", self.state, *arguments)
+        self.addCleanup(self.daemon.folder.cleanup)
+        self.addCleanup(self.daemon.process.wait)
+        self.addCleanup(self.daemon.process.kill)
+        self.client = Client(self.raynest, self.daemon.uri)
+        return self.client
+
+    def kill(self):
+        self.daemon.process.kill()
+        self.daemon.process.wait()
+
+    def again(self, *arguments):
+        self.kill()
+        return self.start(*arguments)
+
+    def refused(self, *arguments):
+        """Starts a daemon that must end with 1, and returns its one line."""
+        done = subprocess.run([self.raynestd, "--listen", "tcp://127.0.0.1:0", "--http", "off", "--cuda", "off",
+                               "--state", self.state, *arguments], stdin=subprocess.DEVNULL,
+                              capture_output=True, text=True, timeout=PATIENCE)
+        self.assertEqual(done.returncode, 1, done.stderr)
+        self.assertEqual(done.stderr.count("\n"), 1, done.stderr)
+        return done.stderr
+
+    def scenes(self, client=None):
+        return {scene["name"]: scene for scene in (client or self.client).json("scenes")["scenes"]}
+
+    def hits(self, scene, client=None):
+        file = self.folder / "hits.npz"
+        file.unlink(missing_ok=True)
+        done = (client or self.client).run("--quiet", "query", scene, "--rays", self.rays, "-o", file)
+        self.assertEqual(done.returncode, 0, done.stderr)
+        with numpy.load(file) as columns:
+            return {name: columns[name].tobytes() for name in columns}
+
+    def fails(self, code, says, *arguments):
+        done = self.client.run(*arguments)
+        self.assertEqual(done.returncode, code, done.stderr)
+        self.assertEqual(done.stderr.count("\n"), 1, done.stderr)
+        self.assertIn(says, done.stderr)
+
+    def files(self):
+        return {file.relative_to(self.state).as_posix(): file.read_bytes()
+                for file in self.state.rglob("*") if file.is_file() and file.name != "lock"}
+
+    def blob_names(self):
+        return {file.name for file in self.blobs.iterdir()}
+
+    def damage(self, digest):
+        with open(self.blobs / digest, "r+b") as blob:
+            blob.seek(os.fstat(blob.fileno()).st_size // 2)
+            byte = blob.read(1)[0]
+            blob.seek(-1, os.SEEK_CUR)
+            blob.write(bytes([byte ^ 1]))
+
+    def check(self):
+        done = subprocess.run([self.raynestd, "check", self.state], capture_output=True, text=True, timeout=PATIENCE)
+        return done.returncode, done.stdout
