@@ -38,14 +38,19 @@ Result<Loaded> load(const Options& options) {
         loaded.peers = std::move(*peers);
     }
     for (const std::string& name : options.peers) {
-        const auto forms =
-            loaded.peers != nullptr ? loaded.peers->forms() : std::span<const PeerForm>();
-        const bool known =
-            name == "own" || std::any_of(forms.begin(), forms.end(),
-                                         [&](const auto& form) { return form.name == name; });
+        const auto has = [&](const std::unique_ptr<PeerLibrary>& peer) {
+            return std::ranges::any_of(peer->forms(),
+                                       [&](const auto& form) { return form.name == name; });
+        };
+        const bool known = name == "own" || std::ranges::any_of(loaded.peers, has);
         if (!known)
             return fail(ErrorCode::param_invalid, "unknown peer '" + name + "': see --help");
     }
+    std::erase_if(loaded.peers, [&](const std::unique_ptr<PeerLibrary>& peer) {
+        return std::ranges::none_of(peer->forms(), [&](const PeerForm& form) {
+            return std::ranges::find(options.peers, form.name) != options.peers.end();
+        });
+    });
     auto workload = load_workload(options.scene, *loaded.registries.front());
     if (!workload) return tl::unexpected(workload.error());
     loaded.workload = std::move(*workload);

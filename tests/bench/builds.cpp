@@ -108,15 +108,18 @@ Result<void> race_build(const Options& options, Loaded& loaded, BuildQuality qua
          {"scene", [&] { static_cast<void>(Snapshot::build(scene)); }}}};
     const tbb::global_control limit(tbb::global_control::max_allowed_parallelism, threads);
     std::array<std::vector<BuildTime>, 2> ours;
-    std::vector<PeerBuild> theirs;
+    std::vector<std::vector<PeerBuild>> theirs(loaded.peers.size());
     for (int round = 0; round < options.rounds; ++round) {
         for (std::size_t i = 0; i < stages.size(); ++i) {
             ours[i].push_back(timed(stages[i].build));
         }
-        if (loaded.peers == nullptr) continue;
-        const auto build = loaded.peers->build(loaded.workload.scene->view(), quality, threads);
-        if (!build) return tl::unexpected(build.error());
-        theirs.push_back(*build);
+        for (std::size_t peer = 0; peer < theirs.size(); ++peer) {
+            const auto build =
+                loaded.peers[peer]->build(loaded.workload.scene->view(), quality, threads);
+            if (!build && build.error().code == ErrorCode::variant_unknown) continue;
+            if (!build) return tl::unexpected(build.error());
+            theirs[peer].push_back(*build);
+        }
     }
     const auto median_of = [](const auto& times, auto member) {
         std::vector<double> values;
@@ -133,22 +136,30 @@ Result<void> race_build(const Options& options, Loaded& loaded, BuildQuality qua
             {"triangles", triangles_of(loaded)},
             {"wall_seconds", median_of(ours[i], &BuildTime::wall_seconds)},
             {"cpu_seconds", median_of(ours[i], &BuildTime::cpu_seconds)}};
-        if (!theirs.empty()) {
+        const auto print = [&](nlohmann::ordered_json made) {
+            made["rounds"] = options.rounds;
+            print_object(options, std::move(made));
+        };
+        bool compared = false;
+        for (std::size_t peer = 0; peer < theirs.size(); ++peer) {
+            if (theirs[peer].empty()) continue;
             std::vector<double> wall;
             std::vector<double> cpu;
-            for (std::size_t round = 0; round < theirs.size(); ++round) {
-                wall.push_back(theirs[round].wall_seconds / ours[i][round].wall_seconds);
-                cpu.push_back(theirs[round].cpu_seconds / ours[i][round].cpu_seconds);
+            for (std::size_t round = 0; round < theirs[peer].size(); ++round) {
+                wall.push_back(theirs[peer][round].wall_seconds / ours[i][round].wall_seconds);
+                cpu.push_back(theirs[peer][round].cpu_seconds / ours[i][round].cpu_seconds);
             }
-            row["peer"] = "embree";
-            row["peer_about"] = loaded.peers->about();
-            row["peer_wall_seconds"] = median_of(theirs, &PeerBuild::wall_seconds);
-            row["peer_cpu_seconds"] = median_of(theirs, &PeerBuild::cpu_seconds);
-            row["ratio"] = median(std::move(wall));
-            row["ratio_cpu"] = median(std::move(cpu));
+            nlohmann::ordered_json against = row;
+            against["peer"] = loaded.peers[peer]->name();
+            against["peer_about"] = loaded.peers[peer]->about();
+            against["peer_wall_seconds"] = median_of(theirs[peer], &PeerBuild::wall_seconds);
+            against["peer_cpu_seconds"] = median_of(theirs[peer], &PeerBuild::cpu_seconds);
+            against["ratio"] = median(std::move(wall));
+            against["ratio_cpu"] = median(std::move(cpu));
+            print(std::move(against));
+            compared = true;
         }
-        row["rounds"] = options.rounds;
-        print_object(options, std::move(row));
+        if (!compared) print(std::move(row));
     }
     return {};
 }
@@ -201,15 +212,16 @@ Result<void> print_memory(const Options& options, Loaded& loaded) {
         {"bytes_per_triangle", per(weights.mesh_bytes, triangles_of(loaded))},
         {"instances", weights.instances},
         {"bytes_per_instance", per(weights.instance_bytes, weights.instances)}};
-    if (loaded.peers != nullptr) {
+    for (const auto& peer : loaded.peers) {
         const SceneView& view = loaded.workload.scene->view();
-        const auto memory = loaded.peers->weigh(view);
+        const auto memory = peer->weigh(view);
+        if (!memory && memory.error().code == ErrorCode::variant_unknown) continue;
         if (!memory) return tl::unexpected(memory.error());
         // A peer with one level holds every placed leaf.
         const std::uint64_t leaves = loaded.workload.scene->statistics().instances;
         const std::uint32_t triangles = view.objects[view.root].triangle_count;
-        row["peer"] = "embree";
-        row["peer_about"] = loaded.peers->about();
+        row["peer"] = peer->name();
+        row["peer_about"] = peer->about();
         row["peer_bytes_per_triangle"] = per(memory->tree_bytes, triangles);
         row["peer_reported_bytes_per_triangle"] = per(memory->reported_bytes, triangles);
         row["peer_bytes_per_instance"] =

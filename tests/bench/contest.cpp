@@ -25,7 +25,8 @@ struct RayMask {
     Query query;
 };
 
-Result<RayMask> prepare_rays(const Options& options, const Loaded& loaded, const std::string& name) {
+Result<RayMask> prepare_rays(const Options& options, const Loaded& loaded,
+                             const std::string& name) {
     RayMask set{{}, query_closest};
     if (name.ends_with(".rays")) {
         auto read = read_rays(name);
@@ -37,8 +38,7 @@ Result<RayMask> prepare_rays(const Options& options, const Loaded& loaded, const
         const auto opaque =
             loaded.registries.front()->choose("opaque", loaded.workload.scene->view());
         if (!opaque) return tl::unexpected(opaque.error());
-        const auto finder =
-            find_function(**opaque, query_closest, traversal_single);
+        const auto finder = find_function(**opaque, query_closest, traversal_single);
         if (!finder) return tl::unexpected(finder.error());
         set.rays = make_rays(loaded.workload, *kind, options.count, *finder);
         set.query = natural_query(*kind);
@@ -91,7 +91,8 @@ private:
         return {};
     }
 
-    Result<void> add_traversals(const Workload& workload, const Variant& variant, unsigned threads) {
+    Result<void> add_traversals(const Workload& workload, const Variant& variant,
+                                unsigned threads) {
         for (const std::string& traversal : options_.traversals) {
             for (const std::string& counters : options_.counters) {
                 Label label{"own", traversal, variant.name, counters, variant.target, threads};
@@ -105,11 +106,12 @@ private:
     Result<void> add_variant(const Workload& workload, const Variant& variant, Label label) {
         const auto traversal = parse_traversal(label.traversal);
         if (!traversal) return tl::unexpected(traversal.error());
-        const auto selector = KernelSelector::make(variant, set_.query, *traversal,
-                                                   counter_mode(label.counters));
+        const auto selector =
+            KernelSelector::make(variant, set_.query, *traversal, counter_mode(label.counters));
         // Where single rays stand in for what was named, a row of that name would be theirs.
-        const bool stands = selector && (*traversal == traversal_auto ||
-                                       selector->choose({}, workload.scene->view()) == *traversal);
+        const bool stands =
+            selector && (*traversal == traversal_auto ||
+                         selector->choose({}, workload.scene->view()) == *traversal);
         if (!stands) {
             static std::set<std::string> said;
             const std::string skipped =
@@ -128,8 +130,13 @@ private:
     }
 
     Result<void> add_peers() {
-        if (loaded_.peers == nullptr) return {};
-        for (const PeerForm& form : loaded_.peers->forms()) {
+        for (const auto& peer : loaded_.peers)
+            if (auto added = add_forms(*peer); !added) return added;
+        return {};
+    }
+
+    Result<void> add_forms(PeerLibrary& peer) {
+        for (const PeerForm& form : peer.forms()) {
             const bool answers = std::find(form.queries.begin(), form.queries.end(), set_.query) !=
                                  form.queries.end();
             const bool wanted = contains(options_.peers, form.name);
@@ -137,8 +144,8 @@ private:
                 std::any_of(sides_.begin(), sides_.end(),
                             [&](const Side& side) { return side.masks == form.masks; });
             if (!wanted || !answers || !comparable) continue;
-            auto side = make_peer_side(*loaded_.peers, form, loaded_.workload, set_.rays,
-                                       set_.query, hits_max_);
+            auto side =
+                make_peer_side(peer, form, loaded_.workload, set_.rays, set_.query, hits_max_);
             if (!side) return tl::unexpected(side.error());
             sides_.push_back(std::move(*side));
         }
@@ -158,8 +165,8 @@ Result<void> check_own(const std::vector<Side>& sides) {
     std::map<std::tuple<bool, bool, bool>, const Side*> first;
     for (const Side& side : sides) {
         if (side.peer != nullptr) continue;
-        const auto [at, added] = first.try_emplace(
-            {side.masks, side.over, side.label.target == "v2"}, &side);
+        const auto [at, added] =
+            first.try_emplace({side.masks, side.over, side.label.target == "v2"}, &side);
         const std::uint64_t unequal = count_unequal(*side.answers, *at->second->answers);
         if (unequal == 0) continue;
         const Label& a = side.label;
@@ -197,6 +204,12 @@ std::vector<const Side*> opponents_of(const Side& ours, const std::vector<Side>&
         }
     }
     return opponents;
+}
+
+std::string about(const std::vector<std::unique_ptr<PeerLibrary>>& peers) {
+    std::string all;
+    for (const auto& peer : peers) all += (all.empty() ? "" : "; ") + peer->about();
+    return all;
 }
 
 const char* name_of(Query query) {
@@ -251,12 +264,9 @@ Result<bool> contest(const Options& options, Loaded& loaded, const std::string& 
     const auto laps_of = [&](const Side* side) {
         return std::span<const Lap>(raced.laps[static_cast<std::size_t>(side - sides->data())]);
     };
-    const Setting setting{loaded.workload.name,
-                          loaded.workload.scene->digest(),
-                          rays,
-                          name_of(set->query),
-                          ray_count,
-                          loaded.peers != nullptr ? loaded.peers->about() : ""};
+    const Setting setting{
+        loaded.workload.name, loaded.workload.scene->digest(), rays, name_of(set->query), ray_count,
+        about(loaded.peers)};
     for (const Side& ours : *sides) {
         if (ours.peer != nullptr || ours.over) continue;
         const auto opponents = opponents_of(ours, *sides, options);

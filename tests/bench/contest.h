@@ -17,7 +17,7 @@ namespace raynest::bench {
 /// The modules and the scene of a run.
 struct Loaded {
     std::vector<std::shared_ptr<const Registry>> registries;  ///< one per target of the options
-    std::unique_ptr<PeerLibrary> peers;                       ///< null when none was asked for
+    std::vector<std::unique_ptr<PeerLibrary>> peers;          ///< empty when none was asked for
     Workload workload;
     std::optional<Workload> over;  ///< the other form of the scene
 };

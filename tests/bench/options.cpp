@@ -56,8 +56,8 @@ std::optional<Options> parse_options(int argc, char** argv, int& exit_code) {
     app.add_option("--threads", options.threads, "")->delimiter(',')->check(CLI::Range(1U, 256U));
     app.add_option("--peers", options.peers,
                    "embree, embree-packet, embree-coherent, embree-robust, embree-filter, "
-                   "embree-filter-coherent, embree-argument, embree-list, embree-shrink; "
-                   "own: our first variant")
+                   "embree-filter-coherent, embree-argument, embree-list, embree-shrink, tinybvh, "
+                   "tinybvh-hq; own: our first variant")
         ->delimiter(',');
     app.add_option("--pack-dir", options.pack_dirs, "more kernel packs");
     app.add_option("--count", options.count, "rays per set")->check(CLI::Range(1024U, 1U << 26));

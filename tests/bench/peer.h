@@ -65,6 +65,8 @@ struct PeerMemory {
 class PeerLibrary {
 public:
     virtual ~PeerLibrary() = default;
+    /// As in the names of its forms: "embree".
+    [[nodiscard]] virtual std::string name() const = 0;
     /// Version, instruction set, kind of tree, whether its asserts are live.
     [[nodiscard]] virtual std::string about() const = 0;
     /// How much faster the library is known to be with its asserts off: 1 when they are.
@@ -84,8 +86,8 @@ using PeerEntry = PeerLibrary* (*)();
 /// Where the build puts what only raynest-bench loads.
 std::filesystem::path module_dir();
 
-/// Loads the module of the best target up to `target_max` (v2, v3, v4) that this CPU runs; variant_unknown
-/// when none was built.
-Result<std::unique_ptr<PeerLibrary>> load_peers(std::string_view target_max);
+/// Loads each peer's module of the best target up to `target_max` (v2, v3, v4) that this CPU runs;
+/// variant_unknown when none was built.
+Result<std::vector<std::unique_ptr<PeerLibrary>>> load_peers(std::string_view target_max);
 
 }  // namespace raynest::bench

@@ -100,6 +100,7 @@ public:
                  (asserts_ ? "live" : "off");
     }
 
+    [[nodiscard]] std::string name() const override { return "embree"; }
     [[nodiscard]] std::string about() const override { return about_; }
 
     [[nodiscard]] double assert_factor(Query query, bool packets) const override {
