@@ -30,13 +30,13 @@ OPTIONS = (
 
 class Idle(WithDaemon):
     def notes(self, *arguments):
-        """What a command that succeeds says beside its answer."""
+        """Returns the notes of a command that succeeds."""
         done = self.cli.run(*arguments)
         self.assertEqual(done.returncode, 0, f"{arguments}: {done.stdout}{done.stderr}")
         return done.stderr
 
     def warned(self, call):
-        """What Python says of a call: an error, or its warnings."""
+        """Returns the error of a call, or its warnings."""
         with warnings.catch_warnings(record=True) as caught:
             warnings.simplefilter("always")
             try:
