@@ -198,7 +198,8 @@ class Http(DaemonTest):
         before = self.stat("http_timeouts")
         start = time.monotonic()
         self.assertEqual(raw(self.http, b"GET / HTTP/1.1\r\nHo"), b"")
-        self.assertLess(time.monotonic() - start, PATIENCE)
+        # 1.5 s, and room for a busy machine.
+        self.assertLess(time.monotonic() - start, 10)
         self.assertGreater(time.monotonic() - start, 1.0)
         until(lambda: self.stat("http_timeouts") == before + 1)
 

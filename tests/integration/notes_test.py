@@ -147,6 +147,10 @@ class Notes(DaemonTest):
         texts = png_texts((self.out / "h.png").read_bytes())
         self.assertEqual((texts["raynest:scene"], texts["raynest:metric"], texts["raynest:other_mask"]), ("woods", "total", "1"))
         self.assertIn("raynest:range", texts)
+        for count in ("traversed", "necessary"):
+            for name, read in (("h.png", png_texts), ("h.exr", read_texts)):
+                self.client.json("heatmap", "woods", *VIEW, "--count", count, "-o", self.out / name)
+                self.assertEqual(read((self.out / name).read_bytes())["raynest:count"], count)
         for name, read in (("p.png", png_texts), ("p.exr", read_texts)):
             self.client.json("render", "woods", *VIEW, "-o", self.out / name)
             texts = read((self.out / name).read_bytes())

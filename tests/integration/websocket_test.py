@@ -160,11 +160,14 @@ class Transport(DaemonTest):
             self.assertIn("frame_bytes_max", self.ends(ws, "LIMIT_EXCEEDED"))
         with WebSocket(self.daemon.http) as ws:
             ws.send("Hello 0 " + json.dumps({"client": "x" * 5000}))
-            self.assertIn("greeting_bytes_max", self.ends(ws, "LIMIT_EXCEEDED"))
+            self.assertIn("greeting_bytes_max = 4096", self.ends(ws, "LIMIT_EXCEEDED"))
+        with WebSocket(self.daemon.http) as ws:
+            ws.send(HEADER.pack(b"RYN1", 1, 0, 4097, 0, 0, 0) + bytes(4097), BINARY)
+            self.assertIn("greeting_bytes_max = 4096", self.ends(ws, "LIMIT_EXCEEDED"))
         with WebSocket(self.daemon.http) as ws:
             ws.send('Stats 1 {}')
             self.assertIn("expected Hello", self.ends(ws))
-        self.assertEqual(self.stat("bad_frames"), before + 5)
+        self.assertEqual(self.stat("bad_frames"), before + 6)
         # A message just below the limit is read.
         with greeted(self.daemon.http) as ws:
             ws.send("Info 1 {" + " " * 65000 + '"scene":"forest"}')
