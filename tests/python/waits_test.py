@@ -169,7 +169,7 @@ class Patience(WithFake):
         begin = time.monotonic()
         with self.assertRaises(raynest.DeadlineError):
             scene.trace(np.ones((10, 8)), deadline=0.1)
-        self.assertLess(time.monotonic() - begin, PATIENCE)
+        self.assertLess(time.monotonic() - begin, PATIENCE / 3)
 
     def test_a_daemon_that_only_reports_ends_with_the_deadline(self):
         def script(peer):
@@ -180,7 +180,7 @@ class Patience(WithFake):
         begin = time.monotonic()
         with self.assertRaises(raynest.DeadlineError):
             self.scene(script).render(size=(8, 8), deadline=0.1)
-        self.assertLess(time.monotonic() - begin, PATIENCE)
+        self.assertLess(time.monotonic() - begin, PATIENCE / 3)
 
     def test_a_pause_of_the_caller_is_not_one_of_the_daemon(self):
         """Nor is one of this process, which nobody sees but the clock."""

@@ -80,7 +80,7 @@ TEST_CASE("a film holds mean, variance and the first surface") {
     const double n = 4096;
     for (int c = 0; c < 3; ++c)
         CHECK(static_cast<double>(film.colour(0)[c]) ==
-              doctest::Approx(sum[static_cast<std::size_t>(c)] / n).epsilon(1e-5));
+              doctest::Approx(sum[static_cast<std::size_t>(c)] / n).epsilon(1e-5).scale(0));
     const double variance = squares / n - lum / n * lum / n;
     CHECK(static_cast<double>(film.floats(FilmLayer::variance)[0]) ==
           doctest::Approx(variance).epsilon(1e-4).scale(0));
