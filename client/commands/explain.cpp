@@ -88,13 +88,15 @@ void declare(CommandLine& line, ExplainOptions& explain) {
     ray.excludes(pixel);
     for (const char* other : {"--camera", "--lookat", "--fov", "--size"})
         ray.excludes(line.find(other));
-    line.add_flag("--all", explain.all, "all steps of a long traversal, not the first 256");
+    const Option all =
+        line.add_flag("--all", explain.all, "all steps of a long traversal, not the first 256");
     add_light(line, explain,
               "the rays of a path in place of a traversal: ao | direct | path, as render has them");
     line.add_whole("--sample", explain.sample, 0U,
                    static_cast<std::uint32_t>(protocol::Limits{}.samples_max - 1),
                    "of an integrator: the sample of the pixel whose path is shown (0)");
     ray.excludes(line.find("--integrator"));
+    all.excludes(line.find("--integrator"));
     for (const char* other : {"--seed", "--depth", "--ao-distance", "--env", "--sun", "--sample"})
         line.find(other).needs(line.find("--integrator"));
     line.at_end([&explain] {

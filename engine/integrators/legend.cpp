@@ -99,6 +99,19 @@ std::vector<std::string> flow(const std::vector<std::string>& words, std::uint32
     return lines;
 }
 
+/// Cuts words that do not fit a line, and ends them in dots.
+std::vector<std::string> cut(std::vector<std::string> words, std::uint32_t width,
+                             std::uint32_t text_scale) {
+    constexpr std::string_view dots = "...";
+    for (std::string& word : words) {
+        if (text_width(word, text_scale) <= width) continue;
+        while (!word.empty() && text_width(word, text_scale) + text_width(dots, text_scale) > width)
+            word.pop_back();
+        word += dots;
+    }
+    return words;
+}
+
 std::vector<std::string> statistic_words(const HeatStatistics& s, const HeatOptions& options,
                                          bool of_difference) {
     const auto share = [](double part) { return number(100 * part, 1) + "%"; };
@@ -134,18 +147,21 @@ public:
         title_ = counter == counters.end() ? std::string_view(options.metric) : counter->title;
         if (scale.logarithmic) title_ += log_suffix;
         widen();
+        view_ = flow(cut(options.view, inner_width(), unit_), inner_width(), unit_);
         numbers_ = flow(statistic_words(statistics, options, scale.centred), inner_width(), unit_);
     }
 
     void append() {
         const std::uint32_t top = picture_.height;
-        const auto lines = static_cast<std::uint32_t>(numbers_.size()) + 2;
+        const auto lines = static_cast<std::uint32_t>(view_.size() + numbers_.size()) + 2;
         picture_.height +=
             unit_ * (2 * margin + bar_height + tick_height + 3 * gap + lines * line_advance);
         picture_.rgba.resize(std::size_t{4} * picture_.width * picture_.height);
         fill(0, top, picture_.width, picture_.height - top, paper);
 
-        std::uint32_t y = write_line(title_, top + unit_ * margin);
+        std::uint32_t y = top + unit_ * margin;
+        for (const std::string& line : view_) y = write_line(line, y);
+        y = write_line(title_, y);
         y = draw_bar(y) + unit_ * gap;
         y = draw_ticks(y) + unit_ * gap;
         for (const std::string& line : numbers_) y = write_line(line, y);
@@ -245,6 +261,7 @@ private:
     const HeatStatistics& statistics_;
     const std::uint32_t unit_ = picture_.width >= large_picture_width ? 2 : 1;
     std::string title_;
+    std::vector<std::string> view_;
     std::vector<std::string> numbers_;
     std::vector<Span> labels_;
 };

@@ -1,5 +1,6 @@
 // The strip below a heat map that says what its colours mean.
 //
+//   forest   camera main
 //   total per ray (boxes + primitives)
 //   [==================== palette =====================]
 //   |          |          |           |                |

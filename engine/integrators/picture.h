@@ -87,6 +87,8 @@ struct HeatOptions {
     std::string scale = "linear";     ///< linear | log
     std::string range = "p99";        ///< auto | p99 | a:b; of a difference -b:b
     std::string count = "traversed";  ///< traversed | necessary: for the legend alone
+    /// For the legend alone: what the picture is of, such as a scene and a camera.
+    std::vector<std::string> view = {};
 };
 
 /// Fails with param_invalid, naming the choices.

@@ -1,4 +1,6 @@
-// The paper's first use case: texels with low alpha are holes that the ray passes through.
+// The paper's first use case: texels with low alpha are holes that the ray passes through. `auto`
+// takes it where a scene has MASK materials; with BLEND alone it takes opaque, and nothing has
+// holes.
 #pragma once
 
 #include "engine/intersectors/alpha_test.h"

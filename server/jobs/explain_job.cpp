@@ -41,12 +41,16 @@ Reply<void> ExplainJob::ended() {
 
 Frames ExplainJob::farewell() {
     Frames frames;
-    frames.push_back(*protocol::encode(id_, done()));
+    wire::DoneT message = done();
+    for (std::string& note : notes_) message.notes.push_back(std::move(note));
+    frames.push_back(*protocol::encode(id_, message));
     return frames;
 }
 
 void ExplainJob::finish(const Chunk& chunk, Traversal traversal,
-                        const JobStatistics::Counts& counts, const std::string& document) {
+                        const JobStatistics::Counts& counts, const std::string& document,
+                        std::vector<std::string> notes) {
+    notes_ = std::move(notes);
     payload_.set(json_payload(1, 1, document));
     statistics_.add(chunk.backend, traversal, counts);
     count_rays("explain", chunk, counts.rays);

@@ -8,6 +8,7 @@
 #include <cstdint>
 #include <optional>
 #include <string>
+#include <vector>
 
 namespace raynest::server {
 
@@ -27,9 +28,9 @@ public:
     Frames farewell() override;
 
 protected:
-    /// Ends trace(): the rays that it took, and the document.
+    /// Ends trace(): the rays that it took, the document, and what the user is told beside it.
     void finish(const Chunk& chunk, Traversal traversal, const JobStatistics::Counts& counts,
-                const std::string& document);
+                const std::string& document, std::vector<std::string> notes = {});
 
     const std::string camera_;
 
@@ -42,6 +43,7 @@ private:
     const Budget::Lease lease_;
     PayloadSender payload_;
     bool explained_ = false;
+    std::vector<std::string> notes_;
 };
 
 }  // namespace raynest::server

@@ -1,13 +1,13 @@
 #include "server/jobs/film_job.h"
 
-#include "engine/scene/precision.h"
 #include "protocol/blocks.h"
 #include "protocol/hash.h"
 #include "protocol/text.h"
-#include "server/jobs/received_picture.h"
-#include "server/documents/scene_info.h"
-#include "server/scheduling/dispatched_task.h"
 #include "server/documents/film_file.h"
+#include "server/documents/scene_info.h"
+#include "server/jobs/light_notes.h"
+#include "server/jobs/received_picture.h"
+#include "server/scheduling/dispatched_task.h"
 
 #include <algorithm>
 #include <array>
@@ -444,11 +444,8 @@ void FilmJob::complete(wire::DoneT& done) const {
     done.dropped = film_->dropped();
     done.incomplete = tiles_->settled() < tiles_->total();
     if (integrator_ == nullptr) return;
-    for (const std::string& note : integrator_->notes())
-        done.notes.push_back(protocol::clean_text(note, services_.limits.text_bytes_max));
-    const Snapshot& scene = plan_.scene.snapshot();
-    if (std::string warning = light_warning(scene.origin(), scene.bounds()); !warning.empty())
-        done.notes.push_back(std::move(warning));
+    for (std::string& note : light_notes(*integrator_, plan_.scene.snapshot(), services_.limits))
+        done.notes.push_back(std::move(note));
     if (done.incomplete) {
         std::uint64_t samples = 0;
         for (std::uint64_t tile = 0; tile < tile_count_; ++tile)

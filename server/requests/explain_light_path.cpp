@@ -4,16 +4,18 @@
 #include "engine/geometry/tile_order.h"
 #include "engine/integrators/camera.h"
 #include "engine/integrators/integrator.h"
+#include "protocol/text.h"
+#include "server/documents/light_path_json.h"
+#include "server/execution/choose_backends.h"
 #include "server/execution/chunk_caster.h"
 #include "server/jobs/explain_job.h"
+#include "server/jobs/light_notes.h"
+#include "server/jobs/ray_source.h"
 #include "server/requests/words/explain_request.h"
 #include "server/requests/words/film_options.h"
-#include "server/requests/words/make_plan.h"
-#include "server/documents/light_path_json.h"
-#include "server/jobs/ray_source.h"
-#include "server/execution/choose_backends.h"
 #include "server/requests/words/generator.h"
-#include "protocol/text.h"
+#include "server/requests/words/idle_options.h"
+#include "server/requests/words/make_plan.h"
 
 #include <charconv>
 #include <cstddef>
@@ -72,7 +74,8 @@ private:
             ++(ray.hit.hit != 0 || ray.blocked ? counts.hits : counts.misses);
         }
         finish(chunk, caster.traversal(), counts,
-               path_json(plan_, context_, sample, recorder.rays()));
+               path_json(plan_, context_, sample, recorder.rays()),
+               light_notes(**integrator, scene, services_.limits));
         return Frames{};
     }
 
@@ -121,6 +124,8 @@ Reply<Answer> explain_path(const Services& services, const Caller& caller,
     auto plan = make_plan(services, caller, protocol::present(message.job()), query_closest,
                           counters_none, true);
     if (!plan) return tl::unexpected(plan.error());
+    if (std::string note = idle_options_note(message, integrator); !note.empty())
+        plan->notes.push_back(std::move(note));
     if (plan->detach)
         return refuse(Code::invalid_field, "a path is explained at once: leave `detach` out");
     auto any = Plan::with(*plan, query_any, counters_none);

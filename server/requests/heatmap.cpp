@@ -9,6 +9,7 @@
 #include "server/execution/choose_backends.h"
 #include "server/jobs/heatmap_job.h"
 #include "server/requests/request.h"
+#include "server/requests/words/idle_options.h"
 #include "server/requests/words/make_plan.h"
 #include "server/requests/words/picture_request.h"
 
@@ -140,6 +141,33 @@ std::string difference_note(const Plan& plan, const Plan& other) {
     return "the difference is the cost of " + words(plan) + " less that of " + words(other);
 }
 
+/// The legend's words for the scene and the camera: "woods", "from (0, 1, 5) to (0, 0, 0)".
+std::vector<std::string> view_words(const Plan& plan, const Plan* other, const Camera& camera,
+                                    const wire::Camera* asked, std::size_t bytes_max) {
+    const WorldPoint& origin = plan.scene.snapshot().origin();
+    const int digits = origin == WorldPoint{} ? 6 : 9;
+    const auto point = [&](const wire::Vec3* at) {
+        const std::array<float, 3> relative{at->x(), at->y(), at->z()};
+        std::string text;
+        for (std::size_t axis = 0; axis < relative.size(); ++axis) {
+            std::array<char, 32> number{};
+            const auto end = std::to_chars(number.data(), number.data() + number.size(),
+                                           static_cast<double>(relative[axis]) + origin[axis],
+                                           std::chars_format::general, digits);
+            text.append(axis == 0 ? "(" : ", ")
+                .append(number.data(), static_cast<std::size_t>(end.ptr - number.data()));
+        }
+        return text + ")";
+    };
+    std::string scene = plan.scene.name;
+    if (other != nullptr && other->scene.name != scene) scene += " less " + other->scene.name;
+    const bool looks =
+        asked != nullptr && asked->look_at() && asked->eye() != nullptr && asked->at() != nullptr;
+    const std::string place = looks ? "from " + point(asked->eye()) + " to " + point(asked->at())
+                                    : std::string("camera ").append(camera.name);
+    return {protocol::clean_text(scene, bytes_max), protocol::clean_text(place, bytes_max)};
+}
+
 }  // namespace
 
 Reply<Answer> heatmap(const Services& services, const Caller& caller,
@@ -170,6 +198,8 @@ Reply<Answer> heatmap(const Services& services, const Caller& caller,
         plan.notes.push_back(protocol::clean_text(difference_note(plan, other->counted),
                                         services.limits.text_bytes_max));
     }
+    if (std::string note = idle_options_note(*message.table, form->file); !note.empty())
+        plan.notes.push_back(std::move(note));
     if (const auto known = check_level(metric, levels); !known)
         return refuse(Code::invalid_field, known.error().message);
     std::vector<Column> metrics = metrics_of(*options, *form, levels);
@@ -202,6 +232,8 @@ Reply<Answer> heatmap(const Services& services, const Caller& caller,
             : make_request(services, caller, std::move(plan), message->camera(), pixels, form->file,
                            bytes);
     if (!request) return tl::unexpected(request.error());
+    options->view = view_words(request->plan, other ? &other->counted : nullptr, request->camera,
+                               message->camera(), services.limits.name_bytes_max);
     JobSubmission accepted = accept(request->plan, "heatmap", request->rays() * (other ? 2 : 1));
     accepted.advice = smaller_picture(form->file);
     accepted.answer_bytes = accepted.result_bytes =

@@ -104,8 +104,6 @@ Reply<Answer> render(const Services& services, const Caller& caller,
     const std::uint64_t pixels = asked.size().pixels();
     if (auto chosen = choose_backends(services.backends, pixels, *plan); !chosen)
         return tl::unexpected(chosen.error());
-    if (message->samples() > 1)
-        plan->notes.push_back("primary traces one ray per pixel, whatever `samples` says");
     if (std::string note = idle_options_note(*message.table, integrator); !note.empty())
         plan->notes.push_back(std::move(note));
 

@@ -55,6 +55,11 @@ class Rankings(DaemonTest):
                     self.assertTrue(0 <= row["wasted"] <= 1 and row["hit_rays"] <= row["rays"] <= counts.size)
                     self.assertAlmostEqual(row["work_per_ray"] * row["rays"], row["work"], places=3)
 
+    def test_what_is_wasted_is_a_share_of_the_row_s_own_work(self):
+        for table in ("instances", "meshes"):
+            rows = self.rank("--top", "100")[table]["rows"]
+            self.assertTrue(any(row["wasted"] > row["share"] for row in rows), rows)
+
     def test_rows_are_named_as_paths_and_materials_are(self):
         told = self.rank("--top", "5")
         for row in told["instances"]["rows"]:

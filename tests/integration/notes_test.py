@@ -38,16 +38,21 @@ def triangles(*names):
                        "min": [-1, -1, 0], "max": [1, 1, 0]}]})
 
 
-def png_texts(data):
-    """Returns the uncompressed text chunks of a PNG."""
-    texts, at = {}, 8
+def png_chunks(data, wanted):
+    """Returns the chunks of a kind of a PNG."""
+    chunks, at = [], 8
     while at < len(data):
         length, kind = struct.unpack(">I4s", data[at:at + 8])
-        if kind == b"tEXt":
-            key, _, value = data[at + 8:at + 8 + length].partition(b"\0")
-            texts[key.decode()] = value.decode()
+        if kind == wanted:
+            chunks.append(data[at + 8:at + 8 + length])
         at += 12 + length
-    return texts
+    return chunks
+
+
+def png_texts(data):
+    """Returns the uncompressed text chunks of a PNG."""
+    parts = [chunk.partition(b"\0") for chunk in png_chunks(data, b"tEXt")]
+    return {key.decode(): value.decode() for key, _, value in parts}
 
 
 class Notes(DaemonTest):
@@ -142,10 +147,27 @@ class Notes(DaemonTest):
         texts = png_texts((self.out / "h.png").read_bytes())
         self.assertEqual((texts["raynest:scene"], texts["raynest:metric"], texts["raynest:other_mask"]), ("woods", "total", "1"))
         self.assertIn("raynest:range", texts)
+        for count in ("traversed", "necessary"):
+            for name, read in (("h.png", png_texts), ("h.exr", read_texts)):
+                self.client.json("heatmap", "woods", *VIEW, "--count", count, "-o", self.out / name)
+                self.assertEqual(read((self.out / name).read_bytes())["raynest:count"], count)
         for name, read in (("p.png", png_texts), ("p.exr", read_texts)):
             self.client.json("render", "woods", *VIEW, "-o", self.out / name)
             texts = read((self.out / name).read_bytes())
             self.assertEqual((texts["raynest:scene"], texts["raynest:integrator"]), ("woods", "primary"))
+
+    def test_the_legend_names_scene_and_camera(self):
+        """The pictures are the same, so only their legends can differ."""
+        self.client.json("load", "builtin:forest?trees=20", "--name", "grove")
+
+        def shown(scene, look_at):
+            self.client.json("heatmap", scene, *SIZE, "--lookat", look_at, "-o", self.out / "l.png")
+            return b"".join(png_chunks((self.out / "l.png").read_bytes(), b"IDAT"))
+        first = shown("woods", "0,6,18,0,4,0")
+        self.assertEqual(first, shown("woods", "0,6,18,0,4,0"))
+        self.assertNotEqual(first, shown("grove", "0,6,18,0,4,0"))
+        self.assertNotEqual(first, shown("woods", "0,6,18,0,2,-18"))
+        self.client.json("unload", "grove")
 
     def test_a_difference_names_what_differs_and_shows_how_much(self):
         told = self.client.json("heatmap", "woods", *VIEW, "--diff", "mask=1", "-o", self.out / "d.png")

@@ -194,6 +194,13 @@ class Operation(unittest.TestCase):
         (self.folder / "tokens").write_text("rubbish\n")
         self.says(root.run("admin", "reload"), 5, "tokens, line 1")
 
+    def test_a_reload_of_an_unusable_certificate_fails(self):
+        certificates = Certificates(self.raynestd, self.folder / "tls")
+        daemon, root, _ = self.local("--listen", "tls://127.0.0.1:0", *certificates.server)
+        self.says(root.run("admin", "reload"), 0, "were read again")
+        (certificates.folder / "cert.pem").write_text("rubbish\n")
+        self.says(root.run("admin", "reload"), 5, "cert.pem")
+
     # ---- statistics and quotas ------------------------------------------------------------------
 
     def test_statistics_of_others_than_administrators_are_their_own(self):

@@ -189,6 +189,12 @@ class Origin(DaemonTest):
         with self.assertWarnsRegex(raynest.RayWarning, "light starts beside"):
             self.python.scene("plate").render(integrator="path", spp=1, size=(16, 9))
         self.python.mesh(corners, FACES, "near plate", origin=(1e5, 1e5, 1e5))
+        paths = {name: self.client.run("explain", name, "--integrator", "ao", "--pixel", "8,4", "--size", "16x9").stderr
+                 for name in ("plate", "near plate")}
+        self.assertIn("light starts beside the surfaces that it leaves", paths["plate"])
+        self.assertEqual(paths["near plate"].count("light starts"), 0)
+        with self.assertWarnsRegex(raynest.RayWarning, "light starts beside"):
+            self.python.scene("plate").explain(pixel=(8, 4), size=(16, 9), integrator="ao")
         self.assertNotIn("light starts", " ".join(self.client.json("render", "near plate", "--integrator", "path", *out)["notes"]))
 
     def test_rays_that_lose_digits_on_their_way_are_counted(self):

@@ -129,6 +129,16 @@ class PageTest(unittest.TestCase):
                              (f"cpu.example.org:{port}", 421), (f"x.gpu.example.org:{port}", 421)):
             self.assertEqual(get(self.http, "/login.html", host=host)[0], status, host)
 
+    def test_a_star_of_a_certificate_is_one_name(self):
+        certificates = Certificates(self.raynestd, self.out / "star", "*.wild.example")
+        daemon = SecureDaemon(self.raynestd, certificates, "--http", "https://127.0.0.1:0")
+        self.addCleanup(daemon.stop)
+        websocket.trusted.load_verify_locations(certificates.ca)
+        port = place_of(daemon.http)[1]
+        for host, status in (("a.wild.example", 200), ("A.wild.example", 200), ("a.b.wild.example", 421),
+                             ("wild.example", 421), (".wild.example", 421), ("a.tame.example", 421)):
+            self.assertEqual(get(daemon.http, "/login.html", host=f"{host}:{port}")[0], status, host)
+
     def test_plain_text_on_the_encrypted_port_and_tls_on_the_plain_one_are_told_apart(self):
         text = raw(self.http.replace("https", "http"), b"GET / HTTP/1.1\r\nHost: x\r\n\r\n")
         self.assertEqual(split(text)[0], 400)

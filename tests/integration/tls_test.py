@@ -143,6 +143,23 @@ class Tls(unittest.TestCase):
                      "it is a folder")
         self.refused(SecureClient(self.raynest, uri, self.certificates.folder / "key.pem", self.token), 2,
                      "no CA certificate in PEM form")
+        # localhost leads to this daemon, whose certificate here has another name.
+        folder = self.certificates.folder
+        for name, code in (("gpu.example.org", 3), ("localhost", 0)):
+            request = openssl("req", "-new", "-key", folder / "key.pem", "-subj", "/CN=localhost", "-addext",
+                              f"subjectAltName=DNS:{name}", "-out", self.out / "named.csr")
+            self.assertEqual(request.returncode, 0, request.stdout)
+            made = openssl("x509", "-req", "-in", self.out / "named.csr", "-CA", folder / "ca.pem", "-CAkey",
+                           folder / "ca-key.pem", "-days", "9", "-copy_extensions", "copy", "-out",
+                           self.out / "named.pem")
+            self.assertEqual(made.returncode, 0, made.stdout)
+            named = Daemon(self.raynestd, "--listen", "tls://127.0.0.1:0", "--tls-cert", self.out / "named.pem",
+                           "--tls-key", folder / "key.pem", "--http", "off")
+            self.addCleanup(named.stop)
+            port = next(uri for uri in named.listen if uri.startswith("tls://")).rsplit(":", 1)[1]
+            done = SecureClient(self.raynest, f"tls://localhost:{port}", self.certificates.ca).run("scenes")
+            self.assertEqual(done.returncode, code, done.stderr)
+            self.assertEqual("is not for localhost" in done.stderr, code == 3, done.stderr)
         unverified = SecureClient(self.raynest, second, None, self.token)
         done = unverified.run("--tls-verify", "off", "scenes")
         self.assertEqual(done.returncode, 0, done.stderr)

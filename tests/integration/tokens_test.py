@@ -88,8 +88,9 @@ class TokensTest(unittest.TestCase):
         self.says(done, 1, "other users may read", "chmod 600")
         given = self.out / "given"
         given.write_text(secret)
-        given.chmod(0o644)
-        self.says(self.client().run("--token-file", given, "scenes"), 2, "chmod 600")
+        for mode in (0o644, 0o640, 0o604):
+            given.chmod(mode)
+            self.says(self.client().run("--token-file", given, "scenes"), 2, "chmod 600")
         given.chmod(0o600)
         self.says(self.client().run("--token-file", given, "scenes"), 4, "is unknown here")
 
@@ -184,8 +185,23 @@ class TokensTest(unittest.TestCase):
         wrong.communicate("nothing\n", timeout=PATIENCE)
         self.assertEqual(wrong.returncode, 4)
         self.assertEqual(kept.read_text(), before)
-        kept.chmod(0o644)
-        self.says(bare.run("scenes"), 2, "chmod 600")
+        # A file that is named comes before RAYNEST_TOKEN, and that before what login has kept.
+        given = self.out / "root"
+        given.write_text(self.secrets["root"])
+        given.chmod(0o600)
+
+        def owner(client, *options):
+            self.says(client.run(*options, "load", "builtin:terrain?size=8", "--name", "mine"), 0)
+            found = [scene["name"] for scene in self.client("root").json("scenes")["scenes"] if "mine" in scene["name"]]
+            self.says(client.run(*options, "unload", "mine"), 0)
+            return found
+        self.assertEqual(owner(bare), ["alice/mine"])
+        both = SecureClient(self.raynest, self.daemon.tls, token=self.secrets["bob"], home=home)
+        self.assertEqual(owner(both), ["bob/mine"])
+        self.assertEqual(owner(both, "--token-file", given), ["mine"])
+        for mode in (0o644, 0o640):
+            kept.chmod(mode)
+            self.says(bare.run("scenes"), 2, "chmod 600")
         self.client("alice").run("scenes")
 
     def test_a_token_is_not_sent_where_others_can_read_it(self):

@@ -262,7 +262,7 @@ class Errors(WithDaemon):
                 ("look_at is", lambda: self.woods.render(look_at=5)),
                 ("deadline of inf", lambda: raynest.Job(self.client, 1).wait(deadline=np.inf)),
                 ("spp of -1", lambda: self.woods.render(samples=-1)),
-                ("seed of -1: .* to 18446744073709551615", lambda: self.woods.render(seed=-1)),
+                ("seed of -1: .* to 18446744073709551615", lambda: self.woods.render(integrator="ao", seed=-1)),
                 ("fov of 1e", lambda: self.woods.render(fov=1e300)),
                 ("eye of ", lambda: self.woods.render(look_at=([1e300, 0, 0], [0, 0, 0]))),
                 ("a side of size of 2.5", lambda: self.woods.heatmap(size=(2.5, 3))),

@@ -62,6 +62,9 @@ class Films(WithDaemon):
         for wrong in ("inst=", "inst=x", "path=1", "oak"):
             with self.assertRaises(raynest.UsageError):
                 self.woods.trace(rays, hide=[wrong])
+        for wrong in (2**32, f"inst={2**32}", f"object={2**32}", f"inst={2**32 - 1}"):
+            with self.assertRaises(raynest.Error):
+                self.woods.trace(rays, hide=[wrong])
 
     def test_the_arrays_are_those_of_the_file(self):
         words = {"integrator": "ao", "spp": 3, **VIEW}
@@ -143,6 +146,9 @@ class Films(WithDaemon):
                       {"integrator": "path", "sun": (1, 2, 3)}, {"integrator": "magic"}):
             with self.subTest(words=words), self.assertRaises((raynest.UsageError, raynest.InvalidError, ValueError)):
                 self.woods.render(**VIEW, **words)
+        for elevation in (91, -90.5, np.nan):
+            with self.assertRaisesRegex(raynest.UsageError, "^sun of .*: its elevation must lie between"):
+                self.woods.render(integrator="path", sun=(0, elevation), **VIEW)
         with self.assertRaises(raynest.UsageError):
             next(iter(self.woods.render_stream(integrator="primary", **VIEW)))
 
@@ -153,6 +159,21 @@ class Films(WithDaemon):
                 read_exr(file[:size], 1 << 20)
         with self.assertRaises(raynest.ProtocolError):
             read_exr(file, 100)
+        # The places of its four blocks stand before them; two are exchanged.
+        table = next(at for at in range(len(file)) if file[at:at + 8] == (at + 32).to_bytes(8, "little"))
+        moved = file[:table] + file[table + 8:table + 16] + file[table:table + 8] + file[table + 16:]
+        with self.assertRaises(raynest.ProtocolError):
+            read_exr(moved, 1 << 20)
+
+    def test_positions_are_in_the_world_and_those_of_misses_are_zero(self):
+        origin = np.array([5e5, 100.0, 4e6])
+        corners = origin + [[-1, 0, -1], [1, 0, -1], [1, 0, 1], [-1, 0, 1]]
+        square = self.client.mesh(corners, [[0, 1, 2], [0, 2, 3]], "far square", origin=tuple(origin))
+        layers = square.render(integrator="ao", spp=1, size=(64, 32), look_at=(origin + [0, 4, 0.1], origin))
+        missed = layers["mesh"] == 0xFFFFFFFF
+        self.assertTrue(missed.any() and not missed.all())
+        self.assertEqual(np.abs(layers["P"][missed]).max(), 0)
+        self.assertLess(np.abs(layers["P"][~missed] - origin).max(), 1.01)
 
     def test_tiles_are_pixels_of_the_whole(self):
         view = {**VIEW, "size": (203, 97)}

@@ -32,7 +32,7 @@ class Lies(WithFake):
         begin = time.monotonic()
         with self.assertRaises(error) as caught:
             scene.trace(np.ones((100, 8), np.float32), **{"fields": ("t",), **options})
-        self.assertLess(time.monotonic() - begin, PATIENCE)
+        self.assertLess(time.monotonic() - begin, PATIENCE / 3)
         self.assertNotIn("\n", str(caught.exception))
         self.assertEqual(scene._client.connection.closed, closed)
         return caught.exception

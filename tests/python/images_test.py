@@ -12,6 +12,7 @@ import zlib
 import numpy as np
 
 import raynest
+from raynest._requests.job import signed_statistics
 from with_daemon import WithDaemon, main
 
 VIEW = {"size": (64, 36), "look_at": ([0, 6, 18], [0, 4, 0])}
@@ -34,6 +35,17 @@ def read_png(data):
 
 
 class Pictures(WithDaemon):
+    def test_statistics_of_a_difference_are_signed(self):
+        less = self.woods.heatmap(intersector="opaque", diff={"intersector": "alpha_mask"}, **VIEW)
+        heat = self.client.outcome["heat"]
+        counts = np.asarray(less).astype(np.int64)
+        self.assertLess(heat["min"], 0)
+        for name, share in (("p50", 50), ("p90", 90), ("p99", 99)):
+            self.assertEqual(heat[name], np.percentile(counts, share, method="inverted_cdf"), name)
+        self.assertEqual((heat["min"], heat["max"]), (counts.min(), counts.max()))
+        below = signed_statistics({"range_low": -9.0, **dict.fromkeys(("min", "p50", "p90", "p99", "max"), 2**32 - 5)})
+        self.assertEqual({below[name] for name in ("min", "p50", "p90", "p99", "max")}, {-5})
+
     def test_a_picture_is_an_array_and_a_png(self):
         picture = self.woods.render(**VIEW)
         self.assertIsInstance(picture, raynest.Image)

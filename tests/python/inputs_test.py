@@ -245,7 +245,7 @@ class Inputs(WithDaemon):
             with self.assertRaisesRegex(raynest.Error, says):
                 refused()
         self.woods.render(size=(8, 8), samples=4)
-        self.assertIn("primary traces one ray per pixel, whatever spp= says",
+        self.assertIn("no effect with integrator primary: spp=",
                       self.client.outcome["notes"])
 
     def test_generators_take_no_points_too(self):

@@ -83,6 +83,24 @@ class Rays(WithDaemon):
             found = self.woods.trace(ray, kind="multi", max_hits=1, fields=("t", "hit"))
             self.assertEqual(t in found["t"], bool(hit), (tmin, tmax))
 
+    def test_the_limit_of_kind_all(self):
+        """5000 squares, 1 m apart: 4096 hits unless more are asked for, and at most 65536."""
+        corners = np.array([[-1, -1, 0], [1, -1, 0], [1, 1, 0], [-1, 1, 0]], np.float32)
+        levels = np.arange(5000, dtype=np.float32)
+        vertices = (corners + levels[:, None, None] * np.float32([0, 0, 1])).reshape(-1, 3)
+        faces = (np.array([[0, 1, 2], [0, 2, 3]]) + 4 * np.arange(5000)[:, None, None]).reshape(-1, 3)
+        stack = self.client.mesh(vertices, faces, name="stack")
+        ray = [[0.3, 0.1, -1, 0, 0, 1]]
+        for asked, found in ((None, 4096), (4095, 4095), (4097, 4097), (65536, 5000)):
+            with warnings.catch_warnings(record=True) as caught:
+                warnings.simplefilter("always")
+                hits = stack.trace(ray, kind="all", max_hits=asked, fields=("t", "flags"))
+            np.testing.assert_array_equal(hits["t"], 1 + levels[:found])
+            self.assertEqual(hits["flags"].tolist(), [2 if found < 5000 else 0])
+            self.assertEqual(["more hits than max_hits" in str(warning.message) for warning in caught], [True] * (found < 5000))
+        with self.assertRaisesRegex(raynest.UsageError, "max_hits of 65537: .* from 1 to 65536"):
+            stack.trace(ray, kind="all", max_hits=65537)
+
     def test_no_rays_give_empty_columns(self):
         one = self.woods.trace(np.zeros((1, 6)), fields=FIELDS)
         none = self.woods.trace(np.zeros((0, 6)), fields=FIELDS)

@@ -4,6 +4,7 @@
 """
 import os
 import pathlib
+import shutil
 import socket
 import ssl
 import sys
@@ -11,6 +12,7 @@ import tempfile
 import threading
 import unittest
 import warnings
+from unittest import mock
 
 import numpy as np
 
@@ -96,6 +98,25 @@ class Secure(unittest.TestCase):
             with self.subTest(says=says, **options), self.assertRaisesRegex(kind, says):
                 self.connect(**options)
         self.connect("alice")  # forgets the failures
+
+    def test_an_argument_comes_before_the_environment_and_that_before_what_is_kept(self):
+        kept = self.out / "config" / "raynest" / "hosts.toml"
+        kept.parent.mkdir(parents=True)
+        self.addCleanup(shutil.rmtree, kept.parent)
+        kept.write_text(f'["{self.daemon.tls}"]\ntoken = "{self.secrets["vera"]}"\n')
+        kept.chmod(0o600)
+
+        def who(**options):
+            with raynest.connect(self.daemon.tls, ca=str(self.certificates.ca), **options) as client:
+                return client.connection.daemon.principal
+        self.assertEqual(who(), "vera")
+        with mock.patch.dict(os.environ, RAYNEST_TOKEN=self.secrets["bob"]):
+            self.assertEqual(who(), "bob")
+            self.assertEqual(who(token=self.secrets["alice"]), "alice")
+        for mode in (0o644, 0o640):
+            kept.chmod(mode)
+            with self.assertRaisesRegex(raynest.UsageError, "chmod 600"):
+                who()
 
     def test_a_client_certificate_is_a_principal(self):
         robot = self.connect(cert=str(self.certificates.client[1]),

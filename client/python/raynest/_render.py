@@ -92,6 +92,7 @@ class Renders:
         if not is_lit(integrator):
             raise UsageError("primary has one sample per pixel, which nothing refines: use render()")
         yield from self._at(None, lambda origin, _: film.stream(origin, progress))
+        warn_of_options(self._client.outcome)
         warn_if_incomplete(self._client.outcome)
 
 

@@ -16,9 +16,9 @@ WORDS = {
     "epoch": "epoch=",
     "exposure": "exposure=", "hide": "hide=", "keep": "keep=True", "level": "level=",
     "look_at": "look_at=", "mask": "mask=", "name": "name=", "noise": "noise=",
-    "only": "only=", "origin": "origin=", "primitive": "primitive=",
-    "radius": "radius=", "replace": "replace=True",
-    "samples": "spp=", "size": "size=",
+    "only": "only=", "origin": "origin=", "palette": "palette=", "primitive": "primitive=",
+    "progressive": "render_stream()", "radius": "radius=", "replace": "replace=True",
+    "samples": "spp=", "scale": "scale=", "seed": "seed=", "size": "size=",
     "skip_hidden_boxes": "skip_hidden_boxes=", "spacing": "spacing=", "sun": "sun=", "time": "time=",
     "tonemap": "tonemap=", "top": "top=",
     "traversal": "traversal=", "unit": "unit=", "up": "up=", "worker": "worker="}

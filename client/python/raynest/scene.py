@@ -17,7 +17,8 @@ from ._paths import Paths
 from ._render import Renders
 from ._requests.arguments import Unpack, none_is_default, numbers, whole
 from ._requests.columns import Columns, Whole, anywhere, as_usual
-from ._requests.explain import path_message, pixel_message, ray_message, receive_document
+from ._requests.explain import check_explain, path_message, pixel_message, ray_message, receive_document
+from ._requests.film import warn_of_options
 from ._requests.job import JobOptions, Outcome, Progress, SceneMoved, job_message, origin_of, other_message
 from ._requests.picture import Picture, camera_message, size_message, tile_message
 from ._requests.precision import ray_warning
@@ -384,6 +385,8 @@ class Scene(Renders, Paths):
         if not detach:
             self._client.outcome.warn_of_view()
             self._warn_of_eye(look_at)
+            if fields["encode"] != "raw":  # whose colours are for png()
+                warn_of_options(self._client.outcome)
         return answer
 
     @none_is_default
@@ -397,17 +400,14 @@ class Scene(Renders, Paths):
         """How one ray finds its hit, step by step: the document of client/EXPLAIN.md. `ray` is
         [ox oy oz dx dy dz] or [ox oy oz tmin dx dy dz tmax]; or `pixel` is (x, y) of the picture that
         render() makes with these arguments. `steps` is how many are told at most, 256 by default.
-        With an `integrator` of render(), other than primary, it is the rays of the path of a
-        `sample` of the pixel."""
-        if (ray is None) == (pixel is None):
-            raise UsageError("explain() takes a ray or a pixel, and not both")
-        if integrator and ray is not None:
-            raise UsageError("a path begins at a pixel: pass pixel=(x, y) in place of a ray")
+        With an `integrator` other than primary, it is the rays of the path of a `sample` there."""
+        light = {"sample": sample, "seed": seed, "environment": environment, "depth": depth,
+                 "ao_distance": ao_distance, "sun": sun}
+        check_explain(ray, pixel, integrator, {"camera": camera, "look_at": look_at, "fov": fov}, light, steps)
         options = job_message(self.name, job, self._instance_of)
         fields = {**size_message(size), "job": options}
         if integrator and pixel is not None:
-            fields.update(path_message(pixel, integrator, sample, seed, environment, {
-                "depth": depth, "ao_distance": ao_distance, "sun": sun}))
+            fields.update(path_message(pixel, integrator, **light))
         else:
             fields["steps"] = whole("steps", steps, _limits.explain_steps_max, 0)
             fields.update(pixel_message(pixel) if pixel is not None else {})
@@ -422,6 +422,7 @@ class Scene(Renders, Paths):
             return document
         answer: dict[str, Any] = self._at(None, ask)
         self._warn_of_eye(look_at)
+        warn_of_options(self._client.outcome)
         return answer
 
     @none_is_default

@@ -4,6 +4,7 @@
 #include "protocol/control.h"
 #include "protocol/text.h"
 #include "server/jobs/scene_poser.h"
+#include "server/requests/words/idle_options.h"
 #include "server/scheduling/peers.h"
 #include "server/store/scene_store.h"
 
@@ -113,6 +114,8 @@ Reply<Plan> make_plan(const Services& services, const Caller& caller, const wire
     auto selected = reserve_selection(services, caller, plan.scene.snapshot().view(), job);
     if (!selected) return tl::unexpected(selected.error());
     plan.selected = std::move(*selected);
+    if (std::string note = idle_options_note(job, plan.selected == nullptr); !note.empty())
+        plan.notes.push_back(std::move(note));
 
     plan.traversal = *traversal;
     plan.mask = job.mask();

@@ -71,6 +71,15 @@ TEST_CASE("rays in flight count over all jobs of a principal, and no number over
     CHECK(admission.active() == 0);
 }
 
+TEST_CASE("a job that ends gives back its rays while another goes on") {
+    Admission admission(limits(10));
+    auto first = admission.enter(asked("me", 60));
+    const auto second = admission.enter(asked("me", 40));
+    *first = {};
+    CHECK(admission.enter(asked("me", 60)));
+    CHECK_FALSE(admission.enter(asked("me", 61)));
+}
+
 TEST_CASE("every job has a number of its own, and is known while it is in flight") {
     Admission admission(limits(10));
     auto first = admission.enter(asked("me", 5));

@@ -66,6 +66,53 @@ TEST_CASE("an answer is kept whole, and the room it did not need goes back") {
     CHECK(store.bench.admission.active() == 0);
 }
 
+TEST_CASE("a picture so far takes the place of the one before") {
+    constexpr std::uint64_t bytes = 10'000;
+    /// Sends the same picture again and again.
+    class Painter final : public Job {
+    public:
+        std::optional<Task> next() override {
+            if (left_ == 0) return std::nullopt;
+            --left_;
+            Task task;
+            task.reply_bytes_max = protocol::padded(bytes);
+            task.run = [](const Stop&) -> Reply<Frames> {
+                protocol::Bulk bulk;
+                bulk.add("data", wire::Dtype::u8, 1, bytes);
+                bulk.allocate();
+                wire::PictureT picture;
+                picture.width = 100;
+                picture.height = 25;
+                picture.encode = "raw";
+                picture.total = bytes;
+                picture.last = false;
+                Frames frames;
+                frames.push_back(protocol::encode(1, std::move(picture), std::move(bulk)).value());
+                return frames;
+            };
+            return task;
+        }
+        [[nodiscard]] bool finished() const override { return left_ == 0; }
+        Frames farewell() override {
+            Frames frames;
+            frames.push_back(protocol::encode(1, wire::DoneT{}).value());
+            return frames;
+        }
+
+    private:
+        std::size_t left_ = 40;
+    };
+    Store store;
+    JobSubmission accepted = accept(std::make_unique<Painter>());
+    accepted.detach = true;
+    accepted.result_bytes = room;
+    const auto job = store.jobs.start({"me", {}, Role::user}, 1, std::move(accepted)).value();
+    REQUIRE(store.bench.run_until([&] { return job->ended(); }));
+    CHECK_MESSAGE(!job->error(), (job->error() ? job->error()->message : ""));
+    CHECK(job->answer().frames.size() == 1);
+    CHECK(store.bench.budget.used() < room);
+}
+
 TEST_CASE("running jobs of owners who are admitted no more end, and their answers stay") {
     Store store;
     const std::uint64_t kept = store.keep("mallory", 1000, false);

@@ -1,6 +1,8 @@
 // RENDER on the io thread: the memory that it reserves, and the work of its tasks.
 #include "engine/assets/images/image.h"
+#include "engine/integrators/film.h"
 #include "server/execution/choose_backends.h"
+#include "server/jobs/film_options.h"
 #include "server/jobs/picture_job.h"
 #include "server/requests/request.h"
 #include "server/requests/words/make_plan.h"
@@ -44,6 +46,15 @@ JobSubmission ask(SmallDaemon& daemon, std::uint32_t width, std::uint32_t height
     auto answer = render(daemon.services, {{"me", 1}, 1, 1 << 20}, *opened);
     REQUIRE_MESSAGE(answer, (answer ? "" : answer.error().message));
     return std::move(std::get<JobSubmission>(*answer));
+}
+
+TEST_CASE("a film reserves its file, and what it grows or is copied in") {
+    constexpr ImageSize size{100, 50};
+    const auto bytes = [&](std::string_view encode) { return film_job_bytes(size, encode, {}); };
+    const std::uint64_t linear = bytes("linear") - 2 * sizeof(Vec4) * size.pixels();
+    CHECK(bytes("exr") == linear + 3 * Film::bytes(size));
+    CHECK(bytes("png") == linear + 20 * size.pixels());
+    CHECK(bytes("raw") == linear + 8 * size.pixels());
 }
 
 TEST_CASE("a picture reserves its encoder's memory") {

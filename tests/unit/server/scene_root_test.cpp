@@ -39,6 +39,24 @@ TEST_CASE("a file beneath the root is read whole") {
     CHECK(read(folder, "sub/a.gltf", 6, budget).error().code == ErrorCode::limit_exceeded);
 }
 
+TEST_CASE("the bytes of all files of a scene count together") {
+    Budget budget(1 << 20);
+    const test::TemporaryFolder folder;
+    const std::string scene =
+        R"({"asset":{"version":"2.0"},"buffers":[{"uri":"a.bin","byteLength":100},{"uri":"b.bin","byteLength":100}]})";
+    folder.write("s.gltf", scene);
+    folder.write("a.bin", std::string(100, 'a'));
+    folder.write("b.bin", std::string(100, 'b'));
+    const auto files = [&](std::uint64_t bytes_max) {
+        return read_scene(folder.path(), "s.gltf", 10, bytes_max, {budget, me});
+    };
+    REQUIRE(files(scene.size() + 200));
+    CHECK(files(scene.size() + 200)->size() == 3);
+    const auto refused = files(scene.size() + 199);
+    REQUIRE_FALSE(refused);
+    CHECK(refused.error().code == ErrorCode::limit_exceeded);
+}
+
 TEST_CASE("nothing outside of the root is opened, and no message names a folder") {
     Budget budget(1 << 20);
     const test::TemporaryFolder outside;

@@ -14,9 +14,25 @@ from .._net.control import Message
 from .._net.frame import Array
 from ..errors import ProtocolError, UsageError, shown_text
 from .arguments import float32, numbers, whole
-from .film import film_message, is_lit
+from .film import film_message, given_of, is_lit
 from .job import Outcome, Progress
 from .picture import Picture
+
+
+def check_explain(ray: Any, pixel: Any, integrator: str, view: dict[str, Any],
+                  light: dict[str, Any], steps: int) -> None:
+    """Refuses options that such a request does not use: a ray has no view, a traversal no light, and a
+    path no steps."""
+    if (ray is None) == (pixel is None):
+        raise UsageError("explain() takes a ray or a pixel, and not both")
+    if integrator and ray is not None:
+        raise UsageError("a path begins at a pixel: pass pixel=(x, y) in place of a ray")
+    for options, idle, reason in ((view, ray is not None, "a ray has no camera; pass pixel=(x, y)"),
+                                  (light, not integrator, "only of a path; pass integrator='path'"),
+                                  ({"steps": steps}, bool(integrator), "a path is told whole")):
+        given = given_of(options)
+        if idle and given:
+            raise UsageError(f"{', '.join(given)}: {reason}")
 
 
 def ray_message(ray: Any, origin: Array) -> Message:
@@ -41,7 +57,7 @@ def pixel_message(pixel: Sequence[int]) -> Message:
 
 
 def path_message(pixel: Sequence[int], integrator: str, sample: int, seed: int, environment: str,
-                 light: dict[str, Any]) -> Message:
+                 **light: Any) -> Message:
     """The fields of a Render that ask for a path: `light` has those of a lit picture."""
     if not is_lit(integrator):
         raise UsageError("primary has one ray and no path: leave integrator away")

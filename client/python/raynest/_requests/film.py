@@ -42,6 +42,12 @@ def is_lit(integrator: str) -> bool:
     return integrator != "primary"
 
 
+def given_of(options: dict[str, Any]) -> list[str]:
+    """The names of options that are not at their defaults: None, "" and 0."""
+    return sorted(name for name, value in options.items()
+                  if np.ndim(value) != 0 or value is not None and value != "" and value != 0)
+
+
 def film_message(integrator: str, spp: int, seed: int, fields: dict[str, Any]) -> Message:
     """The fields of a Render beside those of all pictures."""
     lit = NOISE_SAMPLES if fields["noise"] else LIT_SAMPLES
@@ -49,7 +55,8 @@ def film_message(integrator: str, spp: int, seed: int, fields: dict[str, Any]) -
     message: Message = {"integrator": integrator, "seed": seed,
                         "samples": count_of("spp", samples, _limits.samples_max)}
     if not is_lit(integrator):
-        given = sorted(name for name, value in fields.items() if value)
+        # An exposure of 0 stops is one.
+        given = given_of({"seed": seed, **fields, "exposure": str(fields["exposure"])})
         if given:
             raise UsageError(f"{', '.join(given)}: only of a lit picture; pass integrator='path'")
         return message
@@ -111,7 +118,7 @@ def layers_of(file: bytes, outcome: Outcome, last: bool) -> Layers:
 def warn_of_options(outcome: Outcome) -> None:
     """Warns of options that changed nothing or did not suffice."""
     for note in outcome.get("notes", ()):
-        if note.startswith(("primary ", "no effect ", "the error ", "the environment ", "light starts ")):
+        if note.startswith(("no effect ", "the error ", "the environment ", "light starts ")):
             warn(note, RayWarning)
 
 

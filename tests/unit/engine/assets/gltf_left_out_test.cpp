@@ -131,6 +131,19 @@ TEST_CASE("a picture that is missing is named by its number, with the materials 
     CHECK(contains(std::string(gltf::why_no_file("/a%.png")), "absolute path"));
 }
 
+TEST_CASE("factors of a texture that is missing neither light up nor turn to metal") {
+    const auto scene = with_nodes(R"({"mesh":0})",
+                                  R"(,"images":[{"uri":"a.png"}],"textures":[{"source":0}],
+        "materials":[{"emissiveFactor":[1,1,1],"emissiveTexture":{"index":0}},
+                     {"pbrMetallicRoughness":{"metallicFactor":1,"metallicRoughnessTexture":{"index":0}}},
+                     {"emissiveFactor":[1,1,1],"pbrMetallicRoughness":{"metallicFactor":1}}])");
+    CHECK(scene.materials[0].surface.emission == Vec3(0));
+    CHECK(scene.materials[0].surface.metallic == 1);
+    CHECK(scene.materials[1].surface.metallic == 0);
+    CHECK(scene.materials[2].surface.emission == Vec3(1));
+    CHECK(scene.materials[2].surface.metallic == 1);
+}
+
 TEST_CASE("pictures beyond what a scene may take are left out, each with a line" *
           doctest::test_suite("images")) {
     if (!test::have_images()) return;

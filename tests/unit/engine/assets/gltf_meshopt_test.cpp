@@ -190,9 +190,41 @@ TEST_CASE("meshopt data that is not allowed is refused before it costs anything"
     CHECK(contains(refusal_of(stream, 6, 4, "TRIANGLES", "EXPONENTIAL"), "do not allow"));
     for (const std::uint64_t count : {100000ULL, 1ULL << 40, ~0ULL})
         CHECK(contains(refusal_of(stream, count, 12, "ATTRIBUTES"), "cut short or damaged"));
+    CHECK(contains(refusal_of(stream, stream.size() * 64 / 12 + 1, 12, "ATTRIBUTES"), "declares"));
     CHECK(contains(refusal_of({}, 4, 12, "ATTRIBUTES"), "cut short or damaged"));
     const Stream cut(stream.begin(), stream.begin() + 8);
     CHECK(contains(refusal_of(cut, 4, 12, "ATTRIBUTES"), "damaged"));
+}
+
+TEST_CASE("a stream that many views name counts each time that it is decoded") {
+    constexpr std::size_t vertices = 500'000;
+    const Stream stream = encode_attributes(std::vector<float>(3 * vertices), vertices);
+    const std::string view =
+        R"({"buffer":1,"byteLength":4,"extensions":{"EXT_meshopt_compression":{"buffer":0,
+        "byteLength":)" +
+        std::to_string(stream.size()) + R"(,"byteStride":12,"count":500000,"mode":"ATTRIBUTES"}}})";
+    const auto described = [&](int views) {
+        std::string list, accessors, primitives;
+        for (int i = 0; i < views; ++i) {
+            const std::string comma = i == 0 ? "" : ",", number = std::to_string(i);
+            list += comma + view;
+            accessors += comma + R"({"bufferView":)" + number +
+                         R"(,"componentType":5126,"count":3,"type":"VEC3"})";
+            primitives += comma + R"({"attributes":{"POSITION":)" + number + "}}";
+        }
+        test::Upload upload("scene.gltf", test::to_bytes(
+            R"({"asset":{"version":"2.0"},"extensionsRequired":["EXT_meshopt_compression"],"buffers":[{"uri":"s.bin","byteLength":)" +
+            std::to_string(stream.size()) +
+            R"(},{"byteLength":4,"extensions":{"EXT_meshopt_compression":{"fallback":true}}}],"bufferViews":[)" +
+            list + R"(],"accessors":[)" + accessors + R"(],"meshes":[{"primitives":[)" +
+            primitives + R"(]}],"nodes":[{"mesh":0}]})"));
+        upload.add("s.bin", test::to_bytes(std::string(stream.begin(), stream.end())));
+        return describe_gltf(upload.request(), ImportLimits{});
+    };
+    CHECK(described(2).has_value());
+    const auto refused = described(12);
+    REQUIRE_FALSE(refused.has_value());
+    CHECK(contains(refused.error().message, "names the same data repeatedly"));
 }
 
 TEST_CASE("damaged meshopt streams end in an error or in some numbers") {

@@ -1,5 +1,6 @@
 // Compares every vertex of skins with an evaluation in float64 that shares no code with the
 // importer.
+#include "engine/scene/motion/skinning.h"
 #include "engine/scene/snapshot.h"
 #include "tests/unit/engine/assets/describe.h"
 
@@ -247,6 +248,19 @@ TEST_CASE("without inverse bind matrices joints move the mesh as it is") {
         check_point(geometry_of(scene, 0).positions[i],
                     blend(joint * p, 1 - second, joint * quarter_turn * p, second));
     }
+}
+
+TEST_CASE("a joint that mirrors turns tangents and normals with the side that they belong to") {
+    const Affine mirror{-1, 0, 0, 0, 0, 1, 0, 0, 0, 0, 1, 0},
+        turn{0, -1, 0, 0, 1, 0, 0, 0, 0, 0, 1, 0};
+    const auto moved = [](const Affine& map) {
+        Vec3 position(1, 2, 3), normal(0, 0, 1);
+        Vec4 tangent(1, 0, 0, 1);
+        move_vertex(map, position, &normal, &tangent);
+        return std::pair{normal, tangent};
+    };
+    CHECK(moved(mirror) == std::pair{Vec3(0, 0, -1), Vec4(1, 0, 0, 1)});
+    CHECK(moved(turn) == std::pair{Vec3(0, 0, 1), Vec4(0, 1, 0, 1)});
 }
 
 TEST_CASE("morph targets move a vertex before its joints do") {

@@ -351,6 +351,14 @@ TEST_CASE("finding: long thin triangles") {
     CHECK(cut.work < whole.work / 2);
 }
 
+TEST_CASE("findings are of what much work is spent in") {
+    std::vector<Vec3> small = needles(1);
+    for (Vec3& corner : small) corner *= 0.08F;
+    CHECK_FALSE(look(placed({mesh("few rays", small), mesh("much", speckles(3000, 7))}))
+                    .has("thin_triangles"));
+    CHECK(look(placed({mesh("all rays", small)})).has("thin_triangles"));
+}
+
 TEST_CASE("finding: crowded leaves") {
     const std::vector<Vec3> once = speckles(100, 7);
     std::vector<Vec3> often;

@@ -93,6 +93,22 @@ Counters count_entries(const Explanation& told) {
 
 }  // namespace
 
+TEST_CASE("an explanation that is cut off names no earlier hit as the hit") {
+    conformance::Random random(12);
+    const auto scene = test::build_scene(conformance::nested_scene(2, 2));
+    std::size_t cut = 0;
+    for (const Ray& ray : conformance::random_rays(300, 6, random)) {
+        const std::size_t all = explain(*registry().find("opaque"), *scene, ray, {}).entries.size();
+        for (std::size_t entries_max = 1; entries_max < all; ++entries_max) {
+            const Explanation told =
+                explain(*registry().find("opaque"), *scene, ray, {}, 0xFFFFFFFFU, entries_max);
+            cut += told.hit.hit != 0 && told.hit_entry == no_id ? 1 : 0;
+            if (told.hit_entry != no_id) CHECK(told.entries[told.hit_entry].t == told.hit.t);
+        }
+    }
+    CHECK(cut != 0);
+}
+
 TEST_CASE("an explanation's totals are the counters of its ray") {
     conformance::Random random(11);
     for (const std::uint32_t depth : {1U, 2U, 3U, 4U}) {

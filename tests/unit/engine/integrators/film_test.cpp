@@ -80,14 +80,24 @@ TEST_CASE("a film holds mean, variance and the first surface") {
     const double n = 4096;
     for (int c = 0; c < 3; ++c)
         CHECK(static_cast<double>(film.colour(0)[c]) ==
-              doctest::Approx(sum[static_cast<std::size_t>(c)] / n).epsilon(1e-5));
+              doctest::Approx(sum[static_cast<std::size_t>(c)] / n).epsilon(1e-5).scale(0));
     const double variance = squares / n - lum / n * lum / n;
     CHECK(static_cast<double>(film.floats(FilmLayer::variance)[0]) ==
-          doctest::Approx(variance).epsilon(1e-4));
+          doctest::Approx(variance).epsilon(1e-4).scale(0));
     CHECK(static_cast<double>(film.error(0)) ==
-          doctest::Approx(std::sqrt(variance / (n - 1))).epsilon(1e-4));
+          doctest::Approx(std::sqrt(variance / (n - 1))).epsilon(1e-4).scale(0));
     CHECK(film.floats(FilmLayer::z)[0] == samples[0].depth);
     CHECK(film.words(FilmLayer::mesh)[0] == 0);
+}
+
+TEST_CASE("the error of two samples is that of a mean of two") {
+    std::vector<FilmSample> samples(2);
+    samples[0].radiance = Vec3(1);
+    samples[1].radiance = Vec3(3);
+    Film film({1, 1});
+    film.add(0, 0, samples);
+    CHECK(film.floats(FilmLayer::variance)[0] == doctest::Approx(1));
+    CHECK(film.error(0) == doctest::Approx(1));
 }
 
 TEST_CASE("samples that are not finite are counted and dropped") {

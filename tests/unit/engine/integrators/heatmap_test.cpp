@@ -180,6 +180,17 @@ TEST_CASE("the legend shows the statistics, each under its own word") {
     CHECK_FALSE(shows(*picture, 1, "max 901"));
 }
 
+TEST_CASE("the legend names what the picture is of, and cuts names that are too long") {
+    const std::vector<std::uint32_t> counts(4, 5);
+    HeatOptions options;
+    options.view = {"woods", "camera " + std::string(300, 'x')};
+    const auto picture = heat_picture(4, 1, counts, statistics_of(counts, options), options);
+    REQUIRE(picture.has_value());
+    CHECK(shows(*picture, 1, "woods"));
+    CHECK(shows(*picture, 1, "camera xxx"));
+    CHECK(shows(*picture, 1, "xxx..."));
+}
+
 TEST_CASE("a picture too narrow for the legend is widened on its right") {
     const auto counts = one_to(5);
     const HeatOptions options{.palette = "gray", .range = "auto"};
@@ -209,7 +220,10 @@ TEST_CASE("no text of a legend reaches the picture's edge") {
              {"nodes", "boxes", "leaves", "prims", "instances", "rejects", "total"}) {
             for (const char* scale : {"linear", "log"}) {
                 const std::vector<std::uint32_t> counts(width, most);
-                const HeatOptions options{.metric = metric, .scale = scale, .range = "0.25:0.75"};
+                const HeatOptions options{.metric = metric,
+                                          .scale = scale,
+                                          .range = "0.25:0.75",
+                                          .view = {std::string(256, 'w'), std::string(256, 'm')}};
                 const auto map =
                     heat_picture(width, 1, counts, statistics_of(counts, options), options);
                 REQUIRE(map.has_value());

@@ -80,6 +80,21 @@ TEST_CASE("the automatic exposure meters surfaces, not what lies behind them") {
     CHECK(3 * std::exp2(auto_exposure(edge)) == doctest::Approx(0.18F));
 }
 
+TEST_CASE("the automatic exposure leaves out the brightest and the darkest twentieth") {
+    Film film({100, 1});
+    for (std::uint64_t pixel = 0; pixel < 100; ++pixel) {
+        std::vector<FilmSample> sample(1);
+        sample[0].radiance = Vec3(pixel < 4    ? 1e6F
+                                  : pixel < 8  ? 1e-6F
+                                  : pixel == 8 ? 100.0F
+                                               : 2.0F);
+        sample[0].alpha = 1;
+        sample[0].mesh = 0;
+        film.add(pixel, 0, sample);
+    }
+    CHECK(2 * std::exp2(auto_exposure(film)) == doctest::Approx(0.18F));
+}
+
 TEST_CASE("colours are divided by alpha, and light without coverage is seen") {
     const auto half = show(plain(Vec3(0.25F), 0.5F), {0, 0, 1, 1}, ToneMap::none, 0).rgba;
     CHECK(half[0] == red(ToneMap::none, 0.5F));

@@ -91,8 +91,9 @@ TEST_CASE("an environment is drawn with the density that it states") {
         }
     }
     CHECK(std::abs(chi - degrees) / std::sqrt(2.0 * degrees) < 5);
-    CHECK(irradiance / samples ==
-          doctest::Approx(static_cast<double>(environment.irradiance_up().x)).epsilon(0.02));
+    CHECK(
+        irradiance / samples ==
+        doctest::Approx(static_cast<double>(environment.irradiance_up().x)).epsilon(0.02).scale(0));
     CHECK(Environment().empty());
     float density = 1;
     static_cast<void>(Environment(2, 1, std::vector<Vec3>(2)).sample({0.5F, 0.5F}, density));
@@ -107,6 +108,9 @@ TEST_CASE("punctual lights send candela and lux") {
     LightRecord ranged = light_at({0, 3, 4}, 50);
     ranged.range = 5;
     CHECK(PointLight::sample(ranged, from, {}).radiance.x == 0);
+    // Half way the fade has lost a sixteenth.
+    ranged.range = 10;
+    CHECK(PointLight::sample(ranged, from, {}).radiance.x == doctest::Approx(2 * 15.0 / 16));
 
     LightRecord spot = light_at({0, 2, 0}, 8);
     spot.inner_cosine = std::cos(0.3F);
@@ -116,7 +120,7 @@ TEST_CASE("punctual lights send candela and lux") {
     const float beside = 2 * std::tan(0.45F);
     const float part = SpotLight::sample(spot, {beside, 0, 0}, {}).radiance.x * (4 + beside * beside) / 8;
     const float linear = (std::cos(0.45F) - spot.outer_cosine) / (spot.inner_cosine - spot.outer_cosine);
-    CHECK(part == doctest::Approx(linear * linear).epsilon(1e-4));
+    CHECK(part == doctest::Approx(linear * linear).epsilon(1e-4).scale(0));
 
     const LightSample sun = DirectionalLight::sample(light_at({}, 7), from, {});
     CHECK(sun.radiance.x == 7);
@@ -153,6 +157,16 @@ TEST_CASE("the sky is bright and blue by day, red at dusk, dark at night") {
             CHECK(std::isfinite(radiance.x + radiance.y + radiance.z));
         }
     }
+    // The ground sends on what sun and sky send down, whatever the sun's height.
+    const auto ground_share = [](float elevation) {
+        const Sky sky = make_sky(30, elevation);
+        const float down =
+            brightness(sky.environment.irradiance_up()) +
+            brightness(sky.sun.radiance / sky.sun.density()) * std::sin(elevation * pi / 180);
+        return brightness(sky.environment.radiance({0, -1, 0})) * pi / down;
+    };
+    for (const float elevation : {5.0F, 20.0F, 60.0F, 85.0F})
+        CHECK(ground_share(elevation) == doctest::Approx(0.2).epsilon(0.01).scale(0));
     // Drawn directions lie on the disc.
     Random random(2);
     for (int i = 0; i < 1000; ++i) {

@@ -76,7 +76,7 @@ TEST_CASE("a placement that mirrors mirrors what a normal texture shows, with ta
         CAPTURE(has_tangents);
         const Vec3 n = normal_of(bumpy_square(has_tangents, plain));
         CHECK(n.x == doctest::Approx(0).epsilon(0.01));
-        CHECK(n.y == doctest::Approx(-0.54).epsilon(0.02));
+        CHECK(n.y == doctest::Approx(-0.54).epsilon(0.02).scale(0));
         const auto check = [&](const SceneDescription& scene, const Vec3& expected) {
             CHECK(glm::length(normal_of(scene) - expected) < 1e-5F);
         };
@@ -106,6 +106,28 @@ TEST_CASE("bumps that lean away from a grazing view bend until the mirrored view
             CHECK((2.0F * glm::dot(n, viewer) * n - viewer).z > 0);
         }
     }
+}
+
+TEST_CASE("the scale of a normal texture lowers its bumps") {
+    SceneDescription bumpy = bumpy_square(true, Transform{});
+    const Vec3 n = normal_of(bumpy);
+    bumpy.materials[0].surface.normal_scale = 0.5F;
+    const Vec3 half = normal_of(bumpy);
+    CHECK(half.y / half.z ==
+          doctest::Approx(0.5 * static_cast<double>(n.y / n.z)).epsilon(1e-4).scale(0));
+}
+
+TEST_CASE("an emission texture is decoded from sRGB, for the surface and for its light") {
+    SceneDescription glowing = bumpy_square(false, Transform{}, {1, 1, {188, 188, 188, 255}});
+    SurfaceRecord& surface = glowing.materials[0].surface;
+    surface.normal.texture = no_id;
+    surface.emission_texture.texture = 0;
+    surface.emission = Vec3(2);
+    glowing.textures[0].linear = false;
+    CHECK(seen(glowing).material.emission.y == doctest::Approx(2 * 0.503).epsilon(0.005));
+    const auto scene = test::build_scene(glowing);
+    CHECK(triangle_emission(scene->shading(), scene->view().objects[0], 0, 0.3F, 0.3F).y ==
+          doctest::Approx(2 * 0.503).epsilon(0.005));
 }
 
 TEST_CASE("a wide cone does not flatten bumps") {
