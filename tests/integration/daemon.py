@@ -62,6 +62,9 @@ def is_sanitized(program):
     return b"__asan_init" in code or b"__tsan_init" in code
 
 
+IMPORTS_GROW = "enlarges the import's process, which counts towards --memory"
+
+
 def skip_sanitized(test, program, why):
     """Skips a test of which a sanitizer itself breaks what it looks at: memory, page faults, system calls."""
     if is_sanitized(program):
