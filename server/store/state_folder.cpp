@@ -172,8 +172,11 @@ Result<void> StateFolder::usable() const {
 
 BlobPin StateFolder::pin(const std::string& digest) {
     // Made before the lock is taken: its end takes that, too, also its end for want of memory.
-    BlobPin pin(new std::string(digest), [pins = pins_](const std::string* ended) {
+    // And `live` keeps what the end needs until the next collect(), so that it may not keep the pins.
+    BlobPin pin(new std::string(digest), [known = std::weak_ptr(pins_)](const std::string* ended) {
         const std::unique_ptr<const std::string> owned(ended);
+        const std::shared_ptr<Pins> pins = known.lock();
+        if (pins == nullptr) return;
         const std::lock_guard guard(pins->mutex);
         try {
             pins->ended.insert(*ended);
