@@ -69,6 +69,7 @@ fi
 # The first report ends a program, and with it its test. Not run: what looks at the build, at speed or
 # at other compilers' work.
 export UBSAN_OPTIONS=print_stacktrace=1
+export LSAN_OPTIONS="suppressions='$root/tests/leaks.supp':print_suppressions=0"
 export RAYNEST_PATIENCE=600
 export TSAN_OPTIONS=halt_on_error=1
 plain=$build status=0

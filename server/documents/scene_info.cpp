@@ -90,7 +90,7 @@ wire::SceneInfoT scene_info(const NamedScene& scene, const Registry& registry,
             info.record_counts.push_back(snapshot.record_counts()[i]);
     for (const std::string& camera : statistics.cameras)
         if (!texts.append(info.cameras, camera, limits.name_bytes_max)) break;
-    for (const SceneAnimation& animation : animations_of(snapshot)) {
+    for (const SceneAnimation& animation : animations_of(snapshot, limits.list_items_max)) {
         if (!texts.append(info.animations, animation.name, limits.name_bytes_max)) break;
         info.animation_seconds.push_back(animation.seconds);
     }

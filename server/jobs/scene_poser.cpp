@@ -12,8 +12,7 @@ namespace raynest::server {
 /// The result of a task.
 struct ScenePoser::Made {
     Budget::Lease lease;
-    std::shared_ptr<const Snapshot> snapshot;
-    std::optional<protocol::Error> error;
+    Reply<std::shared_ptr<const Snapshot>> snapshot = nullptr;
 };
 
 ScenePoser::Kept::iterator ScenePoser::place_of(const std::string& principal,
@@ -49,16 +48,14 @@ void ScenePoser::make(const Wanted& wanted, const std::string& principal,
     drop_idle();
     drop_all_but(kept_max - 1, principal);
     auto made = std::make_shared<Made>();
-    const std::uint64_t bytes = 2 * scene.bytes().size() + bytes_to_pose(scene);
+    const std::uint64_t bytes = 2 * scene.bytes().size();
     auto lease = services_.peers.reserve(bytes, principal);
     if (!lease) {
         drop_all_but(0, principal);
         lease = services_.peers.reserve(bytes, principal);
     }
     if (!lease) {
-        const auto full = services_.budget.refuse("the scene at another time", bytes, principal,
-                                                  "start raynestd with a larger --memory");
-        if (const auto waits = ready.lock()) (*waits)(Reply<void>(full));
+        if (const auto waits = ready.lock()) (*waits)(Reply<void>(no_room(bytes, principal)));
         return;
     }
     made->lease = std::move(*lease);
@@ -66,32 +63,45 @@ void ScenePoser::make(const Wanted& wanted, const std::string& principal,
     kept_.back().waiting.push_back(std::move(ready));
     services_.blocking.submit(
         principal, Priority::normal,
-        [this, held = wanted.base.held, moment = wanted.moment, made,
+        [this, principal, held = wanted.base.held, moment = wanted.moment, made,
          posed = std::prev(kept_.end())] {
             try {
-                auto snapshot = pose(*held->snapshot, moment);
-                if (snapshot)
-                    made->snapshot = std::move(*snapshot);
-                else
-                    made->error = refuse(std::move(snapshot.error())).value();
+                made->snapshot = posed_scene(*held->snapshot, moment, principal);
             } catch (const std::exception& error) {
-                made->error = protocol::Error{Code::resource_exhausted, error.what(), 0};
+                made->snapshot = refuse(Code::resource_exhausted, error.what());
             }
             post_([this, posed, made] { done(posed, *made); });
         });
+}
+
+tl::unexpected<protocol::Error> ScenePoser::no_room(std::uint64_t bytes,
+                                                    const std::string& principal) const {
+    return services_.budget.refuse("the scene at another time", bytes, principal,
+                                   "start raynestd with a larger --memory");
+}
+
+Reply<std::shared_ptr<const Snapshot>> ScenePoser::posed_scene(const Snapshot& scene,
+                                                               const Moment& moment,
+                                                               const std::string& principal) const {
+    const std::uint64_t bytes = bytes_to_pose(scene);
+    const auto lease = services_.budget.reserve(bytes, principal);
+    if (!lease) return no_room(bytes, principal);
+    auto snapshot = pose(scene, moment);
+    if (!snapshot) return refuse(std::move(snapshot.error()));
+    return std::move(*snapshot);
 }
 
 void ScenePoser::done(Kept::iterator posed, Made& made) {
     const auto waiting = std::exchange(posed->waiting, {});
     Reply<void> result;
     if (made.snapshot) {
-        made.lease.shrink(std::min(made.lease.bytes(), made.snapshot->bytes().size()));
+        made.lease.shrink(std::min(made.lease.bytes(), (*made.snapshot)->bytes().size()));
         posed->held =
-            services_.scenes.with_memory(std::move(made.snapshot), std::move(made.lease));
+            services_.scenes.with_memory(std::move(*made.snapshot), std::move(made.lease));
         posed->used = Clock::now();
     } else {
         kept_.erase(posed);
-        result = tl::unexpected(std::move(*made.error));
+        result = tl::unexpected(std::move(made.snapshot.error()));
     }
     for (const auto& each : waiting)
         if (const auto waits = each.lock()) (*waits)(result);
@@ -115,7 +125,8 @@ void ScenePoser::drop_all_but(std::size_t most, const std::string& principal) {
 std::uint64_t ScenePoser::held_by(const std::string& principal) const {
     std::uint64_t bytes = 0;
     for (const Posed& posed : kept_)
-        if (posed.principal == principal && posed.held != nullptr) bytes += posed.held->lease.bytes();
+        if (posed.principal == principal && posed.held != nullptr)
+            bytes += posed.held->lease.bytes();
     return bytes;
 }
 

@@ -17,8 +17,9 @@
 
 namespace raynest::server {
 
-/// Makes each once, and keeps the last few of each principal for a while: a client that asks for one
-/// mostly asks again. They count towards --memory as requests of the principal do. Io thread only.
+/// Makes each once, and keeps the last few of each principal for a while: a client that asks for
+/// one mostly asks again. They count towards --memory as requests of the principal do. Io thread
+/// only.
 class ScenePoser {
 public:
     using Clock = std::chrono::steady_clock;
@@ -39,12 +40,14 @@ public:
         Moment moment;
     };
 
-    /// Returns `base` at a moment, under its name and epoch. Fails as find_moment() does, and if it is
-    /// not made yet: then take_wanted() says what lacks.
+    /// Returns `base` at a moment, under its name and epoch. Fails as find_moment() does, and if it
+    /// is not made yet: then take_wanted() says what lacks.
     Reply<NamedScene> find(const NamedScene& base, std::string_view animation, double seconds,
                            const Caller& caller);
     /// Returns the scene because of which find() has failed, once.
-    [[nodiscard]] std::optional<Wanted> take_wanted() { return std::exchange(wanted_, std::nullopt); }
+    [[nodiscard]] std::optional<Wanted> take_wanted() {
+        return std::exchange(wanted_, std::nullopt);
+    }
     /// Makes it in a task of `principal`, then calls `ready` unless that has expired.
     void make(const Wanted& wanted, const std::string& principal, std::weak_ptr<Ready> ready);
     /// Returns how many bytes of --memory are kept for a principal.
@@ -67,6 +70,11 @@ private:
     Kept::iterator place_of(const std::string& principal, const std::string& digest,
                             const Moment& moment);
     void drop_all_but(std::size_t most, const std::string& principal);
+    [[nodiscard]] tl::unexpected<protocol::Error> no_room(std::uint64_t bytes,
+                                                          const std::string& principal) const;
+    /// On any thread: its work grows with what moves.
+    [[nodiscard]] Reply<std::shared_ptr<const Snapshot>> posed_scene(
+        const Snapshot& scene, const Moment& moment, const std::string& principal) const;
     void done(Kept::iterator posed, Made& made);
 
     const Services& services_;

@@ -3,9 +3,8 @@
 #include "protocol/text.h"
 #include "server/store/descriptor.h"
 
-#include <fmt/format.h>
-
 #include <fcntl.h>
+#include <fmt/format.h>
 #include <sys/stat.h>
 #include <sys/vfs.h>
 #include <unistd.h>
@@ -41,7 +40,8 @@ Result<void> make_folder(const fs::path& folder) {
 tl::expected<Pages, BlobFault> read_blob(const fs::path& path, std::uint64_t bytes) {
     const File file(path, O_RDONLY);
     if (!file.is_open())
-        return tl::unexpected(BlobFault{errno == ENOENT, errno == ENOENT ? "its file is gone" : reason(errno)});
+        return tl::unexpected(
+            BlobFault{errno == ENOENT, errno == ENOENT ? "its file is gone" : reason(errno)});
     struct stat found {};
     if (::fstat(file.number(), &found) != 0) return tl::unexpected(BlobFault{false, reason(errno)});
     if (static_cast<std::uint64_t>(found.st_size) != bytes)
@@ -50,7 +50,8 @@ tl::expected<Pages, BlobFault> read_blob(const fs::path& path, std::uint64_t byt
     Pages arena(bytes);
     std::size_t at = 0;
     while (at < bytes) {
-        const ssize_t done = ::read(file.number(), arena.data() + at, std::min(bytes - at, step_bytes));
+        const ssize_t done =
+            ::read(file.number(), arena.data() + at, std::min(bytes - at, step_bytes));
         if (done < 0 && errno == EINTR) continue;
         if (done < 0) return tl::unexpected(BlobFault{false, reason(errno)});
         if (done == 0) return tl::unexpected(BlobFault{true, "its file was cut"});
@@ -68,7 +69,8 @@ tl::expected<std::shared_ptr<const Snapshot>, BlobFault> read_stored(const fs::p
     if (!arena) return tl::unexpected(std::move(arena.error()));
     auto opened = Snapshot::open({std::move(*arena), 0, {}});
     if (!opened) return tl::unexpected(BlobFault{true, std::move(opened.error().message)});
-    if ((*opened)->digest() != digest) return tl::unexpected(BlobFault{true, "its bytes have changed"});
+    if ((*opened)->digest() != digest)
+        return tl::unexpected(BlobFault{true, "its bytes have changed"});
     return std::move(*opened);
 }
 
@@ -78,11 +80,11 @@ const char* network_file_system(std::uint64_t magic) {
         const char* name;
     };
     static constexpr std::array rows = {
-        Row{0x6969, "NFS"},         Row{0x517B, "SMB"},         Row{0xFF534D42, "CIFS"},
-        Row{0xFE534D42, "SMB2"},    Row{0x65735546, "FUSE"},    Row{0x01021997, "9P"},
-        Row{0x73757245, "Coda"},    Row{0x5346414F, "AFS"},     Row{0x00C36400, "Ceph"},
-        Row{0x7461636F, "OCFS2"},   Row{0x01161970, "GFS2"},    Row{0x0BD00BD0, "Lustre"},
-        Row{0x786F4256, "vboxsf"},  Row{0x47504653, "GPFS"},
+        Row{0x6969, "NFS"},        Row{0x517B, "SMB"},      Row{0xFF534D42, "CIFS"},
+        Row{0xFE534D42, "SMB2"},   Row{0x65735546, "FUSE"}, Row{0x01021997, "9P"},
+        Row{0x73757245, "Coda"},   Row{0x5346414F, "AFS"},  Row{0x00C36400, "Ceph"},
+        Row{0x7461636F, "OCFS2"},  Row{0x01161970, "GFS2"}, Row{0x0BD00BD0, "Lustre"},
+        Row{0x786F4256, "vboxsf"}, Row{0x47504653, "GPFS"},
     };
     const auto* found = std::ranges::find(rows, magic, &Row::magic);
     return found == rows.end() ? nullptr : found->name;
@@ -94,11 +96,13 @@ Result<std::unique_ptr<StateFolder>> StateFolder::open(const fs::path& folder) {
     if (::statfs(folder.c_str(), &system) != 0)
         return fail(ErrorCode::io_failed, "cannot use " + folder.string() + ": " + reason(errno));
     if (const char* name = network_file_system(static_cast<std::uint32_t>(system.f_type)))
-        return fail(ErrorCode::io_failed, folder.string() + " is on " + name +
-                                              ", where scenes may be lost; give --state a folder on a "
-                                              "disk of this machine");
+        return fail(ErrorCode::io_failed,
+                    folder.string() + " is on " + name +
+                        ", where scenes may be lost; give --state a folder on a "
+                        "disk of this machine");
     for (const char* part : {"blobs", "damaged"})
-        if (const auto made = make_folder(folder / part); !made) return tl::unexpected(made.error());
+        if (const auto made = make_folder(folder / part); !made)
+            return tl::unexpected(made.error());
     // A new manifest in place of a lost one would take the rows of all blobs away.
     const fs::path manifest_file = folder / "manifest.sqlite";
     std::error_code error;
@@ -122,7 +126,8 @@ Result<std::unique_ptr<StateFolder>> StateFolder::open(const fs::path& folder) {
         state->last_number_ = std::max(state->last_number_.load(), row.number);
     }
     state->found_ = std::move(*rows);
-    if (const auto gone = state->manifest_.remove_orphans(); !gone) return tl::unexpected(gone.error());
+    if (const auto gone = state->manifest_.remove_orphans(); !gone)
+        return tl::unexpected(gone.error());
     for (const StoredScene& row : state->found_) {
         auto edits = state->manifest_.sum_of_edits(row.number);
         if (!edits) return tl::unexpected(edits.error());
@@ -139,17 +144,19 @@ Result<std::unique_ptr<StateFolder>> StateFolder::open(const fs::path& folder) {
 
 Result<void> StateFolder::usable() const {
     if (!failed_ && !manifest_.failed()) return {};
-    return fail(ErrorCode::io_failed,
-                "the disk of the state folder has failed: scenes there can be read, none can be stored. "
-                "See to the disk, then restart raynestd");
+    return fail(
+        ErrorCode::io_failed,
+        "the disk of the state folder has failed: scenes there can be read, none can be stored. "
+        "See to the disk, then restart raynestd");
 }
 
 BlobPin StateFolder::pin(const std::string& digest) {
-    const std::lock_guard lock(pins_->mutex);
-    auto& live = pins_->live[digest];
-    if (auto pin = live.lock()) return pin;
-    const BlobPin pin(new std::string(digest), [pins = pins_](const std::string* ended) {
+    // Made before the lock is taken: its end takes that, too, also its end for want of memory.
+    // And `live` keeps what the end needs until the next collect(), so that it may not keep the pins.
+    BlobPin pin(new std::string(digest), [known = std::weak_ptr(pins_)](const std::string* ended) {
         const std::unique_ptr<const std::string> owned(ended);
+        const std::shared_ptr<Pins> pins = known.lock();
+        if (pins == nullptr) return;
         const std::lock_guard guard(pins->mutex);
         try {
             pins->ended.insert(*ended);
@@ -157,13 +164,19 @@ BlobPin StateFolder::pin(const std::string& digest) {
             // The next start removes it.
         }
     });
+    const std::lock_guard lock(pins_->mutex);
+    auto& live = pins_->live[digest];
+    if (auto known = live.lock()) return known;
     live = pin;
     return pin;
 }
 
 Result<BlobPin> StateFolder::keep(const std::string& digest, std::span<const std::byte> arena,
                                   const Stopped& stopped) {
-    if (const auto good = usable(); !good) return tl::unexpected(good.error());
+    {
+        const std::lock_guard lock(mutex_);
+        if (const auto good = usable(); !good) return tl::unexpected(good.error());
+    }
     // First: from then on nobody removes it.
     BlobPin pin = this->pin(digest);
     struct stat found {};
@@ -178,17 +191,17 @@ Result<BlobPin> StateFolder::keep(const std::string& digest, std::span<const std
 Result<void> StateFolder::write_blob(const std::string& digest, std::span<const std::byte> arena,
                                      const Stopped& stopped) {
     const fs::path folder = folder_ / "blobs";
-    const fs::path temporary =
-        folder / fmt::format("{}{}", temporary_prefix, ++last_temporary_);
+    const fs::path temporary = folder / fmt::format("{}{}", temporary_prefix, ++last_temporary_);
     const auto refused = [&](int error) {
         ::unlink(temporary.c_str());
         const bool full = error == ENOSPC || error == EDQUOT || error == EFBIG;
-        return fail(ErrorCode::io_failed,
-                    full ? fmt::format("the state folder has no room for the scene's {}; make room on "
-                                       "its disk, or unload scenes",
-                                       protocol::bytes_text(arena.size()))
-                         : "the scene could not be stored in the state folder: " + reason(error) +
-                               "; see to its disk");
+        return fail(
+            ErrorCode::io_failed,
+            full ? fmt::format("the state folder has no room for the scene's {}; make room on "
+                               "its disk, or unload scenes",
+                               protocol::bytes_text(arena.size()))
+                 : "the scene could not be stored in the state folder: " + reason(error) +
+                       "; see to its disk");
     };
     {
         const File file(temporary, O_WRONLY | O_CREAT | O_EXCL, S_IRUSR | S_IWUSR);
@@ -254,7 +267,8 @@ void StateFolder::commit_locked() {
             edit->outcome = fail(ErrorCode::io_failed, "an edit before it could not be kept");
         if (done && !follows_broken && edit->row) {
             const StoredScene& row = *edit->row;
-            const Row before = std::exchange(rows_[{row.owner, row.name}], {row.digest, row.number});
+            const Row before =
+                std::exchange(rows_[{row.owner, row.name}], {row.digest, row.number});
             if (!before.digest.empty()) let_go(before.digest);
         }
     }
@@ -285,7 +299,8 @@ Result<void> StateFolder::put(const StoredScene& scene) {
     commit_locked();
     if (const auto good = usable(); !good) return good;
     if (const auto put = manifest_.put(scene); !put) return put;
-    const Row before = std::exchange(rows_[{scene.owner, scene.name}], {scene.digest, scene.number});
+    const Row before =
+        std::exchange(rows_[{scene.owner, scene.name}], {scene.digest, scene.number});
     if (!before.digest.empty()) let_go(before.digest);
     collect_locked();
     return {};
@@ -342,7 +357,8 @@ void StateFolder::collect_locked() {
     for (auto& [scene, before] : undone) {
         const auto row = rows_.find({scene.owner, scene.name});
         if (row == rows_.end() || row->second.number != scene.number) continue;
-        if (before ? !manifest_.put(*before) : !manifest_.remove(scene.owner, scene.name, scene.number))
+        if (before ? !manifest_.put(*before)
+                   : !manifest_.remove(scene.owner, scene.name, scene.number))
             continue;
         if (before)
             row->second = {before->digest, before->number};
@@ -356,7 +372,8 @@ void StateFolder::collect_locked() {
         const auto live = pins_->live.find(digest);
         if (live != pins_->live.end() && !live->second.expired()) continue;
         if (live != pins_->live.end()) pins_->live.erase(live);
-        if (std::ranges::any_of(rows_, [&](const auto& row) { return row.second.digest == digest; }))
+        if (std::ranges::any_of(rows_,
+                                [&](const auto& row) { return row.second.digest == digest; }))
             continue;
         // To unlink a large file takes long; a load of this content may write it anew from now on.
         const fs::path old = folder_ / "blobs" / fmt::format(".old-{}", ++last_temporary_);

@@ -120,7 +120,7 @@ private:
     void commit_locked();
     [[nodiscard]] Result<void> write_blob(const std::string& digest, std::span<const std::byte> arena,
                                           const Stopped& stopped);
-    /// Fails once the disk has failed.
+    /// Fails once the disk has failed. Called with mutex_ locked, which the manifest's word of that needs.
     [[nodiscard]] Result<void> usable() const;
 
     const std::filesystem::path folder_;

@@ -62,6 +62,15 @@ def is_sanitized(program):
     return b"__asan_init" in code or b"__tsan_init" in code
 
 
+IMPORTS_GROW = "enlarges the import's process, which counts towards --memory"
+
+
+def skip_sanitized(test, program, why):
+    """Skips a test of which a sanitizer itself breaks what it looks at: memory, page faults, system calls."""
+    if is_sanitized(program):
+        test.skipTest("skipped: a sanitizer " + why)
+
+
 class Daemon:
     def __init__(self, program, *arguments, under=()):
         """Starts a daemon. `under` is a command that runs it, such as prlimit. Unless `--cuda`

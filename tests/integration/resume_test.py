@@ -11,7 +11,7 @@ import subprocess
 import sys
 import unittest
 
-from daemon import DaemonTest, is_sanitized
+from daemon import DaemonTest, skip_sanitized
 from exr import read_exr, with_values
 
 AO = ("--integrator", "ao", "--size", "150x70")
@@ -126,8 +126,7 @@ class Resumed(DaemonTest):
         self.assertEqual(path.read_bytes(), self.render("whole.exr", *AO, "--spp", "8"))
 
     def test_a_file_is_decoded_in_a_process_of_its_own(self):
-        if is_sanitized(self.raynestd):
-            self.skipTest("a sanitizer has page faults of its own")
+        skip_sanitized(self, self.raynestd, "has page faults of its own")
         self.render("part.exr", *AO, "--spp", "2")
         before = self.decoders_work()
         self.render("other.exr", *AO, "--spp", "2")

@@ -15,7 +15,7 @@ import tempfile
 import tomllib
 import unittest
 
-from daemon import PATIENCE, Client, Daemon, is_sanitized, run_tests, until
+from daemon import PATIENCE, Client, Daemon, run_tests, skip_sanitized, until
 from running_test import CORNERS, TRIANGLE
 
 PACKAGE = pathlib.Path(__file__).resolve().parents[2] / "server" / "package"
@@ -180,8 +180,7 @@ class Service(unittest.TestCase):
     def skip_without_confine(self):
         if not os.access(self.confine, os.X_OK):
             self.skipTest("skipped: built without libseccomp")
-        if is_sanitized(self.raynestd):
-            self.skipTest("skipped: sanitizers make system calls of their own")
+        skip_sanitized(self, self.raynestd, "makes system calls of its own")
 
     def test_the_daemon_works_under_the_unit_s_restrictions(self):
         self.skip_without_confine()

@@ -11,7 +11,7 @@ import threading
 import time
 import unittest
 
-from daemon import PATIENCE, until
+from daemon import IMPORTS_GROW, PATIENCE, skip_sanitized, until
 from secure_daemon import Certificates, SecureClient, SecureDaemon, Tokens
 
 HEAVY = "builtin:terrain?size=3000"  # many seconds, and more than a GiB, for an import
@@ -89,6 +89,7 @@ class SharesTest(unittest.TestCase):
             self.ends_well(alice, "unload", f"of-{greedy}")
 
     def test_quotas_of_scenes_and_answers_are_by_default_shares_of_the_memory(self):
+        skip_sanitized(self, self.raynestd, IMPORTS_GROW)
         daemon = self.start("--memory", "256M")
         refused = self.fill(self.client(daemon, "eve"), "quota", 3000)
         self.assertEqual(refused.returncode, 6, refused.stderr)

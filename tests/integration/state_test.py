@@ -14,7 +14,8 @@ import time
 
 import numpy
 
-from daemon import LONG, PATIENCE, Client, Daemon, run_tests, second_principal, until
+from daemon import (IMPORTS_GROW, LONG, PATIENCE, Client, Daemon, run_tests, second_principal, skip_sanitized,
+                    until)
 from with_state import WOODS, WithState
 
 ROUNDS = 60 if LONG else 20
@@ -244,6 +245,7 @@ class State(WithState):
         self.client.json("load", "builtin:flake?depth=3", "--name", "more")
 
     def test_memory_holds_the_scenes_in_use_and_the_disk_all(self):
+        skip_sanitized(self, self.raynestd, IMPORTS_GROW)
         client = self.start("--memory", "128M", "--principal-scene-bytes-max", "1G")
         hits = {}
         client.json("load", "builtin:forest?trees=200&seed=99", "--name", "pinned")
@@ -292,11 +294,13 @@ with raynest.connect(uri) as client:
             hashes += [line.split()[1] for line in twin.communicate(timeout=4 * PATIENCE)[0].splitlines()]
         self.assertEqual(len(hashes), 4001)
         done = 0
-        for _ in range(ROUNDS // 2):
+        for number in range(ROUNDS // 2):
             with self.edits("woods", True, 4000 - done) as edits:
+                # Every other time the daemon dies among edits, however slow it is.
+                first = edits.stdout.readline() if number % 2 else ""
                 time.sleep(chance.uniform(0.3, 1.2))
                 self.kill()
-                said = [line.split() for line in edits.communicate(timeout=PATIENCE)[0].splitlines()]
+                said = [line.split() for line in (first + edits.stdout.read()).splitlines()]
             self.start()
             scene = self.scenes()["woods"]
             self.assertIn(scene["hash"], hashes)
@@ -309,7 +313,7 @@ with raynest.connect(uri) as client:
             self.assertEqual(self.client.json("info", "woods")["hash"], scene["hash"])
             self.assertEqual(self.client.json("info", "twin")["hash"], hashes[0])
             done = now
-        self.assertGreater(done, ROUNDS)
+        self.assertGreaterEqual(done, ROUNDS // 4)
         self.kill()
         self.assertEqual(self.check()[0], 0)
         print(f"{done} kept edits, {ROUNDS // 2} kills, none lost")

@@ -49,8 +49,8 @@ public:
 
     /// Writes sampler.width numbers.
     void read(const MotionSampler& sampler, bool is_rotation, double* out) const {
-        const Between keys = keys_around(
-            motion_.floats.subspan(sampler.first_time, sampler.keys), seconds_);
+        const Between keys =
+            keys_around(motion_.floats.subspan(sampler.first_time, sampler.keys), seconds_);
         const std::size_t width = sampler.width;
         const bool cubic = sampler.interpolation == Interpolation::cubic;
         const float* const first = motion_.floats.data() + sampler.first_value;
@@ -74,7 +74,8 @@ public:
         } else if (is_rotation) {
             turn(a, b, u, out);
         } else {
-            for (std::size_t i = 0; i < width; ++i) out[i] = (1 - u) * double{a[i]} + u * double{b[i]};
+            for (std::size_t i = 0; i < width; ++i)
+                out[i] = (1 - u) * double{a[i]} + u * double{b[i]};
         }
     }
 
@@ -91,7 +92,8 @@ private:
             of_a = std::sin((1 - u) * angle) / std::sin(angle);
             of_b = std::sin(u * angle) / std::sin(angle);
         }
-        for (std::size_t i = 0; i < 4; ++i) out[i] = of_a * double{a[i]} + side * of_b * double{b[i]};
+        for (std::size_t i = 0; i < 4; ++i)
+            out[i] = of_a * double{a[i]} + side * of_b * double{b[i]};
     }
 
     const Motion& motion_;
@@ -117,8 +119,7 @@ public:
         place_nodes();
         SceneChanges changes;
         for (const MovedInstance& moved : motion_.instances) {
-            const Transform placed =
-                round_affine(multiply(to_scene_[moved.node], moved.to_node));
+            const Transform placed = round_affine(multiply(to_scene_[moved.node], moved.to_node));
             Transform inverse;
             if (invert(placed, inverse))
                 changes.moves.push_back({moved.outermost, placed});
@@ -132,7 +133,8 @@ public:
             const MovedMesh& mesh = motion_.meshes[m];
             if (mesh.place_count == 0) continue;
             const PosedVertices& vertices = vertices_.emplace_back(deform(m));
-            for (const std::uint32_t place : motion_.places.subspan(mesh.first_place, mesh.place_count))
+            for (const std::uint32_t place :
+                 motion_.places.subspan(mesh.first_place, mesh.place_count))
                 changes.deformed.push_back(
                     {place, vertices.positions, vertices.normals, vertices.tangents});
         }
@@ -152,10 +154,9 @@ private:
         }
         for (std::size_t i = 0; i < motion_.nodes.size(); ++i) {
             const MotionNode& node = motion_.nodes[i];
-            const Affine local =
-                node.has_trs != 0
-                    ? from_trs(trs[i].data(), trs[i].data() + 3, trs[i].data() + 7)
-                    : node.local;
+            const Affine local = node.has_trs != 0
+                                     ? from_trs(trs[i].data(), trs[i].data() + 3, trs[i].data() + 7)
+                                     : node.local;
             to_scene_.push_back(node.parent == no_id ? local
                                                      : multiply(to_scene_[node.parent], local));
         }
@@ -228,8 +229,8 @@ private:
         if (part.tangents != no_id) {
             tangent = &made.tangents[out];
             std::copy_n(floats + part.tangents + 4 * v, 4, &tangent->x);
-            *tangent = Vec4(morphed(part, &MovedTarget::tangents, weights, v, Vec3(*tangent)),
-                            tangent->w);
+            *tangent =
+                Vec4(morphed(part, &MovedTarget::tangents, weights, v, Vec3(*tangent)), tangent->w);
         }
         if (part.influences == 0) return;
         const std::size_t at = v * part.influences;
@@ -239,15 +240,15 @@ private:
     }
 
     [[nodiscard]] Vec3 morphed(const MovedPart& part, std::uint32_t MovedTarget::*what,
-                               std::span<const float> weights, std::size_t v, const Vec3& rest) const {
+                               std::span<const float> weights, std::size_t v,
+                               const Vec3& rest) const {
         std::array<float, 3> sum{};
         bool any = false;
         for (std::size_t t = 0; t < weights.size(); ++t) {
             const std::uint32_t add = motion_.targets[part.first_target + t].*what;
             if (add == no_id) continue;
             any = true;
-            if (weights[t] != 0)
-                add_weighted(sum, weights[t], motion_.floats.data() + add + 3 * v);
+            if (weights[t] != 0) add_weighted(sum, weights[t], motion_.floats.data() + add + 3 * v);
         }
         return any ? bent(rest, sum.data()) : rest;
     }
@@ -261,10 +262,11 @@ private:
 
 }  // namespace
 
-std::vector<SceneAnimation> animations_of(const Snapshot& scene) {
+std::vector<SceneAnimation> animations_of(const Snapshot& scene, std::size_t most) {
     const Motion motion = motion_of(scene);
     std::vector<SceneAnimation> animations;
-    for (const MotionAnimation& each : motion.animations)
+    for (const MotionAnimation& each :
+         motion.animations.first(std::min(most, motion.animations.size())))
         animations.push_back({name_of(motion, each), double{each.seconds}});
     return animations;
 }
@@ -279,7 +281,7 @@ Result<Moment> find_moment(const Snapshot& scene, std::string_view animation, do
     std::uint32_t index = 0;
     if (!animation.empty()) {
         while (index < motion.animations.size() &&
-               name_of(motion, motion.animations[index]) != animation)
+               !is_named(motion, motion.animations[index], animation))
             ++index;
         std::uint32_t number = 0;
         const char* const end = animation.data() + animation.size();

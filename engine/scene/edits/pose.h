@@ -20,7 +20,9 @@ struct SceneAnimation {
     std::string name;    ///< may be empty
     double seconds = 0;  ///< it runs from 0 to here
 };
-[[nodiscard]] std::vector<SceneAnimation> animations_of(const Snapshot& scene);
+/// Returns the first `most` of a scene's animations.
+[[nodiscard]] std::vector<SceneAnimation> animations_of(const Snapshot& scene,
+                                                        std::size_t most = motion_animations_max);
 
 /// A moment of an animation.
 struct Moment {
@@ -32,10 +34,11 @@ struct Moment {
 
 /// Returns the moment `seconds` of the animation of this name or number, the first one where it is
 /// empty. Fails with field_invalid and what there is instead: an unknown animation, a time outside
-/// it, a scene that does not move.
+/// it, a scene that does not move. Reads no name beyond the length of the one that is sought.
 Result<Moment> find_moment(const Snapshot& scene, std::string_view animation, double seconds);
 
-/// Returns the bytes that pose() takes while it runs, besides a copy of the scene.
+/// Returns the bytes that pose() takes while it runs, besides a copy of the scene. Looks at all
+/// that moves.
 std::uint64_t bytes_to_pose(const Snapshot& scene);
 
 /// Returns the scene at a moment that it has. Nodes that the animation does not move are where the

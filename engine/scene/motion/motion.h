@@ -10,11 +10,13 @@
 #include "engine/result.h"
 #include "engine/scene/motion/affine.h"
 
+#include <algorithm>
 #include <array>
 #include <cstddef>
 #include <cstdint>
 #include <span>
 #include <string>
+#include <string_view>
 #include <vector>
 
 namespace raynest {
@@ -93,13 +95,13 @@ struct MovedMesh {
 /// The vertices of one geometry before all that moves them, in `floats`.
 struct MovedPart {
     std::uint32_t vertices = 0;
-    std::uint32_t positions = 0;       ///< three each
-    std::uint32_t normals = no_id;     ///< three each; no_id: none
-    std::uint32_t tangents = no_id;    ///< four each; no_id: none
-    std::uint32_t first_target = 0;    ///< one per weight of the mesh
-    std::uint32_t influences = 0;      ///< joints of a vertex, a multiple of 4; 0: no skin
-    std::uint32_t first_joint = 0;     ///< in `joint_numbers`
-    std::uint32_t first_influence = 0; ///< in `floats`: their weights
+    std::uint32_t positions = 0;        ///< three each
+    std::uint32_t normals = no_id;      ///< three each; no_id: none
+    std::uint32_t tangents = no_id;     ///< four each; no_id: none
+    std::uint32_t first_target = 0;     ///< one per weight of the mesh
+    std::uint32_t influences = 0;       ///< joints of a vertex, a multiple of 4; 0: no skin
+    std::uint32_t first_joint = 0;      ///< in `joint_numbers`
+    std::uint32_t first_influence = 0;  ///< in `floats`: their weights
 };
 
 /// Differences that a target adds, three each; no_id: none.
@@ -160,6 +162,13 @@ std::vector<std::byte> motion_without(std::span<const std::byte> bytes,
 /// Returns the name of an animation.
 [[nodiscard]] inline std::string name_of(const Motion& motion, const MotionAnimation& animation) {
     return motion.names.data() + animation.name;
+}
+/// Is this its name? Copies nothing.
+[[nodiscard]] inline bool is_named(const Motion& motion, const MotionAnimation& animation,
+                                   std::string_view name) {
+    const auto rest = motion.names.subspan(animation.name);
+    return name.size() < rest.size() && rest[name.size()] == '\0' &&
+           std::equal(name.begin(), name.end(), rest.begin());
 }
 
 }  // namespace raynest

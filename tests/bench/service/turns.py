@@ -10,6 +10,7 @@ than 5 ms.
 import argparse
 import json
 import pathlib
+import struct
 import sys
 import tempfile
 import time
@@ -25,6 +26,9 @@ GOAL_MS = 5
 LIST = 512          # list_items_max
 SIDE = 8192         # picture_pixels_max is its square
 UPLOAD = 8 << 20    # window_bytes
+EDIT_ROW = 112      # bytes
+EDIT_ROWS = 64
+MOVES_ALL = (1, 0, 1, 0, 1, 0, 0, 1, 0, 1, 0, 0, 0, 0, 1, 0)  # move, the first text, by text, in the world: by 1
 QUERY_RAYS, UPLOADED = 25, 9  # numbers of messages that have a bulk part
 
 
@@ -131,6 +135,10 @@ def measure_all(turns, instances):
     turns.ask("Query", {"job": job(), "kind": "null", "ray_count": 8 * 16384}, "Query and its rays",
               [lambda peer, i=i: peer.say("QueryRays", 1, {"first_ray": i * 16384, "blocks": block}, rays, 1, QUERY_RAYS)
                for i in range(8)])
+    turns.ask("Load", {"source": "builtin:street?seconds=10", "name": "street"}, "Load of a scene that moves")
+    for again in ("", " again"):
+        turns.ask("Query", {"job": {"scene": "street", "timed": True, "time": 5.0},
+                            "generator": {"kind": "camera", "settings": ["size=64x64"]}}, f"Query of another time{again}")
     turns.cancel("Render", picture(SIDE), 0.3, "Render, primary")
     turns.cancel("Render", {**picture(SIDE), "job": hidden}, 0.3, "Render that hides")
     for after in (0.0, 0.05, 1.0):
@@ -143,6 +151,11 @@ def measure_all(turns, instances):
     turns.ask("Load", {"source": "a.glb", "name": "upload", "file_names": ["a.glb"], "file_hashes": [1],
                        "file_bytes": [UPLOAD]}, "Load and its upload",
               [lambda peer: peer.say("Upload", 1, {"blocks": block_of("data", "u8", UPLOAD, 1)}, bytes(UPLOAD), 1, UPLOADED)])
+
+    turns.ask("Edit", {"scene": "large", "targets": ["*"], "rows": EDIT_ROWS}, "Edit and its rows",
+              [lambda peer: peer.say("Upload", 1, {"blocks": block_of("data", "u8", EDIT_ROW * EDIT_ROWS, 1)},
+                                     struct.pack("<4I12d", *MOVES_ALL) * EDIT_ROWS, 1, UPLOADED)])
+    turns.ask("Pin", {"scene": "large"})
 
     def detached(peer):
         peer.say("Query", 1, {"job": job(detach=True), "generator": {"kind": "camera", "settings": ["size=2048x2048"]}})

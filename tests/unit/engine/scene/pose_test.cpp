@@ -115,7 +115,8 @@ TEST_CASE("a pose moves what its tables say, and the scene stays") {
     CHECK(corners[0].y == doctest::Approx(before.y + 0.25F + 1.5F));
     for (const double seconds : {-0.1, 1.1, std::numeric_limits<double>::quiet_NaN()})
         CHECK(!find_moment(*scene, "", seconds));
-    CHECK(!find_moment(*scene, "run", 0));
+    for (const char* const unknown : {"run", "swa", "sway2"})
+        CHECK(!find_moment(*scene, unknown, 0));
     CHECK(!find_moment(*scene, "1", 0));
     CHECK(find_moment(*scene, "0", 1).has_value());
 }
