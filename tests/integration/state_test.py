@@ -70,7 +70,7 @@ class State(WithState):
         files = self.blob_names()
         refused("load", WOODS + "&seed=2", "--name", "two")
         until(lambda: self.blob_names() == files)
-        # What takes the place of another needs no more, and others have their own part.
+        # A scene in the place of another needs no more, and others have their own part.
         bob.json("load", WOODS + "&seed=3", "--name", "one", "--replace")
         admin.json("load", WOODS + "&seed=4", "--name", "two")
         # Kept edits count, too, and those that are not kept do not.
