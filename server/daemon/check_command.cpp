@@ -7,6 +7,7 @@
 #include "server/store/state_folder.h"
 
 #include <algorithm>
+#include <csignal>
 #include <cstdint>
 #include <iostream>
 #include <string>
@@ -56,6 +57,7 @@ int check_state(const std::filesystem::path& folder) {
 }
 
 int back_up_state(const std::filesystem::path& from, const std::filesystem::path& to) {
+    (void)std::signal(SIGXFSZ, SIG_IGN);  // write() says EFBIG
     const auto counts = back_up(from, to);
     if (!counts) return failed(counts.error().message);
     const int checked = check_state(to);

@@ -318,7 +318,7 @@ void declare_token(CLI::App& app, std::function<int()>& action) {
           "a time such as 90s, 12h or 30d, at most " + std::to_string(expires_days_max) +
               "d; leave it out for a token that never expires");
     add->add_option("--quota", words->quota,
-                    quota_keys() + "; any of them, bytes also as 20G")
+                    quota_keys() + "; any of them with commas between, bytes also as 20G")
         ->check(CLI::Validator(
             [](const std::string& text) {
                 const auto quota = read_quota(text);

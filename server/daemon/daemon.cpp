@@ -482,6 +482,7 @@ int failed(const Error& error) {
 
 int run_daemon(Options options, ReadOptions read_again) {
     (void)std::signal(SIGPIPE, SIG_IGN);
+    (void)std::signal(SIGXFSZ, SIG_IGN);  // write() says EFBIG
     const auto lock = prepare_start(options);
     if (!lock) return failed(lock.error());
     const auto registry = Registry::load({options.pack_dirs, options.target});

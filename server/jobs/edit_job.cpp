@@ -124,7 +124,8 @@ private:
         if (!scene) return tl::unexpected(scene.error());
         before_ = std::move(*scene);
         spare_ = services_.scenes.take_spare(*before_, caller_);
-        auto plan = services_.scenes.plan_edit(*before_, rows_.bytes().size(), order_.keep, caller_);
+        auto plan = services_.scenes.plan_edit(*before_, rows_.bytes().size(), order_.keep,
+                                                !order_.content.sources.empty(), caller_);
         if (!plan) return tl::unexpected(plan.error());
         publication_ = {.plan = std::move(*plan)};
         const std::uint64_t bytes = before_->snapshot().bytes().size();
@@ -164,12 +165,13 @@ private:
                 return refuse(std::move(done.error()));
         if (!order_.keep) return {};
         publication_.keep = std::make_shared<Keeping>();
-        if (!plan.whole && order_.content.sources.empty()) {
+        if (!plan.whole) {
             auto change = kept_change(order_.content, rows_.bytes());
             if (!change) return tl::unexpected(change.error());
             publication_.keep->edit.change = std::move(*change);
             return {};
         }
+        if (auto fits = plan.room.check(snapshot_->bytes().size()); !fits) return fits;
         // No load may put its scene in the place of this one between here and the commit.
         name_lock_ = services_.state->lock_name(plan.row.owner, plan.row.name, stopped);
         if (!name_lock_) return refuse(Code::cancelled, "");

@@ -95,6 +95,7 @@ public:
             import_started_ = true;
             snapshot_ = order_.known->snapshot;
             is_stored_ = stores();
+            if (is_stored_) disk_room_ = services_.scenes.disk_room(order_.name, order_.caller);
             Task publish;
             publish.run = [this](const Stop& stop) -> Reply<Frames> {
                 if (!is_stored_) return Frames{};
@@ -118,6 +119,7 @@ public:
         memory_.emplace(services_.budget, principal, Use::lasting,
                         services_.peers.reclaimable_bytes(principal));
         is_stored_ = stores();
+        if (is_stored_) disk_room_ = services_.scenes.disk_room(order_.name, order_.caller);
         Task task;
         task.pool = &services_.blocking;
         task.run = [this, remedy = memory_remedy()](const Stop& stop) -> Reply<Frames> {
@@ -222,6 +224,8 @@ private:
     /// thread of the blocking pool.
     Reply<Frames> store(const Stop& stop) {
         const auto stopped = [&] { return stop.requested(); };
+        if (auto fits = disk_room_.check(snapshot_->bytes().size()); !fits)
+            return tl::unexpected(fits.error());
         auto blob = services_.state->keep(snapshot_->digest(), snapshot_->bytes(), stopped);
         if (stop.requested()) return refuse(Code::cancelled, "");
         if (!blob) return refuse(std::move(blob.error()));
@@ -335,6 +339,7 @@ private:
     std::optional<NamedScene> scene_;
     // For scenes that outlive the daemon:
     bool is_stored_ = false;
+    DiskRoom disk_room_;  ///< if it is
     bool commit_next_ = false;
     bool commit_started_ = false;
     bool committed_ = false;           ///< written by the task

@@ -55,7 +55,7 @@ std::string Quotas::remedy(const std::string& principal, Field field) const {
 std::string quota_keys() {
     std::string keys;
     for (const Words& words : table) {
-        if (!keys.empty()) keys += ",";
+        if (!keys.empty()) keys += ", ";
         keys.append(words.key).append("=N");
     }
     return keys;

@@ -75,7 +75,7 @@ private:
     Table set_;
 };
 
-/// "connections=N,jobs=N,...": all that a quota may have.
+/// "connections=N, jobs=N, ...": all that a quota may have.
 [[nodiscard]] std::string quota_keys();
 
 /// Parses the quota that an administrator gives: at least one key, each once, and none below its least

@@ -121,9 +121,10 @@ Result<BackupCounts> fill(const fs::path& from, const fs::path& to) {
 
 Result<BackupCounts> back_up(const fs::path& from, const fs::path& to) {
     std::error_code error;
-    if (!fs::exists(from / "manifest.sqlite", error))
+    if (to.empty()) return fail(ErrorCode::io_failed, "the backup needs the name of a new folder");
+    if (!fs::exists(from / "manifest.sqlite", error) || fs::file_size(from / "manifest.sqlite", error) == 0)
         return fail(ErrorCode::io_failed,
-                    from.string() + " is no state folder: it has no manifest.sqlite");
+                    from.string() + " is no state folder: its manifest.sqlite is missing or empty");
     if (fs::exists(fs::symlink_status(to, error)))
         return fail(ErrorCode::io_failed, to.string() + " exists; name a new folder");
     const fs::path name = to.has_filename() ? to : to.parent_path();

@@ -34,19 +34,20 @@ Reply<void> SceneStore::may_keep(std::string_view name, bool has_state, const Co
 }
 
 Reply<EditPlan> SceneStore::plan_edit(const NamedScene& before, std::uint64_t change_bytes, bool keep,
-                                      const ConnectionId& caller) {
+                                      bool whole, const ConnectionId& caller) {
     const Entry* const found = meant(before.name, caller);
     if (found == nullptr || found->stored.number == 0) return EditPlan{};
     const Entry& entry = *found;
     EditPlan plan{.row = entry.stored};
     if (entry.next_epoch() > entry.epoch_reserved) plan.reserve = entry.next_epoch() + epochs_reserved;
-    plan.whole = entry.blob == nullptr || entry.edits >= kept_edits_max ||
+    plan.whole = whole || entry.blob == nullptr || entry.edits >= kept_edits_max ||
                  entry.edit_bytes + change_bytes >
                      std::clamp(entry.facts.bytes / kept_bytes_part, kept_bytes_least, kept_bytes_most);
     if (!keep) return plan;
-    const std::uint64_t bytes = plan.whole ? entry.facts.bytes : entry.disk_bytes() + change_bytes;
-    if (const auto room = check_disk(&entry, entry.owner, bytes); !room)
-        return tl::unexpected(room.error());
+    plan.room = room_for(&entry, entry.owner);
+    if (!plan.whole)
+        if (const auto fits = plan.room.check(entry.disk_bytes() + change_bytes); !fits)
+            return tl::unexpected(fits.error());
     return plan;
 }
 

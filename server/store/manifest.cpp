@@ -58,6 +58,11 @@ std::int64_t checksum(const KeptEdit& edit) {
 
 }  // namespace
 
+bool is_digest(std::string_view text) {
+    constexpr std::size_t digits = 64;
+    return text.size() == digits && text.find_first_not_of("0123456789abcdef") == std::string_view::npos;
+}
+
 void Manifest::Close::operator()(sqlite3* connection) const noexcept {
     sqlite3_close(connection);
 }
@@ -125,7 +130,16 @@ Result<void> Manifest::check() {
         return fail(ErrorCode::io_failed, "the manifest " + file_ + " is damaged: " + why + remedy);
     };
     Statement integrity(*this, "PRAGMA integrity_check(1)");
-    if (integrity.step() != SQLITE_ROW) return damaged(sqlite3_errmsg(connection_.get()));
+    if (const int state = integrity.step(); state != SQLITE_ROW) {
+        const char* why = sqlite3_errmsg(connection_.get());
+        if (const int kind = state & 0xFF; kind == SQLITE_BUSY || kind == SQLITE_LOCKED)
+            return fail(ErrorCode::io_failed, "the manifest " + file_ + " is in use (" + why +
+                                                  "); stop the raynestd of an older release that has it open");
+        else if (kind == SQLITE_CANTOPEN || kind == SQLITE_READONLY || kind == SQLITE_PERM)
+            return fail(ErrorCode::io_failed, "the manifest " + file_ + " cannot be read (" + why +
+                                                  "); run this as the daemon's user");
+        return damaged(why);
+    }
     if (const std::string found = integrity.text(); found != "ok") return damaged(found);
     Statement kind(*this, "PRAGMA application_id");
     Statement version(*this, "PRAGMA user_version");
@@ -214,10 +228,7 @@ Result<std::vector<StoredScene>> Manifest::rows() {
         const std::int64_t sum = all.integer();
         const auto principals = protocol::split_principals(share);
         if (!share.empty() && principals) scene.share = *principals;
-        constexpr std::size_t digits = 64;
-        const bool named = scene.digest.size() == digits &&
-                           scene.digest.find_first_not_of("0123456789abcdef") == std::string::npos;
-        if (!named || sum != checksum(scene))
+        if (!is_digest(scene.digest) || sum != checksum(scene))
             return fail(ErrorCode::io_failed,
                         fmt::format("the manifest {} is damaged: row {} is not as it was written{}", file_,
                                     scene.number, remedy));

@@ -9,6 +9,7 @@
 #include <functional>
 #include <memory>
 #include <string>
+#include <string_view>
 #include <vector>
 
 struct sqlite3;
@@ -48,6 +49,9 @@ struct KeptEdits {
     std::uint64_t count = 0;
     std::uint64_t bytes = 0;  ///< of the changes
 };
+
+/// True for what names a blob: 64 hex digits.
+[[nodiscard]] bool is_digest(std::string_view text);
 
 /// The version of the manifest's tables. Another release may write a larger one, which this one refuses.
 inline constexpr int manifest_version = 2;

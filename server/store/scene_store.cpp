@@ -393,6 +393,8 @@ Reply<std::vector<std::string>> SceneStore::unload(std::string_view name,
     if (may_drop_name && !entry.temporary_of(caller)) {
         if (entry.stored.number != 0) dropped_.push_back(entry.stored);
         entry.stored = {};
+        // Those who hold it still have it in memory; its room on the disk is free.
+        if (entry.scene.held != nullptr) entry.blob.reset();
         entry.kept = entry.listed = false;
     }
     const auto held = entry.scene.held;

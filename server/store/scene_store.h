@@ -52,11 +52,22 @@ struct AsleepScene {
     StoredScene row = {};  ///< whose blob, with its edits, is the scene
 };
 
+/// Room of a principal on the disk, for what takes the place of one of its scenes.
+struct DiskRoom {
+    std::uint64_t bytes = 0;
+    std::string owner = {};
+    std::string remedy = {};
+
+    /// Fails with QUOTA if so many bytes are too many.
+    [[nodiscard]] Reply<void> check(std::uint64_t needed) const;
+};
+
 /// How an edit of a scene is made, besides its content.
 struct EditPlan {
     StoredScene row = {};       ///< of the scene; number 0: it is not stored
     std::uint64_t reserve = 0;  ///< not 0: the epoch to reserve before the edit is published
     bool whole = false;         ///< to keep it, the whole scene must be stored
+    DiskRoom room = {};         ///< for the scene then
 };
 
 /// The work of publish_edit() besides its content.
@@ -121,7 +132,10 @@ public:
         StoredScene row;
         std::unique_ptr<StoredScene> before;  ///< the row in whose place it is put; null: none
         std::shared_ptr<const HeldScene> held;
+        std::shared_ptr<void> claim;  ///< of disk_bytes, until the scene has its entry
     };
+    /// Returns what the caller may store under this name.
+    [[nodiscard]] DiskRoom disk_room(std::string_view name, const ConnectionId& caller) const;
     /// Checks all that publish() checks, and returns the row; its number is for the caller to fill in.
     Reply<Stored> prepare_to_store(const std::string& name, std::shared_ptr<const Snapshot> snapshot,
                                    const Publication& how, const ConnectionId& caller);
@@ -150,8 +164,9 @@ public:
     [[nodiscard]] Reply<void> may_keep(std::string_view name, bool has_state, const ConnectionId& caller);
     /// Says what must be on the disk before an edit of a scene is published. `change_bytes`: of one to be
     /// kept. Fails with QUOTA if a kept one is too much for the owner's disk_bytes.
+    /// `whole`: all of the scene is stored in any case.
     [[nodiscard]] Reply<EditPlan> plan_edit(const NamedScene& before, std::uint64_t change_bytes, bool keep,
-                                            const ConnectionId& caller);
+                                            bool whole, const ConnectionId& caller);
     /// Publishes what an edit made of `before` as the scene's next epoch, for all who hold it. Returns
     /// nothing if it is at another epoch meanwhile. Fails as may_edit() and publish() do.
     Reply<std::optional<NamedScene>> publish_edit(const NamedScene& before,
@@ -252,7 +267,9 @@ private:
         NamedScene scene;  ///< its memory is null while the scene is on the disk alone
         SceneFacts facts;
         [[nodiscard]] std::uint64_t disk_bytes() const {
-            return stored.number == 0 ? 0 : stored.bytes + edit_bytes;
+            // Without a name, but held: its blob stays until it is read.
+            if (stored.number == 0) return blob != nullptr && !scene.held ? facts.bytes : 0;
+            return stored.bytes + edit_bytes;
         }
         BlobPin blob;             ///< not null: this content is stored
         StoredScene stored;  ///< the row of this name; number 0: it has none
@@ -314,9 +331,10 @@ private:
     [[nodiscard]] bool found_by(const Entry& entry, const ConnectionId& caller) const;
     Reply<void> check_quota(const Entry* changed, const ConnectionId& caller,
                             std::uint64_t bytes) const;
-    /// Fails with QUOTA if `owner` may not store so many bytes in the place of those of `changed`.
-    [[nodiscard]] Reply<void> check_disk(const Entry* changed, const std::string& owner,
-                                         std::uint64_t bytes) const;
+    /// Returns what `owner` may store in the place of `changed`.
+    [[nodiscard]] DiskRoom room_for(const Entry* changed, const std::string& owner) const;
+    /// Counts bytes as the owner's until the result is destroyed, on the io thread.
+    [[nodiscard]] std::shared_ptr<void> claim_disk(const std::string& owner, std::uint64_t bytes);
     /// Charges the memory of a scene to another principal if the one that it is charged to holds the
     /// scene no more.
     void settle_charge(const HeldScene& held) const noexcept;
@@ -340,6 +358,9 @@ private:
     const std::shared_ptr<Dispose> dispose_ = std::make_shared<Dispose>();
     Entries entries_;
     std::map<std::string, std::weak_ptr<const HeldScene>> by_digest_;
+    /// Bytes of loads between their check and their entry, by owner.
+    const std::shared_ptr<std::map<std::string, std::uint64_t>> claims_ =
+        std::make_shared<std::map<std::string, std::uint64_t>>();
     std::uint64_t last_connection_ = 0;
     mutable std::optional<AsleepScene> asleep_;
     std::vector<StoredScene> dropped_;

@@ -60,11 +60,30 @@ tl::expected<Pages, BlobFault> read_blob(const fs::path& path, std::uint64_t byt
     return arena;
 }
 
+/// True if the file has these bytes: one that was damaged is written anew.
+bool holds(const fs::path& path, std::span<const std::byte> bytes) {
+    const File file(path, O_RDONLY);
+    struct stat found {};
+    if (!file.is_open() || ::fstat(file.number(), &found) != 0 ||
+        static_cast<std::uint64_t>(found.st_size) != bytes.size())
+        return false;
+    std::vector<std::byte> read(std::min<std::size_t>(bytes.size(), 1 << 20));
+    while (!bytes.empty()) {
+        const ssize_t done = ::read(file.number(), read.data(), std::min(read.size(), bytes.size()));
+        if (done < 0 && errno == EINTR) continue;
+        if (done <= 0 || std::memcmp(read.data(), bytes.data(), static_cast<std::size_t>(done)) != 0)
+            return false;
+        bytes = bytes.subspan(static_cast<std::size_t>(done));
+    }
+    return true;
+}
+
 }  // namespace
 
 tl::expected<std::shared_ptr<const Snapshot>, BlobFault> read_stored(const fs::path& folder,
                                                                      const std::string& digest,
                                                                      std::uint64_t bytes) {
+    if (!is_digest(digest)) return tl::unexpected(BlobFault{false, "it has no blob"});
     auto arena = read_blob(folder / "blobs" / digest, bytes);
     if (!arena) return tl::unexpected(std::move(arena.error()));
     auto opened = Snapshot::open({std::move(*arena), 0, {}});
@@ -179,10 +198,7 @@ Result<BlobPin> StateFolder::keep(const std::string& digest, std::span<const std
     }
     // First: from then on nobody removes it.
     BlobPin pin = this->pin(digest);
-    struct stat found {};
-    if (::stat(blob(digest).c_str(), &found) == 0 &&
-        static_cast<std::uint64_t>(found.st_size) == arena.size())
-        return pin;
+    if (holds(blob(digest), arena)) return pin;
     if (const auto written = write_blob(digest, arena, stopped); !written)
         return tl::unexpected(written.error());
     return pin;
@@ -384,6 +400,7 @@ void StateFolder::collect_locked() {
 }
 
 void StateFolder::set_aside(const std::string& digest) {
+    if (!is_digest(digest)) return;
     ::rename(blob(digest).c_str(), (folder_ / "damaged" / digest).c_str());
     (void)flush_folder(folder_ / "blobs");
 }

@@ -40,9 +40,10 @@ Reply<SceneStore::Stored> SceneStore::prepare_to_store(const std::string& name,
         return tl::unexpected(allowed.error());
     const Entry* const taken = own_entry(name, caller);
     const SceneFacts facts = facts_of(*snapshot);
-    if (const auto room = check_disk(taken, caller.principal, facts.bytes); !room)
-        return tl::unexpected(room.error());
+    if (const auto fits = room_for(taken, caller.principal).check(facts.bytes); !fits)
+        return tl::unexpected(fits.error());
     Stored stored;
+    stored.claim = claim_disk(caller.principal, facts.bytes);
     if (taken != nullptr) stored.row = taken->row();
     if (taken != nullptr && taken->stored.number != 0)
         stored.before = std::make_unique<StoredScene>(taken->stored);
@@ -69,16 +70,35 @@ std::uint64_t SceneStore::on_disk_of(const std::string& principal) const {
     return bytes;
 }
 
-Reply<void> SceneStore::check_disk(const Entry* changed, const std::string& owner,
-                                   std::uint64_t bytes) const {
+Reply<void> DiskRoom::check(std::uint64_t needed) const {
+    if (needed <= bytes) return {};
+    return refuse(Code::quota, owner + " has room for " + protocol::bytes_text(bytes) +
+                                   " in the state folder, " + protocol::bytes_text(needed) +
+                                   " are too many: " + remedy);
+}
+
+DiskRoom SceneStore::room_for(const Entry* changed, const std::string& owner) const {
     const std::uint64_t bytes_max = quotas_.of(owner).disk_bytes;
+    const auto claimed = claims_->find(owner);
     const std::uint64_t others =
-        on_disk_of(owner) - (changed != nullptr && changed->owner == owner ? changed->disk_bytes() : 0);
-    if (bytes <= bytes_max && others <= bytes_max - bytes) return {};
-    return refuse(Code::quota, owner + " has " + protocol::bytes_text(others) + " in the state folder, " +
-                                   protocol::bytes_text(bytes) + " more are too many: " +
-                                   quotas_.limit_text(owner, &Quota::disk_bytes) + "; " +
-                                   remedy(owner, quotas_.remedy(owner, &Quota::disk_bytes)));
+        on_disk_of(owner) - (changed != nullptr && changed->owner == owner ? changed->disk_bytes() : 0) +
+        (claimed == claims_->end() ? 0 : claimed->second);
+    return {bytes_max - std::min(bytes_max, others), owner,
+            quotas_.limit_text(owner, &Quota::disk_bytes) + "; " +
+                remedy(owner, quotas_.remedy(owner, &Quota::disk_bytes))};
+}
+
+DiskRoom SceneStore::disk_room(std::string_view name, const ConnectionId& caller) const {
+    return room_for(own_entry(name, caller), caller.principal);
+}
+
+std::shared_ptr<void> SceneStore::claim_disk(const std::string& owner, std::uint64_t bytes) {
+    (*claims_)[owner] += bytes;
+    return {claims_.get(), [claims = claims_, owner, bytes](void*) {
+                const auto claimed = claims->find(owner);
+                claimed->second -= bytes;
+                if (claimed->second == 0) claims->erase(claimed);
+            }};
 }
 
 bool SceneStore::is_stored(std::string_view name, const ConnectionId& caller) const {
@@ -125,7 +145,10 @@ protocol::Error SceneStore::asleep(const Entry& entry) const {
                 "the stored copy of scene '" + entry.scene.name + "' is damaged: " + entry.damage +
                     "; `Load` it again, or `Unload` it",
                 0};
-    asleep_ = AsleepScene{entry.facts, entry.owner, entry.stored};
+    StoredScene row = entry.stored;
+    // Its name was unloaded while it was on the disk alone: connections hold its blob.
+    if (row.number == 0) row.digest = entry.facts.digest, row.bytes = entry.facts.bytes;
+    asleep_ = AsleepScene{entry.facts, entry.owner, std::move(row)};
     return {Code::busy, "scene '" + entry.scene.name + "' is read from the disk; ask again", 0};
 }
 
@@ -141,6 +164,7 @@ Reply<void> SceneStore::wake(std::shared_ptr<const Snapshot> snapshot, const Asl
         if (entry.facts.digest != scene.facts.digest || entry.scene.held) continue;
         entry.scene.held = *held;
         entry.damage.clear();
+        if (entry.stored.number == 0) entry.blob.reset();
     }
     settle_charge(**held);
     return {};

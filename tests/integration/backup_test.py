@@ -95,7 +95,8 @@ class Backup(WithState):
         for words, said in (((self.state, self.state), "exists; name a new folder"),
                             ((self.folder, copy), "is no state folder"),
                             ((self.state, self.folder / "no" / "such"), "cannot make"),
-                            ((self.folder / "gone", copy), "is no state folder")):
+                            ((self.folder / "gone", copy), "is no state folder"),
+                            ((self.state, ""), "needs the name of a new folder")):
             with self.subTest(words=words):
                 self.assertIn(said, self.raynestd_says(1, "backup", *words))
         for words in ((), (self.state,), (self.state, copy, copy), ("--help", copy)):
@@ -106,6 +107,10 @@ class Backup(WithState):
         copy.symlink_to(self.folder / "elsewhere")
         self.assertIn("exists", self.raynestd_says(1, "backup", self.state, copy))
         copy.unlink()
+        # A folder above it may be a link.
+        (self.folder / "real").mkdir()
+        (self.folder / "link").symlink_to(self.folder / "real")
+        self.raynestd_says(0, "backup", self.state, self.folder / "link" / "copy")
         # A blob that is gone is told, and the others are kept.
         client.run("load", f"{WOODS}&seed=2", "--name", "lost")
         digest = self.scenes()["lost"]["hash"]

@@ -69,12 +69,16 @@ class State(WithState):
 
         files = self.blob_names()
         refused("load", WOODS + "&seed=2", "--name", "two")
-        until(lambda: self.blob_names() == files)
+        self.assertEqual(self.blob_names(), files)
         # A scene in the place of another needs no more, and others have their own part.
         bob.json("load", WOODS + "&seed=3", "--name", "one", "--replace")
         admin.json("load", WOODS + "&seed=4", "--name", "two")
         # Kept edits count, too, and those that are not kept do not.
         bob.json("edit", "one", "--move", "birch-1=0,0,1", "--keep")
+        admin.json("load", "builtin:forest?trees=200", "--name", "big", "--share", "public")
+        files = self.blob_names()
+        refused("edit", "one", "--add", "big=0,0,0", "--keep")
+        self.assertEqual(self.blob_names(), files)
         used = bob.json("stats")["quota_disk_bytes_used"]
         self.assertGreater(used, size * 0.9)
         admin.run("admin", "quota", "bob", f"disk_bytes={used}")
@@ -266,6 +270,49 @@ class State(WithState):
             for name in hits:
                 self.assertEqual(self.hits(name), hits[name])
         self.assertLessEqual(client.json("stats")["memory_used_bytes"], 128 << 20)
+
+    def test_a_scene_that_is_unloaded_stays_for_those_who_hold_it_and_no_other_is_touched(self):
+        skip_sanitized(self, self.raynestd, IMPORTS_GROW)
+        script = """
+import sys, numpy, raynest
+uri, rays, asleep = sys.argv[1], numpy.load(sys.argv[2]), sys.argv[3] == "True"
+with raynest.connect(uri) as owner, raynest.connect(uri) as other:
+    def fill(first):
+        return [owner.load(f"builtin:forest?trees=200&seed={first + i}", f"f{first + i}") for i in range(14)]
+    mine = owner.load("builtin:forest?trees=200&seed=99", "held")
+    held = other.scene("held")
+    before = held.trace(rays)["t"]
+    if asleep:
+        fill(0)
+    mine.unload()
+    fill(20)
+    assert (held.trace(rays)["t"] == before).all()
+    fill(40)
+    assert (held.trace(rays)["t"] == before).all()
+"""
+        package = pathlib.Path(__file__).parents[2] / "client" / "python"
+        for asleep in (False, True):
+            client = self.start("--memory", "128M", "--principal-scene-bytes-max", "1G")
+            done = subprocess.run([sys.executable, "-c", script, self.daemon.uri, self.rays, str(asleep)],
+                                  capture_output=True, text=True, env={**os.environ, "PYTHONPATH": str(package)},
+                                  timeout=4 * PATIENCE)
+            self.assertEqual(done.returncode, 0, done.stderr)
+            until(lambda: client.json("stats")["quota_disk_bytes_used"] ==
+                  sum(file.stat().st_size for file in self.blobs.iterdir()))
+            self.assertEqual(set(self.scenes()), {f"f{first + i}" for first in ((0, 20, 40) if asleep else (20, 40))
+                                                  for i in range(14)})
+            self.assertEqual(list((self.state / "damaged").iterdir()), [])
+            self.kill()
+            self.assertEqual(self.check()[0], 0)
+
+    def test_a_load_writes_a_damaged_blob_anew(self):
+        client = self.start()
+        client.json("load", WOODS, "--name", "woods")
+        digest, = self.blob_names()
+        self.damage(digest)
+        client.json("load", WOODS, "--name", "woods", "--replace")
+        self.kill()
+        self.assertEqual(self.check()[0], 0)
 
     def edits(self, name, keep, limit):
         """Starts a client that makes the same edit again and again, and prints epoch and hash of each."""

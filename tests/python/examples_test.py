@@ -242,7 +242,7 @@ class Examples(DaemonTest):
     def test_commands_of_the_readme_run_as_printed(self):
         text = (CLIENT / "README.md").read_text(encoding="utf-8").split("## Examples\n")[1]
         commands = re.findall(r"^\$ (.*)$", text, re.MULTILINE)
-        self.assertEqual(sum("examples/" in command for command in commands), 6)
+        self.assertEqual(sum("examples/" in command for command in commands), 7)
         # As at the root of a source tree that was built, where python3 is the one that runs this.
         root = self.out / "root"
         (root / "build/bin").mkdir(parents=True)

@@ -134,6 +134,10 @@ class Returns(WithDaemon):
         np.testing.assert_array_equal(made["ring"], sweep.ring[made["beam"]])
         white = hits["base_colour"][hits["hit"]][0] @ [0.2126, 0.7152, 0.0722]
         np.testing.assert_allclose(made["intensity"], white * sweep.rays[made["beam"], 3], rtol=1e-5)
+        for footprint in (2, 7, 50, 100):  # whose shares are sums that are rounded
+            whole = returns.measure(wall, sweep.where(np.array([150])), divergence=1e-4, footprint=footprint, threshold=1)
+            self.assertEqual(len(whole["share"]), 1)
+            self.assertAlmostEqual(whole["share"][0], 1, places=12)
         self.assertEqual((made["return"].max(), made["returns"].max(), made["share"].min()), (0, 1, 1))
 
     def test_returns_end_at_surfaces_and_share_the_beam(self):
@@ -197,6 +201,12 @@ class Returns(WithDaemon):
         turning = name == "turns"
         moving[turning] = velocity + np.stack([-2.5 * arm[:, 1], 2.5 * arm[:, 0], 0 * arm[:, 0]], -1)[turning]
         np.testing.assert_allclose(made["radial_velocity"], ((moving - speed) * way).sum(axis=1), atol=1e-4)
+        # A star stands for any letters, and a beam that meets nothing moves nothing.
+        stars = returns.measure(scene, sweep, velocities={"driv*": velocity, "t*": [velocity, spin, pivot]})
+        np.testing.assert_array_equal(stars["radial_velocity"], made["radial_velocity"])
+        none = returns.measure(scene, sweep, velocities={"drives": velocity}, range=(0, 1))
+        self.assertEqual({len(column) for column in none.values()}, {0})
+        self.assertEqual(none["intensity"].dtype, np.float64)
         # Approach is negative: the distance a moment later says so, too.
         later = still([-2, 0, 3], (-40, 40, 400), place=speed * 1e-3, speed=speed)
         stands = name == "stands"
@@ -225,7 +235,9 @@ class Returns(WithDaemon):
                             ({"footprint": 5000}, "footprint"), ({"returns": 0}, "returns"), ({"returns": 99}, "returns"),
                             ({"resolution": 0}, "resolution"), ({"threshold": 2}, "threshold"), ({"noise": -1}, "noise"),
                             ({"prefer": "last"}, "'nearest' or 'strongest'"), ({"range": (5, 5)}, "range"),
-                            ({"range": (-1, 5)}, "range"), ({"velocities": {"car": (1, 2)}}, "'car' has shape"),
+                            ({"range": (-1, 5)}, "range"), ({"range": 5}, "range"), ({"range": (1,)}, "range"),
+                            ({"resolution": np.inf}, "finite"), ({"noise": np.inf}, "finite"), ({"kind": "all"}, "kind"),
+                            ({"detach": True}, "detach"), ({"velocities": [1]}, "texts of paths"), ({"velocities": {"car": (1, 2)}}, "'car' has shape"),
                             ({"velocities": {"car": (1, 2, np.inf)}}, "'car'"), ({"velocities": {3: (1, 2, 3)}}, "texts of paths"), ({"seed": -1}, "seed")):
             with self.subTest(more=more), self.assertRaisesRegex(raynest.UsageError, words):
                 returns.measure(wall, sweep, **more)
@@ -339,7 +351,7 @@ class PointClouds(WithDaemon):
         rays = ("--rays", str(self.folder / "rain.npy"))
         for name, words, said in (("a.ply", ("--kind", "any"), "needs hits"), ("a.ply", ("--fields", "t"), "column position"),
                                   ("a.las", ("--fields", "position,t"), "no room for the column 't'"),
-                                  ("a.las", ("--kind", "multi"), "--max-hits 5"), ("a.ply", ("--part", "1/2"), "FILE.npz"),
+                                  ("a.las", ("--kind", "multi"), "--max-hits 5"), ("a.ply", ("--part", "1/2"), "FILE.npz"), ("a.ply", ("--detach",), "without --detach"),
                                   ("a.xyz", (), ".npz or .ply or .pcd or .las")):
             with self.subTest(name=name, words=words):
                 self.assertIn(said, self.query(name, *rays, *words, code=2))

@@ -187,6 +187,8 @@ def run(address: str, parts_max: int, scene: str, out: str, words: Sequence[str]
         patience: float = PATIENCE) -> str:
     """Has a cluster carry out a command of raynest in parts, and writes their whole as `out`."""
     ending = os.path.splitext(out)[1].lower()
+    if ending not in (".npz", ".png", ".exr"):
+        raise UsageError(f"{out}: with --dask an answer is written as .npz, .png or .exr")
     try:
         connected: Any = distributed.Client
         cluster = connected(address, timeout=5, set_as_default=False)

@@ -5,6 +5,7 @@
 """
 from __future__ import annotations
 
+import re
 from typing import Any, Literal, Mapping, Optional
 
 import numpy as np
@@ -21,6 +22,7 @@ _RETURNS_MAX = 16
 _FOOTPRINT_MAX = 1024
 # Luminance of red, green and blue, by ITU-R BT.709.
 _LUMINANCE = np.array([0.2126, 0.7152, 0.0722])
+_ROUNDING = 1e-9  # of a share, a sum of powers
 _IDS = ("prim", "geom", "path", "uid")
 
 
@@ -34,26 +36,31 @@ def measure(scene: Scene, sweep: Sweep, *, divergence: float = 0.0, footprint: i
     `footprint` rays, which end at the first surface. Those whose distances differ by less than `resolution` from
     the next make one return; of a beam, at most `returns` are kept, the `prefer`red ones, of those with a share of
     the beam of at least `threshold`. `range` is what the sensor measures at all. Distances get Gaussian noise
-    with the deviation `noise`, the same for the same `seed`.
+    with the deviation `noise`, the same for the same `seed`; the order of a beam's returns is that before the noise.
 
     Columns: beam (row of the sweep), ring, time, return (from 0) and returns (how many the beam has); t and position,
     along the beam's middle, with noise; share (of the beam's power that met this surface) and intensity (share times
     the base colour's luminance times the cosine to the surface's normal: 1 is a white wall seen at right angles);
     prim, geom, path and uid of what reflected most; radial_velocity (away from the sensor is positive).
-    `velocities` says what moves, by the texts of paths, as edits do: {"car-3": v}, for all that is part of it, too. It
-    is a velocity (3,), or (3, 3): the velocity, the angular velocity in radians, and a point of the axis at the
+    `velocities` says what moves, by the texts of paths, with * as in edits: {"car-*": v}, for all that is part of it,
+    too; where several match, the first. It is a velocity (3,), or (3, 3): the velocity, the angular velocity in radians, and a point of the axis at the
     sweep's first time. All else stands still. `job` is what Scene.trace takes: epoch, time, hide, origin ..."""
     offsets, power = _footprint(divergence, footprint)
     returns = count_of("returns", returns, _RETURNS_MAX)
     resolution, threshold, noise = real("resolution", resolution), real("threshold", threshold), real("noise", noise)
     seed = whole("seed", seed, 2**64 - 1, 0)
-    if not (resolution > 0 and 0 <= threshold <= 1 and noise >= 0):
-        raise UsageError("resolution must be above 0, threshold from 0 to 1, and noise not negative")
+    if not (0 < resolution < np.inf and 0 <= threshold <= 1 and 0 <= noise < np.inf):
+        raise UsageError("resolution must be above 0, threshold from 0 to 1, and noise not negative, all of them finite")
     if prefer not in ("nearest", "strongest"):
         raise UsageError(f"prefer={prefer!r}: it is 'nearest' or 'strongest'")
-    near, far = float(range[0]), float(range[1])
-    if not 0 <= near < far:
-        raise UsageError(f"range=({near}, {far}): it must begin at 0 or above, and end after that")
+    ends = numbers("range", range).astype(np.float64)
+    if ends.shape != (2,) or not 0 <= ends[0] < ends[1]:
+        raise UsageError(f"range={range!r}: it is (near, far), and must begin at 0 or above, and end after that")
+    near, far = ends
+    if taken := job.keys() & {"kind", "fields", "reduce", "max_hits", "detach"}:
+        raise UsageError(f"measure() chooses {', '.join(sorted(taken))} itself: leave it out")
+    if velocities is not None and not isinstance(velocities, Mapping):
+        raise UsageError("velocities are by the texts of paths: {'car-3': (12, 0, 0)}")
     moves = {text: _motion(text, motion) for text, motion in (velocities or {}).items()}
     beams = max(1, _TRACED_MAX // len(power))
     parts = []
@@ -75,7 +82,7 @@ def measure(scene: Scene, sweep: Sweep, *, divergence: float = 0.0, footprint: i
     part_of = _parts_of(scene, made["path"], list(moves), job.get("epoch") or 0)
     for number, (along, turning, pivot) in enumerate(moves.values()):
         of = part_of == number
-        since = (made["time"][of] - sweep.time.min())[:, None]
+        since = (made["time"][of] - sweep.time[:1].min(initial=np.inf))[:, None]
         moving[of] = along + np.cross(turning, made["position"][of] - pivot - along * since)
     made["radial_velocity"] = ((moving - sweep.velocity[beam]) * sweep.rays[beam, 3:]).sum(axis=1)
     return made
@@ -130,17 +137,17 @@ def _returns_of(hits: dict[str, Array], ways: Array, power: Array, resolution: f
     weight = power[row % rays]
     light = weight * cosine * (hits["base_colour"][row] @ _LUMINANCE)
     def total(values: Array) -> Array:
-        return np.bincount(number, values, minlength=count)
-    share = total(weight)
+        return np.bincount(number, values, minlength=count).astype(np.float64)
+    share = np.minimum(total(weight), 1)
     # The last of each return's hits, weakest first, is the one that reflected most.
     strongest = np.zeros(count, np.int64)
     by_light = np.lexsort((weight, light))
     strongest[number[by_light]] = row[by_light]
     beam = np.zeros(count, np.int64)
     beam[number] = row // rays
-    made = {"beam": beam, "t": total(weight * t.ravel()[row]) / np.where(share > 0, share, 1), "share": share,
+    made: dict[str, Array] = {"beam": beam, "t": total(weight * t.ravel()[row]) / np.where(share > 0, share, 1), "share": share,
             "intensity": total(light), **{name: hits[name][strongest] for name in _IDS}}
-    kept = np.flatnonzero(share >= threshold)
+    kept = np.flatnonzero(share >= threshold - _ROUNDING)
     if prefer == "strongest":
         kept = kept[np.lexsort((-made["intensity"][kept], beam[kept]))]
     kept = np.sort(kept[_place_in_beam(beam[kept]) < most])
@@ -157,17 +164,14 @@ def _place_in_beam(beam: Array) -> Array:
 
 
 def _parts_of(scene: Scene, paths: Array, texts: list[str], epoch: int) -> Array:
-    """For each path, which of `texts` names it or, next above it, what it is part of; -1 for none."""
+    """For each path, the first of `texts` that names it or what it is part of; -1 for none."""
     if not texts or not len(paths):
         return np.full(len(paths), -1)
     ids, where = np.unique(paths, return_inverse=True)
-    numbers_of = {text: number for number, text in enumerate(texts)}
-    found = np.full(len(ids), -1)
-    for place, path in enumerate(scene.path_of(ids, epoch=epoch)):
-        while path and path not in numbers_of:
-            path = path.rpartition("/")[0]
-        found[place] = numbers_of.get(path, -1)
-    return found[where]
+    patterns = [re.compile(".*".join(map(re.escape, text.split("*"))) + "(/.*)?", re.DOTALL) for text in texts]
+    found = [next((number for number, pattern in enumerate(patterns) if pattern.fullmatch(path)), -1)
+             for path in scene.path_of(ids, epoch=epoch)]
+    return np.array(found)[where]
 
 
 def _motion(text: Any, motion: Any) -> Array:

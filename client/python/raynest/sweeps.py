@@ -44,8 +44,8 @@ def lidar(elevations: Any, azimuths: Any = (0.0, 360.0, 2048), *, begin: float =
     up = np.radians(_list("elevations", elevations, 4096))
     around = np.radians(_azimuths(azimuths))
     begin, end = real("begin", begin), real("end", end)
-    if end < begin:
-        raise UsageError(f"a sweep from {begin} to {end}: it must end after it begins")
+    if not -np.inf < begin <= end < np.inf:
+        raise UsageError(f"a sweep from {begin} to {end}: both must be finite, and it must end after it begins")
     times = begin + (end - begin) * np.arange(len(around)) / len(around)
     poses = poses_at(trajectory, times)
     ways = np.stack([np.cos(up)[:, None] * np.cos(around), np.cos(up)[:, None] * np.sin(around),
@@ -87,6 +87,8 @@ def poses_at(trajectory: Any, times: Any) -> Array:
         raise UsageError(f"pose {int(np.argmax(wrong))} of the trajectory is not rigid: it must turn and move alone, "
                          "without scale or reflection")
     at = numbers("times", times).astype(np.float64)
+    if at.ndim != 1 or not np.isfinite(at).all():
+        raise UsageError(f"times of shape {at.shape} must be (N,) and finite")
     if len(at) and (at.min() < known[0] or at.max() > known[-1]):
         raise UsageError(f"the sweep lasts from {at.min()} to {at.max()}, the trajectory from {known[0]} to {known[-1]}")
     if len(known) == 1:
@@ -103,8 +105,8 @@ def steps(speed: float, period: float, error: float) -> int:
     """Returns into how many equal steps a period is to be cut, so that what moves at `speed` is off by at most
     `error`, if it stands at each step where it is in its middle."""
     speed, period, error = real("speed", speed), real("period", period), real("error", error)
-    if not (speed >= 0 and period >= 0 and error > 0):
-        raise UsageError("speed and period must not be negative, and error above 0")
+    if not (0 <= speed < np.inf and 0 <= period < np.inf and error > 0):
+        raise UsageError("speed and period must be finite and not negative, and error above 0")
     return max(1, int(np.ceil(speed * period / (2 * error))))
 
 
