@@ -222,7 +222,7 @@ class State(WithState):
         if mounted.returncode != 0:
             self.skipTest("cannot mount a tmpfs")
         self.addCleanup(subprocess.run, ["umount", "-l", self.state])
-        client = self.start()
+        client = self.start("--principal-disk-bytes-max", "1G")
         self.addCleanup(self.kill)
         small = client.json("load", "builtin:flake?depth=2", "--name", "small")["hash"]
         self.fails(6, "has no room for the scene", "load", "builtin:forest?trees=300", "--name", "big")
