@@ -207,6 +207,10 @@ void declare(CommandLine& line, HeatmapOptions& heatmap) {
             return "--part: makes a .exr alone: the legend, the ranking and --fail-if need all rays";
         if (heatmap.output.empty() && !has_detach && heatmap.top == 0 && heatmap.fail_if.empty())
             return "--output, --top or --fail-if is required";
+        if (heatmap.output.empty() && heatmap.top != 0 &&
+            !(heatmap.palette.empty() && heatmap.scale.empty() && heatmap.range.empty() &&
+              heatmap.range_from.empty()))
+            return "--palette, --scale and --range: colour a picture; add -o, or leave them out";
         if (!heatmap.output.empty() && has_detach && heatmap.top != 0)
             return "--detach: takes one job: ask for -o or for --top";
         if (has_detach && (is_report(heatmap.output) || !heatmap.fail_if.empty()))

@@ -29,6 +29,11 @@ OPTIONS = (
 
 
 class Idle(WithDaemon):
+    def test_a_ranking_alone_takes_no_colours(self):
+        for option in (("--palette", "viridis"), ("--scale", "log"), ("--range", "0:5")):
+            done = self.cli.run("heatmap", "woods", *VIEW, "--top", "3", *option)
+            self.assertEqual((done.returncode, "add -o" in done.stderr), (2, True), done.stderr)
+
     def notes(self, *arguments):
         """Returns the notes of a command that succeeds."""
         done = self.cli.run(*arguments)
