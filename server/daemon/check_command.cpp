@@ -58,11 +58,11 @@ int check_state(const std::filesystem::path& folder) {
 
 int back_up_state(const std::filesystem::path& from, const std::filesystem::path& to) {
     (void)std::signal(SIGXFSZ, SIG_IGN);  // write() says EFBIG
-    const auto counts = back_up(from, to);
-    if (!counts) return failed(counts.error().message);
+    const auto missing = back_up(from, to);
+    if (!missing) return failed(missing.error().message);
     const int checked = check_state(to);
-    if (counts->missing != 0)
-        return failed(std::to_string(counts->missing) + " scenes have lost their blobs in " + from.string() +
+    if (*missing != 0)
+        return failed(std::to_string(*missing) + " scenes have lost their blobs in " + from.string() +
                       "; load them again");
     return checked;
 }

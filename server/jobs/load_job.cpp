@@ -94,8 +94,7 @@ public:
         if (order_.known) {
             import_started_ = true;
             snapshot_ = order_.known->snapshot;
-            is_stored_ = stores();
-            if (is_stored_) disk_room_ = services_.scenes.disk_room(order_.name, order_.caller);
+            decide_whether_to_store();
             Task publish;
             publish.run = [this](const Stop& stop) -> Reply<Frames> {
                 if (!is_stored_) return Frames{};
@@ -118,8 +117,7 @@ public:
                       : std::max(2 * announced_, services_.budget.limit() / part_kept_free));
         memory_.emplace(services_.budget, principal, Use::lasting,
                         services_.peers.reclaimable_bytes(principal));
-        is_stored_ = stores();
-        if (is_stored_) disk_room_ = services_.scenes.disk_room(order_.name, order_.caller);
+        decide_whether_to_store();
         Task task;
         task.pool = &services_.blocking;
         task.run = [this, remedy = memory_remedy()](const Stop& stop) -> Reply<Frames> {
@@ -161,6 +159,7 @@ public:
                                               order_.caller);
         if (!scene) return tl::unexpected(scene.error());
         scene_ = std::move(*scene);
+        stored_.claim.reset();
         if (committed_ && stored_.before) services_.state->forget(stored_.before->number);
         name_lock_.reset();
         services_.metrics.count<&Metrics::scenes_loaded>(order_.caller.principal);
@@ -213,11 +212,12 @@ private:
         services_.scenes.make_room(bytes, order_.caller.principal);
     }
 
-    /// True if the scene outlives the daemon.
-    [[nodiscard]] bool stores() const {
-        return services_.state != nullptr &&
-               (!order_.publication.temporary ||
-                services_.scenes.is_stored(order_.name, order_.caller));
+    /// A scene is stored if it outlives the daemon.
+    void decide_whether_to_store() {
+        is_stored_ = services_.state != nullptr &&
+                     (!order_.publication.temporary ||
+                      services_.scenes.is_stored(order_.name, order_.caller));
+        if (is_stored_) disk_room_ = services_.scenes.disk_room(order_.name, order_.caller);
     }
 
     /// Writes the scene to the state folder, then waits until no other load of its name is under way. On a

@@ -1,6 +1,6 @@
 #include "server/store/backup.h"
 
-#include "server/store/descriptor.h"
+#include "server/store/file.h"
 #include "server/store/manifest.h"
 
 #include <fcntl.h>
@@ -62,8 +62,8 @@ Result<void> flush(const fs::path& path, int flags) {
 
 /// Copies the manifest, and the blobs of its rows that are not in `to` yet. Leaves the paths of
 /// blobs that `from` has no more in `gone`.
-Result<BackupCounts> copy_once(const fs::path& from, const fs::path& to,
-                               std::set<std::string>& gone) {
+Result<std::uint64_t> copy_once(const fs::path& from, const fs::path& to,
+                                std::set<std::string>& gone) {
     const fs::path copy = to / "manifest.sqlite";
     std::error_code ignored;
     fs::remove(copy, ignored);
@@ -77,52 +77,51 @@ Result<BackupCounts> copy_once(const fs::path& from, const fs::path& to,
     if (!manifest) return tl::unexpected(manifest.error());
     const auto rows = manifest->rows();
     if (!rows) return tl::unexpected(rows.error());
-    BackupCounts counts;
+    std::uint64_t missing = 0;
     std::set<std::string> used;
     gone.clear();
     for (const StoredScene& row : *rows) {
-        ++counts.scenes;
         if (!used.insert(row.digest).second) continue;
-        counts.bytes += row.bytes;
         const fs::path blob = to / "blobs" / row.digest;
         if (fs::exists(blob, ignored)) continue;
         const auto copied = copy_blob(from / "blobs" / row.digest, blob);
         if (!copied) return tl::unexpected(copied.error());
         if (!*copied) gone.insert(row.digest);
     }
-    for (const StoredScene& row : *rows) counts.missing += gone.contains(row.digest) ? 1U : 0U;
+    for (const StoredScene& row : *rows) missing += gone.contains(row.digest) ? 1U : 0U;
     for (const auto& file : fs::directory_iterator(to / "blobs", ignored))
         if (!used.contains(file.path().filename().string())) fs::remove(file.path(), ignored);
     if (const auto done = flush(copy, 0); !done) return tl::unexpected(done.error());
-    return counts;
+    return missing;
 }
 
-Result<BackupCounts> fill(const fs::path& from, const fs::path& to) {
+Result<std::uint64_t> fill(const fs::path& from, const fs::path& to) {
     for (const fs::path& part : {to / "blobs", to / "damaged"})
         if (::mkdir(part.c_str(), S_IRWXU) != 0)
             return refused("cannot make " + part.string(), errno);
     std::set<std::string> gone;
     std::set<std::string> gone_before;
-    Result<BackupCounts> counts;
+    Result<std::uint64_t> missing;
     for (int i = 0; i < tries; ++i) {
-        counts = copy_once(from, to, gone);
+        missing = copy_once(from, to, gone);
         // One that is gone twice is no blob of a scene that was just replaced: it is lost.
-        if (!counts || gone.empty() || gone == gone_before) break;
+        if (!missing || gone.empty() || gone == gone_before) break;
         gone_before = std::exchange(gone, {});
     }
-    if (!counts) return counts;
+    if (!missing) return missing;
     if (const auto done = flush(to / "blobs", O_DIRECTORY); !done)
         return tl::unexpected(done.error());
     if (const auto done = flush(to, O_DIRECTORY); !done) return tl::unexpected(done.error());
-    return counts;
+    return missing;
 }
 
 }  // namespace
 
-Result<BackupCounts> back_up(const fs::path& from, const fs::path& to) {
+Result<std::uint64_t> back_up(const fs::path& from, const fs::path& to) {
     std::error_code error;
     if (to.empty()) return fail(ErrorCode::io_failed, "the backup needs the name of a new folder");
-    if (!fs::exists(from / "manifest.sqlite", error) || fs::file_size(from / "manifest.sqlite", error) == 0)
+    if (!fs::exists(from / "manifest.sqlite", error) ||
+        fs::file_size(from / "manifest.sqlite", error) == 0)
         return fail(ErrorCode::io_failed,
                     from.string() + " is no state folder: its manifest.sqlite is missing or empty");
     if (fs::exists(fs::symlink_status(to, error)))
@@ -137,16 +136,16 @@ Result<BackupCounts> back_up(const fs::path& from, const fs::path& to) {
                                                   "cut off; then remove it");
         return refused("cannot make " + unfinished.string(), errno);
     }
-    auto counts = fill(from, unfinished);
-    if (counts && ::rename(unfinished.c_str(), name.c_str()) != 0)
-        counts = refused("cannot rename " + unfinished.string(), errno);
+    auto missing = fill(from, unfinished);
+    if (missing && ::rename(unfinished.c_str(), name.c_str()) != 0)
+        missing = refused("cannot rename " + unfinished.string(), errno);
     const fs::path above = fs::absolute(name, error).parent_path();
-    if (counts) {
+    if (missing) {
         if (const auto done = flush(above, O_DIRECTORY); !done) return tl::unexpected(done.error());
-        return counts;
+        return missing;
     }
     fs::remove_all(unfinished, error);
-    return counts;
+    return missing;
 }
 
 }  // namespace raynest::server

@@ -15,6 +15,7 @@
 #include "server/ground/errors.h"
 #include "server/security/caller.h"
 #include "server/security/quotas.h"
+#include "server/store/disk_room.h"
 #include "server/store/named_scene.h"
 #include "server/store/state_folder.h"
 #include "server/ground/budget.h"
@@ -50,16 +51,6 @@ struct AsleepScene {
     SceneFacts facts;
     std::string owner;
     StoredScene row = {};  ///< whose blob, with its edits, is the scene
-};
-
-/// Room of a principal on the disk, for what takes the place of one of its scenes.
-struct DiskRoom {
-    std::uint64_t bytes = 0;
-    std::string owner = {};
-    std::string remedy = {};
-
-    /// Fails with QUOTA if so many bytes are too many.
-    [[nodiscard]] Reply<void> check(std::uint64_t needed) const;
 };
 
 /// How an edit of a scene is made, besides its content.
@@ -333,8 +324,6 @@ private:
                             std::uint64_t bytes) const;
     /// Returns what `owner` may store in the place of `changed`.
     [[nodiscard]] DiskRoom room_for(const Entry* changed, const std::string& owner) const;
-    /// Counts bytes as the owner's until the result is destroyed, on the io thread.
-    [[nodiscard]] std::shared_ptr<void> claim_disk(const std::string& owner, std::uint64_t bytes);
     /// Charges the memory of a scene to another principal if the one that it is charged to holds the
     /// scene no more.
     void settle_charge(const HeldScene& held) const noexcept;
@@ -358,9 +347,7 @@ private:
     const std::shared_ptr<Dispose> dispose_ = std::make_shared<Dispose>();
     Entries entries_;
     std::map<std::string, std::weak_ptr<const HeldScene>> by_digest_;
-    /// Bytes of loads between their check and their entry, by owner.
-    const std::shared_ptr<std::map<std::string, std::uint64_t>> claims_ =
-        std::make_shared<std::map<std::string, std::uint64_t>>();
+    DiskClaims claims_;
     std::uint64_t last_connection_ = 0;
     mutable std::optional<AsleepScene> asleep_;
     std::vector<StoredScene> dropped_;

@@ -1,7 +1,7 @@
 #include "server/store/state_folder.h"
 
 #include "protocol/text.h"
-#include "server/store/descriptor.h"
+#include "server/store/file.h"
 
 #include <fcntl.h>
 #include <fmt/format.h>

@@ -1,8 +1,6 @@
 // SceneStore: what is stored, and which scenes are in memory.
 #include "server/store/scene_store.h"
 
-#include "protocol/text.h"
-
 #include <algorithm>
 #include <ctime>
 
@@ -43,7 +41,7 @@ Reply<SceneStore::Stored> SceneStore::prepare_to_store(const std::string& name,
     if (const auto fits = room_for(taken, caller.principal).check(facts.bytes); !fits)
         return tl::unexpected(fits.error());
     Stored stored;
-    stored.claim = claim_disk(caller.principal, facts.bytes);
+    stored.claim = claims_.take(caller.principal, facts.bytes);
     if (taken != nullptr) stored.row = taken->row();
     if (taken != nullptr && taken->stored.number != 0)
         stored.before = std::make_unique<StoredScene>(taken->stored);
@@ -70,19 +68,11 @@ std::uint64_t SceneStore::on_disk_of(const std::string& principal) const {
     return bytes;
 }
 
-Reply<void> DiskRoom::check(std::uint64_t needed) const {
-    if (needed <= bytes) return {};
-    return refuse(Code::quota, owner + " has room for " + protocol::bytes_text(bytes) +
-                                   " in the state folder, " + protocol::bytes_text(needed) +
-                                   " are too many: " + remedy);
-}
-
 DiskRoom SceneStore::room_for(const Entry* changed, const std::string& owner) const {
     const std::uint64_t bytes_max = quotas_.of(owner).disk_bytes;
-    const auto claimed = claims_->find(owner);
     const std::uint64_t others =
         on_disk_of(owner) - (changed != nullptr && changed->owner == owner ? changed->disk_bytes() : 0) +
-        (claimed == claims_->end() ? 0 : claimed->second);
+        claims_.of(owner);
     return {bytes_max - std::min(bytes_max, others), owner,
             quotas_.limit_text(owner, &Quota::disk_bytes) + "; " +
                 remedy(owner, quotas_.remedy(owner, &Quota::disk_bytes))};
@@ -90,15 +80,6 @@ DiskRoom SceneStore::room_for(const Entry* changed, const std::string& owner) co
 
 DiskRoom SceneStore::disk_room(std::string_view name, const ConnectionId& caller) const {
     return room_for(own_entry(name, caller), caller.principal);
-}
-
-std::shared_ptr<void> SceneStore::claim_disk(const std::string& owner, std::uint64_t bytes) {
-    (*claims_)[owner] += bytes;
-    return {claims_.get(), [claims = claims_, owner, bytes](void*) {
-                const auto claimed = claims->find(owner);
-                claimed->second -= bytes;
-                if (claimed->second == 0) claims->erase(claimed);
-            }};
 }
 
 bool SceneStore::is_stored(std::string_view name, const ConnectionId& caller) const {

@@ -1,4 +1,4 @@
-// A file descriptor that closes itself.
+// An open file or folder, which closes itself.
 #pragma once
 
 #include <fcntl.h>
