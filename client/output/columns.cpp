@@ -3,9 +3,7 @@
 #include "client/files/npy.h"
 #include "client/files/points.h"
 
-#include <algorithm>
 #include <cstring>
-#include <iterator>
 #include <limits>
 #include <span>
 
@@ -105,11 +103,6 @@ std::vector<std::byte> Columns::npz(std::string_view part) const {
     return format_npz(arrays);
 }
 
-std::uint64_t Columns::ray_of(std::uint64_t hit) const {
-    return static_cast<std::uint64_t>(
-        std::distance(splits_.begin(), std::ranges::upper_bound(splits_, hit)) - 1);
-}
-
 std::vector<std::uint64_t> Columns::hit_rows() const {
     std::vector<std::uint64_t> rows;
     const auto position = columns_.find("position");
@@ -124,15 +117,15 @@ std::vector<std::uint64_t> Columns::hit_rows() const {
 
 Result<std::vector<std::byte>> Columns::points(std::string_view ending) const {
     const std::vector<std::uint64_t> hits = hit_rows();
+    std::vector<std::uint64_t> rays;  // of each hit, where a ray may have several
+    for (std::uint64_t ray = 0; has_splits_ && ray + 1 < splits_.size(); ++ray)
+        rays.insert(rays.end(), splits_[ray + 1] - splits_[ray], ray);
     std::vector<double> positions(3 * hits.size());
     std::vector<PointColumn> beside;
     for (const std::string& name : order_) {
         const Column& column = columns_.find(name)->second;
         if (!column.shown) continue;
-        std::vector<std::uint64_t> rows = hits;
-        if (has_splits_ && !is_hit_field(name))
-            std::ranges::transform(hits, rows.begin(),
-                                   [&](std::uint64_t hit) { return ray_of(hit); });
+        const std::vector<std::uint64_t>& rows = has_splits_ && !is_hit_field(name) ? rays : hits;
         if (name == "position") {
             for (std::size_t i = 0; i < rows.size(); ++i)
                 std::memcpy(&positions[3 * i], column.bytes.data() + 24 * rows[i], 24);
@@ -156,7 +149,7 @@ Result<std::vector<std::byte>> Columns::points(std::string_view ending) const {
         PointColumn number{"return", "<u2", {}};
         PointColumn of_ray{"returns", "<u2", {}};
         for (const std::uint64_t hit : hits) {
-            const std::uint64_t ray = ray_of(hit);
+            const std::uint64_t ray = rays[hit];
             const std::uint16_t counts[2] = {
                 static_cast<std::uint16_t>(hit - splits_[ray]),
                 static_cast<std::uint16_t>(splits_[ray + 1] - splits_[ray])};

@@ -41,7 +41,6 @@ private:
 
     void append_points(const QueryChunk& chunk, const protocol::BlockView& block, Column& column);
     [[nodiscard]] std::vector<std::uint64_t> hit_rows() const;  ///< of position
-    [[nodiscard]] std::uint64_t ray_of(std::uint64_t hit) const;
 
     bool has_splits_;
     std::map<std::string, Column, std::less<>> columns_;
