@@ -1,4 +1,4 @@
-// What principals may store in the state folder: their quotas disk_bytes.
+// Quotas of the disk (disk_bytes): room for scenes in the state folder.
 #pragma once
 
 #include "server/ground/errors.h"
