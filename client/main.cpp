@@ -62,7 +62,8 @@ std::uint64_t parts_max(const Command& command) {
     constexpr std::uint64_t rays = 1 << 16;
     if constexpr (requires { command.rays_file; }) {
         const auto generate = parse_generate(command.generate);
-        if (command.rays_file.empty() && command.rays.empty() && generate && generate->points.empty())
+        if (command.rays_file.empty() && command.rays.empty() && generate &&
+            generate->points.empty())
             return sensor_rays(generate->message) / rays + 1;
         return 1;
     } else if constexpr (requires { command.part; }) {
@@ -78,12 +79,16 @@ Failure become_dask(const Options& options) {
     return std::visit(
         [&](const auto& command) -> Failure {
             const std::uint64_t parts = parts_max(command);
-            if constexpr (requires { command.part; command.output; }) {
+            if constexpr (requires {
+                              command.part;
+                              command.output;
+                          }) {
                 if (command.part.count != 0 || command.job.detach || is_stdout(command.output) ||
                     command.output.empty())
-                    return failure(Exit::usage, "--dask needs -o FILE, and goes without --part and --detach");
-                std::vector<std::string> words = {options.dask, std::to_string(parts), command.job.scene,
-                                                  command.output};
+                    return failure(Exit::usage,
+                                   "--dask needs -o FILE, and goes without --part and --detach");
+                std::vector<std::string> words = {options.dask, std::to_string(parts),
+                                                  command.job.scene, command.output};
                 words.insert(words.end(), options.words.begin(), options.words.end());
                 return become_python("raynest.dask", std::move(words));
             }
@@ -103,7 +108,8 @@ Result<void> connect_and_run(Options options) {
         local.emplace(std::move(*started));
         options.server = local->uri();
     }
-    if (std::holds_alternative<LogoutOptions>(options.command)) return log_out(options.server, options.json);
+    if (std::holds_alternative<LogoutOptions>(options.command))
+        return log_out(options.server, options.json);
     auto access = options.local ? Result<Access>() : find_access(options.server, options.access);
     if (!access) return tl::unexpected<Failure>(access.error());
     for (const std::string& warning : access->warnings) print_note(warning);
@@ -147,8 +153,8 @@ Result<void> connect_and_run(Options options) {
                 if constexpr (requires { chosen.job.hide; }) {
                     if (auto read = read_tables(chosen.job.settings, chosen.job.tables); !read)
                         return read;
-                    if (auto found = find_selection(context.connection, context.progress,
-                                                    chosen.job);
+                    if (auto found =
+                            find_selection(context.connection, context.progress, chosen.job);
                         !found)
                         return found;
                 }
@@ -163,8 +169,7 @@ Result<void> connect_and_run(Options options) {
                            may_repeat(options.command, done.error(), stdout_watch.printed());
         if (!again) return done;
         progress.clear();
-        if (!options.quiet && !options.json)
-            print_note("the daemon went away; looking for it");
+        if (!options.quiet && !options.json) print_note("the daemon went away; looking for it");
         connection = reconnect(connect, patience, done.error());
         if (!connection) return tl::unexpected<Failure>(connection.error());
     }

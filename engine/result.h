@@ -4,11 +4,11 @@
 // these codes to the wire's table in one function; the message tells the user what to do.
 #pragma once
 
+#include <tl/expected.hpp>
+
 #include <cstdint>
 #include <string>
 #include <utility>
-
-#include <tl/expected.hpp>
 
 namespace raynest {
 
@@ -22,7 +22,7 @@ enum class ErrorCode : std::uint32_t {
     field_invalid,      ///< a column is unknown or not defined for this query
     pack_invalid,       ///< a kernel pack does not load, or does not fit this build
     out_of_memory,
-    io_failed,          ///< the operating system refused: the message says what
+    io_failed,  ///< the operating system refused: the message says what
 };
 inline constexpr ErrorCode last_error_code = ErrorCode::io_failed;
 

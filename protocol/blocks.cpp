@@ -55,7 +55,8 @@ Result<std::vector<BlockView>> read_blocks(const Frame& frame, const BlockList* 
     for (std::size_t i = 0; i < count; ++i) {
         const wire::Block& block = *blocks->Get(static_cast<flatbuffers::uoffset_t>(i));
         const std::string_view name = text(block.name());
-        if (name.empty() || name.size() > limits.name_bytes_max || !std::ranges::all_of(name, is_plain))
+        if (name.empty() || name.size() > limits.name_bytes_max ||
+            !std::ranges::all_of(name, is_plain))
             return fail(Code::bad_frame, "a block without a usable name");
         if (block.dtype() > wire::Dtype::MAX) return bad_block(name, "has an unknown dtype");
         const auto is_stride = [&](std::uint32_t stride) { return stride == block.stride(); };

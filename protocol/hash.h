@@ -13,7 +13,7 @@ namespace raynest::protocol {
 
 /// Returns the checksum; `hash` is that of preceding bytes, if the input comes in parts.
 [[nodiscard]] constexpr std::uint64_t upload_checksum(std::span<const std::byte> bytes,
-                                                   std::uint64_t hash = 0xCBF29CE484222325ULL) {
+                                                      std::uint64_t hash = 0xCBF29CE484222325ULL) {
     for (const std::byte byte : bytes) {
         hash ^= static_cast<std::uint64_t>(byte);
         hash *= 0x100000001B3ULL;

@@ -1,5 +1,5 @@
-// What both ends need of OpenSSL: owners of what it has made, its errors in words, and the digest by
-// which a client asks whether the daemon has a scene already.
+// What both ends need of OpenSSL: owners of what it has made, its errors in words, and the digest
+// by which a client asks whether the daemon has a scene already.
 #pragma once
 
 #include <openssl/err.h>
@@ -24,8 +24,8 @@ struct Release {
     }
 };
 
-/// Returns the first error of OpenSSL in this thread as words, and clears them all. `unknown` stands
-/// for an error without words.
+/// Returns the first error of OpenSSL in this thread as words, and clears them all. `unknown`
+/// stands for an error without words.
 inline std::string openssl_error_text(const char* unknown) {
     const unsigned long code = ERR_get_error();
     ERR_clear_error();
@@ -57,7 +57,8 @@ public:
     /// Ends the input.
     [[nodiscard]] std::optional<Sha256Digest> digest() {
         Sha256Digest out{};
-        if (!good_ || EVP_DigestFinal_ex(context_.get(), out.data(), nullptr) != 1) return std::nullopt;
+        if (!good_ || EVP_DigestFinal_ex(context_.get(), out.data(), nullptr) != 1)
+            return std::nullopt;
         return out;
     }
 

@@ -29,8 +29,8 @@ bool is_type(std::string_view type) {
            });
 }
 
-/// Takes "VALUE" and the separator behind it off `text`. False if it is invalid, or if nothing follows
-/// the separator.
+/// Takes "VALUE" and the separator behind it off `text`. False if it is invalid, or if nothing
+/// follows the separator.
 bool take_value(std::string_view& text) {
     constexpr std::string_view special = ",+\"\\<>;";
     constexpr std::string_view escapable = ",+\"\\<>;# =";
@@ -89,14 +89,16 @@ tl::expected<std::vector<std::string>, std::string> split_principals(std::string
     for (std::size_t i = 0; i < names.size(); ++i) {
         if (names[i].empty()) return tl::unexpected(shown + " has an empty name in it");
         if (i > 0 && has_equals(names[i - 1]) && has_equals(names[i]))
-            return tl::unexpected(shown + " may be one certificate or several: write '\\,' for a "
-                                          "comma in a subject, as in CN=robot\\,O=Lab, and give "
-                                          "each certificate an option of its own");
+            return tl::unexpected(shown +
+                                  " may be one certificate or several: write '\\,' for a "
+                                  "comma in a subject, as in CN=robot\\,O=Lab, and give "
+                                  "each certificate an option of its own");
         if (has_equals(names[i]) && !is_subject(names[i]))
-            return tl::unexpected(std::string("'").append(names[i]) + "' is not a certificate's subject as `raynest "
-                                                   "scenes` and the daemon's log show it, such as "
-                                                   "CN=robot,O=Lab; in a list write '\\,' for its "
-                                                   "commas and '\\\\' for its backslashes");
+            return tl::unexpected(std::string("'").append(names[i]) +
+                                  "' is not a certificate's subject as `raynest "
+                                  "scenes` and the daemon's log show it, such as "
+                                  "CN=robot,O=Lab; in a list write '\\,' for its "
+                                  "commas and '\\\\' for its backslashes");
     }
     return names;
 }

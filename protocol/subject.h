@@ -1,20 +1,20 @@
 // Names of principals as people write them: subjects of certificates, and lists for `load --share`.
 #pragma once
 
+#include <tl/expected.hpp>
+
 #include <cstddef>
 #include <string>
 #include <string_view>
 #include <vector>
-
-#include <tl/expected.hpp>
 
 namespace raynest::protocol {
 
 /// Maximum bytes of a certificate's subject that names a principal.
 inline constexpr std::size_t subject_bytes_max = 200;
 
-/// True for a subject in the form of RFC 2253 without blanks around ',' and '=', as the daemon names
-/// principals: "CN=robot,O=Lab". The order of its parts is not checked.
+/// True for a subject in the form of RFC 2253 without blanks around ',' and '=', as the daemon
+/// names principals: "CN=robot,O=Lab". The order of its parts is not checked.
 [[nodiscard]] bool is_subject(std::string_view text);
 
 /// Splits a list of principals at its commas; "\," is a comma in a name, "\\" a backslash. Returns

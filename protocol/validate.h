@@ -18,9 +18,12 @@ namespace raynest::protocol {
 // One overload per message of requests.def: `checked` ones are defined in validate.cpp, `plain`
 // ones have nothing to check.
 #define RAYNEST_VALIDATE_checked(Name) Result<void> validate(const wire::Name&, const Limits&);
-#define RAYNEST_VALIDATE_plain(Name) \
-    inline Result<void> validate(const wire::Name&, const Limits&) { return {}; }
-#define RAYNEST_REQUEST(number, Name, handler, needs, role, checks, ...) RAYNEST_VALIDATE_##checks(Name)
+#define RAYNEST_VALIDATE_plain(Name)                                 \
+    inline Result<void> validate(const wire::Name&, const Limits&) { \
+        return {};                                                   \
+    }
+#define RAYNEST_REQUEST(number, Name, handler, needs, role, checks, ...) \
+    RAYNEST_VALIDATE_##checks(Name)
 #define RAYNEST_PART(number, Name, checks, ...) RAYNEST_VALIDATE_##checks(Name)
 #define RAYNEST_ANSWER(number, Name, checks) RAYNEST_VALIDATE_##checks(Name)
 #include "protocol/requests.def"

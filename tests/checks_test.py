@@ -3,6 +3,7 @@
 import importlib.util
 import pathlib
 import re
+import shutil
 import subprocess
 import sys
 import tempfile
@@ -235,6 +236,25 @@ class Words(Planted):
                 ("engine/h.h", "class LatencyTraversal {};\n", "'latency' is called single")):
             with self.subTest(file=file):
                 self.assert_refused(file, text, reason)
+
+
+@unittest.skipUnless(shutil.which("clang-format-14"), "no clang-format-14 here")
+class Format(Planted):
+    """check_format.py finds a source that clang-format would change."""
+
+    def check_source(self, text):
+        subprocess.run(["git", "init", "-q", self.root], check=True)
+        self.plant({"engine/a.h": text, ".clang-format": (HERE.parent / ".clang-format").read_text()})
+        subprocess.run(["git", "-C", self.root, "add", "-A"], check=True)
+        return self.check("check_format.py")
+
+    def test_formatted_sources_pass(self):
+        self.assertEqual(self.check_source("struct A {\n    int b = 0;\n};\n")[0], 0)
+
+    def test_others_are_named(self):
+        code, text = self.check_source("struct A {\n  int b=0;\n};\n")
+        self.assertEqual(code, 1, text)
+        self.assertIn("engine/a.h: clang-format-14 -i engine/a.h", text)
 
 
 class Lists(Planted):

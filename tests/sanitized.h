@@ -12,7 +12,8 @@ inline constexpr bool sanitized = true;
 inline constexpr bool sanitized = false;
 #endif
 
-/// An import's process has a sanitizer's memory besides its own, and all of it counts towards --memory.
+/// An import's process has a sanitizer's memory besides its own, and all of it counts towards
+/// --memory.
 inline constexpr bool imports_grow = sanitized;
 
 /// `whole`, or the share of it that takes no longer under a sanitizer.

@@ -58,8 +58,9 @@ private:
 Result<void> run_program(const std::vector<std::string>& words) {
     auto child = ChildProcess::start(words, ChildKind::silent);
     if (!child)
-        return fail(Exit::failed, "a film needs ffmpeg (" + child.error().message +
-                                    "): apt install ffmpeg, or write pictures with -o FRAMES.png");
+        return fail(Exit::failed,
+                    "a film needs ffmpeg (" + child.error().message +
+                        "): apt install ffmpeg, or write pictures with -o FRAMES.png");
     int status = 0;
     while (!child->has_ended(&status)) std::this_thread::sleep_for(look_time);
     if (status == 0) return {};

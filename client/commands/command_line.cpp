@@ -135,7 +135,9 @@ void CommandLine::footer(const std::string& text) {
 }
 
 struct Program::Commands {
-    explicit Commands(Program::Texts own) : texts(std::move(own)), app(texts.description, "raynest") {
+    explicit Commands(Program::Texts own)
+        : texts(std::move(own)),
+          app(texts.description, "raynest") {
         app.footer(texts.footer);
         app.require_subcommand(1);
         app.set_version_flag("--version", texts.version);
@@ -178,8 +180,7 @@ CommandLine Program::line() const {
 }
 
 void Program::add_command(const std::string& name, const std::string& example,
-                          const std::string& text,
-                          const std::function<void(CommandLine&)>& declare,
+                          const std::string& text, const std::function<void(CommandLine&)>& declare,
                           std::function<void()> choose) {
     CLI::App* const sub = commands_->app.add_subcommand(name, text);
     CommandLine line(sub);

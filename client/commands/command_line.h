@@ -61,8 +61,8 @@ public:
     /// The same; `read` takes one text at a time.
     using ReadEach = std::function<Result<void>(const std::string&)>;
     Option add_each(const std::string& name, ReadEach read, const std::string& text);
-    /// Adds an option that may be repeated; `read` returns what is wrong, or "". Several such options are
-    /// read in the order in which they stand on the command line.
+    /// Adds an option that may be repeated; `read` returns what is wrong, or "". Several such
+    /// options are read in the order in which they stand on the command line.
     Option add_in_order(const std::string& name, Read read, const std::string& text);
     /// Adds an option with one or more words behind it.
     Option add_words(const std::string& name, ReadAll read, const std::string& text);
@@ -95,7 +95,8 @@ public:
     [[nodiscard]] Option find(const std::string& name) const;
     /// Adds options of which exactly one must be given.
     [[nodiscard]] CommandLine add_choice(const std::string& title, const std::string& text);
-    /// Sets the check of all options together, which returns what is wrong, or "". A command has one.
+    /// Sets the check of all options together, which returns what is wrong, or "". A command has
+    /// one.
     void at_end(std::function<std::string()> check);
     /// Sets the text at the end of help.
     void footer(const std::string& text);

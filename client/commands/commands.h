@@ -30,8 +30,8 @@ struct LoadOptions {
     bool auto_origin = false;
     std::string up;
     double unit = 0, radius = 0, spacing = 0;  ///< 0: not given
-    std::vector<std::string> masks;  ///< "GLOB=HEX"
-    std::vector<std::string> share;  ///< principals, or "public"
+    std::vector<std::string> masks;            ///< "GLOB=HEX"
+    std::vector<std::string> share;            ///< principals, or "public"
     bool replace = false;
 };
 struct ScenesOptions {};
@@ -91,8 +91,8 @@ struct HeatmapOptions : PictureOptions {
     std::optional<Difference> difference;  ///< the other counts are subtracted
     std::vector<FailIf> fail_if;
     std::string command_line;  ///< for the report: the words of this command, as a shell takes them
-    std::uint32_t top = 0;    ///< rows of a ranking; 0: none is asked for
-    std::uint32_t level = 0;  ///< of the instances that it groups by; 0: the innermost
+    std::uint32_t top = 0;     ///< rows of a ranking; 0: none is asked for
+    std::uint32_t level = 0;   ///< of the instances that it groups by; 0: the innermost
 };
 
 struct ExplainOptions : LightOptions {
@@ -100,7 +100,7 @@ struct ExplainOptions : LightOptions {
     CameraOptions camera;
     std::optional<WorldRay> ray;  ///< else the pixel's
     std::optional<std::array<std::uint32_t, 2>> pixel;
-    bool all = false;  ///< as many steps as the daemon tells
+    bool all = false;          ///< as many steps as the daemon tells
     std::uint32_t sample = 0;  ///< with an integrator: the one whose path is told
 };
 
@@ -151,7 +151,8 @@ struct LoadTestOptions {
 };
 
 template <class, class... Commands>
-using VariantOf = std::variant<Commands...>;  ///< the first is no command: a list begins with commas
+/// The first is no command: a list begins with commas
+using VariantOf = std::variant<Commands...>;
 /// The options of the command that was chosen.
 using CommandOptions = VariantOf<void
 #define RAYNEST_COMMAND(Name, ...) , Name##Options
@@ -179,7 +180,8 @@ Failure become_merge(const MergeOptions& options);
 /// `logout` without a connection.
 Result<void> log_out(const std::string& uri, bool json);
 
-/// Asks for the token of `raynest login` on the terminal, without showing it, or reads it from stdin.
+/// Asks for the token of `raynest login` on the terminal, without showing it, or reads it from
+/// stdin.
 Result<std::string> ask_token(const std::string& uri);
 
 }  // namespace raynest::client

@@ -2,8 +2,8 @@
 // their answer, and by fetch.
 #pragma once
 
-#include "client/ground/json.h"
 #include "client/commands/commands.h"
+#include "client/ground/json.h"
 #include "client/output/fail_if.h"
 #include "client/requests/picture.h"
 #include "client/requests/query.h"
@@ -31,8 +31,8 @@ Result<void> deliver_ranking(Context& context, const ReceivedPicture& answer);
 
 using ChunkConsumer = std::function<Result<void>(const QueryChunk&)>;
 /// Calls `ask`, which runs a query and passes its chunks on, and delivers them: to the file
-/// `output`, or as rows if that is empty. `what` is the query's kind or reducer. `part` says which part of
-/// which request it is, for a file that `raynest merge` reads; null: all of it.
+/// `output`, or as rows if that is empty. `what` is the query's kind or reducer. `part` says which
+/// part of which request it is, for a file that `raynest merge` reads; null: all of it.
 Result<void> deliver_query(Context& context, const std::string& output, const std::string& what,
                            const std::function<Result<Outcome>(const ChunkConsumer&)>& ask,
                            const Json& part = {});

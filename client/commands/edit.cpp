@@ -193,8 +193,7 @@ Result<void> run(Context& context, const EditOptions& options) {
             return {};
         }
         std::cout << options.scene << " is at epoch " << done.epoch() << ": " << done.instances()
-                  << (done.instances() == 1 ? " instance has changed"
-                                            : " instances have changed")
+                  << (done.instances() == 1 ? " instance has changed" : " instances have changed")
                   << (done.kept() ? ", kept\n" : "\n");
         return {};
     }

@@ -55,8 +55,8 @@ wire::RenderT path_message(const ExplainOptions& options, const WorldPoint& orig
     request.height = options.camera.height;
     set_light(options, request);
     request.samples = options.sample + 1;
-    request.encode = "path+" + std::to_string((*options.pixel)[0]) + "," +
-                     std::to_string((*options.pixel)[1]);
+    request.encode =
+        "path+" + std::to_string((*options.pixel)[0]) + "," + std::to_string((*options.pixel)[1]);
     return request;
 }
 
@@ -107,8 +107,9 @@ void declare(CommandLine& line, ExplainOptions& explain) {
 Result<void> run(Context& context, const ExplainOptions& options) {
     if (const std::string& word = options.environment;
         !word.empty() && word != "auto" && word != "sky" && word != "none")
-        return fail(Exit::usage, "--env of explain is sky, none or auto: a path is explained "
-                                 "without files");
+        return fail(Exit::usage,
+                    "--env of explain is sky, none or auto: a path is explained "
+                    "without files");
     const auto origin = ask_origin(context.connection, options.job.scene);
     if (!origin) return tl::unexpected<Failure>(origin.error());
     const bool lit = !options.integrator.empty() && options.pixel;

@@ -88,8 +88,10 @@ std::string camera_words(const CameraOptions& camera) {
     };
     std::array<char, 32> angle{};
     if (camera.fov_degrees > 0)
-        std::snprintf(angle.data(), angle.size(), ", %.4g°", static_cast<double>(camera.fov_degrees));
-    return std::string("from ").append(point(0)).append(" to ").append(point(3)).append(angle.data());
+        std::snprintf(angle.data(), angle.size(), ", %.4g°",
+                      static_cast<double>(camera.fov_degrees));
+    return std::string("from ").append(point(0)).append(" to ").append(point(3)).append(
+        angle.data());
 }
 
 /// Asks for what stands beside the heat map in a report, of the same epoch. Returns the ranking.
@@ -124,21 +126,26 @@ Result<void> deliver_document(Context& context, const HeatmapOptions& options,
     if (!options.output.empty())
         if (auto taken = take_file(*document, answer); !taken) return taken;
     if (is_report(options.output)) {
-        auto written = write_report(
-            context, options, answer,
-            {shown_json(*document), {}, {}, *verdicts, options.command_line, camera_words(options.camera)});
+        auto written = write_report(context, options, answer,
+                                    {shown_json(*document),
+                                     {},
+                                     {},
+                                     *verdicts,
+                                     options.command_line,
+                                     camera_words(options.camera)});
         if (!written) return tl::unexpected<Failure>(written.error());
         ranking = std::move(*written);
     }
     return deliver_heatmap(context, options.output, std::move(answer), *verdicts);
 }
 
-/// Fills in what the options leave to files: the range of --range-from, and a scene to compare with.
+/// Fills in what the options leave to files: the range of --range-from, and a scene to compare
+/// with.
 Result<void> complete(Context& context, HeatmapOptions& options) {
     if (!options.range_from.empty()) {
-        auto range = read_exr_range(options.range_from,
-                                    options.metric.empty() ? "total" : options.metric,
-                                    options.difference.has_value());
+        auto range =
+            read_exr_range(options.range_from, options.metric.empty() ? "total" : options.metric,
+                           options.difference.has_value());
         if (!range) return tl::unexpected<Failure>(range.error());
         options.range = std::move(*range);
     }
@@ -204,7 +211,8 @@ void declare(CommandLine& line, HeatmapOptions& heatmap) {
         const bool has_detach = heatmap.job.detach;
         if (heatmap.part.count != 0 &&
             (heatmap.top != 0 || !heatmap.fail_if.empty() || !heatmap.output.ends_with(".exr")))
-            return "--part: makes a .exr alone: the legend, the ranking and --fail-if need all rays";
+            return "--part: makes a .exr alone: the legend, the ranking and --fail-if need all "
+                   "rays";
         if (heatmap.output.empty() && !has_detach && heatmap.top == 0 && heatmap.fail_if.empty())
             return "--output, --top or --fail-if is required";
         if (heatmap.output.empty() && heatmap.top != 0 &&
@@ -222,8 +230,9 @@ void declare(CommandLine& line, HeatmapOptions& heatmap) {
 
 Result<void> run(Context& context, const HeatmapOptions& asked) {
     if (asked.top != 0 && asked.difference && !is_report(asked.output))
-        return fail(Exit::usage, "--top ranks the work of one scene and --diff compares two: leave one "
-                                 "of them out");
+        return fail(Exit::usage,
+                    "--top ranks the work of one scene and --diff compares two: leave one "
+                    "of them out");
     if (asked.top != 0 && asked.output.empty() && asked.fail_if.empty())
         return rank(context, asked);
     HeatmapOptions options = asked;
@@ -243,8 +252,8 @@ Result<void> run(Context& context, const HeatmapOptions& asked) {
                          ? deliver_document(context, options, std::move(*picture), ranking)
                          : deliver_heatmap(context, options.output, std::move(*picture));
     // The ranking helps most where a limit is exceeded.
-    const bool ranks =
-        options.top != 0 && !options.difference && (delivered || delivered.error().exit == Exit::threshold);
+    const bool ranks = options.top != 0 && !options.difference &&
+                       (delivered || delivered.error().exit == Exit::threshold);
     if (ranks) {
         auto ranked = ranking ? deliver_ranking(context, *ranking) : rank(context, options);
         if (!ranked) return ranked;

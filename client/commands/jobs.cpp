@@ -1,10 +1,9 @@
 // raynest jobs: lists running jobs, and detached jobs with kept answers.
-#include "client/requests/listings.h"
-
 #include "client/commands/commands.h"
 #include "client/ground/json.h"
 #include "client/output/job_text.h"
 #include "client/output/output.h"
+#include "client/requests/listings.h"
 
 namespace raynest::client {
 

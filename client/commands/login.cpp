@@ -1,4 +1,5 @@
-// raynest login URI: keeps a token that the daemon accepts in hosts.toml, with copies of the certificates.
+// raynest login URI: keeps a token that the daemon accepts in hosts.toml, with copies of the
+// certificates.
 #include "client/commands/commands.h"
 #include "client/ground/json.h"
 #include "client/net/hosts.h"
@@ -57,8 +58,8 @@ void declare(CommandLine& line, LoginOptions& login) {
 
 Result<void> run(Context& context, const LoginOptions& options) {
     const Access& access = context.access;
-    if (auto kept = keep_host(options.uri, {access.token, access.tls.ca, access.tls.certificate,
-                                            access.tls.key, {}});
+    if (auto kept = keep_host(
+            options.uri, {access.token, access.tls.ca, access.tls.certificate, access.tls.key, {}});
         !kept)
         return kept;
     const Daemon& daemon = context.connection.daemon();

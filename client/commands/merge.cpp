@@ -5,7 +5,8 @@
 namespace raynest::client {
 
 void declare(CommandLine& line, MergeOptions& merge) {
-    line.add_option("OUT", merge.output, "FILE.npz, FILE.png or FILE.exr that the parts become").required();
+    line.add_option("OUT", merge.output, "FILE.npz, FILE.png or FILE.exr that the parts become")
+        .required();
     line.add_options("PART", merge.parts, "files that --part has written, in any order");
 }
 

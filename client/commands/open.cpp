@@ -65,8 +65,8 @@ bool has_display() {
     return false;
 }
 
-/// Runs xdg-open, which returns once a browser has the address, or is the browser and goes on; false where
-/// there is none.
+/// Runs xdg-open, which returns once a browser has the address, or is the browser and goes on;
+/// false where there is none.
 bool show(const std::string& address) {
     auto program = ChildProcess::start({"xdg-open", address}, ChildKind::independent);
     if (!program) return false;

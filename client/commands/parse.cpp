@@ -117,13 +117,16 @@ Result<void> check_local(const Options& options) {
                 return fail(Exit::usage, "login and logout name a daemon: leave --local out");
             if (std::is_same_v<Command, LoadTestOptions> || std::is_same_v<Command, TopOptions> ||
                 std::is_same_v<Command, OpenOptions>)
-                return fail(Exit::usage, "--local ends its daemon with the command, and this one "
-                                         "needs a daemon that goes on: start raynestd");
+                return fail(Exit::usage,
+                            "--local ends its daemon with the command, and this one "
+                            "needs a daemon that goes on: start raynestd");
             if constexpr (std::is_same_v<Command, HeatmapOptions>) {
                 if (command.difference && !command.difference->scene.empty() &&
                     !is_source(command.difference->scene))
-                    return fail(Exit::usage, "--local begins with no scene: name a file in place "
-                                             "of '" + command.difference->scene + "'");
+                    return fail(Exit::usage,
+                                "--local begins with no scene: name a file in place "
+                                "of '" +
+                                    command.difference->scene + "'");
             }
             if (scene != nullptr && !is_source(*scene))
                 return fail(Exit::usage, "--local begins with no scene: name a file in place of '" +
@@ -147,9 +150,10 @@ Result<Parsed> parse_options(int argc, const char* const* argv) {
     add_access(line, options.access);
     line.add_flag("--local", options.local,
                   "start a raynestd for this command alone, with no scene but those it loads");
-    line.add_option("--dask", options.dask,
-                    "tcp://HOST:PORT of a Dask scheduler: its workers make the parts of a render, heatmap "
-                    "or query, each with a raynestd of its own");
+    line.add_option(
+        "--dask", options.dask,
+        "tcp://HOST:PORT of a Dask scheduler: its workers make the parts of a render, heatmap "
+        "or query, each with a raynestd of its own");
     line.add_flag("--json", options.json, "print answers and errors as JSON");
     line.add_flag("--quiet", options.quiet, "show no progress on the terminal");
     add_reconnect(line, options.reconnect);
@@ -158,12 +162,13 @@ Result<Parsed> parse_options(int argc, const char* const* argv) {
     auto text = program.parse(argc, argv);
     if (!text) return tl::unexpected<Failure>(text.error());
     if (!text->empty()) return Parsed{std::move(*text), std::nullopt};
-    if (const auto* login = std::get_if<LoginOptions>(&options.command)) options.server = login->uri;
-    if (const auto* logout = std::get_if<LogoutOptions>(&options.command); logout && !logout->uri.empty())
+    if (const auto* login = std::get_if<LoginOptions>(&options.command))
+        options.server = login->uri;
+    if (const auto* logout = std::get_if<LogoutOptions>(&options.command);
+        logout && !logout->uri.empty())
         options.server = logout->uri;
     if (options.server.empty()) options.server = default_uri;
-    if (auto useful = check_local(options); !useful)
-        return program.refuse(useful.error().message);
+    if (auto useful = check_local(options); !useful) return program.refuse(useful.error().message);
     if (!options.dask.empty()) {
         const auto is_command = [](std::string_view word) {
             return word == "render" || word == "heatmap" || word == "query";

@@ -14,8 +14,10 @@ struct Options {
     std::string server;
     AccessOptions access;
     bool local = false;  ///< a daemon for this command alone
-    std::string dask;    ///< scheduler of the workers that carry the command out; empty: the daemon does
-    std::vector<std::string> words;  ///< with `dask`: the command and its options, as they were given
+    /// Scheduler of the workers that carry the command out; empty: the daemon does
+    std::string dask;
+    /// With `dask`: the command and its options, as they were given
+    std::vector<std::string> words;
     bool json = false;
     bool quiet = false;
     double reconnect = 10;  ///< seconds to look for a daemon that went away; 0: do not

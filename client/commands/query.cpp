@@ -71,7 +71,8 @@ Result<void> check_points(const QueryOptions& options, const wire::QueryT& reque
     if (std::ranges::find(request.fields, "position") == request.fields.end())
         return fail(Exit::usage, options.output + " needs the column position among --fields");
     if (options.job.detach)
-        return fail(Exit::usage, options.output + " goes without --detach: raynest fetch writes a .npz");
+        return fail(Exit::usage,
+                    options.output + " goes without --detach: raynest fetch writes a .npz");
     if (options.part.count != 0)
         return fail(Exit::usage, "--part needs -o FILE.npz, which raynest merge reads");
     return {};

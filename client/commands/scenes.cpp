@@ -19,8 +19,8 @@ Result<void> run(Context& context, const ScenesOptions&) {
     const auto scenes = list_scenes(context.connection);
     if (!scenes) return tl::unexpected<Failure>(scenes.error());
     Json list = Json::array();
-    std::vector<std::vector<std::string>> rows = {{"SCENE", "EPOCH", "TRIANGLES", "BYTES", "STATE", "OWNER",
-                                                   "SHARED WITH", "AGE", "UNUSED", "OPEN",
+    std::vector<std::vector<std::string>> rows = {{"SCENE", "EPOCH", "TRIANGLES", "BYTES", "STATE",
+                                                   "OWNER", "SHARED WITH", "AGE", "UNUSED", "OPEN",
                                                    "HASH (FIRST 16)"}};
     for (const ListedScene& scene : *scenes) {
         list.push_back(Json{{"name", scene.name},

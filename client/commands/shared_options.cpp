@@ -42,9 +42,10 @@ std::string exit_codes() {
 }
 
 void add_scene(CommandLine& line, std::string& scene) {
-    line.add_option("SCENE", scene,
-                    "name of a loaded scene (see: raynest scenes); or FILE.glb, FILE.obj, FILE.ply, "
-                    "builtin:NAME or root:PATH, which is loaded for this command")
+    line.add_option(
+            "SCENE", scene,
+            "name of a loaded scene (see: raynest scenes); or FILE.glb, FILE.obj, FILE.ply, "
+            "builtin:NAME or root:PATH, which is loaded for this command")
         .required();
 }
 
@@ -115,8 +116,9 @@ void add_job(CommandLine& line, JobOptions& job) {
 }
 
 void add_animation(CommandLine& line, JobOptions& job) {
-    line.add_option("--animation", job.animation,
-                    "name or number of an animation of the scene (the first one; see: raynest info)");
+    line.add_option(
+        "--animation", job.animation,
+        "name or number of an animation of the scene (the first one; see: raynest info)");
 }
 
 void add_moment(CommandLine& line, JobOptions& job) {

@@ -148,14 +148,13 @@ void print_look(const Look& look, const std::string& daemon, bool sees_all) {
         return bytes_text(static_cast<std::uint64_t>(look.now.value(name)));
     };
     std::cout << daemon << ": " << look.running << (look.running == 1 ? " job" : " jobs")
-              << ", queue " << look.waiting << ", " << rate_text(look.rate("rays"))
-              << "rays/s";
+              << ", queue " << look.waiting << ", " << rate_text(look.rate("rays")) << "rays/s";
     if (look.rate("scenes_edited") > 0)
         std::cout << ", " << rate_text(look.rate("scenes_edited")) << "edits/s";
     // Others than administrators are told their own part.
     if (look.now.has("memory_used_bytes"))
-        std::cout << (sees_all ? ", memory " : ", your memory ") << bytes("memory_used_bytes") << " of "
-                  << bytes("memory_limit_bytes");
+        std::cout << (sees_all ? ", memory " : ", your memory ") << bytes("memory_used_bytes")
+                  << " of " << bytes("memory_limit_bytes");
     std::cout << "\n\n";
     if (look.running != 0) {
         print_table(look.job_rows);
@@ -186,8 +185,8 @@ void print_look(const Look& look, const std::string& daemon, bool sees_all) {
     for (const std::string& name : look.now.names) {
         const double total = look.now.value(name);
         if (is_refusal(name) && total > 0)
-            rows.push_back({name, grouped(static_cast<std::uint64_t>(total)),
-                            rate_text(look.rate(name))});
+            rows.push_back(
+                {name, grouped(static_cast<std::uint64_t>(total)), rate_text(look.rate(name))});
     }
     if (rows.size() == 1)
         std::cout << "nothing was refused\n";

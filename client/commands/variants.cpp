@@ -67,8 +67,7 @@ std::string number_text(const Json& number) {
 std::string values_text(const Json& param) {
     if (param.contains("choices"))
         return joined(param["choices"]) + "  (" + param.value("default", "0") + ")";
-    const std::string range =
-        number_text(param["minimum"]) + ".." + number_text(param["maximum"]);
+    const std::string range = number_text(param["minimum"]) + ".." + number_text(param["maximum"]);
     if (param["type"] == "table") return "@FILE  (each " + range + ")";
     return range + "  (" + number_text(param.value("default", Json())) + ")";
 }

@@ -17,7 +17,7 @@ namespace raynest::client {
 /// Returns the range of the heat map in an EXR of raynest, as --range takes it. Exit code 5 where
 /// the file is none; exit code 2 where its range is of another metric than `metric`, or of a
 /// difference where `differs` is false, or the other way round.
-[[nodiscard]] Result<std::string> read_exr_range(const std::string& path,
-                                                 const std::string& metric, bool differs);
+[[nodiscard]] Result<std::string> read_exr_range(const std::string& path, const std::string& metric,
+                                                 bool differs);
 
 }  // namespace raynest::client

@@ -39,7 +39,9 @@ const char* own_name(Exit exit) {
 
 Failure failure(const protocol::Error& error) {
     const protocol::ErrorInfo& info = protocol::error_info(error.code);
-    return {info.exit, static_cast<std::uint32_t>(info.code), std::string(info.name),
+    return {info.exit,
+            static_cast<std::uint32_t>(info.code),
+            std::string(info.name),
             localize_message(error.message.empty() ? info.remedy : error.message),
             error.retry_after_ms,
             {},

@@ -1,4 +1,5 @@
-// Notes Ctrl-C and the end of the terminal, so that the running request can be cancelled before the process ends.
+// Notes Ctrl-C and the end of the terminal, so that the running request can be cancelled before the
+// process ends.
 #pragma once
 
 namespace raynest::client {

@@ -20,7 +20,8 @@ std::string json_text(const Json& value) {
         }
         if (is_c1) ++i;
         std::array<char, 8> escape{};
-        std::snprintf(escape.data(), escape.size(), "\\u%04x", static_cast<unsigned char>(plain[i]));
+        std::snprintf(escape.data(), escape.size(), "\\u%04x",
+                      static_cast<unsigned char>(plain[i]));
         text += escape.data();
     }
     return text;

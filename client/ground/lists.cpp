@@ -7,9 +7,9 @@ namespace {
 
 template <class Has>
 bool some_column(std::string_view name, Has has) {
-    return std::any_of(
-        column_words.begin(), column_words.end(),
-        [&](const ColumnWords& column) { return column.name == name && has(column); });
+    return std::any_of(column_words.begin(), column_words.end(), [&](const ColumnWords& column) {
+        return column.name == name && has(column);
+    });
 }
 
 }  // namespace

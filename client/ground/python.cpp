@@ -32,8 +32,10 @@ Failure become_python(const std::string& module, std::vector<std::string> words)
     pointers.push_back(nullptr);
     std::cout.flush();
     ::execvp(pointers.front(), pointers.data());
-    return failure(Exit::failed,
-                   std::string("this needs ").append(program).append(", which cannot be started: ").append(std::strerror(errno)));
+    return failure(Exit::failed, std::string("this needs ")
+                                     .append(program)
+                                     .append(", which cannot be started: ")
+                                     .append(std::strerror(errno)));
 }
 
 }  // namespace raynest::client

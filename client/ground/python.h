@@ -8,8 +8,8 @@
 
 namespace raynest::client {
 
-/// Makes this process `python3`, or what RAYNEST_PYTHON names, which calls main(words) of a module of the
-/// package. Returns only where that fails: exit code 1.
+/// Makes this process `python3`, or what RAYNEST_PYTHON names, which calls main(words) of a module
+/// of the package. Returns only where that fails: exit code 1.
 Failure become_python(const std::string& module, std::vector<std::string> words);
 
 }  // namespace raynest::client

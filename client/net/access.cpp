@@ -21,9 +21,11 @@ std::string variable(const char* name) {
 Result<std::string> to_token(const std::string& text, const std::string& where) {
     const std::size_t first = text.find_first_not_of(" \t\r\n");
     const std::size_t last = text.find_last_not_of(" \t\r\n");
-    const std::string token = first == std::string::npos ? "" : text.substr(first, last - first + 1);
-    const bool good = !token.empty() && token.size() <= token_bytes_max &&
-                      std::all_of(token.begin(), token.end(), [](char c) { return c > ' ' && c < 0x7F; });
+    const std::string token =
+        first == std::string::npos ? "" : text.substr(first, last - first + 1);
+    const bool good =
+        !token.empty() && token.size() <= token_bytes_max &&
+        std::all_of(token.begin(), token.end(), [](char c) { return c > ' ' && c < 0x7F; });
     if (!good) return fail(Exit::usage, where + " holds no token: one word of printable letters");
     return token;
 }

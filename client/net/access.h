@@ -1,4 +1,5 @@
-// The credentials of a client and its demands on a daemon: token, certificates, and the CA to trust.
+// The credentials of a client and its demands on a daemon: token, certificates, and the CA to
+// trust.
 #pragma once
 
 #include "client/ground/failure.h"
@@ -28,9 +29,9 @@ struct AccessOptions {
     std::string token_file;
 };
 
-/// Looks up what the options leave out: RAYNEST_CA, RAYNEST_CERT, RAYNEST_KEY and RAYNEST_TOKEN, then
-/// the daemon's entry in hosts.toml (`raynest login`). Fails with a token file that others can read,
-/// and rather than show a token to the network.
+/// Looks up what the options leave out: RAYNEST_CA, RAYNEST_CERT, RAYNEST_KEY and RAYNEST_TOKEN,
+/// then the daemon's entry in hosts.toml (`raynest login`). Fails with a token file that others can
+/// read, and rather than show a token to the network.
 Result<Access> find_access(const std::string& uri, const AccessOptions& options);
 
 /// Fails if this token would be sent where others can read it: over tcp:// to a name other than

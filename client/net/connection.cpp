@@ -93,8 +93,8 @@ bool is_tls_alert(std::span<const std::byte> bytes) {
     return bytes.size() >= 2 && bytes[0] == std::byte{21} && bytes[1] == std::byte{3};
 }
 
-/// The failure of a greeting, with exit code 3 unless the daemon names another. Only a connection that
-/// ended is `lost`: a server that has answered will not say more the next time.
+/// The failure of a greeting, with exit code 3 unless the daemon names another. Only a connection
+/// that ended is `lost`: a server that has answered will not say more the next time.
 Failure unanswered(const Failure& why) {
     if (why.exit == Exit::deadline) {
         Failure silent = lost(Exit::cannot_connect, "no RayNest daemon answers within " +
@@ -127,8 +127,7 @@ struct Connection::Socket {
         std::array<std::byte, tls_record_bytes> record;
         const std::size_t size =
             is_large ? first->size() : asio::buffer_copy(asio::buffer(record), parts);
-        const auto* bytes =
-            is_large ? static_cast<const std::byte*>(first->data()) : record.data();
+        const auto* bytes = is_large ? static_cast<const std::byte*>(first->data()) : record.data();
         const auto moved = tls->write({bytes, size});
         // The next call repeats an error.
         error = moved.bytes == 0 ? error_of(moved.state) : error_code();
@@ -203,8 +202,7 @@ Connection::Connection(std::unique_ptr<Socket> socket)
 
 Connection::~Connection() = default;
 
-Result<std::unique_ptr<Connection>> Connection::open(const std::string& uri,
-                                                     const Access& access) {
+Result<std::unique_ptr<Connection>> Connection::open(const std::string& uri, const Access& access) {
     const Clock::time_point end = Clock::now() + greeting_time;
     auto socket = std::make_unique<Socket>();
     error_code error;
@@ -222,10 +220,10 @@ Result<std::unique_ptr<Connection>> Connection::open(const std::string& uri,
             const std::array endpoints = {asio::local::stream_protocol::endpoint(uri.substr(5))};
             error = socket->connect(endpoints, end);
         } else {
-            return fail(Exit::usage,
-                        "'" + uri + "' is no server: use tcp://HOST:PORT, tls://HOST:PORT, ssh://HOST or " +
-                            "unix:PATH" +
-                            (uri.starts_with('/') ? "; did you mean unix:" + uri + "?" : ""));
+            return fail(
+                Exit::usage,
+                "'" + uri + "' is no server: use tcp://HOST:PORT, tls://HOST:PORT, ssh://HOST or " +
+                    "unix:PATH" + (uri.starts_with('/') ? "; did you mean unix:" + uri + "?" : ""));
         }
     } catch (const boost::system::system_error& thrown) {  // a path too long for a socket
         error = thrown.code();
@@ -277,8 +275,10 @@ Result<void> Connection::greet(const std::string& token) {
     if (!frame) return tl::unexpected<Failure>(frame.error());
     const auto welcome = protocol::open<wire::Welcome>(*frame);
     if (!welcome) return tl::unexpected<Failure>(failure(welcome.error()));
-    daemon_ = {std::string(protocol::text((*welcome)->server())), (*welcome)->window_bytes(),
-               (*welcome)->frame_bytes_max(), (*welcome)->chunk_rays_max(),
+    daemon_ = {std::string(protocol::text((*welcome)->server())),
+               (*welcome)->window_bytes(),
+               (*welcome)->frame_bytes_max(),
+               (*welcome)->chunk_rays_max(),
                std::string(protocol::text((*welcome)->principal())),
                std::string(protocol::text((*welcome)->role()))};
     // A daemon may be configured to accept less than this client could send, never more.
@@ -422,11 +422,10 @@ Result<Frame> Connection::read_frame() {
         if (error && socket_->tls && socket_->tls->why_broken().exit == Exit::not_allowed)
             return tl::unexpected<Failure>(socket_->tls->why_broken());
         if (error)
-            return tagged(lost(Exit::failed,
-                               (error == asio::error::eof
-                                    ? "the daemon closed the connection"
-                                    : "the connection broke: " + error.message()) +
-                                   (decoder_.idle() ? "" : cut_short)));
+            return tagged(lost(Exit::failed, (error == asio::error::eof
+                                                  ? "the daemon closed the connection"
+                                                  : "the connection broke: " + error.message()) +
+                                                 (decoder_.idle() ? "" : cut_short)));
         const std::size_t direct = std::min(count, room.size());
         decoder_.filled(direct);
         staged_begin_ = 0;
@@ -449,8 +448,8 @@ Result<void> Connection::wait(short events) {
         if (patience_ != Clock::duration::max()) patience_ -= Clock::now() - begin;
         if (ready > 0) return {};
         if (ready < 0 && errno != EINTR)
-            return tl::unexpected<Failure>(lost(
-                Exit::failed, std::string("the connection broke: ") + std::strerror(errno)));
+            return tl::unexpected<Failure>(
+                lost(Exit::failed, std::string("the connection broke: ") + std::strerror(errno)));
     }
 }
 

@@ -46,8 +46,8 @@ public:
     Connection& operator=(const Connection&) = delete;
 
     [[nodiscard]] const Daemon& daemon() const { return daemon_; }
-    /// Returns the greeted socket, for code that writes frames itself; the connection keeps it. -1 if
-    /// it is encrypted.
+    /// Returns the greeted socket, for code that writes frames itself; the connection keeps it. -1
+    /// if it is encrypted.
     [[nodiscard]] int socket() const;
 
     /// Begins a request; frames of earlier ones are skipped from now on. Some time after the

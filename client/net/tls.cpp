@@ -54,21 +54,20 @@ Result<Settings> make_context(const TlsOptions& options) {
     // One read of the socket takes several records: else each takes two.
     SSL_CTX_set_read_ahead(context.get(), 1);
     SSL_CTX_set_default_read_buffer_len(context.get(), read_ahead_bytes);
-    const bool trusts =
-        options.ca.empty()
-            ? SSL_CTX_set_default_verify_paths(context.get()) == 1
-            : SSL_CTX_load_verify_file(context.get(), options.ca.c_str()) == 1;
+    const bool trusts = options.ca.empty()
+                            ? SSL_CTX_set_default_verify_paths(context.get()) == 1
+                            : SSL_CTX_load_verify_file(context.get(), options.ca.c_str()) == 1;
     if (!trusts)
-        return fail(Exit::usage, options.ca + ": there is no CA certificate in PEM form in it; it is the "
-                                              "ca.pem of: raynestd tls init DIR");
+        return fail(Exit::usage, options.ca +
+                                     ": there is no CA certificate in PEM form in it; it is the "
+                                     "ca.pem of: raynestd tls init DIR");
     SSL_CTX_set_verify(context.get(), options.verify ? SSL_VERIFY_PEER : SSL_VERIFY_NONE, nullptr);
     if (options.certificate.empty()) return context;
     if (SSL_CTX_use_certificate_chain_file(context.get(), options.certificate.c_str()) != 1)
-        return fail(Exit::usage,
-                    options.certificate + ": " +
-                        (ERR_GET_LIB(ERR_peek_error()) == ERR_LIB_PEM
-                             ? "there is no certificate in PEM form in it"
-                             : "the certificate cannot be used: " + error_text()));
+        return fail(Exit::usage, options.certificate + ": " +
+                                     (ERR_GET_LIB(ERR_peek_error()) == ERR_LIB_PEM
+                                          ? "there is no certificate in PEM form in it"
+                                          : "the certificate cannot be used: " + error_text()));
     if (SSL_CTX_use_PrivateKey_file(context.get(), options.key.c_str(), SSL_FILETYPE_PEM) != 1)
         return fail(Exit::usage, options.key + ": there is no key in it that fits " +
                                      options.certificate + " (" + error_text() + ")");
@@ -79,8 +78,7 @@ bool expect_host(SSL* tls, const std::string& host) {
     in6_addr storage{};
     const bool is_address = inet_pton(AF_INET, host.c_str(), &storage) == 1 ||
                             inet_pton(AF_INET6, host.c_str(), &storage) == 1;
-    if (is_address)
-        return X509_VERIFY_PARAM_set1_ip_asc(SSL_get0_param(tls), host.c_str()) == 1;
+    if (is_address) return X509_VERIFY_PARAM_set1_ip_asc(SSL_get0_param(tls), host.c_str()) == 1;
     // OpenSSL's macro for the name of the server casts in the old style.
     return SSL_set1_host(tls, host.c_str()) == 1 &&
            SSL_ctrl(tls, SSL_CTRL_SET_TLSEXT_HOSTNAME, TLSEXT_NAMETYPE_host_name,
@@ -122,7 +120,8 @@ Failure unverified(const SSL* tls, const std::string& host) {
         return failure(Exit::cannot_connect,
                        "the daemon's certificate is not for " + host +
                            "; connect by a name that it has, or make one with: raynestd tls init "
-                           "DIR --host " + host);
+                           "DIR --host " +
+                           host);
     if (verdict == X509_V_ERR_CERT_HAS_EXPIRED)
         return failure(Exit::cannot_connect,
                        "the daemon's certificate has expired; on its machine: raynestd tls renew "
@@ -135,10 +134,12 @@ Failure unverified(const SSL* tls, const std::string& host) {
     if (reason == SSL_R_WRONG_VERSION_NUMBER || reason == SSL_R_HTTP_REQUEST ||
         reason == SSL_R_UNSUPPORTED_PROTOCOL)
         return failure(Exit::cannot_connect, "what listens there does not speak TLS (" +
-                                                 error_text() + "); is it tcp:// in place of tls://?");
+                                                 error_text() +
+                                                 "); is it tcp:// in place of tls://?");
     Failure why_not = broken();
     if (why_not.exit == Exit::failed) {
-        why_not = failure(Exit::cannot_connect, "no RayNest daemon answers on TLS; " + why_not.message);
+        why_not =
+            failure(Exit::cannot_connect, "no RayNest daemon answers on TLS; " + why_not.message);
     }
     return why_not;
 }

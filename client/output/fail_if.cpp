@@ -88,8 +88,7 @@ Result<FailIf> parse_fail_if(const std::string& text) {
     const std::string_view digits = trimmed(whole.substr(at + check.comparison.size()));
     const auto [end, error] =
         std::from_chars(digits.data(), digits.data() + digits.size(), check.limit);
-    if (error != std::errc{} || end != digits.data() + digits.size() ||
-        !std::isfinite(check.limit))
+    if (error != std::errc{} || end != digits.data() + digits.size() || !std::isfinite(check.limit))
         return fail(Exit::usage, "'" + text + "' does not end in a number");
     return check;
 }

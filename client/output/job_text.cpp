@@ -43,8 +43,7 @@ Json job_json(const wire::JobInfo& info) {
 }
 
 std::vector<std::string> job_header() {
-    return {"JOB",      "OWNER", "KIND", "SCENE", "STATE",
-            "PROGRESS", "AGE",   "LEFT", "KEPT",  "WORKER"};
+    return {"JOB", "OWNER", "KIND", "SCENE", "STATE", "PROGRESS", "AGE", "LEFT", "KEPT", "WORKER"};
 }
 
 std::vector<std::string> job_row(const wire::JobInfo& info) {

@@ -43,8 +43,8 @@ Result<void> check_stdout() {
     const int why = errno;  // 0 if an earlier write failed
     if (interrupted()) return fail(Exit::interrupted, "interrupted");
     end_if_unread();
-    return fail(Exit::failed, "cannot write stdout" +
-                                  (why == 0 ? "" : std::string(": ") + std::strerror(why)));
+    return fail(Exit::failed,
+                "cannot write stdout" + (why == 0 ? "" : std::string(": ") + std::strerror(why)));
 }
 
 void print_json(const Json& value, std::ostream& to) {

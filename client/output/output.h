@@ -11,7 +11,8 @@
 
 namespace raynest::client {
 
-/// After a failed write: ends this process silently if the reader of stdout, such as head, has gone.
+/// After a failed write: ends this process silently if the reader of stdout, such as head, has
+/// gone.
 void end_if_unread();
 
 /// Fails if a write to stdout failed. A command that prints much calls this as it goes, so that it

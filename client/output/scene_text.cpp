@@ -29,7 +29,8 @@ Json skipped_json(const wire::SceneInfo& info) {
 /// How long each animation is.
 std::vector<double> seconds_of(const wire::SceneInfo& info) {
     const auto* const seconds = info.animation_seconds();
-    return seconds == nullptr ? std::vector<double>() : std::vector(seconds->begin(), seconds->end());
+    return seconds == nullptr ? std::vector<double>()
+                              : std::vector(seconds->begin(), seconds->end());
 }
 
 /// Returns {type: n} for primitives other than triangles.

@@ -34,8 +34,9 @@ Result<void> read_difference(const std::string& text, Difference& difference) {
     if (key.empty() || value.empty())
         return fail(Exit::usage, "'" + text + "' is neither a scene nor KEY=VALUE");
     if (std::ranges::find(idle_keys, key) != idle_keys.end())
-        return fail(Exit::usage, "'" + text + "' makes no difference: counters are those of the "
-                                 "single traversal on the CPU, whichever is asked for");
+        return fail(Exit::usage, "'" + text +
+                                     "' makes no difference: counters are those of the "
+                                     "single traversal on the CPU, whichever is asked for");
     if (key == "intersector") {
         difference.intersector = value;
     } else if (key == "mask") {

@@ -40,8 +40,9 @@ Result<void> set_environment(const std::string& environment, wire::RenderT& requ
     const std::string_view text(reinterpret_cast<const char*>(held.data()), held.size());
     if (!text.starts_with("\x76\x2f\x31\x01") && !text.starts_with("#?RADIANCE") &&
         !text.starts_with("#?RGBE"))
-        return fail(Exit::usage, environment + " is neither an EXR nor an HDR: --env takes pictures "
-                                               "with the range of light; convert it to one of them");
+        return fail(Exit::usage, environment +
+                                     " is neither an EXR nor an HDR: --env takes pictures "
+                                     "with the range of light; convert it to one of them");
     files.environment_name = environment;
     files.environment = std::move(*bytes);
     request.environment = "picture";
@@ -96,7 +97,9 @@ Result<std::unique_ptr<wire::CameraT>> read_camera(const FilmFile& film, const s
         const auto parsed = parse_world(numbers, 9, 9, "nine numbers");
         if (!parsed) return fail(Exit::invalid, file + " has no valid camera in its header");
         const auto vector = [&](std::size_t at) {
-            const auto number = [&](std::size_t i) { return static_cast<float>((*parsed)[at + i]); };
+            const auto number = [&](std::size_t i) {
+                return static_cast<float>((*parsed)[at + i]);
+            };
             return std::make_unique<wire::Vec3>(number(0), number(1), number(2));
         };
         camera->look_at = true;
@@ -153,8 +156,7 @@ Result<wire::RenderT> resumed_film(const ResumeOptions& options, FilmFiles& file
         for (const std::string& setting : split(set, ' ')) request.job->settings.push_back(setting);
     JobOptions selected;
     for (auto [name, list] : {std::pair("hide", &selected.hide), std::pair("only", &selected.only)})
-        if (const std::string texts = film->value(name); !texts.empty())
-            *list = split(texts, ' ');
+        if (const std::string texts = film->value(name); !texts.empty()) *list = split(texts, ' ');
     add_selection(selected, *request.job);
     request.best_by_ms = static_cast<std::uint32_t>(deadline_of(options.deadline).count());
     request.integrator = film->value("integrator");
@@ -178,7 +180,8 @@ Result<wire::RenderT> resumed_film(const ResumeOptions& options, FilmFiles& file
         request.sun_elevation = static_cast<float>((*numbers)[1]);
     }
     if (film->value("environment") == "picture")
-        if (read = read_number(*film, "environment_rotate", request.environment_rotate, options.file);
+        if (read =
+                read_number(*film, "environment_rotate", request.environment_rotate, options.file);
             !read)
             return tl::unexpected<Failure>(read.error());
     auto camera = read_camera(*film, options.file);
@@ -190,8 +193,8 @@ Result<wire::RenderT> resumed_film(const ResumeOptions& options, FilmFiles& file
     if (environment == "picture")
         environment = asked;
     else if (!environment.empty() && !asked.empty() && asked != environment)
-        return fail(Exit::usage, options.file + " was lit with --env " + environment +
-                                     ", not " + asked + ": leave --env out");
+        return fail(Exit::usage, options.file + " was lit with --env " + environment + ", not " +
+                                     asked + ": leave --env out");
     if (environment.empty())
         return fail(Exit::usage, options.file + " was lit by a picture: pass it with --env");
     if (auto set = set_environment(environment, request, files); !set)

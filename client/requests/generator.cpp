@@ -73,10 +73,9 @@ wire::GeneratorT Generate::at(const WorldPoint& origin) const {
     wire::GeneratorT placed = message;
     std::vector<double> matrix = pose;
     const bool elsewhere =
-        !look_at.empty() || std::any_of(placed.settings.begin(), placed.settings.end(),
-                                        [](const std::string& each) {
-                                            return each.starts_with("camera=");
-                                        });
+        !look_at.empty() ||
+        std::any_of(placed.settings.begin(), placed.settings.end(),
+                    [](const std::string& each) { return each.starts_with("camera="); });
     // Without a pose the sensor is at the origin of the world.
     if (matrix.empty() && !elsewhere && has_pose(placed.kind) && origin != WorldPoint{})
         matrix = {1, 0, 0, 0, 0, 1, 0, 0, 0, 0, 1, 0};
@@ -146,7 +145,9 @@ std::uint64_t sensor_rays(const wire::GeneratorT& generator) {
 
 std::uint64_t sensor_band(const wire::GeneratorT& generator) {
     constexpr std::uint64_t tile_rows = 8;
-    return generator.kind == "lidar" ? 1 : std::max<std::uint64_t>(1, tile_rows * grid_of(generator).width);
+    return generator.kind == "lidar"
+               ? 1
+               : std::max<std::uint64_t>(1, tile_rows * grid_of(generator).width);
 }
 
 std::string generate_help() {

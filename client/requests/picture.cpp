@@ -44,7 +44,8 @@ std::string stage_text(const wire::Progress& news) {
                       100 * static_cast<double>(news.noise()));
         text += noise.data();
     }
-    if (news.left_ms() != 0) text += ", " + std::to_string((news.left_ms() + 999) / 1000) + " s left";
+    if (news.left_ms() != 0)
+        text += ", " + std::to_string((news.left_ms() + 999) / 1000) + " s left";
     return text;
 }
 
@@ -57,8 +58,7 @@ std::string encoding_of(const std::string& output) {
 }
 
 Result<ReceivedPicture> receive_picture(Connection& connection, Progress& progress,
-                                        ReceivedPicture picture,
-                                        const PassConsumer& consume_pass) {
+                                        ReceivedPicture picture, const PassConsumer& consume_pass) {
     while (true) {
         const auto frame = connection.next();
         if (!frame) return tl::unexpected<Failure>(frame.error());

@@ -29,13 +29,17 @@ Result<WorldRay> parse_ray(const std::string& text) {
     if (!numbers) return tl::unexpected<Failure>(numbers.error());
     const std::vector<double>& n = *numbers;
     if (n.size() == 6)
-        return WorldRay{n[0], n[1], n[2], 0, n[3], n[4], n[5], std::numeric_limits<double>::infinity()};
+        return WorldRay{n[0], n[1], n[2], 0,
+                        n[3], n[4], n[5], std::numeric_limits<double>::infinity()};
     // Such rays hit nothing: they are of those who write tmin and tmax last.
     const bool is_range = n[3] >= 0 && n[3] <= n[7];
     if (!is_range || (n[4] == 0 && n[5] == 0 && n[6] == 0))
-        return fail(Exit::usage, "'" + text + "': its tmin, the fourth of eight numbers, must be from 0 to tmax, "
-                                 "the eighth, and its direction between them not zero: they are ox,oy,oz,tmin,"
-                                 "dx,dy,dz,tmax");
+        return fail(
+            Exit::usage,
+            "'" + text +
+                "': its tmin, the fourth of eight numbers, must be from 0 to tmax, "
+                "the eighth, and its direction between them not zero: they are ox,oy,oz,tmin,"
+                "dx,dy,dz,tmax");
     return WorldRay{n[0], n[1], n[2], n[3], n[4], n[5], n[6], n[7]};
 }
 

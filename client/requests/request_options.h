@@ -62,9 +62,10 @@ struct PartRange {
 };
 /// Parts of a picture begin at multiples of so many rows: a block of an EXR.
 inline constexpr std::uint64_t part_rows = 16;
-/// The items of a part of `all`, whose parts begin at multiples of `step`; the whole without a part. Exit
-/// code 2 where there are fewer steps than parts.
-Result<PartRange> part_of(const PartOption& part, std::uint64_t all, std::uint64_t step, const char* items);
+/// The items of a part of `all`, whose parts begin at multiples of `step`; the whole without a
+/// part. Exit code 2 where there are fewer steps than parts.
+Result<PartRange> part_of(const PartOption& part, std::uint64_t all, std::uint64_t step,
+                          const char* items);
 
 /// Options of render and heatmap.
 struct PictureOptions {
@@ -77,9 +78,9 @@ struct PictureOptions {
 struct LightOptions {
     std::string integrator;
     std::uint64_t seed = 0;
-    std::uint32_t depth = 0;  ///< 0: the daemon's
-    float ao_distance = 0;    ///< 0: the daemon's
-    std::string environment;  ///< auto | sky | none | a file
+    std::uint32_t depth = 0;                  ///< 0: the daemon's
+    float ao_distance = 0;                    ///< 0: the daemon's
+    std::string environment;                  ///< auto | sky | none | a file
     std::optional<std::array<float, 2>> sun;  ///< azimuth and elevation in degrees
 };
 

@@ -17,8 +17,8 @@ Result<void> send_file(Connection& connection, std::uint32_t number,
                        std::span<const std::byte> bytes, Progress& progress,
                        const FrameConsumer& consume, const Among& among) {
     for (std::uint64_t offset = 0; offset < bytes.size();) {
-        const std::uint64_t count = std::min({bytes.size() - offset, piece_bytes,
-                                              connection.bulk_bytes_max() & ~std::uint64_t{63}});
+        const std::uint64_t count = std::min(
+            {bytes.size() - offset, piece_bytes, connection.bulk_bytes_max() & ~std::uint64_t{63}});
         while (connection.credit() < protocol::padded(count)) {
             const auto frame = connection.next();
             if (!frame) return tl::unexpected<Failure>(frame.error());

@@ -38,9 +38,9 @@ struct UploadFile {
 };
 
 struct Upload {
-    std::string source;             ///< name of the main file, or the source itself
-    std::string scene_name;         ///< the stem of the source; may be empty
-    std::vector<UploadFile> files;  ///< the main file first; empty for builtin: and root:
+    std::string source;                   ///< name of the main file, or the source itself
+    std::string scene_name;               ///< the stem of the source; may be empty
+    std::vector<UploadFile> files;        ///< the main file first; empty for builtin: and root:
     std::vector<std::string> warnings{};  ///< why pictures were left out
 };
 

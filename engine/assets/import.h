@@ -1,4 +1,5 @@
-// Chooses the importer for a source, and imports files into a snapshot arena without a child process.
+// Chooses the importer for a source, and imports files into a snapshot arena without a child
+// process.
 #pragma once
 
 #include "engine/assets/input/import_request.h"

@@ -13,8 +13,8 @@ namespace raynest {
 
 #ifdef __SANITIZE_THREAD__
 // oneTBB's library is not compiled with the checks: how its threads hand work to each other is not
-// seen, and each hand-over looks like a race. To suppress the reports is no way out: looking each up
-// took 99 % of the time of a build. One thread hands nothing over.
+// seen, and each hand-over looks like a race. To suppress the reports is no way out: looking each
+// up took 99 % of the time of a build. One thread hands nothing over.
 static const tbb::global_control one_thread(tbb::global_control::max_allowed_parallelism, 1);
 #endif
 

@@ -231,7 +231,8 @@ void order_children(Node& node, std::uint32_t count) {
                 rank[b] += before ? 1 : 0;
             }
         }
-        for (std::uint32_t slot = 0; slot < 8; ++slot) node.order[rank[slot]] |= slot << (3 * octant);
+        for (std::uint32_t slot = 0; slot < 8; ++slot)
+            node.order[rank[slot]] |= slot << (3 * octant);
     }
     node.order[0] |= ((1U << count) - 1) << 24;
 }

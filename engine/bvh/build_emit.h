@@ -9,8 +9,8 @@
 
 namespace raynest::build {
 
-/// Fills `order` of a node whose first `count` slots have children: for each octant, near to far. Ranks
-/// are counted, not sorted: without branches eight slots take a few instructions each.
+/// Fills `order` of a node whose first `count` slots have children: for each octant, near to far.
+/// Ranks are counted, not sorted: without branches eight slots take a few instructions each.
 void order_children(Node& node, std::uint32_t count);
 
 /// Fills nodes, leaves, root and height.

@@ -131,7 +131,8 @@ private:
 };
 
 /// is_valid() of every ray, of the rows of what requests gave.
-[[nodiscard]] RAYNEST_INLINE RayMask valid_rays(const PacketLevel& level, const PacketRange& range) {
+[[nodiscard]] RAYNEST_INLINE RayMask valid_rays(const PacketLevel& level,
+                                                const PacketRange& range) {
     using F = PacketLanes;
     RayMask valid = 0;
     for (std::uint32_t g = 0; g < packet_groups; ++g) {

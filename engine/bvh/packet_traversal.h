@@ -159,7 +159,7 @@ private:
 
     /// Rays of `rays` that enter the child, by each ray's own rule.
     RayMask enter_child(const PacketLevel& level, const PacketBounds& bounds, const Entry& entry,
-                       RayMask rays) const {
+                        RayMask rays) const {
         RayMask inside = 0;
         for (std::uint32_t g = 0; g < packet_groups; ++g) {
             if ((rays >> (packet_lanes * g) & group_bits) == 0) continue;
@@ -346,8 +346,8 @@ private:
     }
 
     /// Returns the rays that are left for one by one.
-    RayMask visit_block_by_frustum(const Walk& walk, const Frustum& frustum, const Triangles8& block,
-                                  RayMask rays) {
+    RayMask visit_block_by_frustum(const Walk& walk, const Frustum& frustum,
+                                   const Triangles8& block, RayMask rays) {
         RayMask alone = 0;
         const std::uint32_t valid = block.valid();
         const Frustum::Edges edges = frustum.edges_of(*block.block);
@@ -449,7 +449,7 @@ private:
 
     Isect& isect_;
     PacketRange range_;
-    RayMask live_ = 0;         ///< rays whose query is not answered yet
+    RayMask live_ = 0;        ///< rays whose query is not answered yet
     std::uint32_t mask_ = 0;  ///< of the call, as in RayView
     std::uint32_t flags_ = 0;
     Cancellation* cancellation_ = nullptr;

@@ -6,7 +6,8 @@
 // and stored as a whole; a ray is appended to every list and only the counters say to which).
 // Measured against the single traversal, which looks at several nodes together, for incoherent
 // rays of one large tree: rays from anywhere 1.5 to 1.7, from near by 0.9 to 1.2, indoors 0.7
-// to 1.0. Below instances 0.65 to 1.0, coherent rays 0.75 to 0.97 (packs/kernel_selector.cpp chooses).
+// to 1.0. Below instances 0.65 to 1.0, coherent rays 0.75 to 0.97 (packs/kernel_selector.cpp
+// chooses).
 //
 // All rays push the children of their nodes before the first of them pops what it looks at next. A
 // pop waits for the end of the ray's box test; done at once, it and its prefetches fill the CPU's

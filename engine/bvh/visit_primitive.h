@@ -32,7 +32,9 @@ struct Instance {
     [[nodiscard]] RAYNEST_FN const InstanceRecord& record() const {
         return scene->instances[index];
     }
-    [[nodiscard]] std::uint64_t placement_count() const { return scene->objects[record().object].placement_count; }
+    [[nodiscard]] std::uint64_t placement_count() const {
+        return scene->objects[record().object].placement_count;
+    }
 };
 
 /// Drops back faces of single-sided materials: `--set cull=back`.

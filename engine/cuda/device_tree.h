@@ -169,7 +169,8 @@ struct CompressedTrees {
             const CompressedBoxes boxes = load(&nodes[node].boxes);
             std::uint32_t mask = 0;
             for (std::uint32_t slot = 0; slot < 8; ++slot) {
-                const std::uint32_t hit = intersect_with(isect, ray, CompressedBox{&boxes, slot}).mask;
+                const std::uint32_t hit =
+                    intersect_with(isect, ray, CompressedBox{&boxes, slot}).mask;
                 mask |= (hit & boxes.valid >> slot) << (slot ^ ray.slabs.octant);
             }
             return mask;

@@ -31,9 +31,7 @@ struct RayView {
     std::uint32_t level = 0;     ///< instances around it: 0 in the root's tree
 
     /// A point on the ray in this level's space; `world_at` in the space of the request.
-    [[nodiscard]] RAYNEST_FN Vec3 at(float t) const {
-        return point_along(origin, direction, t);
-    }
+    [[nodiscard]] RAYNEST_FN Vec3 at(float t) const { return point_along(origin, direction, t); }
     [[nodiscard]] RAYNEST_FN Vec3 world_at(float t) const {
         return point_along(world->origin, world->direction, t);
     }

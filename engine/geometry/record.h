@@ -44,8 +44,8 @@ using RecordHits = Hits<Record<P>, N>;
 /// The most hits that a primitive can report: a lane is a bit of Hits::mask.
 inline constexpr int record_hits_max = 32;
 
-/// For intersect() of a record with N hits at most: starts without hits, then add_hit() them nearest
-/// first.
+/// For intersect() of a record with N hits at most: starts without hits, then add_hit() them
+/// nearest first.
 template <int N, class P>
 RAYNEST_INLINE RecordHits<P, N> no_hits(const P& primitive) {
     static_assert(N >= 1 && N <= record_hits_max, "a primitive reports 1 to 32 hits");

@@ -10,9 +10,9 @@ namespace raynest {
 
 /// The discriminant is taken at the ray's closest approach to the centre, which keeps its digits
 /// for far and small spheres (Haines, Guenther, Akenine-Moeller, "Precision improvements for
-/// ray/sphere intersection", Ray Tracing Gems, 2019), in float64: 1.8 m above a sphere of the Earth's
-/// size float32 would be off by metres. The hit nearer to the origin comes from the product of both,
-/// so that it loses no digits either, and float32 is enough for the root. u and v are 0.
+/// ray/sphere intersection", Ray Tracing Gems, 2019), in float64: 1.8 m above a sphere of the
+/// Earth's size float32 would be off by metres. The hit nearer to the origin comes from the product
+/// of both, so that it loses no digits either, and float32 is enough for the root. u and v are 0.
 template <class R>
 RAYNEST_INLINE auto intersect(const R& ray, const Sphere& sphere) {
     struct Wide {

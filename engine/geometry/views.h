@@ -5,12 +5,12 @@
 // mapped by a worker process, joined or sent to a GPU.
 #pragma once
 
-#include <cstddef>
-#include <cstdint>
-
 #include "engine/geometry/box.h"
 #include "engine/geometry/hit.h"
 #include "engine/math/vec.h"
+
+#include <cstddef>
+#include <cstdint>
 
 namespace raynest {
 
@@ -22,8 +22,9 @@ enum class Wrap : std::uint32_t { repeat, clamp, mirror };
 
 /// An image decoded once, with the sampler of one glTF texture. 8-bit planes, row 0 on top.
 struct TextureRecord {
-    std::uint64_t colour;  ///< byte offset in `attributes` of width*height RGBA8 (sRGB), no alpha weight
-    std::uint64_t alpha;   ///< byte offset of width*height u8: the plane that alpha tests read
+    /// Byte offset in `attributes` of width*height RGBA8 (sRGB), no alpha weight
+    std::uint64_t colour;
+    std::uint64_t alpha;  ///< byte offset of width*height u8: the plane that alpha tests read
     std::uint32_t width;
     std::uint32_t height;
     Wrap wrap_s;
@@ -33,29 +34,29 @@ struct TextureRecord {
 };
 
 struct MaterialRecord {
-    Vec4 base_colour;      ///< linear
-    float uv_transform[6]; ///< KHR_texture_transform as rows (a b c, d e f): s = a u + b v + c
-    std::uint32_t texture; ///< index, or no_id
+    Vec4 base_colour;       ///< linear
+    float uv_transform[6];  ///< KHR_texture_transform as rows (a b c, d e f): s = a u + b v + c
+    std::uint32_t texture;  ///< index, or no_id
     std::uint32_t texcoord;
     AlphaMode alpha_mode;
     float cutoff;
     std::uint32_t double_sided;
-    std::uint32_t name;    ///< offset in `names`
+    std::uint32_t name;  ///< offset in `names`
 };
 
 /// One glTF primitive: a run of triangles that share a material. All offsets are bytes in
 /// `attributes`; no_offset where the file has no such attribute.
 inline constexpr std::uint64_t no_offset = ~0ULL;
 struct GeometryRecord {
-    std::uint64_t positions;  ///< 3 x f32 per vertex
-    std::uint64_t indices;    ///< 3 x u32 per triangle
+    std::uint64_t positions;     ///< 3 x f32 per vertex
+    std::uint64_t indices;       ///< 3 x u32 per triangle
     std::uint64_t texcoords[2];  ///< 2 x f32 per vertex
-    std::uint64_t colours;    ///< 4 x u8 per vertex (COLOR_0, linear)
-    std::uint64_t opacity;    ///< 2 x u8 per triangle: Opacity; of masked and blended materials
+    std::uint64_t colours;       ///< 4 x u8 per vertex (COLOR_0, linear)
+    std::uint64_t opacity;       ///< 2 x u8 per triangle: Opacity; of masked and blended materials
     std::uint32_t first_triangle;  ///< in the object's flat numbering
     std::uint32_t triangle_count;
     std::uint32_t vertex_count;
-    std::uint32_t material;   ///< index, or no_id
+    std::uint32_t material;  ///< index, or no_id
 };
 
 /// True if the material has a texture and the geometry has the texture coordinates for it. A
@@ -95,10 +96,10 @@ static_assert(sizeof(TexcoordBlock) == 192);
 
 /// One placement of an object in its parent. Stored in declaration order.
 struct InstanceRecord {
-    ColumnTransform to_object; ///< from the parent's space
+    ColumnTransform to_object;  ///< from the parent's space
     std::uint32_t object;
-    std::uint32_t mask;        ///< skipped when (mask & request mask) == 0
-    std::uint64_t path_base;   ///< leaf placements of the parent before this one (geometry/path.h)
+    std::uint32_t mask;       ///< skipped when (mask & request mask) == 0
+    std::uint64_t path_base;  ///< leaf placements of the parent before this one (geometry/path.h)
 };
 static_assert(sizeof(InstanceRecord) == 64);
 
@@ -113,13 +114,15 @@ struct InstanceInfo {
 /// Never triangles and records together: a hit names either by one flat index.
 struct ObjectRecord {
     Box bounds;
-    float origin_error;        ///< >= 1: how much rounding of the ray the box test must absorb, see geometry/slabs.h
-    std::uint32_t root;        ///< child word of the tree (bvh/node.h)
+    /// >= 1: how much rounding of the ray the box test must absorb, see geometry/slabs.h
+    float origin_error;
+    std::uint32_t root;  ///< child word of the tree (bvh/node.h)
     std::uint64_t first_node;
     std::uint64_t first_block;
-    std::uint64_t first_record;  ///< byte offset in `records`
-    std::uint64_t placement_count;      ///< leaf placements below (geometry/path.h)
-    std::uint64_t texcoord_blocks;  ///< byte offset in `attributes`, one per leaf block; no_offset where no alpha is in a texture
+    std::uint64_t first_record;     ///< byte offset in `records`
+    std::uint64_t placement_count;  ///< leaf placements below (geometry/path.h)
+    /// Byte offset in `attributes`, one per leaf block; no_offset where no alpha is in a texture
+    std::uint64_t texcoord_blocks;
     std::uint32_t node_count;
     std::uint32_t block_count;
     std::uint32_t triangle_count;
@@ -127,13 +130,15 @@ struct ObjectRecord {
     std::uint32_t geometry_count;
     std::uint32_t first_instance;
     std::uint32_t instance_count;
-    std::uint32_t record_type; ///< primitive_type("sphere") etc.; 0 when there are none
+    std::uint32_t record_type;  ///< primitive_type("sphere") etc.; 0 when there are none
     std::uint32_t record_count;
-    std::uint32_t record_size; ///< bytes of one record, see record_stride
-    std::uint32_t levels;      ///< BVHs on the longest path down, itself included
-    std::uint32_t name;        ///< offset in `names`
+    std::uint32_t record_size;  ///< bytes of one record, see record_stride
+    std::uint32_t levels;       ///< BVHs on the longest path down, itself included
+    std::uint32_t name;         ///< offset in `names`
 
-    [[nodiscard]] RAYNEST_FN bool has_own_primitives() const { return triangle_count + record_count != 0; }
+    [[nodiscard]] RAYNEST_FN bool has_own_primitives() const {
+        return triangle_count + record_count != 0;
+    }
 };
 
 /// Bytes from one entry of `records` to the next: the record, zeros up to a multiple of 4, and its
@@ -149,11 +154,11 @@ struct ObjectRecord {
 }
 
 struct CameraRecord {
-    Transform to_world;   ///< scale removed; looks along -Z, +Y up
-    float yfov;           ///< radians, vertical; 0 of an orthographic camera
-    float aspect;         ///< width over height, 0 when the file does not say
-    std::uint32_t name;   ///< offset in `names`
-    float ymag;           ///< orthographic: half of the height that it shows; else 0
+    Transform to_world;  ///< scale removed; looks along -Z, +Y up
+    float yfov;          ///< radians, vertical; 0 of an orthographic camera
+    float aspect;        ///< width over height, 0 when the file does not say
+    std::uint32_t name;  ///< offset in `names`
+    float ymag;          ///< orthographic: half of the height that it shows; else 0
 };
 
 struct SceneView {
@@ -168,17 +173,17 @@ struct SceneView {
     const TextureRecord* textures = nullptr;
     const CameraRecord* cameras = nullptr;
     const std::byte* attributes = nullptr;
-    const char* names = nullptr;         ///< zero-terminated strings
+    const char* names = nullptr;  ///< zero-terminated strings
     std::uint32_t object_count = 0;
     std::uint32_t instance_count = 0;
     std::uint32_t geometry_count = 0;
     std::uint32_t material_count = 0;
     std::uint32_t texture_count = 0;
     std::uint32_t camera_count = 0;
-    std::uint32_t root = 0;              ///< index of the outermost object
-    std::uint32_t masked_materials = 0;  ///< MASK or BLEND, in use or not
+    std::uint32_t root = 0;               ///< index of the outermost object
+    std::uint32_t masked_materials = 0;   ///< MASK or BLEND, in use or not
     std::uint32_t blended_materials = 0;  ///< those of them that are BLEND
-    std::uint32_t cut_triangles = 0;     ///< 1: a tree may name a triangle in several leaves
+    std::uint32_t cut_triangles = 0;      ///< 1: a tree may name a triangle in several leaves
 
     template <class T>
     [[nodiscard]] RAYNEST_FN const T* attribute(std::uint64_t offset) const {
@@ -186,7 +191,8 @@ struct SceneView {
     }
 
     /// Returns the opacity of a triangle, given by its flat index in the geometry's object.
-    [[nodiscard]] RAYNEST_FN Opacity opacity_of(const GeometryRecord& geometry, std::uint32_t triangle) const {
+    [[nodiscard]] RAYNEST_FN Opacity opacity_of(const GeometryRecord& geometry,
+                                                std::uint32_t triangle) const {
         if (geometry.opacity == no_offset) return {0, 255};
         return attribute<Opacity>(geometry.opacity)[triangle - geometry.first_triangle];
     }

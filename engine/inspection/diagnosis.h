@@ -11,8 +11,8 @@ namespace raynest {
 
 /// A figure beyond its threshold.
 struct Finding {
-    std::string name;     ///< of findings.def
-    std::string subject;  ///< of a mesh or material, as the file has it
+    std::string name;             ///< of findings.def
+    std::string subject;          ///< of a mesh or material, as the file has it
     bool is_material = false;     ///< else an object
     std::uint32_t index = no_id;  ///< of that object or material
     double figure = 0;

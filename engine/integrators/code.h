@@ -1,10 +1,10 @@
 // Integrators compiled for one CPU target: a module per target, in the folder shading/ beside the
 // kernel packs.
 //
-// A module holds this folder's integrators and engine/shading with the flags of the target's kernels,
-// but without fused arithmetic, so that all targets and the library's own code, the baseline, give
-// the same bytes. Each is a module of its own for the reason that packs are: a linker merges inline
-// functions that were compiled for different CPUs.
+// A module holds this folder's integrators and engine/shading with the flags of the target's
+// kernels, but without fused arithmetic, so that all targets and the library's own code, the
+// baseline, give the same bytes. Each is a module of its own for the reason that packs are: a
+// linker merges inline functions that were compiled for different CPUs.
 #pragma once
 
 #include "engine/integrators/integrator.h"

@@ -1,5 +1,5 @@
-// `--integrator direct`: paths of one bounce. All lights, shadows and the surroundings, but no light
-// that other surfaces send on.
+// `--integrator direct`: paths of one bounce. All lights, shadows and the surroundings, but no
+// light that other surfaces send on.
 #pragma once
 
 #include "engine/integrators/path.h"

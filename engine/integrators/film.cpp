@@ -34,7 +34,8 @@ std::span<const FilmLayerInfo, film_layers> film_layer_table() {
 
 Film::Film(ImageSize size, const std::function<bool()>& wanted)
     : size_(size),
-      // The system makes a page of zeros when a thread first adds a sample there: many do so at once.
+      // The system makes a page of zeros when a thread first adds a sample there: many do so at
+      // once.
       words_(static_cast<std::uint32_t*>(
           std::calloc(film_layers * size.pixels(), sizeof(std::uint32_t)))) {
     if (words_ == nullptr) throw std::bad_alloc();
@@ -52,8 +53,8 @@ void Film::add(std::uint64_t pixel, std::uint32_t first, std::span<const FilmSam
     if (first == 0 && !samples.empty()) {
         const FilmSample& sample = samples.front();
         // A sample that is dropped may have no place either.
-        const bool hit = sample.mesh != no_id && std::isfinite(sample.depth) &&
-                         is_finite(sample.position);
+        const bool hit =
+            sample.mesh != no_id && std::isfinite(sample.depth) && is_finite(sample.position);
         at(FilmLayer::z) = hit ? sample.depth : film_depth_miss;
         at(FilmLayer::p_x) = hit ? sample.position.x : 0;
         at(FilmLayer::p_y) = hit ? sample.position.y : 0;

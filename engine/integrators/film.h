@@ -57,9 +57,10 @@ inline constexpr float film_depth_miss = 1e10F;
 /// All layers of a picture, row 0 on top. Threads may add samples to different pixels at once.
 class Film {
 public:
-    /// Fills the film, which takes 0.1 s for 16 million pixels, until `wanted` returns false; a film
-    /// that is not wanted is not whole. Throws std::bad_alloc.
-    explicit Film(ImageSize size, const std::function<bool()>& wanted = [] { return true; });
+    /// Fills the film, which takes 0.1 s for 16 million pixels, until `wanted` returns false; a
+    /// film that is not wanted is not whole. Throws std::bad_alloc.
+    explicit Film(
+        ImageSize size, const std::function<bool()>& wanted = [] { return true; });
 
     [[nodiscard]] ImageSize size() const { return size_; }
     [[nodiscard]] static std::uint64_t bytes(ImageSize size) {

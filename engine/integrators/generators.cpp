@@ -34,8 +34,7 @@ struct Frame {
 /// below the point's distance from zero where the normal is along an axis of small coordinates.
 double step_along(const Vec3& point, const glm::dvec3& normal) {
     double step = 0;
-    for (int axis = 0; axis < 3; ++axis)
-        step += std::abs(normal[axis]) * float_step(point[axis]);
+    for (int axis = 0; axis < 3; ++axis) step += std::abs(normal[axis]) * float_step(point[axis]);
     return step;
 }
 
@@ -69,20 +68,21 @@ Sensor camera_sensor(const Camera& camera, const SensorPose& limits, ImageSize s
     return Orthographic{sensor_pose, size, aspect * height, height};
 }
 
-Equirectangular::Equirectangular(const SensorPose& sensor_pose, ImageSize size) : sensor_pose_(sensor_pose), size_(size) {
+Equirectangular::Equirectangular(const SensorPose& sensor_pose, ImageSize size)
+    : sensor_pose_(sensor_pose),
+      size_(size) {
     for (std::uint32_t i = 0; i < size.width; ++i)
         columns_.push_back(cosine_and_sine(((i + 0.5) / size.width - 0.5) * full_turn));
     for (std::uint32_t i = 0; i < size.height; ++i)
         rows_.push_back(cosine_and_sine((0.5 - (i + 0.5) / size.height) * std::numbers::pi));
 }
 
-Lidar::Lidar(const SensorPose& sensor_pose, std::span<const LidarChannel> channels, double start, double stop,
-             std::uint32_t count)
+Lidar::Lidar(const SensorPose& sensor_pose, std::span<const LidarChannel> channels, double start,
+             double stop, std::uint32_t count)
     : sensor_pose_(sensor_pose) {
     for (const LidarChannel& channel : channels)
         beams_.push_back({cosine_and_sine(channel.elevation * degree),
-                          cosine_and_sine(channel.azimuth_offset * degree),
-                          channel.origin_offset});
+                          cosine_and_sine(channel.azimuth_offset * degree), channel.origin_offset});
     for (std::uint32_t i = 0; i < count; ++i)
         heads_.push_back(cosine_and_sine((start + (stop - start) * i / count) * degree));
 }
@@ -168,10 +168,9 @@ void generate_rays(const Hemisphere& hemisphere, std::span<const Ray> points,
         const double shift_u = static_cast<double>(random.uniform());
         const double shift_v = static_cast<double>(random.uniform());
         const Frame frame(glm::normalize(glm::dvec3(point.direction)));
-        const double margin =
-            hemisphere.beyond_rounding
-                ? std::max(hemisphere.margin, step_along(point.origin, frame.z))
-                : hemisphere.margin;
+        const double margin = hemisphere.beyond_rounding
+                                  ? std::max(hemisphere.margin, step_along(point.origin, frame.z))
+                                  : hemisphere.margin;
         const Vec3 origin(glm::dvec3(point.origin) + margin * frame.z);
         for (std::uint64_t s = (first + i) % samples; s < samples && i < out.size(); ++s, ++i) {
             const auto k = static_cast<double>(s);

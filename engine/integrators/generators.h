@@ -2,8 +2,8 @@
 // sent (PROTOCOL.md, "Generators").
 //
 // Sensors look along -Z of their pose, +X to the right, +Y up, as cameras do; a
-// lidar's axes are those of robotics: x ahead, y left, z up. Poses are applied as they are: the caller
-// checks that they do not scale. All is computed in double and rounded once, in the ray.
+// lidar's axes are those of robotics: x ahead, y left, z up. Poses are applied as they are: the
+// caller checks that they do not scale. All is computed in double and rounded once, in the ray.
 #pragma once
 
 #include "engine/geometry/pinhole.h"
@@ -32,8 +32,8 @@ struct Orthographic {
     /// Through a point of the image, in pixels from its upper left corner.
     [[nodiscard]] Ray ray_at(double x, double y) const {
         Ray ray = sensor_pose.ray({0, 0, -1});
-        ray.origin =
-            sensor_pose.pose.point({(x / size.width - 0.5) * width, (0.5 - y / size.height) * height, 0});
+        ray.origin = sensor_pose.pose.point(
+            {(x / size.width - 0.5) * width, (0.5 - y / size.height) * height, 0});
         return ray;
     }
 };
@@ -58,8 +58,8 @@ private:
 
 /// One beam of a lidar.
 struct LidarChannel {
-    double elevation = 0;       ///< degrees above the plane of x and y
-    double azimuth_offset = 0;  ///< degrees
+    double elevation = 0;         ///< degrees above the plane of x and y
+    double azimuth_offset = 0;    ///< degrees
     glm::dvec3 origin_offset{0};  ///< turns with the head: x along its azimuth
 };
 /// A head that turns about z: `count` azimuths divide [start, stop) degrees, counter-clockwise seen
@@ -67,8 +67,8 @@ struct LidarChannel {
 /// unit length.
 class Lidar {
 public:
-    Lidar(const SensorPose& sensor_pose, std::span<const LidarChannel> channels, double start, double stop,
-          std::uint32_t count);
+    Lidar(const SensorPose& sensor_pose, std::span<const LidarChannel> channels, double start,
+          double stop, std::uint32_t count);
     [[nodiscard]] ImageSize rays() const {
         return {static_cast<std::uint32_t>(heads_.size()),
                 static_cast<std::uint32_t>(beams_.size())};
@@ -78,11 +78,11 @@ public:
         const glm::dvec2& head = heads_[azimuth];
         const double cosine = head.x * beam.offset.x - head.y * beam.offset.y;
         const double sine = head.y * beam.offset.x + head.x * beam.offset.y;
-        Ray ray =
-            sensor_pose_.ray({beam.elevation.x * cosine, beam.elevation.x * sine, beam.elevation.y});
+        Ray ray = sensor_pose_.ray(
+            {beam.elevation.x * cosine, beam.elevation.x * sine, beam.elevation.y});
         const glm::dvec3& at = beam.origin;
-        ray.origin =
-            sensor_pose_.pose.point({at.x * head.x - at.y * head.y, at.x * head.y + at.y * head.x, at.z});
+        ray.origin = sensor_pose_.pose.point(
+            {at.x * head.x - at.y * head.y, at.x * head.y + at.y * head.x, at.z});
         return ray;
     }
 
@@ -133,8 +133,10 @@ void generate_samples(const Sensor& sensor, std::uint32_t samples, std::uint64_t
 struct Hemisphere {
     std::uint32_t samples = 1;  ///< rays per point
     std::uint64_t seed = 0;
-    double margin = 0;  ///< distance along the normal at which rays start, so that they leave the surface
-    /// Starts rays of each point beyond what float32 tells apart along its normal, where that is farther.
+    /// Distance along the normal at which rays start, so that they leave the surface
+    double margin = 0;
+    /// Starts rays of each point beyond what float32 tells apart along its normal, where that is
+    /// farther.
     bool beyond_rounding = false;
 };
 /// Rays [first, first + out.size()) of all points' rays, sample by sample of point after point.

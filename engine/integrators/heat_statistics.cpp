@@ -51,8 +51,8 @@ Value percentile(std::vector<Value>& values, std::uint64_t percent) {
     return *at;
 }
 
-/// Where less than one pixel in a hundred differs, its 99th percentile is near zero and hides how much
-/// it differs: below this share of the largest distance, only the pixels that differ count.
+/// Where less than one pixel in a hundred differs, its 99th percentile is near zero and hides how
+/// much it differs: below this share of the largest distance, only the pixels that differ count.
 constexpr double reach_share_min = 0.01;
 
 /// Ends of the range that a word asks for: the largest value, or the 99th percentile; of
@@ -113,7 +113,8 @@ Result<Range> parse_range(const HeatOptions& options, const Reach& reach, bool c
                          parse(text.substr(colon + 1), range.high) && range.low < range.high &&
                          range.high <= range_max;
     if (centred && !(numbers && range.low == -range.high))
-        return invalid("the range '" + options.range + "' of a difference is none of auto, p99 and "
+        return invalid("the range '" + options.range +
+                       "' of a difference is none of auto, p99 and "
                        "-high:high with 0 < high <= 4294967295");
     if (!centred && !(numbers && range.low >= 0))
         return invalid("the range '" + options.range +
@@ -139,8 +140,7 @@ Result<HeatStatistics> measure(std::span<const Value> values, const HeatOptions&
         statistics.mean = static_cast<double>(sum) / static_cast<double>(values.size());
     }
 
-    const auto range =
-        parse_range(options, reach_of(values, statistics), std::is_signed_v<Value>);
+    const auto range = parse_range(options, reach_of(values, statistics), std::is_signed_v<Value>);
     if (!range) return tl::unexpected(range.error());
     statistics.range_low = range->low;
     statistics.range_high = range->high;

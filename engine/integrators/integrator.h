@@ -52,15 +52,15 @@ struct IntegratorSettings {
     } environment = Environment::automatic;
     std::shared_ptr<const EnvironmentPicture> picture = nullptr;  ///< of Environment::picture
     float environment_rotate = 0;  ///< degrees from -Z towards +X by which the picture is turned
-    bool sun = false;                                             ///< the two angles count
-    float sun_azimuth = 0;    ///< degrees from the north (-Z), eastwards
-    float sun_elevation = 0;  ///< degrees above the horizon
+    bool sun = false;              ///< the two angles count
+    float sun_azimuth = 0;         ///< degrees from the north (-Z), eastwards
+    float sun_elevation = 0;       ///< degrees above the horizon
 };
 
 /// The scene of a job; all it points to outlives the integrator.
 struct IntegratorScene {
-    ColumnSource source;  ///< without rays and hits
-    Box bounds;           ///< of the scene
+    ColumnSource source;                   ///< without rays and hits
+    Box bounds;                            ///< of the scene
     const ShadingView* shading = nullptr;  ///< null: base colours are all that is known
     /// The CPU target whose code shades (integrators/code.h); "": the baseline's.
     std::string_view target = {};

@@ -119,9 +119,9 @@ std::vector<std::string> statistic_words(const HeatStatistics& s, const HeatOpti
         return signed_text(std::to_string(value), of_difference && value > 0);
     };
     const std::string mean = signed_text(number(s.mean, 1), of_difference && s.mean > 0);
-    std::vector<std::string> words{"min " + whole(s.min), "mean " + mean, "p50 " + whole(s.p50),
-                                   "p99 " + whole(s.p99), "max " + whole(s.max),
-                                   "clipped " + share(s.clipped)};
+    std::vector<std::string> words{"min " + whole(s.min), "mean " + mean,
+                                   "p50 " + whole(s.p50), "p99 " + whole(s.p99),
+                                   "max " + whole(s.max), "clipped " + share(s.clipped)};
     if (s.below > 0) words.push_back("below " + share(s.below));
     if (const auto column = parse_column(options.metric); column && column->of_level())
         words.push_back(
@@ -271,8 +271,7 @@ private:
 double HeatScale::position(double count) const {
     if (centred) {
         const double distance = std::min(std::abs(count), high);
-        const double part =
-            logarithmic ? std::log1p(distance) / std::log1p(high) : distance / high;
+        const double part = logarithmic ? std::log1p(distance) / std::log1p(high) : distance / high;
         return 0.5 + std::copysign(part / 2, count);
     }
     const double place = !logarithmic ? (count - low) / (high - low)

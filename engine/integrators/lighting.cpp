@@ -89,25 +89,26 @@ void Lighting::add_far(const IntegratorSettings& settings) {
     const bool automatic = settings.environment == Kind::automatic;
     // A lamp or a screen that emits does not light a whole scene; lights are made to do that.
     const bool file_has_lights = !near_lights_.empty() || !far_lights_.empty();
-    const bool has_sky = settings.environment == Kind::sky ||
-                         (automatic && (settings.sun || !file_has_lights));
+    const bool has_sky =
+        settings.environment == Kind::sky || (automatic && (settings.sun || !file_has_lights));
     if (automatic && !settings.sun)
         notes_.emplace_back(
             file_has_lights ? "the file's lights light the scene, without a sky: `environment` sky "
                               "adds one"
-            : near_.empty() ? "the scene has no lights: it is lit by a clear sky; `environment` and "
-                              "`sun` choose another"
-                            : "the file has no lights but surfaces that emit: a clear sky is added; "
-                              "`environment` none leaves it out");
+            : near_.empty()
+                ? "the scene has no lights: it is lit by a clear sky; `environment` and "
+                  "`sun` choose another"
+                : "the file has no lights but surfaces that emit: a clear sky is added; "
+                  "`environment` none leaves it out");
     if (settings.environment == Kind::picture && settings.picture != nullptr) {
         const EnvironmentPicture& picture = *settings.picture;
-        sky_.environment = Environment(
-            picture.size.width, picture.size.height, picture.pixels,
-            turn_part(0.25 + static_cast<double>(settings.environment_rotate) / 360));
+        sky_.environment =
+            Environment(picture.size.width, picture.size.height, picture.pixels,
+                        turn_part(0.25 + static_cast<double>(settings.environment_rotate) / 360));
         if (picture.left_out != 0)
             notes_.push_back("the environment has " + std::to_string(picture.left_out) +
-                             (picture.left_out == 1 ? " pixel" : " pixels") +
-                             " of " + std::to_string(picture.pixels.size()) +
+                             (picture.left_out == 1 ? " pixel" : " pixels") + " of " +
+                             std::to_string(picture.pixels.size()) +
                              " whose values are infinite or no numbers: they light nothing; save "
                              "the picture without them");
     }
@@ -180,8 +181,8 @@ void Lighting::add_triangles(std::uint32_t index, std::uint64_t path,
                 return to_world * glm::dvec4(positions[corners[3 * i + corner]], 1);
             };
             const glm::dvec3 v0 = world(0);
-            EmittingTriangle t{Vec3(v0), Vec3(world(1) - v0), Vec3(world(2) - v0), 0, index,
-                               geometry.first_triangle + i};
+            EmittingTriangle t{Vec3(v0), Vec3(world(1) - v0),        Vec3(world(2) - v0), 0,
+                               index,    geometry.first_triangle + i};
             const Vec3 normal = glm::cross(t.edge1, t.edge2);
             if (!(glm::dot(normal, normal) > 0) || !std::isfinite(glm::dot(normal, normal)))
                 continue;
@@ -245,8 +246,7 @@ LightSample Lighting::sample_triangle_light(const EmittingTriangle& t, const Vec
     sample.radiance =
         triangle_emission(view_, view_.scene->objects[t.object], t.triangle, b.x, b.y);
     sample.can_be_met = true;
-    sample.end =
-        at - static_cast<double>(std::copysign(t.lift, cosine)) * glm::dvec3(normal);
+    sample.end = at - static_cast<double>(std::copysign(t.lift, cosine)) * glm::dvec3(normal);
     sample.ends = true;
     return sample;
 }

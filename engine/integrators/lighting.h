@@ -1,8 +1,8 @@
-// All light of a scene and how integrators draw from it: lights of the file, triangles that emit, and
-// what comes from far away.
+// All light of a scene and how integrators draw from it: lights of the file, triangles that emit,
+// and what comes from far away.
 //
-// One light is drawn per point. Light from near and from far have half of the draws each, where both
-// exist: near ones in proportion to their power (an alias table), far ones alike.
+// One light is drawn per point. Light from near and from far have half of the draws each, where
+// both exist: near ones in proportion to their power (an alias table), far ones alike.
 #pragma once
 
 #include "engine/integrators/integrator.h"
@@ -36,7 +36,8 @@ public:
     /// Light that comes from infinity, against `direction`, and the density with which sample()
     /// gives the direction.
     [[nodiscard]] Environment::View far(const Vec3& direction) const;
-    /// The density with which sample() gives the direction in which a ray met a triangle that emits.
+    /// The density with which sample() gives the direction in which a ray met a triangle that
+    /// emits.
     [[nodiscard]] float triangle_density(const HitRecord& hit, float distance, float cosine) const;
 
     [[nodiscard]] bool empty() const { return near_.empty() && far_count() == 0; }

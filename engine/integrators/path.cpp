@@ -78,7 +78,8 @@ struct Path::State {
     float covered = 0;  ///< FilmSample::alpha
 };
 
-/// A hit on a path, and the rays that it adds to the wavefront: one that goes on, and one to a light.
+/// A hit on a path, and the rays that it adds to the wavefront: one that goes on, and one to a
+/// light.
 struct Path::Vertex {
     std::uint32_t path;  ///< number of the sample
     std::uint32_t ray;   ///< number of the ray that came here, and of its hit
@@ -242,8 +243,8 @@ void Path::locate(const Ray& ray, const HitRecord& hit, std::uint32_t bounce, Me
     vertex.goes_on = false;
 }
 
-void Path::shade(const Ray& ray, const HitRecord& hit, const Sampler& sampler,
-                 std::uint32_t bounce, State& state, Vertex& step) const {
+void Path::shade(const Ray& ray, const HitRecord& hit, const Sampler& sampler, std::uint32_t bounce,
+                 State& state, Vertex& step) const {
     const SurfacePoint& place = step.place;
     const ShadingPoint& point = finish_point(step.point);
     if (step.film != nullptr) {
@@ -268,7 +269,8 @@ void Path::shade(const Ray& ray, const HitRecord& hit, const Sampler& sampler,
         }
         if (bounce >= depth_ || !material.scatters()) return;
 
-        // Reflected light leaves on the viewer's side, also where it grazes the triangle from below.
+        // Reflected light leaves on the viewer's side, also where it grazes the triangle from
+        // below.
         const auto origin = [&](const Vec3& world, const Vec3& local) {
             return place.origin(local.z > 0 ? point.normal : world, point.shift(world, local));
         };
@@ -283,8 +285,8 @@ void Path::shade(const Ray& ray, const HitRecord& hit, const Sampler& sampler,
                 const Scattered lit = scatter(material, incoming);
                 const float weight =
                     light.can_be_met ? power_heuristic(light.density, lit.density) : 1.0F;
-                step.light = state.throughput * lit.value * light.radiance *
-                             (weight / light.density);
+                step.light =
+                    state.throughput * lit.value * light.radiance * (weight / light.density);
                 step.shadow.origin = origin(light.direction, incoming);
                 step.shadow.direction =
                     light.ends ? Vec3(light.end - glm::dvec3(step.shadow.origin)) : light.direction;

@@ -1,7 +1,7 @@
 // `--integrator path`: light that reaches the camera over any number of bounces.
 //
-// Each vertex of a path draws one light (next-event estimation), and the two ways to find a light are
-// weighted by multiple importance sampling. Russian roulette ends paths that carry little.
+// Each vertex of a path draws one light (next-event estimation), and the two ways to find a light
+// are weighted by multiple importance sampling. Russian roulette ends paths that carry little.
 #pragma once
 
 #include "engine/integrators/integrator.h"

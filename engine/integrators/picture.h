@@ -58,8 +58,8 @@ struct CameraHits {
 void shade_primary(const ColumnSource& source, std::span<Vec4> out);
 
 /// Measures what a pixel's rays cost together, as the counters `metrics` count it: out[m * count +
-/// i] of metric m and pixel i, 0 of a level that the scene lacks. `necessary`: only the work before the hit, which no order of
-/// traversal saves. Nothing where the caster has no answers.
+/// i] of metric m and pixel i, 0 of a level that the scene lacks. `necessary`: only the work before
+/// the hit, which no order of traversal saves. Nothing where the caster has no answers.
 [[nodiscard]] std::optional<CameraHits> measure_work(const PixelRange& pixels,
                                                      const ColumnSource& scene, RayCaster& caster,
                                                      const PixelArrays& arrays,

@@ -50,8 +50,8 @@ SurfacePoint surface_point(const ColumnSource& source, const Ray& ray, const Hit
         extent = glm::length(e1) + glm::length(e2);
         normal = glm::cross(e1, e2);
         world = placement.normal(normal);
-        point.position = placement.point(v0 + static_cast<double>(hit.u) * e1 +
-                                         static_cast<double>(hit.v) * e2);
+        point.position =
+            placement.point(v0 + static_cast<double>(hit.u) * e1 + static_cast<double>(hit.v) * e2);
         error = 2 * eps * glm::abs(point.position);
         const double length = glm::length(world);
         if (length > 0) point.normal = Vec3(world / length);

@@ -21,9 +21,10 @@ Vec3 product(const float (&m)[9], const Vec3& v) {
 /// Troy Sobotka's AgX, by the polynomial of Benjamin Wrensch ("Minimal AgX Implementation", 2023):
 /// its error is below 1 / 255. Linear Rec. 709 on both sides.
 Vec3 agx(const Vec3& colour) {
-    static constexpr float inset[9] = {0.842479062253094F,  0.0784335999999992F, 0.0792237451477643F,
-                                       0.0423282422610123F, 0.878468636469772F,  0.0791661274605434F,
-                                       0.0423756549057051F, 0.0784336F,          0.879142973793104F};
+    static constexpr float inset[9] = {
+        0.842479062253094F,  0.0784335999999992F, 0.0792237451477643F,
+        0.0423282422610123F, 0.878468636469772F,  0.0791661274605434F,
+        0.0423756549057051F, 0.0784336F,          0.879142973793104F};
     static constexpr float outset[9] = {
         1.19687900512017F,    -0.0980208811401368F, -0.0990297440797205F,
         -0.0528968517574562F, 1.15190312990417F,    -0.0989611768448433F,

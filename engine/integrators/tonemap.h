@@ -29,9 +29,10 @@ Result<ToneMap> parse_tonemap(std::string_view name);
 /// "auto" or a number of stops; fails with param_invalid.
 Result<std::optional<float>> parse_exposure(std::string_view text);
 
-/// The stops that put the mean brightness of what is lit at middle grey: the mean of the logarithm, of
-/// what lies between the darkest and the brightest 5 % of the pixels that show surfaces. What lies
-/// behind them counts only in a picture whose surfaces are all black or absent. 0 for a black picture.
+/// The stops that put the mean brightness of what is lit at middle grey: the mean of the logarithm,
+/// of what lies between the darkest and the brightest 5 % of the pixels that show surfaces. What
+/// lies behind them counts only in a picture whose surfaces are all black or absent. 0 for a black
+/// picture.
 [[nodiscard]] float auto_exposure(const Film& film);
 
 /// 8-bit sRGB of a window of a film; transparent where A is 0. Premultiplied colours are divided by
@@ -39,7 +40,6 @@ Result<std::optional<float>> parse_exposure(std::string_view text);
 struct Window {
     std::uint32_t x = 0, y = 0, width = 0, height = 0;
 };
-[[nodiscard]] Picture show(const Film& film, const Window& window, ToneMap tonemap,
-                              float stops);
+[[nodiscard]] Picture show(const Film& film, const Window& window, ToneMap tonemap, float stops);
 
 }  // namespace raynest

@@ -1,5 +1,5 @@
-// Stochastic transparency (Enderton et al., 2010): a surface with alpha 0.3 stops three rays of ten.
-// The mean over many rays of a pixel is what blending sorted layers would give.
+// Stochastic transparency (Enderton et al., 2010): a surface with alpha 0.3 stops three rays of
+// ten. The mean over many rays of a pixel is what blending sorted layers would give.
 #pragma once
 
 #include "engine/intersectors/alpha_test.h"
@@ -10,8 +10,8 @@
 
 namespace raynest {
 
-/// Hits MASK materials as AlphaMask does, and BLEND materials with a probability of alpha: a hash of
-/// the ray and the triangle decides, so the same ray always finds the same.
+/// Hits MASK materials as AlphaMask does, and BLEND materials with a probability of alpha: a hash
+/// of the ray and the triangle decides, so the same ray always finds the same.
 struct AlphaBlend {
     static constexpr const char* text =
         "alpha of BLEND materials is the chance of a hit; MASK materials have holes";

@@ -5,8 +5,8 @@
 // packs/variant.cpp has one static_assert(check_intersector<...>()) per line of intersectors/LIST.
 #pragma once
 
-#include "engine/bvh/intersect_with.h"
 #include "engine/bvh/box_test.h"
+#include "engine/bvh/intersect_with.h"
 #include "engine/bvh/visit.h"
 #include "engine/intersectors/counting.h"
 #include "engine/intersectors/declared.h"
@@ -26,9 +26,14 @@ inline constexpr bool overrides_a_node = Overrides<Isect, BoxRay, Boxes8>;
 template <class Isect>
 constexpr bool keeps_outputs_where_they_are_read() {
     if constexpr (has_outputs<Isect>) {
-        return requires(Isect& isect, typename Isect::Outputs* state) { isect.state = state; };
+        return requires(Isect & isect, typename Isect::Outputs * state) {
+            isect.state = state;
+        };
     } else {
-        return !requires(Isect& isect) { isect.state; typename Isect::Outputs; };
+        return !requires(Isect & isect) {
+            isect.state;
+            typename Isect::Outputs;
+        };
     }
 }
 
@@ -55,14 +60,15 @@ constexpr bool check_intersector() {
     static_assert(Overrides<Isect, BoxRay, Instance> == declared.instances,
                   "the line in LIST and the type disagree about `instances`: is operator() public "
                   "and constrained by InstanceLike?");
-    static_assert(keeps_outputs_where_they_are_read<Isect>(),
-                  "an intersector with `outputs` has `Outputs* state = nullptr;`, which it writes, and "
-                  "one with `state` has `outputs`, which name its members");
-    static_assert(!has_outputs<Isect> || !overrides_a_block<Isect> ||
-                      (Overrides<Isect, BoxRay, Once<Triangles8>> &&
-                       !NamesTriangles8<Isect, BoxRay>),
-                  "an intersector with `outputs` sees each triangle once; write "
-                  "auto operator()(const auto& ray, const TriangleLike auto& triangle)");
+    static_assert(
+        keeps_outputs_where_they_are_read<Isect>(),
+        "an intersector with `outputs` has `Outputs* state = nullptr;`, which it writes, and "
+        "one with `state` has `outputs`, which name its members");
+    static_assert(
+        !has_outputs<Isect> || !overrides_a_block<Isect> ||
+            (Overrides<Isect, BoxRay, Once<Triangles8>> && !NamesTriangles8<Isect, BoxRay>),
+        "an intersector with `outputs` sees each triangle once; write "
+        "auto operator()(const auto& ray, const TriangleLike auto& triangle)");
     return true;
 }
 

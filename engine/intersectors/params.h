@@ -94,6 +94,8 @@ requires(std::is_same_v<T, float> ||
 
 /// True if the intersector writes outputs per ray.
 template <class Isect>
-inline constexpr bool has_outputs = requires { Isect::outputs; };
+inline constexpr bool has_outputs = requires {
+    Isect::outputs;
+};
 
 }  // namespace raynest

@@ -18,10 +18,12 @@ namespace raynest {
     const int nearest = static_cast<int>(quarters + 0.5F);
     const float x = (quarters - static_cast<float>(nearest)) * (std::numbers::pi_v<float> / 2);
     const float x2 = x * x;
-    const float s = x + x * x2 * (-1.6666654611e-1F + x2 * (8.3321608736e-3F + x2 * -1.9515295891e-4F));
-    const float c = 1.0F - 0.5F * x2 +
-                    x2 * x2 * (4.166664568298827e-2F +
-                               x2 * (-1.388731625493765e-3F + x2 * 2.443315711809948e-5F));
+    const float s =
+        x + x * x2 * (-1.6666654611e-1F + x2 * (8.3321608736e-3F + x2 * -1.9515295891e-4F));
+    const float c =
+        1.0F - 0.5F * x2 +
+        x2 * x2 *
+            (4.166664568298827e-2F + x2 * (-1.388731625493765e-3F + x2 * 2.443315711809948e-5F));
     const float along = (nearest & 1) != 0 ? s : c;
     const float across = (nearest & 1) != 0 ? c : s;
     return {((nearest + 1) & 2) != 0 ? -along : along, (nearest & 2) != 0 ? -across : across};
@@ -72,7 +74,8 @@ namespace raynest {
     // Of the mantissa m in [1, 2): minimax over the interval, exact at 1 and 2.
     const float m = std::bit_cast<float>((bits & 0x007FFFFFU) | 0x3F800000U) - 1.0F;
     const float part =
-        m * (1.4419169F + m * (-0.7090957F + m * (0.4156041F + m * (-0.1935737F + m * 0.0451483F))));
+        m *
+        (1.4419169F + m * (-0.7090957F + m * (0.4156041F + m * (-0.1935737F + m * 0.0451483F))));
     return exponent + part;
 }
 

@@ -27,7 +27,8 @@ enum Traversal : std::uint32_t {
 #define RAYNEST_TRAVERSAL(name, ...) traversal_##name,
 #include "engine/packs/words.def"
     traversal_count,
-    traversal_auto = traversal_count  ///< a request's word for: look at the rays (packs/kernel_selector.h)
+    /// A request's word for: look at the rays (packs/kernel_selector.h)
+    traversal_auto = traversal_count
 };
 enum ValueType : std::uint32_t { value_f32, value_u32, value_choice, value_table };
 /// The counters that a trace function writes to TraceCall::counters.
@@ -42,7 +43,7 @@ enum TraceStatus : std::int32_t {
     trace_ok = 0,
     trace_bad_call = 1,
     trace_out_of_memory = 2,
-    trace_too_deep = 3,  ///< the scene has more levels than the target takes; a CPU takes any
+    trace_too_deep = 3,   ///< the scene has more levels than the target takes; a CPU takes any
     trace_no_device = 4,  ///< no GPU, or it does not answer any more
     trace_cancelled = 5   ///< by TraceCall::cancelled; what was written means nothing
 };
@@ -59,7 +60,7 @@ struct PackParam {
     ValueType type;
     std::uint32_t choice_count;
     const char* const* choices;  ///< for value_choice; the value is the index
-    double minimum;  ///< of a table: of each of its values
+    double minimum;              ///< of a table: of each of its values
     double maximum;
     double initial;  ///< of a table, which is empty then: 0
 };
@@ -143,8 +144,8 @@ struct TypeLayout {
 struct Pack {
     std::uint32_t abi;  ///< pack_abi
     std::uint32_t type_count;
-    const TypeLayout* types;  ///< checked at load
-    const char* target;       ///< "v2", "v3", "v4", "cuda"
+    const TypeLayout* types;       ///< checked at load
+    const char* target;            ///< "v2", "v3", "v4", "cuda"
     std::uint32_t kernel_count;    ///< compiled trace functions, for the build report
     bool (*supported)() noexcept;  ///< may this CPU run it?
     const PackVariant* variants;

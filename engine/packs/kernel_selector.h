@@ -18,8 +18,8 @@ public:
     /// Counters are defined by the single traversal, and so are an intersector's outputs (what
     /// they count may depend on the order of the questions): with either it is the only one. Fails
     /// with variant_unknown where nothing fits.
-    static Result<KernelSelector> make(const Variant& variant, Query query,
-                                       Traversal traversal, CounterMode counters = counters_none);
+    static Result<KernelSelector> make(const Variant& variant, Query query, Traversal traversal,
+                                       CounterMode counters = counters_none);
 
     /// The single traversal with an observer (TraceCall::observer).
     static Result<KernelSelector> observing(const Variant& variant);

@@ -4,8 +4,8 @@
 // headers: it is refused, and the refusal names the type (packs/load.cpp).
 //
 // The hash covers a type's size and alignment, and the name, offset, size, alignment and kind of
-// each member in order; for an enumeration, the names of its values in order, since both sides index
-// tables by them. It does not see what another number means: for that, increment pack_abi.
+// each member in order; for an enumeration, the names of its values in order, since both sides
+// index tables by them. It does not see what another number means: for that, increment pack_abi.
 #pragma once
 
 #include "engine/bvh/node.h"
@@ -134,13 +134,13 @@ inline TypeLayout queries_layout() {
     return {"Query", layout::hash_of_names({
 #define RAYNEST_KIND(name, ...) #name,
 #include "engine/packs/words.def"
-                         })};
+                     })};
 }
 inline TypeLayout traversals_layout() {
     return {"Traversal", layout::hash_of_names({
 #define RAYNEST_TRAVERSAL(name, ...) #name,
 #include "engine/packs/words.def"
-                             })};
+                         })};
 }
 
 // An enumeration that grows must grow in the list below, too.

@@ -37,8 +37,9 @@ std::string_view first_without_twin(std::span<const TypeLayout> some,
 
 template <class Entry>
 Result<Entry> load_entry_point(const std::filesystem::path& path, const char* symbol) {
-    return load_symbol(path, symbol).map(
-        [](void* entry) { return reinterpret_cast<Entry>(entry); });
+    return load_symbol(path, symbol).map([](void* entry) {
+        return reinterpret_cast<Entry>(entry);
+    });
 }
 
 }  // namespace

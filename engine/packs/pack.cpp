@@ -41,11 +41,12 @@ concept HasNormal = requires(const P& primitive, const Vec3& point) {
 };
 /// True if there is a normal() of the type that takes other arguments, or returns something else.
 template <class P>
-concept HasOtherNormal = !HasNormal<P> && (
-    requires(P& primitive) { normal(primitive); } ||
-    requires(P& primitive, Anything any) { normal(primitive, any); } ||
-    requires(P& primitive, Anything any) { normal(any, primitive); } ||
-    requires(P& primitive, Anything any) { normal(primitive, any, any); });
+concept HasOtherNormal =
+    !HasNormal<P> && (
+                         requires(P & primitive) { normal(primitive); } ||
+                         requires(P & primitive, Anything any) { normal(primitive, any); } ||
+                         requires(P & primitive, Anything any) { normal(any, primitive); } ||
+                         requires(P & primitive, Anything any) { normal(primitive, any, any); });
 
 template <class P>
 constexpr PackPrimitive describe_primitive(const char* name) {

@@ -25,7 +25,8 @@ constexpr std::string_view cpu_target_names[] = {RAYNEST_CPU_TARGETS};
 
 /// Returns the rank of a target, 0 for the best.
 std::size_t rank_of(std::string_view target) {
-    const auto found = std::find(std::rbegin(cpu_target_names), std::rend(cpu_target_names), target);
+    const auto found =
+        std::find(std::rbegin(cpu_target_names), std::rend(cpu_target_names), target);
     return static_cast<std::size_t>(found - std::rbegin(cpu_target_names));
 }
 
@@ -199,10 +200,9 @@ Result<const Variant*> Registry::choose(std::string_view name, const SceneView& 
     }
     auto knows = check_types(*variant, scene);
     if (!knows && automatic) {
-        const auto other =
-            std::find_if(variants_.begin(), variants_.end(), [&](const Variant& candidate) {
-                return check_types(candidate, scene).has_value();
-            });
+        const auto other = std::find_if(
+            variants_.begin(), variants_.end(),
+            [&](const Variant& candidate) { return check_types(candidate, scene).has_value(); });
         if (other != variants_.end()) return &*other;
     }
     if (!knows) return tl::unexpected(knows.error());

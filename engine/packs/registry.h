@@ -74,9 +74,9 @@ public:
         std::string target = "auto";                   ///< auto | v2 | v3 | v4 | cuda
         std::filesystem::path packs = {};  ///< RayNest's own; empty: builtin_pack_directory()
     };
-    /// Loads every pack of `packs`, `pack_dirs` and RAYNEST_PACK_PATH (colon separated). Fails when a
-    /// pack does not load or declares what no request could name (declarations.h), when two packs of
-    /// one target share a variant's name, when no variant is left, or when the forced target is
+    /// Loads every pack of `packs`, `pack_dirs` and RAYNEST_PACK_PATH (colon separated). Fails when
+    /// a pack does not load or declares what no request could name (declarations.h), when two packs
+    /// of one target share a variant's name, when no variant is left, or when the forced target is
     /// unknown or not runnable here.
     static Result<std::shared_ptr<const Registry>> load(const Options& options);
 

@@ -81,15 +81,14 @@ Result<std::size_t> place_of(const Variant& variant, std::string_view name) {
     if (found != params.end()) return static_cast<std::size_t>(found - params.begin());
     std::string names = common_params().front().name;
     for (const PackParam& param : params) names += std::string(", ") + param.name;
-    return fail(ErrorCode::param_invalid, "intersector '" + variant.name +
-                                              "' has no parameter '" + std::string(name) +
-                                              "'; it has: " + names);
+    return fail(ErrorCode::param_invalid, "intersector '" + variant.name + "' has no parameter '" +
+                                              std::string(name) + "'; it has: " + names);
 }
 
 Result<void> check_table(const PackParam& param, const NamedTable& table) {
     if (param.type != value_table)
-        return fail(ErrorCode::param_invalid, "'" + table.name + "' is no table: use " +
-                                                  describe_range(param));
+        return fail(ErrorCode::param_invalid,
+                    "'" + table.name + "' is no table: use " + describe_range(param));
     const auto bad = std::find_if(table.values.begin(), table.values.end(), [&](float value) {
         return !(static_cast<double>(value) >= param.minimum &&
                  static_cast<double>(value) <= param.maximum);
@@ -199,8 +198,9 @@ Result<TraceFunction> find_function(const Variant& variant, Query query, Travers
                         ": leave `traversal` auto");
     return fail(ErrorCode::variant_unknown,
                 "intersector '" + variant.name + "' on target " + variant.target +
-                    " was not compiled for query " + query_names[query] + ", traversal " + traversal_name(traversal) +
-                    (counters != counters_none ? ", counters" : "") + ": try `traversal` auto");
+                    " was not compiled for query " + query_names[query] + ", traversal " +
+                    traversal_name(traversal) + (counters != counters_none ? ", counters" : "") +
+                    ": try `traversal` auto");
 }
 
 Result<Query> parse_query(std::string_view name) {
@@ -212,8 +212,8 @@ Result<Traversal> parse_traversal(std::string_view name) {
         {{"latency", "single"}, {"batch", "stream"}, {"coherent", "packet"}}};
     for (const auto& [old_word, word] : renamed) {
         if (name == old_word) {
-            return fail(ErrorCode::param_invalid, "traversal '" + std::string(name) +
-                                                      "' is called " + std::string(word));
+            return fail(ErrorCode::param_invalid,
+                        "traversal '" + std::string(name) + "' is called " + std::string(word));
         }
     }
     return parse_name<Traversal>("traversal", name, traversal_names);

@@ -110,10 +110,10 @@ RAYNEST_INLINE void trace_singly(const Bvh& root, std::uint32_t count, Isect& is
 /// goes through the single traversal whatever was named: same request, same bytes. One that
 /// decides about boxes has to see each ray's own; packets test them together.
 template <class Isect, Traversal named>
-inline constexpr Traversal that_runs =
-    has_outputs<Isect> || (named == traversal_packet && Overrides<Isect, BoxRay, Boxes8>)
-        ? traversal_single
-        : named;
+inline constexpr Traversal that_runs = has_outputs<Isect> || (named == traversal_packet &&
+                                                              Overrides<Isect, BoxRay, Boxes8>)
+                                           ? traversal_single
+                                           : named;
 
 template <Traversal traversal, class Isect, class TraceIO>
 RAYNEST_INLINE TraceStatus trace_group(const Bvh& root, std::uint32_t count, Isect& isect,
@@ -270,7 +270,8 @@ constexpr PackVariant make_variant(const char* name) {
     add_counting<Isect, query_multi>(single[query_multi]);
     single[query_all][0] = trace_all<Isect, traversal_single>;
     if constexpr (Lanes<8>::parts == 1) {  // v2 is for correctness, not speed
-        // KernelSelector tells what ran by the functions: those of single rays where they run instead.
+        // KernelSelector tells what ran by the functions: those of single rays where they run
+        // instead.
         constexpr Traversal streams = that_runs<Isect, traversal_stream>;
         auto& stream = kernels[traversal_stream];
         stream[query_closest][0] = trace<Isect, query_closest, streams, counters_none>;

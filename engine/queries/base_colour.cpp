@@ -73,8 +73,7 @@ Vec3 base_colour(const SceneView& scene, const HitRecord& hit) {
         const auto& linear = srgb_table();
         for (int channel = 0; channel < 3; ++channel) {
             const auto vertex = [&](std::size_t i) {
-                return linear[rgba[std::size_t{4} * corner[i] +
-                                   static_cast<std::size_t>(channel)]];
+                return linear[rgba[std::size_t{4} * corner[i] + static_cast<std::size_t>(channel)]];
             };
             colour[channel] *= interpolate(vertex(0), vertex(1), vertex(2), hit.u, hit.v);
         }

@@ -32,9 +32,9 @@ constexpr bool record = false, rays = true;
 
 /// In the order of Field.
 constexpr std::array fields = {
-#define RAYNEST_FIELD(name, kind, of, reads, shown, text) \
-    FieldInfo{#name,   def::kind.type, def::kind.width,        false, def::of, \
-              def::reads, FieldInfo::Shown::shown, {}},
+#define RAYNEST_FIELD(name, kind, of, reads, shown, text)              \
+    FieldInfo{#name,   def::kind.type, def::kind.width,         false, \
+              def::of, def::reads,     FieldInfo::Shown::shown, {}},
 #include "engine/queries/fields.def"
 #define RAYNEST_COUNTER(name, title) \
     FieldInfo{#name, FieldType::u32, 1, true, true, false, FieldInfo::Shown::asked, title},
@@ -116,19 +116,17 @@ glm::dvec3 normal_to_world(const Transform& to_object, const glm::dvec3& n) {
 /// The interpolated normal of the vertices in the world; world_normal() where they have none.
 Vec3 vertex_normal(const ColumnSource& source, const Ray& ray, const HitRecord& hit) {
     const GeometryRecord* const geometry = geometry_of(source, hit);
-    const std::uint64_t offset =
-        geometry == nullptr || source.shading == nullptr
-            ? no_offset
-            : source.shading[geometry - source.scene->geometries].normals;
+    const std::uint64_t offset = geometry == nullptr || source.shading == nullptr
+                                     ? no_offset
+                                     : source.shading[geometry - source.scene->geometries].normals;
     if (offset != no_offset) {
         const auto* const corner = source.scene->attribute<std::uint32_t>(geometry->indices) +
                                    std::size_t{3} * (hit.triangle - geometry->first_triangle);
         const auto* const normals = source.scene->attribute<Vec3>(offset);
         const auto of = [&](std::size_t i) { return glm::dvec3(normals[corner[i]]); };
         const double u{hit.u}, v{hit.v};
-        const glm::dvec3 world =
-            normal_to_world(world_to_object(*source.scene, hit.path),
-                            (1 - u - v) * of(0) + u * of(1) + v * of(2));
+        const glm::dvec3 world = normal_to_world(world_to_object(*source.scene, hit.path),
+                                                 (1 - u - v) * of(0) + u * of(1) + v * of(2));
         const double length = glm::length(world);
         if (length > 0) return Vec3(world / length);
     }

@@ -45,10 +45,10 @@ struct Column {
 struct FieldInfo {
     std::string_view name;
     FieldType type;
-    std::uint32_t width;   ///< values per element: 2 for uv, 3 for vectors
-    bool counter;          ///< needs a counting function
-    bool of_ray;           ///< one per ray, however many hits it has
-    bool reads_rays;       ///< write_column() looks at the rays
+    std::uint32_t width;  ///< values per element: 2 for uv, 3 for vectors
+    bool counter;         ///< needs a counting function
+    bool of_ray;          ///< one per ray, however many hits it has
+    bool reads_rays;      ///< write_column() looks at the rays
     /// Is it a column of a query that names none?
     enum class Shown : std::uint8_t { asked, hits, any } shown;
     std::string_view title;  ///< of a counter
@@ -73,8 +73,9 @@ Result<void> check_level(const Column& column, std::uint32_t levels);
 using RecordNormal = void (*)(const void* record, const float point[3], float normal[3]) noexcept;
 
 /// Input of a chunk of results. Without `hits` every ray missed. `ray_of` gives the ray of each hit
-/// where hits are compacted (CSR order); empty: hit i belongs to ray i. `order` gives the hit of each
-/// element where answers come in another order than rays were traced; empty: element i is hit i.
+/// where hits are compacted (CSR order); empty: hit i belongs to ray i. `order` gives the hit of
+/// each element where answers come in another order than rays were traced; empty: element i is hit
+/// i.
 struct ColumnSource {
     const SceneView* scene = nullptr;
     std::span<const Ray> rays = {};
@@ -85,7 +86,7 @@ struct ColumnSource {
     std::uint32_t counter_sets = 1;           ///< 1, or the levels of the scene
     RecordNormal (*record_normal)(std::uint32_t type, const void* context) = nullptr;
     const void* context = nullptr;
-    const PathTable* paths = nullptr;  ///< null: user ids are those of instances
+    const PathTable* paths = nullptr;          ///< null: user ids are those of instances
     const GeometryShading* shading = nullptr;  ///< one per geometry; null: vertices have no normals
 };
 

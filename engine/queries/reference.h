@@ -41,8 +41,7 @@ bool brute_force(RayView& ray, const Bvh& bvh, Isect& isect, Query& query) {
         if ((instance.record().mask & ray.mask) == 0) continue;
         if (!enters(isect, ray, instance)) continue;
         RayView inner = enter(ray, scene, instance.record());
-        const bool done =
-            brute_force(inner, Bvh{&scene, instance.record().object}, isect, query);
+        const bool done = brute_force(inner, Bvh{&scene, instance.record().object}, isect, query);
         ray.tmax = inner.tmax;
         if (done) return true;
     }

@@ -184,8 +184,8 @@ private:
                 pixels != 0 && texture.width <= texture_side_max &&
                 texture.height <= texture_side_max && is_run(texture.colour, pixels, 4, 4) &&
                 (texture.alpha == no_offset || is_run(texture.alpha, pixels, 1, 1)) &&
-                texture.wrap_s <= Wrap::mirror &&
-                texture.wrap_t <= Wrap::mirror && texture.nearest <= 1 && texture.unused == 0;
+                texture.wrap_s <= Wrap::mirror && texture.wrap_t <= Wrap::mirror &&
+                texture.nearest <= 1 && texture.unused == 0;
             if (!sound) return broken("texture " + std::to_string(i));
         }
         for (std::uint32_t i = 0; i < view_.material_count; ++i) {
@@ -372,7 +372,8 @@ private:
             leaves += child.placement_count;
             levels = std::max(levels, child.levels + 1);
         }
-        if (leaves != object.placement_count || levels != object.levels || levels > scene_depth_max) {
+        if (leaves != object.placement_count || levels != object.levels ||
+            levels > scene_depth_max) {
             return broken("the paths or levels of object " + std::to_string(index));
         }
         return {};

@@ -70,10 +70,12 @@ public:
             lost != graph_.skipped.end()) {
             const bool one = lost->second == 1;
             warn(std::to_string(lost->second) +
-                 (one ? " placement is left out, that of " : " placements are left out, first that of ") +
-                 graph_.singular + ": a scale of 0, of it or above it, leaves no way to bring rays "
-                                   "into its space. If it should be seen flat, apply the scale to "
-                                   "its mesh");
+                 (one ? " placement is left out, that of "
+                      : " placements are left out, first that of ") +
+                 graph_.singular +
+                 ": a scale of 0, of it or above it, leaves no way to bring rays "
+                 "into its space. If it should be seen flat, apply the scale to "
+                 "its mesh");
         }
         if (degenerate_triangles_ > triangles_ / 2) {
             warn(std::to_string(degenerate_triangles_) + " of " + std::to_string(triangles_) +
@@ -162,10 +164,9 @@ private:
             const auto first =
                 static_cast<std::size_t>(std::ranges::find_if(boxes, is_far) - boxes.begin());
             const std::size_t own = boxes.size() - node.instances.size();
-            const std::string where =
-                first < own ? "object " + label
-                            : instance_label(description_, node.source,
-                                             node.declared_as[first - own]);
+            const std::string where = first < own ? "object " + label
+                                                  : instance_label(description_, node.source,
+                                                                   node.declared_as[first - own]);
             return fail(ErrorCode::scene_invalid,
                         where +
                             (far == 1 ? " reaches"

@@ -76,9 +76,9 @@ struct Content {
     std::vector<MaterialRecord> materials;
     std::vector<TextureRecord> textures;
     std::vector<CameraRecord> cameras;
-    std::vector<SurfaceRecord> surfaces;          ///< one per material
+    std::vector<SurfaceRecord> surfaces;            ///< one per material
     std::vector<GeometryShading> geometry_shading;  ///< one per geometry
-    std::vector<TextureLevels> texture_levels;    ///< one per texture
+    std::vector<TextureLevels> texture_levels;      ///< one per texture
     std::vector<LightRecord> lights;
     std::vector<std::byte> motion;  ///< motion/motion.h
     std::vector<format::SkipRecord> skips;
@@ -90,7 +90,8 @@ struct Content {
     NameTable names;
     AttributePlan attributes;
     std::deque<std::vector<std::uint8_t>> opacities;  ///< per geometry; attributes point into them
-    std::deque<std::vector<std::uint8_t>> smaller;    ///< copies of pictures; attributes point into them
+    /// Copies of pictures; attributes point into them
+    std::deque<std::vector<std::uint8_t>> smaller;
 };
 
 /// Adds materials, textures, lights and cameras. An image is stored once, however many textures use
@@ -99,8 +100,8 @@ void add_surfaces(const SceneDescription& description, Content& content);
 void add_lights(const SceneDescription& description, Content& content);
 void add_cameras(const SceneDescription& description, Content& content);
 
-/// Lays out the arena and fills all of it but the trees, of which it needs the sizes in `objects` alone.
-/// Throws std::bad_alloc.
+/// Lays out the arena and fills all of it but the trees, of which it needs the sizes in `objects`
+/// alone. Throws std::bad_alloc.
 Arena write_arena(const Content& content);
 
 /// Writes nodes, leaf blocks with their texture coordinates, and records.

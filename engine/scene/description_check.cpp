@@ -230,8 +230,7 @@ Result<void> check_names(const SceneDescription& description) {
         return limit("more record types", scene_record_types_max);
     if (description.cameras.size() > scene_cameras_max)
         return limit("more cameras", scene_cameras_max);
-    if (description.lights.size() > scene_lights_max)
-        return limit("more lights", scene_lights_max);
+    if (description.lights.size() > scene_lights_max) return limit("more lights", scene_lights_max);
     return {};
 }
 

@@ -1,5 +1,5 @@
-// The search for how far a tree reaches along a direction, through its instances, and the boxes that
-// follow from it (placed_box.h).
+// The search for how far a tree reaches along a direction, through its instances, and the boxes
+// that follow from it (placed_box.h).
 #pragma once
 
 #include "engine/bvh/node.h"
@@ -170,9 +170,9 @@ private:
     int opened_ = 0;
 };
 
-/// Computes PlacedBox::padding. The box test covers the error from the ray's origin. The padding covers
-/// the other errors, which grow with the coordinates of the instance: those of its box, and the
-/// translation that the transform subtracts.
+/// Computes PlacedBox::padding. The box test covers the error from the ray's origin. The padding
+/// covers the other errors, which grow with the coordinates of the instance: those of its box, and
+/// the translation that the transform subtracts.
 inline double placed_padding(const Box& bounds, const Transform& to_parent, float error) {
     constexpr double unit_error = 0x1p-22;
     double size = 0;  // the largest coordinate involved
@@ -187,8 +187,8 @@ inline double placed_padding(const Box& bounds, const Transform& to_parent, floa
     return unit_error * static_cast<double>(error) * size;
 }
 
-/// Computes a box that contains every possible hit with object `child` placed by `to_parent`; empty for
-/// an empty tree. `error` is the growth of rounding errors at this placement, as in
+/// Computes a box that contains every possible hit with object `child` placed by `to_parent`; empty
+/// for an empty tree. `error` is the growth of rounding errors at this placement, as in
 /// ObjectRecord::origin_error. Coordinates beyond 1e15 may become infinite.
 template <class Trees>
 PlacedBox place_box(const Trees& trees, std::uint32_t child, const Transform& to_parent,

@@ -10,7 +10,8 @@ namespace raynest {
 namespace {
 
 bool add(Placements& sum, const Placements& more) {
-    return !__builtin_add_overflow(sum.placement_count, more.placement_count, &sum.placement_count) &&
+    return !__builtin_add_overflow(sum.placement_count, more.placement_count,
+                                   &sum.placement_count) &&
            !__builtin_add_overflow(sum.triangles, more.triangles, &sum.triangles) &&
            sum.placement_count <= scene_paths_max;
 }
@@ -95,7 +96,8 @@ private:
         GraphObject& object = entry.object;
         object.source = index;
         object.traced.triangles = own_triangles(source);
-        object.traced.placement_count = object.traced.triangles + source.record_bounds.size() != 0 ? 1U : 0U;
+        object.traced.placement_count =
+            object.traced.triangles + source.record_bounds.size() != 0 ? 1U : 0U;
         entry.declared = object.traced;
         if (object.traced.placement_count != 0) entry.mask = ~0U;
         for (std::uint32_t i = 0; i < source.instances.size(); ++i) {
@@ -151,7 +153,8 @@ private:
         const auto note = [&](const char* reason, std::uint64_t count) {
             if (count != 0) graph.skipped[reason] += count;
         };
-        note("singular_instances", root.declared.placement_count - root.object.traced.placement_count);
+        note("singular_instances",
+             root.declared.placement_count - root.object.traced.placement_count);
         note("singular_instance_triangles", root.declared.triangles - root.object.traced.triangles);
         note("singular_unique_triangles", lost_unique);
 
@@ -204,7 +207,8 @@ std::string instance_label(const SceneDescription& description, std::uint32_t ob
                " of object " + object_label(description, object);
     }
     const std::uint32_t node = parent.placed_by[instance];
-    const auto named = std::ranges::find(description.path_nodes, node, &PathNodeDescription::source);
+    const auto named =
+        std::ranges::find(description.path_nodes, node, &PathNodeDescription::source);
     return "node " + std::to_string(node) +
            (named == description.path_nodes.end() ? "" : quoted(named->name));
 }

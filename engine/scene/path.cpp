@@ -176,9 +176,10 @@ private:
         for (std::uint32_t r = node.first_run; r < paths_.run_count; ++r) {
             const PathRun& run = paths_.runs[r];
             if (run.node != node_) break;
-            const std::uint64_t end = r + 1 < paths_.run_count
-                                          ? paths_.runs[r + 1].first_path
-                                          : scene_.view().objects[scene_.view().root].placement_count;
+            const std::uint64_t end =
+                r + 1 < paths_.run_count
+                    ? paths_.runs[r + 1].first_path
+                    : scene_.view().objects[scene_.view().root].placement_count;
             if (wanted >= run.number && wanted - run.number < end - run.first_path)
                 return run.first_path + (wanted - run.number);
             placed = std::max(placed, run.number + end - run.first_path);

@@ -9,8 +9,8 @@
 
 namespace raynest {
 
-/// True if a triangle has no area for the intersection test, whatever the ray's direction: its corners
-/// are on one line, or so close together that the test's products vanish.
+/// True if a triangle has no area for the intersection test, whatever the ray's direction: its
+/// corners are on one line, or so close together that the test's products vanish.
 [[nodiscard]] bool is_degenerate(const Vec3& a, const Vec3& b, const Vec3& c);
 
 /// Counts such triangles.

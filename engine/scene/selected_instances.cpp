@@ -50,7 +50,8 @@ public:
     /// True if anything below a child word can be entered. Trees are at most tree_height_max high.
     bool keeps(std::uint32_t child) {
         if (is_leaf(child))
-            return kind_of(child) != ChildKind::instance || instances_[leaf_instance(child)].mask != 0;
+            return kind_of(child) != ChildKind::instance ||
+                   instances_[leaf_instance(child)].mask != 0;
         Node& node = nodes_[child];
         const std::uint32_t valid = node.valid();
         std::uint32_t kept = 0;
@@ -77,9 +78,9 @@ Result<void> check_contradiction(std::span<const std::uint32_t> hidden,
         return std::ranges::find(shown, index) != shown.end();
     });
     if (both == hidden.end()) return {};
-    return fail(ErrorCode::field_invalid,
-                "`hide` and `only` both name " + std::string(what) + " " + std::to_string(*both) +
-                    ": leave it out of one of them");
+    return fail(ErrorCode::field_invalid, "`hide` and `only` both name " + std::string(what) + " " +
+                                              std::to_string(*both) +
+                                              ": leave it out of one of them");
 }
 
 }  // namespace

@@ -43,17 +43,19 @@ struct InstanceLists {
 /// The scene must outlive it. Not copied: view() points into it.
 class SelectedInstances {
 public:
-    /// Fails with field_invalid for an instance or object that the scene lacks. Takes no longer for a
-    /// larger scene.
+    /// Fails with field_invalid for an instance or object that the scene lacks. Takes no longer for
+    /// a larger scene.
     static Result<void> check(const SceneView& scene, const InstanceSelection& selection);
-    /// Returns the scene's instances with masks for this selection, after check(). Takes 60 ms for a
-    /// million instances.
+    /// Returns the scene's instances with masks for this selection, after check(). Takes 60 ms for
+    /// a million instances.
     static Result<std::vector<InstanceRecord>> select(const SceneView& scene,
                                                       const InstanceSelection& selection);
 
-    /// Returns the scene's nodes without the boxes below which every instance has the mask 0. Boxes above
-    /// them stay as large as they are. Takes 256 bytes for each node of the scene: see node_count().
-    static std::vector<Node> prune(const SceneView& scene, std::span<const InstanceRecord> instances);
+    /// Returns the scene's nodes without the boxes below which every instance has the mask 0. Boxes
+    /// above them stay as large as they are. Takes 256 bytes for each node of the scene: see
+    /// node_count().
+    static std::vector<Node> prune(const SceneView& scene,
+                                   std::span<const InstanceRecord> instances);
     [[nodiscard]] static std::uint64_t node_count(const SceneView& scene);
 
     /// Without `nodes`, the scene's: boxes of hidden instances are tested, and counted.

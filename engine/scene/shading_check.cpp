@@ -71,9 +71,7 @@ bool is_sound(const LightRecord& light) {
 }
 
 Result<void> check_shading(std::span<const std::byte> arena, const SceneView& view) {
-    const auto size = [&](Section section) {
-        return format::section_size(arena.data(), section);
-    };
+    const auto size = [&](Section section) { return format::section_size(arena.data(), section); };
     if (size(Section::surfaces) != view.material_count ||
         size(Section::geometry_shading) != view.geometry_count ||
         size(Section::texture_levels) != view.texture_count)

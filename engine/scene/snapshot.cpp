@@ -152,7 +152,8 @@ Result<std::shared_ptr<const Snapshot>> Snapshot::open(BuiltArena built) {
     return snapshot;
 }
 
-Result<std::shared_ptr<const Snapshot>> Snapshot::open_edited(BuiltArena built, const Snapshot& before,
+Result<std::shared_ptr<const Snapshot>> Snapshot::open_edited(BuiltArena built,
+                                                              const Snapshot& before,
                                                               EditTraces traces) {
     const std::shared_ptr<Snapshot> snapshot(new Snapshot);
     const std::byte* const base = built.arena.data();
@@ -199,8 +200,7 @@ Result<std::shared_ptr<const Snapshot>> Snapshot::open_edited(BuiltArena built, 
     snapshot->meshes_ = before.meshes_;
     snapshot->material_uses_ = before.material_uses_;
     snapshot->pieces_ = before.pieces_;
-    if (auto hashed =
-            hash_pieces({base, built.arena.size()}, traces.changed, snapshot->pieces_);
+    if (auto hashed = hash_pieces({base, built.arena.size()}, traces.changed, snapshot->pieces_);
         !hashed)
         return tl::unexpected(hashed.error());
     auto digest = scene_digest(snapshot->pieces_);

@@ -52,9 +52,10 @@ using Arena = Pages;
 
 /// The work of edits on the root's tree (scene/edits/edit.h). Not in the arena.
 struct EditStatistics {
-    double built_cost = 0;        ///< TreeStatistics::sah_cost when the tree was built; 0: never edited
-    std::uint64_t refits = 0;     ///< edits since then
-    std::uint64_t rebuilds = 0;   ///< how often it was built again
+    /// TreeStatistics::sah_cost when the tree was built; 0: never edited
+    double built_cost = 0;
+    std::uint64_t refits = 0;    ///< edits since then
+    std::uint64_t rebuilds = 0;  ///< how often it was built again
 };
 
 /// The numbers that `info` prints; instanced_triangles and instances count placements.
@@ -128,11 +129,14 @@ public:
     /// index and offset is checked once, so that traversal need not check any.
     static Result<std::shared_ptr<const Snapshot>> open(BuiltArena built);
 
-    /// Opens an arena that edit_scene() made of `before`, laid out as that is. It is not checked again.
-    static Result<std::shared_ptr<const Snapshot>> open_edited(BuiltArena built, const Snapshot& before,
+    /// Opens an arena that edit_scene() made of `before`, laid out as that is. It is not checked
+    /// again.
+    static Result<std::shared_ptr<const Snapshot>> open_edited(BuiltArena built,
+                                                               const Snapshot& before,
                                                                EditTraces traces);
-    /// Returns a copy of `scene`'s arena. It is made in the memory of `spare` if that is the scene before
-    /// the last edit of `scene` and nobody else refers to it: then only what the edit changed is copied.
+    /// Returns a copy of `scene`'s arena. It is made in the memory of `spare` if that is the scene
+    /// before the last edit of `scene` and nobody else refers to it: then only what the edit
+    /// changed is copied.
     static Arena copy_arena(const Snapshot& scene, std::shared_ptr<const Snapshot> spare);
 
     [[nodiscard]] const SceneView& view() const { return view_; }

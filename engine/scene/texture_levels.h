@@ -15,8 +15,8 @@ namespace raynest {
 [[nodiscard]] std::uint32_t level_count(std::uint32_t width, std::uint32_t height);
 
 /// The levels from the second on, one behind the other. A pixel is the mean of those that it stands
-/// for: of colours in linear light, weighted by alpha, so that what is invisible leaves no fringe; of
-/// data byte by byte.
+/// for: of colours in linear light, weighted by alpha, so that what is invisible leaves no fringe;
+/// of data byte by byte.
 [[nodiscard]] std::vector<std::uint8_t> smaller_levels(const ImageDescription& image, bool linear);
 
 }  // namespace raynest

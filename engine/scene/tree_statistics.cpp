@@ -43,7 +43,8 @@ public:
         return all;
     }
 
-    std::vector<double> measure_again(std::vector<double> costs, std::span<const std::uint32_t> objects) {
+    std::vector<double> measure_again(std::vector<double> costs,
+                                      std::span<const std::uint32_t> objects) {
         cost_ = std::move(costs);
         for (const std::uint32_t object : objects) cost_[object] = cost_of(scene_.objects[object]);
         return std::move(cost_);
@@ -87,9 +88,8 @@ double cost_share(const SceneView& scene, const ObjectRecord& object, const Node
         if (child == child_empty) continue;
         const double cost =
             is_leaf(child) ? leaf_cost(scene, object, child, costs) : double{build::node_cost};
-        sum += cost *
-               area_of({{node.lower[0][slot], node.lower[1][slot], node.lower[2][slot]},
-                        {node.upper[0][slot], node.upper[1][slot], node.upper[2][slot]}});
+        sum += cost * area_of({{node.lower[0][slot], node.lower[1][slot], node.lower[2][slot]},
+                               {node.upper[0][slot], node.upper[1][slot], node.upper[2][slot]}});
     }
     return sum;
 }

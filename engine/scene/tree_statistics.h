@@ -21,11 +21,12 @@ struct TreeStatistics {
 TreeStatistics measure_trees(const SceneView& scene);
 /// The same for each object's tree, with the trees of its instances in the cost.
 std::vector<TreeStatistics> measure_each_tree(const SceneView& scene);
-/// Returns the part of a node in the cost of its object: SAH costs of its children times their areas. `costs` are
-/// those of all objects.
+/// Returns the part of a node in the cost of its object: SAH costs of its children times their
+/// areas. `costs` are those of all objects.
 double cost_share(const SceneView& scene, const ObjectRecord& object, const Node& node,
                   std::span<const double> costs);
-/// Returns the cost of an object from the sum of the shares of its nodes, and the sum from the cost.
+/// Returns the cost of an object from the sum of the shares of its nodes, and the sum from the
+/// cost.
 double cost_of_shares(const Box& bounds, double sum);
 double shares_of_cost(const Box& bounds, double cost);
 

@@ -34,8 +34,7 @@ void fill(AlbedoTables& tables) {
                 const float seen = glm::dot(o, h);
                 const Vec3 i = 2.0F * seen * h - o;
                 if (i.z <= 0) continue;
-                const float weight =
-                    (1.0F + ggx_lambda(o, alpha)) * ggx_masking(o, i, alpha);
+                const float weight = (1.0F + ggx_lambda(o, alpha)) * ggx_masking(o, i, alpha);
                 full += static_cast<double>(weight);
                 edge += static_cast<double>(weight * schlick_weight(seen));
             }
@@ -90,8 +89,8 @@ float integrate_glass(const Vec3& o, float alpha, float eta) {
         const float beyond = std::sqrt(1.0F - sine2);
         const Vec3 through = (seen / eta - beyond) * h - o / eta;
         if (through.z < 0)
-            sum += static_cast<double>((1.0F - reflected) * outgoing *
-                                       ggx_masking(o, through, alpha));
+            sum +=
+                static_cast<double>((1.0F - reflected) * outgoing * ggx_masking(o, through, alpha));
     }
     return static_cast<float>(sum / count);
 }
@@ -102,8 +101,7 @@ const GlassTables& glass_tables() {
         std::size_t at = 0;
         for (std::size_t e = 0; e < glass_etas; ++e) {
             for (std::size_t r = 0; r < GlassTables::roughnesses; ++r) {
-                const float roughness =
-                    static_cast<float>(r) / (GlassTables::roughnesses - 1);
+                const float roughness = static_cast<float>(r) / (GlassTables::roughnesses - 1);
                 for (std::size_t a = 0; a < GlassTables::angles; ++a) {
                     t.values[at++] = integrate_glass(direction_of(a, GlassTables::angles),
                                                      ggx_alpha(roughness), eta_of(e));
@@ -142,8 +140,8 @@ float glass_albedo(float cosine, float roughness, float eta) {
     float sum = 0;
     for (std::size_t corner = 0; corner < 8; ++corner) {
         const std::size_t de = corner & 1, dr = corner >> 1 & 1, da = corner >> 2 & 1;
-        const float weight = (de != 0 ? fe : 1 - fe) * (dr != 0 ? fr : 1 - fr) *
-                             (da != 0 ? fa : 1 - fa);
+        const float weight =
+            (de != 0 ? fe : 1 - fe) * (dr != 0 ? fr : 1 - fr) * (da != 0 ? fa : 1 - fa);
         sum += weight * values[((e + de) * roughnesses + r + dr) * angles + a + da];
     }
     return std::max(sum, 0.05F);

@@ -1,5 +1,6 @@
-// How much light the microfacets of a rough surface send on after one bounce, by angle and roughness:
-// the tables that make lobes conserve energy. They are computed once per process, always the same.
+// How much light the microfacets of a rough surface send on after one bounce, by angle and
+// roughness: the tables that make lobes conserve energy. They are computed once per process, always
+// the same.
 #pragma once
 
 #include "engine/shading/ggx.h"
@@ -56,7 +57,8 @@ struct OneBounce {
     float full = 1, edge = 0;
 };
 
-/// The two rows of both tables between which a roughness falls: a surface needs them for two angles.
+/// The two rows of both tables between which a roughness falls: a surface needs them for two
+/// angles.
 class AlbedoRows {
 public:
     AlbedoRows() = default;

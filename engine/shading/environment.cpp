@@ -124,8 +124,7 @@ Vec3 Environment::sample(const Vec2& u, View& view) const {
     float down = 0, across = 0;
     const std::size_t y = row_guide_.find(rows_.data(), height_, 1, 0, u.y, down);
     if (!(row_densities_[y] > 0)) return Vec3(0, 1, 0);
-    const std::size_t x =
-        column_guide_.find(&texels_[y * width_].w, width_, 4, y, u.x, across);
+    const std::size_t x = column_guide_.find(&texels_[y * width_].w, width_, 4, y, u.x, across);
     const Vec2 at(static_cast<float>(x) + across, static_cast<float>(y) + down);
     // Half a turn behind the picture's middle lies its left edge.
     const Vec2 azimuth = circle(turn_part(at.x / static_cast<float>(width_) + middle_));
@@ -147,8 +146,8 @@ void Environment::fetch_texels(const Vec2& u) const {
     float down = 0;
     const std::size_t y = row_guide_.find(rows_.data(), height_, 1, 0, u.y, down);
     const std::size_t x = column_guide_.first(width_, y, u.x);
-    const std::size_t other = down < 0.5F ? std::max<std::size_t>(y, 1) - 1
-                                          : std::min<std::size_t>(y + 1, height_ - 1);
+    const std::size_t other =
+        down < 0.5F ? std::max<std::size_t>(y, 1) - 1 : std::min<std::size_t>(y + 1, height_ - 1);
     __builtin_prefetch(&texels_[y * width_ + x]);
     __builtin_prefetch(&texels_[other * width_ + x]);
 }

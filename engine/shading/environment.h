@@ -44,8 +44,8 @@ public:
     [[nodiscard]] Vec3 irradiance_up() const;
 
 private:
-    /// Where a search for an entry of ascending sums begins: for each of as many shares of the total
-    /// as there are entries, the entry there.
+    /// Where a search for an entry of ascending sums begins: for each of as many shares of the
+    /// total as there are entries, the entry there.
     class Guide {
     public:
         /// Appends those of one more list of sums, `stride` floats apart.
@@ -54,7 +54,8 @@ private:
         [[nodiscard]] std::size_t find(const float* sums, std::size_t count, std::size_t stride,
                                        std::size_t list, float u, float& rest) const;
         /// Where find() begins.
-        [[nodiscard]] const std::uint16_t& first(std::size_t count, std::size_t list, float u) const {
+        [[nodiscard]] const std::uint16_t& first(std::size_t count, std::size_t list,
+                                                 float u) const {
             const auto share = static_cast<std::size_t>(u * static_cast<float>(count));
             return first_[list * count + std::min(share, count - 1)];
         }

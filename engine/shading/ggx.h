@@ -1,8 +1,8 @@
 // The GGX distribution of microfacets in the frame of a surface: +z is the normal, `alpha` is
 // roughness squared.
 //
-// Masking is Smith's, correlated in height. Normals are sampled as they are seen (Heitz, "Sampling the
-// GGX Distribution of Visible Normals", JCGT 2018, in the form of Dupuy and Benyoub, 2023).
+// Masking is Smith's, correlated in height. Normals are sampled as they are seen (Heitz, "Sampling
+// the GGX Distribution of Visible Normals", JCGT 2018, in the form of Dupuy and Benyoub, 2023).
 #pragma once
 
 #include "engine/shading/sampling.h"

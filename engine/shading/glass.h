@@ -1,8 +1,8 @@
-// The lobe of transparent surfaces: rough refraction into a solid (Walter et al., "Microfacet Models
-// for Refraction", 2007), or a sheet that lets light go straight on, as rough as it is.
+// The lobe of transparent surfaces: rough refraction into a solid (Walter et al., "Microfacet
+// Models for Refraction", 2007), or a sheet that lets light go straight on, as rough as it is.
 //
-// Radiance is not scaled by the square of the index: paths that enter a solid leave it again, and the
-// two factors are each other's inverse. Light of further bounces is given back by scaling.
+// Radiance is not scaled by the square of the index: paths that enter a solid leave it again, and
+// the two factors are each other's inverse. Light of further bounces is given back by scaling.
 #pragma once
 
 #include "engine/shading/albedo_tables.h"

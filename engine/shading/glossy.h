@@ -1,6 +1,6 @@
-// The glossy lobe of metal and varnish: GGX with Schlick's Fresnel term, and the light of its further
-// bounces as a lobe of its own, which is reciprocal and keeps the energy (Kulla and Conty, "Revisiting
-// Physically Based Shading at Imageworks", 2017).
+// The glossy lobe of metal and varnish: GGX with Schlick's Fresnel term, and the light of its
+// further bounces as a lobe of its own, which is reciprocal and keeps the energy (Kulla and Conty,
+// "Revisiting Physically Based Shading at Imageworks", 2017).
 #pragma once
 
 #include "engine/shading/albedo_tables.h"

@@ -22,8 +22,8 @@ namespace raynest {
 struct LightSample {
     Vec3 direction{0};  ///< unit vector, towards the light
     float distance = std::numeric_limits<float>::infinity();
-    Vec3 radiance{0};   ///< what arrives without anything between; black: nothing to trace
-    float density = 0;  ///< per solid angle; 1 for a light that has one direction only
+    Vec3 radiance{0};         ///< what arrives without anything between; black: nothing to trace
+    float density = 0;        ///< per solid angle; 1 for a light that has one direction only
     bool can_be_met = false;  ///< a ray that goes there by chance sees the same radiance
     /// The light's point, lifted from its surface, where it has one: end the shadow ray there.
     glm::dvec3 end{0};

@@ -30,15 +30,16 @@ struct MaterialPoint {
     float roughness = 1;
     float ior = 1.5F;
     float transmission = 0;
-    bool solid = false;  ///< light is refracted at the surface; else it is a sheet
-    bool inside = false;  ///< the ray came from within a solid
+    bool solid = false;    ///< light is refracted at the surface; else it is a sheet
+    bool inside = false;   ///< the ray came from within a solid
     Vec3 smooth{0, 0, 1};  ///< the normal without the normal texture, in the point's frame
 };
 
-/// Share of the light from a direction that the bumps of a normal texture leave a diffuse base: it falls
-/// to 0 at the horizon of MaterialPoint::smooth, where bumps shadow each other. Without it walls that
-/// light grazes reflect too much. 1 without bumps (Conty Estevez, Lecocq and Stein, "A Microfacet-Based
-/// Shadowing Function to Solve the Bump Terminator Problem", Ray Tracing Gems, 2019; Cycles' polynomial).
+/// Share of the light from a direction that the bumps of a normal texture leave a diffuse base: it
+/// falls to 0 at the horizon of MaterialPoint::smooth, where bumps shadow each other. Without it
+/// walls that light grazes reflect too much. 1 without bumps (Conty Estevez, Lecocq and Stein, "A
+/// Microfacet-Based Shadowing Function to Solve the Bump Terminator Problem", Ray Tracing Gems,
+/// 2019; Cycles' polynomial).
 [[nodiscard]] inline float lit_share(const Vec3& smooth, const Vec3& incoming) {
     const float cosines = incoming.z * smooth.z;
     const float g = cosines > 0 ? glm::dot(incoming, smooth) / cosines : 0.0F;

@@ -16,8 +16,8 @@ RAYNEST_FOR_EACH_MATERIAL(RAYNEST_CHECK)
 template <class F>
 auto with_material(std::uint32_t kind, const MaterialPoint& point, const Vec3& outgoing, F&& f) {
     switch (kind) {
-#define RAYNEST_CASE(name, Type)   \
-    case shading_type(#name):      \
+#define RAYNEST_CASE(name, Type) \
+    case shading_type(#name):    \
         return f(Type(point, outgoing));
         RAYNEST_FOR_EACH_MATERIAL(RAYNEST_CASE)
 #undef RAYNEST_CASE

@@ -1,6 +1,6 @@
 // The transforms of a placement, level by level and as one map, in double: what a hit's position,
-// normal and rounding error follow from. Points of a placement come in groups, so the last ones that
-// were asked for are kept.
+// normal and rounding error follow from. Points of a placement come in groups, so the last ones
+// that were asked for are kept.
 #pragma once
 
 #include "engine/geometry/path.h"
@@ -33,7 +33,7 @@ struct Placement {
     std::vector<Level> levels;  ///< outermost first
     glm::dmat3 to_object{1};    ///< from the world, without the shift
     glm::dmat3 to_world{1};
-    double volume = 1;  ///< of what a unit cube of the object becomes in the world
+    double volume = 1;     ///< of what a unit cube of the object becomes in the world
     bool mirrors = false;  ///< the object is seen as in a mirror
 
     void set(const SceneView& scene, std::uint64_t to) {
@@ -71,7 +71,6 @@ public:
         if (place.path != path) place.set(scene, path);
         return place;
     }
-
 
 private:
     std::vector<Placement> places_ = std::vector<Placement>(512);

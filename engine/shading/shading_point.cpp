@@ -14,8 +14,8 @@ struct Corners {
     const std::uint32_t* index = nullptr;
     float u = 0, v = 0;
 
-    Corners(const SceneView& scene, const GeometryRecord& geometry, std::uint32_t triangle, float b1,
-            float b2)
+    Corners(const SceneView& scene, const GeometryRecord& geometry, std::uint32_t triangle,
+            float b1, float b2)
         : index(scene.attribute<std::uint32_t>(geometry.indices) +
                 std::size_t{3} * (triangle - geometry.first_triangle)),
           u(b1),
@@ -33,7 +33,8 @@ Vec2 transformed(const float (&m)[6], Vec2 st) {
 
 /// True if the use names a texture whose coordinates the geometry has.
 bool is_used(const GeometryRecord& geometry, const TextureUse& use) {
-    return use.texture != no_id && use.texcoord <= 1 && geometry.texcoords[use.texcoord] != no_offset;
+    return use.texture != no_id && use.texcoord <= 1 &&
+           geometry.texcoords[use.texcoord] != no_offset;
 }
 
 /// Where a hit lies in a texture.
@@ -42,8 +43,8 @@ struct TexturePlace {
     Footprint footprint;
 };
 
-/// Finds the places of one hit in its textures. `width_share` is the squared width of the ray's cone
-/// over twice the triangle's area, both in the world; 0: the finest level.
+/// Finds the places of one hit in its textures. `width_share` is the squared width of the ray's
+/// cone over twice the triangle's area, both in the world; 0: the finest level.
 class TexturePlaces {
 public:
     TexturePlaces(const SceneView& scene, const GeometryRecord& geometry, const Corners& corners,
@@ -125,9 +126,9 @@ void set_tangents(const ShadingView& view, const GeometryRecord& geometry,
 }
 
 /// The way from a hit to the smooth surface: the mean of its distances to the planes at the
-/// vertices, where it lies below them (Hanika, "Hacking the Shadow Terminator", Ray Tracing Gems II,
-/// 2021). None where a normal is far from the triangle's: that is no smooth surface, but a leaf that
-/// shades like its tree, or a box without edges.
+/// vertices, where it lies below them (Hanika, "Hacking the Shadow Terminator", Ray Tracing Gems
+/// II, 2021). None where a normal is far from the triangle's: that is no smooth surface, but a leaf
+/// that shades like its tree, or a box without edges.
 Vec3 to_smooth(const Corners& corners, const Vec3* positions, const Vec3* normals,
                const Placement& placement, const ShadingPoint& point) {
     const Vec3 hit = corners.mean(positions);
@@ -151,7 +152,7 @@ Vec3 to_smooth(const Corners& corners, const Vec3* positions, const Vec3* normal
     }
     const Vec3 world(placement.to_world * glm::dvec3(way));
     return glm::dot(world, point.normal) > 0 && std::isfinite(glm::dot(world, world)) ? world
-                                                                                     : Vec3(0);
+                                                                                      : Vec3(0);
 }
 
 /// Turns a shading normal so far that the viewer sees its front: light would leak otherwise.
@@ -205,8 +206,9 @@ void fetch_vertices(const ShadingView& view, const HitRecord& hit) {
     if (object.triangle_count == 0) return;
     const GeometryRecord& geometry = scene.geometry_of(object, hit.triangle);
     const Corners corners(scene, geometry, hit.triangle, 0, 0);
-    const std::uint64_t normals =
-        view.geometries == nullptr ? no_offset : view.geometries[&geometry - scene.geometries].normals;
+    const std::uint64_t normals = view.geometries == nullptr
+                                      ? no_offset
+                                      : view.geometries[&geometry - scene.geometries].normals;
     for (std::size_t i = 0; i < 3; ++i) {
         const std::uint32_t vertex = corners.index[i];
         __builtin_prefetch(scene.attribute<Vec3>(geometry.positions) + vertex);
@@ -216,9 +218,9 @@ void fetch_vertices(const ShadingView& view, const HitRecord& hit) {
     }
 }
 
-void begin_point(const ShadingView& view, const Ray& ray, const HitRecord& hit,
-                 const Vec3& normal, double twice_area, float width, const Placement& placement,
-                 TextureBatch& batch, UnfinishedPoint& out) {
+void begin_point(const ShadingView& view, const Ray& ray, const HitRecord& hit, const Vec3& normal,
+                 double twice_area, float width, const Placement& placement, TextureBatch& batch,
+                 UnfinishedPoint& out) {
     const SceneView& scene = *view.scene;
     const ObjectRecord& object = scene.objects[hit.object];
     out.viewer = -glm::normalize(ray.direction);
@@ -243,14 +245,16 @@ void begin_point(const ShadingView& view, const Ray& ray, const HitRecord& hit,
     const auto look_up = [&](TextureSlot slot, std::uint32_t texture, std::uint32_t set,
                              const float(&m)[6], bool data) {
         TexturePlace place = places.find(set, m);
-        // The mean of bumps is flat, and reflects more than they do: the samples of a pixel average that.
+        // The mean of bumps is flat, and reflects more than they do: the samples of a pixel average
+        // that.
         if (slot == TextureSlot::normal) place.footprint = {};
         const auto k = static_cast<std::size_t>(slot);
         out.looked_up |= 1U << k;
         batch.add(texture, place.st, place.footprint, data, &out.texels[k]);
     };
     const auto look_up_use = [&](TextureSlot slot, const TextureUse& use, bool data) {
-        if (is_used(geometry, use)) look_up(slot, use.texture, use.texcoord, use.uv_transform, data);
+        if (is_used(geometry, use))
+            look_up(slot, use.texture, use.texcoord, use.uv_transform, data);
     };
 
     MaterialPoint& material = point.material;
@@ -263,18 +267,17 @@ void begin_point(const ShadingView& view, const Ray& ray, const HitRecord& hit,
     }
     if (geometry.colours != no_offset) out.tint = vertex_colour(scene, geometry, corners);
 
-    const GeometryShading shading =
-        view.geometries == nullptr ? GeometryShading{}
-                                   : view.geometries[&geometry - scene.geometries];
+    const GeometryShading shading = view.geometries == nullptr
+                                        ? GeometryShading{}
+                                        : view.geometries[&geometry - scene.geometries];
     if (shading.normals != no_offset) {
         const Vec3 mean = corners.mean(scene.attribute<Vec3>(shading.normals));
         const glm::dvec3 world = placement.normal(glm::dvec3(mean));
         const double length = glm::length(world);
         if (length > 0 && std::isfinite(length)) out.n = Vec3(world / length);
         point.smooth = point.front ? out.n : -out.n;
-        point.to_smooth =
-            to_smooth(corners, scene.attribute<Vec3>(geometry.positions),
-                      scene.attribute<Vec3>(shading.normals), placement, point);
+        point.to_smooth = to_smooth(corners, scene.attribute<Vec3>(geometry.positions),
+                                    scene.attribute<Vec3>(shading.normals), placement, point);
     }
     if (point.surface == nullptr) return;
     const SurfaceRecord& surface = *point.surface;
@@ -308,7 +311,8 @@ const ShadingPoint& finish_point(UnfinishedPoint& from) {
         material.metallic *= texel->z;
     }
     if (const Vec4* texel = from.texel(TextureSlot::emission)) material.emission *= Vec3(*texel);
-    if (const Vec4* texel = from.texel(TextureSlot::transmission)) material.transmission *= texel->x;
+    if (const Vec4* texel = from.texel(TextureSlot::transmission))
+        material.transmission *= texel->x;
     Vec3 n = from.n;
     const Vec4* texel = from.texel(TextureSlot::normal);
     const bool has_bumps = texel != nullptr && from.tangent != Vec3(0);

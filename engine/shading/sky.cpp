@@ -78,10 +78,10 @@ glm::dvec3 transmittance(double from_zenith) {
 }  // namespace
 
 Sky make_sky(float azimuth_degrees, float elevation_degrees) {
-    const double elevation = std::clamp(static_cast<double>(elevation_degrees), -90.0, 90.0) *
-                             std::numbers::pi / 180;
-    const auto azimuth = static_cast<float>(static_cast<double>(azimuth_degrees) *
-                                            std::numbers::pi / 180);
+    const double elevation =
+        std::clamp(static_cast<double>(elevation_degrees), -90.0, 90.0) * std::numbers::pi / 180;
+    const auto azimuth =
+        static_cast<float>(static_cast<double>(azimuth_degrees) * std::numbers::pi / 180);
     // The model ends at the horizon: below it the sky keeps its colours and darkens to the end of
     // twilight, 18 degrees below.
     const double low = std::max(elevation, 1.0 * std::numbers::pi / 180);
@@ -120,7 +120,8 @@ Sky make_sky(float azimuth_degrees, float elevation_degrees) {
         ground += Vec3(irradiance * std::max(std::sin(elevation), 0.0));
     }
     ground *= static_cast<float>(ground_albedo / std::numbers::pi);
-    for (std::size_t i = std::size_t{width} * height / 2; i < pixels.size(); ++i) pixels[i] = ground;
+    for (std::size_t i = std::size_t{width} * height / 2; i < pixels.size(); ++i)
+        pixels[i] = ground;
     sky.environment = Environment(width, height, pixels);
     return sky;
 }

@@ -1,4 +1,5 @@
-// A clear sky by day: Preetham, Shirley and Smits, "A Practical Analytic Model for Daylight" (1999).
+// A clear sky by day: Preetham, Shirley and Smits, "A Practical Analytic Model for Daylight"
+// (1999).
 #pragma once
 
 #include "engine/shading/environment.h"

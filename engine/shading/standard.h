@@ -1,8 +1,8 @@
 // glTF's metallic-roughness material, with transmission: a mixture of metal, of a varnished diffuse
 // base, and of glass.
 //
-// The diffuse base gets the light that the varnish lets through, by the same tables, so that a white
-// material reflects all light at any roughness, and is reciprocal.
+// The diffuse base gets the light that the varnish lets through, by the same tables, so that a
+// white material reflects all light at any roughness, and is reciprocal.
 #pragma once
 
 #include "engine/shading/glass.h"
@@ -64,8 +64,8 @@ public:
             const Vec3 base =
                 base_ * base_seen_ * (Vec3(1) - varnish_albedo(lit)) * lit_share(smooth_, i);
             const Scattered glossy = glossy_.scatter(i);
-            sum.value = glossy.value +
-                        (base + more_ * ((1.0F - seen_.full) * (1.0F - lit.full))) * i.z;
+            sum.value =
+                glossy.value + (base + more_ * ((1.0F - seen_.full) * (1.0F - lit.full))) * i.z;
             sum.density = glossy_share_ * glossy.density + broad_share_ * i.z * (1.0F / pi);
         }
         if (clear_ > 0) {
@@ -90,7 +90,8 @@ private:
     /// Shares of the strategies, by what each part reflects of white light.
     void choose(float clear, const Vec3& base) {
         const Vec3 glossy = glossy_.f0 * (seen_.full - seen_.edge) + glossy_.f90 * seen_.edge;
-        const Vec3 broad = base * base_seen_ + more_ * (pi * (1.0F - seen_.full) * (1.0F - full_mean_));
+        const Vec3 broad =
+            base * base_seen_ + more_ * (pi * (1.0F - seen_.full) * (1.0F - full_mean_));
         // Where a surface absorbs all, any direction is as good.
         float a = largest(glossy);
         float b = largest(broad);

@@ -60,8 +60,7 @@ F wrapped(F s, I wrap) {
     const F repeated = hn::Sub(s, hn::Floor(s));
     const F period = hn::Sub(s, hn::Mul(two, hn::Floor(hn::Mul(s, half))));
     const F mirrored = hn::IfThenElse(hn::Gt(period, one), hn::Sub(two, period), period);
-    F r = hn::IfThenElse(is(Wrap::repeat), repeated,
-                         hn::IfThenElse(is(Wrap::mirror), mirrored, s));
+    F r = hn::IfThenElse(is(Wrap::repeat), repeated, hn::IfThenElse(is(Wrap::mirror), mirrored, s));
     r = hn::IfThenElseZero(hn::Gt(r, hn::Zero(f32)), r);
     return hn::IfThenElse(hn::Lt(r, one), r, one);
 }

@@ -1,7 +1,7 @@
 // Texture lookups of many hits at once: trilinear, in as many lanes as the target's vectors have.
 //
-// A lane is one bilinear lookup in one level of any texture; lanes of different textures, levels and
-// wraps go through the same instructions, so hits need no sorting. The arithmetic is that of
+// A lane is one bilinear lookup in one level of any texture; lanes of different textures, levels
+// and wraps go through the same instructions, so hits need no sorting. The arithmetic is that of
 // sample_texture(), step by step: the same bits.
 #pragma once
 

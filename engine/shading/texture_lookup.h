@@ -48,10 +48,10 @@ template <class Decode>
     const float x = wrap_coordinate(st.x, record.wrap_s) * static_cast<float>(plane.width);
     const float y = wrap_coordinate(st.y, record.wrap_t) * static_cast<float>(plane.height);
     const auto texel = [&](int column, int row) {
-        const std::size_t at = std::size_t{4} *
-                               (std::size_t{wrap_texel(row, plane.height, record.wrap_t)} *
-                                    plane.width +
-                                wrap_texel(column, plane.width, record.wrap_s));
+        const std::size_t at =
+            std::size_t{4} *
+            (std::size_t{wrap_texel(row, plane.height, record.wrap_t)} * plane.width +
+             wrap_texel(column, plane.width, record.wrap_s));
         const std::uint8_t* p = plane.rgba + at;
         return Vec4(decode(p[0]), decode(p[1]), decode(p[2]), static_cast<float>(p[3]) / 255.0F);
     };

@@ -1,4 +1,5 @@
-// The materials and lights that this build knows: the lists MATERIALS and LIGHTS, resolved by a switch.
+// The materials and lights that this build knows: the lists MATERIALS and LIGHTS, resolved by a
+// switch.
 #pragma once
 
 #include "engine/shading/records.h"

@@ -1,4 +1,5 @@
-// KHR_materials_unlit: shows its base colour, whatever the light, scatters nothing and lights nothing.
+// KHR_materials_unlit: shows its base colour, whatever the light, scatters nothing and lights
+// nothing.
 #pragma once
 
 #include "engine/shading/material.h"

@@ -15,7 +15,8 @@ namespace {
 
 constexpr std::uint64_t block_bytes = 512;  // of st_blocks
 #if defined(__SANITIZE_ADDRESS__) || defined(__SANITIZE_THREAD__)
-constexpr std::uint64_t checks_bytes = 32 << 20;  // what the sanitizer's own tables take, at the least
+// The sanitizer's own tables take at least this.
+constexpr std::uint64_t checks_bytes = 32 << 20;
 #else
 constexpr std::uint64_t checks_bytes = 0;
 #endif

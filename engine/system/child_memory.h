@@ -9,12 +9,13 @@
 
 namespace raynest {
 
-/// Measures what a child holds of the machine's memory: private pages, also swapped ones, shared ones,
-/// and a memory file that it writes. Pages of programs and libraries do not count.
+/// Measures what a child holds of the machine's memory: private pages, also swapped ones, shared
+/// ones, and a memory file that it writes. Pages of programs and libraries do not count.
 class ChildMemory {
 public:
-    /// Call this at once after the start: a child that has confined itself hides from its own user where
-    /// /proc is mounted with hidepid. `shared_bytes` of its shared pages are counted elsewhere.
+    /// Call this at once after the start: a child that has confined itself hides from its own user
+    /// where /proc is mounted with hidepid. `shared_bytes` of its shared pages are counted
+    /// elsewhere.
     ChildMemory(pid_t child, const Fd& written, std::uint64_t shared_bytes);
 
     /// Returns the bytes that the child holds now; without /proc, those of the memory file alone.

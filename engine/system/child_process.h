@@ -74,8 +74,8 @@ Result<void> write_all(int fd, const void* bytes, std::size_t size);
 /// process group of its own. Pass at most inherited_max descriptors, each from out_of_the_way().
 Result<pid_t> spawn_child(std::span<const std::string> command, std::span<const int> inherited);
 
-/// Kills all processes of a child's group, and waits until the child has ended. Returns its status as
-/// waitpid() gives it; nothing if it is no child of this process. Call it once for each child.
+/// Kills all processes of a child's group, and waits until the child has ended. Returns its status
+/// as waitpid() gives it; nothing if it is no child of this process. Call it once for each child.
 std::optional<int> end_group(pid_t child);
 
 /// Called in the child: it dies with its parent and leaves no core file. False if the parent, whose

@@ -19,12 +19,14 @@ namespace {
 std::filesystem::path find_module(const char* file) {
     Dl_info here{};
     void* self = nullptr;
-    if (dladdr1(reinterpret_cast<void*>(&load_module), &here, &self, RTLD_DL_LINKMAP) == 0) return {};
+    if (dladdr1(reinterpret_cast<void*>(&load_module), &here, &self, RTLD_DL_LINKMAP) == 0)
+        return {};
     Dl_serinfo size{};
     if (dlinfo(self, RTLD_DI_SERINFOSIZE, &size) != 0) return {};
     std::vector<std::max_align_t> storage(size.dls_size / sizeof(std::max_align_t) + 1);
     auto* const folders = reinterpret_cast<Dl_serinfo*>(storage.data());
-    if (dlinfo(self, RTLD_DI_SERINFOSIZE, folders) != 0 || dlinfo(self, RTLD_DI_SERINFO, folders) != 0)
+    if (dlinfo(self, RTLD_DI_SERINFOSIZE, folders) != 0 ||
+        dlinfo(self, RTLD_DI_SERINFO, folders) != 0)
         return {};
     std::error_code error;
     for (unsigned i = 0; i < folders->dls_cnt; ++i)

@@ -1,8 +1,8 @@
 // The list of backends.
 #pragma once
 
-#include "server/execution/backend.h"
 #include "protocol/limits.h"
+#include "server/execution/backend.h"
 
 #include <memory>
 #include <string>

@@ -3,9 +3,9 @@
 #include "server/backends/cuda/probe.h"
 #include "server/backends/cuda/supervisor.h"
 #include "server/backends/cuda/worker_process.h"
-#include "server/scheduling/fair_thread_pool.h"
 #include "server/execution/plan.h"
 #include "server/ground/log.h"
+#include "server/scheduling/fair_thread_pool.h"
 
 #include <algorithm>
 #include <filesystem>

@@ -46,8 +46,9 @@ int check_state(const std::filesystem::path& folder) {
         if (stored && edits) continue;
         ++damaged;
         const std::string& why = stored ? edits.error().message : stored.error().why;
-        std::cout << protocol::clean_text(row.owner + "/" + row.name + ": " + why + "; load it again",
-                                          line_bytes_max)
+        std::cout << protocol::clean_text(
+                         row.owner + "/" + row.name + ": " + why + "; load it again",
+                         line_bytes_max)
                   << '\n';
     }
     std::cout << rows->size() << " scenes, " << protocol::bytes_text(bytes) << ", " << damaged
@@ -62,8 +63,8 @@ int back_up_state(const std::filesystem::path& from, const std::filesystem::path
     if (!missing) return failed(missing.error().message);
     const int checked = check_state(to);
     if (*missing != 0)
-        return failed(std::to_string(*missing) + " scenes have lost their blobs in " + from.string() +
-                      "; load them again");
+        return failed(std::to_string(*missing) + " scenes have lost their blobs in " +
+                      from.string() + "; load them again");
     return checked;
 }
 

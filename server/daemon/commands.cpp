@@ -93,8 +93,8 @@ int tls_init(const fs::path& folder, const std::vector<std::string>& hosts) {
               << path(Files::server) << " --tls-key " << path(Files::server_key)
               << " --tokens FILE\nClients: raynest --ca " << path(Files::ca)
               << " --server tls://HOST:31060 scenes\nGive clients " << Files::ca
-              << " alone. Let the daemon's user read " << Files::server << " and " << Files::server_key
-              << ", but never " << Files::ca_key << ". Keep " << Files::ca_key
+              << " alone. Let the daemon's user read " << Files::server << " and "
+              << Files::server_key << ", but never " << Files::ca_key << ". Keep " << Files::ca_key
               << " off the network; `raynestd tls renew " << folder.string()
               << "` needs it within 397 days.\n";
     return done();
@@ -105,9 +105,10 @@ int tls_renew(const fs::path& folder) {
     if (!renewed) return failed(renewed.error().message);
     std::cout << "renewed for " << renewed->days << " days";
     if (renewed->ends_with_ca)
-        std::cout << ", when their CA ends: make another before with raynestd tls init DIR, and give "
-                     "clients its "
-                  << CertificateFiles::ca;
+        std::cout
+            << ", when their CA ends: make another before with raynestd tls init DIR, and give "
+               "clients its "
+            << CertificateFiles::ca;
     std::cout << "; a running daemon reads them after: kill -HUP PID\n";
     return done();
 }
@@ -221,12 +222,11 @@ int token_revoke(const TokenWords& words) {
         // Rows of other words match no certificate, and may be taken away.
         if (is_certificate && !protocol::is_subject(name))
             return was_there ? std::nullopt
-                             : std::optional(Refusal{
-                                   exit_usage, std::string("'").append(name) + "' is not " +
-                                                   subject_form});
+                             : std::optional(Refusal{exit_usage, std::string("'").append(name) +
+                                                                     "' is not " + subject_form});
         if (!was_there && !is_certificate)
-            return Refusal{exit_unknown, "no such token: '" + name + "' in " +
-                                             words.file.string() + "; see raynestd token list"};
+            return Refusal{exit_unknown, "no such token: '" + name + "' in " + words.file.string() +
+                                             "; see raynestd token list"};
         if (!was_there && !words.unlisted)
             return Refusal{exit_unknown,
                            "no row of a certificate '" + name + "' in " + words.file.string() +
@@ -240,9 +240,10 @@ int token_revoke(const TokenWords& words) {
     if (was_there)
         std::cout << name << " is revoked; a running daemon ends its connections within a second\n";
     else
-        std::cout << "certificates that the daemon's log shows as " << name
-                  << " are shut out, and no others; a running daemon ends their connections within a "
-                     "second\n";
+        std::cout
+            << "certificates that the daemon's log shows as " << name
+            << " are shut out, and no others; a running daemon ends their connections within a "
+               "second\n";
     return done();
 }
 
@@ -310,13 +311,15 @@ void declare_token(CLI::App& app, std::function<int()>& action) {
         "add", "Make a token and print it, alone on the last line; or admit a certificate");
     add_name(add, protocol::is_subject);
     add_file(add);
-    check(add->add_option("--role", words->role, "viewer, user or admin")->capture_default_str(),
-          [](const std::string& text) { return parse_role(text).has_value(); },
-          "a role: viewer, user or admin");
-    check(add->add_option("--expires", words->expires, "Time until it expires: 90s, 12h, 30d"),
-          [](const std::string& text) { return parse_period(text).has_value(); },
-          "a time such as 90s, 12h or 30d, at most " + std::to_string(expires_days_max) +
-              "d; leave it out for a token that never expires");
+    check(
+        add->add_option("--role", words->role, "viewer, user or admin")->capture_default_str(),
+        [](const std::string& text) { return parse_role(text).has_value(); },
+        "a role: viewer, user or admin");
+    check(
+        add->add_option("--expires", words->expires, "Time until it expires: 90s, 12h, 30d"),
+        [](const std::string& text) { return parse_period(text).has_value(); },
+        "a time such as 90s, 12h or 30d, at most " + std::to_string(expires_days_max) +
+            "d; leave it out for a token that never expires");
     add->add_option("--quota", words->quota,
                     quota_keys() + "; any of them with commas between, bytes also as 20G")
         ->check(CLI::Validator(
@@ -344,9 +347,9 @@ std::string command_fault(std::string_view group, std::string_view word) {
     const bool is_known = (", " + names + ",").find(", " + std::string(word) + ",") != names.npos;
     if (is_known || word == "-h" || word == "--help") return "";
     const bool is_missing = word.empty() || word.starts_with('-');
-    return (is_missing ? std::string(group) + " needs a command"
-                         : "there is no command '" + std::string(group) + " " + std::string(word) +
-                               "'") +
+    return (is_missing
+                ? std::string(group) + " needs a command"
+                : "there is no command '" + std::string(group) + " " + std::string(word) + "'") +
            "; use one of: " + names;
 }
 
@@ -359,10 +362,12 @@ std::optional<int> run_command(int argc, const char* const* argv) {
         return failed("raynestd check DIR looks at a state folder that no daemon uses", exit_usage);
     }
     if (word == "backup") {
-        if (argc == 4 && argv[2][0] != '-' && argv[3][0] != '-') return back_up_state(argv[2], argv[3]);
-        return failed("raynestd backup DIR NEW copies the state folder DIR, which a daemon may use, to the "
-                      "new folder NEW; to restore it, start with --state NEW",
-                      exit_usage);
+        if (argc == 4 && argv[2][0] != '-' && argv[3][0] != '-')
+            return back_up_state(argv[2], argv[3]);
+        return failed(
+            "raynestd backup DIR NEW copies the state folder DIR, which a daemon may use, to the "
+            "new folder NEW; to restore it, start with --state NEW",
+            exit_usage);
     }
     if (word != "tls" && word != "token") return std::nullopt;
     if (const std::string fault = command_fault(word, argc > 2 ? argv[2] : ""); !fault.empty())

@@ -6,9 +6,9 @@
 
 namespace raynest::server {
 
-/// Runs `raynestd tls ...` or `raynestd token ...` or `raynestd check DIR` and returns its exit code: 0, 1 after a failure, 2
-/// after a usage error or 5 for a token that is not there, with one line on stderr. Returns nothing
-/// for another command line.
+/// Runs `raynestd tls ...` or `raynestd token ...` or `raynestd check DIR` and returns its exit
+/// code: 0, 1 after a failure, 2 after a usage error or 5 for a token that is not there, with one
+/// line on stderr. Returns nothing for another command line.
 [[nodiscard]] std::optional<int> run_command(int argc, const char* const* argv);
 
 }  // namespace raynest::server

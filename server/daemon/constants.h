@@ -10,8 +10,8 @@ namespace raynest::server {
 inline constexpr unsigned spare_threads(unsigned threads) {
     return 2 * threads + 16;
 }
-/// Maximum concurrent imports, and those of one principal; each is a process with limits of its own,
-/// which uses all cores. Their memory counts towards --memory.
+/// Maximum concurrent imports, and those of one principal; each is a process with limits of its
+/// own, which uses all cores. Their memory counts towards --memory.
 inline constexpr unsigned imports_max = 8;
 inline constexpr unsigned principal_imports_max = 2;
 /// Threads that read stored scenes and commit changes of the state folder.

@@ -5,33 +5,33 @@
 #include "server/backends/backends.h"
 #include "server/daemon/constants.h"
 #include "server/daemon/exposition.h"
-#include "server/ground/io_turn.h"
-#include "server/ground/limited_log.h"
-#include "server/scheduling/disposal.h"
-#include "server/scheduling/fair_thread_pool.h"
-#include "server/execution/trace.h"
-#include "server/requests/request.h"
 #include "server/daemon/health.h"
 #include "server/daemon/import_command.h"
-#include "server/ground/journal.h"
-#include "server/scheduling/admission.h"
-#include "server/scheduling/detached.h"
-#include "server/scheduling/runner.h"
-#include "server/ground/log.h"
 #include "server/daemon/notify.h"
-#include "server/net/asio.h"
-#include "server/sessions/connections.h"
+#include "server/daemon/start_loads.h"
+#include "server/execution/trace.h"
+#include "server/ground/io_turn.h"
+#include "server/ground/journal.h"
+#include "server/ground/limited_log.h"
+#include "server/ground/log.h"
+#include "server/http/page_access.h"
 #include "server/http/server.h"
+#include "server/jobs/scene_poser.h"
+#include "server/jobs/scene_waker.h"
+#include "server/net/asio.h"
 #include "server/net/inherited.h"
 #include "server/net/listener.h"
-#include "server/http/page_access.h"
 #include "server/net/transports.h"
 #include "server/options/ready_file.h"
 #include "server/options/reload.h"
 #include "server/options/start_checks.h"
-#include "server/daemon/start_loads.h"
-#include "server/jobs/scene_poser.h"
-#include "server/jobs/scene_waker.h"
+#include "server/requests/request.h"
+#include "server/scheduling/admission.h"
+#include "server/scheduling/detached.h"
+#include "server/scheduling/disposal.h"
+#include "server/scheduling/fair_thread_pool.h"
+#include "server/scheduling/runner.h"
+#include "server/sessions/connections.h"
 #include "server/store/scene_store.h"
 #include "server/store/state_folder.h"
 
@@ -65,7 +65,7 @@ public:
     /// Opens the HTTP port. Fails if the address was given by option; else the daemon has none.
     Result<void> listen_http();
     /// Returns http://HOST:PORT, https://HOST:PORT or "off".
-    [[nodiscard]] std::string http_uri() const { return http_listener_ ? http_listener_->uri() : "off"; }
+    std::string http_uri() const { return http_listener_ ? http_listener_->uri() : "off"; }
     /// Serves until drained. Fails when the ready file cannot be written.
     Result<void> run();
 
@@ -88,7 +88,8 @@ private:
     void look_drained();
     void look_after_detached();
     /// Does something again and again, with this pause before each time.
-    void repeat(asio::steady_timer& timer, std::chrono::microseconds pause, std::function<void()> act);
+    void repeat(asio::steady_timer& timer, std::chrono::microseconds pause,
+                std::function<void()> act);
     /// Ends connections and detached jobs of principals that would not be admitted again, and every
     /// WebSocket if hosts or proxies of the page were taken away: its next request is judged anew.
     void end_revoked(bool is_site_smaller = false);
@@ -199,12 +200,12 @@ Daemon::Daemon(Options options, ReadOptions read_again, std::shared_ptr<const Re
       credentials_timer_(io_),
       watchdog_timer_(io_),
       credentials_(options_.security, limits_, &metrics_.logins_refused),
-      connections_(io_, services_, context_,
-                   [this](const PeerIdentity& peer, const wire::Hello& hello,
-                          const protocol::Limits&) {
-                       return credentials_.authentication().identify(
-                           peer, protocol::text(hello.token()), Clock::now(), WallClock::now());
-                   }),
+      connections_(
+          io_, services_, context_,
+          [this](const PeerIdentity& peer, const wire::Hello& hello, const protocol::Limits&) {
+              return credentials_.authentication().identify(peer, protocol::text(hello.token()),
+                                                            Clock::now(), WallClock::now());
+          }),
       page_access_(credentials_.authentication(), [this] { end_revoked(); }),
       site_(options_.http.hosts),
       http_(io_, site_, limits_, metrics_,
@@ -212,9 +213,8 @@ Daemon::Daemon(Options options, ReadOptions read_again, std::shared_ptr<const Re
                 connections_.accept(std::move(transport), descriptors);
             }),
       start_loads_(io_, services_) {
-    scenes_.set_disposal([this](std::shared_ptr<const Snapshot> scene) {
-        dispose(compute_, "", std::move(scene));
-    });
+    scenes_.set_disposal(
+        [this](std::shared_ptr<const Snapshot> scene) { dispose(compute_, "", std::move(scene)); });
     if (state_) scenes_.adopt(*state_);
 }
 
@@ -225,12 +225,11 @@ Result<void> Daemon::listen() {
         if (!address) return tl::unexpected(address.error());
         inherited_.claim(*address);
         const MakeTransport make = transport_of(*find_scheme(scheme_of(*address)));
-        auto listener =
-            Listener::open(io_, *address, "--listen", options_.socket,
-                           [this, make](Socket socket, Descriptors descriptors) {
-                               connections_.accept(make(std::move(socket), {credentials_.tls()}),
-                                                   descriptors);
-                           });
+        auto listener = Listener::open(
+            io_, *address, "--listen", options_.socket,
+            [this, make](Socket socket, Descriptors descriptors) {
+                connections_.accept(make(std::move(socket), {credentials_.tls()}), descriptors);
+            });
         if (!listener) return tl::unexpected(listener.error());
         open_.push_back({"listen", uri, (*listener)->address()});
         listeners_.push_back(std::move(*listener));
@@ -296,9 +295,8 @@ Result<void> Daemon::run() {
         http_listener_->start();
         log(LogLevel::info, "http",
             {{"page", uri},
-             {"hint", is_beyond_loopback(http_listener_->address())
-                          ? "raynest open shows it"
-                          : forward_hint(uri)}});
+             {"hint", is_beyond_loopback(http_listener_->address()) ? "raynest open shows it"
+                                                                    : forward_hint(uri)}});
     }
     log_openness(open_, options_);
     await_signal();
@@ -327,7 +325,8 @@ Result<void> Daemon::run() {
         repeat(watchdog_timer_, *interval, [] { notify("WATCHDOG=1"); });
     for (;;) {
         try {
-            is_logged(LogLevel::debug) ? IoTurn::run_and_log([this] { return io_.run_one() != 0; }) : void(io_.run());
+            is_logged(LogLevel::debug) ? IoTurn::run_and_log([this] { return io_.run_one() != 0; })
+                                       : void(io_.run());
             break;
         } catch (const std::exception& error) {
             // Only this handler's work is lost; it is outside the connections' coroutines.
@@ -424,12 +423,13 @@ void Daemon::end_revoked(bool is_site_smaller) {
     const auto valid = [this, now = WallClock::now()](const Principal& principal) {
         return credentials_.authentication().still_valid(principal, now);
     };
-    // A page comes back at once under a host, or by a proxy, that is still one of ours. By value: it is
-    // asked in later turns, too.
-    const auto may_stay = [valid, is_site_smaller](const PeerIdentity& peer, const Principal& principal) {
+    // A page comes back at once under a host, or by a proxy, that is still one of ours. By value:
+    // it is asked in later turns, too.
+    const auto may_stay = [valid, is_site_smaller](const PeerIdentity& peer,
+                                                   const Principal& principal) {
         return !(is_site_smaller && peer.sender != nullptr) && valid(principal);
     };
-    const std::string why = " is admitted no more: a token, certificate, login or option has changed";
+    const std::string why = " is admitted no more: a token, certificate, login or option changed";
     connections_.close_unless(may_stay, {Code::not_allowed, "this connection" + why, 0});
     detached_.end_unless(valid, {Code::not_allowed, "the owner of this job" + why, 0});
 }

@@ -1,10 +1,10 @@
 #include "server/daemon/exposition.h"
 
+#include "engine/packs/registry.h"
+#include "server/ground/log.h"
 #include "server/requests/quota_use.h"
 #include "server/scheduling/admission.h"
 #include "server/scheduling/peers.h"
-#include "engine/packs/registry.h"
-#include "server/ground/log.h"
 #include "server/store/scene_store.h"
 
 #include <prometheus/metric_family.h>
@@ -109,8 +109,8 @@ void add_durations(const DurationHistogram& durations, const char* name, const c
 }
 
 void add_principal(const Services& services, const std::string& principal, Families& families) {
-    const auto add = [&](const char* name, MetricType type, std::string_view help, ClientMetric::Label label,
-                         std::uint64_t value) {
+    const auto add = [&](const char* name, MetricType type, std::string_view help,
+                         ClientMetric::Label label, std::uint64_t value) {
         ClientMetric metric;
         metric.label.push_back({"principal", principal});
         if (!label.name.empty()) metric.label.push_back(std::move(label));
@@ -124,15 +124,18 @@ void add_principal(const Services& services, const std::string& principal, Famil
             services.metrics.own.of(principal, position_of(counter)));
     };
     count("raynest_principal_rays_total", "rays traced for a principal", {}, &Metrics::rays);
-    count("raynest_principal_jobs_total", "jobs started for a principal", {}, &Metrics::jobs_started);
+    count("raynest_principal_jobs_total", "jobs started for a principal", {},
+          &Metrics::jobs_started);
     constexpr const char* bytes = "bytes of a principal's frames, by direction";
-    count("raynest_principal_bytes_total", bytes, {"direction", "received"}, &Metrics::bytes_received);
+    count("raynest_principal_bytes_total", bytes, {"direction", "received"},
+          &Metrics::bytes_received);
     count("raynest_principal_bytes_total", bytes, {"direction", "sent"}, &Metrics::bytes_sent);
     for (const QuotaUse& use : quota_uses(services, principal)) {
         const ClientMetric::Label label{"resource", std::string(use.resource)};
-        add("raynest_principal_used", MetricType::Gauge, "what a principal uses of its quotas", label,
-            use.used);
-        add("raynest_principal_quota", MetricType::Gauge, "the quotas of a principal", label, use.quota);
+        add("raynest_principal_used", MetricType::Gauge, "what a principal uses of its quotas",
+            label, use.used);
+        add("raynest_principal_quota", MetricType::Gauge, "the quotas of a principal", label,
+            use.quota);
     }
 }
 

@@ -1,8 +1,8 @@
 #include "server/daemon/health.h"
 
-#include "server/scheduling/fair_thread_pool.h"
-#include "server/net/descriptors.h"
 #include "server/daemon/start_loads.h"
+#include "server/net/descriptors.h"
+#include "server/scheduling/fair_thread_pool.h"
 
 #include <chrono>
 

@@ -12,8 +12,8 @@ namespace raynest::server {
 /// `raynestd --import-child TARGET [PACK_DIR...]`.
 inline constexpr std::string_view import_child_flag = "--import-child";
 
-/// Returns that command line. The packs are passed on because they decide which primitives a file may
-/// hold.
+/// Returns that command line. The packs are passed on because they decide which primitives a file
+/// may hold.
 [[nodiscard]] inline std::vector<std::string> import_command(
     const std::string& target, const std::vector<std::filesystem::path>& pack_dirs) {
     std::vector<std::string> command = {std::filesystem::read_symlink("/proc/self/exe").string(),

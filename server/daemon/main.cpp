@@ -60,7 +60,8 @@ int main(int argc, char** argv) {
         return raynest::server::run(argc, argv);
     } catch (const std::exception& error) {
         std::fprintf(stderr, "%sraynestd: %s\n",
-                     raynest::server::journal_priority(raynest::server::LogLevel::error).data(), error.what());
+                     raynest::server::journal_priority(raynest::server::LogLevel::error).data(),
+                     error.what());
         return 1;
     }
 }

@@ -1,10 +1,10 @@
 #include "server/daemon/start_loads.h"
 
+#include "server/daemon/notify.h"
+#include "server/ground/log.h"
+#include "server/options/load_sources.h"
 #include "server/requests/load_at_start.h"
 #include "server/scheduling/detached.h"
-#include "server/options/load_sources.h"
-#include "server/ground/log.h"
-#include "server/daemon/notify.h"
 #include "server/store/scene_store.h"
 
 #include <unistd.h>

@@ -5,8 +5,8 @@
 //   the log
 #pragma once
 
-#include "server/requests/request.h"
 #include "server/net/asio.h"
+#include "server/requests/request.h"
 #include "server/scheduling/detached.h"
 
 #include <cstddef>

@@ -44,16 +44,16 @@ public:
         json["materials"] = table(BlameTable::materials);
         json["findings"] = Json::array();
         for (const Finding& finding : diagnose(blame_)) {
-            json["findings"].push_back({{"finding", finding.name},
-                                        {"subject", clean(finding.subject)},
-                                        {finding.is_material ? "material" : "object",
-                                         index_json(finding.index)},
-                                        {"figure", finding.figure},
-                                        {"threshold", finding.threshold},
-                                        {"side", finding.below ? "below" : "above"},
-                                        {"unit", finding.unit},
-                                        {"share", finding.share},
-                                        {"remedy", finding.remedy}});
+            json["findings"].push_back(
+                {{"finding", finding.name},
+                 {"subject", clean(finding.subject)},
+                 {finding.is_material ? "material" : "object", index_json(finding.index)},
+                 {"figure", finding.figure},
+                 {"threshold", finding.threshold},
+                 {"side", finding.below ? "below" : "above"},
+                 {"unit", finding.unit},
+                 {"share", finding.share},
+                 {"remedy", finding.remedy}});
         }
         return json;
     }

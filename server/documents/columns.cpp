@@ -1,4 +1,5 @@
 #include "server/documents/columns.h"
+
 #include "protocol/blocks.h"
 #include "protocol/control.h"
 

@@ -45,8 +45,7 @@ Reply<Payload> encode_film(const Film& film, std::string_view encode, const Look
         return payload;
     }
     const float stops = look.exposure ? *look.exposure : auto_exposure(film);
-    const Picture picture =
-        show(film, {0, 0, size.width, size.height}, look.tonemap, stops);
+    const Picture picture = show(film, {0, 0, size.width, size.height}, look.tonemap, stops);
     if (encode == "png") {
         attributes.push_back({"raynest:exposure", number_text(stops)});
         auto file = encode_png(picture.width, picture.height, picture.rgba, attributes);

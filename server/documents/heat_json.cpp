@@ -25,12 +25,8 @@ Json job_json(const Plan& plan, const protocol::Limits& limits) {
 }
 
 Json statistics_json(const HeatStatistics& statistics) {
-    return {{"min", statistics.min},
-            {"mean", statistics.mean},
-            {"p50", statistics.p50},
-            {"p90", statistics.p90},
-            {"p99", statistics.p99},
-            {"max", statistics.max}};
+    return {{"min", statistics.min}, {"mean", statistics.mean}, {"p50", statistics.p50},
+            {"p90", statistics.p90}, {"p99", statistics.p99},   {"max", statistics.max}};
 }
 
 }  // namespace

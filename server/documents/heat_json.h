@@ -3,8 +3,8 @@
 #pragma once
 
 #include "engine/integrators/picture.h"
-#include "server/execution/plan.h"
 #include "server/documents/selection_text.h"
+#include "server/execution/plan.h"
 
 #include <cstddef>
 #include <cstdint>

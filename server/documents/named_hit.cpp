@@ -25,8 +25,7 @@ Json HitNames::hit(const Ray& ray, const HitRecord& hit) const {
     json["u"] = number(hit.u);
     json["v"] = number(hit.v);
     json["front"] = hit.front != 0;
-    json["position"] =
-        world_point(point_along(ray.origin, ray.direction, hit.t), scene_.origin());
+    json["position"] = world_point(point_along(ray.origin, ray.direction, hit.t), scene_.origin());
     json["path"] = hit.path;
     json["name"] = placement({hit.path, 1}, path_steps_max);
     json["mesh"] = mesh(hit.object);

@@ -17,7 +17,8 @@ public:
         : scene_(scene),
           name_bytes_(name_bytes) {}
 
-    /// Returns the keys type, geom, prim and material of a primitive, by its flat index in an object.
+    /// Returns the keys type, geom, prim and material of a primitive, by its flat index in an
+    /// object.
     [[nodiscard]] Json primitive(std::uint32_t object, std::uint32_t flat) const;
     /// Returns what a ray met; null for a miss.
     [[nodiscard]] Json hit(const Ray& ray, const HitRecord& hit) const;

@@ -9,8 +9,9 @@ namespace raynest::server {
 
 std::string table_text(std::span<const float> values) {
     std::array<char, 48> text{};
-    std::snprintf(text.data(), text.size(), "[%zu:%016llx]", values.size(),
-                  static_cast<unsigned long long>(protocol::upload_checksum(std::as_bytes(values))));
+    std::snprintf(
+        text.data(), text.size(), "[%zu:%016llx]", values.size(),
+        static_cast<unsigned long long>(protocol::upload_checksum(std::as_bytes(values))));
     return text.data();
 }
 
@@ -20,8 +21,8 @@ std::string settings_text(const Plan& plan, bool all) {
     for (std::size_t i = 0; i < plan.settings.params.size(); ++i) {
         if (plan.variant->params()[i].type == value_table) {
             const Tables* tables = plan.settings.tables.get();
-            const auto values = tables == nullptr ? std::span<const float>()
-                                                  : std::span(tables->values()[table]);
+            const auto values =
+                tables == nullptr ? std::span<const float>() : std::span(tables->values()[table]);
             ++table;
             if (!all && values.empty()) continue;
             text.append(text.empty() ? "" : " ")

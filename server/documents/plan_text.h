@@ -21,7 +21,8 @@ std::string number_text(Number value) {
 /// Returns the parameters of a plan's intersector as name=value, joined by blanks: all of them, or
 /// those that differ from their initial value.
 [[nodiscard]] std::string settings_text(const Plan& plan, bool all = true);
-/// Returns "[3:1f2e...]", the number of values and their hash: tables with other values have another text.
+/// Returns "[3:1f2e...]", the number of values and their hash: tables with other values have
+/// another text.
 [[nodiscard]] std::string table_text(std::span<const float> values);
 /// Returns a mask as messages show it: 00000001.
 [[nodiscard]] std::string mask_text(std::uint32_t mask);

@@ -40,8 +40,7 @@ Reply<Plan> Plan::with(Plan plan, Query query, CounterMode counters) {
                 std::string(traversal_name(plan.traversal)));
         plan.traversal = traversal_single;
     }
-    auto selector =
-        KernelSelector::make(*plan.variant, query, plan.traversal, counters);
+    auto selector = KernelSelector::make(*plan.variant, query, plan.traversal, counters);
     if (!selector) return refuse(selector.error());
     plan.selector = *selector;
     return plan;
@@ -78,8 +77,8 @@ TraceCall Plan::call() const {
 
 bool Plan::same_call(const Plan& other) const {
     return scene.held == other.scene.held && variant == other.variant &&
-           settings == other.settings && query == other.query && traversal == other.traversal && mask == other.mask &&
-           selected == other.selected && hits_max == other.hits_max;
+           settings == other.settings && query == other.query && traversal == other.traversal &&
+           mask == other.mask && selected == other.selected && hits_max == other.hits_max;
 }
 
 std::uint64_t Plan::hit_rays_max() const {

@@ -1,4 +1,5 @@
-// A plan says what a job traces and how: compiled functions and the arguments of their calls. It is made once per job and does not change while the job runs.
+// A plan says what a job traces and how: compiled functions and the arguments of their calls. It is
+// made once per job and does not change while the job runs.
 #pragma once
 
 #include "engine/packs/kernel_selector.h"
@@ -27,17 +28,18 @@ struct Plan {
     bool untraced = false;   ///< kind null: every answer is the canonical miss
     bool reads_rays = true;  ///< columns or reducers read the rays besides the hits
     std::uint32_t mask = 0xFFFFFFFFU;
-    /// The view in which instances are hidden, with its memory. select() makes it, in a task: it has
-    /// all instances of the scene.
+    /// The view in which instances are hidden, with its memory. select() makes it, in a task: it
+    /// has all instances of the scene.
     struct Selected {
         InstanceLists lists;
-        bool skips_boxes = false;  ///< boxes that lead to hidden instances alone are not in the view
+        /// Boxes that lead to hidden instances alone are not in the view
+        bool skips_boxes = false;
         Budget::Lease lease;
         std::optional<SelectedInstances> instances = {};
     };
     std::shared_ptr<Selected> selected;  ///< null: no instance is hidden
-    std::uint32_t hits_max = 1;   ///< maximum hits per ray
-    std::uint64_t hits_room = 0;  ///< kind all: maximum hit records per call of the kernel
+    std::uint32_t hits_max = 1;          ///< maximum hits per ray
+    std::uint64_t hits_room = 0;         ///< kind all: maximum hit records per call of the kernel
     Priority priority = Priority::normal;
     std::uint32_t deadline_ms = 0;
     bool detach = false;
@@ -66,7 +68,8 @@ struct Plan {
     [[nodiscard]] bool is_local() const { return worker.first().pool() == nullptr; }
     /// Returns a copy of `plan` with another query, for integrators that make several.
     [[nodiscard]] static Reply<Plan> with(Plan plan, Query query, CounterMode counters);
-    /// Returns a copy of `plan` for closest hits whose traversal is told to an observer, on the CPU.
+    /// Returns a copy of `plan` for closest hits whose traversal is told to an observer, on the
+    /// CPU.
     [[nodiscard]] static Reply<Plan> observed(Plan plan);
     /// Returns the source of columns; the caller adds rays and hits.
     [[nodiscard]] ColumnSource source(const Registry& registry) const;

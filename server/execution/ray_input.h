@@ -5,9 +5,9 @@
 #include "protocol/control.h"
 #include "protocol/frame.h"
 #include "protocol/wire.h"
-#include "server/ground/errors.h"
 #include "server/execution/trace.h"
 #include "server/ground/budget.h"
+#include "server/ground/errors.h"
 
 #include <atomic>
 #include <cstddef>

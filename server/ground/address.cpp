@@ -125,7 +125,8 @@ Result<Address> parse_address(std::string_view uri) {
     if (scheme != nullptr && scheme->place == Scheme::Place::path) return parse_path(uri, rest);
     if (scheme != nullptr && rest.substr(0, 2) == "//")
         return parse_tcp(uri, name, rest.substr(2), malformed_tcp);
-    return refused(uri, "is not an address; write tcp://HOST:PORT, tls://HOST:PORT, unix:PATH or fd:N");
+    return refused(uri,
+                   "is not an address; write tcp://HOST:PORT, tls://HOST:PORT, unix:PATH or fd:N");
 }
 
 Result<Address> parse_http_address(std::string_view text) {

@@ -50,8 +50,9 @@ inline constexpr std::array schemes = {
 /// Returns null for a scheme that is not in the list.
 [[nodiscard]] const Scheme* find_scheme(std::string_view name);
 
-/// Parses a URI; "localhost" means 127.0.0.1. fd:N and tls://fd:N are the address of that descriptor,
-/// which must be a listening socket. An address beyond loopback needs more, see listen_policy.h.
+/// Parses a URI; "localhost" means 127.0.0.1. fd:N and tls://fd:N are the address of that
+/// descriptor, which must be a listening socket. An address beyond loopback needs more, see
+/// listen_policy.h.
 [[nodiscard]] Result<Address> parse_address(std::string_view uri);
 
 /// Returns the address of a listening socket; nothing if the descriptor is none.

@@ -29,7 +29,7 @@ enum class Use { lasting, passing };
 
 /// Counts reserved bytes by principal. Thread-safe; must outlive its leases.
 class Budget {
-    using Bytes = std::array<std::uint64_t, 2>;      ///< by Use
+    using Bytes = std::array<std::uint64_t, 2>;     ///< by Use
     using Accounts = std::map<std::string, Bytes>;  ///< by principal, for those that hold some
 
 public:
@@ -78,8 +78,8 @@ public:
     explicit Budget(std::uint64_t limit) : limit_(limit) {}
     Budget(const Budget&) = delete;
 
-    /// Reserves bytes for a principal, or without one for the daemon; returns nothing if they are more
-    /// than room(). Does not overflow for any `bytes`. Throws std::bad_alloc.
+    /// Reserves bytes for a principal, or without one for the daemon; returns nothing if they are
+    /// more than room(). Does not overflow for any `bytes`. Throws std::bad_alloc.
     [[nodiscard]] std::optional<Lease> reserve(std::uint64_t bytes,
                                                const std::string& principal = {},
                                                Use use = Use::passing);
@@ -94,8 +94,8 @@ public:
     /// Bytes that a principal holds, for both uses.
     [[nodiscard]] std::uint64_t held_by(const std::string& principal) const;
 
-    /// Refuses what room() has no place for. `what` and its `bytes` begin the message, `remedy` ends
-    /// it. It tells nothing of what others hold.
+    /// Refuses what room() has no place for. `what` and its `bytes` begin the message, `remedy`
+    /// ends it. It tells nothing of what others hold.
     [[nodiscard]] tl::unexpected<protocol::Error> refuse(const std::string& what,
                                                          std::uint64_t bytes,
                                                          const std::string& principal,

@@ -37,13 +37,14 @@ Code wire_code(ErrorCode code) {
 
 protocol::Error for_client(const protocol::Error& error) {
     if (error.code != Code::internal) return error;
-    return {Code::internal, "a defect of the daemon; please report the lines of its log about this request",
-            0};
+    return {Code::internal,
+            "a defect of the daemon; please report the lines of its log about this request", 0};
 }
 
 std::string without_folders(std::string text) {
     for (std::size_t at = 0; (at = text.find('/', at)) != std::string::npos; ++at) {
-        const bool begins = at == 0 || std::string_view(" '\":").find(text[at - 1]) != std::string::npos;
+        const bool begins =
+            at == 0 || std::string_view(" '\":").find(text[at - 1]) != std::string::npos;
         if (!begins || text.compare(at, 2, "//") == 0) continue;
         const std::size_t end = std::min(text.find_first_of(" ,;:'\"", at), text.size());
         text.erase(at, text.rfind('/', end - 1) + 1 - at);

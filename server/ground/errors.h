@@ -24,11 +24,12 @@ using protocol::Code;
 /// Converts an engine error into a protocol error.
 [[nodiscard]] protocol::Error to_wire(Error error);
 
-/// Returns the error that a client may read. The text of a defect may hold paths of this machine and
-/// stays in the log, where the request's id finds it.
+/// Returns the error that a client may read. The text of a defect may hold paths of this machine
+/// and stays in the log, where the request's id finds it.
 [[nodiscard]] protocol::Error for_client(const protocol::Error& error);
 
-/// Returns a text in which files have their names alone: clients are not told folders of this machine.
+/// Returns a text in which files have their names alone: clients are not told folders of this
+/// machine.
 [[nodiscard]] std::string without_folders(std::string text);
 
 /// Converts an engine error: `return refuse(engine_result.error())`.

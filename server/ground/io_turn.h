@@ -15,8 +15,8 @@ public:
     /// Says which message the turn handles.
     static void handles(std::uint16_t message_type) { message_type_ = message_type; }
 
-    /// Runs turns until one returns false, and logs those of 0.25 ms of CPU time and more. The clock
-    /// costs 0.5 us a turn.
+    /// Runs turns until one returns false, and logs those of 0.25 ms of CPU time and more. The
+    /// clock costs 0.5 us a turn.
     static void run_and_log(const std::function<bool()>& turn);
 
 private:

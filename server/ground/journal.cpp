@@ -11,10 +11,11 @@
 namespace raynest::server {
 namespace {
 
-/// Compares stderr with the stream that systemd connects to the journal (systemd.exec(5)): stderr may have
-/// been redirected since.
+/// Compares stderr with the stream that systemd connects to the journal (systemd.exec(5)): stderr
+/// may have been redirected since.
 bool is_journal() {
-    const char* stream = std::getenv("JOURNAL_STREAM");  // NOLINT(concurrency-mt-unsafe): nobody sets it
+    // NOLINT(concurrency-mt-unsafe): nobody sets it
+    const char* stream = std::getenv("JOURNAL_STREAM");
     struct stat status {};
     return stream != nullptr && fstat(STDERR_FILENO, &status) == 0 &&
            stream == std::to_string(status.st_dev) + ':' + std::to_string(status.st_ino);

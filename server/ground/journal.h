@@ -7,8 +7,8 @@
 
 namespace raynest::server {
 
-/// Returns the prefix of lines of this level, such as "<3>" for errors; empty where stderr is not the journal.
-/// Ends with a null character. Thread-safe.
+/// Returns the prefix of lines of this level, such as "<3>" for errors; empty where stderr is not
+/// the journal. Ends with a null character. Thread-safe.
 [[nodiscard]] std::string_view journal_priority(LogLevel level);
 
 }  // namespace raynest::server

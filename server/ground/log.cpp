@@ -196,7 +196,8 @@ std::string format_event(std::string_view event, std::initializer_list<LogField>
 }
 
 std::string format_json_event(std::string_view event, std::initializer_list<LogField> fields) {
-    // ASCII alone: control characters beyond it are escaped too. Bytes that are not UTF-8 are replaced.
+    // ASCII alone: control characters beyond it are escaped too. Bytes that are not UTF-8 are
+    // replaced.
     const auto quoted = [](std::string_view text) {
         return nlohmann::json(text).dump(-1, ' ', true, nlohmann::json::error_handler_t::replace);
     };

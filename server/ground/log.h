@@ -1,8 +1,9 @@
-// The log: one line per event on stderr, as text `event key=value key="two words"` or as a JSON object.
+// The log: one line per event on stderr, as text `event key=value key="two words"` or as a JSON
+// object.
 //
 // Values may come from clients. Control characters and quotes are escaped, so that no value can
-// forge a line or a field. Lines that are written on behalf of a request say which one (RequestScope).
-// Only log.cpp includes spdlog.
+// forge a line or a field. Lines that are written on behalf of a request say which one
+// (RequestScope). Only log.cpp includes spdlog.
 #pragma once
 
 #include <cstdint>
@@ -28,8 +29,8 @@ void set_log_format(LogFormat format);
 /// Writes an event. Thread-safe.
 void log(LogLevel level, std::string_view event, std::initializer_list<LogField> fields = {});
 
-/// Returns the number of lines that could not be written, as on a full disk. The first line that can be
-/// written again is `log_lines_lost`, with their number. Thread-safe.
+/// Returns the number of lines that could not be written, as on a full disk. The first line that
+/// can be written again is `log_lines_lost`, with their number. Thread-safe.
 [[nodiscard]] std::uint64_t lost_log_lines();
 
 /// Names a request: its connection's number and the id that its client has given it. 0: none.
@@ -38,8 +39,8 @@ struct RequestTag {
     std::uint64_t request = 0;
 };
 
-/// While it lives, log() adds `connection` and `request_id` to the lines of this thread. Scopes nest;
-/// the innermost counts.
+/// While it lives, log() adds `connection` and `request_id` to the lines of this thread. Scopes
+/// nest; the innermost counts.
 class RequestScope {
 public:
     explicit RequestScope(RequestTag tag);

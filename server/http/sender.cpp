@@ -98,12 +98,15 @@ void believe(const ForwardedHeaders& forwarded, HttpRequest& request, const Addr
 }  // namespace
 
 bool is_from_proxies(std::string_view header) {
-    constexpr std::array<std::string_view, 17> exact = {
-        "forwarded",         "via",              "x-real-ip",        "x-client-ip",
-        "client-ip",         "true-client-ip",   "x-remote-ip",      "x-remote-addr",
-        "x-forward-for",     "cdn-loop",         "cf-connecting-ip", "fastly-client-ip",
-        "x-azure-clientip",  "fly-client-ip",    "akamai-client-ip", "x-cluster-client-ip",
-        "x-amzn-trace-id"};
+    constexpr std::array<std::string_view, 17> exact = {"forwarded",        "via",
+                                                        "x-real-ip",        "x-client-ip",
+                                                        "client-ip",        "true-client-ip",
+                                                        "x-remote-ip",      "x-remote-addr",
+                                                        "x-forward-for",    "cdn-loop",
+                                                        "cf-connecting-ip", "fastly-client-ip",
+                                                        "x-azure-clientip", "fly-client-ip",
+                                                        "akamai-client-ip", "x-cluster-client-ip",
+                                                        "x-amzn-trace-id"};
     constexpr std::array<std::string_view, 3> beginnings = {"x-forwarded", "x-original-",
                                                             "x-envoy-"};
     std::string name = lower(header);

@@ -10,8 +10,8 @@
 // too.
 #pragma once
 
-#include "server/net/address_set.h"
 #include "server/http/site.h"
+#include "server/net/address_set.h"
 
 #include <string_view>
 

@@ -6,8 +6,8 @@
 #include "server/http/messages.h"
 #include "server/http/sender.h"
 #include "server/http/stream.h"
-#include "server/net/socket_transport.h"
 #include "server/http/websocket_transport.h"
+#include "server/net/socket_transport.h"
 
 #include <algorithm>
 #include <array>
@@ -107,7 +107,8 @@ HttpReply refuse_request(unsigned status, std::string why) {
 /// two, and another the handshake of TLS and the first request together.
 class HttpConnection : public std::enable_shared_from_this<HttpConnection> {
 public:
-    HttpConnection(HttpServer& server, Socket socket, Descriptors descriptors, const TlsContext* tls)
+    HttpConnection(HttpServer& server, Socket socket, Descriptors descriptors,
+                   const TlsContext* tls)
         : server_(server),
           descriptors_(descriptors),
           limits_(server.limits_),
@@ -196,8 +197,9 @@ asio::awaitable<void> HttpConnection::shake_hands(SystemError& error) {
         log_failed_handshake("it does not speak TLS");
         SystemError ignored;
         http::write(tls.socket(),
-                    to_response(refuse_request(400, "this port is encrypted: open it with "
-                                                    "https:// in place of http://"),
+                    to_response(refuse_request(400,
+                                               "this port is encrypted: open it with "
+                                               "https:// in place of http://"),
                                 11, false),
                     ignored);
         co_await tls.linger();
@@ -319,8 +321,8 @@ asio::awaitable<void> HttpConnection::linger() {
     SystemError error;
     std::array<char, 4096> skipped;
     while (!error)
-        co_await stream_.socket().async_read_some(
-            asio::buffer(skipped), asio::redirect_error(asio::use_awaitable, error));
+        co_await stream_.socket().async_read_some(asio::buffer(skipped),
+                                                  asio::redirect_error(asio::use_awaitable, error));
 }
 
 void HttpConnection::limit_time(milliseconds time, bool is_counted) {
@@ -358,8 +360,7 @@ void HttpServer::end_one(const List& list, Metrics::Counter& counter) {
 
 void HttpServer::admit(HttpConnection& connection) {
     connection.move_to(open_);
-    if (open_.size() > limits_.http_connections_max)
-        end_one(open_, metrics_.gave_way_connections);
+    if (open_.size() > limits_.http_connections_max) end_one(open_, metrics_.gave_way_connections);
 }
 
 void HttpServer::make_reserved_room() {
@@ -383,12 +384,12 @@ void HttpServer::accept(Socket socket, Descriptors descriptors, const TlsContext
         ++metrics_.http_connections_refused;
         // A handshake would take a place.
         if (tls == nullptr)
-            http::write(socket,
-                        to_response(refuse_request(503,
-                                                   "the daemon has no free HTTP connections: its " +
-                                                       descriptors_text()),
-                                    11, false),
-                        ignored);
+            http::write(
+                socket,
+                to_response(refuse_request(503, "the daemon has no free HTTP connections: its " +
+                                                    descriptors_text()),
+                            11, false),
+                ignored);
         return;
     }
     std::make_shared<HttpConnection>(*this, std::move(socket), descriptors, tls)->start(strangers_);

@@ -22,9 +22,9 @@ constexpr std::size_t quoted_bytes_max = 100;
 constexpr std::string_view login_path = "/v1/login";
 constexpr std::string_view logout_path = "/v1/logout";
 /// Files that everybody may read: the form that asks for the token.
-constexpr std::array<std::string_view, 8> open_files = {
-    "/login.html", "/login.js", "/session.js", "/dom.js",
-    "/theme.js",   "/settings.js", "/style.css", "/icon.svg"};
+constexpr std::array<std::string_view, 8> open_files = {"/login.html", "/login.js", "/session.js",
+                                                        "/dom.js",     "/theme.js", "/settings.js",
+                                                        "/style.css",  "/icon.svg"};
 
 HttpReply refuse(unsigned status, std::string why) {
     HttpReply reply;
@@ -184,12 +184,11 @@ HttpReply HttpSite::answer(const HttpRequest& request) const {
         return refuse(400, "a request needs exactly one Host header");
     if (!is_probe && !is_own_host(request)) {
         const std::string host = protocol::clean_text(request.hosts.front(), quoted_bytes_max);
-        return refuse_foreign(421, Foreign::host,
-                              "the host " + quoted(std::string_view(host)) +
-                                       " is not one of this daemon; open " + address_.scheme +
-                                       "://127.0.0.1:" + std::to_string(address_.port) +
-                                       "/, or start it with --http-host " +
-                                       std::string(split_host(host).name));
+        return refuse_foreign(
+            421, Foreign::host,
+            "the host " + quoted(std::string_view(host)) + " is not one of this daemon; open " +
+                address_.scheme + "://127.0.0.1:" + std::to_string(address_.port) +
+                "/, or start it with --http-host " + std::string(split_host(host).name));
     }
     if (!request.target.starts_with('/'))
         return refuse(400, "a request's target must begin with '/' or http://");
@@ -305,8 +304,8 @@ HttpReply HttpSite::tell(const HttpRequest& request) const {
     }
     return {.type = json_type,
             .text = "{\"principal\":\"" + principal + "\",\"role\":\"" +
-                    std::string(role_name(sender->role)) + "\",\"login\":" +
-                    (sender->page_login != 0 ? "true" : "false") + "}\n"};
+                    std::string(role_name(sender->role)) +
+                    "\",\"login\":" + (sender->page_login != 0 ? "true" : "false") + "}\n"};
 }
 
 Reply<Principal> HttpSite::identify(const HttpRequest& request) const {

@@ -40,9 +40,9 @@ struct HttpRequest {
     std::vector<std::string_view> hosts;    ///< every Host header, or the host that counts
     std::vector<std::string_view> origins;  ///< every Origin header
     std::string_view if_none_match;
-    bool upgrades = false;  ///< asks for a WebSocket
-    bool has_body = false;  ///< has one that was not read
-    std::string_view authorization = {};  ///< "Bearer TOKEN"
+    bool upgrades = false;                       ///< asks for a WebSocket
+    bool has_body = false;                       ///< has one that was not read
+    std::string_view authorization = {};         ///< "Bearer TOKEN"
     std::vector<std::string_view> cookies = {};  ///< every Cookie header
     std::string_view body = {};
     unsigned version = 11;  ///< of HTTP, times ten
@@ -69,16 +69,16 @@ struct HttpReply {
     std::string_view file = {};  ///< an embedded file
     std::string etag = {};       ///< empty: not to be kept by the client
     Foreign foreign = Foreign::none;
-    std::string cookie = {};     ///< Set-Cookie
-    std::string_view allow = "GET, HEAD";  ///< of status 405
-    unsigned retry_after_s = 0;            ///< 0: not said
+    std::string cookie = {};                       ///< Set-Cookie
+    std::string_view allow = "GET, HEAD";          ///< of status 405
+    unsigned retry_after_s = 0;                    ///< 0: not said
     std::shared_ptr<const Principal> sender = {};  ///< of status 101
 
     [[nodiscard]] std::string_view body() const { return file.empty() ? text : file; }
 };
 
-/// Decides who may see what. `bearer` and `cookie` are what a request shows: a token, and the secret
-/// of a login; either may be empty.
+/// Decides who may see what. `bearer` and `cookie` are what a request shows: a token, and the
+/// secret of a login; either may be empty.
 class HttpAccess {
 public:
     HttpAccess() = default;
@@ -87,9 +87,8 @@ public:
     /// Fails with NOT_ALLOWED or BUSY where the peer must log in first.
     virtual Reply<Principal> identify(const PeerIdentity& peer, std::string_view bearer,
                                       std::string_view cookie) = 0;
-    /// Returns the question that must be answered before this code replaces the login of this cookie or the peer's
-    /// certificate;
-    /// empty: none.
+    /// Returns the question that must be answered before this code replaces the login of this
+    /// cookie or the peer's certificate; empty: none.
     virtual std::string question_before(const PeerIdentity& peer, std::string_view code,
                                         std::string_view cookie) = 0;
     /// Begins a login by a token or else by a code. Returns the secret of its cookie.
@@ -116,7 +115,9 @@ public:
     /// Sets what /healthz adds to its answer: what the daemon is short of; empty: nothing.
     void set_shortage(std::function<std::string()> shortage) { shortage_ = std::move(shortage); }
     /// Sets the answer of /metrics to a sender.
-    void set_metrics(std::function<std::string(const Principal&)> metrics) { metrics_ = std::move(metrics); }
+    void set_metrics(std::function<std::string(const Principal&)> metrics) {
+        metrics_ = std::move(metrics);
+    }
     /// Asks this who may see the page. Without it everybody may. Must outlive the site.
     void set_access(HttpAccess& access) { access_ = &access; }
     /// Refuses new WebSockets, because the daemon ends.
@@ -129,7 +130,8 @@ public:
 private:
     /// True for a host under which the page may be opened.
     [[nodiscard]] bool is_own_host(const HttpRequest& request) const;
-    /// True if the request comes from this page: it has one Origin header, with our scheme and host.
+    /// True if the request comes from this page: it has one Origin header, with our scheme and
+    /// host.
     [[nodiscard]] bool is_from_page(const HttpRequest& request) const;
     [[nodiscard]] HttpReply refuse_origin(const HttpRequest& request) const;
     [[nodiscard]] HttpReply route(const HttpRequest& request) const;

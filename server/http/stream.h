@@ -1,5 +1,5 @@
-// The stream under HTTP and WebSocket: a TCP socket, with TLS or without. Beast reads and writes it as
-// it does Asio's own sockets.
+// The stream under HTTP and WebSocket: a TCP socket, with TLS or without. Beast reads and writes it
+// as it does Asio's own sockets.
 #pragma once
 
 #include "server/http/beast.h"

@@ -233,8 +233,8 @@ Read<protocol::Frame> read(protocol::FrameHeader header, std::string_view json) 
         return static_cast<std::size_t>(std::ranges::count(json, mark));
     };
     if (count('"') + count('{') + count('[') > text_marks_max || count(',') > text_items_max)
-        return tl::unexpected(unreadable(header, Code::bad_frame,
-                                         "the JSON of " + name + " has too many strings or values"));
+        return tl::unexpected(unreadable(
+            header, Code::bad_frame, "the JSON of " + name + " has too many strings or values"));
     Schema& schema = Schema::of_this_thread();
     if (!schema.read(name, std::string(json).c_str()))
         return tl::unexpected(unreadable(

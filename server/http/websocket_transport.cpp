@@ -4,8 +4,8 @@
 #include "protocol/text.h"
 #include "protocol/wire.h"
 #include "server/http/stream.h"
-#include "server/net/socket_transport.h"
 #include "server/http/websocket_messages.h"
+#include "server/net/socket_transport.h"
 
 #include <linux/sockios.h>
 #include <sys/ioctl.h>
@@ -235,7 +235,8 @@ std::size_t WebSocketTransport::write_now(const WriteBatch::Rest& rest) {
         return 0;
     }
     int waiting = 0;
-    if (ioctl(stream_.next_layer().socket().native_handle(), SIOCOUTQ, &waiting) != 0 || waiting != 0)
+    if (ioctl(stream_.next_layer().socket().native_handle(), SIOCOUTQ, &waiting) != 0 ||
+        waiting != 0)
         return 0;
     const Outgoing message = next_message(rest);
     if (message.head.size() + message.bulk.size() > small_bytes_max) return 0;

@@ -1,4 +1,5 @@
 #include "server/jobs/chunked_job.h"
+
 #include "server/ground/metrics.h"
 #include "server/jobs/services.h"
 #include "server/security/caller.h"

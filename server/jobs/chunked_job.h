@@ -9,8 +9,8 @@
 #include "server/execution/plan.h"
 #include "server/execution/statistics.h"
 #include "server/execution/trace.h"
-#include "server/security/caller.h"
 #include "server/jobs/services.h"
+#include "server/security/caller.h"
 
 #include <cstdint>
 #include <optional>
@@ -33,7 +33,8 @@ protected:
 
     /// True if make_ready() has something to do; a task for it costs a small query its latency.
     [[nodiscard]] virtual bool needs_preparation() const { return plan_.selected != nullptr; }
-    /// Makes what tasks need and what grows with the request or the scene. Runs in prepare()'s task.
+    /// Makes what tasks need and what grows with the request or the scene. Runs in prepare()'s
+    /// task.
     virtual Reply<void> make_ready(const Stop& /*stop*/) { return plan_.select(); }
 
     /// Returns the maximum size of a chunk that begins at rest.first, for this backend.

@@ -69,8 +69,8 @@ public:
           columns_(std::move(columns)),
           cost_(columns_.cost(plan_)),
           answer_bytes_(answer_bytes(plan_, cost_, caller)),
-          chunk_rays_(source_.chunk_rays(shared_out(
-              source_, chunk_rays(plan_, cost_, answer_bytes_, services.limits)))),
+          chunk_rays_(source_.chunk_rays(
+              shared_out(source_, chunk_rays(plan_, cost_, answer_bytes_, services.limits)))),
           fitting_(chunk_rays_) {}
 
 protected:
@@ -223,11 +223,11 @@ Reply<void> check_frame_bytes(const Plan& plan, const Columns::Cost& cost, const
     const std::uint64_t most = frame_bytes_max(caller);
     if (bytes <= most) return {};
     const bool in_a_window = bytes <= answer_frame_bytes_max;
-    std::string message = std::to_string(plan.hits_max) + " hits of one ray are " +
-                          std::to_string(bytes) + " bytes of columns, over " +
-                          std::to_string(in_a_window ? most : answer_frame_bytes_max) +
-                          (in_a_window ? ", half of the window" : ", the most that one answer brings") +
-                          "; ask for fewer hits or columns";
+    std::string message =
+        std::to_string(plan.hits_max) + " hits of one ray are " + std::to_string(bytes) +
+        " bytes of columns, over " + std::to_string(in_a_window ? most : answer_frame_bytes_max) +
+        (in_a_window ? ", half of the window" : ", the most that one answer brings") +
+        "; ask for fewer hits or columns";
     if (in_a_window) message += ", or grant window_bytes = " + std::to_string(2 * bytes);
     return refuse(Code::limit_exceeded, std::move(message));
 }

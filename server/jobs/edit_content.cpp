@@ -32,12 +32,18 @@ std::optional<Matrix> matrix_of(const EditRow& row) {
 }
 
 Result<void> apply(EditBatch& batch, const EditRow& row, const Matrix& matrix,
-                          const InstancePlace& place) {
+                   const InstancePlace& place) {
     switch (row.what) {
-        case EditRow::set_mask: batch.set_mask(place, row.value); return {};
-        case EditRow::remove: return batch.remove(place);
-        case EditRow::place: return batch.place(place, matrix, static_cast<EditFrame>(row.value));
-        default: batch.move(place, matrix, static_cast<EditFrame>(row.value)); return {};
+        case EditRow::set_mask:
+            batch.set_mask(place, row.value);
+            return {};
+        case EditRow::remove:
+            return batch.remove(place);
+        case EditRow::place:
+            return batch.place(place, matrix, static_cast<EditFrame>(row.value));
+        default:
+            batch.move(place, matrix, static_cast<EditFrame>(row.value));
+            return {};
     }
 }
 
@@ -54,10 +60,12 @@ Reply<void> read_edit(EditBatch& batch, const Snapshot& scene, const std::string
                       const std::function<bool()>& stopped) {
     const std::uint32_t outermost = scene.view().objects[scene.view().root].instance_count;
     const auto no_instances = [&] {
-        return refuse(Code::invalid_field,
-                      fmt::format("'{}' has no instances to change: all that it has is its own. A glTF places "
-                                  "its meshes by nodes, which can be edited; other scenes can be added",
-                                  name));
+        return refuse(
+            Code::invalid_field,
+            fmt::format(
+                "'{}' has no instances to change: all that it has is its own. A glTF places "
+                "its meshes by nodes, which can be edited; other scenes can be added",
+                name));
     };
     if (outermost == 0 && !content.targets.empty()) return no_instances();
     std::vector<std::vector<InstancePlace>> named;
@@ -70,7 +78,8 @@ Reply<void> read_edit(EditBatch& batch, const Snapshot& scene, const std::string
     }
     // The rows' bytes are a multiple of 4 and begin where a vector of floats may.
     std::vector<std::span<const Vec3>> vertices;
-    const auto* first = reinterpret_cast<const Vec3*>(bytes.data() + content.rows * sizeof(EditRow));
+    const auto* first =
+        reinterpret_cast<const Vec3*>(bytes.data() + content.rows * sizeof(EditRow));
     for (const std::uint32_t count : content.vertex_counts) {
         vertices.emplace_back(first, count);
         first += count;
@@ -83,7 +92,8 @@ Reply<void> read_edit(EditBatch& batch, const Snapshot& scene, const std::string
         const auto wrong = [&](const std::string& why) {
             return refuse(Code::invalid_field, fmt::format("row {} of the edit {}", i, why));
         };
-        const bool has_matrix = row.what == EditRow::place || row.what == EditRow::move || row.what == EditRow::add;
+        const bool has_matrix =
+            row.what == EditRow::place || row.what == EditRow::move || row.what == EditRow::add;
         const auto matrix = has_matrix ? matrix_of(row) : Matrix(1);
         if (row.what >= EditRow::what_count)
             return wrong(fmt::format("does something unknown: what is {}", row.what));
@@ -92,21 +102,26 @@ Reply<void> read_edit(EditBatch& batch, const Snapshot& scene, const std::string
             return wrong(fmt::format("names vertices {} of {}", row.value, vertices.size()));
         if (row.what == EditRow::add) {
             if (row.target >= content.sources.size())
-                return wrong(fmt::format("adds scene {} of {}", row.target, content.sources.size()));
+                return wrong(
+                    fmt::format("adds scene {} of {}", row.target, content.sources.size()));
             const EditContent::Source& source = content.sources[row.target];
-            batch.add(row.target, {source.held, source.held->snapshot.get()}, source.name, *matrix, row.value);
+            batch.add(row.target, {source.held, source.held->snapshot.get()}, source.name, *matrix,
+                      row.value);
             continue;
         }
-        if ((row.what == EditRow::place || row.what == EditRow::move) && row.value >= EditRow::frame_count)
+        if ((row.what == EditRow::place || row.what == EditRow::move) &&
+            row.value >= EditRow::frame_count)
             return wrong(fmt::format("has an unknown frame: {}", row.value));
         if (row.what == EditRow::place && row.value == EditRow::own)
-            return wrong("places an instance in its own frame: place it in its parent's, or move it");
+            return wrong(
+                "places an instance in its own frame: place it in its parent's, or move it");
         if (row.by_text != 0 && row.target >= named.size())
             return wrong(fmt::format("names target {} of {}", row.target, named.size()));
         if (row.by_text == 0 && row.target >= outermost)
-            return outermost == 0 ? no_instances()
-                                  : wrong(fmt::format("names the outermost instance {}; the scene has {}",
-                                                      row.target, outermost));
+            return outermost == 0
+                       ? no_instances()
+                       : wrong(fmt::format("names the outermost instance {}; the scene has {}",
+                                           row.target, outermost));
         one.front() = row.target;
         for (const InstancePlace& place : row.by_text != 0 ? named[row.target] : one) {
             if (row.what == EditRow::vertices)
@@ -118,7 +133,8 @@ Reply<void> read_edit(EditBatch& batch, const Snapshot& scene, const std::string
     return {};
 }
 
-// A kept change is an EDIT message, its length before it in 8 bytes, and the rows and vertices behind it.
+// A kept change is an EDIT message, its length before it in 8 bytes, and the rows and vertices
+// behind it.
 
 Reply<std::vector<std::byte>> kept_change(const EditContent& content,
                                           std::span<const std::byte> bytes) {
@@ -147,9 +163,11 @@ Reply<std::shared_ptr<const Snapshot>> replay_edits(std::shared_ptr<const Snapsh
     const std::function<bool()> never = [] { return false; };
     for (const KeptEdit& edit : edits) {
         const auto damaged = [&](const std::string& why) {
-            return refuse(Code::scene_invalid, fmt::format("its edit of epoch {} {}", edit.epoch, why));
+            return refuse(Code::scene_invalid,
+                          fmt::format("its edit of epoch {} {}", edit.epoch, why));
         };
-        if (edit.before != epoch) return damaged(fmt::format("follows epoch {}, not {}", edit.before, epoch));
+        if (edit.before != epoch)
+            return damaged(fmt::format("follows epoch {}, not {}", edit.before, epoch));
         std::uint64_t size = 0;
         if (edit.change.size() < sizeof size) return damaged("is cut");
         std::memcpy(&size, edit.change.data(), sizeof size);

@@ -33,8 +33,9 @@ struct EditContent {
     [[nodiscard]] std::uint64_t bytes() const;  ///< of the rows and vertices
 };
 
-/// Reads all rows into the batch, whose scene is called `name`. `bytes` are the rows and vertices, aligned
-/// as a float is, and outlive the batch. Fails with INVALID_FIELD and the row, and with CANCELLED.
+/// Reads all rows into the batch, whose scene is called `name`. `bytes` are the rows and vertices,
+/// aligned as a float is, and outlive the batch. Fails with INVALID_FIELD and the row, and with
+/// CANCELLED.
 Reply<void> read_edit(EditBatch& batch, const Snapshot& scene, const std::string& name,
                       const EditContent& content, std::span<const std::byte> bytes,
                       const std::function<bool()>& stopped);
@@ -42,7 +43,8 @@ Reply<void> read_edit(EditBatch& batch, const Snapshot& scene, const std::string
 /// Returns an edit that adds no scenes as replay_edits() reads it.
 [[nodiscard]] Reply<std::vector<std::byte>> kept_change(const EditContent& content,
                                                         std::span<const std::byte> bytes);
-/// Makes the edits of a stored scene again; fails if that gives another scene than they gave before.
+/// Makes the edits of a stored scene again; fails if that gives another scene than they gave
+/// before.
 [[nodiscard]] Reply<std::shared_ptr<const Snapshot>> replay_edits(
     std::shared_ptr<const Snapshot> scene, std::uint64_t epoch, const std::vector<KeptEdit>& edits);
 

@@ -65,8 +65,8 @@ public:
         }
         if (keeping_ == Keep::runs) return kept();
         lease_ = {};
-        auto published = services_.scenes.publish_edit(*before_, std::exchange(snapshot_, nullptr), caller_,
-                                                       publication_);
+        auto published = services_.scenes.publish_edit(*before_, std::exchange(snapshot_, nullptr),
+                                                       caller_, publication_);
         if (!published) return tl::unexpected(published.error());
         if (!*published) {
             // Another edit was faster. With an epoch of its own this one now fails by that.
@@ -88,7 +88,9 @@ public:
         return {};
     }
 
-    [[nodiscard]] bool finished() const override { return after_ && (keeping_ == Keep::not_asked || keeping_ == Keep::done); }
+    [[nodiscard]] bool finished() const override {
+        return after_ && (keeping_ == Keep::not_asked || keeping_ == Keep::done);
+    }
     [[nodiscard]] bool needs_input() const override { return !rows_.complete(); }
     std::uint64_t take_freed_input() override { return copies_.take_freed(); }
     [[nodiscard]] std::uint64_t held_bytes() const override {
@@ -117,15 +119,15 @@ public:
     }
 
 private:
-    /// Takes the scene that is edited, and memory for its copy. It is the scene of this moment: edits may
-    /// be on their way beside each other.
+    /// Takes the scene that is edited, and memory for its copy. It is the scene of this moment:
+    /// edits may be on their way beside each other.
     Reply<void> prepare_edit() {
         auto scene = services_.scenes.find(order_.scene, order_.epoch, caller_);
         if (!scene) return tl::unexpected(scene.error());
         before_ = std::move(*scene);
         spare_ = services_.scenes.take_spare(*before_, caller_);
         auto plan = services_.scenes.plan_edit(*before_, rows_.bytes().size(), order_.keep,
-                                                !order_.content.sources.empty(), caller_);
+                                               !order_.content.sources.empty(), caller_);
         if (!plan) return tl::unexpected(plan.error());
         publication_ = {.plan = std::move(*plan)};
         const std::uint64_t bytes = before_->snapshot().bytes().size();
@@ -133,7 +135,8 @@ private:
         if (!lease)
             return services_.budget.refuse(
                 "the edited copy of the scene", bytes, caller_.principal,
-                services_.scenes.remedy(caller_.principal, "start raynestd with a larger --memory"));
+                services_.scenes.remedy(caller_.principal,
+                                        "start raynestd with a larger --memory"));
         lease_ = std::move(*lease);
         return {};
     }
@@ -156,7 +159,8 @@ private:
         return std::move(*edited);
     }
 
-    /// Puts on the disk what must be there before anybody sees the edit. On a thread of the blocking pool.
+    /// Puts on the disk what must be there before anybody sees the edit. On a thread of the
+    /// blocking pool.
     Reply<void> store(const Stop& stop) {
         const EditPlan& plan = publication_.plan;
         const auto stopped = [&] { return stop.requested(); };
@@ -205,26 +209,29 @@ private:
                                   outcome_.error().message));
     }
 
-    /// Reserves what an edit needs that does not only move outermost instances: the new scene besides the
-    /// copy, with what comes to it.
+    /// Reserves what an edit needs that does not only move outermost instances: the new scene
+    /// besides the copy, with what comes to it.
     Reply<Budget::Lease> reserve_for(const SceneChanges& changes) const {
         const auto is_nested = [](const auto& change) { return !change.instance.below.empty(); };
         std::uint64_t bytes = 0;
         for (const AddedScene& added : changes.added) {
             const PathTable& paths = added.scene->paths();
-            const std::uint64_t each = sizeof(InstanceRecord) + sizeof(InstanceInfo) + sizeof(Node) +
-                                       2 * paths.node_count * sizeof(PathNode) + paths.run_count * sizeof(PathRun);
+            const std::uint64_t each = sizeof(InstanceRecord) + sizeof(InstanceInfo) +
+                                       sizeof(Node) + 2 * paths.node_count * sizeof(PathNode) +
+                                       paths.run_count * sizeof(PathRun);
             bytes += added.scene->bytes().size() + added.to_scene.size() * each;
         }
         bytes += bytes_to_unshare(before_->snapshot(), changes);
-        if (bytes != 0 || !changes.removed.empty() || !changes.deformed.empty() || std::ranges::any_of(changes.moves, is_nested) ||
+        if (bytes != 0 || !changes.removed.empty() || !changes.deformed.empty() ||
+            std::ranges::any_of(changes.moves, is_nested) ||
             std::ranges::any_of(changes.masks, is_nested))
             bytes += before_->snapshot().bytes().size();
         if (bytes == 0) return Budget::Lease();
         auto lease = services_.budget.reserve(bytes, caller_.principal, Use::lasting);
         if (!lease)
-            return services_.budget.refuse("the changed scene", bytes, caller_.principal,
-                                           "unload scenes, or start raynestd with a larger --memory");
+            return services_.budget.refuse(
+                "the changed scene", bytes, caller_.principal,
+                "unload scenes, or start raynestd with a larger --memory");
         return std::move(*lease);
     }
 

@@ -4,8 +4,8 @@
 //                    ▲                     │ another edit was faster, and any epoch will do
 //                    └─────────────────────┘
 //
-// Others see an edit before it is kept, so that many are committed together; its client is answered after.
-// The old epoch stays whole until its last reader ends, whatever happens here.
+// Others see an edit before it is kept, so that many are committed together; its client is answered
+// after. The old epoch stays whole until its last reader ends, whatever happens here.
 #pragma once
 
 #include "server/ground/budget.h"
@@ -25,7 +25,7 @@ struct EditOrder {
     std::string scene;
     std::uint64_t epoch = 0;  ///< 0: the current one, whatever it is
     EditContent content;
-    bool keep = false;  ///< end when the scene, as it is then, outlives the daemon
+    bool keep = false;    ///< end when the scene, as it is then, outlives the daemon
     Budget::Lease lease;  ///< for the content's bytes
 };
 

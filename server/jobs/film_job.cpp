@@ -293,11 +293,11 @@ Reply<void> FilmJob::make_film(const Stop& stop) {
         settings.picture = std::move(*picture);
         environment_.drop();
     }
-    auto made = make_integrator(options_.integrator,
-                                {plan_.source(services_.registry), plan_.scene.snapshot().bounds(),
-                                 &plan_.scene.snapshot().shading(),
-                                 services_.registry.packs().front()->target},
-                                settings);
+    auto made = make_integrator(
+        options_.integrator,
+        {plan_.source(services_.registry), plan_.scene.snapshot().bounds(),
+         &plan_.scene.snapshot().shading(), services_.registry.packs().front()->target},
+        settings);
     if (!made) return refuse(made.error());
     integrator_ = std::move(*made);
     if (options_.resume_bytes == 0) return {};
@@ -317,8 +317,8 @@ Reply<void> FilmJob::make_film(const Stop& stop) {
 std::uint64_t FilmJob::chunk_size(const Backend& backend, const Chunk& rest) const {
     const std::uint64_t samples_max = backend.call_rays_max(plan_);
     const std::uint32_t target = options_.passes[rest.first / tile_count_];
-    const auto most = static_cast<std::uint32_t>(
-        std::max<std::uint64_t>(1, samples_max / FilmTiles::pixels_max));
+    const auto most =
+        static_cast<std::uint32_t>(std::max<std::uint64_t>(1, samples_max / FilmTiles::pixels_max));
     const std::uint64_t tile = rest.first % tile_count_;
     const std::uint32_t next = std::max(1U, tiles_->next_samples(tile, target, most));
     return std::max<std::uint64_t>(1, samples_max / (FilmTiles::pixels_max * next));
@@ -326,8 +326,8 @@ std::uint64_t FilmJob::chunk_size(const Backend& backend, const Chunk& rest) con
 
 FilmJob::Run FilmJob::run_at(std::uint64_t tile, std::uint64_t end, std::uint32_t target,
                              std::uint64_t samples_max) const {
-    const auto most = static_cast<std::uint32_t>(
-        std::max<std::uint64_t>(1, samples_max / FilmTiles::pixels_max));
+    const auto most =
+        static_cast<std::uint32_t>(std::max<std::uint64_t>(1, samples_max / FilmTiles::pixels_max));
     Run run{tile, 1, tiles_->next_samples(tile, target, most)};
     std::uint64_t pixels = tiles_->pixels(tile);
     while (run.samples != 0 && tile + run.count < end) {
@@ -365,11 +365,17 @@ Traced<Frames> FilmJob::trace(const Chunk& chunk, const Stop& stop, TraceBuffers
             ++done;
             continue;
         }
-        SampleRange range{sensor(), tiles_->first_pixel(run.tile), 0, tiles_->taken(run.tile),
-                          run.samples, options_.seed, request().window};
+        SampleRange range{sensor(),
+                          tiles_->first_pixel(run.tile),
+                          0,
+                          tiles_->taken(run.tile),
+                          run.samples,
+                          options_.seed,
+                          request().window};
         for (std::uint64_t i = 0; i < run.count; ++i)
             range.pixel_count += tiles_->pixels(run.tile + i);
-        // Samples that were added before a failure stay: the counts of tiles say what is left to do.
+        // Samples that were added before a failure stay: the counts of tiles say what is left to
+        // do.
         if (!add_samples(*integrator_, range, counting, *wavefront, *film_))
             return tl::unexpected(caster.failure());
         for (std::uint64_t one = run.tile; one < run.tile + run.count; ++one) {
@@ -419,8 +425,9 @@ Reply<protocol::Frame> FilmJob::tile_frame(std::uint64_t tile) const {
 Reply<Payload> FilmJob::encode() {
     if (tiles_->most() == 0) {
         protocol::Error late = deadline_error();
-        late.message = "not one sample was made by then; allow more time, or ask for a smaller "
-                       "`size`";
+        late.message =
+            "not one sample was made by then; allow more time, or ask for a smaller "
+            "`size`";
         return tl::unexpected(late);
     }
     auto payload = encode_film(*film_, request().encode, options_.look, all_attributes());
@@ -450,20 +457,18 @@ void FilmJob::complete(wire::DoneT& done) const {
         std::uint64_t samples = 0;
         for (std::uint64_t tile = 0; tile < tile_count_; ++tile)
             samples += tiles_->pixels(tile) * tiles_->taken(tile);
-        done.notes.push_back("pixels have " + std::to_string(tiles_->fewest()) + " to " +
-                             std::to_string(tiles_->most()) + " of " +
-                             std::to_string(options_.samples) + " samples, " +
-                             rounded(static_cast<double>(samples) /
-                                     static_cast<double>(request().pixels())) +
-                             " on average");
+        done.notes.push_back(
+            "pixels have " + std::to_string(tiles_->fewest()) + " to " +
+            std::to_string(tiles_->most()) + " of " + std::to_string(options_.samples) +
+            " samples, " +
+            rounded(static_cast<double>(samples) / static_cast<double>(request().pixels())) +
+            " on average");
     } else if (const std::uint64_t noisy = tiles_->noisy(); noisy != 0) {
-        done.notes.push_back("the error is still above `noise` " +
-                             rounded(static_cast<double>(options_.noise)) + " in " +
-                             std::to_string(noisy) + " of " + std::to_string(tile_count_) +
-                             " parts of the picture, " +
-                             rounded(static_cast<double>(tiles_->noise())) +
-                             " in all of it: ask for more `samples` than " +
-                             std::to_string(options_.samples));
+        done.notes.push_back(
+            "the error is still above `noise` " + rounded(static_cast<double>(options_.noise)) +
+            " in " + std::to_string(noisy) + " of " + std::to_string(tile_count_) +
+            " parts of the picture, " + rounded(static_cast<double>(tiles_->noise())) +
+            " in all of it: ask for more `samples` than " + std::to_string(options_.samples));
     }
     if (done.dropped != 0)
         done.notes.push_back(std::to_string(done.dropped) +

@@ -4,8 +4,8 @@
 //                                       ▲                              │ more passes
 //                                       └──────────────────────────────┘
 //
-// A pass brings every tile to the same number of samples. A job that shows its progress, or that may
-// have to end early, has many passes; others have one and finish tile after tile.
+// A pass brings every tile to the same number of samples. A job that shows its progress, or that
+// may have to end early, has many passes; others have one and finish tile after tile.
 #pragma once
 
 #include "server/jobs/film_options.h"
@@ -110,7 +110,7 @@ private:
     bool task_started_ = false;  ///< of the stages that have one task
     std::uint64_t chunks_running_ = 0;
     std::size_t pass_ = 0;
-    bool final_ = false;  ///< the payload that is encoded or sent is the last one
+    bool final_ = false;         ///< the payload that is encoded or sent is the last one
     Clock::time_point began_{};  ///< of tracing
     Clock::time_point shown_{};  ///< when a pass was last shown
     std::uint64_t settled_before_ = 0;

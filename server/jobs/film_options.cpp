@@ -22,7 +22,8 @@ std::uint64_t film_job_bytes(ImageSize size, std::string_view encode, const Film
                                : encode == "png"    ? 5 * 4 * size.pixels()
                                : encode == "linear" ? 2 * sizeof(Vec4) * size.pixels()
                                                     : 2 * 4 * size.pixels();
-    // A file to continue and the decoder's answer, with first its copy of the file, then the planes.
+    // A file to continue and the decoder's answer, with first its copy of the file, then the
+    // planes.
     const std::uint64_t resumed = options.resume_bytes;
     const std::uint64_t read = resumed == 0 ? 0 : resumed + film + std::max(resumed, film);
     // The file and the decoder's copy; its answer, the picture and the tables of the light.

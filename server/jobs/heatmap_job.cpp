@@ -67,9 +67,9 @@ protected:
         const CastPlans by = other_->cast();
         ChunkCaster caster(by, backend, stop, buffers);
         std::vector<std::uint32_t> counts(pixels.count * metrics_.size());
-        const auto seen = measure_work(pixels, other_->counted.source(services_.registry), caster,
-                                       arrays_for(pixels, by, buffers), metrics_,
-                                       by.closest != nullptr, counts);
+        const auto seen =
+            measure_work(pixels, other_->counted.source(services_.registry), caster,
+                         arrays_for(pixels, by, buffers), metrics_, by.closest != nullptr, counts);
         if (!seen) return tl::unexpected(caster.failure());
         for (std::size_t m = 0; m < metrics_.size(); ++m)
             for (std::size_t i = 0; i < pixels.count; ++i) {
@@ -165,9 +165,9 @@ private:
                               .width = request().width,
                               .height = request().height,
                               .statistics = statistics_,
-                              .histogram =
-                                  other_ ? heat_histogram(differences_of(metric), statistics_)
-                                         : heat_histogram(counts_of(metric), statistics_),
+                              .histogram = other_
+                                               ? heat_histogram(differences_of(metric), statistics_)
+                                               : heat_histogram(counts_of(metric), statistics_),
                               .rows = {},
                               .file = {form_.file, file.width, file.height, file.bytes},
                               .selected = form_.selected,

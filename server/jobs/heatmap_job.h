@@ -12,8 +12,8 @@
 
 namespace raynest::server {
 
-/// The answer's form: a file, or a document with the statistics of every metric, and perhaps the file
-/// in it.
+/// The answer's form: a file, or a document with the statistics of every metric, and perhaps the
+/// file in it.
 struct HeatForm {
     std::string file;  ///< png | exr | raw; empty: no file
     bool document = false;
@@ -31,8 +31,8 @@ struct HeatPlans {
     }
 };
 
-/// Makes the job. `uncounted` is the plan that finds the hits; set only for count "necessary". `other`
-/// are the plans of a difference, whose counts are subtracted.
+/// Makes the job. `uncounted` is the plan that finds the hits; set only for count "necessary".
+/// `other` are the plans of a difference, whose counts are subtracted.
 [[nodiscard]] std::unique_ptr<Job> heatmap_job(const Services& services, const Caller& caller,
                                                PictureRequest asked, HeatForm form,
                                                HeatOptions options, std::vector<Column> metrics,

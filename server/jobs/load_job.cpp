@@ -88,8 +88,7 @@ public:
         const std::string& principal = order_.caller.principal;
         if (commit_next_) return commit();
         // Close paused connections while the import grows: only it knows what it needs.
-        if (memory_ && memory_->missing() != 0)
-            make_room(memory_->missing());
+        if (memory_ && memory_->missing() != 0) make_room(memory_->missing());
         if (import_started_) return std::nullopt;
         if (order_.known) {
             import_started_ = true;
@@ -110,7 +109,8 @@ public:
         import_started_ = true;
         // Free memory for a copy of the files and a scene of about their size.
         services_.scenes.drop_spares();
-        // An import tells what it needs only while it runs, and then cannot wait for stored scenes to go.
+        // An import tells what it needs only while it runs, and then cannot wait for stored scenes
+        // to go.
         constexpr std::uint64_t part_kept_free = 4;
         make_room(services_.state == nullptr
                       ? 2 * announced_
@@ -206,7 +206,8 @@ private:
                                        "start raynestd with a larger --memory");
     }
 
-    /// Closes paused connections, and lets go of stored scenes, until there is room for a scene of `bytes`.
+    /// Closes paused connections, and lets go of stored scenes, until there is room for a scene of
+    /// `bytes`.
     void make_room(std::uint64_t bytes) {
         services_.peers.make_memory(bytes, order_.caller.principal, Use::lasting);
         services_.scenes.make_room(bytes, order_.caller.principal);
@@ -214,14 +215,14 @@ private:
 
     /// A scene is stored if it outlives the daemon.
     void decide_whether_to_store() {
-        is_stored_ = services_.state != nullptr &&
-                     (!order_.publication.temporary ||
-                      services_.scenes.is_stored(order_.name, order_.caller));
+        is_stored_ =
+            services_.state != nullptr && (!order_.publication.temporary ||
+                                           services_.scenes.is_stored(order_.name, order_.caller));
         if (is_stored_) disk_room_ = services_.scenes.disk_room(order_.name, order_.caller);
     }
 
-    /// Writes the scene to the state folder, then waits until no other load of its name is under way. On a
-    /// thread of the blocking pool.
+    /// Writes the scene to the state folder, then waits until no other load of its name is under
+    /// way. On a thread of the blocking pool.
     Reply<Frames> store(const Stop& stop) {
         const auto stopped = [&] { return stop.requested(); };
         if (auto fits = disk_room_.check(snapshot_->bytes().size()); !fits)
@@ -288,10 +289,9 @@ private:
         }
         std::vector<SourceFile> found;
         if (order_.disk) {
-            auto files = read_scene(order_.disk->root, order_.disk->path,
-                                    services_.limits.upload_files_max,
-                                    services_.import_limits.file_bytes_max,
-                                    {services_.budget, principal});
+            auto files =
+                read_scene(order_.disk->root, order_.disk->path, services_.limits.upload_files_max,
+                           services_.import_limits.file_bytes_max, {services_.budget, principal});
             if (!files) return with_remedy(files.error());
             found = std::move(*files);
             request.source = found.front().name;

@@ -25,7 +25,7 @@ struct Services;
 /// A file of an upload; its data arrive in pieces.
 struct UploadFile {
     std::string name;
-    std::uint64_t hash = 0;                          ///< counts where there is no digest
+    std::uint64_t hash = 0;  ///< counts where there is no digest
     std::optional<protocol::Sha256Digest> digest;
     protocol::Buffer bytes;
     std::uint64_t received = 0;
@@ -50,7 +50,7 @@ struct LoadOrder {
     std::vector<std::string> masks;
     std::optional<DiskSource> disk;  ///< nothing: a built-in scene or an upload
     std::vector<UploadFile> files;
-    Budget::Lease lease;  ///< for the received bytes of the files
+    Budget::Lease lease;                     ///< for the received bytes of the files
     std::shared_ptr<const HeldScene> known;  ///< the scene that the upload would make
 };
 

@@ -91,11 +91,11 @@ std::string PictureJob::hint(std::uint64_t rays) const {
     const Snapshot& scene = plan_.scene.snapshot();
     const auto line = [&](const std::string& sees) {
         return protocol::clean_text("camera '" + request_.camera.name + "' sees " + sees,
-                          services_.limits.text_bytes_max);
+                                    services_.limits.text_bytes_max);
     };
     if (scene.bounds().is_empty()) return line("nothing: the scene is empty");
-    // A picture that was continued or cut short may have traced a few of its pixels only, and a tile
-    // has few of them.
+    // A picture that was continued or cut short may have traced a few of its pixels only, and a
+    // tile has few of them.
     if (rays < request_.pixels() || !request_.window.is_whole()) return {};
     const bool nothing = statistics_.hits() == 0;
     if (nothing && mask_hides_all(plan_))
@@ -132,16 +132,15 @@ std::vector<Attribute> PictureJob::provenance() const {
     std::string pose;
     for (const float element : request_.camera.to_world.m)
         pose.append(pose.empty() ? "" : " ").append(number(element));
-    std::vector<Attribute> attributes = {
-            {"Software", "RayNest " RAYNEST_VERSION},
-            {"raynest:scene", text(plan_.scene.name)},
-            {"raynest:hash", plan_.scene.snapshot().digest()},
-            {"raynest:epoch", number(plan_.scene.epoch)},
-            {"raynest:intersector", text(plan_.variant->name)},
-            {"raynest:settings", text(settings_text(plan_))},
-            {"raynest:mask", number(plan_.mask)},
-            {"raynest:camera", text(request_.camera.name)},
-            {"raynest:camera_to_world", pose}};
+    std::vector<Attribute> attributes = {{"Software", "RayNest " RAYNEST_VERSION},
+                                         {"raynest:scene", text(plan_.scene.name)},
+                                         {"raynest:hash", plan_.scene.snapshot().digest()},
+                                         {"raynest:epoch", number(plan_.scene.epoch)},
+                                         {"raynest:intersector", text(plan_.variant->name)},
+                                         {"raynest:settings", text(settings_text(plan_))},
+                                         {"raynest:mask", number(plan_.mask)},
+                                         {"raynest:camera", text(request_.camera.name)},
+                                         {"raynest:camera_to_world", pose}};
     if (const PixelWindow& tile = request_.window; !tile.is_whole())
         attributes.push_back({"raynest:tile", number(tile.x) + " " + number(tile.y) + " " +
                                                   number(tile.size.width) + " " +

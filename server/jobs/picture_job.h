@@ -26,7 +26,7 @@ namespace raynest::server {
 struct PictureRequest {
     Plan plan;
     Camera camera;
-    std::uint32_t width = 0;    ///< of the pixels that are made
+    std::uint32_t width = 0;  ///< of the pixels that are made
     std::uint32_t height = 0;
     std::uint32_t samples = 1;  ///< rays per pixel
     ImageSize whole = {};       ///< size of the picture that they are pixels of
@@ -66,8 +66,8 @@ protected:
                                                    const PixelArrays& /*arrays*/) {
         return std::nullopt;
     }
-    /// Traces the pixels of a chunk once more, by plans of its own, after trace_pixels(). Returns the
-    /// number of rays. Any thread.
+    /// Traces the pixels of a chunk once more, by plans of its own, after trace_pixels(). Returns
+    /// the number of rays. Any thread.
     virtual Traced<std::uint64_t> trace_again(const PixelRange& /*pixels*/, std::size_t /*backend*/,
                                               const Stop& /*stop*/, TraceBuffers& /*buffers*/) {
         return 0;
@@ -127,7 +127,7 @@ private:
     std::once_flag arrays_made_;
     PayloadSender payload_;
     wire::DoneT done_;  ///< made with the payload
- ///< set by the encoding task, sent afterwards
+                        ///< set by the encoding task, sent afterwards
 };
 
 }  // namespace raynest::server

@@ -2,8 +2,8 @@
 // define the answer of a chunk.
 #pragma once
 
-#include "server/jobs/chunked_job.h"
 #include "server/execution/ray_input.h"
+#include "server/jobs/chunked_job.h"
 #include "server/jobs/ray_source.h"
 #include "server/security/caller.h"
 

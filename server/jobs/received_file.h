@@ -19,8 +19,8 @@
 
 namespace raynest::server {
 
-/// Copies the data of UPLOAD frames to their places. The io thread copies small ones at once; large ones
-/// wait for a task.
+/// Copies the data of UPLOAD frames to their places. The io thread copies small ones at once; large
+/// ones wait for a task.
 class UploadCopies {
 public:
     /// Copies `data`, which lies in `frame`, to `to` sooner or later. Returns the bulk bytes that
@@ -78,8 +78,7 @@ public:
     Reply<std::byte*> place(const wire::Upload& piece, std::uint64_t bytes) {
         if (piece.file() != number_ || piece.offset() != received_)
             return refuse(Code::invalid_field, "expected byte " + std::to_string(received_) +
-                                                   " of file " + std::to_string(number_) +
-                                                   " next");
+                                                   " of file " + std::to_string(number_) + " next");
         if (bytes > bytes_.size() - received_)
             return refuse(Code::invalid_field, "file " + std::to_string(number_) +
                                                    " is longer than its announced " +

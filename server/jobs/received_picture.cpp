@@ -32,16 +32,15 @@ auto decode_in_child(const Services& services, const std::string& principal,
                                            const StillWanted&>::value_type> {
     ImportLimits limits = services.import_limits;
     limits.image_bytes_max = picture_bytes;
-    limits.bytes_max =
-        std::min(limits.bytes_max, decoder_bytes + file_bytes + 4 * picture_bytes);
+    limits.bytes_max = std::min(limits.bytes_max, decoder_bytes + file_bytes + 4 * picture_bytes);
     ImportMemory memory(services.budget, principal, Use::passing);
-    auto decoded = decode(limits, [&](std::uint64_t bytes) {
-        return !stop.requested() && memory.cover(bytes);
-    });
+    auto decoded = decode(
+        limits, [&](std::uint64_t bytes) { return !stop.requested() && memory.cover(bytes); });
     if (stop.requested()) return refuse(Code::cancelled, "");
     if (memory.refused())
-        return memory.refusal("decoding the picture", "send a smaller one, or start raynestd with a "
-                                                      "larger --memory");
+        return memory.refusal("decoding the picture",
+                              "send a smaller one, or start raynestd with a "
+                              "larger --memory");
     if (decoded) return std::move(*decoded);
     const Error& error = decoded.error();
     // Neither the daemon's own failures nor a lack of memory is the fault of the file.
@@ -71,21 +70,23 @@ Reply<void> check_attributes(std::span<const Attribute> file,
         const std::string* const found = find(file, wanted.name);
         if (found == nullptr)
             return refuse(Code::invalid_field, "the EXR to continue has no attribute " +
-                                                   wanted.name + ": it is no lit picture of "
-                                                                 "RayNest's");
+                                                   wanted.name +
+                                                   ": it is no lit picture of "
+                                                   "RayNest's");
         if (*found == wanted.value) continue;
         if (wanted.name == "raynest:hash")
             return refuse(Code::invalid_field,
                           "the EXR to continue was made of another scene, or the scene has changed "
-                          "since: its hash " + protocol::clean_text(*found, 64) + " is now " +
-                              wanted.value);
+                          "since: its hash " +
+                              protocol::clean_text(*found, 64) + " is now " + wanted.value);
         if (wanted.name == "raynest:environment_hash")
-            return refuse(Code::invalid_field,
-                          "the EXR to continue was lit by another picture than `environment` names");
-        return refuse(Code::invalid_field,
-                      "the EXR to continue was made with " + wanted.name.substr(8) + " '" +
-                          protocol::clean_text(*found, 256) + "', the request has '" +
-                          wanted.value + "'");
+            return refuse(
+                Code::invalid_field,
+                "the EXR to continue was lit by another picture than `environment` names");
+        return refuse(Code::invalid_field, "the EXR to continue was made with " +
+                                               wanted.name.substr(8) + " '" +
+                                               protocol::clean_text(*found, 256) +
+                                               "', the request has '" + wanted.value + "'");
     }
     // Files say what was hidden only if something was.
     for (const std::string_view name : {"raynest:hide", "raynest:only"})

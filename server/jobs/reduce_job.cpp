@@ -1,9 +1,9 @@
 #include "server/jobs/reduce_job.h"
 
-#include "server/jobs/query_job.h"
-#include "server/scheduling/peers.h"
-#include "server/jobs/services.h"
 #include "protocol/text.h"
+#include "server/jobs/query_job.h"
+#include "server/jobs/services.h"
+#include "server/scheduling/peers.h"
 
 #include <algorithm>
 #include <array>
@@ -231,8 +231,7 @@ tl::unexpected<protocol::Error> refuse_use(std::string_view reduce, const char* 
 }  // namespace
 
 Reply<std::unique_ptr<QueryJob>> reduce_job(const Services& services, const Caller& caller,
-                                            Plan plan, RaySource source,
-                                            std::string_view reduce) {
+                                            Plan plan, RaySource source, std::string_view reduce) {
     if (plan.untraced)
         return refuse_use(reduce, "needs rays that are traced; kind null traces none");
     if (reduce == fraction_name) {

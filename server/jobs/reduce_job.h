@@ -13,7 +13,6 @@ namespace raynest::server {
 /// Makes the job of a query with a reducer. Fails with INVALID_FIELD if it cannot
 /// reduce these rays.
 Reply<std::unique_ptr<QueryJob>> reduce_job(const Services& services, const Caller& caller,
-                                            Plan plan, RaySource source,
-                                            std::string_view reduce);
+                                            Plan plan, RaySource source, std::string_view reduce);
 
 }  // namespace raynest::server

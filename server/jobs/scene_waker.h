@@ -24,8 +24,8 @@ public:
     SceneWaker(const Services& services, Post post) : services_(services), post_(std::move(post)) {}
     SceneWaker(const SceneWaker&) = delete;
 
-    /// Reads a scene in a task of `principal`, then calls `awake` unless it has expired. A damaged scene is
-    /// no error here: find() tells of it.
+    /// Reads a scene in a task of `principal`, then calls `awake` unless it has expired. A damaged
+    /// scene is no error here: find() tells of it.
     void wake(const AsleepScene& scene, const std::string& principal, std::weak_ptr<Awake> awake);
 
 private:

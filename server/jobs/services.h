@@ -44,14 +44,15 @@ struct Services {
     Peers& peers;  ///< io thread only
     const Backends& backends;
     TraceBufferPool& trace_buffers;
-    FairThreadPool& blocking;  ///< for tasks that wait for processes and disks
-    std::string page = {};     ///< address of the daemon's page; empty: none
+    FairThreadPool& blocking;                  ///< for tasks that wait for processes and disks
+    std::string page = {};                     ///< address of the daemon's page; empty: none
     Administration* administration = nullptr;  ///< null in tests without a whole daemon
     PageLogins* page_logins = nullptr;         ///< null likewise
     StateFolder* state = nullptr;              ///< null: scenes are in memory only
     SceneWaker* waker = nullptr;               ///< null likewise
-    FairThreadPool* disk = nullptr;  ///< null likewise; for short tasks of it that no import may hold up
-    ScenePoser* poser = nullptr;     ///< null in tests without a whole daemon
+    /// Null likewise; for short tasks of it that no import may hold up
+    FairThreadPool* disk = nullptr;
+    ScenePoser* poser = nullptr;  ///< null in tests without a whole daemon
 };
 
 }  // namespace raynest::server

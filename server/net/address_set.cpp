@@ -41,8 +41,8 @@ std::string AddressSet::add(const std::string& text) {
     const Network network{to_bytes(address), bits + (128 - bits_max)};
     for (unsigned bit = network.bits; bit < 128; ++bit)
         if ((network.bytes[bit / 8] >> (7 - bit % 8) & 1) != 0)
-            return "'" + text + "' is an address within a network; write " +
-                   text.substr(0, slash) + " for the address alone, or the network's first address";
+            return "'" + text + "' is an address within a network; write " + text.substr(0, slash) +
+                   " for the address alone, or the network's first address";
     networks_.push_back(network);
     return "";
 }

@@ -1,5 +1,5 @@
-// Listening sockets that a service manager keeps open while the daemon restarts, so that no client is
-// refused meanwhile. systemd passes them as descriptors 3, 4, ... and says so in LISTEN_FDS.
+// Listening sockets that a service manager keeps open while the daemon restarts, so that no client
+// is refused meanwhile. systemd passes them as descriptors 3, 4, ... and says so in LISTEN_FDS.
 #pragma once
 
 #include "server/ground/address.h"

@@ -127,17 +127,17 @@ Result<void> clear_path(const Place& place, const sockaddr_un& name) {
     return {};
 }
 
-/// Gives the socket that bind() has made its group, then the mode that gives the group access. Returns
-/// what failed, with errno. Opens the file once: where others may rename files, its path may lead
-/// elsewhere by now.
+/// Gives the socket that bind() has made its group, then the mode that gives the group access.
+/// Returns what failed, with errno. Opens the file once: where others may rename files, its path
+/// may lead elsewhere by now.
 const char* widen_access(const char* path, const SocketAccess& access) {
     const Fd file(::open(path, O_PATH | O_NOFOLLOW | O_CLOEXEC));
     struct stat status {};
     if (file.get() < 0 || fstat(file.get(), &status) != 0) return "open";
     errno = EEXIST;
     if (!S_ISSOCK(status.st_mode)) return "open";
-    if (access.group && fchownat(file.get(), "", static_cast<uid_t>(-1), *access.group,
-                                 AT_EMPTY_PATH) != 0) {
+    if (access.group &&
+        fchownat(file.get(), "", static_cast<uid_t>(-1), *access.group, AT_EMPTY_PATH) != 0) {
         const int why = errno;
         unlink(path);
         errno = why;

@@ -29,7 +29,8 @@ private:
 };
 
 /// Returns the identity of a peer by its address. All loopback addresses count as "127.0.0.1": any
-/// program may use any of them. An IPv6 address counts as its /64, all of which one machine may use.
+/// program may use any of them. An IPv6 address counts as its /64, all of which one machine may
+/// use.
 [[nodiscard]] PeerIdentity identity_of(asio::ip::address address);
 
 /// Returns the user at the other end of a Unix socket, e.g. "uid:1000", or else the peer's address.

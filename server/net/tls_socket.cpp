@@ -20,8 +20,8 @@
 namespace raynest::server {
 namespace {
 
-/// Messages of TLS itself after the handshake, in a minute; one more ends the connection. Clients send
-/// new keys after millions of records, and none asks for another handshake, which is refused.
+/// Messages of TLS itself after the handshake, in a minute; one more ends the connection. Clients
+/// send new keys after millions of records, and none asks for another handshake, which is refused.
 constexpr unsigned messages_max = 64;
 
 }  // namespace
@@ -105,7 +105,7 @@ asio::awaitable<bool> TlsSocket::starts_plain(SystemError& error) {
     constexpr unsigned char handshake_record = 0x16;
     const bool there =
         !error && recv(socket_.native_handle(), &first, 1, MSG_PEEK | MSG_DONTWAIT) == 1;
-    co_return there && first != handshake_record;
+    co_return there&& first != handshake_record;
 }
 
 asio::awaitable<void> TlsSocket::accept(SystemError& error, std::string& why) {

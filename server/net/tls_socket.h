@@ -36,7 +36,8 @@ public:
     /// Does the handshake. Fails with the reason in `why`, after the peer could read an alert.
     asio::awaitable<void> accept(SystemError& error, std::string& why);
     /// Tells `peer` the subject of its certificate, which OpenSSL has verified, in the form of RFC
-    /// 2253: "CN=alice,O=Lab"; or why that names no principal. Without a certificate it tells nothing.
+    /// 2253: "CN=alice,O=Lab"; or why that names no principal. Without a certificate it tells
+    /// nothing.
     void tell_subject(PeerIdentity& peer) const;
 
     /// Decrypts bytes that are there. `got` is 0 unless the outcome is `done`.
@@ -66,8 +67,8 @@ public:
 private:
     [[nodiscard]] Outcome outcome(int result) const;
     /// OpenSSL calls it for each message and alert. It must not throw.
-    static void take_message(int is_sent, int version, int type, const void* bytes, std::size_t size,
-                             SSL* tls, void* self) noexcept;
+    static void take_message(int is_sent, int version, int type, const void* bytes,
+                             std::size_t size, SSL* tls, void* self) noexcept;
     /// A record of bytes that a write gathers.
     static std::array<std::byte, record_bytes>& scratch();
 
@@ -76,8 +77,8 @@ private:
     std::unique_ptr<SSL, protocol::Release<SSL_free>> tls_;
     std::size_t unsent_ = 0;  ///< bytes of a write that OpenSSL wants again
     bool accepted_ = false;
-    /// Messages of TLS itself after the handshake, such as new keys. OpenSSL handles all that are there
-    /// in one call, and each costs as much as a hundred bytes of payload.
+    /// Messages of TLS itself after the handshake, such as new keys. OpenSSL handles all that are
+    /// there in one call, and each costs as much as a hundred bytes of payload.
     MinuteLimit messages_;
 };
 

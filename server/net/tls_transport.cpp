@@ -131,9 +131,9 @@ std::size_t TlsTransport::write_now(const WriteBatch::Rest& rest) {
         const bool is_large = parts.front().size() >= TlsSocket::record_bytes && !tls_.has_unsent();
         const WriteBatch::Rest left{parts.data(), parts.data() + parts.size()};
         std::size_t written = 0;
-        const Outcome now =
-            is_large ? tls_.write(parts.front().data(), TlsSocket::record_bytes, written)
-                     : tls_.write_some(left, written);
+        const Outcome now = is_large
+                                ? tls_.write(parts.front().data(), TlsSocket::record_bytes, written)
+                                : tls_.write_some(left, written);
         if (now != Outcome::done) break;
         total += written;
         while (written != 0) {
@@ -147,8 +147,7 @@ std::size_t TlsTransport::write_now(const WriteBatch::Rest& rest) {
     return total;
 }
 
-asio::awaitable<std::size_t> TlsTransport::write(const WriteBatch::Rest& rest,
-                                                 SystemError& error) {
+asio::awaitable<std::size_t> TlsTransport::write(const WriteBatch::Rest& rest, SystemError& error) {
     while (!error) {
         if (const std::size_t written = write_now(rest); written != 0) co_return written;
         if (!tls_.socket().is_open()) error = asio::error::operation_aborted;

@@ -43,8 +43,9 @@ public:
     virtual asio::awaitable<void> open(SystemError& /*error*/) { co_return; }
 
     /// Reads at least one byte; may wait for `wanted` bytes. Reads none where take_unreadable() has
-    /// something to say. Gives others a turn where bytes cost more than to be copied, however many there
-    /// are: the caller does not see that time. The caller keeps the arguments of read() and write() valid until they end.
+    /// something to say. Gives others a turn where bytes cost more than to be copied, however many
+    /// there are: the caller does not see that time. The caller keeps the arguments of read() and
+    /// write() valid until they end.
     virtual asio::awaitable<std::size_t> read(const ReadBuffers& buffers, std::size_t wanted,
                                               SystemError& error) = 0;
     /// Returns the message that the last read() could not read; the session refuses it.

@@ -1,12 +1,13 @@
-// Reads a configuration file in TOML, as --print-config writes it. what the keys mean, parse_options.cpp knows.
+// Reads a configuration file in TOML, as --print-config writes it. what the keys mean,
+// parse_options.cpp knows.
 #pragma once
+
+#include <tl/expected.hpp>
 
 #include <cstddef>
 #include <iosfwd>
 #include <string>
 #include <vector>
-
-#include <tl/expected.hpp>
 
 namespace raynest::server {
 

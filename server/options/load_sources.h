@@ -6,8 +6,8 @@
 
 namespace raynest::server {
 
-/// Returns the files that a pattern stands for, by name, and other sources as they are; empty: there is
-/// no such file.
+/// Returns the files that a pattern stands for, by name, and other sources as they are; empty:
+/// there is no such file.
 [[nodiscard]] std::vector<std::string> files_of(const std::string& source);
 
 }  // namespace raynest::server

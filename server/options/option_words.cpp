@@ -2,8 +2,8 @@
 
 #include "engine/packs/registry.h"
 #include "server/ground/address.h"
-#include "server/net/address_set.h"
 #include "server/ground/size.h"
+#include "server/net/address_set.h"
 
 #include <algorithm>
 #include <cctype>

@@ -1,7 +1,7 @@
 // The options of the daemon, from its command line and configuration file.
 //
-// Precedence: flag, then environment (--log-level is RAYNEST_LOG_LEVEL), then --config FILE, then the
-// defaults below. Only parse_options.cpp and daemon/commands.cpp include CLI11.
+// Precedence: flag, then environment (--log-level is RAYNEST_LOG_LEVEL), then --config FILE, then
+// the defaults below. Only parse_options.cpp and daemon/commands.cpp include CLI11.
 #pragma once
 
 #include "protocol/limits.h"
@@ -21,8 +21,8 @@ namespace raynest::server {
 /// The HTTP port.
 struct HttpOptions {
     std::string address = "127.0.0.1:31061";  ///< HOST:PORT, https://HOST:PORT or "off"
-    bool given = false;              ///< false: the daemon starts without it if the port is taken
-    std::vector<std::string> hosts;  ///< allowed Host headers besides loopback
+    bool given = false;                ///< false: the daemon starts without it if the port is taken
+    std::vector<std::string> hosts;    ///< allowed Host headers besides loopback
     std::vector<std::string> proxies;  ///< addresses and networks whose X-Forwarded-* headers count
 };
 
@@ -61,10 +61,12 @@ struct OptionFault {
     std::string why;     ///< begins with a verb, or with the value; spells options with dashes
 };
 
-/// Returns what is wrong with the addresses: one is given twice, or lacks security (listen_policy.h).
+/// Returns what is wrong with the addresses: one is given twice, or lacks security
+/// (listen_policy.h).
 [[nodiscard]] std::optional<OptionFault> listen_fault(const Options& options);
 
-/// Parses the command line; --check-config looks at all files, too, as far as a start would. May print to stdout and to `errors`; does not throw or exit.
+/// Parses the command line; --check-config looks at all files, too, as far as a start would. May
+/// print to stdout and to `errors`; does not throw or exit.
 [[nodiscard]] ParsedOptions parse_options(int argc, const char* const* argv, std::ostream& errors);
 
 }  // namespace raynest::server

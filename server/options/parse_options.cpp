@@ -1,11 +1,10 @@
-#include "server/options/options.h"
-
 #include "engine/packs/registry.h"
-#include "server/options/config_file.h"
 #include "server/ground/journal.h"
+#include "server/options/config_file.h"
 #include "server/options/listen_policy.h"
 #include "server/options/load_sources.h"
 #include "server/options/option_words.h"
+#include "server/options/options.h"
 #include "server/options/socket_access.h"
 #include "server/options/start_checks.h"
 #include "server/options/toml_config.h"
@@ -34,7 +33,8 @@ constexpr std::uint64_t limit_max = 1ULL << 42;
 
 std::uint64_t most_of(const protocol::LimitInfo& limit) {
     const protocol::Limits usual;
-    return limit.value == &protocol::Limits::page_login_ms_max ? usual.page_login_ms_max : limit_max;
+    return limit.value == &protocol::Limits::page_login_ms_max ? usual.page_login_ms_max
+                                                               : limit_max;
 }
 
 std::uint64_t half_of_memory() {
@@ -88,7 +88,8 @@ private:
 
 void declare_security(CLI::App& app, SecurityOptions& security, Words& words) {
     app.add_option("--tls-cert", security.tls.certificate,
-                   "PEM file of the certificate of tls:// and https://, and its chain; SIGHUP reads "
+                   // And https://, and its chain; SIGHUP reads "
+                   "PEM file of the certificate of tls:
                    "it again");
     app.add_option("--tls-key", security.tls.key, "PEM file of its key, mode 0600");
     app.add_option("--client-ca", security.tls.client_ca,
@@ -118,10 +119,10 @@ void hide_checks(CLI::App& app) {
 }
 
 void declare(CLI::App& app, Options& options, Words& words, ConfigOrigins& origins) {
-    app.add_option(
-           "--listen", options.listen,
-           "tcp://HOST:PORT, tls://HOST:PORT or unix:PATH, repeatable; port 0 picks a free one; fd:N "
-           "or tls://fd:N is a listening socket that the daemon inherits")
+    app.add_option("--listen", options.listen,
+                   "tcp://HOST:PORT, tls://HOST:PORT or unix:PATH, repeatable; port 0 picks a free "
+                   "one; fd:N "
+                   "or tls://fd:N is a listening socket that the daemon inherits")
         ->check(CLI::Validator(address_fault, ""))
         ->default_str(options.listen.front());
     app.add_option("--socket-mode", words.socket_mode,
@@ -145,13 +146,15 @@ void declare(CLI::App& app, Options& options, Words& words, ConfigOrigins& origi
            "-Proto and -Host count; repeatable")
         ->check(CLI::Validator(proxy_fault, ""));
     declare_security(app, options.security, words);
-    app.add_option("--state", options.state, "Folder in which scenes outlive the daemon; this daemon alone uses it");
+    app.add_option("--state", options.state,
+                   "Folder in which scenes outlive the daemon; this daemon alone uses it");
     app.add_option("--scene-root", options.scene_root,
                    "Folder in which root:PATH is looked up; links must end inside")
         ->check(CLI::ExistingDirectory);
-    app.add_option("--load", options.load,
-                   "Scene to load at the start and to share with everybody, repeatable: a file, a pattern "
-                   "such as '/srv/scenes/*.glb', builtin:NAME or root:PATH");
+    app.add_option(
+        "--load", options.load,
+        "Scene to load at the start and to share with everybody, repeatable: a file, a pattern "
+        "such as '/srv/scenes/*.glb', builtin:NAME or root:PATH");
     app.add_option("--pack-dir", options.pack_dirs, "Folder with more kernel packs, repeatable")
         ->check(CLI::ExistingDirectory);
     app.add_option("--threads", options.threads, "Compute threads, 1 to 1024")
@@ -191,9 +194,10 @@ void declare(CLI::App& app, Options& options, Words& words, ConfigOrigins& origi
         }
     for (CLI::Option* option : app.get_options())
         if (option->get_configurable()) option->envname(variable_of(option->get_single_name()));
-    app.set_config("--config", "",
-                   "Read options from a file in TOML, as --print-config writes it; relative paths in it "
-                   "begin at its folder")
+    app.set_config(
+           "--config", "",
+           "Read options from a file in TOML, as --print-config writes it; relative paths in it "
+           "begin at its folder")
         ->check(CLI::Validator(
             [](const std::string& file) {
                 const std::string fault = config_file_fault(file);
@@ -301,8 +305,8 @@ public:
         : arguments_(argv, argv + argc),
           file_(file) {}
 
-    /// Returns the error text of an option, in the words of its place: "--listen ...", "RAYNEST_LISTEN
-    /// ..." or "raynestd.toml, line 3: listen ...".
+    /// Returns the error text of an option, in the words of its place: "--listen ...",
+    /// "RAYNEST_LISTEN ..." or "raynestd.toml, line 3: listen ...".
     [[nodiscard]] std::string text_of(const OptionFault& fault) const {
         const std::string flag = "--" + fault.option;
         if (is_given(flag)) return flag + ' ' + fault.why;
@@ -315,7 +319,8 @@ public:
         return file_.file + ", line " + std::to_string(found->line) + ": " + fault.option + ' ' +
                without_dashes(fault.why);
     }
-    /// Replaces an option in an error text by its environment variable if its value came from there.
+    /// Replaces an option in an error text by its environment variable if its value came from
+    /// there.
     [[nodiscard]] std::string blamed(std::string what) const {
         if (!what.starts_with("--")) return what;
         const std::string option = what.substr(0, what.find_first_of(": ="));
@@ -391,14 +396,16 @@ ParsedOptions parse_options(int argc, const char* const* argv, std::ostream& err
     ConfigOrigins file;
     const Origins origins(argc, argv, file);
     const auto refused = [&](int code, const std::string& fault) -> ParsedOptions {
-        errors << journal_priority(LogLevel::error) << "raynestd: " << fault << (code == 2 ? "; see raynestd --help\n" : "\n");
+        errors << journal_priority(LogLevel::error) << "raynestd: " << fault
+               << (code == 2 ? "; see raynestd --help\n" : "\n");
         return {std::nullopt, code, fault};
     };
     try {
         declare(app, options, words, file);
         app.add_flag("--print-config", print, "Print all options and limits, then exit")
             ->configurable(false);
-        app.add_flag("--check-config", check, "Check the configuration and the files that a start needs, then exit")
+        app.add_flag("--check-config", check,
+                     "Check the configuration and the files that a start needs, then exit")
             ->configurable(false);
         app.set_version_flag("--version", "raynestd " RAYNEST_VERSION);
         // Neither the help nor a printed configuration names a number: it follows --memory.

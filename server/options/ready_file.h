@@ -15,8 +15,8 @@ namespace raynest::server {
 Result<void> check_ready_file(const std::filesystem::path& path);
 
 /// Writes {"listen":[...],"http":"...","pid":N} to a file beside `path`, then renames it, so that a
-/// reader sees the whole file or none; `http` is http://HOST:PORT, https://HOST:PORT or "off". Fails as
-/// check_ready_file() does.
+/// reader sees the whole file or none; `http` is http://HOST:PORT, https://HOST:PORT or "off".
+/// Fails as check_ready_file() does.
 Result<void> write_ready_file(const std::filesystem::path& path,
                               std::span<const std::string> listen, const std::string& http);
 

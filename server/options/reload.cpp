@@ -11,7 +11,7 @@ namespace {
 
 /// Limits that threads read while they compute, or that were copied at the start.
 constexpr std::array<std::string_view, 6> lasting_limits = {
-    "chunk_ms_max", "cuda_rays_max", "cuda_call_ms_max",
+    "chunk_ms_max",      "cuda_rays_max", "cuda_call_ms_max",
     "cuda_start_ms_max", "cuda_retry_ms", "cuda_retry_ms_max"};
 
 std::string option_of(std::string_view limit) {
@@ -31,8 +31,8 @@ bool lacks_one(const std::vector<std::string>& now, const std::vector<std::strin
                                 [&](const auto& one) { return std::ranges::count(now, one) != 0; });
 }
 
-/// Says whether options of security that have changed are taken, wait for a restart, or stay because
-/// one of their files is unusable.
+/// Says whether options of security that have changed are taken, wait for a restart, or stay
+/// because one of their files is unusable.
 enum class SecurityChange { take, at_restart, unusable };
 
 /// Takes all values but those that only a restart applies, which it names.
@@ -110,8 +110,8 @@ Reload reload_options(Options& now, const Result<Options>& then, Credentials& cr
                   : taken ? SecurityChange::take
                           : SecurityChange::unusable,
                   reload);
-    reload.is_site_smaller = lacks_one(now.http.hosts, site.hosts) ||
-                             lacks_one(now.http.proxies, site.proxies);
+    reload.is_site_smaller =
+        lacks_one(now.http.hosts, site.hosts) || lacks_one(now.http.proxies, site.proxies);
     if (!reload.needs_restart.empty())
         log(LogLevel::warn, "restart_needed",
             {{"options", reload.needs_restart}, {"reason", reload.weaker}});
@@ -126,8 +126,7 @@ Reply<std::string> told(const Reload& done) {
         {{"result", good ? read : "some files were unusable and their old content stays"},
          {"changed", done.changed}});
     if (!good)
-        return refuse(Code::file_unusable,
-                      without_folders(done.fault) + "; the old content stays");
+        return refuse(Code::file_unusable, without_folders(done.fault) + "; the old content stays");
     if (done.needs_restart.empty()) return read;
     return read + "; these options wait for a restart: " + done.needs_restart;
 }

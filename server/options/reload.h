@@ -25,9 +25,9 @@ struct Reload {
 };
 
 /// Takes the values of `then` into `now` that may change while the daemon runs: the level and form
-/// of the log, security, --http-host, fewer proxies, and the limits that the io thread alone reads. Reads the
-/// files of security again. `open` are the addresses listened on. Logs what a restart is needed
-/// for, and what is open to whom if that has changed.
+/// of the log, security, --http-host, fewer proxies, and the limits that the io thread alone reads.
+/// Reads the files of security again. `open` are the addresses listened on. Logs what a restart is
+/// needed for, and what is open to whom if that has changed.
 [[nodiscard]] Reload reload_options(Options& now, const Result<Options>& then,
                                     Credentials& credentials,
                                     const std::vector<ListenAddress>& open);

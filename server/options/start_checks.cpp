@@ -27,8 +27,8 @@
 namespace raynest::server {
 namespace {
 
-/// Minimum number of file descriptors: the program's own files, a few clients, and the fourth that is kept
-/// (descriptors.h).
+/// Minimum number of file descriptors: the program's own files, a few clients, and the fourth that
+/// is kept (descriptors.h).
 constexpr rlim_t descriptors_min = 32;
 
 bool listens_on_unix(const Options& options) {
@@ -58,7 +58,8 @@ std::string folder_fault(const std::filesystem::path& folder) {
     std::error_code ignored;
     if (!std::filesystem::exists(folder, ignored))
         return "the folder " + folder.string() + " does not exist; make it";
-    if (!std::filesystem::is_directory(folder, ignored)) return folder.string() + " is not a folder";
+    if (!std::filesystem::is_directory(folder, ignored))
+        return folder.string() + " is not a folder";
     if (access(folder.c_str(), W_OK | X_OK) == 0) return "";
     return "this user cannot make files in " + folder.string() + ": " + std::strerror(errno);
 }
@@ -135,20 +136,25 @@ std::vector<StartWarning> start_warnings(const Options& options) {
                          "their own need a token on the Unix socket"});
     for (const auto& folder : options.pack_dirs)
         if (const auto packs = packs_in(folder); packs && packs->empty())
-            found.push_back({"pack_dir_empty", "the folder of --pack-dir holds no .so file: " + folder.string()});
-    if (!listens_on_unix(options) && (options.socket.group || options.socket.mode != SocketAccess{}.mode))
-        found.push_back({"socket_access_unused",
-                         "--socket-mode and --socket-group need a --listen unix:PATH"});
-    if (options.http.address == "off" && !(options.http.hosts.empty() && options.http.proxies.empty()))
-        found.push_back({"http_unused", "--http-host and --trusted-proxy have no effect with --http off"});
+            found.push_back({"pack_dir_empty",
+                             "the folder of --pack-dir holds no .so file: " + folder.string()});
+    if (!listens_on_unix(options) &&
+        (options.socket.group || options.socket.mode != SocketAccess{}.mode))
+        found.push_back(
+            {"socket_access_unused", "--socket-mode and --socket-group need a --listen unix:PATH"});
+    if (options.http.address == "off" &&
+        !(options.http.hosts.empty() && options.http.proxies.empty()))
+        found.push_back(
+            {"http_unused", "--http-host and --trusted-proxy have no effect with --http off"});
     if (const std::string gaps = sandbox_gaps(); !gaps.empty())
-        found.push_back({"import_sandbox_weak",
-                         gaps + ": a file that takes over the import process can do more than it should"});
+        found.push_back(
+            {"import_sandbox_weak",
+             gaps + ": a file that takes over the import process can do more than it should"});
     const auto ca_key = options.security.tls.certificate.parent_path() / CertificateFiles::ca_key;
     if (geteuid() != 0 && ca_key.has_parent_path() && access(ca_key.c_str(), R_OK) == 0)
-        found.push_back({"ca_key_exposed",
-                         "this user can read " + ca_key.string() + ", and so sign certificates; let "
-                         "root own it, mode 600: only tls renew needs it"});
+        found.push_back({"ca_key_exposed", "this user can read " + ca_key.string() +
+                                               ", and so sign certificates; let "
+                                               "root own it, mode 600: only tls renew needs it"});
     return found;
 }
 
@@ -156,7 +162,8 @@ std::string become_service_user(const std::filesystem::path& config) {
     constexpr const char* folder = "/etc/raynest";
     constexpr const char* name = "raynest";
     std::error_code ignored;
-    if (geteuid() != 0 || std::filesystem::absolute(config, ignored).parent_path() != folder) return "";
+    if (geteuid() != 0 || std::filesystem::absolute(config, ignored).parent_path() != folder)
+        return "";
     const passwd* const user = getpwnam(name);  // NOLINT(concurrency-mt-unsafe): one thread
     if (user == nullptr || initgroups(name, user->pw_gid) != 0 || setgid(user->pw_gid) != 0 ||
         setuid(user->pw_uid) != 0)

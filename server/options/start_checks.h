@@ -17,8 +17,9 @@ namespace raynest::server {
 /// program has the ready file, or if another daemon has the folder.
 [[nodiscard]] Result<StateLock> prepare_start(const Options& options);
 
-/// Returns the first option for which the daemon could not start: files of TLS, tokens, packs, the state
-/// folder, folders of sockets. Binds no address and takes no lock, so a daemon may run meanwhile.
+/// Returns the first option for which the daemon could not start: files of TLS, tokens, packs, the
+/// state folder, folders of sockets. Binds no address and takes no lock, so a daemon may run
+/// meanwhile.
 [[nodiscard]] std::optional<OptionFault> start_fault(const Options& options);
 
 /// Something that a daemon starts with, and its administrator should know.
@@ -27,13 +28,14 @@ struct StartWarning {
     std::string reason;
 };
 
-/// Returns options without an effect, such as folders without kernel packs, and what makes the daemon less safe than it could be: parts of the import
-/// process's sandbox that this build or kernel lacks, a CA's key that this user can read.
+/// Returns options without an effect, such as folders without kernel packs, and what makes the
+/// daemon less safe than it could be: parts of the import process's sandbox that this build or
+/// kernel lacks, a CA's key that this user can read.
 [[nodiscard]] std::vector<StartWarning> start_warnings(const Options& options);
 
-/// Root that checks the package's configuration becomes the user of the package's service: the files
-/// must be good for that user. Returns its name; empty if this process stays whose it is. Call it only
-/// in a process that ends after the check.
+/// Root that checks the package's configuration becomes the user of the package's service: the
+/// files must be good for that user. Returns its name; empty if this process stays whose it is.
+/// Call it only in a process that ends after the check.
 [[nodiscard]] std::string become_service_user(const std::filesystem::path& config);
 
 }  // namespace raynest::server

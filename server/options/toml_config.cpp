@@ -2,9 +2,8 @@
 
 #define TOML_HEADER_ONLY 1
 #define TOML_EXCEPTIONS 0
-#include <toml++/toml.h>
-
 #include <fmt/format.h>
+#include <toml++/toml.h>
 
 #include <algorithm>
 #include <optional>
@@ -30,8 +29,9 @@ tl::expected<std::vector<ConfigKey>, ConfigFault> read_toml(const std::string& c
     if (!parsed)
         return tl::unexpected(ConfigFault{
             parsed.error().source().begin.line,
-            fmt::format("{}; a file is TOML: KEY = \"VALUE\", and several values as [\"ONE\", \"TWO\"]",
-                        parsed.error().description())});
+            fmt::format(
+                "{}; a file is TOML: KEY = \"VALUE\", and several values as [\"ONE\", \"TWO\"]",
+                parsed.error().description())});
     std::vector<ConfigKey> keys;
     for (const auto& [key, node] : parsed.table()) {
         const std::string name(key.str());
@@ -39,8 +39,7 @@ tl::expected<std::vector<ConfigKey>, ConfigFault> read_toml(const std::string& c
         const auto refuse = [&](const char* why) {
             return tl::unexpected(ConfigFault{read.line, "'" + name + "' " + why});
         };
-        if (node.is_table())
-            return refuse("is a section; write KEY = VALUE without sections");
+        if (node.is_table()) return refuse("is a section; write KEY = VALUE without sections");
         const toml::array* list = node.as_array();
         const std::size_t count = list == nullptr ? 1 : list->size();
         for (std::size_t i = 0; i < count; ++i) {

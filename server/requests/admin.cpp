@@ -1,9 +1,9 @@
 // ADMIN: lists and ends connections, tells and changes quotas, reloads and drains the daemon.
 #include "protocol/text.h"
-#include "server/requests/administration.h"
 #include "server/ground/limited_log.h"
-#include "server/requests/request.h"
+#include "server/requests/administration.h"
 #include "server/requests/quota_use.h"
+#include "server/requests/request.h"
 #include "server/scheduling/admission.h"
 #include "server/security/quotas.h"
 #include "server/security/tokens.h"
@@ -30,18 +30,21 @@ void list_connections(const Administration& daemon, std::uint64_t after,
     }
 }
 
-/// Tells what a principal uses of its quotas: "bob uses 1 of 128 jobs, 2.0 GiB of 20.0 GiB scene_bytes, …".
+/// Tells what a principal uses of its quotas: "bob uses 1 of 128 jobs, 2.0 GiB of 20.0 GiB
+/// scene_bytes, …".
 std::string quotas_text(const Services& services, const std::string& principal) {
     std::string text = principal + " uses";
     for (const QuotaUse& use : quota_uses(services, principal)) {
         const auto number = [&](std::uint64_t value) {
-            return use.resource.ends_with("bytes") ? protocol::bytes_text(value) : std::to_string(value);
+            return use.resource.ends_with("bytes") ? protocol::bytes_text(value)
+                                                   : std::to_string(value);
         };
-        text += (text.ends_with("uses") ? " " : ", ") + number(use.used) + " of " + number(use.quota) + ' ' +
-                std::string(use.resource);
+        text += (text.ends_with("uses") ? " " : ", ") + number(use.used) + " of " +
+                number(use.quota) + ' ' + std::string(use.resource);
     }
     return text + "; it may send and receive " +
-           protocol::bytes_text(services.admission.quotas().of(principal).second_bytes) + " a second";
+           protocol::bytes_text(services.admission.quotas().of(principal).second_bytes) +
+           " a second";
 }
 
 /// Tells the quotas of a principal, or changes them if the message has some.
@@ -55,11 +58,11 @@ Reply<void> answer_quota(const Services& services, const wire::Admin& message,
     const bool changes = !text.empty();
     const auto quota = changes ? read_quota(text) : Quota();
     if (!quota) return refuse(Code::invalid_field, quota.error().message);
-    if (principal.empty())
-        return refuse(Code::invalid_field, "the quota needs a principal");
+    if (principal.empty()) return refuse(Code::invalid_field, "the quota needs a principal");
     if (!daemon.knows(principal))
-        return refuse(Code::not_found, "nobody is called '" + principal +
-                                           "' here: it is not connected, holds nothing and has no token");
+        return refuse(Code::not_found,
+                      "nobody is called '" + principal +
+                          "' here: it is not connected, holds nothing and has no token");
     if (!changes) {
         report.text = quotas_text(services, principal);
         return {};
@@ -101,7 +104,8 @@ Reply<Answer> admin(const Services& services, const Caller& caller,
             return refuse(Code::invalid_field, "name a connection or a principal");
         const auto count = kick(daemon, message->connection(), principal);
         if (!count) return tl::unexpected(count.error());
-        report.text = std::to_string(*count) + (*count == 1 ? " connection" : " connections") + " ended";
+        report.text =
+            std::to_string(*count) + (*count == 1 ? " connection" : " connections") + " ended";
     } else if (act == "quota") {
         if (const auto answered = answer_quota(services, *message.table, report); !answered)
             return tl::unexpected(answered.error());

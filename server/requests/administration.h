@@ -31,8 +31,8 @@ public:
     [[nodiscard]] virtual std::vector<ConnectionRow> connections(std::uint64_t after) const = 0;
     /// Begins to end the daemon, as SIGTERM does.
     virtual void drain() = 0;
-    /// Reads certificates, tokens and the configuration again, as SIGHUP does. Returns what happened;
-    /// fails with FILE_UNUSABLE and the first mistake, after which the old content stays.
+    /// Reads certificates, tokens and the configuration again, as SIGHUP does. Returns what
+    /// happened; fails with FILE_UNUSABLE and the first mistake, after which the old content stays.
     virtual Reply<std::string> reload() = 0;
     /// Ends one connection, or all of a principal. Returns their number.
     virtual std::size_t kick(std::uint64_t connection, const std::string& principal) = 0;

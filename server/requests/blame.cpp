@@ -3,10 +3,10 @@
 #include "engine/inspection/blame.h"
 
 #include "server/documents/blame_json.h"
-#include "server/requests/request.h"
-#include "server/jobs/picture_job.h"
-#include "server/requests/words/make_plan.h"
 #include "server/execution/choose_backends.h"
+#include "server/jobs/picture_job.h"
+#include "server/requests/request.h"
+#include "server/requests/words/make_plan.h"
 #include "server/requests/words/picture_request.h"
 
 #include <algorithm>
@@ -92,13 +92,13 @@ Reply<Answer> blame(const Services& services, const Caller& caller,
 
     const std::uint32_t top = message->top() == 0 ? default_top : message->top();
     const std::uint64_t most = services.limits.blame_rows_max;
-    const std::uint64_t rows = std::min<std::uint64_t>(
-        most, instances_by_way(plan->scene.snapshot(), most) + view.object_count + view.material_count + 1);
+    const std::uint64_t rows =
+        std::min<std::uint64_t>(most, instances_by_way(plan->scene.snapshot(), most) +
+                                          view.object_count + view.material_count + 1);
     const std::uint64_t document = head_bytes + 3 * std::uint64_t{top} * listed_row_bytes;
-    auto request =
-        make_document_request(services, caller, std::move(*plan), message->camera(),
-                              {{message->width(), message->height()}}, rows * row_bytes + document,
-                              "group by an outer `level`");
+    auto request = make_document_request(services, caller, std::move(*plan), message->camera(),
+                                         {{message->width(), message->height()}},
+                                         rows * row_bytes + document, "group by an outer `level`");
     if (!request) return tl::unexpected(request.error());
     JobSubmission accepted = accept(request->plan, "blame", request->rays());
     accepted.advice = "ask for a smaller `top`";

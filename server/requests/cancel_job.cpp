@@ -1,6 +1,6 @@
 // CANCEL_JOB: ends one of the caller's jobs, on any connection, and drops its kept answer.
-#include "server/requests/request.h"
 #include "server/documents/job_info.h"
+#include "server/requests/request.h"
 
 namespace raynest::server {
 

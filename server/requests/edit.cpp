@@ -22,23 +22,28 @@ Reply<Answer> edit(const Services& services, const Caller& caller,
     if (const auto allowed = services.scenes.may_edit(order.scene, caller); !allowed)
         return tl::unexpected(allowed.error());
     if (order.keep)
-        if (const auto kept = services.scenes.may_keep(order.scene, services.state != nullptr, caller); !kept)
+        if (const auto kept =
+                services.scenes.may_keep(order.scene, services.state != nullptr, caller);
+            !kept)
             return tl::unexpected(kept.error());
     const std::vector<std::string> names = protocol::strings(message->names());
     for (const std::string& source : protocol::strings(message->scenes())) {
         const auto added = services.scenes.find(source, 0, caller);
         if (!added) return tl::unexpected(added.error());
-        const std::string name = names.size() > order.content.sources.size() ? names[order.content.sources.size()] : "";
+        const std::string name =
+            names.size() > order.content.sources.size() ? names[order.content.sources.size()] : "";
         // Another owner's scene is "OWNER/NAME".
-        order.content.sources.push_back({added->held, name.empty() ? source.substr(source.rfind('/') + 1) : name});
+        order.content.sources.push_back(
+            {added->held, name.empty() ? source.substr(source.rfind('/') + 1) : name});
     }
     if (message->vertex_counts() != nullptr)
-        order.content.vertex_counts.assign(message->vertex_counts()->begin(), message->vertex_counts()->end());
+        order.content.vertex_counts.assign(message->vertex_counts()->begin(),
+                                           message->vertex_counts()->end());
     const std::uint64_t bytes = order.content.bytes();
     auto lease = services.peers.reserve(bytes, caller.principal);
     if (!lease)
-        return services.budget.refuse("the rows and vertices of the edit", bytes,
-                                      caller.principal, "send fewer at a time");
+        return services.budget.refuse("the rows and vertices of the edit", bytes, caller.principal,
+                                      "send fewer at a time");
     order.lease = std::move(*lease);
 
     JobSubmission accepted;

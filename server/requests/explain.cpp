@@ -2,14 +2,14 @@
 #include "engine/inspection/explanation.h"
 #include "engine/integrators/camera.h"
 #include "engine/integrators/generators.h"
+#include "server/documents/explanation_json.h"
+#include "server/execution/choose_backends.h"
 #include "server/jobs/explain_job.h"
+#include "server/jobs/ray_source.h"
 #include "server/requests/request.h"
 #include "server/requests/words/explain_request.h"
-#include "server/requests/words/make_plan.h"
-#include "server/documents/explanation_json.h"
-#include "server/jobs/ray_source.h"
-#include "server/execution/choose_backends.h"
 #include "server/requests/words/generator.h"
+#include "server/requests/words/make_plan.h"
 
 #include <cmath>
 #include <limits>
@@ -66,9 +66,8 @@ Reply<ChosenRay> choose_ray(const wire::Explain& message, const Snapshot& scene)
 
 class TraversalJob final : public ExplainJob {
 public:
-    TraversalJob(const Services& services, const Caller& caller, Plan plan,
-                 const ChosenRay& chosen, ExplanationContext context, std::uint32_t steps,
-                 Budget::Lease lease)
+    TraversalJob(const Services& services, const Caller& caller, Plan plan, const ChosenRay& chosen,
+                 ExplanationContext context, std::uint32_t steps, Budget::Lease lease)
         : ExplainJob(services, caller, std::move(plan), chosen.camera, std::move(lease)),
           ray_(chosen.ray),
           context_(std::move(context)),
@@ -126,9 +125,8 @@ Reply<Answer> explain(const Services& services, const Caller& caller,
         context.height = message->height();
     }
     JobSubmission accepted = accept_explanation(caller, *plan, lease->bytes(), fewer);
-    accepted.job =
-        std::make_unique<TraversalJob>(services, caller, std::move(*plan), *ray, std::move(context),
-                                       steps, std::move(*lease));
+    accepted.job = std::make_unique<TraversalJob>(services, caller, std::move(*plan), *ray,
+                                                  std::move(context), steps, std::move(*lease));
     return Answer{std::move(accepted)};
 }
 

@@ -58,12 +58,9 @@ private:
         if (!integrator) return tl::unexpected(to_wire(integrator.error()));
         ChunkCaster caster({&plan_, &any_}, chunk.backend, stop, buffers);
         PathRecorder recorder(caster);
-        const SampleRange range{sensor_,
-                                place_of(context_.pixel[0], context_.pixel[1], size_),
-                                1,
-                                context_.sample,
-                                1,
-                                context_.seed};
+        const SampleRange range{sensor_, place_of(context_.pixel[0], context_.pixel[1], size_),
+                                1,       context_.sample,
+                                1,       context_.seed};
         Wavefront wavefront;
         FilmSample sample;
         if (!(*integrator)->render(range, recorder, wavefront, {&sample, 1}))
@@ -138,16 +135,16 @@ Reply<Answer> explain_path(const Services& services, const Caller& caller,
     if (!camera) return refuse(Code::invalid_field, camera.error().message);
 
     constexpr std::string_view fewer = "ask for a smaller `depth`";
-    auto lease =
-        reserve_explanation(services, caller, 2ULL * (options->settings.depth + 2), fewer);
+    auto lease = reserve_explanation(services, caller, 2ULL * (options->settings.depth + 2), fewer);
     if (!lease) return tl::unexpected(lease.error());
-    PathContext context{services.limits,  {},           *pixel,
-                        message.width(),  message.height(), std::string(integrator),
+    PathContext context{services.limits,  {},
+                        *pixel,           message.width(),
+                        message.height(), std::string(integrator),
                         options->seed,    options->samples - 1};
     JobSubmission accepted = accept_explanation(caller, *plan, lease->bytes(), fewer);
-    accepted.job = std::make_unique<PathExplanationJob>(
-        services, caller, std::move(*plan), std::move(*any), *camera, options->settings,
-        std::move(context), std::move(*lease));
+    accepted.job = std::make_unique<PathExplanationJob>(services, caller, std::move(*plan),
+                                                        std::move(*any), *camera, options->settings,
+                                                        std::move(context), std::move(*lease));
     return Answer{std::move(accepted)};
 }
 

@@ -28,8 +28,8 @@ namespace {
 
 /// Bytes per pixel: the count, a sorted copy for percentiles, the picture and the encoded file.
 constexpr std::uint64_t pixel_bytes = 4 * sizeof(std::uint32_t);
-/// The same for each channel of an EXR: the counts, differences as floats, interleaved, and the file
-/// while it grows.
+/// The same for each channel of an EXR: the counts, differences as floats, interleaved, and the
+/// file while it grows.
 constexpr std::uint64_t channel_bytes = 6 * sizeof(std::uint32_t);
 
 /// Reads `encode`: png, exr, raw, json, or json+FILE.
@@ -77,8 +77,8 @@ std::uint64_t payload_bytes_max(std::uint32_t width, std::uint32_t height, const
                                 std::size_t metrics) {
     std::uint64_t file = 0;
     if (form.file == "png")
-        file = png_bytes_max(std::max(width, heat_picture_width_min),
-                             height + heat_legend_height_max);
+        file =
+            png_bytes_max(std::max(width, heat_picture_width_min), height + heat_legend_height_max);
     else if (form.file == "exr")
         file = exr_bytes_max(width, height, static_cast<std::uint32_t>(metrics));
     else if (form.file == "raw")
@@ -98,13 +98,13 @@ Reply<HeatOptions> heat_options(const wire::Heatmap& message) {
     options.count = word(message.count(), options.count);
     constexpr std::array<std::uint32_t, 1> sample = {0};
     constexpr std::array<std::int32_t, 1> difference = {0};
-    if (const auto dry = differs ? heat_statistics(difference, options)
-                                 : heat_statistics(sample, options);
+    if (const auto dry =
+            differs ? heat_statistics(difference, options) : heat_statistics(sample, options);
         !dry)
         return refuse(Code::invalid_field, dry.error().message);
     if (options.count != "traversed" && options.count != "necessary")
-        return refuse(Code::invalid_field, "unknown count '" + options.count +
-                                               "': use one of traversed, necessary");
+        return refuse(Code::invalid_field,
+                      "unknown count '" + options.count + "': use one of traversed, necessary");
     return options;
 }
 
@@ -196,7 +196,7 @@ Reply<Answer> heatmap(const Services& services, const Caller& caller,
                           "same in both: load them with one `origin`");
         levels = std::max(levels, levels_of(other->counted));
         plan.notes.push_back(protocol::clean_text(difference_note(plan, other->counted),
-                                        services.limits.text_bytes_max));
+                                                  services.limits.text_bytes_max));
     }
     if (std::string note = idle_options_note(*message.table, form->file); !note.empty())
         plan.notes.push_back(std::move(note));
@@ -225,12 +225,11 @@ Reply<Answer> heatmap(const Services& services, const Caller& caller,
     if (other && other->uncounted) other->uncounted->worker = plan.worker;
 
     const std::uint64_t bytes = heat_bytes(width, height, *form, metrics.size());
-    auto request =
-        form->document
-            ? make_document_request(services, caller, std::move(plan), message->camera(), pixels,
-                                    bytes, smaller_picture(form->file))
-            : make_request(services, caller, std::move(plan), message->camera(), pixels, form->file,
-                           bytes);
+    auto request = form->document
+                       ? make_document_request(services, caller, std::move(plan), message->camera(),
+                                               pixels, bytes, smaller_picture(form->file))
+                       : make_request(services, caller, std::move(plan), message->camera(), pixels,
+                                      form->file, bytes);
     if (!request) return tl::unexpected(request.error());
     options->view = view_words(request->plan, other ? &other->counted : nullptr, request->camera,
                                message->camera(), services.limits.name_bytes_max);
@@ -238,9 +237,9 @@ Reply<Answer> heatmap(const Services& services, const Caller& caller,
     accepted.advice = smaller_picture(form->file);
     accepted.answer_bytes = accepted.result_bytes =
         payload_answer_bytes(caller, payload_bytes_max(width, height, *form, metrics.size()));
-    accepted.job = heatmap_job(
-        services, caller, std::move(*request), std::move(*form), std::move(*options),
-        std::move(metrics), std::move(plans->uncounted), std::move(other));
+    accepted.job =
+        heatmap_job(services, caller, std::move(*request), std::move(*form), std::move(*options),
+                    std::move(metrics), std::move(plans->uncounted), std::move(other));
     return Answer{std::move(accepted)};
 }
 

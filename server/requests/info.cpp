@@ -1,8 +1,8 @@
 // INFO: describes a scene. With `hold`, the connection keeps the scene from then on.
-#include "server/requests/request.h"
-#include "server/documents/scene_info.h"
-#include "server/store/scene_store.h"
 #include "protocol/text.h"
+#include "server/documents/scene_info.h"
+#include "server/requests/request.h"
+#include "server/store/scene_store.h"
 
 namespace raynest::server {
 

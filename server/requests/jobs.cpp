@@ -1,7 +1,7 @@
-// JOBS: lists the caller's jobs in flight and kept answers, an administrator's all of them, a page at
-// a time.
-#include "server/requests/request.h"
+// JOBS: lists the caller's jobs in flight and kept answers, an administrator's all of them, a page
+// at a time.
 #include "server/documents/job_info.h"
+#include "server/requests/request.h"
 
 #include <memory>
 #include <utility>

@@ -1,8 +1,8 @@
 // PARTS: lists the meshes or materials of a scene, a page at a time.
 #include "engine/scene/snapshot.h"
 #include "protocol/text.h"
-#include "server/requests/request.h"
 #include "server/documents/scene_info.h"
+#include "server/requests/request.h"
 #include "server/store/scene_store.h"
 
 #include <algorithm>

@@ -2,8 +2,8 @@
 #include "engine/geometry/hit.h"
 #include "engine/scene/snapshot.h"
 #include "protocol/text.h"
-#include "server/requests/request.h"
 #include "server/documents/scene_info.h"
+#include "server/requests/request.h"
 #include "server/store/scene_store.h"
 
 #include <algorithm>

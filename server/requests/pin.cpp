@@ -7,7 +7,8 @@ namespace raynest::server {
 
 Reply<Answer> pin(const Services& services, const Caller& caller,
                   const protocol::Opened<wire::Pin>& message) {
-    const auto scene = services.scenes.pin(protocol::text(message->scene()), !message->off(), caller);
+    const auto scene =
+        services.scenes.pin(protocol::text(message->scene()), !message->off(), caller);
     if (!scene) return tl::unexpected(scene.error());
     wire::PinnedT pinned;
     pinned.name = scene->name;

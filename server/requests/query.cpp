@@ -1,13 +1,13 @@
 // QUERY: traces rays as they arrive in QUERY_RAYS frames, or that a generator makes. Answers leave
 // as CHUNKs of columns, or are summed by a reducer (reduce_job.h).
+#include "protocol/text.h"
 #include "server/documents/columns.h"
-#include "server/requests/request.h"
+#include "server/execution/choose_backends.h"
 #include "server/jobs/columns_job.h"
 #include "server/jobs/reduce_job.h"
-#include "server/requests/words/make_plan.h"
-#include "server/execution/choose_backends.h"
+#include "server/requests/request.h"
 #include "server/requests/words/generator.h"
-#include "protocol/text.h"
+#include "server/requests/words/make_plan.h"
 
 #include <algorithm>
 #include <array>

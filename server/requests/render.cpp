@@ -1,16 +1,16 @@
 // RENDER: a picture from a camera.
+#include "protocol/text.h"
+#include "server/documents/film_file.h"
+#include "server/execution/choose_backends.h"
 #include "server/jobs/film_job.h"
 #include "server/jobs/film_tiles.h"
-#include "server/requests/request.h"
-#include "server/requests/words/idle_options.h"
 #include "server/jobs/primary_job.h"
 #include "server/requests/explain_light_path.h"
-#include "server/requests/words/make_plan.h"
-#include "server/execution/choose_backends.h"
+#include "server/requests/request.h"
 #include "server/requests/words/film_options.h"
-#include "server/documents/film_file.h"
+#include "server/requests/words/idle_options.h"
+#include "server/requests/words/make_plan.h"
 #include "server/requests/words/picture_request.h"
-#include "protocol/text.h"
 
 #include <memory>
 #include <string>
@@ -65,9 +65,9 @@ Reply<Answer> render_film(const Services& services, const Caller& caller,
     any->worker = plan->worker;
     const std::string_view encode = protocol::word(message.encode(), "png");
     // Only films have linear values; they are sent as raw ones are.
-    auto request = make_request(services, caller, std::move(*plan), message.camera(), pixels,
-                                encode == "linear" ? "raw" : encode,
-                                film_job_bytes(size, encode, *options));
+    auto request =
+        make_request(services, caller, std::move(*plan), message.camera(), pixels,
+                     encode == "linear" ? "raw" : encode, film_job_bytes(size, encode, *options));
     if (!request) return tl::unexpected(request.error());
     request->encode = encode;
     JobSubmission accepted = accept(request->plan, "render", rays);
@@ -78,8 +78,8 @@ Reply<Answer> render_film(const Services& services, const Caller& caller,
         payload_answer_bytes(caller, film_payload_bytes_max(size, request->encode));
     // A detached job keeps its latest picture while it makes the next one.
     accepted.result_bytes = 3 * accepted.answer_bytes;
-    accepted.job = std::make_unique<FilmJob>(services, caller, std::move(*request),
-                                             std::move(*any), std::move(*options));
+    accepted.job = std::make_unique<FilmJob>(services, caller, std::move(*request), std::move(*any),
+                                             std::move(*options));
     return Answer{std::move(accepted)};
 }
 
@@ -96,8 +96,9 @@ Reply<Answer> render(const Services& services, const Caller& caller,
     if (integrator != "primary")
         return render_film(services, caller, *message.table, std::string(integrator));
     if (message->resume_bytes() != 0 || message->environment_bytes() != 0)
-        return refuse(Code::invalid_field,
-                      "primary takes no files: nothing lights it, and it has no samples to continue");
+        return refuse(
+            Code::invalid_field,
+            "primary takes no files: nothing lights it, and it has no samples to continue");
     auto plan = make_plan(services, caller, *message->job(), query_closest);
     if (!plan) return tl::unexpected(plan.error());
     const AskedPixels asked = asked_pixels(*message.table);
@@ -108,8 +109,8 @@ Reply<Answer> render(const Services& services, const Caller& caller,
         plan->notes.push_back(std::move(note));
 
     const std::string_view encode = protocol::word(message->encode(), "png");
-    auto request = make_request(services, caller, std::move(*plan), message->camera(), asked, encode,
-                                primary_job_bytes(pixels, encode));
+    auto request = make_request(services, caller, std::move(*plan), message->camera(), asked,
+                                encode, primary_job_bytes(pixels, encode));
     if (!request) return tl::unexpected(request.error());
     JobSubmission accepted = accept(request->plan, "render", request->rays());
     accepted.advice = smaller_picture(request->encode);

@@ -56,8 +56,7 @@ constexpr std::size_t none = rows.size();
 constexpr auto by_type = [] {
     std::array<std::size_t, client_types> found{};
     found.fill(none);
-    for (std::size_t i = 0; i < none; ++i)
-        found[static_cast<std::size_t>(rows[i].type)] = i;
+    for (std::size_t i = 0; i < none; ++i) found[static_cast<std::size_t>(rows[i].type)] = i;
     return found;
 }();
 

@@ -1,4 +1,5 @@
-// The interface of requests. Each has a file, which answers it, and a row in the table of request.cpp.
+// The interface of requests. Each has a file, which answers it, and a row in the table of
+// request.cpp.
 //
 // Its function runs on the io thread with a message that protocol::open() has verified. It returns
 // an answer or a job. It never blocks and never uses a socket.

@@ -1,13 +1,13 @@
-// STATS: lists the daemon's counters and gauges by name. Administrators see the whole daemon; others see
-// their own part of what principals did and hold. quota_* are the caller's own for both.
-#include "server/jobs/scene_poser.h"
-#include "server/requests/request.h"
-#include "server/requests/quota_use.h"
-#include "server/scheduling/admission.h"
-#include "server/scheduling/peers.h"
+// STATS: lists the daemon's counters and gauges by name. Administrators see the whole daemon;
+// others see their own part of what principals did and hold. quota_* are the caller's own for both.
 #include "server/ground/log.h"
-#include "server/store/scene_store.h"
+#include "server/jobs/scene_poser.h"
+#include "server/requests/quota_use.h"
+#include "server/requests/request.h"
+#include "server/scheduling/admission.h"
 #include "server/scheduling/detached.h"
+#include "server/scheduling/peers.h"
+#include "server/store/scene_store.h"
 
 #include <algorithm>
 #include <string_view>
@@ -22,7 +22,9 @@ struct OwnPart {
 
     /// Returns the principal's part of a gauge, or `whole` of a limit or of the log.
     [[nodiscard]] std::uint64_t of(std::string_view gauge, std::uint64_t whole) const {
-        const auto scenes = [&](bool listed) { return services.scenes.charged_to(principal, listed); };
+        const auto scenes = [&](bool listed) {
+            return services.scenes.charged_to(principal, listed);
+        };
         if (gauge == "connections_open") return services.peers.size_of(principal);
         if (gauge == "jobs_running") return services.admission.active_of(principal);
         if (gauge == "scenes") return scenes(true).scenes;
@@ -52,8 +54,9 @@ private:
 };
 
 constexpr bool is_part(std::string_view gauge) {
-    for (const std::string_view part : {"connections_open", "jobs_running", "scenes", "scenes_unlisted",
-                                        "scene_bytes", "scenes_unlisted_bytes", "scenes_on_disk", "memory_used_bytes"})
+    for (const std::string_view part :
+         {"connections_open", "jobs_running", "scenes", "scenes_unlisted", "scene_bytes",
+          "scenes_unlisted_bytes", "scenes_on_disk", "memory_used_bytes"})
         if (gauge == part) return true;
     return false;
 }

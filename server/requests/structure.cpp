@@ -1,12 +1,12 @@
 // STRUCTURE: how a scene is built, as a JSON document: objects, placements, boxes of trees, or the
 // texts of paths.
 #include "protocol/text.h"
-#include "server/jobs/payload_sender.h"
 #include "server/documents/structure_json.h"
+#include "server/jobs/payload_sender.h"
+#include "server/jobs/services.h"
+#include "server/requests/request.h"
 #include "server/scheduling/peers.h"
 #include "server/store/scene_store.h"
-#include "server/requests/request.h"
-#include "server/jobs/services.h"
 
 #include <memory>
 #include <optional>

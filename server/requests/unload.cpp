@@ -1,10 +1,10 @@
 // UNLOAD: drops references to one scene, to all scenes of the caller, or to those unused for a
 // given time. Running jobs and other connections keep theirs.
+#include "protocol/text.h"
 #include "server/ground/limited_log.h"
 #include "server/jobs/unload_job.h"
 #include "server/requests/request.h"
 #include "server/store/scene_store.h"
-#include "protocol/text.h"
 
 #include <algorithm>
 #include <chrono>
@@ -62,7 +62,8 @@ Reply<Answer> unload(const Services& services, const Caller& caller,
     UnloadOrder order;
     order.scene = protocol::text(message->scene());
     order.many = message->all() || message->idle_ms() != 0;
-    if (!message->all()) order.idle = std::chrono::milliseconds(std::min(message->idle_ms(), idle_ms_max));
+    if (!message->all())
+        order.idle = std::chrono::milliseconds(std::min(message->idle_ms(), idle_ms_max));
     if (services.state != nullptr) {
         JobSubmission accepted;
         accepted.kind = "unload";

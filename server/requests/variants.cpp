@@ -1,7 +1,7 @@
 // VARIANTS: lists all intersectors with their parameters and outputs, a page at a time.
-#include "server/requests/request.h"
 #include "protocol/text.h"
 #include "server/documents/scene_info.h"
+#include "server/requests/request.h"
 
 #include <algorithm>
 

@@ -1,6 +1,6 @@
 // WAIT: answers once a detached job has ended.
-#include "server/requests/request.h"
 #include "server/documents/job_info.h"
+#include "server/requests/request.h"
 
 #include <memory>
 #include <utility>

@@ -12,31 +12,29 @@ Reply<Admission::Slot> Admission::enter(JobRecord&& record) {
     const Use use = known == uses_.end() ? Use{} : known->second;
     const Quota quota = quotas_.of(principal);
     if (use.jobs >= quota.jobs)
-        return refuse(Code::quota, principal + " has " + std::to_string(use.jobs) +
-                                       " requests in flight, " +
-                                       quotas_.limit_text(principal, &Quota::jobs) +
-                                       "; wait for one of them");
+        return refuse(Code::quota,
+                      principal + " has " + std::to_string(use.jobs) + " requests in flight, " +
+                          quotas_.limit_text(principal, &Quota::jobs) + "; wait for one of them");
     if (record.rays > quota.rays)
-        return refuse(Code::limit_exceeded, "a request of " + std::to_string(record.rays) +
-                                                " rays, " +
-                                                quotas_.limit_text(principal, &Quota::rays) +
-                                                "; ask for less, or " +
-                                                quotas_.remedy(principal, &Quota::rays));
+        return refuse(Code::limit_exceeded,
+                      "a request of " + std::to_string(record.rays) + " rays, " +
+                          quotas_.limit_text(principal, &Quota::rays) + "; ask for less, or " +
+                          quotas_.remedy(principal, &Quota::rays));
     if (use.rays > quota.rays - record.rays)
-        return refuse(
-            Code::quota,
-            principal + " has " + std::to_string(use.rays) + " rays in flight and asks for " +
-                std::to_string(record.rays) + " more, " +
-                quotas_.limit_text(principal, &Quota::rays) + "; wait for your other requests");
+        return refuse(Code::quota, principal + " has " + std::to_string(use.rays) +
+                                       " rays in flight and asks for " +
+                                       std::to_string(record.rays) + " more, " +
+                                       quotas_.limit_text(principal, &Quota::rays) +
+                                       "; wait for your other requests");
     if (!fair_place(use.jobs, free_places()))
         return tl::unexpected(protocol::Error{
             Code::busy,
-            free_places() == 0 ? "the daemon works on " + std::to_string(active()) +
-                                     " requests, as many as its --total-jobs-max allows"
-                               : principal + " has " + std::to_string(use.jobs) +
-                                     " requests in flight, its share of --total-jobs-max " +
-                                     std::to_string(limits_.total_jobs_max) +
-                                     " now; wait for one of them",
+            free_places() == 0
+                ? "the daemon works on " + std::to_string(active()) +
+                      " requests, as many as its --total-jobs-max allows"
+                : principal + " has " + std::to_string(use.jobs) +
+                      " requests in flight, its share of --total-jobs-max " +
+                      std::to_string(limits_.total_jobs_max) + " now; wait for one of them",
             retry_after_ms()});
 
     // Both tables change, or none: the step that memory may fail comes before the counts.

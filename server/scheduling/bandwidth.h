@@ -1,5 +1,5 @@
-// The bytes per second of each principal: all its connections together send, and receive, no more than
-// its quota second_bytes.
+// The bytes per second of each principal: all its connections together send, and receive, no more
+// than its quota second_bytes.
 //
 // Bytes are counted after they went through: a connection that has sent more than its principal's
 // share waits before it sends again. So no frame is cut, and a message of any size gets through.
@@ -54,9 +54,8 @@ private:
     static constexpr std::size_t principals_max = 1024;
 
     void forget_idle(Clock::time_point now) {
-        std::erase_if(next_, [&](const auto& entry) {
-            return std::ranges::max(entry.second) < now - burst;
-        });
+        std::erase_if(
+            next_, [&](const auto& entry) { return std::ranges::max(entry.second) < now - burst; });
     }
 
     const Quotas& quotas_;

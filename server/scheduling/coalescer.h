@@ -12,8 +12,8 @@
 #pragma once
 
 #include "server/ground/metrics.h"
-#include "server/scheduling/fair_thread_pool.h"
 #include "server/scheduling/dispatched_task.h"
+#include "server/scheduling/fair_thread_pool.h"
 
 #include <cstdint>
 #include <functional>

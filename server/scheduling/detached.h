@@ -34,7 +34,8 @@ public:
     DetachedJob(const DetachedJob&) = delete;
 
     [[nodiscard]] const JobRecord& record() const { return record_; }
-    /// The principal, as it was admitted. Its login of the page may have ended: the job outlives it.
+    /// The principal, as it was admitted. Its login of the page may have ended: the job outlives
+    /// it.
     [[nodiscard]] const Principal& owner() const { return owner_; }
     /// Frames that are kept, and sums over them. An answer may have millions, so that the io thread
     /// looks at each only once.
@@ -108,9 +109,9 @@ public:
     DetachedJobs(const DetachedJobs&) = delete;
 
     /// Starts a job whose frames carry `request_id`. Drops fetched answers of the principal, oldest
-    /// first, to make room for the job's answer. Fails with QUOTA if the principal keeps too much, with
-    /// RESOURCE_EXHAUSTED if --memory is short. `feeder`, which may be null, receives frames during
-    /// this call; afterwards the caller sets the feeder.
+    /// first, to make room for the job's answer. Fails with QUOTA if the principal keeps too much,
+    /// with RESOURCE_EXHAUSTED if --memory is short. `feeder`, which may be null, receives frames
+    /// during this call; afterwards the caller sets the feeder.
     Reply<Pointer> start(const Principal& owner, std::uint64_t request_id, JobSubmission accepted,
                          Sink* feeder = nullptr);
 
@@ -125,16 +126,18 @@ public:
     void clear() { jobs_.clear(); }
     /// Ends all running jobs with DRAINING.
     void stop_running();
-    /// Ends the running jobs of owners for which `valid` returns false with this error. Answers stay.
-    void end_unless(const std::function<bool(const Principal&)>& valid, const protocol::Error& error);
+    /// Ends the running jobs of owners for which `valid` returns false with this error. Answers
+    /// stay.
+    void end_unless(const std::function<bool(const Principal&)>& valid,
+                    const protocol::Error& error);
 
     /// Enforces the deadlines of running jobs and the expiry of answers.
     void tick(Clock::time_point now);
     [[nodiscard]] Clock::time_point next_tick() const;
 
 private:
-    /// Reserves memory for an answer; drops the principal's fetched answers if needed. `advice` is the
-    /// remedy for the error message on how to ask for a smaller answer.
+    /// Reserves memory for an answer; drops the principal's fetched answers if needed. `advice` is
+    /// the remedy for the error message on how to ask for a smaller answer.
     Reply<Budget::Lease> make_room(const std::string& principal, std::uint64_t bytes,
                                    const std::string& advice);
     /// Drops the oldest fetched answer of a principal. Returns false if there is none.

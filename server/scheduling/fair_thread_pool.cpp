@@ -269,9 +269,8 @@ void FairThreadPool::run_spare(WorkerThread& self) {
     std::unique_lock lock(mutex_);
     for (;;) {
         Turns::iterator turn;
-        const bool is_needed = wake_spare_.wait_for(lock, patience, [&] {
-            return stopping_ || (turn = next_for_spare()) != turns_.end();
-        });
+        const bool is_needed = wake_spare_.wait_for(
+            lock, patience, [&] { return stopping_ || (turn = next_for_spare()) != turns_.end(); });
         if (stopping_ || !is_needed) break;
         Taken taken = take(turn, self);
         lock.unlock();

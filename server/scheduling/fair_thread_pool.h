@@ -12,8 +12,9 @@
 // A task may take much longer than usual, e.g. if its rays meet most of a scene. Spare threads then
 // replace the threads that such tasks occupy, so that waiting tasks still get the full number of
 // threads; the operating system shares the processor among all. One principal can use at most half
-// of the spare threads. A principal that has no thread, while tasks of others occupy all of them for
-// longer than two turns, gets a spare one at once; there are no more of these than regular threads.
+// of the spare threads. A principal that has no thread, while tasks of others occupy all of them
+// for longer than two turns, gets a spare one at once; there are no more of these than regular
+// threads.
 //
 // Tasks that wait for processes occupy their threads for minutes, and turns do not help those who
 // come meanwhile. Such a pool has places: a principal has at most `places_each` of its threads, and
@@ -44,8 +45,8 @@ public:
     enum class Time { processor, clock };
 
     /// Throws std::system_error if the system has no threads left. With 0 threads, tasks run in
-    /// run_one(). Up to `spares` more threads replace those that long tasks occupy. A principal runs at
-    /// most `places_each` tasks at a time; 0: as many as it gets turns.
+    /// run_one(). Up to `spares` more threads replace those that long tasks occupy. A principal
+    /// runs at most `places_each` tasks at a time; 0: as many as it gets turns.
     explicit FairThreadPool(unsigned threads, Time charged = Time::processor, unsigned spares = 0,
                             unsigned places_each = 0);
     /// Drops tasks that have not started; waits for running ones.
@@ -121,7 +122,8 @@ private:
     /// Returns false if the system has no memory or thread for it.
     bool start_spare();
     void run_spare(WorkerThread& self);
-    /// Returns the principal whose task a spare thread takes next; the end if a regular one is to take it.
+    /// Returns the principal whose task a spare thread takes next; the end if a regular one is to
+    /// take it.
     Turns::iterator next_for_spare();
 
     std::mutex mutex_;

@@ -105,8 +105,8 @@ public:
     virtual Frames farewell() = 0;
     /// True if the client must send more data before the job can end.
     [[nodiscard]] virtual bool needs_input() const { return false; }
-    /// Bytes of --memory that the job has reserved itself, besides its windows. A job that holds many
-    /// is destroyed on a worker thread.
+    /// Bytes of --memory that the job has reserved itself, besides its windows. A job that holds
+    /// many is destroyed on a worker thread.
     [[nodiscard]] virtual std::uint64_t held_bytes() const { return 0; }
     /// Takes bulk data from the client. Returns the bytes that were freed at once.
     virtual Reply<std::uint64_t> feed(protocol::Frame frame);

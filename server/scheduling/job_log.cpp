@@ -15,8 +15,9 @@ constexpr std::chrono::seconds long_job{1};
 LogLevel level_of(const JobRecord& record, Clock::time_point ended,
                   const std::optional<protocol::Error>& error) {
     if (error && error->code == Code::internal) return LogLevel::error;
-    const bool was_cut = error && (error->code == Code::cancelled || error->code == Code::draining ||
-                                   error->code == Code::not_allowed);
+    const bool was_cut =
+        error && (error->code == Code::cancelled || error->code == Code::draining ||
+                  error->code == Code::not_allowed);
     const bool matters = record.detached || ended - record.started > long_job || was_cut ||
                          (error && record.kind == "load");
     return matters ? LogLevel::info : LogLevel::debug;

@@ -10,9 +10,9 @@
 #pragma once
 
 #include "protocol/limits.h"
+#include "server/ground/budget.h"
 #include "server/ground/metrics.h"
 #include "server/scheduling/job.h"
-#include "server/ground/budget.h"
 
 #include <cstdint>
 #include <functional>
@@ -69,8 +69,8 @@ public:
 
     /// Counts the peer under its principal(). If memory runs out, it is not counted.
     void join(Peer& peer);
-    /// Counts the peer under another principal, which its principal() returns soon. If memory runs out,
-    /// nothing changes.
+    /// Counts the peer under another principal, which its principal() returns soon. If memory runs
+    /// out, nothing changes.
     void move(Peer& peer, const std::string& principal);
     void leave(Peer& peer);
     [[nodiscard]] std::size_t size() const { return size_; }
@@ -86,8 +86,8 @@ public:
     [[nodiscard]] std::optional<Budget::Lease> reserve(std::uint64_t bytes,
                                                        const std::string& principal,
                                                        Use use = Use::passing);
-    /// Closes paused peers while `newcomer` may not reserve so many bytes of --memory; none if closing
-    /// all that may give way is not enough.
+    /// Closes paused peers while `newcomer` may not reserve so many bytes of --memory; none if
+    /// closing all that may give way is not enough.
     void make_memory(std::uint64_t bytes, const std::string& newcomer, Use use = Use::passing);
     /// Returns the bytes that make_memory() could free for `newcomer`.
     [[nodiscard]] std::uint64_t reclaimable_bytes(const std::string& newcomer) const;

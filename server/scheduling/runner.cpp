@@ -233,10 +233,11 @@ bool Runner::may_start(const Active& active, const Task& task) const {
 }
 
 bool Runner::waits_for_client() const {
-    return leaving_ == 0 && std::all_of(jobs_.begin(), jobs_.end(), [](const ActivePointer& active) {
-        return !active->error && active->tasks.empty() &&
-               (active->parked || active->job->needs_input());
-    });
+    return leaving_ == 0 &&
+           std::all_of(jobs_.begin(), jobs_.end(), [](const ActivePointer& active) {
+               return !active->error && active->tasks.empty() &&
+                      (active->parked || active->job->needs_input());
+           });
 }
 
 std::uint64_t Runner::held_bytes() const {
@@ -354,8 +355,7 @@ Frames Runner::conclude(Active& active) {
     context_.metrics.job_seconds.add(took.count());
     Frames last;
     if (!active.error) context_.metrics.count<&Metrics::jobs_done>(principal_);
-    if (sink_ != nullptr && !active.error)
-        guarded(active, [&] { last = active.job->farewell(); });
+    if (sink_ != nullptr && !active.error) guarded(active, [&] { last = active.job->farewell(); });
     if (active.error) {
         const Code code = active.error->code;
         if (code == Code::cancelled)

@@ -6,16 +6,16 @@
 #pragma once
 
 #include "protocol/limits.h"
+#include "server/ground/budget.h"
+#include "server/ground/log.h"
 #include "server/ground/metrics.h"
-#include "server/scheduling/fair_thread_pool.h"
 #include "server/scheduling/admission.h"
 #include "server/scheduling/coalescer.h"
 #include "server/scheduling/dispatched_task.h"
+#include "server/scheduling/fair_thread_pool.h"
 #include "server/scheduling/inline_budget.h"
 #include "server/scheduling/job.h"
 #include "server/scheduling/peers.h"
-#include "server/ground/log.h"
-#include "server/ground/budget.h"
 
 #include <functional>
 #include <list>
@@ -126,13 +126,13 @@ private:
         Clock::time_point started;
         Clock::time_point next_progress;
         Clock::time_point stopped = Clock::time_point::max();  ///< max: it was not stopped
-        std::optional<protocol::Error> error;  ///< why the job ends early
-        std::optional<Task> parked;            ///< task that waits for a thread or for room
-        std::list<Outstanding> tasks;          ///< tasks that wait for a worker or run
-        std::uint64_t credit = 0;              ///< bytes that the daemon may still send
-        std::uint64_t reserved = 0;            ///< part of `credit` reserved for running tasks
-        std::uint64_t input_credit = 0;        ///< bytes that the client may still send
-        std::uint64_t returned = 0;            ///< freed input bytes that are not yet granted again
+        std::optional<protocol::Error> error;                  ///< why the job ends early
+        std::optional<Task> parked;      ///< task that waits for a thread or for room
+        std::list<Outstanding> tasks;    ///< tasks that wait for a worker or run
+        std::uint64_t credit = 0;        ///< bytes that the daemon may still send
+        std::uint64_t reserved = 0;      ///< part of `credit` reserved for running tasks
+        std::uint64_t input_credit = 0;  ///< bytes that the client may still send
+        std::uint64_t returned = 0;      ///< freed input bytes that are not yet granted again
     };
     using ActivePointer = std::shared_ptr<Active>;
 

@@ -91,7 +91,8 @@ Reply<Principal> Authentication::identify(const PeerIdentity& peer, std::string_
 Reply<Principal> Authentication::identify_request(const PeerIdentity& peer, std::string_view bearer,
                                                   std::string_view cookie, Time now,
                                                   WallClock::time_point wall) {
-    if (!bearer.empty() && policy_.tokens) return by_token(peer, bearer, now, wall, Audit::refusals);
+    if (!bearer.empty() && policy_.tokens)
+        return by_token(peer, bearer, now, wall, Audit::refusals);
     if (const Principal* known = logins_.find(cookie, wall);
         known != nullptr && still_valid(*known, wall))
         return *known;
@@ -105,7 +106,8 @@ std::string Authentication::question_before(const PeerIdentity& peer, std::strin
     const Principal* then = logins_.find_code(code, wall);
     if (then == nullptr) return "";
     const Principal* known = logins_.find(cookie, wall);
-    const std::string now = known != nullptr && still_valid(*known, wall) ? known->id : peer.subject;
+    const std::string now =
+        known != nullptr && still_valid(*known, wall) ? known->id : peer.subject;
     if (now.empty() || now == then->id) return "";
     return "this page is logged in as " + now + ", and the address logs it in as " + then->id;
 }
@@ -122,8 +124,7 @@ Reply<std::string> Authentication::log_in(const PeerIdentity& peer, std::string_
 }
 
 tl::unexpected<protocol::Error> Authentication::refuse_secret(const PeerIdentity& peer, Time now,
-                                                              const char* reason,
-                                                              const char* why) {
+                                                              const char* reason, const char* why) {
     refuse_login(peer, "", reason);
     const milliseconds wait = failures_.wait_of(peer.name, now);
     if (wait.count() != 0)
@@ -146,8 +147,8 @@ Reply<Principal> Authentication::by_code(const PeerIdentity& peer, std::string_v
     return *principal;
 }
 
-Reply<Principal> Authentication::by_token(const PeerIdentity& peer, std::string_view token, Time now,
-                                          WallClock::time_point wall, Audit audited) {
+Reply<Principal> Authentication::by_token(const PeerIdentity& peer, std::string_view token,
+                                          Time now, WallClock::time_point wall, Audit audited) {
     const TokenRow* row = tokens_.find_token(token, wall);
     if (row == nullptr)
         return refuse_secret(peer, now, "unknown, expired or revoked token",
@@ -196,20 +197,23 @@ std::optional<Role> role_without(const AccessPolicy& policy, PeerIdentity::Place
 
 Reply<Principal> Authentication::anonymous(const PeerIdentity& peer) const {
     if (const auto role = role_without(policy_, peer.place, peer.transport))
-        return Principal{peer.name, {}, *role, "", 0,
-                         {Admittance::By::transport, peer.place, is_encrypted(peer.transport)}};
+        return Principal{
+            peer.name, {}, *role,
+            "",        0,  {Admittance::By::transport, peer.place, is_encrypted(peer.transport)}};
     if (peer.place == PeerIdentity::Place::unknown_user) {
         refuse_login(peer, "", "unknown user");
         return refuse(Code::not_allowed,
-                      peer.name + " stands for several users, because the daemon runs in a user "
-                                  "namespace; come with a token, or run the daemon without "
-                                  "PrivateUsers=");
+                      peer.name +
+                          " stands for several users, because the daemon runs in a user "
+                          "namespace; come with a token, or run the daemon without "
+                          "PrivateUsers=");
     }
     if (!peer.subject_fault.empty()) {
         const std::string fault = "the subject of this client's certificate " + peer.subject_fault;
         refuse_login(peer, "", fault);
-        return refuse(Code::not_allowed, fault + ", and names nobody; make one with a short subject "
-                                                 "such as CN=robot");
+        return refuse(Code::not_allowed, fault +
+                                             ", and names nobody; make one with a short subject "
+                                             "such as CN=robot");
     }
     refuse_login(peer, "", "no token");
     if (is_request(peer.transport) && peer.place == PeerIdentity::Place::remote &&
@@ -240,7 +244,8 @@ bool Authentication::still_valid(const Principal& principal, WallClock::time_poi
     const Admittance& admittance = principal.admittance;
     switch (admittance.by) {
         case Admittance::By::transport:
-            // Local requests have the role of other local peers, and remote ones are not admitted so.
+            // Local requests have the role of other local peers, and remote ones are not admitted
+            // so.
             return role_without(policy_, admittance.place,
                                 admittance.is_encrypted ? "tls" : "tcp") == principal.role;
         case Admittance::By::certificate: {
@@ -249,8 +254,7 @@ bool Authentication::still_valid(const Principal& principal, WallClock::time_poi
         }
         case Admittance::By::token: {
             const TokenRow* row = tokens_.find_name(principal.id);
-            return policy_.tokens && row != nullptr &&
-                   lets_in(*row, TokenRow::Kind::token, wall) &&
+            return policy_.tokens && row != nullptr && lets_in(*row, TokenRow::Kind::token, wall) &&
                    credential_of(*row) == principal.credential;
         }
     }

@@ -12,8 +12,8 @@
 #pragma once
 
 #include "server/ground/metrics.h"
-#include "server/security/principal.h"
 #include "server/security/page_logins.h"
+#include "server/security/principal.h"
 #include "server/security/tokens.h"
 
 #include <chrono>
@@ -33,11 +33,12 @@ struct AccessPolicy {
 };
 
 /// Returns the role of a peer that shows neither a token nor a certificate; nothing: it is refused.
-[[nodiscard]] std::optional<Role> role_without(const AccessPolicy& policy, PeerIdentity::Place place,
+[[nodiscard]] std::optional<Role> role_without(const AccessPolicy& policy,
+                                               PeerIdentity::Place place,
                                                std::string_view transport);
 
-/// Counts wrong tokens per address. After a few, other wrong ones of the address must wait, twice as
-/// long each time. Right ones never wait: programs of several users may share the address.
+/// Counts wrong tokens per address. After a few, other wrong ones of the address must wait, twice
+/// as long each time. Right ones never wait: programs of several users may share the address.
 class LoginFailures {
 public:
     using Time = std::chrono::steady_clock::time_point;
@@ -76,19 +77,19 @@ public:
     void set_tokens(TokenTable tokens) { tokens_ = std::move(tokens); }
     [[nodiscard]] const TokenTable& tokens() const { return tokens_; }
 
-    /// Identifies a peer. Fails with NOT_ALLOWED and the remedy, or with BUSY if its token is wrong and
-    /// several from its address were.
+    /// Identifies a peer. Fails with NOT_ALLOWED and the remedy, or with BUSY if its token is wrong
+    /// and several from its address were.
     [[nodiscard]] Reply<Principal> identify(const PeerIdentity& peer, std::string_view token,
                                             Time now, WallClock::time_point wall);
 
-    /// Identifies the sender of an HTTP request by its bearer token, the secret of its cookie, or its
-    /// transport. Only refusals are logged.
+    /// Identifies the sender of an HTTP request by its bearer token, the secret of its cookie, or
+    /// its transport. Only refusals are logged.
     [[nodiscard]] Reply<Principal> identify_request(const PeerIdentity& peer,
                                                     std::string_view bearer,
                                                     std::string_view cookie, Time now,
                                                     WallClock::time_point wall);
-    /// Returns the question that a browser must answer before a code ends its login: which principal it
-    /// is and which it becomes; empty if the code ends none, or changes no principal.
+    /// Returns the question that a browser must answer before a code ends its login: which
+    /// principal it is and which it becomes; empty if the code ends none, or changes no principal.
     [[nodiscard]] std::string question_before(const PeerIdentity& peer, std::string_view code,
                                               std::string_view cookie,
                                               WallClock::time_point wall) const;
@@ -102,21 +103,22 @@ public:
     /// True if the principal would be admitted again, as the same: its row has not changed, its
     /// certificate is trusted, the policy lets its transport in, its login of the page goes on.
     [[nodiscard]] bool still_valid(const Principal& principal, WallClock::time_point wall) const;
-    /// True if a certificate of an admitted peer has expired since the last call: then ask still_valid().
+    /// True if a certificate of an admitted peer has expired since the last call: then ask
+    /// still_valid().
     [[nodiscard]] bool certificates_ended(WallClock::time_point now);
 
 private:
     /// What is logged: connections that begin and refusals, or refusals alone.
     enum class Audit { logins, refusals };
-    /// Returns the error of a wrong token or code: BUSY while wrong ones of the address must wait, else
-    /// NOT_ALLOWED with `why`, and then counts it.
+    /// Returns the error of a wrong token or code: BUSY while wrong ones of the address must wait,
+    /// else NOT_ALLOWED with `why`, and then counts it.
     [[nodiscard]] tl::unexpected<protocol::Error> refuse_secret(const PeerIdentity& peer, Time now,
                                                                 const char* reason,
                                                                 const char* why);
     [[nodiscard]] Reply<Principal> by_token(const PeerIdentity& peer, std::string_view token,
                                             Time now, WallClock::time_point wall, Audit audited);
-    [[nodiscard]] Reply<Principal> by_code(const PeerIdentity& peer, std::string_view code, Time now,
-                                           WallClock::time_point wall);
+    [[nodiscard]] Reply<Principal> by_code(const PeerIdentity& peer, std::string_view code,
+                                           Time now, WallClock::time_point wall);
     [[nodiscard]] Reply<Principal> by_certificate(const PeerIdentity& peer,
                                                   WallClock::time_point wall, Audit audited);
     [[nodiscard]] Reply<Principal> anonymous(const PeerIdentity& peer) const;

@@ -278,8 +278,8 @@ std::vector<std::string> own_names() {
             const int family = at->ifa_addr == nullptr ? AF_UNSPEC : at->ifa_addr->sa_family;
             const auto* v4 = reinterpret_cast<const sockaddr_in*>(at->ifa_addr);
             const auto* v6 = reinterpret_cast<const sockaddr_in6*>(at->ifa_addr);
-            const bool usable = family == AF_INET || (family == AF_INET6 &&
-                                                      !IN6_IS_ADDR_LINKLOCAL(&v6->sin6_addr));
+            const bool usable =
+                family == AF_INET || (family == AF_INET6 && !IN6_IS_ADDR_LINKLOCAL(&v6->sin6_addr));
             const void* bytes = family == AF_INET ? static_cast<const void*>(&v4->sin_addr)
                                                   : static_cast<const void*>(&v6->sin6_addr);
             if (usable && inet_ntop(family, bytes, text.data(), text.size()) != nullptr)
@@ -295,17 +295,16 @@ Result<void> make_certificates(const fs::path& folder, const std::vector<std::st
     const Key ca_key(EVP_EC_gen("P-256")), server_key(EVP_EC_gen("P-256")),
         client_key(EVP_EC_gen("P-256"));
     if (!ca_key || !server_key || !client_key) return failed("cannot make a key");
-    const auto ca = sign(ca_key.get(), "RayNest private CA", ca_days * day_seconds,
-                         {{NID_basic_constraints, "critical,CA:TRUE,pathlen:0"},
-                          {NID_key_usage, ca_uses}},
-                         nullptr);
+    const auto ca = sign(
+        ca_key.get(), "RayNest private CA", ca_days * day_seconds,
+        {{NID_basic_constraints, "critical,CA:TRUE,pathlen:0"}, {NID_key_usage, ca_uses}}, nullptr);
     if (!ca) return tl::unexpected(ca.error());
     const Issuer issuer{ca->get(), ca_key.get()};
     const auto server = sign(server_key.get(), "raynestd", days * day_seconds,
                              server_extensions(alternative_names(names)), &issuer);
     if (!server) return tl::unexpected(server.error());
-    const auto client = sign(client_key.get(), "raynest-client", days * day_seconds,
-                             client_extensions(), &issuer);
+    const auto client =
+        sign(client_key.get(), "raynest-client", days * day_seconds, client_extensions(), &issuer);
     if (!client) return tl::unexpected(client.error());
 
     using Files = CertificateFiles;
@@ -319,33 +318,34 @@ Result<void> make_certificates(const fs::path& folder, const std::vector<std::st
 
 Result<Renewal> renew_certificates(const fs::path& folder) {
     using Files = CertificateFiles;
-    const auto ca =
-        read_pair(folder, Files::ca, Files::ca_key, Reader::signer,
-                  "the CA signs anew: bring ca.pem and ca-key.pem back from where they are kept, or "
-                  "make another CA: raynestd tls init DIR");
+    const auto ca = read_pair(
+        folder, Files::ca, Files::ca_key, Reader::signer,
+        "the CA signs anew: bring ca.pem and ca-key.pem back from where they are kept, or "
+        "make another CA: raynestd tls init DIR");
     if (!ca) return tl::unexpected(ca.error());
     const auto left = seconds_left(ca->certificate.get());
     if (!left) return tl::unexpected(left.error());
     if (*left <= 0)
-        return fail(ErrorCode::io_failed, (folder / Files::ca).string() +
-                                              ": this CA has expired, and clients refuse what it "
-                                              "signs; make another: raynestd tls init DIR, and give "
-                                              "clients its ca.pem");
+        return fail(ErrorCode::io_failed,
+                    (folder / Files::ca).string() +
+                        ": this CA has expired, and clients refuse what it "
+                        "signs; make another: raynestd tls init DIR, and give "
+                        "clients its ca.pem");
     const long seconds = std::min(days * day_seconds, *left);
     const Issuer issuer{ca->certificate.get(), ca->key.get()};
     std::vector<NewFile> renewed;
-    const auto renew = [&](const char* file, const char* key_file,
-                           const std::string& common_name, bool is_server) -> Result<void> {
+    const auto renew = [&](const char* file, const char* key_file, const std::string& common_name,
+                           bool is_server) -> Result<void> {
         const auto old = read_pair(folder, file, key_file, Reader::command,
                                    "bring it back, or make new ones in an empty DIR: raynestd tls "
                                    "init DIR");
         if (!old) return tl::unexpected(old.error());
         if (auto good = check_signed(*old, *ca, is_server ? XKU_SSL_SERVER : XKU_SSL_CLIENT); !good)
             return good;
-        const auto made = sign(old->key.get(), common_name, seconds,
-                               is_server ? server_extensions(names_of(old->certificate.get()))
-                                         : client_extensions(),
-                               &issuer);
+        const auto made = sign(
+            old->key.get(), common_name, seconds,
+            is_server ? server_extensions(names_of(old->certificate.get())) : client_extensions(),
+            &issuer);
         if (!made) return tl::unexpected(made.error());
         renewed.push_back({old->place, to_pem(made->get())});
         return {};

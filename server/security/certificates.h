@@ -34,9 +34,9 @@ struct Renewal {
     bool ends_with_ca = false;  ///< the CA ends before their usual time
 };
 
-/// Signs the server and the client certificate of the folder anew, for the same names and keys. Writes
-/// both or none. Fails if a key does not belong to its certificate, if the CA has not signed a
-/// certificate for this use before, if it has expired, or if another user owns its key.
+/// Signs the server and the client certificate of the folder anew, for the same names and keys.
+/// Writes both or none. Fails if a key does not belong to its certificate, if the CA has not signed
+/// a certificate for this use before, if it has expired, or if another user owns its key.
 [[nodiscard]] Result<Renewal> renew_certificates(const std::filesystem::path& folder);
 
 }  // namespace raynest::server

@@ -37,9 +37,9 @@ std::optional<double> Credentials::certificate_days_left(WallClock::time_point n
 Credentials::Version Credentials::version_of(const std::filesystem::path& file) {
     struct stat status {};
     if (stat(file.c_str(), &status) != 0) return {};
-    return {status.st_dev, status.st_ino, status.st_size,
-            static_cast<std::int64_t>(status.st_ctim.tv_sec) * 1'000'000'000 +
-                status.st_ctim.tv_nsec};
+    return {
+        status.st_dev, status.st_ino, status.st_size,
+        static_cast<std::int64_t>(status.st_ctim.tv_sec) * 1'000'000'000 + status.st_ctim.tv_nsec};
 }
 
 Result<void> Credentials::load() {
@@ -84,7 +84,8 @@ void Credentials::take(Tls tls) {
     const auto days = std::chrono::floor<std::chrono::days>(left).count();
     if (days < warn_days)
         log(LogLevel::warn, "certificate_expires",
-            {{"days_left", std::to_string(days)}, {"remedy", "raynestd tls renew DIR, then SIGHUP"}});
+            {{"days_left", std::to_string(days)},
+             {"remedy", "raynestd tls renew DIR, then SIGHUP"}});
 }
 
 Result<Credentials::Tokens> Credentials::read_tokens(const SecurityOptions& options) {

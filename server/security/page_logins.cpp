@@ -55,11 +55,10 @@ PageLogins::Entries::const_iterator PageLogins::find_secret(const Entries& entri
                                                             std::string_view secret,
                                                             std::uint64_t time_ms, Time now) {
     if (secret.empty()) return entries.end();
-    const auto found = std::ranges::find(entries, hash_token(secret), [](const auto& known) {
-        return known.second.hash;
-    });
+    const auto found = std::ranges::find(entries, hash_token(secret),
+                                         [](const auto& known) { return known.second.hash; });
     return found == entries.end() || is_over(found->second.begun, time_ms, now) ? entries.end()
-                                                                               : found;
+                                                                                : found;
 }
 
 Reply<std::string> PageLogins::make_code(const Principal& principal, Time now) {

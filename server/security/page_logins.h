@@ -29,16 +29,16 @@ public:
     /// Changes the limits, also for codes and logins that there are.
     void set_limits(const protocol::Limits& limits) { limits_ = limits; }
 
-    /// Returns a code that begins one login as this principal, within page_code_ms_max. Fails with BUSY
-    /// if all principals together have too many.
+    /// Returns a code that begins one login as this principal, within page_code_ms_max. Fails with
+    /// BUSY if all principals together have too many.
     [[nodiscard]] Reply<std::string> make_code(const Principal& principal, Time now);
     /// Returns the principal of a code; null if it was used, has expired or never was one.
     [[nodiscard]] const Principal* find_code(std::string_view code, Time now) const;
     /// Returns the principal of a code, likewise, and forgets the code.
     [[nodiscard]] std::optional<Principal> take_code(std::string_view code, Time now);
 
-    /// Begins a login. One that a login of the page has made ends when that ends. Returns the secret for
-    /// its cookie. Fails with BUSY if all principals together have too many.
+    /// Begins a login. One that a login of the page has made ends when that ends. Returns the
+    /// secret for its cookie. Fails with BUSY if all principals together have too many.
     [[nodiscard]] Reply<std::string> begin(Principal principal, Time now);
     /// Returns the principal of a cookie; null if its login has ended.
     [[nodiscard]] const Principal* find(std::string_view secret, Time now) const;
@@ -53,13 +53,15 @@ private:
     struct Entry {
         TokenHash hash{};  ///< of the secret
         Principal principal;
-        Time begun;  ///< for a login that another has made: when that one began
+        Time begun;                ///< for a login that another has made: when that one began
         std::uint64_t parent = 0;  ///< number of the login that has made it; 0: none
     };
-    /// By number, so the oldest first. Looked through from end to end: there are entries_max at most.
+    /// By number, so the oldest first. Looked through from end to end: there are entries_max at
+    /// most.
     using Entries = std::map<std::uint64_t, Entry>;
 
-    /// Adds an entry, and returns its secret. If its principal has `most`, the oldest of these ends.
+    /// Adds an entry, and returns its secret. If its principal has `most`, the oldest of these
+    /// ends.
     Reply<std::string> add(Entries& entries, std::uint64_t most, Entry entry);
     void erase(Entries& entries, Entries::const_iterator entry);
     [[nodiscard]] static Entries::const_iterator find_secret(const Entries& entries,

@@ -29,15 +29,16 @@ Result<std::vector<Certificate>> to_certificates(const std::filesystem::path& fi
     ERR_clear_error();
     std::vector<Certificate> found;
     const Memory memory = over(*content);
-    while (X509* read = memory ? PEM_read_bio_X509_AUX(memory.get(), nullptr, nullptr, nullptr)
-                               : nullptr)
+    while (X509* read =
+               memory ? PEM_read_bio_X509_AUX(memory.get(), nullptr, nullptr, nullptr) : nullptr)
         found.emplace_back(read);
     // The end of the file is told as a missing first line.
     const bool is_end = ERR_GET_REASON(ERR_peek_last_error()) == PEM_R_NO_START_LINE;
     ERR_clear_error();
     if (found.empty())
-        return unusable(file, "there is no certificate in PEM form in it; make one with: raynestd "
-                              "tls init DIR");
+        return unusable(file,
+                        "there is no certificate in PEM form in it; make one with: raynestd "
+                        "tls init DIR");
     if (!is_end)
         return unusable(file, "its certificate number " + std::to_string(found.size() + 1) +
                                   " is damaged; copy the file again");
@@ -50,15 +51,16 @@ Result<Key> to_key(const std::filesystem::path& file, Result<std::string> conten
     ERR_clear_error();
     bool wants_password = false;
     const Memory memory = over(*content);
-    Key read(memory ? PEM_read_bio_PrivateKey(memory.get(), nullptr, refuse_password,
-                                              &wants_password)
-                    : nullptr);
+    Key read(memory
+                 ? PEM_read_bio_PrivateKey(memory.get(), nullptr, refuse_password, &wants_password)
+                 : nullptr);
     OPENSSL_cleanse(content->data(), content->size());
     ERR_clear_error();
     if (wants_password)
-        return unusable(file, "the key has a password, which nobody can be asked for; take it off: "
-                              "openssl pkey -in " +
-                                  file.string() + " -out NEW, and give NEW mode 0600");
+        return unusable(file,
+                        "the key has a password, which nobody can be asked for; take it off: "
+                        "openssl pkey -in " +
+                            file.string() + " -out NEW, and give NEW mode 0600");
     if (!read) return unusable(file, "there is no key in PEM form in it");
     return read;
 }

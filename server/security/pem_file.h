@@ -1,5 +1,5 @@
-// Certificates and keys in PEM files. Each file is read whole, within pem_bytes_max, before OpenSSL sees
-// it: a pipe or a device cannot hold the reader up, and no password is asked for.
+// Certificates and keys in PEM files. Each file is read whole, within pem_bytes_max, before OpenSSL
+// sees it: a pipe or a device cannot hold the reader up, and no password is asked for.
 #pragma once
 
 #include "engine/result.h"

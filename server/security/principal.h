@@ -4,8 +4,8 @@
 //                             ├─► Authentication::identify() ─► Principal {id, quota, role}
 //   Hello (its token) ────────┘
 //
-// The page shows a token, or a code of `raynest open`, once: page_logins.h. Its WebSocket then comes with
-// the principal of its cookie.
+// The page shows a token, or a code of `raynest open`, once: page_logins.h. Its WebSocket then
+// comes with the principal of its cookie.
 //
 // Until a peer has sent Hello, it counts under the name from its transport.
 #pragma once
@@ -37,14 +37,17 @@ struct PeerIdentity {
     Place place = Place::loopback;
     std::string transport = "tcp";  ///< tcp, tls, unix, http or https
     std::string subject = {};       ///< subject of a verified client certificate; empty: none
-    std::string subject_fault = {};  ///< why a verified certificate names no principal; empty: it does
+    /// Why a verified certificate names no principal; empty: it does
+    std::string subject_fault = {};
     std::shared_ptr<const struct ClientCertificate> certificate = {};  ///< null without a subject
     /// The sender of the HTTP request that became a WebSocket; null: another transport.
     std::shared_ptr<const struct Principal> sender = {};
     std::string address = {};  ///< the whole IPv6 address behind `name`; empty: `name` says all
 
     /// Returns where the peer is, for the log and for lists.
-    [[nodiscard]] const std::string& whereabouts() const { return address.empty() ? name : address; }
+    [[nodiscard]] const std::string& whereabouts() const {
+        return address.empty() ? name : address;
+    }
 };
 
 /// Quotas that may differ between principals; 0: the limit principal_*_max.
@@ -54,8 +57,8 @@ struct Quota {
     bool operator==(const Quota&) const = default;
 };
 
-/// How a peer was admitted. When tokens, certificates or options change, the same rule is asked again
-/// (Authentication::still_valid).
+/// How a peer was admitted. When tokens, certificates or options change, the same rule is asked
+/// again (Authentication::still_valid).
 struct Admittance {
     enum class By { transport, certificate, token };
     By by = By::transport;

@@ -65,7 +65,8 @@ Result<Quota> read_quota(std::string_view text) {
     if (text.empty()) return not_a_quota(text, "write one such as jobs=8,rays=1000000");
     const auto quota = parse_quota(text);
     if (!quota || text.back() == ',')
-        return not_a_quota(text, "write one or more of " + quota_keys() + ", with commas between them");
+        return not_a_quota(text,
+                           "write one or more of " + quota_keys() + ", with commas between them");
     std::vector<std::string_view> seen;
     for (std::string_view left = text; !left.empty();) {
         const std::string_view part = left.substr(0, left.find(','));
@@ -77,8 +78,8 @@ Result<Quota> read_quota(std::string_view text) {
     }
     for (const Words& words : table)
         if (const std::uint64_t value = *quota.*words.field; value != 0 && value < words.least)
-            return not_a_quota(text, "the least " + std::string(words.key) + " is " +
-                                         std::to_string(words.least));
+            return not_a_quota(
+                text, "the least " + std::string(words.key) + " is " + std::to_string(words.least));
     return *quota;
 }
 

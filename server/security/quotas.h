@@ -1,5 +1,5 @@
-// The quotas of each principal: those that an administrator has set, else those of its row in the token
-// file, else the limits principal_*_max.
+// The quotas of each principal: those that an administrator has set, else those of its row in the
+// token file, else the limits principal_*_max.
 #pragma once
 
 #include "engine/result.h"
@@ -29,9 +29,14 @@ public:
     }
 
     /// Replaces the quotas of a principal by an administrator's; 0 means the granted or usual one.
-    void set(const std::string& principal, const Quota& quota) { put(set_, principal, quota); }
-    /// Replaces the quotas that the principal's row in the token file grants; 0 means the usual one.
-    void grant(const std::string& principal, const Quota& quota) { put(granted_, principal, quota); }
+    void set(const std::string& principal, const Quota& quota) {
+        put(set_, principal, quota);
+    }
+    /// Replaces the quotas that the principal's row in the token file grants; 0 means the usual
+    /// one.
+    void grant(const std::string& principal, const Quota& quota) {
+        put(granted_, principal, quota);
+    }
 
     /// Returns quotas without zeros.
     [[nodiscard]] Quota of(const std::string& principal) const {
@@ -51,10 +56,11 @@ public:
         return false;
     }
 
-    /// Names the limit in a refusal: "the limit is --principal-jobs-max 8", or "its quota is jobs=8".
+    /// Names the limit in a refusal: "the limit is --principal-jobs-max 8", or "its quota is
+    /// jobs=8".
     [[nodiscard]] std::string limit_text(const std::string& principal, Field field) const;
-    /// Tells how the principal gets more: "start raynestd with a larger --principal-jobs-max", or "ask
-    /// an administrator for more: raynest admin quota alice jobs=N".
+    /// Tells how the principal gets more: "start raynestd with a larger --principal-jobs-max", or
+    /// "ask an administrator for more: raynest admin quota alice jobs=N".
     [[nodiscard]] std::string remedy(const std::string& principal, Field field) const;
 
 private:
@@ -78,8 +84,8 @@ private:
 /// "connections=N, jobs=N, ...": all that a quota may have.
 [[nodiscard]] std::string quota_keys();
 
-/// Parses the quota that an administrator gives: at least one key, each once, and none below its least
-/// value. Rows of the token file are read by parse_quota(), which asks for less.
+/// Parses the quota that an administrator gives: at least one key, each once, and none below its
+/// least value. Rows of the token file are read by parse_quota(), which asks for less.
 [[nodiscard]] Result<Quota> read_quota(std::string_view text);
 
 }  // namespace raynest::server

@@ -72,11 +72,13 @@ bool is_in(gid_t group) {
 /// Says what to do about a file that belongs to neither this user nor root.
 std::string owner_fault(const fs::path& file, uid_t owner, Reader reader) {
     if (reader == Reader::signer)
-        return "it belongs to the user " + user_name(owner) + ", who can sign with it; chown root " +
-               file.string() + ", or make another CA in an empty DIR: raynestd tls init DIR";
+        return "it belongs to the user " + user_name(owner) +
+               ", who can sign with it; chown root " + file.string() +
+               ", or make another CA in an empty DIR: raynestd tls init DIR";
     if (geteuid() == 0)
         return "it belongs to the user " + user_name(owner) +
-               "; run the daemon as that user, or give the file to the one that it runs as: chown USER " +
+               "; run the daemon as that user, or give the file to the one that it runs as: chown "
+               "USER " +
                file.string();
     return "it belongs to another user; " + own_it(file);
 }
@@ -91,11 +93,12 @@ Result<void> check_secrecy(const fs::path& file, const struct stat& status, Read
                            (status.st_gid == 0 ||
                             ((edits_all || is_in(status.st_gid)) && !is_everybodys(status.st_gid)));
     if ((status.st_mode & 077U) != 0 && !is_shared)
-        return failed(file, "other users may read or write it, and it holds a secret; chmod 600 " +
-                                file.string() +
-                                (reader == Reader::signer
-                                     ? ""
-                                     : ", or let root own it, with mode 640 and a group of the daemon"));
+        return failed(file,
+                      "other users may read or write it, and it holds a secret; chmod 600 " +
+                          file.string() +
+                          (reader == Reader::signer
+                               ? ""
+                               : ", or let root own it, with mode 640 and a group of the daemon"));
     return {};
 }
 
@@ -168,13 +171,15 @@ Result<StagedFile> StagedFile::write(const NewFile& file) {
     std::uint64_t random = 0;
     if (getrandom(&random, sizeof random, 0) < 0) return failed(place.path(), std::strerror(errno));
     const std::string name = place.name() + "." + std::to_string(random);
-    const Fd made(openat(place.folder(), name.c_str(), O_WRONLY | O_CREAT | O_EXCL | O_CLOEXEC, 0600));
+    const Fd made(
+        openat(place.folder(), name.c_str(), O_WRONLY | O_CREAT | O_EXCL | O_CLOEXEC, 0600));
     if (made.get() < 0)
-        return failed(place.path(),
-                      std::string(std::strerror(errno)) +
-                          (errno == EACCES ? "; run this command as root, or as a user who may write in " +
-                                                 place.path().parent_path().string()
-                                           : ""));
+        return failed(
+            place.path(),
+            std::string(std::strerror(errno)) +
+                (errno == EACCES ? "; run this command as root, or as a user who may write in " +
+                                       place.path().parent_path().string()
+                                 : ""));
     staged.name_ = name;
     if (auto filled = staged.fill(made.get(), file.content); !filled)
         return tl::unexpected(filled.error());

@@ -112,11 +112,13 @@ Result<std::shared_ptr<const TlsContext>> TlsContext::load(const TlsFiles& files
                                        files.certificate.string() +
                                        "; give the two that were made together");
     }
-    // Clients refuse a certificate that names its uses, but not this one; its owner would look there.
+    // Clients refuse a certificate that names its uses, but not this one; its owner would look
+    // there.
     if ((X509_get_extended_key_usage(SSL_CTX_get0_certificate(context)) & XKU_SSL_SERVER) == 0)
-        return unusable(files.certificate,
-                        "this certificate is not for servers: its extended key usage lacks serverAuth; "
-                        "give the server's, which tls init calls cert.pem");
+        return unusable(
+            files.certificate,
+            "this certificate is not for servers: its extended key usage lacks serverAuth; "
+            "give the server's, which tls init calls cert.pem");
     made->names_ = names_of(SSL_CTX_get0_certificate(context));
     made->expires_ = to_time(X509_get0_notAfter(SSL_CTX_get0_certificate(context)));
     if (made->expires_ < std::chrono::system_clock::now())
@@ -163,17 +165,16 @@ bool TlsContext::trusts(const ClientCertificate& certificate,
     const Context check(X509_STORE_CTX_new());
     // The certificates stay the property of `chain`.
     struct FreeStack {
-        void operator()(STACK_OF(X509)* stack) const { sk_X509_free(stack); }
+        void operator()(STACK_OF(X509) * stack) const { sk_X509_free(stack); }
     };
     const std::unique_ptr<STACK_OF(X509), FreeStack> signers(sk_X509_new_null());
     if (certificate.chain.empty() || check == nullptr || signers == nullptr) return false;
     for (const auto& signer : certificate.chain)
         if (sk_X509_push(signers.get(), signer.get()) <= 0) return false;
-    const bool trusted =
-        X509_STORE_CTX_init(check.get(), SSL_CTX_get_cert_store(get()),
-                            certificate.chain.front().get(), signers.get()) == 1 &&
-        X509_STORE_CTX_set_default(check.get(), "ssl_client") == 1 &&
-        X509_verify_cert(check.get()) == 1;
+    const bool trusted = X509_STORE_CTX_init(check.get(), SSL_CTX_get_cert_store(get()),
+                                             certificate.chain.front().get(), signers.get()) == 1 &&
+                         X509_STORE_CTX_set_default(check.get(), "ssl_client") == 1 &&
+                         X509_verify_cert(check.get()) == 1;
     ERR_clear_error();
     if (trusted) certificate.verified_by = shared_from_this();
     return trusted;

@@ -30,13 +30,13 @@ class TlsContext;
 struct ClientCertificate {
     std::vector<std::shared_ptr<X509>> chain;  ///< the client's own first
     std::chrono::system_clock::time_point expires;
-    /// The context that has verified it last: a reload costs each certificate one more time, and not each time
-    /// that somebody asks who is still admitted.
+    /// The context that has verified it last: a reload costs each certificate one more time, and
+    /// not each time that somebody asks who is still admitted.
     mutable std::shared_ptr<const TlsContext> verified_by;
 };
 
-/// State that connections share: certificate, key and allowed versions. Immutable; a connection keeps
-/// the one that it began with.
+/// State that connections share: certificate, key and allowed versions. Immutable; a connection
+/// keeps the one that it began with.
 class TlsContext : public std::enable_shared_from_this<TlsContext> {
 public:
     /// Reads the files. Fails with the name of the file and the remedy: unreadable, too large,
@@ -53,8 +53,8 @@ public:
     /// Returns the certificate that the peer of a handshake has shown; null without one that was
     /// verified.
     [[nodiscard]] std::shared_ptr<const ClientCertificate> certificate_of(SSL* connection) const;
-    /// True if a handshake would verify the certificate now: a CA of --client-ca signed it, and it has
-    /// not expired.
+    /// True if a handshake would verify the certificate now: a CA of --client-ca signed it, and it
+    /// has not expired.
     [[nodiscard]] bool trusts(const ClientCertificate& certificate,
                               std::chrono::system_clock::time_point now) const;
 

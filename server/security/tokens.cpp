@@ -133,10 +133,12 @@ std::optional<Quota> parse_quota(std::string_view text) {
         text.remove_prefix(std::min(text.size(), part.size() + 1));
         const std::size_t equals = part.find('=');
         if (equals == std::string_view::npos) return std::nullopt;
-        const auto field = std::ranges::find(quota_fields, part.substr(0, equals), &QuotaField::name);
+        const auto field =
+            std::ranges::find(quota_fields, part.substr(0, equals), &QuotaField::name);
         if (field == quota_fields.end()) return std::nullopt;
         const std::string_view number = part.substr(equals + 1);
-        const auto value = field->is_bytes() ? parse_size(number) : to_number<std::uint64_t>(number);
+        const auto value =
+            field->is_bytes() ? parse_size(number) : to_number<std::uint64_t>(number);
         if (!value || *value == 0) return std::nullopt;
         quota.*field->value = *value;
     }

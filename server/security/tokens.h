@@ -4,8 +4,8 @@
 //   token ROLE EXPIRES QUOTA HASH NAME      HASH: SHA-256 of the token, 64 hex digits
 //   cert  ROLE EXPIRES QUOTA -    SUBJECT   SUBJECT of a client certificate, "CN=robot,O=Lab"
 //   shut  ROLE EXPIRES QUOTA -    SUBJECT   a certificate that is not let in, though its CA is trusted
-// EXPIRES is a Unix time or `never`, QUOTA is `jobs=8,rays=1000000` or `-`. The tokens themselves are
-// not in the file: reading it lets nobody in.
+// EXPIRES is a Unix time or `never`, QUOTA is `jobs=8,rays=1000000` or `-`. The tokens themselves
+// are not in the file: reading it lets nobody in.
 #pragma once
 
 #include "engine/result.h"
@@ -49,8 +49,8 @@ struct TokenRow {
 /// can be mistaken for one.
 [[nodiscard]] bool is_token_name(std::string_view name);
 
-/// Parses "jobs=8,rays=1000000,scene_bytes=20G,connections=…,second_bytes=…"; size.h has the sizes. Returns
-/// nothing if a part is invalid.
+/// Parses "jobs=8,rays=1000000,scene_bytes=20G,connections=…,second_bytes=…"; size.h has the sizes.
+/// Returns nothing if a part is invalid.
 [[nodiscard]] std::optional<Quota> parse_quota(std::string_view text);
 [[nodiscard]] std::string to_text(const Quota& quota);
 
@@ -70,7 +70,8 @@ public:
 
     /// Returns the row of a token, null if there is none or it has expired. Compares all rows in
     /// full, so that the time tells nothing about their hashes.
-    [[nodiscard]] const TokenRow* find_token(std::string_view token, WallClock::time_point now) const;
+    [[nodiscard]] const TokenRow* find_token(std::string_view token,
+                                             WallClock::time_point now) const;
     [[nodiscard]] const TokenRow* find_name(std::string_view name) const;
 
     [[nodiscard]] const std::vector<TokenRow>& rows() const { return rows_; }

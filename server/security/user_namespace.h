@@ -1,8 +1,9 @@
 // Whether the system tells the daemon which users its peers on a Unix socket are.
 //
-// In a user namespace that does not map every user, as PrivateUsers= of systemd makes, the kernel gives
-// one number, usually 65534, for all users without a mapping. Peers of that number would be one
-// principal: they would see and unload each other's scenes. The daemon lets them in by a token only.
+// In a user namespace that does not map every user, as PrivateUsers= of systemd makes, the kernel
+// gives one number, usually 65534, for all users without a mapping. Peers of that number would be
+// one principal: they would see and unload each other's scenes. The daemon lets them in by a token
+// only.
 #pragma once
 
 #include <sys/types.h>

@@ -37,15 +37,16 @@ std::optional<std::string> Connections::share_full(const std::string& principal,
                " now; close one of them";
     return who + (services_.admission.quotas().is_own(principal, &Quota::connections)
                       ? ", all of its quota; close one of them, or ask an administrator for more: "
-                        "raynest admin quota " + principal + " connections=N"
+                        "raynest admin quota " +
+                            principal + " connections=N"
                       : ", all that --principal-connections-max allows; close one of them");
 }
 
 std::optional<std::string> Connections::daemon_full(const std::string& principal,
                                                     Descriptors descriptors) {
     if (descriptors != Descriptors::free) {
-        // The room is for the next one: this one would keep a reserved descriptor. No newcomer gives way:
-        // one of a crowd would be cut before it is read.
+        // The room is for the next one: this one would keep a reserved descriptor. No newcomer
+        // gives way: one of a crowd would be cut before it is read.
         services_.peers.make_room(Resource::connections, principal);
         return ": its " + descriptors_text();
     }
@@ -98,9 +99,8 @@ bool Connections::has_reserved_place(const PeerIdentity& peer) const {
 }
 
 std::size_t Connections::greeted_of(const std::string& principal) const {
-    const auto waiting = std::ranges::count_if(greeting_, [&](const auto& entry) {
-        return entry.second->principal() == principal;
-    });
+    const auto waiting = std::ranges::count_if(
+        greeting_, [&](const auto& entry) { return entry.second->principal() == principal; });
     return services_.peers.size_of(principal) - static_cast<std::size_t>(waiting);
 }
 
@@ -150,8 +150,8 @@ std::size_t Connections::kick(std::uint64_t number, const std::string& principal
     std::size_t count = 0;
     const Sessions sessions = sessions_;
     for (const auto& session : sessions) {
-        const bool meant = number != 0 ? session->number() == number
-                                       : session->principal() == principal;
+        const bool meant =
+            number != 0 ? session->number() == number : session->principal() == principal;
         if (!meant) continue;
         if (session->close_with_error(error)) ++services_.metrics.kicked;
         ++count;

@@ -4,10 +4,10 @@
 //   Session ──authenticate()──► counted under its principal: its quota, and its share (fair_share.h)
 #pragma once
 
-#include "server/requests/administration.h"
 #include "server/net/descriptors.h"
-#include "server/sessions/session.h"
+#include "server/requests/administration.h"
 #include "server/security/authentication.h"
+#include "server/sessions/session.h"
 
 #include <deque>
 #include <functional>
@@ -31,8 +31,9 @@ public:
           authenticator_(std::move(authenticator)) {}
     Connections(const Connections&) = delete;
 
-    /// Starts a session, or sends the peer an error if there is no room for it. Reserved descriptors are
-    /// for the daemon's own user and root on the Unix socket; others are refused with that reason.
+    /// Starts a session, or sends the peer an error if there is no room for it. Reserved
+    /// descriptors are for the daemon's own user and root on the Unix socket; others are refused
+    /// with that reason.
     void accept(std::unique_ptr<Transport> transport, Descriptors descriptors);
     [[nodiscard]] bool empty() const { return sessions_.empty(); }
     [[nodiscard]] std::size_t size() const { return sessions_.size(); }
@@ -43,8 +44,9 @@ public:
     void close_with_error(const protocol::Error& error);
     /// Closes connections whose machine or network is gone. Others have their turns meanwhile.
     void close_lost();
-    /// Ends the connections for which `valid` returns false with this error. Others have their turns
-    /// meanwhile, as one may cost the verification of a certificate: `valid` is also called later.
+    /// Ends the connections for which `valid` returns false with this error. Others have their
+    /// turns meanwhile, as one may cost the verification of a certificate: `valid` is also called
+    /// later.
     void close_unless(const std::function<bool(const PeerIdentity&, const Principal&)>& valid,
                       const protocol::Error& error);
 
@@ -62,16 +64,16 @@ public:
 
 private:
     using Sessions = std::unordered_set<std::shared_ptr<Session>>;
-    /// Makes room for one more greeted connection of the principal, with this peer. Returns the reason if its quota or
-    /// share is used up and none of its own gives way.
+    /// Makes room for one more greeted connection of the principal, with this peer. Returns the
+    /// reason if its quota or share is used up and none of its own gives way.
     std::optional<std::string> share_full(const std::string& principal, const PeerIdentity& peer);
     /// Makes room for one more connection of the daemon. Returns the reason if it has too many and
     /// no peer gives way.
     std::optional<std::string> daemon_full(const std::string& principal, Descriptors descriptors);
     /// Number of the principal's connections that are greeted.
     [[nodiscard]] std::size_t greeted_of(const std::string& principal) const;
-    /// Closes the oldest session that waits for its Hello, of the addresses with most of them; false if
-    /// none waits. Slow peers take such places away from each other, not from clients.
+    /// Closes the oldest session that waits for its Hello, of the addresses with most of them;
+    /// false if none waits. Slow peers take such places away from each other, not from clients.
     bool end_oldest_greeting();
     /// True for a peer that finds a place even if the daemon has no free connections.
     [[nodiscard]] bool has_reserved_place(const PeerIdentity& peer) const;

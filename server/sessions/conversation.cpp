@@ -78,9 +78,10 @@ struct Conversation::Parts {
 };
 
 const Conversation::Part* Conversation::find_part(std::uint16_t type) {
-#define RAYNEST_PART(number, Name, ...)                                                  \
-    static_assert(Parts::find(number) != std::size(Parts::rows), "the table has no row " \
-                                                                 "for " #Name);
+#define RAYNEST_PART(number, Name, ...)                          \
+    static_assert(Parts::find(number) != std::size(Parts::rows), \
+                  "the table has no row "                        \
+                  "for " #Name);
 #include "protocol/requests.def"
     const std::size_t at = Parts::find(type);
     return at == std::size(Parts::rows) ? nullptr : &Parts::rows[at];

@@ -3,16 +3,16 @@
 //   greeting ──Hello──► open ──framing error, drained──► closing
 //
 // Frames come in through receive() and go out through the Sink, so fuzzers and tests run it in
-// memory. The tables in conversation.cpp and requests/request.cpp say when each message is allowed and what it does.
-// Io thread only.
+// memory. The tables in conversation.cpp and requests/request.cpp say when each message is allowed
+// and what it does. Io thread only.
 #pragma once
 
 #include "server/jobs/scene_poser.h"
 #include "server/jobs/scene_waker.h"
+#include "server/net/unreadable.h"
 #include "server/requests/request.h"
 #include "server/scheduling/detached.h"
 #include "server/scheduling/runner.h"
-#include "server/net/unreadable.h"
 
 #include <cstdint>
 #include <functional>
@@ -67,8 +67,8 @@ public:
     [[nodiscard]] std::size_t jobs() const { return runner_->size() + feeding_.size(); }
     /// Bytes of --memory that these requests and their answers have reserved.
     [[nodiscard]] std::uint64_t held_bytes() const;
-    /// True while a request waits for a scene to be read from the disk. Meanwhile pass no frames on;
-    /// `resumed` is called, on the io thread, when they may follow.
+    /// True while a request waits for a scene to be read from the disk. Meanwhile pass no frames
+    /// on; `resumed` is called, on the io thread, when they may follow.
     [[nodiscard]] bool parked() const { return parked_.has_value(); }
     void set_resumed(std::function<void()> resumed) { resumed_ = std::move(resumed); }
     /// True if every request waits for its client.

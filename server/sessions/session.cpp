@@ -38,8 +38,8 @@ std::uint64_t control_bytes(const protocol::Frame& frame) {
     return waiting_frame_bytes + protocol::header_bytes + frame.control.size();
 }
 
-/// Time for which a read of so many bytes counts as keeping the io thread: a read that finds its bytes
-/// in the transport's buffers comes back without a turn of others.
+/// Time for which a read of so many bytes counts as keeping the io thread: a read that finds its
+/// bytes in the transport's buffers comes back without a turn of others.
 Clock::duration read_time(std::size_t bytes) {
     return std::chrono::nanoseconds(bytes);
 }
@@ -338,7 +338,8 @@ void Session::sent(std::size_t bytes) {
         control_backlog_ -= control_bytes(frame);
         moved = moved || shows_life(frame);
     });
-    if (frames != 0) services_.metrics.count<&Metrics::frames_sent>(conversation_.counted_as(), frames);
+    if (frames != 0)
+        services_.metrics.count<&Metrics::frames_sent>(conversation_.counted_as(), frames);
     if (moved) moved_ = Clock::now();
 }
 

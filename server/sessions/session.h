@@ -8,18 +8,18 @@
 // tests its condition again.
 //
 // The deadlines of greeting and closing are fixed when these begin. In between, a peer may pause
-// until its place is needed (scheduling/peers.h); the pause begins when a whole frame was last sent or
-// received. Single bytes extend none of the three.
+// until its place is needed (scheduling/peers.h); the pause begins when a whole frame was last sent
+// or received. Single bytes extend none of the three.
 #pragma once
 
 #include "protocol/frame.h"
-#include "server/requests/administration.h"
-#include "server/sessions/conversation.h"
-#include "server/scheduling/bandwidth.h"
 #include "server/net/asio.h"
 #include "server/net/minute_limit.h"
 #include "server/net/transport.h"
 #include "server/net/write_batch.h"
+#include "server/requests/administration.h"
+#include "server/scheduling/bandwidth.h"
+#include "server/sessions/conversation.h"
 
 #include <deque>
 #include <memory>
@@ -129,9 +129,10 @@ private:
     Clock::time_point greeting_deadline_;
     Clock::time_point close_deadline_;  ///< set once the conversation is closing
     const Clock::time_point accepted_ = Clock::now();
-    Clock::time_point moved_;           ///< when a whole frame was last sent or received
-    MinuteLimit damage_;                ///< damaged messages; settle() ends a connection with too many
-    Clock::duration kept_{0};           ///< for how long it has kept the io thread in this turn
+    Clock::time_point moved_;  ///< when a whole frame was last sent or received
+    /// Damaged messages; settle() ends a connection with too many
+    MinuteLimit damage_;
+    Clock::duration kept_{0};  ///< for how long it has kept the io thread in this turn
     bool open_ = true;
     bool opened_ = false;   ///< the transport is ready for frames
     bool reading_ = false;  ///< received frames are being handled

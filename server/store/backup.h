@@ -10,7 +10,8 @@ namespace raynest::server {
 
 /// Makes `to`, a state folder with the rows and kept edits that `from` has at one moment, and their
 /// blobs. What is copied is on the disk when this returns, under its name; nothing is there if it
-/// fails. Returns the number of scenes whose blob is gone from `from`. Fails with io_failed. Blocks.
+/// fails. Returns the number of scenes whose blob is gone from `from`. Fails with io_failed.
+/// Blocks.
 [[nodiscard]] Result<std::uint64_t> back_up(const std::filesystem::path& from,
                                             const std::filesystem::path& to);
 

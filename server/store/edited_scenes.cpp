@@ -20,29 +20,33 @@ constexpr std::uint64_t epochs_reserved = 1000;
 
 }  // namespace
 
-Reply<void> SceneStore::may_keep(std::string_view name, bool has_state, const ConnectionId& caller) {
+Reply<void> SceneStore::may_keep(std::string_view name, bool has_state,
+                                 const ConnectionId& caller) {
     if (!has_state)
-        return refuse(Code::invalid_field, "`keep` needs a daemon that stores scenes: start raynestd with --state "
-                                           "DIR, or leave `keep` out");
+        return refuse(Code::invalid_field,
+                      "`keep` needs a daemon that stores scenes: start raynestd with --state "
+                      "DIR, or leave `keep` out");
     const Entry* const entry = meant(name, caller);
     if (entry == nullptr) return tl::unexpected(not_found(name, caller));
     if (entry->stored.number == 0)
-        return refuse(Code::invalid_field, "scene '" + entry->scene.name +
-                                               "' is not stored: it is temporary, or has been unloaded. Leave `keep` "
-                                               "out, or `Load` it by name");
+        return refuse(Code::invalid_field,
+                      "scene '" + entry->scene.name +
+                          "' is not stored: it is temporary, or has been unloaded. Leave `keep` "
+                          "out, or `Load` it by name");
     return {};
 }
 
-Reply<EditPlan> SceneStore::plan_edit(const NamedScene& before, std::uint64_t change_bytes, bool keep,
-                                      bool whole, const ConnectionId& caller) {
+Reply<EditPlan> SceneStore::plan_edit(const NamedScene& before, std::uint64_t change_bytes,
+                                      bool keep, bool whole, const ConnectionId& caller) {
     const Entry* const found = meant(before.name, caller);
     if (found == nullptr || found->stored.number == 0) return EditPlan{};
     const Entry& entry = *found;
     EditPlan plan{.row = entry.stored};
-    if (entry.next_epoch() > entry.epoch_reserved) plan.reserve = entry.next_epoch() + epochs_reserved;
+    if (entry.next_epoch() > entry.epoch_reserved)
+        plan.reserve = entry.next_epoch() + epochs_reserved;
     plan.whole = whole || entry.blob == nullptr || entry.edits >= kept_edits_max ||
-                 entry.edit_bytes + change_bytes >
-                     std::clamp(entry.facts.bytes / kept_bytes_part, kept_bytes_least, kept_bytes_most);
+                 entry.edit_bytes + change_bytes > std::clamp(entry.facts.bytes / kept_bytes_part,
+                                                              kept_bytes_least, kept_bytes_most);
     if (!keep) return plan;
     plan.room = room_for(&entry, entry.owner);
     if (!plan.whole)
@@ -79,7 +83,8 @@ Reply<std::optional<NamedScene>> SceneStore::publish_edit(const NamedScene& befo
             entry.stored.number = how.number;
             entry.edits = entry.edit_bytes = 0;
             how.keep->row = std::make_unique<StoredScene>(entry.stored);
-            edit = {.number = how.number, .epoch = std::max(entry.epoch_reserved, entry.scene.epoch)};
+            edit = {.number = how.number,
+                    .epoch = std::max(entry.epoch_reserved, entry.scene.epoch)};
         } else {
             edit.number = entry.stored.number;
             edit.epoch = entry.scene.epoch;
@@ -99,7 +104,8 @@ Reply<std::optional<NamedScene>> SceneStore::publish_edit(const NamedScene& befo
 }
 
 Reply<NamedScene> SceneStore::pin(std::string_view name, bool pinned, const ConnectionId& caller) {
-    if (const auto allowed = may_edit(name, caller); !allowed) return tl::unexpected(allowed.error());
+    if (const auto allowed = may_edit(name, caller); !allowed)
+        return tl::unexpected(allowed.error());
     auto scene = find(name, 0, caller);
     if (scene) meant(name, caller)->pinned = pinned;
     return scene;

@@ -13,9 +13,12 @@ namespace raynest::server {
 
 class File {
 public:
-    /// Opens; errno tells why if that fails. Follows a symbolic link to a folder (O_DIRECTORY) alone.
+    /// Opens; errno tells why if that fails. Follows a symbolic link to a folder (O_DIRECTORY)
+    /// alone.
     File(const std::filesystem::path& path, int flags, mode_t mode = 0)
-        : number_(::open(path.c_str(), flags | O_CLOEXEC | ((flags & O_DIRECTORY) != 0 ? 0 : O_NOFOLLOW), mode)) {}
+        : number_(::open(path.c_str(),
+                         flags | O_CLOEXEC | ((flags & O_DIRECTORY) != 0 ? 0 : O_NOFOLLOW), mode)) {
+    }
     File(const File&) = delete;
     File& operator=(const File&) = delete;
     ~File() {

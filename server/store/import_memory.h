@@ -10,8 +10,8 @@
 
 namespace raynest::server {
 
-/// Reserves what a child holds, as often as it is measured. Used by the thread that waits for the child,
-/// but for missing(), which any thread may call.
+/// Reserves what a child holds, as often as it is measured. Used by the thread that waits for the
+/// child, but for missing(), which any thread may call.
 class ImportMemory {
 public:
     /// `reclaimable`: bytes of requests that paused connections hold and that missing() asks for.
@@ -22,8 +22,8 @@ public:
           reclaimable_(reclaimable) {}
     ImportMemory(const ImportMemory&) = delete;
 
-    /// Reserves `bytes` in all. False if they are more than the principal may take, even after paused
-    /// connections have gone: end the child.
+    /// Reserves `bytes` in all. False if they are more than the principal may take, even after
+    /// paused connections have gone: end the child.
     [[nodiscard]] bool cover(std::uint64_t bytes) {
         if (bytes <= lease_.bytes()) return true;
         wanted_ = bytes;

@@ -27,7 +27,8 @@ std::string joined(const std::vector<std::string>& share) {
     return list;
 }
 
-/// Returns the file's name for SQLite. A manifest that was closed well is read without files beside it.
+/// Returns the file's name for SQLite. A manifest that was closed well is read without files beside
+/// it.
 std::string uri_of(const std::filesystem::path& file, bool read_only) {
     std::string uri = "file:";
     for (const char c : std::filesystem::absolute(file).string())
@@ -50,8 +51,9 @@ std::int64_t checksum(const StoredScene& scene) {
 }
 
 std::int64_t checksum(const KeptEdit& edit) {
-    const std::string text = fmt::format("{}\n{}\n{}\n{}\n{}\n{}\n", edit.number, edit.epoch, edit.before,
-                                         edit.digest, edit.bytes, edit.instanced_triangles);
+    const std::string text =
+        fmt::format("{}\n{}\n{}\n{}\n{}\n{}\n", edit.number, edit.epoch, edit.before, edit.digest,
+                    edit.bytes, edit.instanced_triangles);
     return std::bit_cast<std::int64_t>(protocol::upload_checksum(
         edit.change, protocol::upload_checksum(std::as_bytes(std::span(text)))));
 }
@@ -60,7 +62,8 @@ std::int64_t checksum(const KeptEdit& edit) {
 
 bool is_digest(std::string_view text) {
     constexpr std::size_t digits = 64;
-    return text.size() == digits && text.find_first_not_of("0123456789abcdef") == std::string_view::npos;
+    return text.size() == digits &&
+           text.find_first_not_of("0123456789abcdef") == std::string_view::npos;
 }
 
 void Manifest::Close::operator()(sqlite3* connection) const noexcept {
@@ -80,7 +83,8 @@ public:
                           SQLITE_TRANSIENT);
     }
     void bind(const std::vector<std::byte>& bytes) {
-        sqlite3_bind_blob64(statement_, ++bound_, bytes.empty() ? "" : static_cast<const void*>(bytes.data()),
+        sqlite3_bind_blob64(statement_, ++bound_,
+                            bytes.empty() ? "" : static_cast<const void*>(bytes.data()),
                             bytes.size(), SQLITE_STATIC);
     }
     void bind(std::int64_t number) { sqlite3_bind_int64(statement_, ++bound_, number); }
@@ -96,8 +100,9 @@ public:
     std::vector<std::byte> bytes() {
         const int column = read_++;
         const auto* first = static_cast<const std::byte*>(sqlite3_column_blob(statement_, column));
-        return first == nullptr ? std::vector<std::byte>()
-                                : std::vector(first, first + sqlite3_column_bytes(statement_, column));
+        return first == nullptr
+                   ? std::vector<std::byte>()
+                   : std::vector(first, first + sqlite3_column_bytes(statement_, column));
     }
     std::int64_t integer() { return sqlite3_column_int64(statement_, read_++); }
     std::uint64_t count() { return static_cast<std::uint64_t>(integer()); }
@@ -114,10 +119,10 @@ tl::unexpected<Error> Manifest::fault(const std::string& doing) {
     const int code = sqlite3_extended_errcode(connection_.get());
     // After a failed fsync the next one may succeed although the bytes are lost.
     if (code == SQLITE_IOERR_FSYNC || code == SQLITE_IOERR_DIR_FSYNC) failed_ = true;
-    return fail(ErrorCode::io_failed,
-                doing + ": " + (sqlite3_errmsg(connection_.get()) == nullptr
-                                    ? "unknown"
-                                    : sqlite3_errmsg(connection_.get())));
+    return fail(ErrorCode::io_failed, doing + ": " +
+                                          (sqlite3_errmsg(connection_.get()) == nullptr
+                                               ? "unknown"
+                                               : sqlite3_errmsg(connection_.get())));
 }
 
 Result<void> Manifest::run(const char* sql) {
@@ -133,8 +138,9 @@ Result<void> Manifest::check() {
     if (const int state = integrity.step(); state != SQLITE_ROW) {
         const char* why = sqlite3_errmsg(connection_.get());
         if (const int kind = state & 0xFF; kind == SQLITE_BUSY || kind == SQLITE_LOCKED)
-            return fail(ErrorCode::io_failed, "the manifest " + file_ + " is in use (" + why +
-                                                  "); stop the raynestd of an older release that has it open");
+            return fail(ErrorCode::io_failed,
+                        "the manifest " + file_ + " is in use (" + why +
+                            "); stop the raynestd of an older release that has it open");
         else if (kind == SQLITE_CANTOPEN || kind == SQLITE_READONLY || kind == SQLITE_PERM)
             return fail(ErrorCode::io_failed, "the manifest " + file_ + " cannot be read (" + why +
                                                   "); run this as the daemon's user");
@@ -151,10 +157,11 @@ Result<void> Manifest::check() {
     if (tables.integer() == 0 && of == 0 && found == 0) return {};
     if (of != application) return damaged("it is not one of raynestd");
     if (found > manifest_version)
-        return fail(ErrorCode::io_failed,
-                    fmt::format("{} has version {}, this raynestd knows {}: a newer one wrote it. Start "
-                                "that one, or name another --state",
-                                file_, found, manifest_version));
+        return fail(
+            ErrorCode::io_failed,
+            fmt::format("{} has version {}, this raynestd knows {}: a newer one wrote it. Start "
+                        "that one, or name another --state",
+                        file_, found, manifest_version));
     if (found < 1) return damaged(fmt::format("it has version {}", found));
     has_edits_ = found > 1;
     return {};
@@ -182,8 +189,7 @@ Result<Manifest> Manifest::open(const std::filesystem::path& file, bool read_onl
     if (read_only) return manifest;
     // Others may read it meanwhile (store/backup.h); the folder's lock keeps a second daemon away.
     for (const char* sql :
-         {"PRAGMA journal_mode=WAL", "PRAGMA synchronous=FULL",
-          "BEGIN IMMEDIATE",
+         {"PRAGMA journal_mode=WAL", "PRAGMA synchronous=FULL", "BEGIN IMMEDIATE",
           "CREATE TABLE IF NOT EXISTS scenes(number INTEGER NOT NULL, owner TEXT NOT NULL, "
           "name TEXT NOT NULL, share TEXT NOT NULL, digest TEXT NOT NULL, epoch INTEGER NOT NULL, "
           "bytes INTEGER NOT NULL, triangles INTEGER NOT NULL, build_seconds REAL NOT NULL, "
@@ -208,8 +214,9 @@ Result<void> Manifest::copy_to(const std::filesystem::path& file) {
 }
 
 Result<std::vector<StoredScene>> Manifest::rows() {
-    Statement all(*this, "SELECT number, owner, name, share, digest, epoch, bytes, triangles, "
-                         "build_seconds, used, checksum FROM scenes ORDER BY number");
+    Statement all(*this,
+                  "SELECT number, owner, name, share, digest, epoch, bytes, triangles, "
+                  "build_seconds, used, checksum FROM scenes ORDER BY number");
     std::vector<StoredScene> rows;
     int state = SQLITE_DONE;
     while ((state = all.step()) == SQLITE_ROW) {
@@ -230,8 +237,8 @@ Result<std::vector<StoredScene>> Manifest::rows() {
         if (!share.empty() && principals) scene.share = *principals;
         if (!is_digest(scene.digest) || sum != checksum(scene))
             return fail(ErrorCode::io_failed,
-                        fmt::format("the manifest {} is damaged: row {} is not as it was written{}", file_,
-                                    scene.number, remedy));
+                        fmt::format("the manifest {} is damaged: row {} is not as it was written{}",
+                                    file_, scene.number, remedy));
     }
     if (state != SQLITE_DONE)
         return fail(ErrorCode::io_failed, "the manifest " + file_ + " is damaged: " +
@@ -303,8 +310,9 @@ Result<void> Manifest::remove_orphans() {
 Result<std::vector<KeptEdit>> Manifest::edits(std::uint64_t number) {
     std::vector<KeptEdit> edits;
     if (!has_edits_) return edits;
-    Statement rows(*this, "SELECT epoch, before, digest, bytes, triangles, change, checksum FROM edits "
-                          "WHERE number=? AND length(change)>0 ORDER BY epoch");
+    Statement rows(*this,
+                   "SELECT epoch, before, digest, bytes, triangles, change, checksum FROM edits "
+                   "WHERE number=? AND length(change)>0 ORDER BY epoch");
     rows.bind(number);
     int state = SQLITE_DONE;
     while ((state = rows.step()) == SQLITE_ROW) {
@@ -328,8 +336,10 @@ Result<std::vector<KeptEdit>> Manifest::edits(std::uint64_t number) {
 Result<KeptEdits> Manifest::sum_of_edits(std::uint64_t number) {
     KeptEdits sum;
     if (!has_edits_) return sum;
-    Statement rows(*this, "SELECT epoch, digest, bytes, triangles, length(change) FROM edits WHERE number=? "
-                          "ORDER BY epoch");
+    Statement rows(
+        *this,
+        "SELECT epoch, digest, bytes, triangles, length(change) FROM edits WHERE number=? "
+        "ORDER BY epoch");
     rows.bind(number);
     int state = SQLITE_DONE;
     while ((state = rows.step()) == SQLITE_ROW) {

@@ -30,8 +30,9 @@ struct StoredScene {
     std::int64_t used = 0;  ///< Unix time
 };
 
-/// An edit that outlives the daemon: `change` turns the scene of a row into what it is at `epoch`. Without
-/// `change` it says that epochs up to this one were told, and must mean nothing else after a restart.
+/// An edit that outlives the daemon: `change` turns the scene of a row into what it is at `epoch`.
+/// Without `change` it says that epochs up to this one were told, and must mean nothing else after
+/// a restart.
 struct KeptEdit {
     std::uint64_t number = 0;  ///< of the scene's row
     std::uint64_t epoch = 0;
@@ -44,8 +45,8 @@ struct KeptEdit {
 
 /// The edits of a row, summed up.
 struct KeptEdits {
-    KeptEdit last = {};             ///< without its change; epoch 0: there is none
-    std::uint64_t epoch_last = 0;   ///< of all that were told
+    KeptEdit last = {};            ///< without its change; epoch 0: there is none
+    std::uint64_t epoch_last = 0;  ///< of all that were told
     std::uint64_t count = 0;
     std::uint64_t bytes = 0;  ///< of the changes
 };
@@ -53,14 +54,17 @@ struct KeptEdits {
 /// True for what names a blob: 64 hex digits.
 [[nodiscard]] bool is_digest(std::string_view text);
 
-/// The version of the manifest's tables. Another release may write a larger one, which this one refuses.
+/// The version of the manifest's tables. Another release may write a larger one, which this one
+/// refuses.
 inline constexpr int manifest_version = 2;
 
-/// An open manifest. Every change is on the disk when its function returns. Not thread-safe; blocks.
+/// An open manifest. Every change is on the disk when its function returns. Not thread-safe;
+/// blocks.
 class Manifest {
 public:
     /// Opens the file, or makes it. Fails with io_failed if it is damaged, of a newer version or of
-    /// another program, or cannot be written; then nothing is changed. `read_only`: makes and changes none.
+    /// another program, or cannot be written; then nothing is changed. `read_only`: makes and
+    /// changes none.
     static Result<Manifest> open(const std::filesystem::path& file, bool read_only = false);
 
     /// Returns all rows, by number. Fails if one is not as it was written.
@@ -77,7 +81,8 @@ public:
     [[nodiscard]] Result<void> remove_edits(std::uint64_t number);
     /// Removes the edits of all rows that are gone.
     [[nodiscard]] Result<void> remove_orphans();
-    /// Returns the edits of a row that have a change, by epoch. Fails if one is not as it was written.
+    /// Returns the edits of a row that have a change, by epoch. Fails if one is not as it was
+    /// written.
     [[nodiscard]] Result<std::vector<KeptEdit>> edits(std::uint64_t number);
     [[nodiscard]] Result<KeptEdits> sum_of_edits(std::uint64_t number);
     /// Writes all of it, as it is at one moment, to a new file.

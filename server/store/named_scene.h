@@ -33,7 +33,7 @@ struct NamedScene {
     /// Of the load that published it. Equal content is held once, and the time that another's load
     /// took would tell that it is there.
     double build_seconds = 0;
-    bool kept = false;  ///< as it is, it outlives the daemon
+    bool kept = false;                      ///< as it is, it outlives the daemon
     std::shared_ptr<const HeldScene> held;  ///< null in lists alone, for a scene on the disk
     [[nodiscard]] const Snapshot& snapshot() const { return *held->snapshot; }
 };

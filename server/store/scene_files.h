@@ -17,9 +17,9 @@ namespace raynest::server {
 /// Returns none for other formats and invalid files, which the import reports.
 [[nodiscard]] std::vector<std::string> named_files(std::span<const std::byte> main_file);
 
-/// Reads the main file, then the files that it names beneath its folder, and those of MTL files. Skips missing files, which
-/// the import reports. Fails on a link that leaves the folder, or if the limits or the budget are
-/// exceeded. Blocking.
+/// Reads the main file, then the files that it names beneath its folder, and those of MTL files.
+/// Skips missing files, which the import reports. Fails on a link that leaves the folder, or if the
+/// limits or the budget are exceeded. Blocking.
 Result<std::vector<SourceFile>> read_scene(const std::filesystem::path& root, std::string_view path,
                                            std::size_t files_max, std::uint64_t bytes_max,
                                            const LoadMemory& memory);

@@ -94,7 +94,7 @@ auto SceneStore::resolve(AnyEntries& entries, std::string_view name, const Conne
         if (!(is_bare || is_qualified) || !entry.visible_to(caller) || !(entry.listed || holds))
             continue;
         const bool is_own = entry.owner == caller.principal;
-        const Rank rank = is_own ? (holds ? own_and_held : Rank::own)
+        const Rank rank = is_own                  ? (holds ? own_and_held : Rank::own)
                           : holds || is_qualified ? held
                                                   : shared;
         if (rank == shared) ++shared_count;
@@ -220,16 +220,15 @@ Reply<void> SceneStore::check_quota(const Entry* changed, const ConnectionId& ca
         return refuse(Code::quota, principal + " holds " + counted(scenes, "scene") +
                                        ", the limit is --principal-scenes-max " +
                                        std::to_string(limits_.principal_scenes_max) + "; " +
-                                       remedy(principal, "start raynestd with a larger "
-                                                         "--principal-scenes-max"));
-    if (bytes > bytes_max ||
-        held > bytes_max - bytes)
-        return refuse(Code::quota, principal + " holds " + protocol::bytes_text(held) +
-                                       " of scenes, " + protocol::bytes_text(bytes) +
-                                       " more are too many: " +
-                                       quotas_.limit_text(principal, &Quota::scene_bytes) + "; " +
                                        remedy(principal,
-                                              quotas_.remedy(principal, &Quota::scene_bytes)));
+                                              "start raynestd with a larger "
+                                              "--principal-scenes-max"));
+    if (bytes > bytes_max || held > bytes_max - bytes)
+        return refuse(Code::quota,
+                      principal + " holds " + protocol::bytes_text(held) + " of scenes, " +
+                          protocol::bytes_text(bytes) + " more are too many: " +
+                          quotas_.limit_text(principal, &Quota::scene_bytes) + "; " +
+                          remedy(principal, quotas_.remedy(principal, &Quota::scene_bytes)));
     return {};
 }
 
@@ -385,8 +384,8 @@ Reply<std::vector<std::string>> SceneStore::unload(std::string_view name,
     if (found == entries_.end()) return tl::unexpected(not_found(name, caller));
     Entry& entry = found->second;
     const bool may_drop_name = entry.owner == caller.principal || caller.role == Role::admin;
-    if (const auto allowed = access::unload_scene(name, entry.owner,
-                                                  may_drop_name || entry.held_by(caller));
+    if (const auto allowed =
+            access::unload_scene(name, entry.owner, may_drop_name || entry.held_by(caller));
         !allowed)
         return tl::unexpected(allowed.error());
 
@@ -414,8 +413,8 @@ std::vector<SceneStore::Unloaded> SceneStore::unload_idle(Clock::duration idle, 
     std::vector<std::string> names;
     for (const auto& [name, entry] : entries_) {
         if (names.size() == most) break;
-        const bool mine =
-            entry.held_by(caller) || (entry.listed && entry.kept && entry.owner == caller.principal);
+        const bool mine = entry.held_by(caller) ||
+                          (entry.listed && entry.kept && entry.owner == caller.principal);
         if (mine && now - entry.used >= idle && found_by(entry, caller))
             names.push_back(entry.name_for(caller));
     }
@@ -438,7 +437,7 @@ SceneStore::Page SceneStore::page(const ConnectionId& caller, std::size_t first,
         page.scenes.push_back({known.scene_for(caller), known.owner, std::move(share),
                                now - known.loaded, now - known.used, known.connections(),
                                known.facts,
-                               known.scene.held        ? (known.pinned ? "pinned" : "memory")
+                               known.scene.held       ? (known.pinned ? "pinned" : "memory")
                                : known.damage.empty() ? "disk"
                                                       : "damaged"});
     }

@@ -12,13 +12,13 @@
 #pragma once
 
 #include "protocol/limits.h"
+#include "server/ground/budget.h"
 #include "server/ground/errors.h"
 #include "server/security/caller.h"
 #include "server/security/quotas.h"
 #include "server/store/disk_room.h"
 #include "server/store/named_scene.h"
 #include "server/store/state_folder.h"
-#include "server/ground/budget.h"
 
 #include <algorithm>
 #include <chrono>
@@ -40,9 +40,10 @@ struct Publication {
     bool temporary = false;  ///< true: drop the scene when its last connection closes
     /// Principals that may use the scene too, or "public". Empty: as before, and at first nobody.
     std::vector<std::string> share = {};
-    /// Digest of the upload that the scene is made of, with all that its import depends on; empty: none.
+    /// Digest of the upload that the scene is made of, with all that its import depends on; empty:
+    /// none.
     std::string made_of = {};
-    BlobPin blob = {};     ///< not null: the scene is stored, by this row
+    BlobPin blob = {};  ///< not null: the scene is stored, by this row
     StoredScene row = {};
 };
 
@@ -64,9 +65,10 @@ struct EditPlan {
 /// The work of publish_edit() besides its content.
 struct EditPublication {
     EditPlan plan = {};
-    std::shared_ptr<Keeping> keep = {};  ///< not null: gets what to hand in; has the edit's change, if any
-    BlobPin blob = {};                   ///< of the edited scene, if it is stored whole
-    std::uint64_t number = 0;            ///< for its row then
+    /// Not null: gets what to hand in; has the edit's change, if any
+    std::shared_ptr<Keeping> keep = {};
+    BlobPin blob = {};         ///< of the edited scene, if it is stored whole
+    std::uint64_t number = 0;  ///< for its row then
 };
 
 /// The table of scenes. Io thread only.
@@ -110,9 +112,9 @@ public:
     [[nodiscard]] Reply<void> check_quota(std::string_view name, const ConnectionId& caller,
                                           std::uint64_t bytes) const;
 
-    /// Publishes a snapshot under a name of the caller's, and gives its connection a reference to it.
-    /// Equal content under the same name keeps its epoch. Different content fails with NAME_TAKEN
-    /// unless `how.replace`. Fails with QUOTA beyond the principal's quota, and with
+    /// Publishes a snapshot under a name of the caller's, and gives its connection a reference to
+    /// it. Equal content under the same name keeps its epoch. Different content fails with
+    /// NAME_TAKEN unless `how.replace`. Fails with QUOTA beyond the principal's quota, and with
     /// RESOURCE_EXHAUSTED if the budget has no room. Equal content under two names is stored once,
     /// whoever owns them.
     Reply<NamedScene> publish(const std::string& name, std::shared_ptr<const Snapshot> snapshot,
@@ -127,9 +129,11 @@ public:
     };
     /// Returns what the caller may store under this name.
     [[nodiscard]] DiskRoom disk_room(std::string_view name, const ConnectionId& caller) const;
-    /// Checks all that publish() checks, and returns the row; its number is for the caller to fill in.
-    Reply<Stored> prepare_to_store(const std::string& name, std::shared_ptr<const Snapshot> snapshot,
-                                   const Publication& how, const ConnectionId& caller);
+    /// Checks all that publish() checks, and returns the row; its number is for the caller to fill
+    /// in.
+    Reply<Stored> prepare_to_store(const std::string& name,
+                                   std::shared_ptr<const Snapshot> snapshot, const Publication& how,
+                                   const ConnectionId& caller);
     /// True if a load of this name changes a scene that is stored, or would be without `temporary`.
     [[nodiscard]] bool is_stored(std::string_view name, const ConnectionId& caller) const;
     /// True if the scene was stored before the start and was not loaded since.
@@ -141,10 +145,11 @@ public:
     [[nodiscard]] std::optional<AsleepScene> take_asleep();
     /// Brings all scenes of this content into memory. Fails as hold() does.
     Reply<void> wake(std::shared_ptr<const Snapshot> snapshot, const AsleepScene& scene);
-    /// The stored content cannot be used; find() says why until somebody loads it again. Returns their names.
+    /// The stored content cannot be used; find() says why until somebody loads it again. Returns
+    /// their names.
     std::vector<std::string> quarantine(const std::string& digest, const std::string& why);
-    /// Frees memory of stored scenes that nobody uses, the least recently used first, until the principal
-    /// has room for `bytes`, within its quota and --memory.
+    /// Frees memory of stored scenes that nobody uses, the least recently used first, until the
+    /// principal has room for `bytes`, within its quota and --memory.
     void make_room(std::uint64_t bytes, const std::string& principal);
     /// Returns the rows of names that unload() has dropped since the last call.
     [[nodiscard]] std::vector<StoredScene> take_dropped() { return std::exchange(dropped_, {}); }
@@ -152,25 +157,28 @@ public:
     /// Fails as find() does, and with NOT_ALLOWED for a scene of another owner.
     [[nodiscard]] Reply<void> may_edit(std::string_view name, const ConnectionId& caller) const;
     /// Fails with INVALID_FIELD for a scene of which nothing outlives the daemon.
-    [[nodiscard]] Reply<void> may_keep(std::string_view name, bool has_state, const ConnectionId& caller);
-    /// Says what must be on the disk before an edit of a scene is published. `change_bytes`: of one to be
-    /// kept. Fails with QUOTA if a kept one is too much for the owner's disk_bytes.
-    /// `whole`: all of the scene is stored in any case.
-    [[nodiscard]] Reply<EditPlan> plan_edit(const NamedScene& before, std::uint64_t change_bytes, bool keep,
-                                            bool whole, const ConnectionId& caller);
-    /// Publishes what an edit made of `before` as the scene's next epoch, for all who hold it. Returns
-    /// nothing if it is at another epoch meanwhile. Fails as may_edit() and publish() do.
+    [[nodiscard]] Reply<void> may_keep(std::string_view name, bool has_state,
+                                       const ConnectionId& caller);
+    /// Says what must be on the disk before an edit of a scene is published. `change_bytes`: of one
+    /// to be kept. Fails with QUOTA if a kept one is too much for the owner's disk_bytes. `whole`:
+    /// all of the scene is stored in any case.
+    [[nodiscard]] Reply<EditPlan> plan_edit(const NamedScene& before, std::uint64_t change_bytes,
+                                            bool keep, bool whole, const ConnectionId& caller);
+    /// Publishes what an edit made of `before` as the scene's next epoch, for all who hold it.
+    /// Returns nothing if it is at another epoch meanwhile. Fails as may_edit() and publish() do.
     Reply<std::optional<NamedScene>> publish_edit(const NamedScene& before,
                                                   std::shared_ptr<const Snapshot> edited,
                                                   const ConnectionId& caller,
                                                   EditPublication how = {});
-    /// Keeps a scene in memory, or no longer, whatever make_room() lets go of. Fails as find() and may_edit()
-    /// do.
+    /// Keeps a scene in memory, or no longer, whatever make_room() lets go of. Fails as find() and
+    /// may_edit() do.
     Reply<NamedScene> pin(std::string_view name, bool pinned, const ConnectionId& caller);
-    /// The edits of this row on their way to the disk have failed: what the scene is now is not kept.
+    /// The edits of this row on their way to the disk have failed: what the scene is now is not
+    /// kept.
     void edit_was_not_kept(std::uint64_t number);
 
-    /// Returns the epoch before the last edit of a scene, for its memory: null if anybody else refers to it.
+    /// Returns the epoch before the last edit of a scene, for its memory: null if anybody else
+    /// refers to it.
     std::shared_ptr<const Snapshot> take_spare(const NamedScene& of, const ConnectionId& caller);
     /// Frees the memory that is kept for edits to come.
     void drop_spares();
@@ -185,8 +193,8 @@ public:
     [[nodiscard]] std::shared_ptr<const HeldScene> find_made_of(const std::string& digest,
                                                                 const ConnectionId& caller) const;
 
-    /// Returns the scene that the caller means by a name: its own, one that it holds, or one that is
-    /// shared with it. `epoch` must be 0 or the current epoch. Fails with SCENE_UNKNOWN and a
+    /// Returns the scene that the caller means by a name: its own, one that it holds, or one that
+    /// is shared with it. `epoch` must be 0 or the current epoch. Fails with SCENE_UNKNOWN and a
     /// remedy, in the same words and time for a scene of another owner as for none.
     [[nodiscard]] Reply<NamedScene> find(std::string_view name, std::uint64_t epoch,
                                          const ConnectionId& caller) const;
@@ -199,10 +207,10 @@ public:
         std::string name;
         std::vector<std::string> holders;  ///< remaining holders, as unload() returns them
     };
-    /// Drops the reference of the caller's connection and, for its owner and administrators, the name;
-    /// only the connection's if it loaded the scene as temporary. Returns the remaining holders, one
-    /// text per principal: "uid:1000 (2 connections)". Fails with NOT_ALLOWED for a shared scene
-    /// that the caller does not hold.
+    /// Drops the reference of the caller's connection and, for its owner and administrators, the
+    /// name; only the connection's if it loaded the scene as temporary. Returns the remaining
+    /// holders, one text per principal: "uid:1000 (2 connections)". Fails with NOT_ALLOWED for a
+    /// shared scene that the caller does not hold.
     Reply<std::vector<std::string>> unload(std::string_view name, const ConnectionId& caller);
 
     /// Unloads at most `most` scenes that the caller's principal or connection holds and that no
@@ -220,8 +228,8 @@ public:
         SceneFacts facts = {};
         const char* state = "";  ///< memory, pinned, disk or damaged
     };
-    /// The scenes that find() can return to the caller, by name: at most `most` from number `first` on,
-    /// and the number of all.
+    /// The scenes that find() can return to the caller, by name: at most `most` from number `first`
+    /// on, and the number of all.
     struct Page {
         std::vector<Listed> scenes;
         std::size_t total = 0;
@@ -244,8 +252,8 @@ public:
     [[nodiscard]] Total asleep() const;
     /// Returns number and bytes of the unlisted scenes.
     [[nodiscard]] Total unlisted() const;
-    /// Returns number and bytes of the scenes that count towards the quotas of a principal, listed or
-    /// unlisted ones.
+    /// Returns number and bytes of the scenes that count towards the quotas of a principal, listed
+    /// or unlisted ones.
     [[nodiscard]] Total charged_to(const std::string& principal, bool listed) const;
     /// Returns the bytes of a principal's scenes in the state folder, kept edits among them.
     [[nodiscard]] std::uint64_t on_disk_of(const std::string& principal) const;
@@ -262,24 +270,27 @@ private:
             if (stored.number == 0) return blob != nullptr && !scene.held ? facts.bytes : 0;
             return stored.bytes + edit_bytes;
         }
-        BlobPin blob;             ///< not null: this content is stored
+        BlobPin blob;        ///< not null: this content is stored
         StoredScene stored;  ///< the row of this name; number 0: it has none
-        /// Kept edits since that row. They lead to this content if `blob`, that of the row, is not null.
+        /// Kept edits since that row. They lead to this content if `blob`, that of the row, is not
+        /// null.
         std::uint64_t edits = 0;
         std::uint64_t edit_bytes = 0;
-        std::uint64_t epoch_reserved = 0;  ///< epochs up to this one are not told again after a restart
-        std::uint64_t epoch_free = 0;      ///< the first that the daemons before have not told
-        std::string damage;        ///< why the stored content cannot be used; empty: it can
-        bool pinned = false;       ///< stays in memory
-        bool from_before = false;  ///< stored before the start, and not loaded since
-        std::string owner;  ///< the principal that loaded it
+        /// Epochs up to this one are not told again after a restart
+        std::uint64_t epoch_reserved = 0;
+        std::uint64_t epoch_free = 0;  ///< the first that the daemons before have not told
+        std::string damage;            ///< why the stored content cannot be used; empty: it can
+        bool pinned = false;           ///< stays in memory
+        bool from_before = false;      ///< stored before the start, and not loaded since
+        std::string owner;             ///< the principal that loaded it
         Clock::time_point loaded;
         mutable Clock::time_point used;
-        bool listed = true;   ///< true: callers find the scene by its name
-        bool kept = false;    ///< true: the name is a reference; false: only connections hold it
+        bool listed = true;  ///< true: callers find the scene by its name
+        bool kept = false;   ///< true: the name is a reference; false: only connections hold it
         std::set<std::string> share;  ///< principals, or "public"
         std::string made_of;          ///< as in Publication
-        /// The epoch before the last edit. The next edit is made in its memory, if nobody reads it then.
+        /// The epoch before the last edit. The next edit is made in its memory, if nobody reads it
+        /// then.
         std::shared_ptr<const HeldScene> spare;
         /// Connections of each principal; the value is true if it loaded the scene as temporary.
         std::map<std::string, std::map<std::uint64_t, bool>> holders;
@@ -317,18 +328,19 @@ private:
     Entry* meant(std::string_view name, const ConnectionId& caller);
     [[nodiscard]] const Entry* own_entry(std::string_view name, const ConnectionId& caller) const;
     /// Returns the error for a name that resolve() does not find: it means several scenes, or none.
-    [[nodiscard]] protocol::Error not_found(std::string_view name, const ConnectionId& caller) const;
+    [[nodiscard]] protocol::Error not_found(std::string_view name,
+                                            const ConnectionId& caller) const;
     /// True if the caller finds this entry by its name: none that it holds hides it.
     [[nodiscard]] bool found_by(const Entry& entry, const ConnectionId& caller) const;
     Reply<void> check_quota(const Entry* changed, const ConnectionId& caller,
                             std::uint64_t bytes) const;
     /// Returns what `owner` may store in the place of `changed`.
     [[nodiscard]] DiskRoom room_for(const Entry* changed, const std::string& owner) const;
-    /// Charges the memory of a scene to another principal if the one that it is charged to holds the
-    /// scene no more.
+    /// Charges the memory of a scene to another principal if the one that it is charged to holds
+    /// the scene no more.
     void settle_charge(const HeldScene& held) const noexcept;
-    /// Frees the memory of the least recently used stored scene that nobody uses; with `principal`, of those
-    /// charged to it. False if there is none.
+    /// Frees the memory of the least recently used stored scene that nobody uses; with `principal`,
+    /// of those charged to it. False if there is none.
     bool let_go_of_oldest(const std::string* principal);
     /// Returns the error for a scene on the disk alone, and remembers it for take_asleep().
     protocol::Error asleep(const Entry& entry) const;
@@ -342,8 +354,8 @@ private:
     protocol::Limits limits_;
     Quotas quotas_;
     const Now now_;
-    /// Shared with the scenes: a job may hold one for longer than this store. Empty: a scene is freed
-    /// where its last reference is dropped.
+    /// Shared with the scenes: a job may hold one for longer than this store. Empty: a scene is
+    /// freed where its last reference is dropped.
     const std::shared_ptr<Dispose> dispose_ = std::make_shared<Dispose>();
     Entries entries_;
     std::map<std::string, std::weak_ptr<const HeldScene>> by_digest_;

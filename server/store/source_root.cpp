@@ -101,8 +101,7 @@ Result<std::optional<SourceFile>> read_under_root(const std::filesystem::path& r
     if (!lease)
         return fail(ErrorCode::out_of_memory,
                     "root:" + shown + " takes " + protocol::bytes_text(size) +
-                        " of raynestd's --memory, more than " + memory.principal +
-                        " may take now");
+                        " of raynestd's --memory, more than " + memory.principal + " may take now");
 
     // Read only the size that was checked, even if the file grows; fail if it shrinks.
     SourceFile result{name, std::vector<std::byte>(size), std::move(*lease)};

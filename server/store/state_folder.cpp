@@ -69,9 +69,11 @@ bool holds(const fs::path& path, std::span<const std::byte> bytes) {
         return false;
     std::vector<std::byte> read(std::min<std::size_t>(bytes.size(), 1 << 20));
     while (!bytes.empty()) {
-        const ssize_t done = ::read(file.number(), read.data(), std::min(read.size(), bytes.size()));
+        const ssize_t done =
+            ::read(file.number(), read.data(), std::min(read.size(), bytes.size()));
         if (done < 0 && errno == EINTR) continue;
-        if (done <= 0 || std::memcmp(read.data(), bytes.data(), static_cast<std::size_t>(done)) != 0)
+        if (done <= 0 ||
+            std::memcmp(read.data(), bytes.data(), static_cast<std::size_t>(done)) != 0)
             return false;
         bytes = bytes.subspan(static_cast<std::size_t>(done));
     }
@@ -129,10 +131,11 @@ Result<std::unique_ptr<StateFolder>> StateFolder::open(const fs::path& folder) {
         std::ranges::any_of(fs::directory_iterator(folder / "blobs", error), [](const auto& file) {
             return !file.path().filename().string().starts_with('.');
         }))
-        return fail(ErrorCode::io_failed,
-                    "the manifest " + manifest_file.string() +
-                        " is damaged: it is gone or empty, and there are scenes; nothing was changed. "
-                        "Start with a backup (raynestd backup), or remove the folder blobs");
+        return fail(
+            ErrorCode::io_failed,
+            "the manifest " + manifest_file.string() +
+                " is damaged: it is gone or empty, and there are scenes; nothing was changed. "
+                "Start with a backup (raynestd backup), or remove the folder blobs");
     auto manifest = Manifest::open(manifest_file);
     if (!manifest) return tl::unexpected(manifest.error());
     auto rows = manifest->rows();
@@ -171,7 +174,8 @@ Result<void> StateFolder::usable() const {
 
 BlobPin StateFolder::pin(const std::string& digest) {
     // Made before the lock is taken: its end takes that, too, also its end for want of memory.
-    // And `live` keeps what the end needs until the next collect(), so that it may not keep the pins.
+    // And `live` keeps what the end needs until the next collect(), so that it may not keep the
+    // pins.
     BlobPin pin(new std::string(digest), [known = std::weak_ptr(pins_)](const std::string* ended) {
         const std::unique_ptr<const std::string> owned(ended);
         const std::shared_ptr<Pins> pins = known.lock();

@@ -36,7 +36,8 @@ using BlobPin = std::shared_ptr<const std::string>;
 
 /// A kept edit that everybody sees already, on its way to the disk.
 struct Keeping {
-    std::unique_ptr<StoredScene> row = {};  ///< of the whole scene, whose blob is kept; null: `edit` has a change
+    /// The whole scene, whose blob is kept; null: `edit` has a change
+    std::unique_ptr<StoredScene> row = {};
     KeptEdit edit = {};
     std::uint64_t ended = 0;  ///< the number of the row in whose place `row` is put
     std::optional<Result<void>> outcome = {};  ///< for StateFolder
@@ -48,13 +49,13 @@ struct BlobFault {
     std::string why;
 };
 
-/// Reads the blob of a scene in the state folder `folder`, and checks its digest and its arena. Blocks;
-/// throws std::bad_alloc.
+/// Reads the blob of a scene in the state folder `folder`, and checks its digest and its arena.
+/// Blocks; throws std::bad_alloc.
 [[nodiscard]] tl::expected<std::shared_ptr<const Snapshot>, BlobFault> read_stored(
     const std::filesystem::path& folder, const std::string& digest, std::uint64_t bytes);
 
-/// Returns the name of a network file system by its number in statfs; null for others. A manifest may be
-/// damaged there, and a lock may hold nobody off.
+/// Returns the name of a network file system by its number in statfs; null for others. A manifest
+/// may be damaged there, and a lock may hold nobody off.
 [[nodiscard]] const char* network_file_system(std::uint64_t magic);
 
 /// The open folder; its lock is taken already. Thread-safe. Functions block but for pins' end.
@@ -62,8 +63,9 @@ class StateFolder {
 public:
     using Stopped = std::function<bool()>;
 
-    /// Opens the folder, or returns null for an empty name. Makes what is missing, and removes unfinished files and blobs without a row. Fails with
-    /// io_failed on network file systems, and as Manifest::open() does.
+    /// Opens the folder, or returns null for an empty name. Makes what is missing, and removes
+    /// unfinished files and blobs without a row. Fails with io_failed on network file systems, and
+    /// as Manifest::open() does.
     static Result<std::unique_ptr<StateFolder>> open(const std::filesystem::path& folder);
 
     /// The rows at the start.
@@ -73,8 +75,8 @@ public:
     /// A number larger than that of all rows.
     [[nodiscard]] std::uint64_t next_number() { return ++last_number_; }
 
-    /// Writes the blob of a scene unless it is there. Fails with io_failed, and leaves nothing, if the disk
-    /// is full or fails.
+    /// Writes the blob of a scene unless it is there. Fails with io_failed, and leaves nothing, if
+    /// the disk is full or fails.
     [[nodiscard]] Result<BlobPin> keep(const std::string& digest, std::span<const std::byte> arena,
                                        const Stopped& stopped);
     /// Keeps a blob that has a row.
@@ -83,12 +85,14 @@ public:
     [[nodiscard]] Result<void> put(const StoredScene& scene);
     /// Removes rows as Manifest::remove() does.
     [[nodiscard]] Result<void> remove(const std::vector<StoredScene>& scenes);
-    /// Undoes put() for a load that has ended before its scene was published; at the next collect().
+    /// Undoes put() for a load that has ended before its scene was published; at the next
+    /// collect().
     void undo(StoredScene scene, std::unique_ptr<StoredScene> before);
 
     /// Takes an edit, which later ones follow on the disk, too. Does not block.
     void hand_in(std::shared_ptr<Keeping> edit);
-    /// Commits it with all others that were handed in meanwhile. One that follows a failed one fails.
+    /// Commits it with all others that were handed in meanwhile. One that follows a failed one
+    /// fails.
     [[nodiscard]] Result<void> commit(const std::shared_ptr<Keeping>& edit);
     /// Commits that epochs up to this one were told.
     [[nodiscard]] Result<void> reserve(std::uint64_t number, std::uint64_t epoch);
@@ -104,7 +108,8 @@ public:
     void collect();
     [[nodiscard]] bool has_work();
 
-    /// Keeps other loads of this owner and name waiting until the result is destroyed; null if stopped.
+    /// Keeps other loads of this owner and name waiting until the result is destroyed; null if
+    /// stopped.
     [[nodiscard]] std::shared_ptr<void> lock_name(const std::string& owner, const std::string& name,
                                                   const Stopped& stopped);
 
@@ -118,9 +123,10 @@ private:
     void let_go(const std::string& digest);
     void collect_locked();
     void commit_locked();
-    [[nodiscard]] Result<void> write_blob(const std::string& digest, std::span<const std::byte> arena,
-                                          const Stopped& stopped);
-    /// Fails once the disk has failed. Called with mutex_ locked, which the manifest's word of that needs.
+    [[nodiscard]] Result<void> write_blob(const std::string& digest,
+                                          std::span<const std::byte> arena, const Stopped& stopped);
+    /// Fails once the disk has failed. Called with mutex_ locked, which the manifest's word of that
+    /// needs.
     [[nodiscard]] Result<void> usable() const;
 
     const std::filesystem::path folder_;

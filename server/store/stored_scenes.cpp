@@ -19,7 +19,8 @@ StoredScene SceneStore::Entry::row() const {
 }
 
 Reply<void> SceneStore::check_publication(const std::string& name, const Snapshot& snapshot,
-                                          const Publication& how, const ConnectionId& caller) const {
+                                          const Publication& how,
+                                          const ConnectionId& caller) const {
     if (const auto quota = check_quota(name, caller, snapshot.bytes().size()); !quota) return quota;
     const Entry* const taken = own_entry(name, caller);
     if (taken != nullptr && taken->facts.digest != snapshot.digest() && !how.replace &&
@@ -71,7 +72,8 @@ std::uint64_t SceneStore::on_disk_of(const std::string& principal) const {
 DiskRoom SceneStore::room_for(const Entry* changed, const std::string& owner) const {
     const std::uint64_t bytes_max = quotas_.of(owner).disk_bytes;
     const std::uint64_t others =
-        on_disk_of(owner) - (changed != nullptr && changed->owner == owner ? changed->disk_bytes() : 0) +
+        on_disk_of(owner) -
+        (changed != nullptr && changed->owner == owner ? changed->disk_bytes() : 0) +
         claims_.of(owner);
     return {bytes_max - std::min(bytes_max, others), owner,
             quotas_.limit_text(owner, &Quota::disk_bytes) + "; " +
@@ -164,7 +166,8 @@ std::vector<std::string> SceneStore::quarantine(const std::string& digest, const
 void SceneStore::make_room(std::uint64_t bytes, const std::string& principal) {
     const std::uint64_t bytes_max = quotas_.of(principal).scene_bytes;
     const auto beyond_quota = [&] {
-        const std::uint64_t held = charged_to(principal, true).bytes + charged_to(principal, false).bytes;
+        const std::uint64_t held =
+            charged_to(principal, true).bytes + charged_to(principal, false).bytes;
         return bytes <= bytes_max && held > bytes_max - bytes;
     };
     const auto beyond_budget = [&] { return budget_.room(principal, Use::lasting) < bytes; };
@@ -196,7 +199,8 @@ bool SceneStore::let_go_of_oldest(const std::string* principal) {
         if (found == candidates.end() || !found->second.charged ||
             found->second.references != entry.scene.held.use_count())
             continue;
-        if (oldest == nullptr || found->second.used < candidates.at(oldest).used) oldest = found->first;
+        if (oldest == nullptr || found->second.used < candidates.at(oldest).used)
+            oldest = found->first;
     }
     if (oldest == nullptr) return false;
     for (auto& [name, entry] : entries_)

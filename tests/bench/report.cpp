@@ -95,9 +95,9 @@ nlohmann::ordered_json row_of(const Options& options, const Setting& setting,
 
 void print_header(const Options& options) {
     if (options.json || options.build) return;
-    std::printf("%-12s %-8s %-8s %-9s %-12s %-6s %3s %9s  %-16s %9s %6s %6s %10s %6s\n",
-                "scene", "rays", "kind", "traversal", "intersector", "target", "thr",
-                "Mrays/s", "peer", "Mrays/s", "ratio", "adj.", "mismatches", "ties");
+    std::printf("%-12s %-8s %-8s %-9s %-12s %-6s %3s %9s  %-16s %9s %6s %6s %10s %6s\n", "scene",
+                "rays", "kind", "traversal", "intersector", "target", "thr", "Mrays/s", "peer",
+                "Mrays/s", "ratio", "adj.", "mismatches", "ties");
 }
 
 void print_row(const Options& options, const Setting& setting, const Outcome& outcome) {
@@ -111,8 +111,8 @@ void print_row(const Options& options, const Setting& setting, const Outcome& ou
         label.traversal + (label.counters == "none" ? "" : "+" + label.counters);
     std::printf("%-12s %-8s %-8s %-9s %-12s %-6s %3u %9.2f", setting.scene.c_str(),
                 setting.rays.c_str(), setting.kind.c_str(), traversal.c_str(),
-                label.intersector.c_str(), label.target.c_str(),
-                label.threads, row["mrays"].get<double>());
+                label.intersector.c_str(), label.target.c_str(), label.threads,
+                row["mrays"].get<double>());
     if (outcome.opponent != nullptr) {
         std::printf("  %-16s %9.2f %6.2f %6.2f %10llu %6llu", outcome.opponent->label.name.c_str(),
                     row["peer_mrays"].get<double>(), row["ratio"].get<double>(),

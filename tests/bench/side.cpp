@@ -54,11 +54,11 @@ Result<Side> make_peer_side(PeerLibrary& library, const PeerForm& form, const Wo
     side.peer = std::move(*peer);
     side.answers =
         std::make_unique<Answers>(query, static_cast<std::uint32_t>(rays.size()), hits_max);
-    side.trace = [peer = side.peer.get(), rays, answers = side.answers.get()](
-                     std::uint32_t first, std::uint32_t count) {
+    side.trace = [peer = side.peer.get(), rays, answers = side.answers.get()](std::uint32_t first,
+                                                                              std::uint32_t count) {
         peer->trace({rays.data() + first, count, answers->hits_max,
-                       answers->hits.data() + std::size_t{first} * answers->hits_max,
-                       answers->counts.data() + first});
+                     answers->hits.data() + std::size_t{first} * answers->hits_max,
+                     answers->counts.data() + first});
     };
     return side;
 }

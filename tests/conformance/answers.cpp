@@ -113,10 +113,9 @@ std::optional<std::uint64_t> compare_outputs(const Answer& a, const Answer& b,
                                              const Question& question) {
     std::uint64_t compared = 0;
     for (std::size_t i = 0; i < a.counts.size(); ++i) {
-        const bool met_all = question.query == query_all ? (b.ray_flags[i] & hit_truncated) == 0
-                             : question.query == query_multi
-                                 ? b.counts[i] < question.hits_max
-                                 : b.of(i).front().hit == 0;
+        const bool met_all = question.query == query_all     ? (b.ray_flags[i] & hit_truncated) == 0
+                             : question.query == query_multi ? b.counts[i] < question.hits_max
+                                                             : b.of(i).front().hit == 0;
         if (!met_all) continue;
         for (std::size_t output = 0; output < a.outputs.size(); ++output) {
             if (a.outputs[output][i] != b.outputs[output][i]) return std::nullopt;

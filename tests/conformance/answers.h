@@ -48,8 +48,8 @@ struct Difference {
     std::size_t first = 0;  ///< index of the first such ray
 };
 
-/// Compares the outputs of rays whose search nothing cut short: they have met every candidate. Returns
-/// how many were not 0; nothing if one differs.
+/// Compares the outputs of rays whose search nothing cut short: they have met every candidate.
+/// Returns how many were not 0; nothing if one differs.
 std::optional<std::uint64_t> compare_outputs(const Answer& a, const Answer& b,
                                              const Question& question);
 

@@ -9,8 +9,8 @@
 //               [--edge-rays N] [--rays N] [--outputs 1]
 //
 // --outputs 1: compares outputs, too, of an intersector that overrides no boxes (one that does sees
-// fewer candidates with a tree). --against: this target also answers, with its reference only. --rays: rays of each kind and scene
-// (1500).
+// fewer candidates with a tree). --against: this target also answers, with its reference only.
+// --rays: rays of each kind and scene (1500).
 //
 //   conformance --kernels all        prints how many kernels each pack holds, and nothing else
 //
@@ -170,8 +170,7 @@ public:
         std::vector<Answer> references;
         for (const Question& question : questions) {
             if (edges_only && question.query != query_closest) continue;
-            const auto reference =
-                find_function(variant_, question.query, traversal_reference);
+            const auto reference = find_function(variant_, question.query, traversal_reference);
             if (!reference) {
                 check_without_reference(test, question, settings);
                 continue;
@@ -193,8 +192,7 @@ public:
 private:
     // A GPU's kernels must refuse a scene that is nested too deep for them.
     void check_refusal(const Case& test, const Settings& settings) {
-        const auto function =
-            find_function(variant_, query_closest, traversal_single);
+        const auto function = find_function(variant_, query_closest, traversal_single);
         if (!function) return;
         std::vector<HitRecord> hits(test.rays.size());
         TraceCall call{};
@@ -249,8 +247,7 @@ private:
 
     void check_traversal(const Case& test, const Question& question, const Settings& settings,
                          Traversal traversal, CounterMode counters, const Answer& expected) {
-        const auto function =
-            find_function(variant_, question.query, traversal, counters);
+        const auto function = find_function(variant_, question.query, traversal, counters);
         if (!function) return;
         const Answer answer =
             ask(variant_, *function, test.scene->view(), test.rays, question, settings, counters);

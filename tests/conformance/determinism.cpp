@@ -96,8 +96,7 @@ int main_checked() {
             const std::string family =
                 (std::string(target) == "v2" ? "v2/" : "") + std::to_string(query);
             for (std::uint32_t t = 0; t < traversal_reference; ++t) {
-                const auto function =
-                    find_function(variant, query, static_cast<Traversal>(t));
+                const auto function = find_function(variant, query, static_cast<Traversal>(t));
                 if (!function) continue;
                 for (const std::uint32_t threads : {1U, 2U, 3U, 8U}) {
                     for (const std::uint32_t chunk : {1U, 7U, 4096U, 65536U}) {

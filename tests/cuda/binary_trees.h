@@ -8,8 +8,8 @@
 // stay valid.
 #pragma once
 
-#include "engine/bvh/intersect_with.h"
 #include "engine/bvh/box_test.h"
+#include "engine/bvh/intersect_with.h"
 #include "engine/bvh/node.h"
 #include "engine/cuda/device_tree.h"
 #include "engine/geometry/intersect_triangle.h"

@@ -74,8 +74,7 @@ TEST_CASE("a call is answered, or reports that there is no GPU") {
     call.mask = 0xFFFFFFFFU;
     call.hits = hits.data();
     const Pack& pack = cuda_pack();
-    const TraceFunction closest =
-        pack.variants[0].trace[traversal_single][query_closest][0];
+    const TraceFunction closest = pack.variants[0].trace[traversal_single][query_closest][0];
     CHECK(closest(&call) == (pack.supported() ? trace_ok : trace_no_device));
 
     call.hits = nullptr;

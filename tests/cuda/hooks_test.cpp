@@ -82,7 +82,7 @@ struct CompareCounts {
 /// Traces rays through `trees` and through the reference; make(room) returns an empty query.
 template <class Trees, class Make>
 CompareCounts compare(const SceneView& scene, const Trees& trees, const std::vector<Ray>& rays,
-              Make&& make) {
+                      Make&& make) {
     CompareCounts counts;
     CompareCounts ignored;
     Section isect{counts.boxes_at, counts.primitives, counts.instances};
@@ -117,8 +117,9 @@ TEST_CASE("hooks are called at every level by every query on both layouts") {
         const auto trees = cuda::compress(scene);
         REQUIRE(trees.has_value());
         const auto check = [&](auto&& make) {
-            for (const CompareCounts& counts : {compare(scene, trees->view(), rays, make),
-                                       compare(scene, cuda::BinaryTrees(scene), rays, make)}) {
+            for (const CompareCounts& counts :
+                 {compare(scene, trees->view(), rays, make),
+                  compare(scene, cuda::BinaryTrees(scene), rays, make)}) {
                 CHECK(counts.different == 0);
                 CHECK(counts.hits > 20);
                 CHECK(counts.primitives > 0);

@@ -137,8 +137,7 @@ TEST_CASE("through slots every kernel gives the CPU's bytes") {
             call.rays = question.rays.data();
             const Variant* const cpu = (*registry)->find(variant.name);
             REQUIRE((cpu != nullptr));
-            REQUIRE(cpu->code->trace[traversal_single][query][0](&call) ==
-                    trace_ok);
+            REQUIRE(cpu->code->trace[traversal_single][query][0](&call) == trace_ok);
             std::array<Answers, 2> answers;
             for (std::size_t i = 0; i < slots.size(); ++i) {
                 call = answers[i].call(query);

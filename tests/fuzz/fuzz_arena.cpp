@@ -1,7 +1,8 @@
 // Asks everything of a scene that a hostile import process has made: Snapshot::open() refuses its
 // arena, or no request reads beyond it, and none goes on for ever.
 //
-// The input is a list of changes to a good arena, 9 bytes each: a place, a word, and how it is written.
+// The input is a list of changes to a good arena, 9 bytes each: a place, a word, and how it is
+// written.
 #include "engine/scene/edits/pose.h"
 #include "engine/scene/format.h"
 #include "engine/scene/snapshot.h"
@@ -32,8 +33,8 @@ std::span<const std::byte> good_arena() {
     return scene->bytes();
 }
 
-/// Returns the place of a word in a section of the good arena, or in all of it. The sections differ much in
-/// size, and the small ones lead to the others.
+/// Returns the place of a word in a section of the good arena, or in all of it. The sections differ
+/// much in size, and the small ones lead to the others.
 std::size_t place_in(std::size_t section, std::size_t number) {
     const std::span<const std::byte> good = good_arena();
     const auto& header = *reinterpret_cast<const format::Header*>(good.data());
@@ -56,9 +57,14 @@ Arena changed(std::span<const std::uint8_t> changes) {
         std::uint32_t value = 0;
         std::memcpy(&value, at, sizeof value);
         switch (changes[8] % 3) {
-            case 0: value = word; break;
-            case 1: value += word % 16 - 8; break;
-            default: value ^= 1U << word % 32;
+            case 0:
+                value = word;
+                break;
+            case 1:
+                value += word % 16 - 8;
+                break;
+            default:
+                value ^= 1U << word % 32;
         }
         std::memcpy(at, &value, sizeof value);
         changes = changes.subspan(change_bytes);
@@ -74,8 +80,14 @@ protocol::Frame rays(std::uint64_t id, std::uint64_t count) {
     const std::span<float> values = bulk.block_as<float>(0);
     for (std::uint64_t ray = 0; ray < count; ++ray) {
         const auto x = static_cast<float>(ray % 8), y = static_cast<float>(ray / 8 % 8);
-        const std::array<float, 8> one = {x, y, ray % 3 == 0 ? 0.1F : 20, 0, ray % 5 == 0 ? 0.3F : 0,
-                                          ray % 2 == 0 ? -1.0F : 0, ray % 2 == 0 ? 0.0F : 1, 100};
+        const std::array<float, 8> one = {x,
+                                          y,
+                                          ray % 3 == 0 ? 0.1F : 20,
+                                          0,
+                                          ray % 5 == 0 ? 0.3F : 0,
+                                          ray % 2 == 0 ? -1.0F : 0,
+                                          ray % 2 == 0 ? 0.0F : 1,
+                                          100};
         std::copy(one.begin(), one.end(), values.begin() + static_cast<std::ptrdiff_t>(8 * ray));
     }
     return protocol::encode(id, wire::QueryRaysT{}, std::move(bulk)).value();

@@ -3,7 +3,8 @@
 // The input is a program of steps: a byte chooses the next action of the client or of the daemon's
 // surroundings, and the bytes after it are its arguments. Most frames are valid, so that programs
 // get deep; any of them may be damaged in transit. The last byte chooses the role of the client. A
-// model of the promises to a client checks the daemon's frames, and that no role gets more than it may.
+// model of the promises to a client checks the daemon's frames, and that no role gets more than it
+// may.
 #include "tests/fuzz/target.h"
 #include "tests/golden/examples.h"
 #include "tests/unit/server/small_daemon.h"
@@ -315,8 +316,8 @@ private:
         const auto hello = protocol::open<wire::Hello>(frame);
         const std::uint64_t window = hello ? (*hello)->window_bytes() : 0;
         const server::Request* request = server::find_request(frame.header.type);
-        const bool is_refused = request != nullptr &&
-                                role_ < request->role && greeted && !conversation_.closing();
+        const bool is_refused =
+            request != nullptr && role_ < request->role && greeted && !conversation_.closing();
         const std::size_t jobs = conversation_.jobs();
         const std::size_t sent = daemon_.sent.size();
         const auto admitted = conversation_.admit(frame.header);

@@ -64,7 +64,8 @@ private:
                     .o;
             }
             case BaseType::UByte: {
-                constexpr std::size_t digest_bytes = 32;  // the only such list: a digest of one file
+                // The only such list: a digest of one file
+                constexpr std::size_t digest_bytes = 32;
                 return builder_.CreateVector(std::vector(digest_bytes, std::uint8_t{1})).o;
             }
             case BaseType::UInt:
@@ -103,7 +104,8 @@ private:
     }
 
     void add_number(const reflection::Field& field) {
-        // A query whose rays the daemon makes sends none, and a tile lies in a picture of one pixel.
+        // A query whose rays the daemon makes sends none, and a tile lies in a picture of one
+        // pixel.
         const std::string_view name = field.name()->string_view();
         if (name == "ray_count" || name == "tile_x" || name == "tile_y") return;
         const auto add = [&]<class Number>(Number one) {

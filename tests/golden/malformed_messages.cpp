@@ -120,7 +120,8 @@ void add_bad_loads(Table& table) {
     };
     add("Load with a name too few", Code::invalid_field, [](auto& l) { l.file_names = {}; });
     add("Load with a hash too few", Code::invalid_field, [](auto& l) { l.file_hashes = {}; });
-    add("Load with half a digest", Code::invalid_field, [](auto& l) { l.file_digests.assign(16, 1); });
+    add("Load with half a digest", Code::invalid_field,
+        [](auto& l) { l.file_digests.assign(16, 1); });
     add("Load with digests for more files than it has", Code::invalid_field,
         [](auto& l) { l.file_digests.assign(64, 1); });
     add("Load with a digest and too many hashes", Code::invalid_field, [](auto& l) {
@@ -189,8 +190,7 @@ void add_bad_queries(Table& table) {
         q.job->tables.back()->name = name;
         q.job->tables.back()->values.resize(values);
     };
-    add("Query with a nameless table", Code::invalid_field,
-        [&](auto& q) { add_table(q, "", 1); });
+    add("Query with a nameless table", Code::invalid_field, [&](auto& q) { add_table(q, "", 1); });
     add("Query with 8193 values in two tables", Code::limit_exceeded, [&](auto& q) {
         add_table(q, "curve", 8192);
         add_table(q, "ids", 1);

@@ -50,7 +50,8 @@ void read_slowly(Peer& peer, bool drips, const std::atomic<bool>& over) {
 
 constexpr std::size_t slow_clients = sanitized ? 10 : 50;
 
-/// A daemon whose share for one principal, four fifths, has room for the slow clients and for `peer`.
+/// A daemon whose share for one principal, four fifths, has room for the slow clients and for
+/// `peer`.
 struct ServedInHaste : Served {
     ServedInHaste()
         : Served({"--give-way-ms", "300", "--connections-max",

@@ -1,5 +1,5 @@
-// Runs a program under the restrictions of a service: no new privileges, and no system calls but those
-// of a list; the others fail with EPERM, as SystemCallErrorNumber=EPERM of the unit says.
+// Runs a program under the restrictions of a service: no new privileges, and no system calls but
+// those of a list; the others fail with EPERM, as SystemCallErrorNumber=EPERM of the unit says.
 //
 //   confine FILE PROGRAM [ARGUMENT...]      FILE names a call per line
 #include <seccomp.h>

@@ -201,7 +201,8 @@ TEST_CASE("readers that pause hold their windows, and give their memory to who n
     if (!sanitized) CHECK(growth < 128 << 20);
     tally("readers that pause before 8 MB each", clients,
           std::to_string(growth >> 20) + " MiB of memory at most, all of them served, " +
-              std::to_string(static_cast<int>(counter(house.peer, "gave_way_memory"))) + " gave way");
+              std::to_string(static_cast<int>(counter(house.peer, "gave_way_memory"))) +
+              " gave way");
 }
 
 TEST_CASE_FIXTURE(Hasty, "a daemon that ends does not wait for those who pause") {

@@ -17,9 +17,10 @@ constexpr BuiltinKey forest_keys[] = {{"trees", 1000, 1, 4'000'000},
                                       {"seed", 1, 0, 1ULL << 53}};
 constexpr BuiltinKey terrain_keys[] = {{"size", 512, 2, 8192}, {"seed", 1, 0, 1ULL << 53}};
 constexpr BuiltinKey flake_keys[] = {{"depth", 6, 1, 16}};
-constexpr BuiltinKey street_keys[] = {
-    {"cars", 50, 0, 100'000}, {"length", 400, 50, 100'000}, {"seconds", 0, 0, 60},
-    {"seed", 1, 0, 1ULL << 53}};
+constexpr BuiltinKey street_keys[] = {{"cars", 50, 0, 100'000},
+                                      {"length", 400, 50, 100'000},
+                                      {"seconds", 0, 0, 60},
+                                      {"seed", 1, 0, 1ULL << 53}};
 
 struct Builtin {
     std::string_view name;

@@ -25,8 +25,8 @@ struct BuiltinKey {
 using BuiltinValues = std::map<std::string, std::uint64_t, std::less<>>;
 
 /// Describes builtin:forest[?trees=..&leaves=..&levels=1..4&seed=..], builtin:flake[?depth=..],
-/// builtin:terrain[?size=..&seed=..] or builtin:street[?cars=..&length=..&seconds=..&seed=..]. A scene_invalid error
-/// names the known keys.
+/// builtin:terrain[?size=..&seed=..] or builtin:street[?cars=..&length=..&seconds=..&seed=..]. A
+/// scene_invalid error names the known keys.
 Result<SceneDescription> describe_builtin(std::string_view source);
 
 /// Describes ground, and trees of leaf cards in nested instances. Equal values give equal bytes.
@@ -35,7 +35,8 @@ Result<SceneDescription> describe_forest(const BuiltinValues& values);
 Result<SceneDescription> describe_terrain(const BuiltinValues& values);
 /// Describes spheres on spheres: records of type "sphere", one nesting level per generation.
 Result<SceneDescription> describe_flake(const BuiltinValues& values);
-/// Describes houses, trees, lamps and cars along a street; a car is an instance with four more for its wheels.
+/// Describes houses, trees, lamps and cars along a street; a car is an instance with four more for
+/// its wheels.
 Result<SceneDescription> describe_street(const BuiltinValues& values);
 
 /// Merges instances into their parents, from the bottom up, until the root has at most `levels`

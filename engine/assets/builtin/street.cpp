@@ -5,8 +5,8 @@
 //
 // The street runs along X, two lanes a side of Z = 0. A car looks along its own +X and turns its
 // wheels about their own Z. Instances are "car-0", "car-1", ..., each with "wheel-0" to "wheel-3";
-// "house-*", "tree-*", "lamp-*". With `seconds` it has an animation: cars drive, with the first camera
-// among them, and trees sway. Wheels stand still: they lie within the cars.
+// "house-*", "tree-*", "lamp-*". With `seconds` it has an animation: cars drive, with the first
+// camera among them, and trees sway. Wheels stand still: they lie within the cars.
 #include "engine/assets/builtin/builtin.h"
 #include "engine/assets/builtin/look_at.h"
 #include "engine/assets/builtin/play.h"
@@ -278,11 +278,13 @@ public:
         for (std::uint32_t i = 0; i < placed.size(); ++i) {
             const Transform& at = placed[i].transform;
             if (placed[i].name.starts_with("car-"))
-                play.follow(play.add_drive({at.m[0] * random.uniform(9, 14) * seconds_, 0, 0}), i, at);
+                play.follow(play.add_drive({at.m[0] * random.uniform(9, 14) * seconds_, 0, 0}), i,
+                            at);
             if (placed[i].name.starts_with("tree-"))
-                play.follow(play.add_sway({at.m[3], at.m[7], at.m[11]}, random.uniform(0.02F, 0.06F),
-                                          random.uniform(2, 4), random.uniform(0, 1)),
-                            i, at);
+                play.follow(
+                    play.add_sway({at.m[3], at.m[7], at.m[11]}, random.uniform(0.02F, 0.06F),
+                                  random.uniform(2, 4), random.uniform(0, 1)),
+                    i, at);
         }
         const std::uint32_t driver = play.add_drive({11 * seconds_, 0, 0});
         play.follow_with_camera(driver, 0, scene_.cameras[0].to_world);

@@ -1,4 +1,5 @@
-// The contents of a file as a reader of this folder gives them, before they are placed in the world.
+// The contents of a file as a reader of this folder gives them, before they are placed in the
+// world.
 #pragma once
 
 #include "engine/assets/input/import_request.h"

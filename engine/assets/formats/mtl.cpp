@@ -23,10 +23,11 @@ Result<void> MtlReader::read(std::string_view name) {
     const std::string shown = one_line(name, 80);
     const auto file = file_of_name(obj_, name);
     if (!file) {
-        warn(content_,
-             fmt::format("mtllib '{}' leaves the scene's folder or is no file's name: put it beside "
-                         "the .obj",
-                         shown));
+        warn(
+            content_,
+            fmt::format("mtllib '{}' leaves the scene's folder or is no file's name: put it beside "
+                        "the .obj",
+                        shown));
         return {};
     }
     const auto bytes = files_.read(*file);

@@ -239,7 +239,9 @@ private:
         const Accessor& accessor = model_.accessors[index];
         const std::uint64_t count = model_.accessors[deformed.primitive.position].count;
         if (accessor.fault.empty() && accessor.count != count) {
-            leave_out_texcoords(set, fmt::format("is for {} of {}", counted(accessor.count, "vertex", "vertices"), count));
+            leave_out_texcoords(
+                set, fmt::format("is for {} of {}", counted(accessor.count, "vertex", "vertices"),
+                                 count));
             return {};
         }
         const bool normalized_unsigned =
@@ -260,7 +262,8 @@ private:
         }
         if (bad == 0) return {};
         out.clear();
-        leave_out_texcoords(set, fmt::format("is not finite at {}", counted(bad, "vertex", "vertices")));
+        leave_out_texcoords(set,
+                            fmt::format("is not finite at {}", counted(bad, "vertex", "vertices")));
         return {};
     }
 
@@ -325,8 +328,8 @@ private:
         if (!turns) return error_of(turns);
         for (std::size_t i = 0; i + 3 < tangents->size(); i += 4) {
             const Vec3 t((*tangents)[i], (*tangents)[i + 1], (*tangents)[i + 2]);
-            geometry.tangents.emplace_back(
-                turns->empty() ? t : bent(t, turns->data() + i / 4 * 3), (*tangents)[i + 3]);
+            geometry.tangents.emplace_back(turns->empty() ? t : bent(t, turns->data() + i / 4 * 3),
+                                           (*tangents)[i + 3]);
         }
         return {};
     }
@@ -366,8 +369,7 @@ private:
     /// Returns nothing, with a warning, where the accessor does not fit.
     Result<std::vector<float>> read_shading(const Deformed& deformed, std::uint32_t index,
                                             std::uint32_t width, const char* name) {
-        if (fits(deformed, index, width))
-            return deformed.read(model_.accessors[index], true, name);
+        if (fits(deformed, index, width)) return deformed.read(model_.accessors[index], true, name);
         leave_out(scene_, "normals",
                   fmt::format("{} has a {} that cannot be read; it is left out", where_, name));
         return std::vector<float>{};

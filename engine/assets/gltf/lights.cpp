@@ -17,8 +17,8 @@ void read_lights(const Model& model, SceneDescription& scene) {
         const auto pose = camera_pose(entry.to_scene);
         if (!light.fault.empty()) {
             leave_out(scene, "lights",
-                      fmt::format("{} {} and is left out",
-                                  label("light", node.light, light.name), light.fault));
+                      fmt::format("{} {} and is left out", label("light", node.light, light.name),
+                                  light.fault));
             continue;
         }
         const char* const fault = !pose                                     ? no_pose

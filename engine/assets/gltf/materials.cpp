@@ -77,10 +77,10 @@ public:
         const Image& from = model_.images[image];
         const std::string name = label("picture", image, from.name);
         const std::uint32_t others = users_[image].count - 1;
-        const std::string without =
-            others == 0 ? fmt::format("; {} is shown without it", material)
-                        : fmt::format("; {} and {} are shown without it", material,
-                                      counted(others, "other", "others"));
+        const std::string without = others == 0
+                                        ? fmt::format("; {} is shown without it", material)
+                                        : fmt::format("; {} and {} are shown without it", material,
+                                                      counted(others, "other", "others"));
         if (!from.fault.empty()) return read_[image] = missing(name + ' ' + from.fault + without);
         std::optional<ImageDescription>& known = decoded_[image];
         auto picture = known && known->rgba.size() <= bytes_left_

@@ -54,7 +54,8 @@ MotionWriter::MotionWriter(const Model& model, SceneDescription& scene)
     if (any && scene.origin != WorldPoint{}) {
         deforms_.clear();
         scene.warnings.emplace_back(
-            "vertices do not play in a scene with an origin; its nodes do. Load it without --origin");
+            "vertices do not play in a scene with an origin; its nodes do. Load it without "
+            "--origin");
     }
     tables_.floats = model.key_floats;
     tables_.samplers = model.samplers;
@@ -208,8 +209,8 @@ void MotionWriter::finish() {
         made.first_channel = static_cast<std::uint32_t>(tables_.channels.size());
         for (const Channel& channel : from.channels) {
             const MotionSampler& sampler = tables_.samplers[channel.sampler];
-            made.seconds = std::max(
-                made.seconds, tables_.floats[sampler.first_time + sampler.keys - 1]);
+            made.seconds =
+                std::max(made.seconds, tables_.floats[sampler.first_time + sampler.keys - 1]);
             std::uint32_t target = numbers_[channel.node];
             if (channel.path == MotionPath::weights) {
                 const auto mesh = meshes_.find(model_.nodes[channel.node].mesh);

@@ -56,10 +56,10 @@ private:
     const Model& model_;
     SceneDescription& scene_;
     MotionTables tables_;
-    std::vector<bool> moves_;                 ///< by node; empty: nothing moves
-    std::vector<bool> deforms_;               ///< by mesh; empty: none does
-    std::vector<std::uint32_t> parents_;      ///< by node
-    std::vector<std::uint32_t> numbers_;      ///< by node: in the tables
+    std::vector<bool> moves_;                         ///< by node; empty: nothing moves
+    std::vector<bool> deforms_;                       ///< by mesh; empty: none does
+    std::vector<std::uint32_t> parents_;              ///< by node
+    std::vector<std::uint32_t> numbers_;              ///< by node: in the tables
     std::vector<std::vector<std::uint32_t>> places_;  ///< by entry of tables_.meshes
     std::map<std::uint32_t, std::uint32_t> meshes_;   ///< mesh -> entry
 };

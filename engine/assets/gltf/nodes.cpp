@@ -137,7 +137,8 @@ private:
             const std::uint32_t shape = sharing_.shape_of[entry.node];
             if (shape == no_id) continue;
             if (!entry.is_top && object_of_[shape] != no_id) {
-                place(object, entry.node, object_of_[shape], entry.to_object, identity_matrix, mask_all);
+                place(object, entry.node, object_of_[shape], entry.to_object, identity_matrix,
+                      mask_all);
                 continue;
             }
             const Node& node = model_.nodes[entry.node];
@@ -259,7 +260,7 @@ void read_cameras(const Model& model, MotionWriter& motion, SceneDescription& sc
         const std::optional<Transform> pose = camera_pose(entry.to_scene);
         const Camera& camera = model.cameras[node.camera];
         const std::string& name = node.name.empty() ? camera.name : node.name;
-        const char* const fault = !pose ? no_pose
+        const char* const fault = !pose                                       ? no_pose
                                   : scene.cameras.size() == scene_cameras_max ? "is one too many"
                                                                               : nullptr;
         if (fault != nullptr) {

@@ -40,7 +40,6 @@ public:
     /// Returns the map to the parent of an object as it is now: its centre is moved back.
     [[nodiscard]] Matrix exact_matrix(std::uint32_t object, const Matrix& to_parent) const;
 
-
 private:
     /// What is known of an object's vertices, in its space.
     struct Extent {

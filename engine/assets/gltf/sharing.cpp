@@ -44,13 +44,15 @@ Sharing find_sharing(const Model& model, const std::vector<std::uint32_t>& order
             if (of_child == no_id) continue;
             shape.placements += sharing.shapes[of_child].placements;
             const bool moves = model.nodes[child].is_animated;
-            shape.in_scene_space = shape.in_scene_space || moves || sharing.shapes[of_child].in_scene_space;
+            shape.in_scene_space =
+                shape.in_scene_space || moves || sharing.shapes[of_child].in_scene_space;
             append(key, moves);
             append(key, model.nodes[child].local);
             append(key, of_child);
         }
         if (key.empty()) continue;
-        // A mesh's part of the key is 17 bytes and more, and a child's is 101: one flag tells them apart.
+        // A mesh's part of the key is 17 bytes and more, and a child's is 101: one flag tells them
+        // apart.
         key.push_back(places_mesh ? '\1' : '\0');
 
         const auto number = static_cast<std::uint32_t>(sharing.shapes.size());

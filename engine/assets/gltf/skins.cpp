@@ -79,7 +79,8 @@ void separate_poses(Model& model) {
         if (node.skin == no_id && node.weights.empty() && !node.has_moving_weights) continue;
         const auto number = static_cast<std::uint32_t>(model.meshes.size());
         const auto [pose, is_new] = poses.try_emplace(
-            {node.mesh, node.skin, node.weights, node.has_moving_weights ? &node : nullptr}, number);
+            {node.mesh, node.skin, node.weights, node.has_moving_weights ? &node : nullptr},
+            number);
         if (is_new) {
             model.meshes.push_back(
                 {model.meshes[node.mesh].name, {}, node.weights, node.mesh, node.skin});
@@ -230,8 +231,9 @@ Result<void> Deformer::skin(const Deformed& vertices, GeometryDescription& geome
                     geometry.normals.empty() ? nullptr : &geometry.normals[v],
                     geometry.tangents.empty() ? nullptr : &geometry.tangents[v]);
     if (vertices.motion != nullptr) {
-        vertices.motion->set_joints(static_cast<std::uint32_t>(&vertices.mesh - model_.meshes.data()),
-                                    binds_[vertices.mesh.skin]);
+        vertices.motion->set_joints(
+            static_cast<std::uint32_t>(&vertices.mesh - model_.meshes.data()),
+            binds_[vertices.mesh.skin]);
         vertices.motion->set_influences(static_cast<std::uint32_t>(each), joints, weights);
     }
     return {};

@@ -1,8 +1,8 @@
 // Morph targets and skins, evaluated in the pose of the file.
 //
 // A mesh is deformed at import: first by its morph targets, then by its skin (glTF 2.0, 3.7.2.2 and
-// 3.7.3). What animations need to do so again goes into the scene (motion.h). The joints of a skinned mesh place it, not its node: its
-// vertices are in the scene's space.
+// 3.7.3). What animations need to do so again goes into the scene (motion.h). The joints of a
+// skinned mesh place it, not its node: its vertices are in the scene's space.
 #pragma once
 
 #include "engine/assets/gltf/budget.h"

@@ -114,8 +114,7 @@ Result<ExrHeader> read_exr_header(std::span<const std::byte> file) {
             std::array<std::uint32_t, 4> window{};
             if (*size != sizeof window) return broken("its window is invalid");
             std::memcpy(window.data(), value->data(), sizeof window);
-            if (window[0] != 0 || window[1] != 0 || window[2] >= side_max ||
-                window[3] >= side_max)
+            if (window[0] != 0 || window[1] != 0 || window[2] >= side_max || window[3] >= side_max)
                 return broken("its window does not begin at 0,0 or is too large");
             if (seen[2] && (header.width != window[2] + 1 || header.height != window[3] + 1))
                 return broken("its windows differ");
@@ -139,9 +138,8 @@ Result<std::vector<std::size_t>> find_channels(const ExrHeader& header, std::uin
         return std::to_string(columns) + "x" + std::to_string(rows);
     };
     if (header.width != width || header.height != height)
-        return fail(ErrorCode::scene_invalid,
-                    "the EXR has " + pixels(header.width, header.height) + " pixels, not " +
-                        pixels(width, height));
+        return fail(ErrorCode::scene_invalid, "the EXR has " + pixels(header.width, header.height) +
+                                                  " pixels, not " + pixels(width, height));
     // Equally many, and each has a place of its own: then there are no others.
     std::vector<std::size_t> places;
     for (const ChannelType& channel : channels) {

@@ -103,8 +103,8 @@ std::vector<std::uint8_t> to_rgba(const std::vector<std::uint8_t>& pixels, std::
 }
 
 /// Divides colours by alpha: OpenImageIO's WebP reader multiplies them whatever its settings. This
-/// loses digits where a pixel is almost transparent, and all colour where it is wholly so: decode_webp()
-/// reads what it can.
+/// loses digits where a pixel is almost transparent, and all colour where it is wholly so:
+/// decode_webp() reads what it can.
 void divide_by_alpha(std::vector<std::uint8_t>& rgba) {
     for (std::size_t i = 0; i < rgba.size(); i += 4) {
         const unsigned alpha = rgba[i + 3];
@@ -159,15 +159,16 @@ Result<void> check_size(std::uint32_t width, std::uint32_t height, std::uint32_t
                         std::uint64_t bytes_max) {
     if (width <= side_max && height <= side_max && std::uint64_t{width} * height * 4 <= bytes_max)
         return {};
-    return fail(ErrorCode::limit_exceeded,
-                fmt::format("the picture is {} x {} pixels; at most {} a side and {} MiB decoded are "
-                            "allowed",
-                            width, height, side_max, bytes_max >> 20));
+    return fail(
+        ErrorCode::limit_exceeded,
+        fmt::format("the picture is {} x {} pixels; at most {} a side and {} MiB decoded are "
+                    "allowed",
+                    width, height, side_max, bytes_max >> 20));
 }
 
 #ifdef RAYNEST_WEBP
-/// Decodes a WebP with straight alpha, so that each pixel has its colour, however transparent. Returns
-/// nothing for an animation: OpenImageIO has its first frame.
+/// Decodes a WebP with straight alpha, so that each pixel has its colour, however transparent.
+/// Returns nothing for an animation: OpenImageIO has its first frame.
 std::optional<Result<ImageDescription>> decode_webp(std::span<const std::byte> file,
                                                     std::uint32_t side_max,
                                                     std::uint64_t bytes_max) {
@@ -182,7 +183,8 @@ std::optional<Result<ImageDescription>> decode_webp(std::span<const std::byte> f
     if (auto fits = check_size(width, height, side_max, bytes_max); !fits)
         return tl::unexpected<Error>(fits.error());
     std::vector<std::uint8_t> rgba(std::size_t{width} * height * 4);
-    if (WebPDecodeRGBAInto(data, file.size(), rgba.data(), rgba.size(), features.width * 4) == nullptr)
+    if (WebPDecodeRGBAInto(data, file.size(), rgba.data(), rgba.size(), features.width * 4) ==
+        nullptr)
         return decode_failed(rgba.size() * 2, "the picture is damaged or cut short");
     return ImageDescription{width, height, std::move(rgba)};
 }
@@ -199,8 +201,8 @@ Result<ImageDescription> decode(std::span<const std::byte> file, std::uint32_t s
     if (name == "memory.webp")
         if (auto decoded = decode_webp(file, side_max, bytes_max)) return std::move(*decoded);
 #endif
-    // libjpeg fills missing data with grey, and reports success after a warning. With an end of its own
-    // a picture whose data are all there has no warning, and one that was cut has.
+    // libjpeg fills missing data with grey, and reports success after a warning. With an end of its
+    // own a picture whose data are all there has no warning, and one that was cut has.
     std::vector<std::byte> ended;
     if (name == "memory.jpg" && !has_jpeg_end(file)) {
         ended.assign(file.begin(), file.end());
@@ -392,21 +394,23 @@ Result<LightPicture> decode_light(std::span<const std::byte> file, std::uint32_t
     picture.width = static_cast<std::uint32_t>(spec.width);
     picture.height = static_cast<std::uint32_t>(spec.height);
     const std::uint64_t count = std::uint64_t{picture.width} * picture.height;
-    const std::uint64_t needed = count * (sizeof(float) * static_cast<std::uint64_t>(spec.nchannels));
+    const std::uint64_t needed =
+        count * (sizeof(float) * static_cast<std::uint64_t>(spec.nchannels));
     if (picture.width > side_max || picture.height > side_max || spec.nchannels > 64 ||
         needed > bytes_max)
-        return fail(ErrorCode::limit_exceeded,
-                    fmt::format("the environment is {} x {} pixels of {} channels; at most {} a "
-                                "side and {} MiB decoded are allowed",
-                                picture.width, picture.height, spec.nchannels, side_max,
-                                bytes_max >> 20));
+        return fail(
+            ErrorCode::limit_exceeded,
+            fmt::format("the environment is {} x {} pixels of {} channels; at most {} a "
+                        "side and {} MiB decoded are allowed",
+                        picture.width, picture.height, spec.nchannels, side_max, bytes_max >> 20));
     std::array<std::size_t, 3> channels{};
     for (std::size_t c = 0; c < 3; ++c) {
         constexpr std::array<const char*, 3> colours = {"R", "G", "B"};
         auto named = std::ranges::find(spec.channelnames, colours[c]);
         if (named == spec.channelnames.end()) named = std::ranges::find(spec.channelnames, "Y");
         if (named == spec.channelnames.end())
-            return fail(ErrorCode::scene_invalid, "the environment has no channels R, G and B: save it in RGB");
+            return fail(ErrorCode::scene_invalid,
+                        "the environment has no channels R, G and B: save it in RGB");
         channels[c] = static_cast<std::size_t>(named - spec.channelnames.begin());
     }
     const auto stride = static_cast<std::size_t>(spec.nchannels);

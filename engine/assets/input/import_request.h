@@ -35,7 +35,7 @@ struct ImportRequest {
     std::vector<NamedBytes> files;  ///< files[0] is the main file; empty for built-in scenes
     std::string primitive;          ///< record type of a .npy, e.g. "sphere"
     BuildQuality build = BuildQuality::medium;
-    WorldPoint origin{};             ///< subtracted from world coordinates before they are rounded
+    WorldPoint origin{};  ///< subtracted from world coordinates before they are rounded
     FileOptions options{};
     std::vector<std::string> masks;  ///< rules "GLOB=HEX" (mask_rules.h)
 };

@@ -3,11 +3,12 @@
 // Parsers of foreign formats are a common target of attacks. So they run where a crash, a hang or a
 // memory bomb becomes an error message: with limits on address space, processor time, files and
 // output, a watchdog in the parent, no inherited descriptors but the two memory files of
-// import_wire.h, no privileges to gain, no file, socket, program or process to reach (sandbox.h), and
-// death together with the parent.
+// import_wire.h, no privileges to gain, no file, socket, program or process to reach (sandbox.h),
+// and death together with the parent.
+#include "engine/assets/sandbox/import_child.h"
+
 #include "engine/assets/images/exr_header.h"
 #include "engine/assets/import.h"
-#include "engine/assets/sandbox/import_child.h"
 #include "engine/assets/sandbox/import_wire.h"
 #include "engine/assets/sandbox/picture_child.h"
 #include "engine/assets/sandbox/sandbox.h"
@@ -51,8 +52,9 @@ constexpr int slowdown = 1;
 /// Reason why a child was killed.
 enum class Killed { no, late, unwanted, crowded };
 
-/// Maximum number of a child's threads. Its libraries start one or two for each core. Without a maximum
-/// a hostile one could use up those that the system leaves to the daemon (TasksMax of its unit).
+/// Maximum number of a child's threads. Its libraries start one or two for each core. Without a
+/// maximum a hostile one could use up those that the system leaves to the daemon (TasksMax of its
+/// unit).
 std::uint64_t threads_max() {
     constexpr std::uint64_t others = 64;
     return 2 * std::uint64_t{std::thread::hardware_concurrency()} + others;
@@ -104,8 +106,8 @@ void forget_environment() {
     ::clearenv();
 }
 
-/// Gives up capabilities: root in a container could raise the limits again. The package's unit forbids
-/// the call, and has none.
+/// Gives up capabilities: root in a container could raise the limits again. The package's unit
+/// forbids the call, and has none.
 void drop_capabilities() {
     __user_cap_header_struct header{_LINUX_CAPABILITY_VERSION_3, 0};
     const __user_cap_data_struct none[_LINUX_CAPABILITY_U32S_3] = {};
@@ -174,8 +176,8 @@ Result<Fd> run_child(wire::Work work, const ImportRequest& request, const Import
     Killed killed = Killed::no;
     const auto status = wait_until(*pid, memory, deadline, wanted, killed);
     if (!status) return tl::unexpected<Error>(status.error());
-    // The result is read into memory of this process, and may be longer than what it took the child: a
-    // file may have holes.
+    // The result is read into memory of this process, and may be longer than what it took the
+    // child: a file may have holes.
     if (killed == Killed::no && !wanted(memory.bytes() + bytes_in(*result_file)))
         killed = Killed::unwanted;
 
@@ -249,9 +251,8 @@ Result<LightPicture> decode_environment_in_child(std::span<const std::byte> file
                                                  const ImportLimits& limits,
                                                  std::span<const std::string> child,
                                                  const StillWanted& wanted) {
-    const auto result =
-        run_child(wire::Work::environment, picture_request("the environment", file), limits, child,
-                  wanted);
+    const auto result = run_child(wire::Work::environment, picture_request("the environment", file),
+                                  limits, child, wanted);
     if (!result) return tl::unexpected<Error>(result.error());
     return wire::read_light(result->get(), limits);
 }

@@ -1,7 +1,7 @@
 // Decodes pictures that clients send where a hostile file cannot hurt: in the import child.
 //
-// Both functions start a process, as import_in_child() does; bytes_max and time_max of `limits` hold
-// for it. The answer is checked as if an attacker had written it.
+// Both functions start a process, as import_in_child() does; bytes_max and time_max of `limits`
+// hold for it. The answer is checked as if an attacker had written it.
 #pragma once
 
 #include "engine/assets/images/image.h"
@@ -21,8 +21,8 @@ Result<LightPicture> decode_environment_in_child(
     std::span<const std::byte> file, const ImportLimits& limits, std::span<const std::string> child,
     const StillWanted& wanted = [](std::uint64_t) { return true; });
 
-/// Runs decode_exr(). The file must have exactly this size and these channels; that is checked before
-/// a process is started. Returns a plane for each of `channels`, in their order.
+/// Runs decode_exr(). The file must have exactly this size and these channels; that is checked
+/// before a process is started. Returns a plane for each of `channels`, in their order.
 Result<std::vector<std::vector<std::uint32_t>>> decode_exr_in_child(
     std::span<const std::byte> file, std::uint32_t width, std::uint32_t height,
     std::span<const ChannelType> channels, const ImportLimits& limits,

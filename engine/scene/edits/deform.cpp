@@ -70,8 +70,7 @@ std::uint64_t vertex_count(const SceneView& view, const ObjectRecord& object) {
     return count;
 }
 
-std::int64_t deform(EditedArena& arena, const ObjectRecord& object,
-                    NewVertices vertices) {
+std::int64_t deform(EditedArena& arena, const ObjectRecord& object, NewVertices vertices) {
     const SceneView& view = arena.view();
     std::int64_t grown = 0;
     std::vector<const Vec3*> moved;  // per geometry

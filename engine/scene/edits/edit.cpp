@@ -182,8 +182,9 @@ Result<void> check_vertices(const Snapshot& scene, const std::vector<MeshVertice
                 "in a scene with an origin objects have coordinates of their own: load it again");
         const std::uint64_t count = vertex_count(view, object);
         if (mesh.vertices.positions.size() != count)
-            return fail(ErrorCode::field_invalid, fmt::format("{} has {} vertices, {} are given",
-                                                              name, count, mesh.vertices.positions.size()));
+            return fail(ErrorCode::field_invalid,
+                        fmt::format("{} has {} vertices, {} are given", name, count,
+                                    mesh.vertices.positions.size()));
         const auto is_sound = [](const Vec3& p) {
             const Vec3 reach = glm::abs(p);
             return reach.x <= coordinate_max && reach.y <= coordinate_max &&

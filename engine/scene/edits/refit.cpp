@@ -149,10 +149,12 @@ Refitted refit(EditedArena& arena, const ChangesByObject& by_object, const TreeL
     for (const auto& [index, change] : by_object) {
         ObjectRecord& object = arena.object(index);
         const std::vector<ChangedPlace>& changes = change.places;
-        if (!change.vertices.positions.empty()) arena.add_degenerate(deform(arena, object, change.vertices));
+        if (!change.vertices.positions.empty())
+            arena.add_degenerate(deform(arena, object, change.vertices));
         constexpr std::size_t many = 64;  // a node has up to so many in two levels below it
         const bool few = by_object.size() == 1 && index == arena.view().root &&
-                         object.node_count / many > changes.size() && change.vertices.positions.empty();
+                         object.node_count / many > changes.size() &&
+                         change.vertices.positions.empty();
         std::vector<std::uint32_t> change_of(few ? 0 : object.instance_count, no_id);
         std::vector<Box> boxes(changes.size());
         std::vector<float> errors(changes.size());
@@ -186,7 +188,8 @@ Refitted refit(EditedArena& arena, const ChangesByObject& by_object, const TreeL
             refit_few(arena, changes, boxes, links, costs, done);
             continue;
         }
-        const Box reached = refit_object(arena, object, change_of, boxes, !change.vertices.positions.empty());
+        const Box reached =
+            refit_object(arena, object, change_of, boxes, !change.vertices.positions.empty());
         if (index == arena.view().root) done.reached = reached;
     }
     return done;

@@ -80,8 +80,7 @@ Result<void> probe(std::span<const Variant* const> variants, const ProbeTrace& t
                 call.mask = 0xFFFFFFFFU;
                 Answers ours(call.hits_max);
                 Answers theirs(call.hits_max);
-                const auto function =
-                    find_function(*variant, query, traversal_single);
+                const auto function = find_function(*variant, query, traversal_single);
                 if (!function) return tl::unexpected(function.error());
                 call.hits = ours.hits.data();
                 call.hit_counts = ours.counts.data();

@@ -12,10 +12,10 @@
 #include "engine/scene/snapshot.h"
 #include "protocol/errors.h"
 #include "protocol/limits.h"
-#include "server/execution/backend.h"
 #include "server/backends/cuda/process.h"
-#include "server/ground/metrics.h"
+#include "server/execution/backend.h"
 #include "server/ground/budget.h"
+#include "server/ground/metrics.h"
 
 #include <atomic>
 #include <chrono>

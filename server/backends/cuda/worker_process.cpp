@@ -108,7 +108,8 @@ private:
     }
 
     [[nodiscard]] TraceFunction kernel_of(const Request& request) const {
-        if (request.variant >= pack_.pack->variant_count || request.query >= query_count) return nullptr;
+        if (request.variant >= pack_.pack->variant_count || request.query >= query_count)
+            return nullptr;
         const PackVariant& variant = pack_.pack->variants[request.variant];
         if (variant.param_count > params_max) return nullptr;
         return variant.trace[traversal_single][request.query][0];

@@ -2,11 +2,11 @@
 
 #include "protocol/control.h"
 #include "protocol/text.h"
+#include "server/documents/plan_text.h"
+#include "server/documents/selection_text.h"
 #include "server/jobs/film_tiles.h"
 #include "server/jobs/picture_job.h"
 #include "server/jobs/received_picture.h"
-#include "server/documents/selection_text.h"
-#include "server/documents/plan_text.h"
 
 #include <algorithm>
 #include <array>
@@ -33,8 +33,8 @@ Reply<IntegratorSettings> integrator_settings(const wire::Render& message) {
     if (message.depth() != 0) settings.depth = message.depth();
     settings.ao_distance = message.ao_distance();
     const std::string_view word = protocol::word(message.environment(), "auto");
-    const auto* const chosen = std::ranges::find(
-        environments, word, &std::pair<std::string_view, Environment>::first);
+    const auto* const chosen =
+        std::ranges::find(environments, word, &std::pair<std::string_view, Environment>::first);
     if (chosen == environments.end())
         return refuse(Code::invalid_field, "unknown environment '" + std::string(word) +
                                                "': use one of auto, sky, none, picture");
@@ -82,9 +82,9 @@ void set_passes(const wire::Render& message, FilmOptions& options) {
     options.passes.push_back(options.samples);
 }
 
-/// The parts of a request that shape its samples, as text that a client can turn back into the request.
-std::vector<Attribute> request_attributes(const wire::Render& message,
-                                          const FilmOptions& options) {
+/// The parts of a request that shape its samples, as text that a client can turn back into the
+/// request.
+std::vector<Attribute> request_attributes(const wire::Render& message, const FilmOptions& options) {
     std::string asked = "first";
     float fov = 0;
     if (const wire::Camera* camera = message.camera(); camera != nullptr) {
@@ -102,7 +102,8 @@ std::vector<Attribute> request_attributes(const wire::Render& message,
         }
     }
     std::string set;
-    for (const std::string& setting : protocol::strings(protocol::present(message.job()).settings()))
+    for (const std::string& setting :
+         protocol::strings(protocol::present(message.job()).settings()))
         set.append(set.empty() ? "" : " ").append(setting);
     // Another table makes another film; whoever adds samples brings the same one again.
     if (const auto* tables = protocol::present(message.job()).tables()) {
@@ -113,22 +114,23 @@ std::vector<Attribute> request_attributes(const wire::Render& message,
                 .append(table_text(protocol::values(*table)));
     }
     const IntegratorSettings& settings = options.settings;
-    std::vector<Attribute> attributes = {{"raynest:version", RAYNEST_VERSION},
-            {"raynest:integrator", options.integrator},
-            {"raynest:width", number_text(message.width())},
-            {"raynest:height", number_text(message.height())},
-            {"raynest:spp", number_text(options.samples)},
-            {"raynest:seed", number_text(options.seed)},
-            {"raynest:depth", number_text(settings.depth)},
-            {"raynest:ao_distance", number_text(settings.ao_distance)},
-            {"raynest:environment", std::string(protocol::word(message.environment(), "auto"))},
-            {"raynest:sun", settings.sun ? number_text(settings.sun_azimuth) + "," +
-                                               number_text(settings.sun_elevation)
-                                         : std::string("auto")},
-            {"raynest:noise", number_text(options.noise)},
-            {"raynest:set", set.empty() ? std::string("none") : set},
-            {"raynest:camera_asked", asked},
-            {"raynest:fov", number_text(fov)}};
+    std::vector<Attribute> attributes = {
+        {"raynest:version", RAYNEST_VERSION},
+        {"raynest:integrator", options.integrator},
+        {"raynest:width", number_text(message.width())},
+        {"raynest:height", number_text(message.height())},
+        {"raynest:spp", number_text(options.samples)},
+        {"raynest:seed", number_text(options.seed)},
+        {"raynest:depth", number_text(settings.depth)},
+        {"raynest:ao_distance", number_text(settings.ao_distance)},
+        {"raynest:environment", std::string(protocol::word(message.environment(), "auto"))},
+        {"raynest:sun", settings.sun ? number_text(settings.sun_azimuth) + "," +
+                                           number_text(settings.sun_elevation)
+                                     : std::string("auto")},
+        {"raynest:noise", number_text(options.noise)},
+        {"raynest:set", set.empty() ? std::string("none") : set},
+        {"raynest:camera_asked", asked},
+        {"raynest:fov", number_text(fov)}};
     if (settings.environment == IntegratorSettings::Environment::picture)
         attributes.push_back(
             {"raynest:environment_rotate", number_text(settings.environment_rotate)});

@@ -2,8 +2,8 @@
 
 #include "engine/integrators/camera.h"
 #include "protocol/control.h"
-#include "server/requests/words/setting_types.h"
 #include "protocol/text.h"
+#include "server/requests/words/setting_types.h"
 
 #include <algorithm>
 #include <array>
@@ -309,9 +309,9 @@ Reply<RaySource> read_rays(const wire::Query& query, const Snapshot& scene) {
     if (!generated) return tl::unexpected(generated.error());
     if (const auto* hemisphere = std::get_if<Hemisphere>(&*generated)) {
         if (sent == 0)
-            return refuse(Code::invalid_field,
-                          "generator " + std::string(protocol::text(generator->kind())) +
-                              " needs points");
+            return refuse(
+                Code::invalid_field,
+                "generator " + std::string(protocol::text(generator->kind())) + " needs points");
         if (query.part_count() != 0 && query.part_count() != sent)
             return refuse(Code::invalid_field,
                           "part_count: the part is " + std::to_string(query.part_count()) +
@@ -320,16 +320,14 @@ Reply<RaySource> read_rays(const wire::Query& query, const Snapshot& scene) {
         return RaySource(*hemisphere, query.part_first(), sent);
     }
     if (sent != 0)
-        return refuse(Code::invalid_field,
-                      "ray_count must be 0 where the daemon makes the rays");
+        return refuse(Code::invalid_field, "ray_count must be 0 where the daemon makes the rays");
     auto sensor = std::get<SensorPointer>(std::move(*generated));
     const std::uint64_t all = sensor->grid().pixels();
     const std::uint64_t first = query.part_first();
     if (all != 0 && (first >= all || query.part_count() > all - first))
-        return refuse(Code::invalid_field,
-                      "part: rays " + std::to_string(first) + " to " +
-                          std::to_string(first + query.part_count()) + ", but the generator makes " +
-                          std::to_string(all));
+        return refuse(Code::invalid_field, "part: rays " + std::to_string(first) + " to " +
+                                               std::to_string(first + query.part_count()) +
+                                               ", but the generator makes " + std::to_string(all));
     return RaySource(std::move(sensor), first,
                      query.part_count() != 0 ? query.part_count() : all - first);
 }

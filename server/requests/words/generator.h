@@ -1,4 +1,5 @@
-// The rays of a query: cameras, and generators, whose kind (generators.def) and settings become a sensor.
+// The rays of a query: cameras, and generators, whose kind (generators.def) and settings become a
+// sensor.
 #pragma once
 
 #include "engine/integrators/camera.h"
@@ -13,11 +14,12 @@ namespace raynest::server {
 /// Converts a request's camera: a camera of the scene, or a look-at.
 [[nodiscard]] CameraRequest camera_request(const wire::Camera* camera);
 
-/// A sensor with all of its rays, or a hemisphere, which makes rays from points that the client sends.
+/// A sensor with all of its rays, or a hemisphere, which makes rays from points that the client
+/// sends.
 using Generated = std::variant<SensorPointer, Hemisphere>;
 
-/// Makes a generator. Fails with INVALID_FIELD or LIMIT_EXCEEDED, and names the setting that is wrong,
-/// missing or not allowed for its kind.
+/// Makes a generator. Fails with INVALID_FIELD or LIMIT_EXCEEDED, and names the setting that is
+/// wrong, missing or not allowed for its kind.
 Reply<Generated> generate(const wire::Generator& message, const Snapshot& scene);
 
 /// Returns the source of a query's rays: sent by the client, or made by its generator. Fails as

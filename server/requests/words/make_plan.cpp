@@ -41,8 +41,8 @@ Reply<Settings> read_settings(const Variant& variant, const wire::Job& job) {
     if (job.tables() != nullptr) {
         for (const wire::ParamTable* table : *job.tables()) {
             const auto values = protocol::values(*table);
-            tables.push_back({std::string(protocol::text(table->name())),
-                              {values.begin(), values.end()}});
+            tables.push_back(
+                {std::string(protocol::text(table->name())), {values.begin(), values.end()}});
         }
     }
     auto settings = parse_settings(variant, assignments, tables);
@@ -98,7 +98,8 @@ Reply<Plan> make_plan(const Services& services, const Caller& caller, const wire
         scene = services.poser->find(*scene, text(job.animation()), job.time(), caller);
         if (!scene) return tl::unexpected(scene.error());
     } else if (!text(job.animation()).empty()) {
-        return refuse(Code::invalid_field, "`animation` is given and no moment of it: give `time`, too");
+        return refuse(Code::invalid_field,
+                      "`animation` is given and no moment of it: give `time`, too");
     }
     plan.scene = std::move(*scene);
     std::string_view intersector = word(job.intersector(), "auto");

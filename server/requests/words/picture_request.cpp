@@ -37,8 +37,8 @@ Reply<PictureRequest> make_checked(const Services& services, const Caller& calle
     if (!lease)
         return services.budget.refuse(
             "a picture of " + std::to_string(request.width) + "x" + std::to_string(request.height),
-            bytes,
-            caller.principal, std::string(advice) + ", or start raynestd with a larger --memory");
+            bytes, caller.principal,
+            std::string(advice) + ", or start raynestd with a larger --memory");
     request.lease = std::move(*lease);
     return request;
 }

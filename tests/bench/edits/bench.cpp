@@ -1,5 +1,6 @@
-// The cost of an edit: one of many instances of a sphere moves, over a build of the same scene, and over
-// what Embree's top level costs where Embree is there. CPU time of the whole process; best of each.
+// The cost of an edit: one of many instances of a sphere moves, over a build of the same scene, and
+// over what Embree's top level costs where Embree is there. CPU time of the whole process; best of
+// each.
 //
 //   raynest-bench-edits [INSTANCES] [ROUNDS]      prints one JSON object
 #include "engine/scene/edits/edit.h"
@@ -36,12 +37,14 @@ GeometryDescription sphere() {
         for (int s = 0; s < segments; ++s) {
             const float a = 3.14159265F * static_cast<float>(ring) / rings;
             const float b = 6.2831853F * static_cast<float>(s) / segments;
-            mesh.positions.emplace_back(std::sin(a) * std::cos(b), std::cos(a), std::sin(a) * std::sin(b));
+            mesh.positions.emplace_back(std::sin(a) * std::cos(b), std::cos(a),
+                                        std::sin(a) * std::sin(b));
         }
     for (std::uint32_t ring = 0; ring < rings; ++ring)
         for (std::uint32_t s = 0; s < segments; ++s) {
             const std::uint32_t a = ring * segments + s, b = ring * segments + (s + 1) % segments;
-            mesh.indices.insert(mesh.indices.end(), {a, b, a + segments, b, b + segments, a + segments});
+            mesh.indices.insert(mesh.indices.end(),
+                                {a, b, a + segments, b, b + segments, a + segments});
         }
     return mesh;
 }
@@ -75,15 +78,17 @@ std::shared_ptr<const Snapshot> built(const SceneDescription& description) {
 
 #ifdef RAYNEST_EMBREE
 /// CPU seconds of a commit of the top level after one instance has moved.
-double embree_commit(const GeometryDescription& mesh, std::uint32_t count, int rounds, RTCBuildQuality quality) {
+double embree_commit(const GeometryDescription& mesh, std::uint32_t count, int rounds,
+                     RTCBuildQuality quality) {
     RTCDevice device = rtcNewDevice(nullptr);
     RTCScene object = rtcNewScene(device);
     RTCGeometry triangles = rtcNewGeometry(device, RTC_GEOMETRY_TYPE_TRIANGLE);
-    void* positions = rtcSetNewGeometryBuffer(triangles, RTC_BUFFER_TYPE_VERTEX, 0, RTC_FORMAT_FLOAT3,
-                                              sizeof(Vec3), mesh.positions.size());
+    void* positions =
+        rtcSetNewGeometryBuffer(triangles, RTC_BUFFER_TYPE_VERTEX, 0, RTC_FORMAT_FLOAT3,
+                                sizeof(Vec3), mesh.positions.size());
     std::copy(mesh.positions.begin(), mesh.positions.end(), static_cast<Vec3*>(positions));
-    void* indices = rtcSetNewGeometryBuffer(triangles, RTC_BUFFER_TYPE_INDEX, 0, RTC_FORMAT_UINT3, 12,
-                                            mesh.indices.size() / 3);
+    void* indices = rtcSetNewGeometryBuffer(triangles, RTC_BUFFER_TYPE_INDEX, 0, RTC_FORMAT_UINT3,
+                                            12, mesh.indices.size() / 3);
     std::copy(mesh.indices.begin(), mesh.indices.end(), static_cast<std::uint32_t*>(indices));
     rtcCommitGeometry(triangles);
     rtcAttachGeometry(object, triangles);
@@ -154,8 +159,8 @@ void run(std::uint32_t count, int rounds) {
                           {"move_one_over_build", one / build},
                           {"move_all_over_build", all / build}};
 #ifdef RAYNEST_EMBREE
-    const double low = embree_commit(description.objects[0].geometries[0], count, std::max(3, rounds / 5),
-                                     RTC_BUILD_QUALITY_LOW);
+    const double low = embree_commit(description.objects[0].geometries[0], count,
+                                     std::max(3, rounds / 5), RTC_BUILD_QUALITY_LOW);
     answer["embree"] = RAYNEST_EMBREE;
     answer["embree_commit_low_cpu_seconds"] = low;
     answer["move_one_over_embree_commit"] = one / low;

@@ -95,7 +95,8 @@ void any_single(RTCScene scene, RTCFilterFunctionN filter, const PeerCall& call)
     }
 }
 
-/// Calls `ask(first, count, valid)` for each packet; lanes of the last one that hold no ray are not valid.
+/// Calls `ask(first, count, valid)` for each packet; lanes of the last one that hold no ray are not
+/// valid.
 template <class Ask>
 void for_packets(std::uint32_t ray_count, Ask ask) {
     for (std::uint32_t first = 0; first < ray_count; first += packet_rays) {

@@ -48,8 +48,8 @@ T must(tl::expected<T, E>&& result) {
     return std::move(*result);
 }
 
-constexpr std::uint32_t call_rays = 16384;   // as a daemon's chunk
-constexpr std::uint32_t tile_pixels = 512;   // 64 x 8, as a film's tile
+constexpr std::uint32_t call_rays = 16384;  // as a daemon's chunk
+constexpr std::uint32_t tile_pixels = 512;  // 64 x 8, as a film's tile
 
 /// The rays of one call of a caster, and what the call answered.
 struct Call {
@@ -66,9 +66,9 @@ public:
         for (const Query query : {query_closest, query_any})
             selectors_.emplace(query, must(KernelSelector::make(variant, query, traversal)));
     }
-    double seconds = 0;                ///< CPU time of all calls
+    double seconds = 0;  ///< CPU time of all calls
     std::uint64_t rays = 0;
-    std::vector<Call>* record = nullptr;  ///< calls are added to it
+    std::vector<Call>* record = nullptr;        ///< calls are added to it
     const std::vector<Call>* replay = nullptr;  ///< calls are answered from it
     std::size_t replayed = 0;
 
@@ -108,7 +108,8 @@ public:
     void trace(Query query, std::span<const Ray> all, std::span<HitRecord> hits) {
         const KernelSelector& selector = selectors_.at(query);
         for (std::size_t done = 0; done < all.size(); done += call_rays) {
-            const auto part = all.subspan(done, std::min<std::size_t>(call_rays, all.size() - done));
+            const auto part =
+                all.subspan(done, std::min<std::size_t>(call_rays, all.size() - done));
             TraceCall call{};
             call.scene = &scene_;
             call.mask = ~0U;
@@ -146,8 +147,8 @@ struct Side {
     std::unique_ptr<const Integrator> integrator;
     std::unique_ptr<TimedCaster> caster, bare;
     std::unique_ptr<Film> film;
-    std::vector<std::vector<Call>> calls;    ///< of each tile
-    std::vector<std::vector<Cost>> laps;     ///< of each tile
+    std::vector<std::vector<Call>> calls;  ///< of each tile
+    std::vector<std::vector<Cost>> laps;   ///< of each tile
     std::uint64_t rays = 0;
 
     [[nodiscard]] double seconds(double Cost::*value) const {
@@ -196,7 +197,9 @@ private:
         const bool baseline = target == "baseline";
         side.registry = must(Registry::load({{}, baseline ? "auto" : target}));
         const SceneView& view = workload_.scene->view();
-        IntegratorScene scene{{}, workload_.scene->bounds(), &workload_.scene->shading(),
+        IntegratorScene scene{{},
+                              workload_.scene->bounds(),
+                              &workload_.scene->shading(),
                               baseline ? "" : std::string_view(side.target)};
         scene.source.scene = &view;
         if (!baseline && must(integrator_code(target)) == nullptr)
@@ -209,9 +212,7 @@ private:
         const Variant* variant =
             must(side.registry->choose(blends ? "alpha_blend" : options_.intersector, view));
         side.caster = std::make_unique<TimedCaster>(view, *variant, traversal_auto);
-        const bool stream =
-            variant->code->trace[traversal_stream][query_closest][0] !=
-            nullptr;
+        const bool stream = variant->code->trace[traversal_stream][query_closest][0] != nullptr;
         side.bare = std::make_unique<TimedCaster>(view, *variant,
                                                   stream ? traversal_stream : traversal_single);
         side.film = std::make_unique<Film>(ImageSize{options_.width, options_.height});
@@ -308,8 +309,9 @@ private:
 int main(int argc, char** argv) {
     using namespace raynest::bench;
     Options options;
-    CLI::App app{"What a path-traced picture costs beside its rays.\n"
-                 "Example: raynest-bench-light --scene builtin:forest"};
+    CLI::App app{
+        "What a path-traced picture costs beside its rays.\n"
+        "Example: raynest-bench-light --scene builtin:forest"};
     app.add_option("--scene", options.scene, "gen:..., builtin:... or a .glb");
     app.add_option("--camera", options.camera, "name or number");
     app.add_option("--intersector", options.intersector, "");

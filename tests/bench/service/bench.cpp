@@ -114,8 +114,7 @@ class InProcess {
 public:
     InProcess(const Workload& workload, const Variant& variant)
         : scene_(workload.scene->view()),
-          selector_(must(
-              KernelSelector::make(variant, query_closest, traversal_auto))),
+          selector_(must(KernelSelector::make(variant, query_closest, traversal_auto))),
           hits_(chunk_rays) {}
 
     void trace(std::span<const Ray> rays, std::uint64_t first, Answer& answer) {
@@ -331,8 +330,7 @@ void run(Options options) {
     const auto connection = must(client::Connection::open(options.server, ""));
 
     const RayKind kind = must(parse_ray_kind(options.rays));
-    const TraceFunction trace =
-        must(find_function(variant, query_closest, traversal_single));
+    const TraceFunction trace = must(find_function(variant, query_closest, traversal_single));
     std::vector<Ray> rays = make_rays(workload, kind, options.count, trace);
     options.count = static_cast<std::uint32_t>(rays.size()) / chunk_rays * chunk_rays;
     rays.resize(options.count);

@@ -45,8 +45,7 @@ void run(const ArenaOptions& options) {
 
     // Diffuse and other secondary rays start where opaque ones ended.
     const Variant* const opaque = value_of(registry->choose("opaque", workload.scene->view()));
-    const TraceFunction trace =
-        value_of(find_function(*opaque, query_closest, traversal_single));
+    const TraceFunction trace = value_of(find_function(*opaque, query_closest, traversal_single));
     for (const std::string& wanted : options.rays) {
         const std::size_t equals = wanted.find('=');
         if (equals == std::string::npos)

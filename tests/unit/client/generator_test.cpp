@@ -45,7 +45,8 @@ TEST_CASE("places are shifted by the scene's origin, in float64") {
     const Generate posed = parsed({"lidar", "pose=1,0,0,4000000.25,0,1,0,5000000,0,0,1,109"});
     CHECK(posed.at({}).settings == Words{"pose=1,0,0,4000000.25,0,1,0,5e+06,0,0,1,109"});
     CHECK(posed.at(origin).settings == Words{"pose=1,0,0,0.25,0,1,0,0,0,0,1,9"});
-    const Generate looking = parsed({"camera", "lookat=4000001,5000002,103,4000000,5000000,100,0,0,1"});
+    const Generate looking =
+        parsed({"camera", "lookat=4000001,5000002,103,4000000,5000000,100,0,0,1"});
     CHECK(looking.at(origin).settings == Words{"lookat=1,2,3,0,0,0,0,0,1"});
 }
 
@@ -77,7 +78,8 @@ TEST_CASE("what is no key=value or no place is named") {
 
 TEST_CASE("the help names every kind with its keys, and every key") {
     const std::string help = client::generate_help();
-    for (const char* line : {"  pinhole           size, camera, lookat, pose, fx, fy, cx, cy, range\n",
-                             "  seed              of the random numbers (0)\n"})
+    for (const char* line :
+         {"  pinhole           size, camera, lookat, pose, fx, fy, cx, cy, range\n",
+          "  seed              of the random numbers (0)\n"})
         CHECK(mentions(help, line));
 }

@@ -150,8 +150,8 @@ TEST_CASE("a difference is another scene, or options and parameters that differ"
     CHECK(other.epoch == 0);
     CHECK(other.settings == job.settings);
     CHECK_FALSE(read_difference("a second", scene).has_value());
-    for (const char* text : {"traversal=packet", "worker=cpu", "=3", "cutoff=", "mask=xyz", "epoch=0",
-                             "epoch=x", "cutoff=0.4"}) {
+    for (const char* text : {"traversal=packet", "worker=cpu", "=3", "cutoff=", "mask=xyz",
+                             "epoch=0", "epoch=x", "cutoff=0.4"}) {
         CAPTURE(text);
         const auto read = read_difference(text, setting);
         REQUIRE_FALSE(read.has_value());
@@ -164,15 +164,22 @@ TEST_CASE("a report shows names as text and needs nothing from elsewhere") {
     Report report;
     report.heat = small_document(hostile);
     report.command_line = "raynest heatmap '" + hostile + "'";
-    Json row = Json::parse(R"({"mesh": "", "share": 0.5, "wasted": 0.1, "work_per_ray": 3, "rays": 4})");
+    Json row =
+        Json::parse(R"({"mesh": "", "share": 0.5, "wasted": 0.1, "work_per_ray": 3, "rays": 4})");
     row["name"] = hostile;
     row["mesh"] = "</td><script>alert(2)</script>";
-    Json part = Json::parse(R"({"others": {"rows": 2, "share": 0.1}, "remainder": {"share": 0.4}})");
+    Json part =
+        Json::parse(R"({"others": {"rows": 2, "share": 0.1}, "remainder": {"share": 0.4}})");
     part["rows"] = Json::array({row});
     report.ranking = {{"instances", part}, {"meshes", part}, {"materials", part}};
-    report.ranking["findings"] = Json::array(
-        {Json{{"finding", "thin_triangles"}, {"subject", hostile}, {"share", 0.5}, {"figure", 0.01}, {"unit", "x"},
-              {"side", "below"}, {"threshold", 0.1}, {"remedy", "cut"}}});
+    report.ranking["findings"] = Json::array({Json{{"finding", "thin_triangles"},
+                                                   {"subject", hostile},
+                                                   {"share", 0.5},
+                                                   {"figure", 0.01},
+                                                   {"unit", "x"},
+                                                   {"side", "below"},
+                                                   {"threshold", 0.1},
+                                                   {"remedy", "cut"}}});
     const std::string html = report_html(report);
     CHECK(html.find("<img src=x") == std::string::npos);
     CHECK(html.find("<script") == std::string::npos);

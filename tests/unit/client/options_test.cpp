@@ -43,7 +43,9 @@ std::string complaint(const std::vector<std::string>& words) {
 }  // namespace
 
 TEST_CASE("login and logout name the daemon, logout else by --server") {
-    const auto server_of = [](const std::string& line) { return parse(words_of(line))->options->server; };
+    const auto server_of = [](const std::string& line) {
+        return parse(words_of(line))->options->server;
+    };
     CHECK(server_of("--server tcp://a:1 login tls://b:2") == "tls://b:2");
     CHECK(server_of("--server tcp://a:1 logout tls://b:2") == "tls://b:2");
     CHECK(server_of("--server tcp://a:1 logout") == "tcp://a:1");
@@ -198,7 +200,8 @@ TEST_CASE("a complaint names the wrong word and the accepted ones") {
     says("render f -o x.png --deadline nan", "'nan' is not a number of seconds from 0.001");
     says("query f --ray 1e300,0,0,0,0,1", "'1e300' does not fit a 32-bit float");
     // Eight numbers with tmin and tmax at the end, where that shows.
-    for (const char* old : {"0,0,5,-1,0,0,0,9", "0,0,5,2,0,0,1,1", "0,0,5,nan,0,0,1,1", "0,0,5,1,0,0,0,9"})
+    for (const char* old :
+         {"0,0,5,-1,0,0,0,9", "0,0,5,2,0,0,1,1", "0,0,5,nan,0,0,1,1", "0,0,5,1,0,0,0,9"})
         for (const std::string command : {"query f --ray ", "explain f --ray "})
             says(command + old, "they are ox,oy,oz,tmin,dx,dy,dz,tmax");
     const std::string query = "query f --ray 0,0,0,0,0,1 ";

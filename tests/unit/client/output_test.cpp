@@ -1,6 +1,7 @@
+#include "client/output/output.h"
+
 #include "client/ground/json.h"
 #include "client/ground/text.h"
-#include "client/output/output.h"
 
 #include <doctest/doctest.h>
 

@@ -221,8 +221,7 @@ TEST_CASE("the daemon states the number of rows for rays that it makes and for t
         query.generator = std::make_unique<wire::GeneratorT>();
         query.generator->kind = "camera";
         query.reduce = reduce;
-        return client::run_query(**connection, query, some_rays(0), progress, ignore)
-            .has_value();
+        return client::run_query(**connection, query, some_rays(0), progress, ignore).has_value();
     };
     CHECK(run_made("", 7, 7));
     CHECK(!run_made("", 8, 8));  // a row is missing

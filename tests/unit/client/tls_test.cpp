@@ -66,7 +66,8 @@ public:
         std::vector<std::byte> bytes(size);
         std::size_t got = 0;
         while (got < size) {
-            const int count = SSL_read(tls_.get(), bytes.data() + got, static_cast<int>(size - got));
+            const int count =
+                SSL_read(tls_.get(), bytes.data() + got, static_cast<int>(size - got));
             REQUIRE(count > 0);
             got += static_cast<std::size_t>(count);
         }

@@ -44,13 +44,11 @@ inline MotionTables rich_motion(const std::vector<Vec3>& corners) {
     mesh.place_count = mesh.part_count = mesh.joint_count = mesh.weight_count = 1;
     mesh.first_weight = add({0});
     motion.meshes.push_back(mesh);
-    motion.samplers = {
-        {times, 2, add({0, 0, 0, 0, 3, 0}), 3, Interpolation::linear},
-        {times, 2, add({0, 0, 0, 1, 0, 1, 0, 0}), 4, Interpolation::step},
-        {times, 2, add({0, 0, 0, 0, 1, 0}), 1, Interpolation::cubic}};
-    motion.channels = {{0, 0, MotionPath::translation},
-                       {1, 0, MotionPath::rotation},
-                       {2, 0, MotionPath::weights}};
+    motion.samplers = {{times, 2, add({0, 0, 0, 0, 3, 0}), 3, Interpolation::linear},
+                       {times, 2, add({0, 0, 0, 1, 0, 1, 0, 0}), 4, Interpolation::step},
+                       {times, 2, add({0, 0, 0, 0, 1, 0}), 1, Interpolation::cubic}};
+    motion.channels = {
+        {0, 0, MotionPath::translation}, {1, 0, MotionPath::rotation}, {2, 0, MotionPath::weights}};
     motion.animations.push_back({0, 0, 3, 1});
     motion.names = {'s', 'w', 'a', 'y', '\0'};
     return motion;
@@ -64,8 +62,7 @@ inline std::shared_ptr<const Snapshot> rich_scene(bool has_records = true) {
     for (std::uint32_t i = 0; i < 140; ++i) {
         const auto base = static_cast<std::uint32_t>(many.positions.size());
         const auto x = static_cast<float>(i % 8), y = static_cast<float>(i / 8);
-        for (const Vec3& p : unit_square().positions)
-            many.positions.push_back(p + Vec3(x, y, x));
+        for (const Vec3& p : unit_square().positions) many.positions.push_back(p + Vec3(x, y, x));
         for (const std::uint32_t index : {0U, 1U, 2U}) many.indices.push_back(base + index);
     }
     many.texcoords[0].resize(many.positions.size());

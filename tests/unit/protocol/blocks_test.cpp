@@ -49,7 +49,8 @@ TEST_CASE("columns come back as they were written, empty ones too") {
 }
 
 TEST_CASE("names of columns stand in tables and JSON as they are") {
-    for (const char* name : {"", "a b", "a\x1b[31m", "a\"b", "a\\b", "a\x7f", "\xc2\x9b", "\xc3\xa4"}) {
+    for (const char* name :
+         {"", "a b", "a\x1b[31m", "a\"b", "a\\b", "a\x7f", "\xc2\x9b", "\xc3\xa4"}) {
         Bulk bulk;
         bulk.add(name, wire::Dtype::u8, 1, 1);
         bulk.allocate();

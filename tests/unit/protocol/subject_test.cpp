@@ -11,13 +11,13 @@ using raynest::protocol::split_principals;
 using Names = std::vector<std::string>;
 
 TEST_CASE("a subject has the form in which the daemon names principals") {
-    for (const char* good :
-         {"CN=robot", "CN=robot,O=Lab", "O=Lab 7,CN=robot", "CN=a+UID=7,DC=x,DC=y", "2.5.4.3=a",
-          "CN=Smith\\, John", "CN=a\\\\b", "CN=J\xc3\xbcrg", "CN=\\20a\\ ", "CN=#04", "CN=a=b", "CN="})
+    for (const char* good : {"CN=robot", "CN=robot,O=Lab", "O=Lab 7,CN=robot",
+                             "CN=a+UID=7,DC=x,DC=y", "2.5.4.3=a", "CN=Smith\\, John", "CN=a\\\\b",
+                             "CN=J\xc3\xbcrg", "CN=\\20a\\ ", "CN=#04", "CN=a=b", "CN="})
         CHECK_MESSAGE(is_subject(good), good);
-    for (const char* bad :
-         {"", "robot", "CN = robot", "CN=robot, O=Lab", "/CN=robot/O=Lab,", "CN=robot,", "=robot",
-          "CN=a\nb", "CN=a\x1b", "CN=a;b", "CN=\"a\"", "CN=a\\", "CN= a", "CN=a ", "CN=\xff", "CN=a,,O=b"})
+    for (const char* bad : {"", "robot", "CN = robot", "CN=robot, O=Lab", "/CN=robot/O=Lab,",
+                            "CN=robot,", "=robot", "CN=a\nb", "CN=a\x1b", "CN=a;b", "CN=\"a\"",
+                            "CN=a\\", "CN= a", "CN=a ", "CN=\xff", "CN=a,,O=b"})
         CHECK_MESSAGE(!is_subject(bad), bad);
     CHECK(is_subject("CN=" + std::string(197, 'a')));
     CHECK_FALSE(is_subject("CN=" + std::string(198, 'a')));

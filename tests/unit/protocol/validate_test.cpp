@@ -74,8 +74,8 @@ TEST_CASE("the lists of a SceneList are equally long") {
         (spoilt.*list).clear();
         CHECK_FALSE(is_valid(spoilt));
     }
-    for (const auto list : {&wire::SceneListT::hashes, &wire::SceneListT::owners, &wire::SceneListT::shares,
-                            &wire::SceneListT::states}) {
+    for (const auto list : {&wire::SceneListT::hashes, &wire::SceneListT::owners,
+                            &wire::SceneListT::shares, &wire::SceneListT::states}) {
         auto spoilt = full();
         (spoilt.*list).emplace_back("b");
         CHECK_FALSE(is_valid(spoilt));

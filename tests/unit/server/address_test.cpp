@@ -13,7 +13,8 @@ TEST_CASE("the page has an address with a scheme or without") {
     const auto encrypted = parse_http_address("https://[::1]:2");
     CHECK(to_uri(*encrypted) == "https://[::1]:2");
     CHECK(scheme_of(*encrypted) == "https");
-    for (const char* wrong : {"https:/127.0.0.1:1", "https://", "httpss://127.0.0.1:1", "tls://127.0.0.1:1"})
+    for (const char* wrong :
+         {"https:/127.0.0.1:1", "https://", "httpss://127.0.0.1:1", "tls://127.0.0.1:1"})
         CHECK_FALSE(parse_http_address(wrong));
 }
 

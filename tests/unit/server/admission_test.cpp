@@ -112,6 +112,5 @@ TEST_CASE("principals that take all they can leave a place for the next one") {
     CHECK(admission.enter(asked("single", 0)));
 }
 
-
 }  // namespace
 }  // namespace raynest::server

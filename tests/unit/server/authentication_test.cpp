@@ -31,9 +31,10 @@ struct GuardedDaemon {
 
     GuardedDaemon() {
         put(rows());
-        authentication.set_trust([this](const ClientCertificate& shown, WallClock::time_point wall) {
-            return trusts_certificates && wall < shown.expires;
-        });
+        authentication.set_trust(
+            [this](const ClientCertificate& shown, WallClock::time_point wall) {
+                return trusts_certificates && wall < shown.expires;
+            });
     }
     GuardedDaemon(const GuardedDaemon&) = delete;
     [[nodiscard]] TokenTable rows() const {
@@ -56,8 +57,8 @@ const PeerIdentity stranger{"192.0.2.7", Place::remote, "tls"};
 PeerIdentity holder(const std::string& subject) {
     PeerIdentity peer = stranger;
     peer.subject = subject;
-    peer.certificate = std::make_shared<const ClientCertificate>(
-        ClientCertificate{{}, noon + 24h, nullptr});
+    peer.certificate =
+        std::make_shared<const ClientCertificate>(ClientCertificate{{}, noon + 24h, nullptr});
     return peer;
 }
 
@@ -85,7 +86,8 @@ TEST_CASE("a revoked, changed or expired row is no longer valid for open connect
     CHECK(guarded.authentication.still_valid(*vera, noon));
     CHECK_FALSE(guarded.authentication.still_valid(*vera, noon + 2h));
     TokenTable changed = guarded.rows();
-    changed.put({TokenRow::Kind::token, "vera", Role::admin, hash_token(guarded.vera), noon + 1h, {}});
+    changed.put(
+        {TokenRow::Kind::token, "vera", Role::admin, hash_token(guarded.vera), noon + 1h, {}});
     CHECK(changed.erase("alice"));
     guarded.put(changed);
     CHECK_FALSE(guarded.authentication.still_valid(*alice, noon));
@@ -144,7 +146,8 @@ TEST_CASE("each kind of admission is valid only while its rule admits it again")
         {"no CA", policy([](AccessPolicy& p) { p.certificates = false; }), "t--lou"},
         {"no tokens", policy([](AccessPolicy& p) { p.tokens = false; }), "-cclou"},
         {"nobody anonymous", policy([](AccessPolicy& p) { p.anonymous.reset(); }), "tcc--u"},
-        {"anonymous viewers", policy([](AccessPolicy& p) { p.anonymous = Role::viewer; }), "tcc--u"},
+        {"anonymous viewers", policy([](AccessPolicy& p) { p.anonymous = Role::viewer; }),
+         "tcc--u"},
     };
     for (const Change& change : changes) {
         INFO(std::string(change.name));
@@ -163,8 +166,10 @@ TEST_CASE("each kind of admission is valid only while its rule admits it again")
             const bool stays = change.stay[i] != '-';
             CHECK(fresh.authentication.still_valid(principals[i], noon) == stays);
             // A code and a cookie end with what let their principal in.
-            const std::string code = fresh.authentication.logins().make_code(principals[i], noon).value();
-            CHECK(fresh.authentication.log_in(stranger, "", code, fresh.now, noon).has_value() == stays);
+            const std::string code =
+                fresh.authentication.logins().make_code(principals[i], noon).value();
+            CHECK(fresh.authentication.log_in(stranger, "", code, fresh.now, noon).has_value() ==
+                  stays);
             ++i;
         }
     }

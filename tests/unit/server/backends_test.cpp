@@ -1,9 +1,9 @@
 // A third backend beside the others: whatever it does, every kind of job has the CPU's bytes.
+#include "protocol/text.h"
 #include "server/requests/request.h"
 #include "tests/unit/server/bench.h"
 #include "tests/unit/server/scripted_backend.h"
 #include "tests/unit/server/small_daemon.h"
-#include "protocol/text.h"
 
 #include <doctest/doctest.h>
 

@@ -70,8 +70,7 @@ TEST_CASE("what lasts leaves the reserve to requests") {
     constexpr std::uint64_t limit = 1 << 20;
     Budget budget(limit);
     std::vector<std::vector<Budget::Lease>> scenes;
-    for (int i = 0; i < 5; ++i)
-        scenes.push_back(take_all(budget, std::to_string(i), Use::lasting));
+    for (int i = 0; i < 5; ++i) scenes.push_back(take_all(budget, std::to_string(i), Use::lasting));
     CHECK(budget.room("new", Use::lasting) > 0);
     CHECK(budget.used() <= limit - limit / Budget::reserve_part);
     CHECK(budget.room("new", Use::passing) >= limit / Budget::reserve_part / 5 * 4);
@@ -111,12 +110,12 @@ TEST_CASE("a refusal says what its principal holds, and nothing of others") {
     const auto own = budget.reserve(200'000, "me", Use::lasting);
     const auto now = budget.refuse("the thing", 500'000, "me", "take less").value();
     CHECK(now.code == Code::resource_exhausted);
-    CHECK(now.message == "the thing takes 488.3 KiB of raynestd's --memory, more than me may take "
-                         "now, which holds 195.3 KiB; take less");
+    CHECK(now.message ==
+          "the thing takes 488.3 KiB of raynestd's --memory, more than me may take "
+          "now, which holds 195.3 KiB; take less");
     CHECK(budget.refuse("the thing", 1 << 20, "me", "take less").value().message ==
           "the thing takes 1.0 MiB of raynestd's --memory, more than one user may have; take less");
 }
-
 
 }  // namespace
 }  // namespace raynest::server

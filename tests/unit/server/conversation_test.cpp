@@ -113,7 +113,8 @@ TEST_CASE(
     const auto& job = *daemon.detached.all().begin()->second;
     CHECK(job.ended());
     CHECK_FALSE(job.error());
-    CHECK(job.answer().frames.front().header.type == static_cast<std::uint16_t>(wire::Message::Started));
+    CHECK(job.answer().frames.front().header.type ==
+          static_cast<std::uint16_t>(wire::Message::Started));
 }
 
 TEST_CASE("a connection has so many requests in flight, those included that are to be detached") {

@@ -60,7 +60,8 @@ TEST_CASE("an answer is kept whole, and the room it did not need goes back") {
     REQUIRE(store.bench.run_until([&] { return job->ended(); }));
     CHECK_FALSE(job->error());
     REQUIRE(job->answer().frames.size() == 6);
-    CHECK(job->answer().frames.back().header.type == static_cast<std::uint16_t>(wire::Message::Done));
+    CHECK(job->answer().frames.back().header.type ==
+          static_cast<std::uint16_t>(wire::Message::Done));
     CHECK(store.bench.budget.used() < room);
     CHECK(store.bench.budget.used() > 5 * 1000);
     CHECK(store.bench.admission.active() == 0);
@@ -169,7 +170,8 @@ TEST_CASE("fetched results make room, the oldest first, and others are never dro
     CHECK(store.bench.admission.active() == 0);
 }
 
-TEST_CASE("when --memory is short, the principal's own fetched answers go, then its job is refused") {
+TEST_CASE(
+    "when --memory is short, the principal's own fetched answers go, then its job is refused") {
     Store store;
     const std::uint64_t dear = store.keep("me", 60'000, false);
     const std::uint64_t fetched = store.keep("me", 60'000, true);
@@ -307,7 +309,8 @@ TEST_CASE("the sender of a job's data gets a failure at its very start") {
     Feeder feeder;
     JobSubmission accepted = accept(std::make_unique<Failing>());
     accepted.detach = true;
-    const auto job = store.jobs.start({"me", {}, Role::user}, 1, std::move(accepted), &feeder).value();
+    const auto job =
+        store.jobs.start({"me", {}, Role::user}, 1, std::move(accepted), &feeder).value();
     REQUIRE(job->error());
     CHECK(job->error()->code == Code::resource_exhausted);
     CHECK(feeder.types ==

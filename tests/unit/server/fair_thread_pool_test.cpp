@@ -280,7 +280,9 @@ TEST_CASE("there are as many spare threads as held ones") {
     }
 }
 
-TEST_CASE("a principal without a thread waits for two turns of others, not until their tasks count as long") {
+TEST_CASE(
+    "a principal without a thread waits for two turns of others, not until their tasks count as "
+    "long") {
     // On a busy machine a thread may come late: one good round of many is enough.
     const auto end = std::chrono::steady_clock::now() + test::patience();
     for (;;) {
@@ -288,8 +290,9 @@ TEST_CASE("a principal without a thread waits for two turns of others, not until
         const Hold heavy(workers, "heavy", 4);
         while (heavy.begun() < 2) std::this_thread::yield();
         std::promise<std::pair<std::chrono::nanoseconds, int>> seen;
-        workers.submit("light", Priority::normal,
-                       [&] { seen.set_value({workers.longest_task(), heavy.begun()}); });
+        workers.submit("light", Priority::normal, [&] {
+            seen.set_value({workers.longest_task(), heavy.begun()});
+        });
         const auto [held, begun] = seen.get_future().get();
         if (held < FairThreadPool::patience) {
             CHECK(begun == 2);  // the thread was for the one who had none
@@ -346,7 +349,8 @@ TEST_CASE("tasks that last leave places to principals that have none, however ma
     };
     const auto comes_to_run = [&](const std::string& principal, int count) {
         std::unique_lock lock(mutex);
-        return changed.wait_for(lock, test::patience(), [&] { return running[principal] == count; });
+        return changed.wait_for(lock, test::patience(),
+                                [&] { return running[principal] == count; });
     };
     for (const char* greedy : {"a", "b"})
         for (int i = 0; i < 20; ++i) submit(greedy);
@@ -365,7 +369,6 @@ TEST_CASE("tasks that last leave places to principals that have none, however ma
     CHECK(comes_to_run("a", 20));
     CHECK(comes_to_run("b", 20));
 }
-
 
 }  // namespace
 }  // namespace raynest::server

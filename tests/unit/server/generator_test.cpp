@@ -70,8 +70,8 @@ TEST_CASE("an image has a size, and a pinhole square pixels and its axis in the 
 }
 
 TEST_CASE("a lidar's channels are a list or an evenly divided range") {
-    const auto range = sensor<Lidar>("lidar", {"elevations=-15:15:4", "azimuths=0:180:90",
-                                               "range=0.5:inf"});
+    const auto range =
+        sensor<Lidar>("lidar", {"elevations=-15:15:4", "azimuths=0:180:90", "range=0.5:inf"});
     CHECK(range.rays().width == 90);
     CHECK(range.rays().height == 4);
     CHECK(range.ray(0, 0).tmin == 0.5F);
@@ -79,8 +79,8 @@ TEST_CASE("a lidar's channels are a list or an evenly divided range") {
           doctest::Approx(std::sin(-15 * M_PI / 180)));
     CHECK(static_cast<double>(range.ray(0, 1).direction.z) ==
           doctest::Approx(std::sin(-5 * M_PI / 180)));
-    const auto list = sensor<Lidar>(
-        "lidar", {"elevations=1,2.5", "azimuths=0:9:9", "origin_offsets=1,2,3,4,5,6", "range=0:30"});
+    const auto list = sensor<Lidar>("lidar", {"elevations=1,2.5", "azimuths=0:9:9",
+                                              "origin_offsets=1,2,3,4,5,6", "range=0:30"});
     CHECK(list.ray(0, 1).origin == Vec3(4, 5, 6));
     CHECK(list.ray(0, 0).tmax == 30);
 }
@@ -109,12 +109,14 @@ TEST_CASE("a pose turns and moves; one that scales, shears or mirrors is refused
         return words;
     };
     for (const auto& [place, says] : std::vector<std::pair<std::string, std::string>>{
-             {"pose=2,0,0,0,0,2,0,0,0,0,2,0", "pose: it scales, its axes have the lengths 2, 2 and 2"},
+             {"pose=2,0,0,0,0,2,0,0,0,0,2,0",
+              "pose: it scales, its axes have the lengths 2, 2 and 2"},
              {"pose=1,0,0,0,0,1,0,0,0,0,0,0", "lengths 1, 1 and 0"},
              {"pose=1,0,0,0,0,1,0,0,0,0,-1,0", "pose: it mirrors"},
              {"pose=1,0.6,0,0,0,0.8,0,0,0,0,1,0", "pose: its axes are not at right angles"}})
         CHECK(mentions(complaint("lidar", with(place)), says));
-    CHECK(mentions(complaint("pinhole", {"fx=9", "pose=3,0,0,0,0,3,0,0,0,0,3,0"}), "pose: it scales"));
+    CHECK(mentions(complaint("pinhole", {"fx=9", "pose=3,0,0,0,0,3,0,0,0,0,3,0"}),
+                   "pose: it scales"));
     // Digits as people write them are turns still.
     CHECK(generated("lidar", with("pose=0.707,-0.707,0,1,0.707,0.707,0,2,0,0,1,3")).has_value());
 }
@@ -124,8 +126,8 @@ TEST_CASE("a lidar stands upright where a camera or a look-at says, whatever the
         return sensor<Lidar>("lidar", {"elevations=0,90", "azimuths=0:360:4", place});
     };
     const auto near = [](const Vec3& a, const Vec3& b) { return glm::length(a - b) < 1e-6F; };
-    // 45 degrees down along -z, with y up; down along x with z up; along -y with -z up; and straight along
-    // the up vector, where ahead is any level way.
+    // 45 degrees down along -z, with y up; down along x with z up; along -y with -z up; and
+    // straight along the up vector, where ahead is any level way.
     for (const auto& [place, x, z] : std::vector<std::tuple<std::string, Vec3, Vec3>>{
              {"lookat=0,9,0,0,0,-9", {0, 0, -1}, {0, 1, 0}},
              {"lookat=0,0,2,5,0,0,0,0,1", {1, 0, 0}, {0, 0, 1}},
@@ -149,15 +151,15 @@ TEST_CASE("settings keep the digits of float64 until a ray is rounded") {
             .ray(0, 0)
             .direction;
     };
-    for (const double turns : {1e4, 1e5, 1e6})
-        CHECK(glm::length(after(turns) - after(0)) < 2e-7F);
+    for (const double turns : {1e4, 1e5, 1e6}) CHECK(glm::length(after(turns) - after(0)) < 2e-7F);
     const auto place = sensor<Pinhole>("pinhole", {"fx=9", "pose=1,0,0,0.1,0,1,0,0,0,0,1,0"});
     CHECK(place.sensor_pose.pose.origin.x == 0.1);
     CHECK(mentions(complaint("pinhole", {"fx=1e-60"}), "not a number"));
 }
 
 TEST_CASE("a hemisphere has samples and a seed") {
-    const auto made = generated("hemisphere", {"points=", "samples=9", "seed=18446744073709551615"});
+    const auto made =
+        generated("hemisphere", {"points=", "samples=9", "seed=18446744073709551615"});
     REQUIRE(made.has_value());
     CHECK(std::get<Hemisphere>(*made).samples == 9);
     CHECK(std::get<Hemisphere>(*made).seed == ~0ULL);
@@ -179,7 +181,8 @@ TEST_CASE("a key that its kind has not is refused with those that it has") {
                                                           {"hemisphere", "range=0:1"},
                                                           {"hemisphere", look_at}}) {
         const std::string name = word.substr(0, word.find('='));
-        CHECK(mentions(complaint(kind, {word}), name + " is no key of " + kind + "; its keys are "));
+        CHECK(
+            mentions(complaint(kind, {word}), name + " is no key of " + kind + "; its keys are "));
     }
     CHECK(mentions(complaint("fish", {}), "no generator 'fish'; there are camera, pinhole"));
 }

@@ -45,7 +45,8 @@ TEST_CASE("a set of addresses has addresses and networks, and refuses other text
                               "2001:db8:8000::", "2001:db9::", "::"})
         CHECK_MESSAGE(!has(other), other);
     for (const char* text : {"", "localhost", "10.0.0.1/33", "10.0.0.1/", "10.0.0.1/-1", "10.0.0/8",
-                             "::1/129", "10.0.0.1/8/8", "10.0.0.1/8", "192.0.2.129/25", "2001:db8::1/64", "10.0.0.1 ", "0.0.0.0/0", "::/0"})
+                             "::1/129", "10.0.0.1/8/8", "10.0.0.1/8", "192.0.2.129/25",
+                             "2001:db8::1/64", "10.0.0.1 ", "0.0.0.0/0", "::/0"})
         CHECK_MESSAGE(!AddressSet().add(text).empty(), text);
 }
 

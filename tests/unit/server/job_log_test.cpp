@@ -41,7 +41,8 @@ TEST_CASE("a short job is told at info where something cut it off, and not where
         record.number = 7;
         record.kind = "render";
         record.started = Clock::now();
-        return written([&] { log_job(record, record.started + std::chrono::milliseconds(5), error); });
+        return written(
+            [&] { log_job(record, record.started + std::chrono::milliseconds(5), error); });
     };
     CHECK(logged({}).empty());
     CHECK(logged(protocol::Error{Code::invalid_field, "no", 0}).empty());

@@ -109,7 +109,8 @@ TEST_CASE("a file that does not have the digest that was announced is not import
         REQUIRE(job->feed(piece_of(1000)));
         const auto ended = job->next()->run(stop);
         REQUIRE_FALSE(ended);
-        CHECK((ended.error().message.find("was damaged on its way") != std::string::npos) == damaged);
+        CHECK((ended.error().message.find("was damaged on its way") != std::string::npos) ==
+              damaged);
     }
 }
 
@@ -184,7 +185,9 @@ public:
     }
     ~PausedPeer() { peers_.leave(*this); }
     [[nodiscard]] const std::string& principal() const override { return name_; }
-    [[nodiscard]] std::uint64_t holds(Resource /*resource*/) const override { return lease_.bytes(); }
+    [[nodiscard]] std::uint64_t holds(Resource /*resource*/) const override {
+        return lease_.bytes();
+    }
     [[nodiscard]] std::optional<Clock::time_point> paused_since() const override {
         return Clock::time_point();
     }

@@ -23,7 +23,9 @@ TEST_CASE("no value can forge a line, a field or an escape sequence") {
 }
 
 TEST_CASE("control characters beyond ASCII, which terminals obey too, are escaped") {
-    CHECK(format_event("e", {{"a", "x\xC2\x9B" "2J"}}) == "e a=\"x\\xc2\\x9b2J\"");
+    CHECK(format_event("e", {{"a",
+                              "x\xC2\x9B"
+                              "2J"}}) == "e a=\"x\\xc2\\x9b2J\"");
     CHECK(format_event("e", {{"a", "caf\xC3\xA9"}}) == "e a=\"caf\xC3\xA9\"");
 }
 

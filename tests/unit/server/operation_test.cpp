@@ -2,8 +2,8 @@
 // client is told of files.
 #include "server/ground/limited_log.h"
 #include "server/ground/own_counts.h"
-#include "server/security/principal.h"
 #include "server/security/authentication.h"
+#include "server/security/principal.h"
 #include "server/security/user_namespace.h"
 
 #include <doctest/doctest.h>
@@ -28,8 +28,8 @@ TEST_CASE("a peer whose user is unknown needs a token") {
     TokenTable rows;
     rows.put({TokenRow::Kind::token, "bob", Role::user, hash_token(token), {}, {}});
     daemon.set_tokens(std::move(rows));
-    for (const auto& found : {daemon.identify(unknown, "", {}, {}),
-                              daemon.identify_request(unknown, "", "", {}, {})}) {
+    for (const auto& found :
+         {daemon.identify(unknown, "", {}, {}), daemon.identify_request(unknown, "", "", {}, {})}) {
         REQUIRE(!found);
         CHECK(found.error().code == Code::not_allowed);
         CHECK(found.error().message.find("stands for several users") != std::string::npos);
@@ -80,7 +80,8 @@ TEST_CASE("clients are told the names of files, not their folders") {
     CHECK(without_folders("/etc/raynest/raynestd.toml, line 2: no") == "raynestd.toml, line 2: no");
     CHECK(without_folders("listen unix:/run/x/s: the folder /run/x does not") ==
           "listen unix:s: the folder x does not");
-    CHECK(without_folders("key '/a/b.pem' of tls://h:1/x and a/b") == "key 'b.pem' of tls://h:1/x and a/b");
+    CHECK(without_folders("key '/a/b.pem' of tls://h:1/x and a/b") ==
+          "key 'b.pem' of tls://h:1/x and a/b");
     CHECK(without_folders("") == "");
     CHECK(without_folders("/") == "");
 }

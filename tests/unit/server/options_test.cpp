@@ -49,39 +49,39 @@ TEST_CASE("options are taken as given") {
 }
 
 TEST_CASE("a usage error is exit code 2") {
-    for (const std::vector<const char*>& arguments : {std::vector<const char*>{"--threads", "0"},
-                                                      {"--threads", "many"},
-                                                      {"--memory", "1"},
-                                                      {"--memory", "-1"},
-                                                      {"--target", "v5"},
-                                                      {"--listen", "tcp://0.0.0.0:1"},
-                                                      {"--listen", "tls://127.0.0.1:1"},
-                                                      {"--listen", "tls://0.0.0.0:1", "--tls-cert",
-                                                       "c", "--tls-key", "k"},
-                                                      {"--tls-cert", "c"},
-                                                      {"--client-ca", "c"},
-                                                      {"--anonymous", "admin"},
-                                                      {"--http", "127.0.0.1"},
-                                                      {"--http", "ftp://127.0.0.1:1"},
-                                                      {"--http", "https://127.0.0.1:1"},
-                                                      {"--http", "https://0.0.0.0:1"},
-                                                      {"--http", "0.0.0.0:31061"},
-                                                      {"--http", "192.0.2.1:31061"},
-                                                      {"--http", "example.org:31061"},
-                                                      {"--http-host", ""},
-                                                      {"--http-host", "a/b"},
-                                                      {"--http-host", "a:port"},
-                                                      {"--scene-root", "/does/not/exist"},
-                                                      {"--log-level", "loud"},
-                                                      {"--config", "/does/not/exist"},
-                                                      {"--unknown"},
-                                                      {"--principal_jobs_max", "5"},
-                                                      {"--socket-mode", "0060"},
-                                                      {"--socket-mode", "0780"},
-                                                      {"--socket-mode", "rw"},
-                                                      {"--socket-group", "no-such-group"},
-                                                      {"--socket-group", "4294967295"},
-                                                      {"stray"}}) {
+    for (const std::vector<const char*>& arguments :
+         {std::vector<const char*>{"--threads", "0"},
+          {"--threads", "many"},
+          {"--memory", "1"},
+          {"--memory", "-1"},
+          {"--target", "v5"},
+          {"--listen", "tcp://0.0.0.0:1"},
+          {"--listen", "tls://127.0.0.1:1"},
+          {"--listen", "tls://0.0.0.0:1", "--tls-cert", "c", "--tls-key", "k"},
+          {"--tls-cert", "c"},
+          {"--client-ca", "c"},
+          {"--anonymous", "admin"},
+          {"--http", "127.0.0.1"},
+          {"--http", "ftp://127.0.0.1:1"},
+          {"--http", "https://127.0.0.1:1"},
+          {"--http", "https://0.0.0.0:1"},
+          {"--http", "0.0.0.0:31061"},
+          {"--http", "192.0.2.1:31061"},
+          {"--http", "example.org:31061"},
+          {"--http-host", ""},
+          {"--http-host", "a/b"},
+          {"--http-host", "a:port"},
+          {"--scene-root", "/does/not/exist"},
+          {"--log-level", "loud"},
+          {"--config", "/does/not/exist"},
+          {"--unknown"},
+          {"--principal_jobs_max", "5"},
+          {"--socket-mode", "0060"},
+          {"--socket-mode", "0780"},
+          {"--socket-mode", "rw"},
+          {"--socket-group", "no-such-group"},
+          {"--socket-group", "4294967295"},
+          {"stray"}}) {
         const auto parsed = parse(arguments);
         CHECK_FALSE(parsed.options);
         CHECK(parsed.exit_code == 2);
@@ -104,8 +104,8 @@ bool mentions(const std::string& text, const std::string& part) {
 
 TEST_CASE("beyond loopback a listener is encrypted and asks who comes") {
     const auto with_tls = [](std::vector<const char*> more) {
-        std::vector<const char*> all = {"--listen", "tls://0.0.0.0:1", "--tls-cert", "c",
-                                        "--tls-key", "k"};
+        std::vector<const char*> all = {"--listen", "tls://0.0.0.0:1", "--tls-cert",
+                                        "c",        "--tls-key",       "k"};
         all.insert(all.end(), more.begin(), more.end());
         return parse(all);
     };
@@ -165,8 +165,9 @@ private:
 };
 
 TEST_CASE("a configuration file in TOML is read, and a fault names file, line and key") {
-    ConfigFile file("# mine\nthreads = 3\nmemory = \"2G\"\nlisten = [\"unix:/tmp/a\", 'unix:/tmp/b']\n"
-                    "tokens = \"t\"\ninsecure = true\n");
+    ConfigFile file(
+        "# mine\nthreads = 3\nmemory = \"2G\"\nlisten = [\"unix:/tmp/a\", 'unix:/tmp/b']\n"
+        "tokens = \"t\"\ninsecure = true\n");
     const auto parsed = file.read();
     REQUIRE_MESSAGE(parsed.options, file.complaint());
     CHECK(parsed.options->threads == 3);
@@ -181,20 +182,21 @@ TEST_CASE("a configuration file in TOML is read, and a fault names file, line an
         const char* line;
         const char* fault;
     };
-    for (const Case& wrong : {Case{"threads = 2\nthrads = 3\n", "line 2", "no option 'thrads'"},
-                              Case{"\n\nthreads = \"many\"\n", "line 3", "threads"},
-                              Case{"threads = 1\nthreads = 2\n", "line 2", "threads"},
-                              Case{"threads = [1, 2]\n", "line 1", "takes one value"},
-                              Case{"[net]\nthreads = 1\n", "line 1", "is a section"},
-                              Case{"state = [[1]]\n", "line 1", "'state' is neither a string"},
-                              Case{"state = [ ]\n", "line 1", "'state' has no value"},
-                              Case{"threads = \n", "line 1", "value"},
-                              Case{"config = \"/tmp/other\"\n", "line 1", "no option 'config'"},
-                              Case{"state = \"/tmp/\x01\"\n", "line 1", "control character"},
-                              Case{"log_level = \"info\"\n", "line 1", "is now spelled 'log-level'"},
-                              // What a file of KEY=VALUE has, which earlier versions took.
-                              Case{"target=v9\n", "line 1", "a file is TOML: KEY = \"VALUE\""},
-                              Case{"listen=\"unix:a\"\nlisten=\"unix:b\"\n", "line 2", "as [\"ONE\", \"TWO\"]"}}) {
+    for (const Case& wrong :
+         {Case{"threads = 2\nthrads = 3\n", "line 2", "no option 'thrads'"},
+          Case{"\n\nthreads = \"many\"\n", "line 3", "threads"},
+          Case{"threads = 1\nthreads = 2\n", "line 2", "threads"},
+          Case{"threads = [1, 2]\n", "line 1", "takes one value"},
+          Case{"[net]\nthreads = 1\n", "line 1", "is a section"},
+          Case{"state = [[1]]\n", "line 1", "'state' is neither a string"},
+          Case{"state = [ ]\n", "line 1", "'state' has no value"},
+          Case{"threads = \n", "line 1", "value"},
+          Case{"config = \"/tmp/other\"\n", "line 1", "no option 'config'"},
+          Case{"state = \"/tmp/\x01\"\n", "line 1", "control character"},
+          Case{"log_level = \"info\"\n", "line 1", "is now spelled 'log-level'"},
+          // What a file of KEY=VALUE has, which earlier versions took.
+          Case{"target=v9\n", "line 1", "a file is TOML: KEY = \"VALUE\""},
+          Case{"listen=\"unix:a\"\nlisten=\"unix:b\"\n", "line 2", "as [\"ONE\", \"TWO\"]"}}) {
         ConfigFile bad(wrong.text);
         CHECK_FALSE(bad.read().options);
         for (const char* word : {wrong.line, wrong.fault})
@@ -221,8 +223,9 @@ TEST_CASE("the environment wins over the file, and the command line over both") 
 }
 
 TEST_CASE("relative paths of a configuration file begin at its folder, and words stay") {
-    ConfigFile file("state = 's/t'\nlisten = ['unix:../a', 'tcp://127.0.0.1:1']\nready-file = '/r'\n"
-                    "cuda = 'off'\nhttp = 'off'\n");
+    ConfigFile file(
+        "state = 's/t'\nlisten = ['unix:../a', 'tcp://127.0.0.1:1']\nready-file = '/r'\n"
+        "cuda = 'off'\nhttp = 'off'\n");
     const auto parsed = file.read();
     REQUIRE_MESSAGE(parsed.options, file.complaint());
     const std::filesystem::path folder = std::filesystem::path(file.path()).parent_path();
@@ -235,8 +238,9 @@ TEST_CASE("relative paths of a configuration file begin at its folder, and words
 }
 
 TEST_CASE("a configuration is checked without a daemon") {
-    ConfigFile good("threads = 3\nhttp = \"off\"\ntrusted-proxy = \"10.0.0.0/8\"\n"
-                    "load = [\"builtin:flake\", \"/nowhere/*.glb\"]\n");
+    ConfigFile good(
+        "threads = 3\nhttp = \"off\"\ntrusted-proxy = \"10.0.0.0/8\"\n"
+        "load = [\"builtin:flake\", \"/nowhere/*.glb\"]\n");
     std::ostringstream said;
     std::streambuf* const before = std::cout.rdbuf(said.rdbuf());
     const auto checked = parse({"--config", good.path().c_str(), "--check-config"});
@@ -257,8 +261,8 @@ TEST_CASE("what --print-config writes is read back") {
     const std::string odd = "/tmp/a # \"b\" c\\d 'e'";
     std::ostringstream printed;
     std::streambuf* const before = std::cout.rdbuf(printed.rdbuf());
-    const auto answered = parse({"--print-config", "--ready-file", odd.c_str(), "--memory", "3G", "--listen",
-                                 "unix:/tmp/a", "--listen", "unix:/tmp/b"});
+    const auto answered = parse({"--print-config", "--ready-file", odd.c_str(), "--memory", "3G",
+                                 "--listen", "unix:/tmp/a", "--listen", "unix:/tmp/b"});
     std::cout.rdbuf(before);
     CHECK(answered.exit_code == 0);
     ConfigFile file(printed.str());
@@ -275,7 +279,8 @@ TEST_CASE("a size may have a fraction and a unit, and says what it should be") {
     CHECK(parse({"--memory", "2000000"}).options->memory == 2'000'000);
     CHECK(parse({"--principal-scene-bytes-max", "20G"}).options->limits.principal_scene_bytes_max ==
           20ULL << 30);
-    CHECK(mentions(complaint({"--principal-scene-bytes-max", "20X"}), "is not a number of bytes, such as"));
+    CHECK(mentions(complaint({"--principal-scene-bytes-max", "20X"}),
+                   "is not a number of bytes, such as"));
     CHECK_FALSE(complaint({"--principal-jobs-max", "1K"}).empty());
     for (const char* wrong : {"abc", "8X", "8GG", "1K", "2P", "nan", "1e400"})
         CHECK(mentions(complaint({"--memory", wrong}), "is not a size from 1M to 1P"));

@@ -50,7 +50,7 @@ public:
         Clock::time_point moved;
         std::uint64_t bytes = 0;
         Budget::Lease lease;  ///< for `bytes`, if there is room
-        bool works = false;  ///< is the daemon working for this peer?
+        bool works = false;   ///< is the daemon working for this peer?
     };
 
     Guest& guest(const std::string& name, const std::string& principal, std::uint64_t bytes = 0) {

@@ -2,11 +2,11 @@
 // the client sent stay until then.
 #include "server/jobs/query_job.h"
 
-#include "tests/unit/server/scripted_backend.h"
-#include "tests/unit/server/small_daemon.h"
-#include "server/requests/words/make_plan.h"
 #include "server/execution/choose_backends.h"
 #include "server/requests/words/generator.h"
+#include "server/requests/words/make_plan.h"
+#include "tests/unit/server/scripted_backend.h"
+#include "tests/unit/server/small_daemon.h"
 
 #include <doctest/doctest.h>
 

@@ -1,10 +1,10 @@
 // Pictures that come with a request: decoded in the import child alone, and checked afterwards.
 #include "server/jobs/received_picture.h"
 
+#include "server/documents/film_file.h"
 #include "server/requests/words/film_options.h"
 #include "tests/sanitized.h"
 #include "tests/unit/server/small_daemon.h"
-#include "server/documents/film_file.h"
 
 #include <doctest/doctest.h>
 
@@ -91,12 +91,10 @@ TEST_CASE("without a working import child a good picture is not decoded") {
     CHECK(refusal_of(Decoder({"false"}).read(made)).code == Code::internal);
     CHECK(refusal_of(Decoder({"/nonexistent/raynestd"}).read(made)).code ==
           Code::resource_exhausted);
-    const Refusal crashed =
-        refusal_of(Decoder({RAYNEST_TEST_IMPORT_CHILD, "--crash"}).read(made));
+    const Refusal crashed = refusal_of(Decoder({RAYNEST_TEST_IMPORT_CHILD, "--crash"}).read(made));
     CHECK(crashed.code == Code::invalid_field);
     CHECK(contains(crashed.message, "ended the import process"));
-    const Refusal killed =
-        refusal_of(Decoder({RAYNEST_TEST_IMPORT_CHILD, "--killed"}).read(made));
+    const Refusal killed = refusal_of(Decoder({RAYNEST_TEST_IMPORT_CHILD, "--killed"}).read(made));
     CHECK(killed.code == Code::resource_exhausted);
     CHECK(contains(killed.message, "short of memory"));
     const Refusal late = refusal_of(Decoder({"sleep", "1000"}).read(made));

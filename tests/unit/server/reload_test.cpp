@@ -272,7 +272,9 @@ TEST_CASE("tokens that a reload brings are watched, and go with the option") {
 
 TEST_CASE("a certificate is verified once more after a reload, not each time that somebody asks") {
     const Running running;
-    const auto load = [&](const char* name) { return TlsContext::load(running.files(name)).value(); };
+    const auto load = [&](const char* name) {
+        return TlsContext::load(running.files(name)).value();
+    };
     const auto now = WallClock::now();
     ClientCertificate shown;
     shown.expires = now + std::chrono::hours(1);

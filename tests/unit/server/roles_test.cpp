@@ -1,7 +1,7 @@
 // Tests the matrix of roles: every request of requests.def, sent in every role.
+#include "protocol/text.h"
 #include "tests/golden/examples.h"
 #include "tests/unit/server/small_daemon.h"
-#include "protocol/text.h"
 
 #include <doctest/doctest.h>
 

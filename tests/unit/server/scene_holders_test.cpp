@@ -226,6 +226,5 @@ TEST_CASE("the memory of a scene is charged to one of those who hold it") {
     CHECK(store.budget.used() == 0);
 }
 
-
 }  // namespace
 }  // namespace raynest::server

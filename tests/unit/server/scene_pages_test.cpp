@@ -1,8 +1,8 @@
 // SCENES and UNLOAD of many scenes: every page fits a message, however long the names are.
-#include "server/requests/request.h"
 #include "server/ground/log.h"
-#include "tests/unit/server/small_daemon.h"
+#include "server/requests/request.h"
 #include "server/store/scene_store.h"
+#include "tests/unit/server/small_daemon.h"
 
 #include <doctest/doctest.h>
 

@@ -41,7 +41,8 @@ TEST_CASE("other content under a taken name needs replace, and is a new epoch") 
     CHECK(first->snapshot().bounds().upper.x == 1);
 }
 
-TEST_CASE("an edit is the next epoch of its owner's scene, and of the epoch that it was made of alone") {
+TEST_CASE(
+    "an edit is the next epoch of its owner's scene, and of the epoch that it was made of alone") {
     Budget budget(1 << 30);
     SceneStore store(budget);
     const auto first = store.publish("a", square(1), {.share = {"you"}}, of("me"));
@@ -154,7 +155,8 @@ TEST_CASE("the digest of an upload finds a scene for those alone who may see it"
     CHECK_FALSE(store.find_made_of("files", you));
     CHECK_FALSE(store.find_made_of("others", me));
 
-    REQUIRE(store.publish("car", square(1), {.share = {"you"}}, me));  // equal content, of no upload
+    // Equal content, of no upload
+    REQUIRE(store.publish("car", square(1), {.share = {"you"}}, me));
     CHECK(store.find_made_of("files", you) == mine);
     REQUIRE(store.publish("car", square(2), {.replace = true}, me));
     CHECK_FALSE(store.find_made_of("files", me));
@@ -242,10 +244,12 @@ TEST_CASE("names from a file are made safe to send, and long lists are cut with 
 TEST_CASE("an administrator who names a scene of several owners is told so, whatever he asks") {
     Budget budget(1 << 30);
     SceneStore store(budget);
-    for (const char* owner : {"bob", "carol"}) REQUIRE(store.publish("car", square(1), {}, of(owner)));
+    for (const char* owner : {"bob", "carol"})
+        REQUIRE(store.publish("car", square(1), {}, of(owner)));
     ConnectionId admin = of("root");
     admin.role = Role::admin;
-    for (const auto& why : {store.find("car", 0, admin).error(), store.unload("car", admin).error()}) {
+    for (const auto& why :
+         {store.find("car", 0, admin).error(), store.unload("car", admin).error()}) {
         CHECK(why.code == Code::scene_unknown);
         CHECK(why.message == "several owners have a scene 'car'; name one of bob/car, carol/car");
     }

@@ -3,8 +3,8 @@
 #pragma once
 
 #include "server/backends/backends.h"
-#include "server/scheduling/fair_thread_pool.h"
 #include "server/execution/plan.h"
+#include "server/scheduling/fair_thread_pool.h"
 
 #include <algorithm>
 #include <atomic>

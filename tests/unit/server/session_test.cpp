@@ -3,9 +3,9 @@
 #include "server/sessions/session.h"
 
 #include "engine/math/random.h"
+#include "protocol/text.h"
 #include "server/net/socket_transport.h"
 #include "tests/unit/server/memory_transport.h"
-#include "protocol/text.h"
 
 #include <doctest/doctest.h>
 
@@ -323,7 +323,9 @@ TEST_CASE("asking many peers whether they are admitted lets others have their tu
 }
 
 TEST_CASE("all addresses of an IPv6 network are one peer, and the log still tells them apart") {
-    const auto peer = [](const char* address) { return identity_of(asio::ip::make_address(address)); };
+    const auto peer = [](const char* address) {
+        return identity_of(asio::ip::make_address(address));
+    };
     for (const char* address : {"2001:db8:1:2::1", "2001:db8:1:2:ffff:ffff:ffff:ffff"}) {
         CHECK(peer(address).name == "2001:db8:1:2::/64");
         CHECK(peer(address).whereabouts() == address);
@@ -377,7 +379,6 @@ TEST_CASE("what a peer does before its Hello is counted for the daemon alone") {
     house.settle();
     CHECK(metrics.own.of("client", received) > 0);
 }
-
 
 }  // namespace
 }  // namespace raynest::server

@@ -2,12 +2,12 @@
 // when the test calls step(). Equal frames give equal steps.
 #pragma once
 
-#include "server/sessions/conversation.h"
+#include "server/backends/backends.h"
 #include "server/execution/trace.h"
 #include "server/options/options.h"
-#include "tests/unit/engine/small_scenes.h"
-#include "server/backends/backends.h"
+#include "server/sessions/conversation.h"
 #include "server/store/scene_store.h"
+#include "tests/unit/engine/small_scenes.h"
 
 #include <algorithm>
 #include <cstdint>
@@ -81,8 +81,7 @@ public:
     std::vector<protocol::Frame> sent;
     std::deque<std::function<void()>> posted;
     server::TraceBufferPool trace_buffers{budget};
-    server::Backends backends =
-        server::make_backends({"", *registry, budget, metrics, limits});
+    server::Backends backends = server::make_backends({"", *registry, budget, metrics, limits});
     server::FairThreadPool compute{0};
     server::FairThreadPool blocking{0};
     server::Services services{*registry, scenes,   budget, metrics,  limits,        {},      {}, {},

@@ -1,5 +1,6 @@
 // The state folder: what is on the disk after each step, and what is refused.
 #include "server/store/state_folder.h"
+
 #include "server/store/scene_store.h"
 #include "tests/temporary_folder.h"
 #include "tests/unit/engine/small_scenes.h"
@@ -27,7 +28,8 @@ bool never() {
 
 std::set<std::string> names_in(const fs::path& folder) {
     std::set<std::string> names;
-    for (const auto& file : fs::directory_iterator(folder)) names.insert(file.path().filename().string());
+    for (const auto& file : fs::directory_iterator(folder))
+        names.insert(file.path().filename().string());
     return names;
 }
 

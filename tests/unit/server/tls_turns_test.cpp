@@ -1,5 +1,6 @@
-// Tests that a peer over TLS cannot keep the io thread: by records of one byte, or by messages of TLS
-// itself. The peer is OpenSSL; its bytes are made beforehand, so that they come as fast as they can be read.
+// Tests that a peer over TLS cannot keep the io thread: by records of one byte, or by messages of
+// TLS itself. The peer is OpenSSL; its bytes are made beforehand, so that they come as fast as they
+// can be read.
 #include "server/net/tls_transport.h"
 #include "tests/patience.h"
 #include "tests/temporary_folder.h"
@@ -34,8 +35,10 @@ using Free = protocol::Release<release>;
 server::TlsFiles make_files(const std::filesystem::path& folder) {
     const server::TlsFiles files{folder / "cert.pem", folder / "key.pem", {}};
     const std::string command =
-        "openssl req -x509 -newkey ec -pkeyopt ec_paramgen_curve:P-256 -nodes -subj /CN=test -days 9 "
-        "-keyout '" + files.key.string() + "' -out '" + files.certificate.string() + "' 2>/dev/null";
+        "openssl req -x509 -newkey ec -pkeyopt ec_paramgen_curve:P-256 -nodes -subj /CN=test -days "
+        "9 "
+        "-keyout '" +
+        files.key.string() + "' -out '" + files.certificate.string() + "' 2>/dev/null";
     REQUIRE(std::system(command.c_str()) == 0);
     return files;
 }
@@ -86,7 +89,8 @@ public:
         const auto size = static_cast<std::size_t>(BIO_get_mem_data(gathered_, &first));
         sender_ = std::thread([this, sent = std::string(first, size)] {
             for (std::size_t at = 0; at < sent.size();) {
-                const ssize_t part = ::send(client_, sent.data() + at, sent.size() - at, MSG_NOSIGNAL);
+                const ssize_t part =
+                    ::send(client_, sent.data() + at, sent.size() - at, MSG_NOSIGNAL);
                 if (part <= 0) return;
                 at += static_cast<std::size_t>(part);
             }
@@ -122,7 +126,8 @@ public:
 
 private:
     void run(const std::function<asio::awaitable<void>()>& task) {
-        asio::co_spawn(io_, task, [](const std::exception_ptr& failure) { REQUIRE_FALSE(failure); });
+        asio::co_spawn(io_, task,
+                       [](const std::exception_ptr& failure) { REQUIRE_FALSE(failure); });
         io_.restart();
         io_.run();
     }

@@ -28,14 +28,19 @@ TEST_CASE("a token has 256 random bits, and its hash is SHA-256") {
     CHECK(token != new_token());
     TokenTable table;
     table.put({TokenRow::Kind::token, "a", Role::user, hash_token("abc"), {}, {}});
-    CHECK(table.to_text().find("ba7816bf8f01cfea414140de5dae2223b00361a396177a9cb410ff61f20015ad") !=
-          std::string::npos);
+    CHECK(
+        table.to_text().find("ba7816bf8f01cfea414140de5dae2223b00361a396177a9cb410ff61f20015ad") !=
+        std::string::npos);
 }
 
 TEST_CASE("a table is read as it was written") {
     TokenTable table;
-    table.put({TokenRow::Kind::token, "alice", Role::user, hash_token("x"),
-               WallClock::time_point(1700000000s), {.jobs = 8, .scene_bytes = 1ULL << 33}});
+    table.put({TokenRow::Kind::token,
+               "alice",
+               Role::user,
+               hash_token("x"),
+               WallClock::time_point(1700000000s),
+               {.jobs = 8, .scene_bytes = 1ULL << 33}});
     table.put({TokenRow::Kind::certificate, "CN=a robot,O=Lab 7", Role::admin, {}, {}, {}});
     const auto read = TokenTable::parse("# comment\n\n" + table.to_text());
     REQUIRE(read);
@@ -44,16 +49,16 @@ TEST_CASE("a table is read as it was written") {
 
 TEST_CASE("an invalid row is named by its line") {
     const std::string hash(64, 'a');
-    for (const auto& [row, why] : {
-             std::pair<std::string, const char*>{"token user never - " + hash, "six fields"},
-             {"tokens user never - " + hash + " a", "neither token nor cert"},
-             {"token root never - " + hash + " a", "not a role"},
-             {"token user soon - " + hash + " a", "neither a Unix time"},
-             {"token user 99999999999 - " + hash + " a", "neither a Unix time"},
-             {"token user never jobs=0 " + hash + " a", "not a quota"},
-             {"token user never - " + hash.substr(1) + " a", "64 hex digits"},
-             {"token user never - " + hash + " 127.0.0.1", "not a name"},
-             {"token user never - " + hash + " a\x1b", "printable"}}) {
+    for (const auto& [row, why] :
+         {std::pair<std::string, const char*>{"token user never - " + hash, "six fields"},
+          {"tokens user never - " + hash + " a", "neither token nor cert"},
+          {"token root never - " + hash + " a", "not a role"},
+          {"token user soon - " + hash + " a", "neither a Unix time"},
+          {"token user 99999999999 - " + hash + " a", "neither a Unix time"},
+          {"token user never jobs=0 " + hash + " a", "not a quota"},
+          {"token user never - " + hash.substr(1) + " a", "64 hex digits"},
+          {"token user never - " + hash + " 127.0.0.1", "not a name"},
+          {"token user never - " + hash + " a\x1b", "printable"}}) {
         const auto read = TokenTable::parse("# one\n" + row + "\n");
         REQUIRE_FALSE_MESSAGE(read, row);
         CHECK(read.error().message.starts_with("line 2: "));
@@ -95,7 +100,8 @@ TEST_CASE("rows that could not be read again are not written") {
     TokenTable large = good;
     const std::string subject = "CN=" + std::string(1000, 'a');
     for (int i = 0; i < 5000; ++i)
-        large.put({TokenRow::Kind::certificate, subject + std::to_string(i), Role::user, {}, {}, {}});
+        large.put(
+            {TokenRow::Kind::certificate, subject + std::to_string(i), Role::user, {}, {}, {}});
     CHECK(large.write(place_of(file)).error().code == ErrorCode::limit_exceeded);
     CHECK(TokenTable::read(file, Reader::daemon)->rows() == good.rows());
 }
@@ -105,7 +111,8 @@ TEST_CASE("quotas are read and written") {
     CHECK(to_text(*parse_quota("rays=1,jobs=2")) == "jobs=2,rays=1");
     CHECK(parse_quota("scene_bytes=20G")->scene_bytes == 20ULL << 30);
     CHECK(to_text(*parse_quota("second_bytes=1.5M")) == "second_bytes=1572864");
-    for (const char* wrong : {"scene_bytes=20X", "scene_bytes=G", "jobs=1K", "rays=1M", "jobs", "jobs=", "jobs=-1", "jobs=1.5", "job=1", "jobs=1;rays=2"})
+    for (const char* wrong : {"scene_bytes=20X", "scene_bytes=G", "jobs=1K", "rays=1M", "jobs",
+                              "jobs=", "jobs=-1", "jobs=1.5", "job=1", "jobs=1;rays=2"})
         CHECK_FALSE_MESSAGE(parse_quota(wrong), wrong);
 }
 

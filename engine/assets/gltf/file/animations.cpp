@@ -53,24 +53,26 @@ private:
             {"scale", MotionPath::scale},
             {"weights", MotionPath::weights}};
         const auto path = paths.find(channel.target_path);
-        if (path == paths.end()) return "a channel moves what RayNest does not move; it is left out";
+        if (path == paths.end())
+            return "a channel moves what RayNest does not move; it is left out";
         const bool is_weights = path->second == MotionPath::weights;
         std::uint64_t width = path->second == MotionPath::rotation ? 4 : 3;
         if (is_weights) {
             width = node.mesh == no_id || model_.meshes[node.mesh].primitives.empty()
                         ? 0
                         : model_.meshes[node.mesh].primitives.front().targets.size();
-            if (width == 0) return "a channel has weights for a mesh without targets; it is left out";
+            if (width == 0)
+                return "a channel has weights for a mesh without targets; it is left out";
         } else if (node.has_matrix) {
             return "a channel moves a node that has a matrix; it is left out";
         }
         if (channel.sampler < 0 || static_cast<std::size_t>(channel.sampler) >= in.samplers.size())
             return "a channel has no sampler; it is left out";
-        const auto sampler =
-            sampler_of(in.samplers[static_cast<std::size_t>(channel.sampler)],
-                       static_cast<std::uint32_t>(width), is_weights);
+        const auto sampler = sampler_of(in.samplers[static_cast<std::size_t>(channel.sampler)],
+                                        static_cast<std::uint32_t>(width), is_weights);
         if (!sampler) return "a sampler's keys cannot be read; its channels are left out";
-        out.channels.push_back({*sampler, static_cast<std::uint32_t>(channel.target_node), path->second});
+        out.channels.push_back(
+            {*sampler, static_cast<std::uint32_t>(channel.target_node), path->second});
         (is_weights ? node.has_moving_weights : node.is_animated) = true;
         return nullptr;
     }
@@ -80,7 +82,8 @@ private:
         const auto interpolation = interpolation_of(in.interpolation);
         if (!interpolation || !is_accessor(in.input) || !is_accessor(in.output))
             return std::nullopt;
-        const auto [known, is_new] = samplers_.try_emplace({in.input, in.output, *interpolation, width});
+        const auto [known, is_new] =
+            samplers_.try_emplace({in.input, in.output, *interpolation, width});
         if (is_new) known->second = make_sampler(in, *interpolation, width, is_weights);
         return known->second;
     }
@@ -108,8 +111,8 @@ private:
         if (keys.front() < 0 || keys.back() > motion_seconds_max ||
             !std::ranges::is_sorted(keys, std::less_equal()))
             return std::nullopt;
-        model_.samplers.push_back({*times, static_cast<std::uint32_t>(input.count), *first_value,
-                                   width, interpolation});
+        model_.samplers.push_back(
+            {*times, static_cast<std::uint32_t>(input.count), *first_value, width, interpolation});
         return static_cast<std::uint32_t>(model_.samplers.size() - 1);
     }
 
@@ -123,8 +126,7 @@ private:
             all.size() + accessor.count * accessor.width > free_floats + model_.upload_bytes)
             return std::nullopt;
         const auto values = read_floats(accessor);
-        if (!values ||
-            !std::ranges::all_of(*values, [](float x) { return std::isfinite(x); }))
+        if (!values || !std::ranges::all_of(*values, [](float x) { return std::isfinite(x); }))
             return std::nullopt;
         known->second = static_cast<std::uint32_t>(all.size());
         all.insert(all.end(), values->begin(), values->end());
@@ -142,8 +144,9 @@ private:
 Result<void> convert_animations(tinygltf::Model& file, Model& model) {
     Reader reader(model);
     if (file.animations.size() > motion_animations_max)
-        model.odd.add("the file", fmt::format("has more than {} animations; the others are left out",
-                                              motion_animations_max));
+        model.odd.add("the file",
+                      fmt::format("has more than {} animations; the others are left out",
+                                  motion_animations_max));
     for (const tinygltf::Animation& animation : file.animations) {
         if (model.animations.size() == motion_animations_max) break;
         reader.read(animation);

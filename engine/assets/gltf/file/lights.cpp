@@ -38,8 +38,9 @@ Result<void> convert_lights(tinygltf::Model& file, Model& model) {
             if (light_kind(own)) {
                 kind = own;
             } else {
-                model.odd.add(where, fmt::format("extras.raynest.light names '{}'; this build has {}",
-                                                 one_line(own, 60), light_names()));
+                model.odd.add(where,
+                              fmt::format("extras.raynest.light names '{}'; this build has {}",
+                                          one_line(own, 60), light_names()));
             }
         }
         const auto known = light_kind(kind);
@@ -65,9 +66,10 @@ Result<void> convert_lights(tinygltf::Model& file, Model& model) {
         else
             model.odd.add(where, "its range is negative or not finite; it shines endlessly");
         if (in.type == "spot" && !read_cone(in.spot, light.record)) {
-            model.odd.add(where, in.spot.innerConeAngle == cone_of_no_spot
-                                     ? "it has no member spot; cone angles of 0 and 45 degrees are used"
-                                     : "its cone angles are out of range; 0 and 45 degrees are used");
+            model.odd.add(where,
+                          in.spot.innerConeAngle == cone_of_no_spot
+                              ? "it has no member spot; cone angles of 0 and 45 degrees are used"
+                              : "its cone angles are out of range; 0 and 45 degrees are used");
             light.record.inner_cosine = 1;
             light.record.outer_cosine = std::numbers::sqrt2_v<float> / 2;
         }
@@ -77,9 +79,9 @@ Result<void> convert_lights(tinygltf::Model& file, Model& model) {
     for (std::size_t i = 0; i < file.nodes.size() && i < model.nodes.size(); ++i) {
         const auto* index = member(file.nodes[i].extensions, "KHR_lights_punctual", "light");
         if (index == nullptr) continue;
-        const auto light = index->IsInt()
-                               ? optional_index(index->GetNumberAsInt(), model.lights.size(), "light")
-                               : Result<std::uint32_t>(no_id);
+        const auto light =
+            index->IsInt() ? optional_index(index->GetNumberAsInt(), model.lights.size(), "light")
+                           : Result<std::uint32_t>(no_id);
         if (light && *light != no_id) {
             model.nodes[i].light = *light;
         } else {

@@ -154,7 +154,9 @@ Result<Parsed> parse(const ImportRequest& request, const Glb& text, const Presca
         parsed.file = {};
         parsed.lost_animations = still.size() < rewritten->json.size() ? one_line(problem) : "";
         problem.clear();
-        if (auto done = run_tinygltf(std::as_bytes(std::span<const char>(still)), parsed.file, problem); !done)
+        if (auto done =
+                run_tinygltf(std::as_bytes(std::span<const char>(still)), parsed.file, problem);
+            !done)
             return error_of(done);
     }
     if (!problem.empty()) {
@@ -262,10 +264,9 @@ Result<void> convert_accessors(Parsed& parsed, Model& model) {
         model.accessors.push_back(std::move(accessor));
     }
     if (misaligned != 0) {
-        model.warnings.push_back(
-            fmt::format("{} not aligned as glTF requires; read byte by byte",
-                        misaligned == 1 ? "1 accessor is"
-                                        : fmt::format("{} accessors are", misaligned)));
+        model.warnings.push_back(fmt::format(
+            "{} not aligned as glTF requires; read byte by byte",
+            misaligned == 1 ? "1 accessor is" : fmt::format("{} accessors are", misaligned)));
     }
 
     // Pictures inside buffers point into them; the bytes of the others are appended to the buffers.
@@ -274,8 +275,8 @@ Result<void> convert_accessors(Parsed& parsed, Model& model) {
     return {};
 }
 
-/// Reads EXT_mesh_gpu_instancing. Attributes of the application, whose names begin with an underscore,
-/// place nothing; where a node has no others, their number is that of the placements.
+/// Reads EXT_mesh_gpu_instancing. Attributes of the application, whose names begin with an
+/// underscore, place nothing; where a node has no others, their number is that of the placements.
 Result<Instancing> convert_instancing(const tinygltf::Node& in, const Model& model) {
     const auto* attributes = member(in.extensions, "EXT_mesh_gpu_instancing", "attributes");
     Instancing instancing;
@@ -293,12 +294,13 @@ Result<Instancing> convert_instancing(const tinygltf::Node& in, const Model& mod
         const Accessor& accessor = model.accessors[*index];
         if (!accessor.fault.empty()) return refuse(" needs " + accessor.fault);
         if (count && accessor.count != *count)
-            return refuse(fmt::format(": {} has {} elements where others have {}", one_line(name, 80),
-                                      accessor.count, *count));
+            return refuse(fmt::format(": {} has {} elements where others have {}",
+                                      one_line(name, 80), accessor.count, *count));
         count = accessor.count;
         return index;
     };
-    const auto read = [&](const char* name, std::uint32_t width, std::uint32_t& out) -> Result<void> {
+    const auto read = [&](const char* name, std::uint32_t width,
+                          std::uint32_t& out) -> Result<void> {
         if (!attributes->Has(name)) return {};
         const auto index = accessor_of(name);
         if (!index) return error_of(index);
@@ -478,9 +480,9 @@ Result<Model> load_model(const ImportRequest& request, const Glb& text, const Pr
     model.quantized = std::find(file.extensionsUsed.begin(), file.extensionsUsed.end(),
                                 "KHR_mesh_quantization") != file.extensionsUsed.end();
     if (auto done = convert_accessors(*parsed, model); !done) return error_of(done);
-    for (const auto convert : {convert_meshes, convert_textures, convert_materials, convert_cameras,
-                               convert_nodes, convert_lights, convert_skins,
-                               convert_animations, choose_scene}) {
+    for (const auto convert :
+         {convert_meshes, convert_textures, convert_materials, convert_cameras, convert_nodes,
+          convert_lights, convert_skins, convert_animations, choose_scene}) {
         if (auto done = convert(file, model); !done) return error_of(done);
     }
     if (!parsed->lost_animations.empty())

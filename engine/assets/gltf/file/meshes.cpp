@@ -9,8 +9,8 @@ namespace raynest::gltf {
 namespace {
 
 /// Reads morph targets.
-Result<void> convert_targets(const tinygltf::Primitive& from, const std::string& where, Model& model,
-                             Primitive& to) {
+Result<void> convert_targets(const tinygltf::Primitive& from, const std::string& where,
+                             Model& model, Primitive& to) {
     for (const auto& target : from.targets) {
         to.targets.push_back(empty_target);
         for (std::size_t i = 0; i < morphed_names.size(); ++i) {
@@ -46,7 +46,8 @@ Result<void> convert_attributes(const tinygltf::Primitive& from, const std::stri
         else if (!attribute.is_for_shading)
             return error_of(index);
         else
-            model.odd.add(where, fmt::format("its {} names no accessor; it has none", attribute.name));
+            model.odd.add(where,
+                          fmt::format("its {} names no accessor; it has none", attribute.name));
     }
     return {};
 }

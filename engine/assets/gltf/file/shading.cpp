@@ -173,8 +173,9 @@ Result<void> convert_materials(tinygltf::Model& file, Model& model) {
             material.base_colour = Vec4(1);
         } else if (const Vec4 within = glm::clamp(material.base_colour, 0.0F, 1.0F);
                    within != material.base_colour) {
-            model.odd.add(where, "its base colour factor is not within 0 and 1; the nearest colour "
-                                 "within is used");
+            model.odd.add(where,
+                          "its base colour factor is not within 0 and 1; the nearest colour "
+                          "within is used");
             material.base_colour = within;
         }
         const auto texture = optional_index(colour.texture, model.textures.size(), "texture");

@@ -13,9 +13,9 @@ namespace {
 
 /// Extensions of materials that are read, here or with the base colour.
 constexpr std::array supported = {
-    "KHR_materials_unlit",        "KHR_materials_emissive_strength",
-    "KHR_materials_ior",          "KHR_materials_transmission",
-    "KHR_materials_volume",       "KHR_materials_pbrSpecularGlossiness",
+    "KHR_materials_unlit",  "KHR_materials_emissive_strength",
+    "KHR_materials_ior",    "KHR_materials_transmission",
+    "KHR_materials_volume", "KHR_materials_pbrSpecularGlossiness",
 };
 
 constexpr double ior_most = 10;
@@ -32,7 +32,8 @@ public:
         const tinygltf::PbrMetallicRoughness& pbr = in_.pbrMetallicRoughness;
         surface.metallic = in_range("metallicFactor", pbr.metallicFactor, 0, 1, 1);
         surface.roughness = in_range("roughnessFactor", pbr.roughnessFactor, 0, 1, 1);
-        surface.normal_scale = in_range("normalTexture.scale", in_.normalTexture.scale, -1e3, 1e3, 1);
+        surface.normal_scale =
+            in_range("normalTexture.scale", in_.normalTexture.scale, -1e3, 1e3, 1);
         surface.occlusion_strength =
             in_range("occlusionTexture.strength", in_.occlusionTexture.strength, 0, 1, 1);
         if (const auto* old = extension("KHR_materials_pbrSpecularGlossiness")) {
@@ -76,19 +77,18 @@ private:
         if (value >= least && value <= most) return static_cast<float>(value);
         const bool finite = std::isfinite(value);
         const double used = finite ? std::clamp(value, least, most) : otherwise;
-        model_.odd.add(where_, fmt::format("{} is {}; {:g} is used", name,
-                                           finite ? fmt::format("not within {:g} and {:g}", least,
-                                                                most)
-                                                  : std::string("not finite"),
-                                           used));
+        model_.odd.add(where_,
+                       fmt::format("{} is {}; {:g} is used", name,
+                                   finite ? fmt::format("not within {:g} and {:g}", least, most)
+                                          : std::string("not finite"),
+                                   used));
         return static_cast<float>(used);
     }
 
     Vec3 colour(const char* name, const std::array<double, 3>& value, double most,
                 const Vec3& otherwise) {
-        const bool sound = std::all_of(value.begin(), value.end(), [&](double x) {
-            return x >= 0 && x <= most;
-        });
+        const bool sound =
+            std::all_of(value.begin(), value.end(), [&](double x) { return x >= 0 && x <= most; });
         if (sound) return Vec3(glm::dvec3(value[0], value[1], value[2]));
         model_.odd.add(where_, fmt::format("{} has a number that is negative, too large or not "
                                            "finite; the default is used",
@@ -103,15 +103,14 @@ private:
         return use_of(info.index, info.texCoord,
                       found == info.extensions.end() ? nullptr : &found->second, use);
     }
-    Result<void> use_of(std::int64_t index, std::int64_t texcoord,
-                        const tinygltf::Value* transform, TextureUse& use) {
+    Result<void> use_of(std::int64_t index, std::int64_t texcoord, const tinygltf::Value* transform,
+                        TextureUse& use) {
         const auto texture = optional_index(index, model_.textures.size(), "texture");
         if (!texture) return error_of(texture);
         use.texture = *texture;
         if (texcoord < 0) model_.odd.add(where_, "texCoord is negative; 0 is used");
         use.texcoord = static_cast<std::uint32_t>(std::max<std::int64_t>(texcoord, 0));
-        if (transform != nullptr &&
-            !read_uv_transform(*transform, use.uv_transform, use.texcoord))
+        if (transform != nullptr && !read_uv_transform(*transform, use.uv_transform, use.texcoord))
             model_.odd.add(where_,
                            "KHR_texture_transform has missing or invalid numbers; it is ignored");
         return {};
@@ -132,16 +131,16 @@ private:
 
     Result<void> read_transmission(SurfaceRecord& surface) {
         if (const auto* clear = extension("KHR_materials_transmission")) {
-            surface.transmission = in_range(
-                "transmissionFactor", number(*clear, "transmissionFactor", 0), 0, 1, 0);
+            surface.transmission =
+                in_range("transmissionFactor", number(*clear, "transmissionFactor", 0), 0, 1, 0);
             if (const auto* texture = member(*clear, "transmissionTexture")) {
                 const auto* extensions = member(*texture, "extensions");
-                if (auto done = use_of(
-                        static_cast<std::int64_t>(number(*texture, "index", -1)),
-                        static_cast<std::int64_t>(number(*texture, "texCoord", 0)),
-                        extensions == nullptr ? nullptr
-                                              : member(*extensions, "KHR_texture_transform"),
-                        surface.transmission_texture);
+                if (auto done =
+                        use_of(static_cast<std::int64_t>(number(*texture, "index", -1)),
+                               static_cast<std::int64_t>(number(*texture, "texCoord", 0)),
+                               extensions == nullptr ? nullptr
+                                                     : member(*extensions, "KHR_texture_transform"),
+                               surface.transmission_texture);
                     !done)
                     return done;
             }
@@ -167,8 +166,8 @@ private:
         for (const auto& [name, value] : in_.extensions) {
             if (name.starts_with("KHR_materials_") &&
                 std::find(supported.begin(), supported.end(), name) == supported.end())
-                model_.odd.add(where_, one_line(name, 60) +
-                                           " is not supported; the base material is used");
+                model_.odd.add(where_,
+                               one_line(name, 60) + " is not supported; the base material is used");
         }
     }
 

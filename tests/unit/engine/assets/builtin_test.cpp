@@ -1,4 +1,5 @@
 #include "engine/assets/builtin/builtin.h"
+
 #include "engine/scene/snapshot.h"
 
 #include <doctest/doctest.h>

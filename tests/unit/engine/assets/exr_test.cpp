@@ -67,8 +67,7 @@ TEST_CASE("an EXR comes back bit for bit, with its text" * doctest::test_suite("
     }
 }
 
-TEST_CASE("an EXR that is too large or cut short is refused" *
-          doctest::test_suite("images")) {
+TEST_CASE("an EXR that is too large or cut short is refused" * doctest::test_suite("images")) {
     if (!test::have_images()) return;
     File file;
     constexpr std::uint64_t bytes = std::uint64_t{4} * 3 * width * height;

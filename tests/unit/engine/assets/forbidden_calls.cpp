@@ -37,8 +37,10 @@ constexpr const char* other = "/tmp/raynest-other";
 
 }  // namespace
 
-#define RAYNEST_TRY(name, expression) \
-    ForbiddenCall { name, [] { return static_cast<long>(expression); } }
+#define RAYNEST_TRY(name, expression)                      \
+    ForbiddenCall {                                        \
+        name, [] { return static_cast<long>(expression); } \
+    }
 
 const std::vector<ForbiddenCall>& forbidden_calls() {
     static rlimit few{3, 3};

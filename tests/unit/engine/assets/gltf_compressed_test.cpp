@@ -1,6 +1,5 @@
 // Whole compressed files: read if the build has the library, else refused by name.
 #include "engine/assets/gltf/file/compressed.h"
-
 #include "engine/scene/snapshot.h"
 #include "tests/unit/engine/assets/describe.h"
 

@@ -1,6 +1,5 @@
 // KHR_draco_mesh_compression: streams of Draco's encoder are decoded, and damaged ones refused.
 #include "engine/assets/gltf/file/draco.h"
-
 #include "tests/unit/engine/assets/describe.h"
 #include "tests/unit/engine/assets/draco_streams.h"
 

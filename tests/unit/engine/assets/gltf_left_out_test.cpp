@@ -46,8 +46,8 @@ TEST_CASE("texture coordinates that are not finite, or too few, are left out of 
         CHECK(geometries[0].texcoords[1].size() == 3);
         CHECK(geometries[1].texcoords[0].size() == 3);
         REQUIRE(scene.warnings.size() == 1);
-        CHECK(scene.warnings[0] == std::string("mesh 0 ('leaf'): its TEXCOORD_0 ") + why +
-                                       "; it is left out there");
+        CHECK(scene.warnings[0] ==
+              std::string("mesh 0 ('leaf'): its TEXCOORD_0 ") + why + "; it is left out there");
         CHECK(scene.skipped.at("texture_coordinate_sets") == 1);
     }
 }
@@ -98,7 +98,8 @@ TEST_CASE("cameras and lights that are left out are named by their number or the
                                     R"(,"cameras":[{"type":"orthographic","orthographic":
                                     {"xmag":1,"ymag":1,"znear":0.1,"zfar":9}}])");
     CHECK(cameras.cameras.size() == 1);
-    CHECK(warns_of(cameras.warnings, "node 1: its camera is left out, because it has no direction"));
+    CHECK(
+        warns_of(cameras.warnings, "node 1: its camera is left out, because it has no direction"));
 
     const auto lights = with_nodes(
         R"({"mesh":0},{"name":"lamp","extensions":{"KHR_lights_punctual":{"light":1}}},
@@ -118,12 +119,14 @@ TEST_CASE("a picture that is missing is named by its number, with the materials 
                      {"emissiveTexture":{"index":0}},{"normalTexture":{"index":1}},
                      {"normalTexture":{"index":2}},{"name":"ash","normalTexture":{"index":3}}])");
     CHECK(scene.warnings.size() == 5);  // and that occlusion textures are not used
+    CHECK(
+        warns_of(scene.warnings,
+                 "picture 1 ('100%.png') names '100%.png', which has a % without two hex digits "
+                 "behind it; write %25 for the letter %; material 0 ('oak') and 1 other are shown "
+                 "without it"));
     CHECK(warns_of(scene.warnings,
-                   "picture 1 ('100%.png') names '100%.png', which has a % without two hex digits "
-                   "behind it; write %25 for the letter %; material 0 ('oak') and 1 other are shown "
-                   "without it"));
-    CHECK(warns_of(scene.warnings, "picture 0 ('a.png') names the file 'a.png', which is missing; "
-                                   "material 2 is shown without it"));
+                   "picture 0 ('a.png') names the file 'a.png', which is missing; "
+                   "material 2 is shown without it"));
     CHECK(warns_of(scene.warnings, "picture 2 names '', which is empty; name a file"));
     CHECK(warns_of(scene.warnings,
                    "texture 3 names no picture; material 4 ('ash') is shown without it"));
@@ -150,8 +153,8 @@ TEST_CASE("pictures beyond what a scene may take are left out, each with a line"
     GlbWriter writer;
     const std::string mesh = test::one_triangle_mesh(writer);
     constexpr std::uint32_t side = 64;
-    const test::Bytes picture = test::raw_png(
-        side, side, 8, 6, std::string(std::size_t{side} * (4 * side + 1), '\0'));
+    const test::Bytes picture =
+        test::raw_png(side, side, 8, 6, std::string(std::size_t{side} * (4 * side + 1), '\0'));
     const std::string view = std::to_string(writer.add(picture, "SCALAR", 5121, 1));
     std::string images, textures, materials;
     for (int i = 0; i < 7; ++i) {
@@ -164,10 +167,9 @@ TEST_CASE("pictures beyond what a scene may take are left out, each with a line"
             .append(number)
             .append("}}}");
     }
-    const test::Upload upload(
-        "scene.glb", writer.glb(mesh + R"(,"nodes":[{"mesh":0}],"images":[)" + images +
-                                R"(],"textures":[)" + textures + R"(],"materials":[)" + materials +
-                                "]"));
+    const test::Upload upload("scene.glb", writer.glb(mesh + R"(,"nodes":[{"mesh":0}],"images":[)" +
+                                                      images + R"(],"textures":[)" + textures +
+                                                      R"(],"materials":[)" + materials + "]"));
     ImportLimits limits;
     // Four such pictures for one file, and half of one.
     limits.image_bytes_max = std::uint64_t{4} * side * side + side * side / 2;
@@ -186,7 +188,8 @@ TEST_CASE("pictures beyond what a scene may take are left out, each with a line"
 }
 
 TEST_CASE("a .glb that is none says what it begins with") {
-    CHECK(contains(refusal(test::to_bytes("<!DOCTYPE html>\n<html>")), "no GLB: it begins with "
-                                                                       "'<!DOCTYPE html> <html>'"));
+    CHECK(contains(refusal(test::to_bytes("<!DOCTYPE html>\n<html>")),
+                   "no GLB: it begins with "
+                   "'<!DOCTYPE html> <html>'"));
     CHECK(contains(refusal(test::to_bytes("glTF1")), "ends inside its header"));
 }

@@ -1,4 +1,5 @@
-// Materials' scattering and lights of a glTF: what is read, and what becomes of values that make no sense.
+// Materials' scattering and lights of a glTF: what is read, and what becomes of values that make no
+// sense.
 #include "engine/scene/snapshot.h"
 #include "engine/shading/types.h"
 #include "tests/unit/engine/assets/describe.h"
@@ -16,8 +17,7 @@ namespace {
 /// A .gltf of one triangle with normals, and these materials, lights and node members.
 test::Bytes file_of(const std::string& material, const std::string& lights = "",
                     const std::string& node = "", const std::string& attributes = "") {
-    const std::string base64 =
-        "AAAAAAAAAAAAAAAAAACAPwAAAAAAAAAAAAAAAAAAgD8AAAAA";
+    const std::string base64 = "AAAAAAAAAAAAAAAAAACAPwAAAAAAAAAAAAAAAAAAgD8AAAAA";
     return test::to_bytes(
         R"({"asset":{"version":"2.0"},"extensionsUsed":["KHR_lights_punctual"],)" +
         (lights.empty() ? std::string()
@@ -53,11 +53,13 @@ TEST_CASE("an occlusion texture is named, because nothing reads it") {
     const std::string texture = R"("occlusionTexture":{"index":0})";
     const SceneDescription scene =
         must_describe(test::to_bytes(std::string(R"({"asset":{"version":"2.0"},"textures":[{}],
-            "materials":[{"name":"a",)") + texture + R"(},{)" + texture + R"(}],
+            "materials":[{"name":"a",)") +
+                                     texture + R"(},{)" + texture + R"(}],
             "meshes":[{"primitives":[{"attributes":{"POSITION":0}}]}],"nodes":[{"mesh":0}],
             "buffers":[{"byteLength":36,"uri":"data:application/octet-stream;base64,AAAAAAAAAAAAAAAAAACAPwAAAAAAAAAAAAAAAAAAgD8AAAAA"}],
             "bufferViews":[{"buffer":0,"byteLength":36}],"accessors":[{"bufferView":0,
-            "componentType":5126,"count":3,"type":"VEC3"}]})"), "scene.gltf");
+            "componentType":5126,"count":3,"type":"VEC3"}]})"),
+                      "scene.gltf");
     CHECK(warns_of(scene, "1 other: its occlusion texture is not used"));
 }
 
@@ -127,15 +129,14 @@ TEST_CASE("values out of range are replaced, each with a line") {
 }
 
 TEST_CASE("textures of materials are indices like any other") {
-    const auto scene = describe(
-        file_of(R"({"normalTexture":{"index":3}})"), "scene.gltf");
+    const auto scene = describe(file_of(R"({"normalTexture":{"index":3}})"), "scene.gltf");
     REQUIRE_FALSE(scene);
     CHECK(contains(scene.error().message, "texture"));
 }
 
 TEST_CASE("normals are read, and bad ones are left out with a line") {
-    const SceneDescription good = must_describe(
-        file_of("{}", "", "", R"(,"NORMAL":0)"), "scene.gltf");
+    const SceneDescription good =
+        must_describe(file_of("{}", "", "", R"(,"NORMAL":0)"), "scene.gltf");
     CHECK(good.objects[0].geometries[0].normals.size() == 3);
     // They are the positions, of which one is 0.
     CHECK(good.warnings.size() == 1);
@@ -143,8 +144,7 @@ TEST_CASE("normals are read, and bad ones are left out with a line") {
     check_builds(good);
     for (const char* bad : {R"(,"NORMAL":1)", R"(,"NORMAL":7)", R"(,"NORMAL":-3)"}) {
         CAPTURE(bad);
-        const SceneDescription scene =
-            must_describe(file_of("{}", "", "", bad), "scene.gltf");
+        const SceneDescription scene = must_describe(file_of("{}", "", "", bad), "scene.gltf");
         CHECK(scene.objects[0].geometries[0].normals.empty());
         CHECK(scene.warnings.size() == 1);
         CHECK(warns_of(scene, "NORMAL"));
@@ -212,10 +212,10 @@ TEST_CASE("lights that make no sense are left out or mended, each with a line") 
     CHECK(warns_of(lit("{}", R"({"type":"point"})",
                        R"({"scale":[0,0,0],"extensions":{"KHR_lights_punctual":{"light":0}}})"),
                    "its light is left out, because it has no direction"));
-    CHECK(warns_of(lit("{}", R"({"type":"point"})",
-                       R"({"extensions":{"KHR_lights_punctual":{"light":5}}})"),
-                   "a light that does not exist"));
-    CHECK(warns_of(lit("{}", R"({"type":"point"})",
-                       R"({"extensions":{"KHR_lights_punctual":{"light":"x"}}})"),
-                   "a light that does not exist"));
+    CHECK(warns_of(
+        lit("{}", R"({"type":"point"})", R"({"extensions":{"KHR_lights_punctual":{"light":5}}})"),
+        "a light that does not exist"));
+    CHECK(warns_of(
+        lit("{}", R"({"type":"point"})", R"({"extensions":{"KHR_lights_punctual":{"light":"x"}}})"),
+        "a light that does not exist"));
 }

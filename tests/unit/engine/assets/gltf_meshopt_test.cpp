@@ -1,6 +1,5 @@
 // EXT_meshopt_compression: streams of the library's encoders are decoded, and damaged ones refused.
 #include "engine/assets/gltf/file/meshopt.h"
-
 #include "tests/unit/engine/assets/describe.h"
 
 #include <meshoptimizer.h>
@@ -212,12 +211,14 @@ TEST_CASE("a stream that many views name counts each time that it is decoded") {
                          R"(,"componentType":5126,"count":3,"type":"VEC3"})";
             primitives += comma + R"({"attributes":{"POSITION":)" + number + "}}";
         }
-        test::Upload upload("scene.gltf", test::to_bytes(
-            R"({"asset":{"version":"2.0"},"extensionsRequired":["EXT_meshopt_compression"],"buffers":[{"uri":"s.bin","byteLength":)" +
-            std::to_string(stream.size()) +
-            R"(},{"byteLength":4,"extensions":{"EXT_meshopt_compression":{"fallback":true}}}],"bufferViews":[)" +
-            list + R"(],"accessors":[)" + accessors + R"(],"meshes":[{"primitives":[)" +
-            primitives + R"(]}],"nodes":[{"mesh":0}]})"));
+        test::Upload upload(
+            "scene.gltf",
+            test::to_bytes(
+                R"({"asset":{"version":"2.0"},"extensionsRequired":["EXT_meshopt_compression"],"buffers":[{"uri":"s.bin","byteLength":)" +
+                std::to_string(stream.size()) +
+                R"(},{"byteLength":4,"extensions":{"EXT_meshopt_compression":{"fallback":true}}}],"bufferViews":[)" +
+                list + R"(],"accessors":[)" + accessors + R"(],"meshes":[{"primitives":[)" +
+                primitives + R"(]}],"nodes":[{"mesh":0}]})"));
         upload.add("s.bin", test::to_bytes(std::string(stream.begin(), stream.end())));
         return describe_gltf(upload.request(), ImportLimits{});
     };

@@ -1,5 +1,4 @@
 #include "engine/assets/gltf/file/uri.h"
-
 #include "engine/assets/gltf/gltf.h"
 #include "engine/assets/input/messages.h"
 #include "tests/unit/engine/assets/samples.h"

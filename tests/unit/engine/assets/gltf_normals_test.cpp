@@ -49,10 +49,11 @@ public:
             }
         }
         const std::string position = text(writer.add_floats(positions_, "VEC3", 3));
-        attributes = R"("POSITION":)" + position + R"(,"NORMAL":)" +
-                     text(writer.add_floats(numbers_, "VEC3", 3)) + R"(,"TANGENT":)" +
-                     text(writer.add_floats(tangents, "VEC4", 4)) + R"(,"TEXCOORD_0":)" +
-                     text(writer.add_floats(std::vector<float>(2 * normals.size(), 0.5F), "VEC2", 2));
+        attributes =
+            R"("POSITION":)" + position + R"(,"NORMAL":)" +
+            text(writer.add_floats(numbers_, "VEC3", 3)) + R"(,"TANGENT":)" +
+            text(writer.add_floats(tangents, "VEC4", 4)) + R"(,"TEXCOORD_0":)" +
+            text(writer.add_floats(std::vector<float>(2 * normals.size(), 0.5F), "VEC2", 2));
         indices_ = text(writer.add_indices(indices));
     }
 
@@ -118,8 +119,8 @@ TEST_CASE("a skin and a target that move nothing leave the file's normals, acros
     const auto plain = sphere.scene("", R"(,"nodes":[{"mesh":0}])");
     CHECK(shown(plain).normals == sphere.normals);
     REQUIRE(shown(plain).tangents.size() == sphere.normals.size());
-    const std::string zeros =
-        Sphere::text(sphere.writer.add_floats(std::vector<float>(3 * sphere.normals.size()), "VEC3", 3));
+    const std::string zeros = Sphere::text(
+        sphere.writer.add_floats(std::vector<float>(3 * sphere.normals.size()), "VEC3", 3));
     const auto still = sphere.scene(R"(,"targets":[{"POSITION":)" + zeros + "}]",
                                     R"(,"nodes":[{"mesh":0}])", R"(,"weights":[0])");
     CHECK(worst(shown(still).normals, sphere.normals) < 1e-6F);
@@ -136,14 +137,14 @@ TEST_CASE("a joint takes normals to the world by its inverse transpose, tangents
     Sphere sphere;
     sphere.bind();
     // A quarter turn about z after a stretch along x.
-    const auto scene = sphere.posed(
-        R"("rotation":[0,0,0.7071067811865476,0.7071067811865476],"scale":[4,1,2])");
+    const auto scene =
+        sphere.posed(R"("rotation":[0,0,0.7071067811865476,0.7071067811865476],"scale":[4,1,2])");
     const auto& plain = sphere.scene("", R"(,"nodes":[{"mesh":0}])");
     for (std::size_t i = 0; i < sphere.normals.size(); ++i) {
         const Vec3 n = sphere.normals[i];
         const Vec4 t = shown(plain).tangents[i];
-        CHECK(glm::length(shown(scene).normals[i] -
-                          glm::normalize(Vec3(-n.y, n.x / 4, n.z / 2))) < 1e-5F);
+        CHECK(glm::length(shown(scene).normals[i] - glm::normalize(Vec3(-n.y, n.x / 4, n.z / 2))) <
+              1e-5F);
         CHECK(glm::length(shown(scene).tangents[i] -
                           Vec4(glm::normalize(Vec3(-t.y, 4 * t.x, 2 * t.z)), t.w)) < 1e-5F);
     }
@@ -211,8 +212,9 @@ TEST_CASE("a mesh of which the normals point against the faces is named, with it
     const Sphere bad(-1);
     const auto scene = bad.scene("", R"(,"nodes":[{"mesh":0},{"mesh":0,"weights":[1]}])");
     // Those at one pole have no area at all.
-    CHECK(warns_of(scene, "mesh 0 ('ball'): the NORMALs of 380 of its 400 triangles point against "
-                          "the faces. Lit pictures"));
+    CHECK(warns_of(scene,
+                   "mesh 0 ('ball'): the NORMALs of 380 of its 400 triangles point against "
+                   "the faces. Lit pictures"));
 }
 
 TEST_CASE("normals without a direction are named once, with the counts of the first mesh") {

@@ -1,5 +1,4 @@
 #include "engine/assets/gltf/file/prescan.h"
-
 #include "tests/unit/engine/assets/samples.h"
 
 using namespace raynest;

@@ -333,8 +333,8 @@ TEST_CASE("a thousand omissions are counted, and a few of them warned about") {
 TEST_CASE("a missing picture that no material uses is counted apart") {
     GlbWriter writer;
     const std::string mesh = one_triangle_mesh(writer);
-    const auto scene = must_describe(writer.glb(
-        mesh + R"(,"nodes":[{"mesh":0}],"images":[{"uri":"gone.png","name":"moss"}])"));
+    const auto scene = must_describe(
+        writer.glb(mesh + R"(,"nodes":[{"mesh":0}],"images":[{"uri":"gone.png","name":"moss"}])"));
     CHECK(scene.skipped.at("unused_pictures") == 1);
     CHECK(scene.skipped.count("textures") == 0);
     REQUIRE(scene.warnings.size() == 1);

@@ -67,8 +67,8 @@ int report_limits(const Facts& facts) {
            (is_nobody ? 128 : 0);
 }
 
-/// Tries all forbidden calls. Returns the number of the first that is not refused, counted from 1; 0 if
-/// all are. EACCES is Landlock's answer about a file that the filter lets it judge.
+/// Tries all forbidden calls. Returns the number of the first that is not refused, counted from 1;
+/// 0 if all are. EACCES is Landlock's answer about a file that the filter lets it judge.
 int first_not_refused() {
     int number = 0;
     for (const auto& call : raynest::test::forbidden_calls()) {
@@ -93,14 +93,16 @@ int report_files(const std::string& folder) {
     nobody.sin_addr.s_addr = htonl(INADDR_LOOPBACK);
     const int socket = ::socket(AF_INET, SOCK_STREAM, 0);
     const bool connects =
-        ::connect(socket, reinterpret_cast<sockaddr*>(&nobody), sizeof nobody) == 0 || errno != EACCES;
-    const bool changes_paths =
-        ::rename(victim.c_str(), other.c_str()) == 0 || ::link(victim.c_str(), other.c_str()) == 0 ||
-        ::mkdir(other.c_str(), 0700) == 0 || ::symlink("x", other.c_str()) == 0 ||
-        ::unlink(victim.c_str()) == 0;
+        ::connect(socket, reinterpret_cast<sockaddr*>(&nobody), sizeof nobody) == 0 ||
+        errno != EACCES;
+    const bool changes_paths = ::rename(victim.c_str(), other.c_str()) == 0 ||
+                               ::link(victim.c_str(), other.c_str()) == 0 ||
+                               ::mkdir(other.c_str(), 0700) == 0 ||
+                               ::symlink("x", other.c_str()) == 0 || ::unlink(victim.c_str()) == 0;
     const int library = ::open("/etc/ld.so.cache", O_RDONLY);
     char* const words[] = {const_cast<char*>("true"), nullptr};
-    return (::open(victim.c_str(), O_RDONLY) >= 0 || ::open(victim.c_str(), O_WRONLY) >= 0 ? 1 : 0) |
+    return (::open(victim.c_str(), O_RDONLY) >= 0 || ::open(victim.c_str(), O_WRONLY) >= 0 ? 1
+                                                                                           : 0) |
            (::open(other.c_str(), O_WRONLY | O_CREAT, 0600) >= 0 || changes_paths ? 2 : 0) |
            (version >= 3 && ::truncate(victim.c_str(), 0) == 0 ? 4 : 0) |
            (version >= 4 && connects ? 8 : 0) |
@@ -113,8 +115,8 @@ int report_files(const std::string& folder) {
 int change_request() {
     const bool writes = ::pwrite(wire::request_fd, "x", 1, 0) >= 0;
     const bool grows = ::pwrite(wire::request_fd, "x", 1, 1 << 20) >= 0;
-    const bool maps = ::mmap(nullptr, 1, PROT_READ | PROT_WRITE, MAP_SHARED, wire::request_fd, 0) !=
-                      MAP_FAILED;
+    const bool maps =
+        ::mmap(nullptr, 1, PROT_READ | PROT_WRITE, MAP_SHARED, wire::request_fd, 0) != MAP_FAILED;
     return (writes ? 1 : 0) | (grows ? 2 : 0) | (maps ? 4 : 0);
 }
 
@@ -237,5 +239,6 @@ int main(int count, char** words) {
     if (mode == "--import-child") return code;
     if (mode == "--hijacked") return 100 + first_not_refused();
     if (mode == "--report-limits") return report_limits(facts);
-    return facts.secret == nullptr ? 1 : 100 + (*facts.secret != '\0') + (::environ != nullptr ? 2 : 0);
+    return facts.secret == nullptr ? 1
+                                   : 100 + (*facts.secret != '\0') + (::environ != nullptr ? 2 : 0);
 }

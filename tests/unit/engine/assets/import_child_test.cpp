@@ -1,5 +1,6 @@
-#include "engine/assets/import.h"
 #include "engine/assets/sandbox/import_child.h"
+
+#include "engine/assets/import.h"
 #include "engine/assets/sandbox/sandbox.h"
 #include "engine/system/child_process.h"
 #include "tests/patience.h"
@@ -14,8 +15,8 @@
 #include <sys/file.h>
 #include <unistd.h>
 
-#include <chrono>
 #include <algorithm>
+#include <chrono>
 #include <cmath>
 #include <thread>
 
@@ -121,10 +122,11 @@ TEST_CASE("a child whose result is unwanted is killed") {
 TEST_CASE("the caller is told how much memory a child holds, and can end one that takes too much") {
     const ImportRequest request = builtin("builtin:terrain?size=200");
     std::uint64_t most = 0;
-    const auto scene = import_in_child(request, {}, child("--import-child"), [&](std::uint64_t bytes) {
-        most = std::max(most, bytes);
-        return true;
-    });
+    const auto scene =
+        import_in_child(request, {}, child("--import-child"), [&](std::uint64_t bytes) {
+            most = std::max(most, bytes);
+            return true;
+        });
     REQUIRE(scene.has_value());
     CHECK(most > (*scene)->bytes().size());
     const auto ended = import_in_child(request, {}, child("--import-child"),
@@ -170,8 +172,8 @@ TEST_CASE("the child inherits only its two files") {
 }
 
 TEST_CASE("the child drops its privileges before it reads a file") {
-    // No new privileges, not dumpable, few files, limits on output, processor and memory, the first to
-    // end when memory runs out, and no capabilities.
+    // No new privileges, not dumpable, few files, limits on output, processor and memory, the first
+    // to end when memory runs out, and no capabilities.
     const int all = test::sanitized ? 255 - 32 : 255;
     CHECK(refusal("--report-limits").find(fmt::format("exit code {}", all)) != std::string::npos);
 }

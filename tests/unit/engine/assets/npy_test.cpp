@@ -1,6 +1,6 @@
 #include "engine/assets/formats/npy.h"
-#include "engine/assets/import.h"
 
+#include "engine/assets/import.h"
 #include "tests/unit/engine/assets/samples.h"
 
 #include <algorithm>

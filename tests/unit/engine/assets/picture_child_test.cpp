@@ -1,6 +1,7 @@
 // Pictures from outside, decoded in the import child: as in this process, and never trusted.
-#include "engine/assets/images/exr_header.h"
 #include "engine/assets/sandbox/picture_child.h"
+
+#include "engine/assets/images/exr_header.h"
 #include "tests/sanitized.h"
 #include "tests/unit/engine/assets/describe.h"
 #include "tests/unit/engine/assets/samples.h"
@@ -84,9 +85,9 @@ TEST_CASE("pixels of the surroundings that are not finite are left out and count
     REQUIRE(exr.has_value());
     // A Radiance picture ends at 1.7e38, which stands for what is infinite.
     const std::string brightest = "\xff\xff\xff\xff";
-    const std::string hdr =
-        radiance(4, 2, plain_pixels(1) + brightest + plain_pixels(1) + brightest + brightest +
-                           plain_pixels(1) + brightest + plain_pixels(1));
+    const std::string hdr = radiance(4, 2,
+                                     plain_pixels(1) + brightest + plain_pixels(1) + brightest +
+                                         brightest + plain_pixels(1) + brightest + plain_pixels(1));
     for (const std::string& file :
          {std::string(reinterpret_cast<const char*>(exr->data()), exr->size()), hdr}) {
         const auto picture = surroundings(file);
@@ -97,7 +98,8 @@ TEST_CASE("pixels of the surroundings that are not finite are left out and count
             CHECK((picture->rgb[i] == Vec3(0)) == left_out);
         }
     }
-    const auto picture = surroundings(std::string(reinterpret_cast<const char*>(exr->data()), exr->size()));
+    const auto picture =
+        surroundings(std::string(reinterpret_cast<const char*>(exr->data()), exr->size()));
     CHECK(picture->rgb[0] == Vec3(2, 0, light_radiance_max));
 }
 
@@ -108,7 +110,8 @@ TEST_CASE("hostile pictures of the surroundings end in an error of the child" *
     CHECK(test::contains(why_not(""), "neither an EXR nor an HDR"));
     // Bombs: a short file that claims many pixels.
     CHECK(test::contains(why_not(radiance(60000, 60000, "")), "60000 x 60000 pixels"));
-    CHECK(test::contains(why_not(radiance(16384, 16384, plain_pixels(8))), "MiB decoded are allowed"));
+    CHECK(test::contains(why_not(radiance(16384, 16384, plain_pixels(8))),
+                         "MiB decoded are allowed"));
     ImportLimits limits;
     limits.image_bytes_max = 4ULL << 30;
     limits.bytes_max = 1536ULL << 20;

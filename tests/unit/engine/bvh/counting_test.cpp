@@ -155,9 +155,8 @@ struct OddOfAnother {
         auto longer = ray;
         longer.tmax = search_end(*ray.world);
         auto hits = intersect(longer, triangle);
-        hits.keep_if([&](const Surface& surface) {
-            return surface.t <= ray.tmax && Odd::keeps(surface);
-        });
+        hits.keep_if(
+            [&](const Surface& surface) { return surface.t <= ray.tmax && Odd::keeps(surface); });
         return hits;
     }
 };

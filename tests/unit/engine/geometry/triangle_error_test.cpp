@@ -1,4 +1,5 @@
-// The error of t, u and v against exact arithmetic, over twelve orders of magnitude of size and aspect.
+// The error of t, u and v against exact arithmetic, over twelve orders of magnitude of size and
+// aspect.
 #include "engine/geometry/sphere.h"
 #include "engine/geometry/triangle.h"
 #include "engine/queries/range.h"
@@ -16,14 +17,8 @@ namespace {
 
 struct Exact {
     long double x, y, z;
-    explicit Exact(const Vec3& v)
-        : x(v.x),
-          y(v.y),
-          z(v.z) {}
-    Exact(long double a, long double b, long double c)
-        : x(a),
-          y(b),
-          z(c) {}
+    explicit Exact(const Vec3& v) : x(v.x), y(v.y), z(v.z) {}
+    Exact(long double a, long double b, long double c) : x(a), y(b), z(c) {}
 };
 Exact operator-(const Exact& a, const Exact& b) {
     return {a.x - b.x, a.y - b.y, a.z - b.z};
@@ -46,8 +41,8 @@ struct Errors {
     long double t, u, v;
 };
 
-/// Returns the errors in units of 2^-24 times the terms of the bound in PROTOCOL.md: rounding of every
-/// product that t, u and v are made of, over n d.
+/// Returns the errors in units of 2^-24 times the terms of the bound in PROTOCOL.md: rounding of
+/// every product that t, u and v are made of, over n d.
 Errors errors_of(const HitRecord& hit, const Triangle& triangle, const Ray& ray) {
     const Exact a(triangle.v0);
     const Exact e1 = Exact(triangle.v1) - a;

@@ -63,8 +63,7 @@ TEST_CASE("a recorded sample is that of the picture, and its rays follow each ot
                 CHECK(from.kind != PathRayKind::shadow);
                 CHECK(from.hit.hit == 1);
                 CHECK(ray.bounce == from.bounce + 1);
-                const Vec3 start =
-                    point_along(from.ray.origin, from.ray.direction, from.hit.t);
+                const Vec3 start = point_along(from.ray.origin, from.ray.direction, from.hit.t);
                 CHECK(glm::length(ray.ray.origin - start) < 1e-3F);
                 if (ray.kind == PathRayKind::bounce) ++bounces;
                 if (ray.kind != PathRayKind::shadow) continue;

@@ -15,7 +15,8 @@ using namespace raynest;
 
 namespace {
 
-const SensorPose sensor_pose{pose_of(Transform{{0, 0, 1, 5, 1, 0, 0, 6, 0, 1, 0, 7}}), 0.5F, 100.0F};
+const SensorPose sensor_pose{pose_of(Transform{{0, 0, 1, 5, 1, 0, 0, 6, 0, 1, 0, 7}}), 0.5F,
+                             100.0F};
 
 std::vector<Sensor> sensors() {
     constexpr ImageSize size{37, 21};

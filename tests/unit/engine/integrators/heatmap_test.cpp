@@ -281,7 +281,8 @@ TEST_CASE("a difference is blue below zero, red above, and its legend has signed
     CHECK(pixel(*picture, 1, 0)[2] > pixel(*picture, 1, 0)[0]);
     for (const int channel : pixel(*picture, 2, 0)) CHECK(channel > 230);
     CHECK(pixel(*picture, 5, 0) == more);
-    for (const char* text : {"-100", ">+100", "0", "+50", "-50", "max +200", "min -100", "difference"})
+    for (const char* text :
+         {"-100", ">+100", "0", "+50", "-50", "max +200", "min -100", "difference"})
         CHECK(shows(*picture, 1, text));
 
     const HeatScale scale{-100, 100, true, true};

@@ -135,7 +135,8 @@ TEST_CASE("a sphere above a sphere hides the square of its apparent size") {
         Film film({33, 21});
         studio.add(film, 0, pixel_count, 0, 64);
         double sum = 0;
-        for (std::uint64_t i = 0; i < pixel_count; ++i) sum += static_cast<double>(film.colour(i).x);
+        for (std::uint64_t i = 0; i < pixel_count; ++i)
+            sum += static_cast<double>(film.colour(i).x);
         return sum / pixel_count;
     };
     // Three standard errors of 693 * 64 samples.
@@ -209,7 +210,8 @@ TEST_CASE("a ray that leaves a wall of a closed room meets another one, from the
                 CAPTURE(far);
                 CAPTURE(turned);
                 Transform place = test::translation(far, -far, 2 * far);
-                if (turned) place = {{c * c, -s, c * s, far, c * s, c, s * s, -far, -s, 0, c, 2 * far}};
+                if (turned)
+                    place = {{c * c, -s, c * s, far, c * s, c, s * s, -far, -s, 0, c, 2 * far}};
                 SceneDescription description;
                 description.objects.resize(2);
                 description.objects[0].geometries = {prism(degrees)};
@@ -239,7 +241,8 @@ TEST_CASE("a ray that leaves a wall of a closed room meets another one, from the
                     hit.v = std::clamp(hit.v, 0.0F, 1 - hit.u);
                     const SurfacePoint point = surface_point(studio.source, Ray{}, hit);
                     const Vec3 to_middle = inside - Vec3(point.position);
-                    const Vec3 side = glm::dot(to_middle, point.normal) > 0 ? point.normal : -point.normal;
+                    const Vec3 side =
+                        glm::dot(to_middle, point.normal) > 0 ? point.normal : -point.normal;
                     const float u = random.uniform();
                     const Vec3 direction = cosine_direction(side, {u, random.uniform()});
                     rays.push_back({point.origin(direction), 0, direction});

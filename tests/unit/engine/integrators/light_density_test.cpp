@@ -20,7 +20,8 @@ constexpr std::size_t bins = rows * columns;
 
 std::size_t bin_of(const Vec3& d) {
     const double across = static_cast<double>(std::atan2(d.x, -d.z)) / (2 * std::numbers::pi) + 0.5;
-    const double down = std::acos(std::clamp(static_cast<double>(d.y), -1.0, 1.0)) / std::numbers::pi;
+    const double down =
+        std::acos(std::clamp(static_cast<double>(d.y), -1.0, 1.0)) / std::numbers::pi;
     const int row = std::clamp(static_cast<int>(down * rows), 0, rows - 1);
     const int column = std::clamp(static_cast<int>(across * columns), 0, columns - 1);
     return static_cast<std::size_t>(row * columns + column);
@@ -35,7 +36,8 @@ Vec3 direction_in(std::size_t bin, double down, double across) {
                            -std::sin(polar) * std::cos(azimuth)));
 }
 
-/// Standard deviations by which counts differ from shares of all samples; the last bin takes the rest.
+/// Standard deviations by which counts differ from shares of all samples; the last bin takes the
+/// rest.
 double deviation(const std::vector<double>& counts, std::vector<double> shares) {
     double rest = 1;
     for (const double share : shares) rest -= share;
@@ -112,8 +114,8 @@ struct Place {
             for (std::size_t i = 0; i < rays.size(); ++i)
                 sum += static_cast<double>(density(rays[i], hits[i])) *
                        std::sqrt(1 - std::pow(static_cast<double>(rays[i].direction.y), 2));
-            shares[bin] =
-                sum * 2 * std::numbers::pi * std::numbers::pi / static_cast<double>(bins) / (steps * steps);
+            shares[bin] = sum * 2 * std::numbers::pi * std::numbers::pi /
+                          static_cast<double>(bins) / (steps * steps);
         }
         return shares;
     }
@@ -221,7 +223,8 @@ TEST_CASE("the sky is drawn with the density that is stated, and another sky is 
     CHECK(deviation(counts, Place(speck(), other).predict(16)) > 10);
 }
 
-TEST_CASE("the sun's disc is drawn with the density that is stated, and a disc 5 % larger is found") {
+TEST_CASE(
+    "the sun's disc is drawn with the density that is stated, and a disc 5 % larger is found") {
     const SunDisc sun = make_sky(60, 30).sun;
     Random random(9);
     // Rings of equal solid angle, and sixteen sectors.
@@ -235,10 +238,13 @@ TEST_CASE("the sun's disc is drawn with the density that is stated, and a disc 5
             // The cosine has too few digits in float: 1 - cos is half of the sine's square.
             const double sine2 = static_cast<double>(d.x) * static_cast<double>(d.x) +
                                  static_cast<double>(d.y) * static_cast<double>(d.y);
-            const double ring = sine2 / 2 * 2 * std::numbers::pi * static_cast<double>(sun.density()) * rings;
-            const double turn = static_cast<double>(std::atan2(d.y, d.x)) / (2 * std::numbers::pi) + 0.5;
+            const double ring =
+                sine2 / 2 * 2 * std::numbers::pi * static_cast<double>(sun.density()) * rings;
+            const double turn =
+                static_cast<double>(std::atan2(d.y, d.x)) / (2 * std::numbers::pi) + 0.5;
             const auto sector = std::min(static_cast<std::size_t>(turn * sectors), sectors - 1);
-            ++counts[ring < rings ? static_cast<std::size_t>(ring) * sectors + sector : rings * sectors];
+            ++counts[ring < rings ? static_cast<std::size_t>(ring) * sectors + sector
+                                  : rings * sectors];
         }
         return counts;
     };

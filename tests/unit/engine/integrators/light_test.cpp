@@ -44,8 +44,8 @@ struct Stage {
         : scene(test::build_scene(description)),
           caster(scene->view(), variant) {}
 
-    Mean measure(const char* name, IntegratorSettings settings, const glm::dvec3& eye,
-                 double width, std::uint32_t samples = 4096) {
+    Mean measure(const char* name, IntegratorSettings settings, const glm::dvec3& eye, double width,
+                 std::uint32_t samples = 4096) {
         // Straight down.
         const Sensor camera =
             Orthographic{{{{1, 0, 0}, {0, 0, -1}, {0, 1, 0}, eye}}, {1, 1}, width, width};
@@ -67,8 +67,8 @@ struct Stage {
     std::vector<std::string> notes;
 };
 
-/// 4,096 samples come within three standard errors; 32,768 show what is a few percent off. Schlick's
-/// term reflects 0.4 % even without a border.
+/// 4,096 samples come within three standard errors; 32,768 show what is a few percent off.
+/// Schlick's term reflects 0.4 % even without a border.
 void check_near(Stage& stage, const char* name, const IntegratorSettings& settings,
                 const glm::dvec3& eye, double width, double exact) {
     for (const std::uint32_t samples : {4096U, 32768U}) {
@@ -170,19 +170,20 @@ TEST_CASE("a sphere lights a point by the square of its apparent size") {
     for (std::uint32_t r = 0; r < rows; ++r) {
         for (std::uint32_t c = 0; c < columns; ++c) {
             const std::uint32_t i = r * (columns + 1) + c;
-            for (const std::uint32_t corner : {i, i + 1, i + columns + 1, i + 1, i + columns + 2,
-                                               i + columns + 1})
+            for (const std::uint32_t corner :
+                 {i, i + 1, i + columns + 1, i + 1, i + columns + 2, i + columns + 1})
                 sphere.indices.push_back(corner);
         }
     }
     sphere.material = 1;
-    Stage stage(
-        scene_of({rectangle({0, 0, 0}, {0, 0, 5}, {5, 0, 0}, 0), sphere}, {diffuse(1), diffuse(0, 9)}));
+    Stage stage(scene_of({rectangle({0, 0, 0}, {0, 0, 5}, {5, 0, 0}, 0), sphere},
+                         {diffuse(1), diffuse(0, 9)}));
     check_near(stage, "direct", lit_by(none), {0, 1, 0}, 1e-3, 9.0 / 9);
 }
 
 TEST_CASE("lights of a file light a plane by the cosine over the squared distance") {
-    SceneDescription scene = scene_of({rectangle({0, 0, 0}, {0, 0, 5}, {5, 0, 0}, 0)}, {diffuse(1)});
+    SceneDescription scene =
+        scene_of({rectangle({0, 0, 0}, {0, 0, 5}, {5, 0, 0}, 0)}, {diffuse(1)});
     LightDescription light;
     light.light.kind = *light_kind("point");
     light.light.position = {3, 4, 0};
@@ -226,7 +227,8 @@ TEST_CASE("a picture stands as three.js places it, and turns from -Z towards +X"
         CAPTURE(rotate);
         for (std::uint32_t column = 0; column < width; ++column) {
             // equirectUv() of three.js, backwards: u = atan2(z, x) / 2 pi + 1/2.
-            const double angle = ((column + 0.5) / width - 0.5 + static_cast<double>(rotate) / 360) * tau;
+            const double angle =
+                ((column + 0.5) / width - 0.5 + static_cast<double>(rotate) / 360) * tau;
             const Vec3 direction(glm::dvec3(std::cos(angle), 0, std::sin(angle)));
             CAPTURE(column);
             CHECK(lighting.far(direction).radiance.x ==
@@ -370,8 +372,10 @@ TEST_CASE("a bulge of few triangles has the shadow of the smooth surface") {
         // The vertices' normals, as the triangles mix them.
         const double part = (azimuth / turn - 78.75) / 22.5;
         const double sine = 0.85 / 0.9808;
-        const double along = sine * ((1 - part) * std::cos(78.75 * turn) + part * std::cos(101.25 * turn));
-        const double seen = (along - 0.05 * std::sqrt(1 - sine * sine)) / std::sqrt(1 + 0.05 * 0.05);
+        const double along =
+            sine * ((1 - part) * std::cos(78.75 * turn) + part * std::cos(101.25 * turn));
+        const double seen =
+            (along - 0.05 * std::sqrt(1 - sine * sine)) / std::sqrt(1 + 0.05 * 0.05);
         CHECK(lit(ball, azimuth).value == doctest::Approx(0.5 * seen).epsilon(0.25));
     }
     CHECK(lit(ball, 95 * turn).value == 0);
@@ -422,10 +426,10 @@ TEST_CASE("lit pictures have the same bytes in passes, in chunks and at once") {
         REQUIRE(add_samples(**integrator, {camera, 0, 384, 0, 6, 3}, caster, arrays, whole));
         for (std::uint64_t first = 0; first < 384; first += 50)
             for (std::uint32_t s = 0; s < 6; s += 3)
-                REQUIRE(add_samples(
-                    **integrator,
-                    {camera, first, std::min<std::uint64_t>(50, 384 - first), s, 3, 3}, caster,
-                    arrays, parts));
+                REQUIRE(
+                    add_samples(**integrator,
+                                {camera, first, std::min<std::uint64_t>(50, 384 - first), s, 3, 3},
+                                caster, arrays, parts));
         for (std::size_t i = 0; i < film_layers; ++i) {
             const auto a = whole.words(static_cast<FilmLayer>(i));
             const auto b = parts.words(static_cast<FilmLayer>(i));

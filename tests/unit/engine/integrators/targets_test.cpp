@@ -16,7 +16,8 @@ namespace {
 
 /// Bytes without a pattern.
 ImageDescription noise(std::uint32_t width, std::uint32_t height) {
-    ImageDescription image{width, height, std::vector<std::uint8_t>(std::size_t{4} * width * height)};
+    ImageDescription image{width, height,
+                           std::vector<std::uint8_t>(std::size_t{4} * width * height)};
     std::uint32_t state = 1;
     for (std::uint8_t& byte : image.rgba) {
         state = state * 1664525U + 1013904223U;
@@ -43,12 +44,13 @@ SceneDescription gallery() {
         MaterialDescription& material = scene.materials.emplace_back();
         material.texture = texture;
         material.uv_transform = {3, 0.5F, 0.1F, -0.5F, 2, 0.7F};
-        GeometryDescription square = test::unit_square(
-            static_cast<std::uint32_t>(scene.materials.size() - 1));
+        GeometryDescription square =
+            test::unit_square(static_cast<std::uint32_t>(scene.materials.size() - 1));
         const auto at = static_cast<float>(scene.materials.size());
         for (Vec3& p : square.positions) p += Vec3(1.2F * at, 0.3F * p.x, 0.4F * p.y);
         square.normals = {{0.1F, 0, 1}, {-0.2F, 0.1F, 1}, {0, 0.3F, 0.9F}, {0.1F, 0.1F, 2}};
-        square.colours = {255, 200, 100, 255, 255, 255, 255, 255, 90, 255, 255, 255, 9, 99, 199, 255};
+        square.colours = {255, 200, 100, 255, 255, 255, 255, 255,
+                          90,  255, 255, 255, 9,   99,  199, 255};
         scene.objects[0].geometries.push_back(std::move(square));
         return material.surface;
     };

@@ -27,8 +27,7 @@ int red(ToneMap tonemap, float value, float stops = 0) {
 }  // namespace
 
 TEST_CASE("every tone map rises from black to white, and stays there") {
-    for (const ToneMap tonemap :
-         {ToneMap::agx, ToneMap::aces, ToneMap::reinhard, ToneMap::none}) {
+    for (const ToneMap tonemap : {ToneMap::agx, ToneMap::aces, ToneMap::reinhard, ToneMap::none}) {
         CAPTURE(static_cast<int>(tonemap));
         CHECK(red(tonemap, 0) <= 1);
         int last = 0;

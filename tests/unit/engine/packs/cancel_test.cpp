@@ -70,8 +70,7 @@ void for_each_function(const Variant& variant, const Check& check) {
     for (std::uint32_t traversal = 0; traversal < traversal_count; ++traversal) {
         for (std::uint32_t query = 0; query < query_count; ++query) {
             for (const std::uint32_t counting : {0U, 1U, 2U}) {
-                const TraceFunction function =
-                    variant.code->trace[traversal][query][counting];
+                const TraceFunction function = variant.code->trace[traversal][query][counting];
                 if (function == nullptr) continue;
                 ++functions;
                 check(std::string(traversals[traversal]) + " " + queries[query] +

@@ -82,11 +82,10 @@ TEST_CASE("the hash of a layout sees sizes, kinds, order, offsets, alignment and
 }
 
 TEST_CASE("the hash of an enumeration sees names and their order") {
-    const std::set<std::uint64_t> seen{layout::hash_of_names({"closest", "any"}),
-                                       layout::hash_of_names({"any", "closest"}),
-                                       layout::hash_of_names({"closest"}),
-                                       layout::hash_of_names({"closestany"}),
-                                       layout::hash_of_names({"closest", "any", "multi"})};
+    const std::set<std::uint64_t> seen{
+        layout::hash_of_names({"closest", "any"}), layout::hash_of_names({"any", "closest"}),
+        layout::hash_of_names({"closest"}), layout::hash_of_names({"closestany"}),
+        layout::hash_of_names({"closest", "any", "multi"})};
     CHECK(seen.size() == 5);
 }
 
@@ -110,10 +109,13 @@ TEST_CASE("each type of the ABI is named when it alone differs, lacks or is new"
 TEST_CASE("the list of types has each name once, and every type that kernels read or write") {
     std::set<std::string> names;
     for (const TypeLayout& type : border_types()) CHECK(names.insert(type.name).second);
-    for (const char* name :
-         {"SceneView", "ObjectRecord", "HitRecord", "TraceCall", "Counters", "Ray", "Node",
-          "TriangleBlock", "InstanceRecord", "GeometryRecord", "MaterialRecord", "TextureRecord",
-          "TexcoordBlock", "PackVariant", "PackParam", "PackPrimitive", "Device", "PinholeRays", "Query", "Traversal"}) {
+    for (const char* name : {"SceneView",      "ObjectRecord",   "HitRecord",
+                             "TraceCall",      "Counters",       "Ray",
+                             "Node",           "TriangleBlock",  "InstanceRecord",
+                             "GeometryRecord", "MaterialRecord", "TextureRecord",
+                             "TexcoordBlock",  "PackVariant",    "PackParam",
+                             "PackPrimitive",  "Device",         "PinholeRays",
+                             "Query",          "Traversal"}) {
         CAPTURE(name);
         CHECK(names.contains(name));
     }

@@ -125,8 +125,7 @@ TEST_CASE("parameters are checked by name, type, range and choice") {
 TEST_CASE("a combination that was not compiled is refused with a remedy") {
     const auto registry = registry_for("auto");
     const Variant& opaque = *registry->find("opaque");
-    CHECK(find_function(opaque, query_closest, traversal_single, counters_total)
-              .has_value());
+    CHECK(find_function(opaque, query_closest, traversal_single, counters_total).has_value());
     const auto missing = find_function(opaque, query_multi, traversal_packet);
     REQUIRE(!missing);
     CHECK(missing.error().message ==
@@ -136,8 +135,7 @@ TEST_CASE("a combination that was not compiled is refused with a remedy") {
 
 TEST_CASE("a malformed call is refused, not traced") {
     const auto registry = registry_for("auto");
-    const auto function =
-        find_function(*registry->find("opaque"), query_multi, traversal_single);
+    const auto function = find_function(*registry->find("opaque"), query_multi, traversal_single);
     TraceCall call{};
     CHECK((*function)(&call) == trace_bad_call);
     SceneView scene;
@@ -150,8 +148,7 @@ TEST_CASE("a malformed call is refused, not traced") {
     call.hits_max = multi_hits_max + 1;
     CHECK((*function)(&call) == trace_bad_call);
 
-    const auto all =
-        find_function(*registry->find("opaque"), query_all, traversal_single);
+    const auto all = find_function(*registry->find("opaque"), query_all, traversal_single);
     std::uint32_t count = 0;
     std::uint32_t done = 0;
     std::uint8_t flags = 0;
@@ -191,8 +188,7 @@ TEST_CASE("traversal auto depends on the rays, a named one does not") {
         apart[i].direction = Vec3(i % 2 == 0 ? 1 : -1, 0.5F, i % 3 == 0 ? 1 : -1);
     }
     const auto make = [&](Query query, Traversal traversal, CounterMode counters) {
-        const auto selector =
-            KernelSelector::make(opaque, query, traversal, counters);
+        const auto selector = KernelSelector::make(opaque, query, traversal, counters);
         REQUIRE(selector.has_value());
         return *selector;
     };

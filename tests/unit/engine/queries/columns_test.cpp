@@ -205,7 +205,8 @@ TEST_CASE("surfaces have the normals, texture coordinates and colours of their v
 TEST_CASE("front is set if the ray meets the side that the normal points to, also mirrored") {
     const auto registry = Registry::load({});
     REQUIRE(registry.has_value());
-    const auto closest = find_function(*(*registry)->find("opaque"), query_closest, traversal_single);
+    const auto closest =
+        find_function(*(*registry)->find("opaque"), query_closest, traversal_single);
     REQUIRE(closest.has_value());
     for (const Transform& transform :
          {scaling(1, 1, 1), scaling(-1, 1, 1), scaling(1, 1, -1), scaling(-1, -2, -3)}) {
@@ -304,8 +305,8 @@ TEST_CASE("columns of a level are counters with a number behind a dot") {
     CHECK(parse_column("prim_hits.31") == Column(Field::prim_hits, 31));
     CHECK(column_name({Field::total, 3}) == "total.3");
     CHECK(column_name(Field::t) == "t");
-    for (const char* wrong : {"boxes.", "boxes.x", "boxes.-1", "boxes.01", "boxes.4294967295", "boxes.1.0",
-                              "boxes. 1", "t.0", ".0", "boxes.4294967296"}) {
+    for (const char* wrong : {"boxes.", "boxes.x", "boxes.-1", "boxes.01", "boxes.4294967295",
+                              "boxes.1.0", "boxes. 1", "t.0", ".0", "boxes.4294967296"}) {
         CAPTURE(wrong);
         const auto refused = parse_column(wrong);
         REQUIRE_FALSE(refused);

@@ -34,7 +34,8 @@ public:
         bool sound = true;
         for (std::uint32_t i = 0; i < view_.object_count; ++i)
             sound = sound && tree(view_.objects[i]);
-        for (std::uint64_t path = 0; path < std::min<std::uint64_t>(placement_count(), 64); ++path) {
+        for (std::uint64_t path = 0; path < std::min<std::uint64_t>(placement_count(), 64);
+             ++path) {
             sound = sound && reads_path(path) && reads_path(placement_count() - 1 - path);
         }
         return sound && surfaces();
@@ -48,7 +49,9 @@ private:
                at + bytes <= begin + scene_.bytes().size();
     }
 
-    [[nodiscard]] std::uint64_t placement_count() const { return view_.objects[view_.root].placement_count; }
+    [[nodiscard]] std::uint64_t placement_count() const {
+        return view_.objects[view_.root].placement_count;
+    }
 
     bool tree(const ObjectRecord& object) const {
         if (object.root == child_empty) return true;
@@ -142,8 +145,7 @@ private:
             const TextureRecord& t = view_.textures[i];
             const std::size_t pixels = std::size_t{t.width} * t.height;
             if (!inside(view_.attribute<std::byte>(t.colour), 4 * pixels) ||
-                (t.alpha != no_offset &&
-                 !inside(view_.attribute<std::byte>(t.alpha), pixels))) {
+                (t.alpha != no_offset && !inside(view_.attribute<std::byte>(t.alpha), pixels))) {
                 return false;
             }
             for (std::uint32_t level = 1; level < scene_.shading().levels[i].count; ++level) {
@@ -164,8 +166,7 @@ private:
                 !named(s.transmission_texture.texture))
                 return false;
         }
-        return inside(scene_.shading().lights,
-                      scene_.shading().light_count * sizeof(LightRecord));
+        return inside(scene_.shading().lights, scene_.shading().light_count * sizeof(LightRecord));
     }
 
     bool reads_path(std::uint64_t path) const {

@@ -146,8 +146,10 @@ TEST_CASE("a singular instance is left out and counted with all that it places")
 
     description.objects[2].instances[1].transform = Transform{};
     description.objects[2].instances[2].transform = scaling(1, 0, 1);
-    CHECK(build_scene(description)->statistics().warnings.at(0).starts_with(
-        "1 placement is left out"));
+    CHECK(build_scene(description)
+              ->statistics()
+              .warnings.at(0)
+              .starts_with("1 placement is left out"));
 }
 
 TEST_CASE("a scene of which most triangles have no area says so before all else") {

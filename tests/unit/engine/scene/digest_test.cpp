@@ -40,7 +40,8 @@ constexpr std::size_t piece = 1 << 16;
 
 }  // namespace
 
-// The values were computed with Python's hashlib; for "abc" it is SHA-256 of the digest that FIPS 180-2 gives.
+// The values were computed with Python's hashlib; for "abc" it is SHA-256 of the digest that FIPS
+// 180-2 gives.
 TEST_CASE("the digest of known bytes is SHA-256 over the list of the pieces' SHA-256") {
     CHECK(digest_of("") == "e3b0c44298fc1c149afbf4c8996fb92427ae41e4649b934ca495991b7852b855");
     CHECK(digest_of("abc") == "4f8b42c22dd3729b519ba6f68d2da7cc5b2d606d05daed5ad5128cc03e6c6358");

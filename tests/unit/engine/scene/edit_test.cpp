@@ -1,8 +1,8 @@
 // Edited scenes: rays hit what they hit in the same scene built afresh, bit for bit.
 #include "engine/scene/edits/edit.h"
-#include "engine/scene/edits/names.h"
 
 #include "engine/packs/registry.h"
+#include "engine/scene/edits/names.h"
 #include "tests/conformance/answers.h"
 #include "tests/conformance/scenes.h"
 #include "tests/unit/engine/small_scenes.h"
@@ -36,8 +36,8 @@ Transform random_place(Random& random, float far) {
     return {{x.x, y.x, z.x, at.x, x.y, y.y, z.y, at.y, x.z, y.z, z.z, at.z}};
 }
 
-/// Objects: a mesh of loose triangles, one of spheres' size, a group of both, an empty one. The root
-/// places them `count` times, and in half of the scenes has a triangle of its own.
+/// Objects: a mesh of loose triangles, one of spheres' size, a group of both, an empty one. The
+/// root places them `count` times, and in half of the scenes has a triangle of its own.
 SceneDescription random_scene(Random& random, std::uint32_t count) {
     SceneDescription scene;
     scene.objects.resize(5);
@@ -93,8 +93,8 @@ void check_same_answers(const Snapshot& edited, const Snapshot& fresh, Random& r
         for (const conformance::Question& question : conformance::questions) {
             const auto function = find_function(variant, question.query, traversal);
             if (!function) continue;
-            const auto ours = conformance::ask(variant, *function, edited.view(), rays, question, {},
-                                               counters_none);
+            const auto ours = conformance::ask(variant, *function, edited.view(), rays, question,
+                                               {}, counters_none);
             const auto theirs = conformance::ask(variant, *function, fresh.view(), rays, question,
                                                  {}, counters_none);
             CHECK(conformance::differing_rays(ours, theirs).rays == 0);
@@ -176,7 +176,8 @@ TEST_CASE("what is placed several times moves and hides at the one place that is
         for (int step = 0; step < 3; ++step) {
             SceneChanges changes;
             for (std::uint32_t i = 0; i < 60; ++i) {
-                // The copy of the group that this place has from now on, in the description that is built afresh.
+                // The copy of the group that this place has from now on, in the description that is
+                // built afresh.
                 const std::uint32_t group = description.objects[4].instances[i].object;
                 if (group != 2 && group < 5) continue;
                 if (random.below(3) != 0) continue;
@@ -265,7 +266,8 @@ TEST_CASE("instances go and scenes come, and the others keep their names") {
         CHECK(!has("tree#2/third"));
         if (!has_own) {
             CHECK(!has("part7"));
-            CHECK(InstanceFinder(*scene, [] { return false; }).find("part9")->front() == InstancePlace(6));
+            CHECK(InstanceFinder(*scene, [] { return false; }).find("part9")->front() ==
+                  InstancePlace(6));
         } else {
             CHECK(InstanceFinder(*scene, [] { return false; }).find("all/part9").has_value());
         }
@@ -305,7 +307,8 @@ TEST_CASE("the tree of the root is built again when its expected cost has grown"
         std::vector<InstanceMove> moves;
         for (int i = 0; i < 10; ++i) {
             const std::uint32_t a = 2 * random.below(200);
-            if (std::ranges::any_of(moves, [&](const auto& m) { return m.instance == a; })) continue;
+            if (std::ranges::any_of(moves, [&](const auto& m) { return m.instance == a; }))
+                continue;
             std::swap(placed[a].transform, placed[a + 1].transform);
             moves.push_back({a, placed[a].transform});
             moves.push_back({a + 1, placed[a + 1].transform});
@@ -329,11 +332,14 @@ TEST_CASE("instances are found by the texts of their paths, and '*' stands for a
     CHECK(!glob_matches("wheel", "car/wheel"));
     CHECK(!glob_matches("", "car"));
     const Scene scene = build_scene(test::tree_scene());
-    const auto find = [&](const char* text) { return InstanceFinder(*scene, [] { return false; }).find(text); };
+    const auto find = [&](const char* text) {
+        return InstanceFinder(*scene, [] { return false; }).find(text);
+    };
     CHECK(*find("second") == std::vector<InstancePlace>{1});
     CHECK(*find("*") == std::vector<InstancePlace>{0, 1, 2, 3});
     CHECK(*find("*ir*") == std::vector<InstancePlace>{0, 3});
-    CHECK(*find("*l*") == std::vector<InstancePlace>{{0, {0}}, {0, {1}}, {1, {0}}, {1, {1}}, 2, {3, {0}}, {3, {1}}});
+    CHECK(*find("*l*") == std::vector<InstancePlace>{
+                              {0, {0}}, {0, {1}}, {1, {0}}, {1, {1}}, 2, {3, {0}}, {3, {1}}});
     CHECK(*find("first/low") == std::vector<InstancePlace>{{0, {0}}});
     CHECK(*find("*/leaf") == std::vector<InstancePlace>{{0, {1}}, {1, {1}}, {3, {1}}});
     CHECK(find("fourth").error().message.find("there are: first, second") != std::string::npos);
@@ -345,7 +351,8 @@ TEST_CASE("what cannot be edited is refused by name, and the scene stays as it i
     const Scene scene = build_scene(test::tree_scene());
     const std::string before = scene->digest();
     const Transform here = translation(1, 2, 3);
-    CHECK(fault(*scene, moving({{4, here}})) == "there is no outermost instance 4: the scene has 4");
+    CHECK(fault(*scene, moving({{4, here}})) ==
+          "there is no outermost instance 4: the scene has 4");
     CHECK(fault(*scene, {{}, {{9, 0}}, {}, {}}).find("instance 9") != std::string::npos);
     CHECK(fault(*scene, moving({{1, here}, {1, here}})).find("named twice") != std::string::npos);
     CHECK(fault(*scene, moving({{2, test::scaling(1, 0, 1)}})).find("'lone' is singular") !=
@@ -361,8 +368,8 @@ TEST_CASE("what cannot be edited is refused by name, and the scene stays as it i
     CHECK(fault(*scene, far).find("'more' is singular") != std::string::npos);
     CHECK(fault(*scene, {{}, {}, {4}, {}}).find("not in the scene") != std::string::npos);
     CHECK(fault(*scene, moving({{{0, {2}}, here}})).find("within 'first'") != std::string::npos);
-    CHECK(fault(*scene, moving({{{0, {0}}, translation(2e15F, 0, 0)}})).find("'first/low' would reach") !=
-          std::string::npos);
+    CHECK(fault(*scene, moving({{{0, {0}}, translation(2e15F, 0, 0)}}))
+              .find("'first/low' would reach") != std::string::npos);
     CHECK(scene->digest() == before);
     // Nothing changes nothing but the number of edits; back where it was, it is the same content.
     const Scene there = edit(*scene, moving({{2, here}}));

@@ -214,7 +214,8 @@ TEST_CASE("no answer changes when the opacity of all triangles is ignored") {
             REQUIRE(settings.has_value());
             for (const conformance::Question& question : conformance::questions) {
                 for (std::uint32_t t = 0; t < traversal_reference; ++t) {
-                    const auto function = find_function(variant, question.query, static_cast<Traversal>(t));
+                    const auto function =
+                        find_function(variant, question.query, static_cast<Traversal>(t));
                     if (!function) continue;
                     CAPTURE(cutoff);
                     CAPTURE(question.query);

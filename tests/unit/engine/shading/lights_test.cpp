@@ -1,7 +1,8 @@
 // Lights: they are drawn with the density that they state, and send what their units say.
+#include "engine/shading/lights.h"
+
 #include "engine/math/random.h"
 #include "engine/shading/alias_table.h"
-#include "engine/shading/lights.h"
 #include "engine/shading/sky.h"
 
 #include <doctest/doctest.h>
@@ -33,7 +34,8 @@ TEST_CASE("an alias table draws entries in proportion to their weights") {
     for (int i = 0; i < samples; ++i)
         ++counts[table.draw((static_cast<float>(i) + 0.5F) / samples)];
     for (std::size_t i = 0; i < weights.size(); ++i)
-        CHECK(counts[i] == doctest::Approx(static_cast<double>(weights[i]) * samples / 10).epsilon(0.001));
+        CHECK(counts[i] ==
+              doctest::Approx(static_cast<double>(weights[i]) * samples / 10).epsilon(0.001));
     CHECK(AliasTable(std::vector<float>{0, 0}).empty());
     CHECK(AliasTable(std::vector<float>{}).empty());
 }
@@ -51,10 +53,11 @@ TEST_CASE("an environment is drawn with the density that it states") {
     constexpr int samples = 1'000'000;
     std::vector<double> counts(width * height), expected(width * height);
     const auto bin = [&](const Vec3& d) {
-        const double turns = static_cast<double>(std::atan2(d.x, -d.z)) / (2 * std::numbers::pi) + 0.5 -
-                             static_cast<double>(middle);
+        const double turns = static_cast<double>(std::atan2(d.x, -d.z)) / (2 * std::numbers::pi) +
+                             0.5 - static_cast<double>(middle);
         const double across = turns - std::floor(turns);
-        const double down = std::acos(std::clamp(static_cast<double>(d.y), -1.0, 1.0)) / std::numbers::pi;
+        const double down =
+            std::acos(std::clamp(static_cast<double>(d.y), -1.0, 1.0)) / std::numbers::pi;
         const auto column = std::min(static_cast<std::uint32_t>(across * width), width - 1);
         const auto row = std::min(static_cast<std::uint32_t>(down * height), height - 1);
         return std::size_t{row} * width + column;
@@ -66,7 +69,8 @@ TEST_CASE("an environment is drawn with the density that it states") {
         const Vec3 d = environment.sample({u, random.uniform()}, density);
         REQUIRE(density > 0);
         ++counts[bin(d)];
-        irradiance += static_cast<double>(environment.radiance(d).x * std::max(d.y, 0.0F) / density);
+        irradiance +=
+            static_cast<double>(environment.radiance(d).x * std::max(d.y, 0.0F) / density);
     }
     constexpr int steps = 8;
     double chi = 0;
@@ -78,12 +82,12 @@ TEST_CASE("an environment is drawn with the density that it states") {
                 const double polar = std::numbers::pi * (y + (sy + 0.5) / steps) / height;
                 const double around =
                     2 * std::numbers::pi * ((x + 0.5) / width - 0.5 + static_cast<double>(middle));
-                sum += std::sin(polar) *
-                       static_cast<double>(environment.density(Vec3(glm::dvec3(
-                           std::sin(polar) * std::sin(around), std::cos(polar),
-                           -std::sin(polar) * std::cos(around)))));
+                sum += std::sin(polar) * static_cast<double>(environment.density(Vec3(glm::dvec3(
+                                             std::sin(polar) * std::sin(around), std::cos(polar),
+                                             -std::sin(polar) * std::cos(around)))));
             }
-            const double share = sum / steps * 2 * std::numbers::pi * std::numbers::pi / width / height;
+            const double share =
+                sum / steps * 2 * std::numbers::pi * std::numbers::pi / width / height;
             const double count = counts[std::size_t{y} * width + x];
             if (share * samples < 20) continue;
             chi += (count - share * samples) * (count - share * samples) / (share * samples);
@@ -118,8 +122,10 @@ TEST_CASE("punctual lights send candela and lux") {
     CHECK(SpotLight::sample(spot, from, {}).radiance.x == doctest::Approx(2));
     CHECK(SpotLight::sample(spot, {5, 0, 0}, {}).radiance.x == 0);
     const float beside = 2 * std::tan(0.45F);
-    const float part = SpotLight::sample(spot, {beside, 0, 0}, {}).radiance.x * (4 + beside * beside) / 8;
-    const float linear = (std::cos(0.45F) - spot.outer_cosine) / (spot.inner_cosine - spot.outer_cosine);
+    const float part =
+        SpotLight::sample(spot, {beside, 0, 0}, {}).radiance.x * (4 + beside * beside) / 8;
+    const float linear =
+        (std::cos(0.45F) - spot.outer_cosine) / (spot.inner_cosine - spot.outer_cosine);
     CHECK(part == doctest::Approx(linear * linear).epsilon(1e-4).scale(0));
 
     const LightSample sun = DirectionalLight::sample(light_at({}, 7), from, {});

@@ -1,6 +1,8 @@
-// Materials: they neither make nor lose light, look the same both ways, and draw directions as they say.
-#include "engine/math/random.h"
+// Materials: they neither make nor lose light, look the same both ways, and draw directions as they
+// say.
 #include "engine/shading/materials.h"
+
+#include "engine/math/random.h"
 #include "engine/shading/types.h"
 
 #include <doctest/doctest.h>
@@ -66,8 +68,10 @@ double deviation(const MaterialPoint& drawn, const MaterialPoint& stated, const 
             ++counts.back();
             continue;
         }
-        const double azimuth = static_cast<double>(std::atan2(d.y, d.x)) / (2 * std::numbers::pi) + 0.5;
-        const int row = std::min(static_cast<int>((d.z + 1) / 2 * static_cast<float>(rows)), rows - 1);
+        const double azimuth =
+            static_cast<double>(std::atan2(d.y, d.x)) / (2 * std::numbers::pi) + 0.5;
+        const int row =
+            std::min(static_cast<int>((d.z + 1) / 2 * static_cast<float>(rows)), rows - 1);
         const int column = std::min(static_cast<int>(azimuth * columns), columns - 1);
         ++counts[static_cast<std::size_t>(row * columns + column)];
     }
@@ -81,8 +85,8 @@ double deviation(const MaterialPoint& drawn, const MaterialPoint& stated, const 
                     const double a =
                         2 * std::numbers::pi * ((column + (x + 0.5) / steps) / columns - 0.5);
                     const double s = std::sqrt(1 - z * z);
-                    sum += static_cast<double>(density.density(
-                        Vec3(glm::dvec3(s * std::cos(a), s * std::sin(a), z))));
+                    sum += static_cast<double>(
+                        density.density(Vec3(glm::dvec3(s * std::cos(a), s * std::sin(a), z))));
                 }
             }
             sum *= 4 * std::numbers::pi / (rows * columns) / (steps * steps);
@@ -174,13 +178,17 @@ TEST_CASE("bumps take light from near the horizon of the surface away from the d
     bumpy.smooth = direction(0.8F, 0);
     const Vec3 seen = direction(0.9F);
     const auto share = [&](const Vec3& incoming) {
-        return Standard(bumpy, seen).evaluate(incoming).x / Standard(flat, seen).evaluate(incoming).x;
+        return Standard(bumpy, seen).evaluate(incoming).x /
+               Standard(flat, seen).evaluate(incoming).x;
     };
-    // Towards the side that the bump leans away from, the horizon comes first; straight to it none is lost.
+    // Towards the side that the bump leans away from, the horizon comes first; straight to it none
+    // is lost.
     CHECK(share(bumpy.smooth) == doctest::Approx(1));
     CHECK(share(direction(0.9F, 0)) == doctest::Approx(1));
     const float tilt = std::acos(0.8F);
-    const auto below = [&](float angle) { return Vec3(-std::sin(angle - tilt), 0, std::cos(angle - tilt)); };
+    const auto below = [&](float angle) {
+        return Vec3(-std::sin(angle - tilt), 0, std::cos(angle - tilt));
+    };
     float last = 1;
     for (const float angle : {0.9F, 1.1F, 1.3F, 1.5F}) {
         const Vec3 incoming = below(angle);

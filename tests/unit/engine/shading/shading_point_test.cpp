@@ -1,7 +1,8 @@
 // What shading sees of a hit: normals of normal textures, and colours of vertices.
+#include "engine/shading/shading_point.h"
+
 #include "engine/scene/texture_levels.h"
 #include "engine/shading/placement.h"
-#include "engine/shading/shading_point.h"
 #include "tests/unit/engine/small_scenes.h"
 
 #include <doctest/doctest.h>
@@ -40,7 +41,8 @@ SceneDescription nested(SceneDescription scene, const Transform& placement) {
     return scene;
 }
 
-/// Shades the middle of the first triangle, seen along a direction in the world by a cone of this width.
+/// Shades the middle of the first triangle, seen along a direction in the world by a cone of this
+/// width.
 ShadingPoint seen(const SceneDescription& description, const Vec3& direction = {0, 0, -1},
                   float width = 1e-3F) {
     const auto scene = test::build_scene(description);
@@ -70,7 +72,8 @@ Vec3 normal_of(const SceneDescription& description) {
 
 }  // namespace
 
-TEST_CASE("a placement that mirrors mirrors what a normal texture shows, with tangents or without") {
+TEST_CASE(
+    "a placement that mirrors mirrors what a normal texture shows, with tangents or without") {
     const Transform plain{}, mirror = test::scaling(-1, 1, 1), high = test::scaling(1, 1, -1);
     for (const bool has_tangents : {false, true}) {
         CAPTURE(has_tangents);
@@ -92,7 +95,8 @@ TEST_CASE("a placement that mirrors mirrors what a normal texture shows, with ta
     }
 }
 
-TEST_CASE("bumps that lean away from a grazing view bend until the mirrored view leaves the surface") {
+TEST_CASE(
+    "bumps that lean away from a grazing view bend until the mirrored view leaves the surface") {
     const SceneDescription bumpy = bumpy_square(true, Transform{});
     for (int azimuth = 0; azimuth < 360; azimuth += 15) {
         for (const float height : {0.02F, 0.1F, 0.3F, 0.6F}) {

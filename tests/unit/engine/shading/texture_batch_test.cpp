@@ -1,7 +1,8 @@
 // Textures looked up in batches, against single lookups; and the elementary functions of shading.
+#include "engine/shading/texture_batch.h"
+
 #include "engine/math/elementary.h"
 #include "engine/math/random.h"
-#include "engine/shading/texture_batch.h"
 #include "tests/unit/engine/small_scenes.h"
 
 #include <doctest/doctest.h>
@@ -13,7 +14,8 @@
 
 using namespace raynest;
 
-TEST_CASE("a batch gives the bits of single lookups, whatever textures, levels and wraps it mixes") {
+TEST_CASE(
+    "a batch gives the bits of single lookups, whatever textures, levels and wraps it mixes") {
     Random random(1);
     SceneDescription scene = test::tree_scene();
     for (const auto& [width, height] : {std::pair{64U, 32U}, {5U, 3U}, {1U, 1U}, {2U, 16U}}) {
@@ -68,14 +70,13 @@ TEST_CASE("elementary functions are as close as they say") {
         const float x = 2 * u - 1;
         cosine_error = std::max(cosine_error, std::abs(static_cast<double>(arc_cosine(x)) -
                                                        std::acos(static_cast<double>(x))));
-        const double exact =
-            std::atan2(static_cast<double>(c.y), static_cast<double>(c.x));
-        tangent_error = std::max(
-            tangent_error, std::abs(static_cast<double>(arc_tangent(c.y, c.x)) - exact));
+        const double exact = std::atan2(static_cast<double>(c.y), static_cast<double>(c.x));
+        tangent_error =
+            std::max(tangent_error, std::abs(static_cast<double>(arc_tangent(c.y, c.x)) - exact));
         const float power = std::exp2(40 * x);
-        logarithm_error = std::max(
-            logarithm_error, std::abs(static_cast<double>(rough_log2(power)) -
-                                      std::log2(static_cast<double>(power))));
+        logarithm_error =
+            std::max(logarithm_error, std::abs(static_cast<double>(rough_log2(power)) -
+                                               std::log2(static_cast<double>(power))));
     }
     CHECK(circle_error < 3e-7);
     CHECK(cosine_error < 5e-7);

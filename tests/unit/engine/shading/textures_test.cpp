@@ -12,7 +12,8 @@ using namespace raynest;
 namespace {
 
 ImageDescription checkers(std::uint32_t width, std::uint32_t height) {
-    ImageDescription image{width, height, std::vector<std::uint8_t>(std::size_t{4} * width * height, 255)};
+    ImageDescription image{width, height,
+                           std::vector<std::uint8_t>(std::size_t{4} * width * height, 255)};
     for (std::uint32_t y = 0; y < height; ++y)
         for (std::uint32_t x = 0; x < width; ++x)
             for (std::size_t c = 0; c < 3; ++c)
@@ -42,7 +43,8 @@ TEST_CASE("colours are averaged in linear light, data as they are") {
     }
     // A grey stays what it is, at any size.
     for (int grey = 0; grey < 256; ++grey) {
-        ImageDescription image{2, 2, std::vector<std::uint8_t>(16, static_cast<std::uint8_t>(grey))};
+        ImageDescription image{2, 2,
+                               std::vector<std::uint8_t>(16, static_cast<std::uint8_t>(grey))};
         for (std::size_t i = 3; i < 16; i += 4) image.rgba[i] = 255;
         CHECK(std::abs(smaller_levels(image, false)[0] - grey) <= 1);
         CHECK(smaller_levels(image, true)[0] == grey);
@@ -69,7 +71,8 @@ TEST_CASE("a wide cone sees the mean, a narrow one the texel") {
     const auto snapshot = test::build_scene(scene);
     const ShadingView& view = snapshot->shading();
     const auto at = [&](std::uint32_t texture, float width) {
-        return sample_texture(view, texture, {0.5F / 16, 0.5F / 16}, {std::log2(width)}, texture == 1)
+        return sample_texture(view, texture, {0.5F / 16, 0.5F / 16}, {std::log2(width)},
+                              texture == 1)
             .x;
     };
     for (const std::uint32_t texture : {0U, 1U}) {
