@@ -87,10 +87,10 @@ private:
 };
 
 void declare_security(CLI::App& app, SecurityOptions& security, Words& words) {
-    app.add_option("--tls-cert", security.tls.certificate,
-                   // And https://, and its chain; SIGHUP reads "
-                   "PEM file of the certificate of tls:
-                   "it again");
+    app.add_option(
+        "--tls-cert", security.tls.certificate,
+        "PEM file of the certificate of tls:// and https://, and its chain; SIGHUP reads "
+        "it again");
     app.add_option("--tls-key", security.tls.key, "PEM file of its key, mode 0600");
     app.add_option("--client-ca", security.tls.client_ca,
                    "PEM file of the CAs of client certificates; a certificate's subject is the "
