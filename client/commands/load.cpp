@@ -72,10 +72,11 @@ void add_origin(CommandLine& line, LoadOptions& load) {
 }  // namespace
 
 void declare(CommandLine& line, LoadOptions& load) {
-    line.add_option("SOURCE", load.source,
-                    "FILE.glb, .gltf, .obj, .ply, .stl, .off, .npz, .las or .npy; "
-                    "builtin:NAME[?key=value&...], root:PATH, or - for "
-                    "such a file on stdin, with --name")
+    line.add_option(
+            "SOURCE", load.source,
+            "FILE.glb, .gltf, .rnscene.json, .obj, .ply, .stl, .off, .npz, .las, .tif or .npy; "
+            "builtin:NAME[?key=value&...], root:PATH, or - for "
+            "such a file on stdin, with --name")
         .required();
     line.add_option("--name", load.name,
                     "name of the scene (the file's stem; forest for builtin:forest?trees=5)");

@@ -39,7 +39,8 @@ std::string_view without_options(std::string_view line) {
     return line;
 }
 
-/// The name beneath the scene's folder, without percent signs' meaning in a URI.
+}  // namespace
+
 std::optional<std::string> file_of_name(std::string_view by, std::string_view text) {
     if (text.starts_with('/') || text.starts_with('\\')) return std::nullopt;
     std::string whole(by.substr(0, by.rfind('/') + 1));
@@ -53,8 +54,6 @@ std::optional<std::string> file_of_name(std::string_view by, std::string_view te
     }
     return file_of_uri(uri);
 }
-
-}  // namespace
 
 std::vector<std::string> obj_names(std::string_view file, std::span<const std::byte> bytes) {
     std::vector<std::string> names;

@@ -2,12 +2,18 @@
 #pragma once
 
 #include <cstddef>
+#include <optional>
 #include <span>
 #include <string>
 #include <string_view>
 #include <vector>
 
 namespace raynest::client {
+
+/// Returns the name beneath the scene's folder of the file that `text` of the file `by` names:
+/// relative to the folder of that, with / for \\, without percent signs' meaning in a URI. Nothing if
+/// it is absolute or leaves the scene's folder. The daemon applies the same rule.
+std::optional<std::string> file_of_name(std::string_view by, std::string_view text);
 
 /// Returns the MTL files of an .obj, or the pictures of an .mtl, each once, beneath the scene's
 /// folder; `file` is the name of the file itself, to whose folder names are relative. Names outside

@@ -78,7 +78,7 @@ Result<Reply<wire::Loaded>> load_scene(Connection& connection, Progress& progres
 
 bool is_source(const std::string& scene) {
     if (has_scheme(scene)) return true;
-    const std::string ending = extension_of(scene);
+    const std::string ending = scene_ending_of(scene);
     if (std::ranges::find(scene_endings, ending) != scene_endings.end()) return true;
     std::error_code ignored;
     // Files of other programs: gather() says how to convert them.

@@ -1,8 +1,7 @@
 #include "client/requests/upload.h"
 
 #include "client/files/files.h"
-#include "client/files/gltf_names.h"
-#include "client/files/obj_names.h"
+#include "client/files/named_files.h"
 #include "client/ground/interrupt.h"
 #include "client/requests/send_file.h"
 #include "protocol/limits.h"
@@ -19,7 +18,7 @@
 namespace raynest::client {
 namespace {
 
-/// Bytes of a file per frame: headers do not matter at this size, and it fits any frame limit.
+using namespace std::string_view_literals;
 
 std::string folder_of(const std::string& path) {
     const std::size_t slash = path.rfind('/');
@@ -32,7 +31,9 @@ std::string file_name_of(const std::string& path) {
 }
 
 std::string stem_of(const std::string& name) {
-    return name.substr(0, name.rfind('.'));
+    return name.ends_with(composition_ending)
+               ? name.substr(0, name.size() - composition_ending.size())
+               : name.substr(0, name.rfind('.'));
 }
 
 /// A path that is no name for a scene: stdin, or a pipe of the shell as in <(command).
@@ -54,8 +55,15 @@ std::string sniff(std::span<const std::byte> bytes) {
     if (text.starts_with("PK\x03\x04")) return ".npz";
     if (text.starts_with("solid ")) return ".stl";
     if (text.starts_with("OFF") || text.starts_with("COFF")) return ".off";
+    for (const std::string_view tiff : {"II*"sv, "II+"sv, "MM\0*"sv, "MM\0+"sv})
+        if (text.starts_with(tiff)) return ".tif";
+    // Tools begin an OBJ with a comment, its materials, a name or a vertex.
+    for (const std::string_view word : {"#", "mtllib ", "o ", "g ", "v "})
+        if (text.starts_with(word)) return ".obj";
     const std::size_t letter = text.find_first_not_of(" \t\r\n");
-    return letter != std::string_view::npos && text[letter] == '{' ? ".gltf" : "";
+    if (letter == std::string_view::npos || text[letter] != '{') return "";
+    const bool is_composition = text.find("\"rnscene\"") != std::string_view::npos;
+    return is_composition ? std::string(composition_ending) : ".gltf";
 }
 
 constexpr std::size_t head_bytes = 256;
@@ -65,7 +73,7 @@ tl::unexpected<Failure> unknown_content(const std::string& source) {
         Exit::invalid,
         shown_name(source) +
             " brought no scene that is known by its first bytes: a .glb, .gltf, .npy, .ply, "
-            ".stl, .off, .npz or .las; name a file of another kind by its ending");
+            ".stl, .obj, .off, .npz, .las or .tif; name a file of another kind by its ending");
 }
 
 /// Says why a source that exists or not is none that can be read, and what to do about it.
@@ -77,18 +85,14 @@ tl::unexpected<Failure> not_a_scene(const std::string& source) {
         return fail(Exit::invalid, source +
                                        " is compressed (LAZ), which is not read: unpack it with "
                                        "laszip -i in.laz -o out.las");
-    if (extension_of(source) == ".tif" || extension_of(source) == ".tiff")
-        return fail(Exit::invalid,
-                    source +
-                        " is a raster: save it with numpy.save() as a .npy, for example out of "
-                        "rasterio, and load that with --primitive heights");
     constexpr std::array packed = {".xz", ".gz", ".bz2", ".zst", ".zip", ".7z", ".tar", ".tgz"};
     if (std::ranges::find(packed, extension_of(source)) != packed.end())
         return fail(Exit::invalid, source + " is packed; unpack it and load what comes out");
-    return fail(Exit::invalid, source +
-                                   " is not a .glb, .gltf, .obj, .ply, .stl, .off, .npz, .las or "
-                                   ".npy file, nor builtin:NAME; "
-                                   "convert it to .glb, for example with trimesh or Blender");
+    return fail(Exit::invalid,
+                source +
+                    " is not a .glb, .gltf, .rnscene.json, .obj, .ply, .stl, .off, .npz, .las or "
+                    ".npy file, nor builtin:NAME; "
+                    "convert it to .glb, for example with trimesh or Blender");
 }
 
 /// The first bytes of a file, enough for sniff(); nothing where it cannot be read.
@@ -139,52 +143,32 @@ private:
     std::uint64_t left_ = protocol::Limits{}.upload_bytes_max;
 };
 
-/// Adds what the main file, which is there, names beneath `folder`.
+/// Adds what the main file, which is there, names beneath `folder`, what these name in turn, and so
+/// on. Whether a file that is not there is missed is for the daemon to say.
 Result<void> gather_named(const std::string& path, const std::string& folder, Gatherer& gatherer,
                           Upload& upload) {
-    const auto blame = [&](const Failure& why) { return fail(why.exit, path + " " + why.message); };
-    const auto main = std::as_const(upload.files[0].bytes).span();
-    if (const std::string why = why_no_gltf(main, path.ends_with(".glb")); !why.empty())
-        return blame(failure(Exit::invalid, why));
-    const auto json = gltf_json(main);
-    if (!json) return blame(json.error());
-    const auto files = gltf_names(*json);
-    if (!files) return blame(files.error());
-    const std::uint64_t files_max = protocol::Limits{}.upload_files_max;
-    if (files->size() >= files_max)
-        return blame(failure(Exit::invalid, "names " + std::to_string(files->size()) +
-                                                " files; pack it into one .glb"));
-    for (const auto& [name, is_picture] : *files) {
-        if (name == upload.files[0].name) continue;
-        auto bytes = read_file_beneath(folder, name, gatherer.left());
-        if (!bytes && is_picture && bytes.error().exit == Exit::invalid) {
-            upload.warnings.push_back("the picture " + bytes.error().message + ". It is left out");
-            continue;
-        }
-        if (!bytes) return blame(failure(bytes.error().exit, "names " + bytes.error().message));
-        // Whether it is missed is for the daemon to say.
-        if (!*bytes) continue;
-        if (auto added = gatherer.add(name, std::move(**bytes)); !added) return added;
-    }
-    return {};
-}
-
-/// Adds the MTL files of the main file, an .obj, and their pictures. One that cannot be read is
-/// left out: the scene can do without it.
-Result<void> gather_of_obj(const std::string& folder, Gatherer& gatherer, Upload& upload) {
     for (std::size_t i = 0; i < upload.files.size(); ++i) {
-        const std::string by = upload.files[i].name;
-        for (const std::string& name : obj_names(by, std::as_const(upload.files[i].bytes).span())) {
+        const std::string by = i == 0 ? path : upload.files[i].name;
+        const auto blame = [&](Exit exit, const std::string& why) {
+            return fail(exit, by + " " + why);
+        };
+        const auto names =
+            named_files(upload.files[i].name, std::as_const(upload.files[i].bytes).span());
+        if (!names) return blame(names.error().exit, names.error().message);
+        for (const auto& [name, spare] : *names) {
             if (std::ranges::find(upload.files, name, &UploadFile::name) != upload.files.end())
                 continue;
             if (upload.files.size() >= protocol::Limits{}.upload_files_max)
-                return fail(Exit::invalid, by + " names too many files");
+                return blame(Exit::invalid, "names over " + std::to_string(upload.files.size()) +
+                                                " files; pack it into one .glb");
             auto bytes = read_file_beneath(folder, name, gatherer.left());
-            if (!bytes && bytes.error().exit != Exit::invalid)
-                return tl::unexpected<Failure>(bytes.error());
-            if (!bytes)
-                upload.warnings.push_back("the file " + bytes.error().message + ". It is left out");
-            if (!bytes || !*bytes) continue;
+            if (!bytes && !spare.empty() && bytes.error().exit == Exit::invalid) {
+                upload.warnings.push_back("the " + std::string(spare) + " " +
+                                          bytes.error().message + ". It is left out");
+                continue;
+            }
+            if (!bytes) return blame(bytes.error().exit, "names " + bytes.error().message);
+            if (!*bytes) continue;
             if (auto added = gatherer.add(name, std::move(**bytes)); !added) return added;
         }
     }
@@ -192,6 +176,11 @@ Result<void> gather_of_obj(const std::string& folder, Gatherer& gatherer, Upload
 }
 
 }  // namespace
+
+std::string scene_ending_of(const std::string& path) {
+    return path.ends_with(composition_ending) ? std::string(composition_ending)
+                                              : extension_of(path);
+}
 
 Result<Upload> gather(const std::string& source, const std::string& primitive,
                       const std::string& instances) {
@@ -208,7 +197,7 @@ Result<Upload> gather(const std::string& source, const std::string& primitive,
     }
 
     const bool nameless = is_nameless(source);
-    const std::string ending = extension_of(source);
+    const std::string ending = scene_ending_of(source);
     const bool is_named_so = !nameless && is_known(ending);
     const bool is_piped = nameless || is_device(source);
     std::string extension = is_named_so ? ending : is_piped ? "" : sniff(head_of(source));
@@ -241,10 +230,7 @@ Result<Upload> gather(const std::string& source, const std::string& primitive,
         upload.scene_name =
             stem_of(is_named_so || ending.empty() ? upload.source : stem_of(upload.source));
     Result<void> added = gatherer.add(upload.source, std::move(bytes));
-    if (added && extension == ".obj")
-        added = gather_of_obj(nameless ? "." : folder_of(source), gatherer, upload);
-    if (added && (extension == ".glb" || extension == ".gltf"))
-        added = gather_named(source, nameless ? "." : folder_of(source), gatherer, upload);
+    if (added) added = gather_named(source, nameless ? "." : folder_of(source), gatherer, upload);
     if (added && !instances.empty())
         added = gatherer.add(
             protocol::clean_text(file_name_of(instances), protocol::Limits{}.name_bytes_max),

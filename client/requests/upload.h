@@ -3,7 +3,8 @@
 //   builtin:..., root:...     only a name: the daemon has it
 //   .glb, .gltf               the file and what it names, read beneath its folder
 //   .obj                      the file, its MTL files and their pictures
-//   .ply .stl .off .npz .las  the file
+//   .rnscene.json             the composition, its files and what these name
+//   .ply .stl .off .npz .las  the file; so .tif
 //   .npy                      records of a primitive type, with --primitive; --instances beside it
 //   -, /dev/stdin, /dev/fd/N  one of these out of a pipe; what a .gltf names is then looked for in
 //                             the current folder
@@ -28,8 +29,13 @@
 namespace raynest::client {
 
 /// Endings of the files that are scenes.
-inline constexpr std::array<std::string_view, 9> scene_endings = {
-    ".glb", ".gltf", ".npy", ".ply", ".stl", ".obj", ".off", ".npz", ".las"};
+inline constexpr std::array<std::string_view, 12> scene_endings = {
+    ".glb", ".gltf", ".npy", ".ply", ".stl",  ".obj",
+    ".off", ".npz",  ".las", ".tif", ".tiff", ".rnscene.json"};
+
+/// Returns the ending of a path that tells what a file is, in small letters: ".glb",
+/// ".rnscene.json", or "".
+[[nodiscard]] std::string scene_ending_of(const std::string& path);
 
 struct UploadFile {
     std::string name;  ///< the name that the main file uses

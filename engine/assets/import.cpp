@@ -2,6 +2,7 @@
 #include "engine/assets/import.h"
 
 #include "engine/assets/builtin/builtin.h"
+#include "engine/assets/composition/compose.h"
 #include "engine/assets/formats/formats.h"
 #include "engine/assets/formats/npy.h"
 #include "engine/assets/gltf/gltf.h"
@@ -66,9 +67,39 @@ double mebibytes(std::uint64_t bytes) {
 /// Prefixes an error with its scene: a user may load a dozen. Built-in scenes and arrays name
 /// themselves.
 Error named(const ImportRequest& request, Error error) {
-    if (is_gltf(request.source) || find_format(request.source) != nullptr)
+    if (is_gltf(request.source) || is_composition(request.source) ||
+        find_format(request.source) != nullptr)
         error.message = fmt::format("{}: {}", one_line(request.source), error.message);
     return error;
+}
+
+/// Refuses a request without the bytes of a file, or with too many of them.
+Result<void> check_files(const ImportRequest& request, const ImportLimits& limits) {
+    if (request.files.empty() || request.files.front().bytes.empty())
+        return fail(ErrorCode::scene_invalid, "the scene file is empty");
+    for (const NamedBytes& file : request.files) {
+        if (file.bytes.size() > limits.file_bytes_max) {
+            return fail(
+                ErrorCode::limit_exceeded,
+                fmt::format("'{}' has {} MiB; at most {} are allowed", file.name.substr(0, 200),
+                            file.bytes.size() >> 20, limits.file_bytes_max >> 20));
+        }
+    }
+    return {};
+}
+
+Result<BuiltArena> build(const ImportRequest& request, const ImportLimits& limits,
+                         const Registry& registry) {
+    if (is_composition(request.source)) {
+        if (auto files = check_files(request, limits); !files) return tl::unexpected(files.error());
+        return compose(request, limits, [&](const ImportRequest& file) {
+            return import_arena(file, limits, registry);
+        });
+    }
+    auto scene = describe(request, limits, registry);
+    if (!scene) return tl::unexpected(scene.error());
+    scene->build = request.build;
+    return build_arena(*scene);
 }
 
 }  // namespace
@@ -95,34 +126,22 @@ Result<SceneDescription> describe(const ImportRequest& request, const ImportLimi
         }
         return masked(request, check_primitives(describe_builtin(source), registry));
     }
-    if (request.files.empty() || request.files.front().bytes.empty()) {
-        return fail(ErrorCode::scene_invalid, "the scene file is empty");
-    }
-    for (const NamedBytes& file : request.files) {
-        if (file.bytes.size() > limits.file_bytes_max) {
-            return fail(
-                ErrorCode::limit_exceeded,
-                fmt::format("'{}' has {} MiB; at most {} are allowed", file.name.substr(0, 200),
-                            file.bytes.size() >> 20, limits.file_bytes_max >> 20));
-        }
-    }
+    if (auto files = check_files(request, limits); !files) return tl::unexpected(files.error());
     if (is_gltf(source)) return describe_gltf(request, limits);
     if (format != nullptr) return describe_file(format->read, request, limits, registry);
     if (is_npy && request.primitive == heights)
         return describe_file(read_heights, request, limits, registry);
     if (is_npy) return masked(request, describe_npy(request, limits, registry));
-    return fail(ErrorCode::scene_unsupported,
-                fmt::format("'{}' is not a scene that RayNest reads: .glb, .gltf, .npy, {}, or "
-                            "builtin:forest, builtin:terrain, builtin:flake, builtin:street",
-                            source.substr(0, 200), format_list()));
+    return fail(
+        ErrorCode::scene_unsupported,
+        fmt::format("'{}' is not a scene that RayNest reads: .glb, .gltf, .rnscene.json, .npy, {}, "
+                    "or builtin:forest, builtin:terrain, builtin:flake, builtin:street",
+                    source.substr(0, 200), format_list()));
 }
 
 Result<BuiltArena> import_arena(const ImportRequest& request, const ImportLimits& limits,
                                 const Registry& registry) try {
-    auto scene = describe(request, limits, registry);
-    if (!scene) return tl::unexpected<Error>(named(request, std::move(scene.error())));
-    scene->build = request.build;
-    auto built = build_arena(*scene);
+    auto built = build(request, limits, registry);
     if (!built) return tl::unexpected<Error>(named(request, std::move(built.error())));
     if (const std::uint64_t bytes = built->arena.size(); bytes > limits.scene_bytes_max) {
         return fail(ErrorCode::out_of_memory,

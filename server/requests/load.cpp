@@ -5,6 +5,7 @@
 //
 // An upload whose files' digests make a scene that the caller may see is published without being
 // sent.
+#include "engine/assets/composition/compose.h"
 #include "engine/assets/input/mask_rules.h"
 #include "protocol/hash.h"
 #include "protocol/openssl.h"
@@ -38,6 +39,7 @@ std::string default_name(std::string_view source) {
         source = source.substr(builtin_scheme.size(), source.find('?') - builtin_scheme.size());
     if (starts_with(source, root_scheme)) source.remove_prefix(root_scheme.size());
     source = source.substr(source.rfind('/') + 1);
+    if (is_composition(source)) source.remove_suffix(std::string_view(".json").size());
     return std::string(source.substr(0, source.rfind('.')));
 }
 

@@ -1,5 +1,6 @@
 #include "server/store/scene_files.h"
 
+#include "engine/assets/composition/compose.h"
 #include "engine/assets/formats/obj_names.h"
 #include "engine/assets/gltf/file/prescan.h"
 #include "engine/assets/gltf/file/uri.h"
@@ -8,17 +9,19 @@
 #include <nlohmann/json.hpp>
 
 #include <algorithm>
-#include <deque>
 
 namespace raynest::server {
 namespace {
 
 using Json = nlohmann::json;
 
-/// Collects `uri` of the objects in the top-level arrays "buffers" and "images". Builds no document
-/// in memory, so that a hostile file costs little.
-class UriCollector final : public nlohmann::json_sax<Json> {
+/// Collects the files that a JSON text names: `uri` of the objects in the top-level arrays "buffers"
+/// and "images" of a glTF, `file` and `matrices` anywhere in a composition. Builds no document in
+/// memory, so that a hostile file costs little.
+class NameCollector final : public nlohmann::json_sax<Json> {
 public:
+    /// `by` is the name of the file that holds the text.
+    explicit NameCollector(std::string_view by) : by_(by), is_composition_(is_composition(by)) {}
     std::vector<std::string> names;
 
     bool null() override { return true; }
@@ -28,8 +31,11 @@ public:
     bool number_float(number_float_t, const string_t&) override { return true; }
     bool binary(binary_t&) override { return true; }
     bool string(string_t& value) override {
-        if (depth_ != 3 || !in_files_ || key_ != "uri") return true;
-        auto name = gltf::file_of_uri(value);
+        const bool is_name = is_composition_ ? key_ == "file" || key_ == "matrices"
+                                             : depth_ == 3 && in_files_ && key_ == "uri";
+        if (!is_name) return true;
+        auto name = is_composition_ ? file_of_name(by_, value) : gltf::file_of_uri(value);
+        if (name && !is_composition_) name->insert(0, by_.substr(0, by_.rfind('/') + 1));
         if (name && std::find(names.begin(), names.end(), *name) == names.end())
             names.push_back(std::move(*name));
         return names.size() <= names_max;
@@ -50,6 +56,8 @@ public:
 private:
     static constexpr int depth_max = 64;
     static constexpr std::size_t names_max = 4096;
+    std::string_view by_;
+    bool is_composition_;
     int depth_ = 0;
     bool in_files_ = false;
     std::string key_;
@@ -57,14 +65,18 @@ private:
 
 }  // namespace
 
-std::vector<std::string> named_files(std::span<const std::byte> main_file) {
-    std::span<const std::byte> json = main_file;
-    if (gltf::starts_as_glb(main_file)) {
-        const auto chunk = gltf::open_glb(main_file);
+std::vector<std::string> named_files(std::string_view file, std::span<const std::byte> bytes,
+                                     std::size_t names_max) {
+    const bool is_json =
+        has_extension(file, ".gltf") || has_extension(file, ".glb") || is_composition(file);
+    if (!is_json) return files_named_by(file, bytes, names_max);
+    std::span<const std::byte> json = bytes;
+    if (gltf::starts_as_glb(bytes)) {
+        const auto chunk = gltf::open_glb(bytes);
         if (!chunk) return {};
         json = chunk->json;
     }
-    UriCollector collector;
+    NameCollector collector(file);
     const char* text = reinterpret_cast<const char*>(json.data());
     Json::sax_parse(text, text + json.size(), &collector);
     return std::move(collector.names);
@@ -81,33 +93,25 @@ Result<std::vector<SourceFile>> read_scene(const std::filesystem::path& root, st
         return fail(ErrorCode::scene_invalid,
                     "cannot open root:" + std::string(path) + ": there is no such file");
 
-    const std::vector<std::string> names =
-        has_extension(path, ".obj") ? files_named_by((*main)->name, (*main)->bytes, files_max)
-                                    : named_files((*main)->bytes);
-    if (names.size() >= files_max)
-        return fail(ErrorCode::limit_exceeded, "root:" + std::string(path) + " names over " +
-                                                   std::to_string(files_max) + " files");
     std::uint64_t left = bytes_max - (*main)->bytes.size();
     std::vector<SourceFile> files;
     files.push_back(std::move(**main));
-    // The MTL files of an OBJ name others in turn, which go to the end of the list.
-    std::deque<std::string> open(names.begin(), names.end());
-    for (; !open.empty(); open.pop_front()) {
-        const std::string& name = open.front();
-        const auto is_it = [&](const SourceFile& file) { return file.name == name; };
-        if (std::any_of(files.begin(), files.end(), is_it)) continue;
-        auto file = read_under_root(root, folder, name, left, memory);
-        if (!file) return tl::unexpected(file.error());
-        // Skip a missing file; the import reports it if it needs it.
-        if (!*file) continue;
-        left -= (*file)->bytes.size();
-        for (std::string& more : files_named_by(name, (*file)->bytes, files_max)) {
-            if (has_extension(name, ".mtl")) open.push_back(std::move(more));
+    // A file that is named may name others in turn, which go to the end of the list.
+    for (std::size_t i = 0; i < files.size(); ++i) {
+        for (const std::string& name : named_files(files[i].name, files[i].bytes, files_max)) {
+            const auto is_it = [&](const SourceFile& file) { return file.name == name; };
+            if (std::any_of(files.begin(), files.end(), is_it)) continue;
+            auto file = read_under_root(root, folder, name, left, memory);
+            if (!file) return tl::unexpected(file.error());
+            // Skip a missing file; the import reports it if it needs it.
+            if (!*file) continue;
+            if (files.size() >= files_max)
+                return fail(ErrorCode::limit_exceeded, "root:" + std::string(path) +
+                                                           " names over " +
+                                                           std::to_string(files_max) + " files");
+            left -= (*file)->bytes.size();
+            files.push_back(std::move(**file));
         }
-        if (files.size() >= files_max)
-            return fail(ErrorCode::limit_exceeded, "root:" + std::string(path) + " names over " +
-                                                       std::to_string(files_max) + " files");
-        files.push_back(std::move(**file));
     }
     return files;
 }

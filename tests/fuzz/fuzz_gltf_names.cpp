@@ -1,6 +1,6 @@
 // Reads the file names of a hostile glTF as the client does: each must be a path beneath its
 // folder.
-#include "client/files/gltf_names.h"
+#include "client/files/named_files.h"
 #include "tests/fuzz/target.h"
 
 #include <string>
@@ -29,21 +29,25 @@ std::vector<fuzz::Input> fuzz::seeds() {
         R"({"asset":{"version":"2.0"},"buffers":[{"uri":"a%20b.bin","byteLength":36}],)"
         R"("images":[{"uri":"t/leaf.png"},{"uri":"data:image/png;base64,AAAA"},{"bufferView":0}],)"
         R"("nodes":[{"extras":{"uri":"no","list":[1,2.5,true,null,"x"]}}]})";
-    return {input_of(json), input_of(glb_of(json)), input_of("{\"buffers\":[{\"uri\":\"../x\"}]}")};
+    return {
+        input_of(json), input_of(glb_of(json)), input_of("{\"buffers\":[{\"uri\":\"../x\"}]}"),
+        input_of(
+            R"({"rnscene":1,"objects":{"a":{"file":"./b%20/../c.obj"}},"instances":[{"matrices":"m.npy"}]})"),
+        input_of("mtllib a b.mtl\nmap_Kd -s 1 1 c.png\n")};
 }
 
 int LLVMFuzzerTestOneInput(const std::uint8_t* data, std::size_t size) {
     const std::span bytes(reinterpret_cast<const std::byte*>(data), size);
-    const auto json = client::gltf_json(bytes);
-    if (!json) return 0;
-    const auto names = client::gltf_names(*json);
-    if (!names) return 0;
-    for (const auto& [name, is_picture] : *names) {
-        const std::string path = "/" + name + "/";
-        fuzz::require(!name.empty() && name.front() != '/');
-        fuzz::require(path.find("/../") == std::string::npos);
-        fuzz::require(path.find("//") == std::string::npos);
-        fuzz::require(name.find('\0') == std::string::npos);
+    for (const char* file : {"x.gltf", "a/x.glb", "a/x.rnscene.json", "a b/x.obj", "x.mtl"}) {
+        const auto names = client::named_files(file, bytes);
+        if (!names) continue;
+        for (const auto& [name, spare] : *names) {
+            const std::string path = "/" + name + "/";
+            fuzz::require(!name.empty() && name.front() != '/');
+            fuzz::require(path.find("/../") == std::string::npos);
+            fuzz::require(path.find("//") == std::string::npos);
+            fuzz::require(name.find('\0') == std::string::npos);
+        }
     }
     return 0;
 }

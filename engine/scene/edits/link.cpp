@@ -123,7 +123,9 @@ private:
     Result<void> add(const AddedScene& added) {
         if (auto checked = check_placements(added); !checked) return checked;
         const SceneView& view = added.scene->view();
-        const std::size_t scene = content_.add_scene(*added.scene);
+        const auto [known, is_new] = scenes_.try_emplace(added.scene.get());
+        if (is_new) known->second = content_.add_scene(*added.scene);
+        const std::size_t scene = known->second;
         const std::uint32_t object = content_.keep(scene, view.root);
         const std::uint32_t contents = content_.mask_of(object);
         const std::uint32_t name = content_.content().names.add(added.name);
@@ -143,11 +145,12 @@ private:
         }
         if (has_nodes())
             added_paths_.push_back(
-                {added.scene.get(), name, static_cast<std::uint32_t>(number), copies});
+                {added.scene.get(), name, static_cast<std::uint32_t>(number), copies, added.uid});
         for (std::uint32_t i = 0; i < copies; ++i)
             instances_.push_back(
-                {object, added.to_scene[i], added.masks[i] == ~0U ? contents : added.masks[i], 0,
-                 name, number == no_id ? no_id : static_cast<std::uint32_t>(number) + i});
+                {object, added.to_scene[i], added.masks[i] == ~0U ? contents : added.masks[i],
+                 added.uid == no_id ? 0 : added.uid, name,
+                 number == no_id ? no_id : static_cast<std::uint32_t>(number) + i});
         return {};
     }
 
@@ -168,6 +171,7 @@ private:
     const std::span<const std::uint32_t> removed_;
     const std::span<const AddedScene> added_;
     LinkedContent content_;
+    std::map<const Snapshot*, std::size_t> scenes_;  ///< numbers in content_ of what was added
     std::vector<LinkedContent::Placed> instances_;
     std::vector<PathRange> paths_;  ///< of the base, that stay
     std::vector<AddedPaths> added_paths_;

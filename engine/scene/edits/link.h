@@ -29,6 +29,7 @@ struct AddedScene {
     std::string name;
     std::vector<Transform> to_scene;
     std::vector<std::uint32_t> masks;  ///< one for each
+    std::uint32_t uid = no_id;         ///< user id of all placements; no_id: none
 };
 
 /// Returns `base` without the outermost instances `removed` (ascending) and with the `added` scenes

@@ -1,6 +1,7 @@
 #include "engine/scene/edits/linked_paths.h"
 
 #include <algorithm>
+#include <deque>
 #include <string_view>
 #include <vector>
 
@@ -35,17 +36,66 @@ std::vector<std::uint32_t> levels_of(const PathTable& paths) {
     return starts;
 }
 
+/// The tree of nodes of a scene; made of its instances where it has none.
+class NodeTree {
+public:
+    explicit NodeTree(const Snapshot& scene) {
+        table_ = scene.paths();
+        if (table_.node_count != 0) return;
+        const SceneView& view = scene.view();
+        struct Entry {
+            std::uint32_t object;
+            std::uint64_t first_path;
+        };
+        std::vector<Entry> entries{{view.root, 0}};
+        nodes_.push_back({0, view.objects[view.root].name, no_id, no_id, no_id});
+        for (std::uint32_t node = 0; node < entries.size(); ++node) {
+            const auto [number, first_path] = entries[node];
+            const ObjectRecord& object = view.objects[number];
+            if (object.has_own_primitives()) runs_.push_back({first_path, node, 0});
+            for (std::uint32_t i = 0; i < object.instance_count; ++i) {
+                const std::uint32_t at = object.first_instance + i;
+                const InstanceRecord& instance = view.instances[at];
+                if (view.objects[instance.object].placement_count == 0) continue;
+                nodes_.push_back({node, view.instance_infos[at].name,
+                                  table_.numbers == nullptr ? no_id : table_.numbers[at],
+                                  view.instance_infos[at].uid, no_id});
+                entries.push_back({instance.object, first_path + instance.path_base});
+            }
+        }
+        std::ranges::sort(runs_, {}, &PathRun::first_path);
+        table_.nodes = nodes_.data();
+        table_.runs = runs_.data();
+        table_.node_count = static_cast<std::uint32_t>(nodes_.size());
+        table_.run_count = static_cast<std::uint32_t>(runs_.size());
+    }
+    NodeTree(const NodeTree&) = delete;
+    NodeTree& operator=(const NodeTree&) = delete;
+
+    [[nodiscard]] const PathTable& table() const { return table_; }
+
+private:
+    PathTable table_;
+    std::vector<PathNode> nodes_;
+    std::vector<PathRun> runs_;
+};
+
 /// A tree of nodes that becomes part of another one, and where its nodes go.
 struct Part {
-    const Snapshot* scene;
-    std::vector<std::uint32_t> levels;
     std::vector<std::uint32_t> made;  ///< new index of each node
 };
 
 }  // namespace
 
 bool is_one_node(const Snapshot& added) {
-    return added.paths().node_count == 0 || added.statistics().instances == 1;
+    const std::uint64_t placements = added.statistics().instances;
+    return placements == 1 || (added.paths().node_count == 0 && placements > named_placements_max);
+}
+
+std::uint64_t nodes_of_copy(const Snapshot& added) {
+    if (is_one_node(added)) return 0;
+    return added.paths().node_count != 0 ? added.paths().node_count
+                                         : NodeTree(added).table().node_count;
 }
 
 std::uint32_t next_number(const Snapshot& base, std::uint32_t name) {
@@ -94,17 +144,24 @@ void link_paths(const Snapshot& base, std::span<const PathRange> kept,
     const std::vector<std::uint32_t> base_levels = levels_of(paths);
     std::vector<std::uint32_t> made(paths.node_count, 0);
     std::vector<std::vector<Part>> copies(added.size());
+    std::deque<NodeTree> trees;
+    std::vector<const PathTable*> tables(added.size());
+    std::vector<std::vector<std::uint32_t>> levels(added.size());
     std::vector<std::uint32_t> tops(added.size());  // of those with one node
-    const auto push = [&](PathNode node, std::uint32_t parent) {
-        nodes.push_back({parent, node.name, node.number, node.source, no_id});
+    const auto push = [&](PathNode node, std::uint32_t parent, std::uint32_t uid = no_id) {
+        const std::uint32_t source = uid == no_id ? node.source : uid;
+        nodes.push_back({parent, node.name, node.number, source, no_id});
         return static_cast<std::uint32_t>(nodes.size() - 1);
     };
     push(paths.nodes[0], 0);
     nodes[0].name = content.names.add(view.names + paths.nodes[0].name);
     std::size_t level_count = std::max<std::size_t>(base_levels.size() - 1, 1);
-    for (const AddedPaths& part : added)
-        if (!is_one_node(*part.scene))
-            level_count = std::max(level_count, levels_of(part.scene->paths()).size());
+    for (std::size_t a = 0; a < added.size(); ++a) {
+        if (is_one_node(*added[a].scene)) continue;
+        tables[a] = &trees.emplace_back(*added[a].scene).table();
+        levels[a] = levels_of(*tables[a]);
+        level_count = std::max(level_count, levels[a].size());
+    }
     for (std::size_t level = 0; level < level_count; ++level) {
         if (level + 1 < base_levels.size())
             for (std::uint32_t i = base_levels[level]; i < base_levels[level + 1]; ++i) {
@@ -117,26 +174,24 @@ void link_paths(const Snapshot& base, std::span<const PathRange> kept,
             const AddedPaths& part = added[a];
             if (level == 0) {
                 if (is_one_node(*part.scene)) {
-                    tops[a] = push({0, part.name, part.first_number, no_id, no_id}, 0);
+                    tops[a] = push({0, part.name, part.first_number, part.uid, no_id}, 0);
                     continue;
                 }
                 for (std::uint32_t c = 0; c < part.copies; ++c) {
                     Part& copy = copies[a].emplace_back(
-                        Part{part.scene, levels_of(part.scene->paths()),
-                             std::vector<std::uint32_t>(part.scene->paths().node_count)});
+                        Part{std::vector<std::uint32_t>(tables[a]->node_count)});
                     const std::uint32_t number =
                         part.first_number == no_id ? no_id : part.first_number + c;
-                    copy.made[0] = push({0, part.name, number, no_id, no_id}, 0);
+                    copy.made[0] = push({0, part.name, number, part.uid, no_id}, 0);
                 }
                 continue;
             }
             for (Part& copy : copies[a]) {
-                if (level >= copy.levels.size()) continue;
-                const PathTable& theirs = copy.scene->paths();
-                for (std::uint32_t i = copy.levels[level - 1]; i < copy.levels[level]; ++i) {
-                    PathNode node = theirs.nodes[i];
-                    node.name = content.names.add(copy.scene->view().names + node.name);
-                    copy.made[i] = push(node, copy.made[node.parent]);
+                if (level >= levels[a].size()) continue;
+                for (std::uint32_t i = levels[a][level - 1]; i < levels[a][level]; ++i) {
+                    PathNode node = tables[a]->nodes[i];
+                    node.name = content.names.add(part.scene->view().names + node.name);
+                    copy.made[i] = push(node, copy.made[node.parent], part.uid);
                 }
             }
         }
@@ -153,7 +208,7 @@ void link_paths(const Snapshot& base, std::span<const PathRange> kept,
             continue;
         }
         for (const Part& copy : copies[a]) {
-            const PathTable& theirs = copy.scene->paths();
+            const PathTable& theirs = *tables[a];
             for (std::uint32_t i = 0; i < theirs.run_count; ++i)
                 runs.push_back({path + theirs.runs[i].first_path, copy.made[theirs.runs[i].node],
                                 theirs.runs[i].number});

@@ -21,14 +21,22 @@ struct AddedPaths {
     std::uint32_t name;          ///< offset in content.names
     std::uint32_t first_number;  ///< the others count on; no_id: the only one, and unique
     std::uint32_t copies;
+    std::uint32_t uid = no_id;  ///< of all their nodes; no_id: each keeps its own
 };
 
 /// Fills path_nodes and path_runs: the base's nodes without those that have lost all of their
-/// placements, and a node for each copy, with the nodes of its scene below it. Copies of scenes
-/// with one placement share a node, and so do those of scenes without nodes, whose placements are
+/// placements, and a node for each copy, with the nodes of its scene below it; a scene without nodes
+/// gets one for each instance on the way to a placement. Copies of scenes with one placement share a
+/// node, and so do those of scenes without nodes and over named_placements_max placements, which are
 /// numbered through. `kept` is ascending. The base has nodes.
 void link_paths(const Snapshot& base, std::span<const PathRange> kept,
                 std::span<const AddedPaths> added, Content& content);
+
+/// Placements of a scene without nodes that get nodes of their own: names cost memory.
+inline constexpr std::uint64_t named_placements_max = 65536;
+
+/// How many nodes each copy of a scene gets, but for copies that share one.
+[[nodiscard]] std::uint64_t nodes_of_copy(const Snapshot& added);
 
 /// True if one node stands for all placements of all copies.
 [[nodiscard]] bool is_one_node(const Snapshot& added);

@@ -121,11 +121,12 @@ TEST_CASE("a glTF's files are found by their names, once each, and unsafe ones a
         {"uri":"data:application/octet-stream;base64,AAAA"},{"uri":"/etc/passwd"}],
         "images":[{"uri":"t%20x/leaf.png"},{"name":"uri"}],
         "extras":{"uri":"no.bin","buffers":[{"uri":"no.bin"}]},"nodes":[{"uri":"no.bin"}]})";
-    CHECK(named_files(bytes_of(gltf)) == std::vector<std::string>{"a.bin", "t x/leaf.png"});
-    CHECK(named_files(bytes_of("not json")).empty());
-    CHECK(named_files({}).empty());
-    CHECK(named_files(bytes_of("glTF" + std::string(40, '\xff'))).empty());
-    CHECK(named_files(bytes_of(std::string(1'000'000, '['))).empty());
+    CHECK(named_files("a.gltf", bytes_of(gltf), 9) ==
+          std::vector<std::string>{"a.bin", "t x/leaf.png"});
+    CHECK(named_files("a.gltf", bytes_of("not json"), 9).empty());
+    CHECK(named_files("a.gltf", {}, 9).empty());
+    CHECK(named_files("a.glb", bytes_of("glTF" + std::string(40, '\xff')), 9).empty());
+    CHECK(named_files("a.gltf", bytes_of(std::string(1'000'000, '[')), 9).empty());
 }
 
 TEST_CASE("a scene is read with the files that it names beneath its own folder") {

@@ -2,6 +2,7 @@
 from __future__ import annotations
 
 import re
+from typing import Optional
 
 from .gltf import file_of_uri
 
@@ -25,11 +26,15 @@ def names_in(file: str, data: bytes) -> list[str]:
         while file[-4:].lower() == ".mtl" and rest.startswith(b"-"):
             option = _OPTION.match(rest)
             rest = rest[option.end():] if option else b""
-        text = rest.decode("utf-8", "surrogateescape")
-        if text.startswith(("/", "\\")):
-            continue
-        folder = file[:file.rfind("/") + 1]
-        name = file_of_uri((folder + text).replace("%", "%25"))
+        name = file_of_name(file, rest.decode("utf-8", "surrogateescape"))
         if name is not None:
             names.setdefault(name)
     return list(names)
+
+
+def file_of_name(by: str, text: str) -> Optional[str]:
+    """Returns the name beneath the scene's folder of the file that `text` of the file `by` names; None
+    if it is absolute or leaves that folder."""
+    if text.startswith(("/", "\\")):
+        return None
+    return file_of_uri((by[:by.rfind("/") + 1] + text).replace("%", "%25"))

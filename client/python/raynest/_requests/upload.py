@@ -3,7 +3,8 @@
     builtin:..., root:...     a name only: the daemon has the content
     .glb, .gltf               the file, and the files that it names below its folder
     .obj                      the file, its MTL files and their pictures
-    .ply .stl .off .npz .las  the file
+    .rnscene.json             the composition, its files and what these name
+    .ply .stl .off .npz .las  the file; so .tif
     .npy                      records of a primitive type, with an optional file of `instances`
     -, /dev/stdin, /dev/fd/N  one of these from a pipe; a .gltf's files are then read from the
                               current folder
@@ -13,7 +14,7 @@ from __future__ import annotations
 
 import hashlib
 import os
-from typing import Iterator, NamedTuple, Union
+from typing import NamedTuple, Union
 
 import numpy as np
 
@@ -23,14 +24,13 @@ from .._net.control import Message
 from .._net.frame import Array, padding
 from .files import (STANDARD, head_of, is_nameless, is_pipe, read_file, read_file_beneath,
                     sendable)
-from .gltf import file_names
-from .obj import names_in
+from .named_files import COMPOSITION, named_files
 
 # Bytes of a file per frame: headers do not matter at this size, and it fits any frame limit.
 PIECE_BYTES = 1 << 20
 
 # Endings of the files that are scenes.
-_SCENES = (".glb", ".gltf", ".npy", ".ply", ".stl", ".obj", ".off", ".npz", ".las")
+_SCENES = (".glb", ".gltf", ".npy", ".ply", ".stl", ".obj", ".off", ".npz", ".las", ".tif", ".tiff", COMPOSITION)
 
 # Endings of packed files, which are not unpacked here.
 _PACKED = (".xz", ".gz", ".bz2", ".zst", ".zip", ".7z", ".tar", ".tgz")
@@ -41,8 +41,7 @@ _POINTS = ("points have no surface to hit: save them as .ply or .las and load th
 _OF_OTHERS = {
     ".laz": "it is compressed: unpack it with laszip -i in.laz -o out.las",
     **dict.fromkeys((".e57", ".pcd", ".xyz"), _POINTS),
-    **dict.fromkeys((".tif", ".tiff", ".asc"), "a raster of heights becomes a mesh by its grid: read it with "
-                    "rasterio, save it with numpy.save() and load that with primitive='heights'"),
+    ".asc": "a raster of heights becomes a mesh by its grid: make a .tif of it with gdal_translate",
     ".epw": "weather is not part of a scene: take the sun's directions from it and trace rays to them",
     **dict.fromkeys((".exr", ".hdr"), "it is a picture: pass it as environment= of render()")}
 
@@ -70,7 +69,7 @@ def gather(source: str, primitive: str, instances: str) -> Upload:
         _check_records(source, False, primitive, instances)
         return Upload(source, "")
     folder, name = os.path.split(source)
-    stem, extension = os.path.splitext(name)
+    stem, extension = _split(name)
     nameless = is_nameless(source)
     if not nameless and extension.lower() in _SCENES:
         data = read_file(source, _limits.upload_bytes_max)
@@ -90,18 +89,18 @@ def gather(source: str, primitive: str, instances: str) -> Upload:
     records = extension.lower() == ".npy"
     _check_records(source, records, primitive, instances)
     main = File(sendable(name), data)
-    if extension.lower() == ".obj":
-        return Upload(main.name, sendable(stem), (main, *_files_of_obj(main, folder)))
-    if extension.lower() in (".glb", ".gltf"):
-        try:
-            return Upload(main.name, sendable(stem), (main, *_named_files(main, folder)))
-        except errors.InvalidError as error:
-            raise errors.InvalidError(f"{source} {error}", error.name) from None
-    files = [main]  # of one file, or of records
+    files = _with_named_files(main, source, folder)
     if instances:
         left = _limits.upload_bytes_max - len(data)
-        files.append(File(sendable(os.path.basename(instances)), read_file(instances, left)))
-    return Upload(main.name, sendable(stem), tuple(files))
+        files += (File(sendable(os.path.basename(instances)), read_file(instances, left)),)
+    return Upload(main.name, sendable(stem), files)
+
+
+def _split(name: str) -> tuple[str, str]:
+    """The name without the ending that tells what the file is, and that ending."""
+    if name.endswith(COMPOSITION):
+        return name[:-len(COMPOSITION)], COMPOSITION
+    return os.path.splitext(name)
 
 
 def _check_records(source: str, records: bool, primitive: str, instances: str) -> None:
@@ -118,7 +117,7 @@ def _not_a_scene(source: str) -> str:
         return "is a folder; name the .glb or .gltf file in it"
     if os.path.splitext(source)[1].lower() in _PACKED:
         return "is packed; unpack it and load what comes out"
-    kind = "is not a .glb, .gltf, .obj, .ply, .stl, .off, .npz, .las or .npy file, nor builtin:NAME; "
+    kind = "is not a .glb, .gltf, .rnscene.json, .obj, .ply, .stl, .off, .npz, .las, .tif or .npy file, nor builtin:NAME; "
     return kind + _OF_OTHERS.get(os.path.splitext(source)[1].lower(), "read it with trimesh and pass its "
                                  "vertices and faces to mesh(), or convert it to .glb")
 
@@ -127,10 +126,13 @@ def _sniff(data: bytes) -> str:
     """Returns the file ending that fits the first bytes; "" if none does."""
     for start, extension in ((b"glTF", ".glb"), (b"\x93NUMPY", ".npy"), (b"ply\n", ".ply"), (b"ply\r", ".ply"),
                              (b"LASF", ".las"), (b"PK\x03\x04", ".npz"), (b"solid ", ".stl"), (b"OFF", ".off"),
-                             (b"COFF", ".off")):
+                             (b"COFF", ".off"), *((tiff, ".tif") for tiff in (b"II*", b"II+", b"MM\0*", b"MM\0+")),
+                             *((word, ".obj") for word in (b"#", b"mtllib ", b"o ", b"g ", b"v "))):
         if data.startswith(start):
             return extension
-    return ".gltf" if data.lstrip(b" \t\r\n")[:1] == b"{" else ""
+    if data.lstrip(b" \t\r\n")[:1] != b"{":
+        return ""
+    return COMPOSITION if b'"rnscene"' in data[:256] else ".gltf"
 
 
 def _refuse_empty(source: str, data: bytes) -> None:
@@ -144,52 +146,38 @@ def _sniffed(source: str, data: bytes) -> str:
     extension = _sniff(data)
     if not extension:
         raise errors.InvalidError(f"{source} brought no scene that is known by its first bytes: a .glb, .gltf, "
-                                  ".npy, .ply, .stl, .off, .npz or .las; name a file of another kind by its ending",
+                                  ".npy, .ply, .stl, .obj, .off, .npz, .las or .tif; name a file of another kind by its ending",
                                   "FILE_INVALID")
     return extension
 
 
-def _named_files(main: File, folder: str) -> Iterator[File]:
-    others = file_names(main.data, main.name.endswith(".glb"))
-    if len(others) >= _limits.upload_files_max:
-        raise errors.InvalidError(f"names {len(others)} files; pack it into one .glb",
-                                  "FILE_INVALID")
-    left = _limits.upload_bytes_max - len(main.data)
-    for other, is_picture in others.items():
-        try:
-            data = read_file_beneath(folder, other, left)
-        except errors.InvalidError as error:
-            if is_picture:
-                errors.warn(f"the picture {error}. It is left out", errors.SceneWarning)
-                continue
-            raise errors.InvalidError(f"names {error}", error.name) from None
-        # The daemon complains if it needs a missing file.
-        if data is None or other == main.name:
-            continue
-        left -= len(data)
-        yield File(other, data)
-
-
-def _files_of_obj(main: File, folder: str) -> list[File]:
-    """The MTL files and their pictures. One that cannot be read is left out: the scene can do without."""
+def _with_named_files(main: File, source: str, folder: str) -> tuple[File, ...]:
+    """The main file, what it names beneath its folder, what these name in turn, and so on."""
     files = [main]
     left = _limits.upload_bytes_max - len(main.data)
     for by in files:  # which grows
-        for name in names_in(by.name, bytes(by.data)):
+        shown = source if by is main else by.name
+        try:
+            names = named_files(by.name, bytes(by.data))
+        except errors.InvalidError as error:
+            raise errors.InvalidError(f"{shown} {error}", error.name) from None
+        for name, spare in names.items():
             if any(file.name == name for file in files):
                 continue
             if len(files) >= _limits.upload_files_max:
-                raise errors.InvalidError(f"{main.name} names over {len(files)} files", "FILE_INVALID")
+                raise errors.InvalidError(f"{shown} names over {len(files)} files; pack it into one .glb", "FILE_INVALID")
             try:
                 data = read_file_beneath(folder, name, left)
             except errors.InvalidError as error:
-                errors.warn(f"the file {error}. It is left out", errors.SceneWarning)
+                if not spare:
+                    raise errors.InvalidError(f"{shown} names {error}", error.name) from None
+                errors.warn(f"the {spare} {error}. It is left out", errors.SceneWarning)
                 continue
-            if data is None:
+            if data is None:  # the daemon complains if it needs it
                 continue
             left -= len(data)
             files.append(File(name, data))
-    return files[1:]
+    return tuple(files)
 
 
 class FileSender:

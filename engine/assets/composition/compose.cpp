@@ -1,0 +1,324 @@
+#include "engine/assets/composition/compose.h"
+
+#include "engine/assets/composition/read.h"
+#include "engine/assets/formats/npy_array.h"
+#include "engine/assets/formats/obj_names.h"
+#include "engine/assets/input/messages.h"
+#include "engine/assets/input/uploaded_files.h"
+#include "engine/scene/camera_pose.h"
+#include "engine/scene/edits/link.h"
+#include "engine/scene/edits/linked_paths.h"
+#include "engine/scene/path_table.h"
+
+#include <fmt/format.h>
+#include <fmt/ranges.h>
+
+#include <algorithm>
+#include <cmath>
+#include <map>
+#include <memory>
+#include <numbers>
+#include <set>
+#include <string>
+#include <utility>
+#include <vector>
+
+namespace raynest {
+namespace {
+
+using composition::Camera;
+using composition::Composition;
+using composition::Object;
+using composition::Places;
+using Scene = std::shared_ptr<const Snapshot>;
+
+Matrix less(const WorldPoint& origin) {
+    return translation_by({-origin[0], -origin[1], -origin[2]});
+}
+
+/// The files of one composition and of those within it, each way to read one once.
+class Files {
+public:
+    Files(const ImportRequest& request, const ImportFile& import_file)
+        : request_(request),
+          import_file_(import_file) {}
+
+    [[nodiscard]] const NamedBytes* find(std::string_view name) const {
+        const auto file = std::ranges::find(request_.files, name, &NamedBytes::name);
+        return file == request_.files.end() ? nullptr : &*file;
+    }
+
+    /// Imports the file `name` as `object` says, with the files in its folder.
+    Result<Scene> import(const std::string& name, const Object& object) {
+        const FileOptions& o = object.options;
+        const std::string key =
+            fmt::format("{}\n{}\n{} {} {} {} {} {} {} {}\n{}", name, object.primitive, o.unit,
+                        o.radius, o.spacing, o.z_up, o.auto_origin, object.origin[0],
+                        object.origin[1], object.origin[2], fmt::join(object.masks, "\n"));
+        if (const auto known = known_.find(key); known != known_.end()) return known->second;
+        ImportRequest request{name, {}, object.primitive, request_.build, object.origin, o, {}};
+        request.masks = object.masks;
+        const std::size_t folder = name.rfind('/') + 1;
+        if (const NamedBytes* const main = find(name)) {
+            request.source = name.substr(folder);
+            request.files.push_back({request.source, main->bytes});
+            for (const NamedBytes& file : request_.files)
+                if (&file != main && file.name.starts_with(name.substr(0, folder)))
+                    request.files.push_back({file.name.substr(folder), file.bytes});
+        }
+        auto built = import_file_(request);
+        if (!built) return tl::unexpected(built.error());
+        auto scene = Snapshot::open(std::move(*built));
+        if (scene) known_.emplace(key, *scene);
+        return scene;
+    }
+    [[nodiscard]] BuildQuality build() const { return request_.build; }
+
+private:
+    const ImportRequest& request_;
+    const ImportFile& import_file_;
+    std::map<std::string, Scene> known_;
+};
+
+/// Puts one composition together; those within it have composers of their own.
+class Composer {
+public:
+    /// `name` is that of its file, and `above` are the compositions that it lies in, itself last.
+    Composer(Files& files, const ImportLimits& limits, std::string name,
+             std::vector<std::string> above)
+        : files_(files),
+          limits_(limits),
+          name_(std::move(name)),
+          above_(std::move(above)) {}
+
+    Result<BuiltArena> compose(std::span<const std::byte> bytes, const WorldPoint& origin) {
+        auto read =
+            composition::read({reinterpret_cast<const char*>(bytes.data()), bytes.size()}, limits_);
+        if (!read) return tl::unexpected(read.error());
+        composition_ = std::move(*read);
+        if (origin != WorldPoint{} && composition_.origin != WorldPoint{})
+            return fail(ErrorCode::scene_invalid,
+                        "has an 'origin' of its own: load it without one, or take it out");
+        if (origin != WorldPoint{}) composition_.origin = origin;
+        if (!is_origin(composition_.origin))
+            return fail(ErrorCode::scene_invalid, "has an 'origin' beyond 1e15");
+        made_.resize(composition_.objects.size());
+        for (std::size_t i = 0; i < composition_.objects.size(); ++i)
+            numbers_.emplace(composition_.objects[i].name, i);
+        return group(composition_.objects.back(), true);
+    }
+
+private:
+    struct Made {
+        Scene scene;
+        bool is_open = false;  ///< being made: to need it again means that it holds itself
+    };
+
+    /// The scene of an object, made when it is first needed. At most scene_depth_max deep.
+    Result<Scene> scene_of(const std::string& name) {
+        const std::size_t number = numbers_.at(name);
+        Made& made = made_[number];
+        const Object& object = composition_.objects[number];
+        if (made.scene) return made.scene;
+        if (std::exchange(made.is_open, true))
+            return fail(ErrorCode::scene_invalid,
+                        fmt::format("the object '{}' holds itself", one_line(name)));
+        auto scene =
+            object.source.empty() ? group(object, false).and_then(Snapshot::open) : file(object);
+        made_[number].is_open = false;
+        if (scene) made_[number].scene = *scene;
+        return scene;
+    }
+
+    Result<Scene> file(const Object& object) {
+        const auto blame = [&](const Error& error) {
+            return fail(error.code,
+                        fmt::format("object '{}': {}", one_line(object.name), error.message));
+        };
+        if (object.source.starts_with("builtin:")) {
+            auto scene = files_.import(object.source, object);
+            return scene ? scene : blame(scene.error());
+        }
+        const auto name = file_of_name(name_, object.source);
+        if (!name)
+            return blame({ErrorCode::scene_invalid,
+                          fmt::format("'{}' is no file beneath the composition's folder",
+                                      one_line(object.source))});
+        const NamedBytes* const bytes = files_.find(*name);
+        if (bytes == nullptr)
+            return blame(
+                {ErrorCode::scene_invalid, fmt::format("there is no file '{}'", one_line(*name))});
+        auto scene = is_composition(*name) ? nested(*bytes, object) : files_.import(*name, object);
+        return scene ? scene : blame(scene.error());
+    }
+
+    Result<Scene> nested(const NamedBytes& file, const Object& object) {
+        if (object.options != FileOptions{} || !object.primitive.empty() || !object.masks.empty())
+            return fail(ErrorCode::scene_invalid,
+                        "is a composition, which says itself how to read its files");
+        if (std::ranges::find(above_, file.name) != above_.end())
+            return fail(ErrorCode::scene_invalid,
+                        fmt::format("'{}' holds itself", one_line(file.name)));
+        if (above_.size() >= compositions_nested_max)
+            return fail(ErrorCode::limit_exceeded,
+                        fmt::format("compositions nest deeper than {}", compositions_nested_max));
+        std::vector<std::string> above = above_;
+        above.push_back(file.name);
+        return Composer(files_, limits_, file.name, std::move(above))
+            .compose(file.bytes, object.origin)
+            .and_then(Snapshot::open);
+    }
+
+    Result<std::vector<Matrix>> matrices_of(const Places& places) {
+        if (places.table.empty()) return places.matrices;
+        const auto name = file_of_name(name_, places.table);
+        const NamedBytes* const file = name ? files_.find(*name) : nullptr;
+        if (file == nullptr)
+            return fail(ErrorCode::scene_invalid,
+                        fmt::format("there is no file '{}' beneath the composition's folder",
+                                    one_line(places.table)));
+        const auto array = parse_npy(*file, limits_);
+        if (!array) return tl::unexpected(array.error());
+        const std::uint64_t width = array->width();
+        if (width != 3 && width != 12 && width != 16)
+            return refuse_array(one_line(*name),
+                                "has no rows of 3 (offsets), 12 or 16 numbers (matrices): its "
+                                "shape is to be (N, 3), (N, 3, 4) or (N, 4, 4)");
+        if (array->shape[0] > limits_.instances_max)
+            return fail(ErrorCode::limit_exceeded,
+                        fmt::format("'{}' has {} rows; at most {} are allowed", one_line(*name),
+                                    array->shape[0], limits_.instances_max));
+        std::vector<Matrix> made(array->shape[0], Matrix(1));
+        for (std::uint64_t row = 0; row < made.size(); ++row)
+            for (std::uint64_t i = 0; i < std::min<std::uint64_t>(width, 12); ++i) {
+                const int at = static_cast<int>(i);
+                (width == 3 ? made[row][3][at] : made[row][at % 4][at / 4]) = array->at(row, i);
+            }
+        return made;
+    }
+
+    /// Puts the instances of a group into one scene.
+    Result<BuiltArena> group(const Object& object, bool is_scene) {
+        std::vector<AddedScene> added;
+        SceneDescription base;
+        base.build = files_.build();
+        base.objects.push_back({object.name, {}, {}, {}, {}, {}, {}});
+        if (is_scene) base.origin = composition_.origin;
+        bool has_nodes = false;
+        for (const Places& places : object.instances) {
+            auto scene = scene_of(places.object);
+            if (!scene) return tl::unexpected(scene.error());
+            const auto matrices = matrices_of(places);
+            if (!matrices) return tl::unexpected(matrices.error());
+            has_nodes |= (*scene)->paths().node_count != 0 || places.uid != no_id;
+            AddedScene part{*scene, path_step_text(places.name), {}, {}, places.uid};
+            for (const Matrix& matrix : *matrices) {
+                part.to_scene.push_back(
+                    transform_of(less(base.origin) * matrix * translation_by((*scene)->origin())));
+                part.masks.push_back(places.mask);
+            }
+            take_along(part, places, *matrices, base);
+            if ((*scene)->statistics().instances != 0) added.push_back(std::move(part));
+        }
+        if (is_scene)
+            for (const Camera& camera : composition_.cameras) add_camera(camera, base);
+        if (has_nodes)
+            if (auto fits = check_names(added); !fits) return tl::unexpected(fits.error());
+        if (has_nodes) base.path_nodes.push_back({0, base.objects[0].name, 0, 0});
+        const auto empty = Snapshot::build(base);
+        if (!empty) return tl::unexpected(empty.error());
+        auto linked = link_scenes(**empty, {}, added);
+        if (!linked && linked.error().code == ErrorCode::field_invalid)
+            return fail(ErrorCode::scene_invalid, linked.error().message);
+        if (linked) linked->edits = {};
+        return linked;
+    }
+
+    /// Each placement of a part whose paths are named has names of its own.
+    Result<void> check_names(const std::vector<AddedScene>& added) {
+        std::uint64_t nodes = 0;
+        for (const AddedScene& part : added) {
+            nodes += nodes_of_copy(*part.scene) * part.to_scene.size();
+            if (nodes > limits_.nodes_max)
+                return fail(
+                    ErrorCode::limit_exceeded,
+                    fmt::format("its instances have over {} named nodes: join nodes of '{}', "
+                                "or place it less often",
+                                limits_.nodes_max, one_line(part.name)));
+        }
+        return {};
+    }
+
+    /// Adds the cameras, lights and warnings of a part to the scene that it becomes part of.
+    void take_along(const AddedScene& part, const Places& places,
+                    const std::vector<Matrix>& matrices, SceneDescription& base) {
+        const Snapshot& scene = *part.scene;
+        const SceneView& view = scene.view();
+        const auto warn = [&](const std::string& text) {
+            base.warnings.push_back(fmt::format("{}: {}", one_line(places.name), text));
+        };
+        if (warned_.insert(places.object).second)
+            for (const std::string& text : scene.statistics().warnings) warn(text);
+        for (const auto& [reason, count] : scene.statistics().skipped)
+            base.skipped[reason] += count * matrices.size();
+        if (!scene.motion_bytes().empty())
+            warn("its animations are left out: only a file that is loaded by itself plays them");
+        const std::uint32_t lights = scene.shading().light_count;
+        if (matrices.size() != 1) {
+            if (lights != 0)
+                warn(fmt::format("its lights are left out, for it stands at {} places",
+                                 matrices.size()));
+            return;
+        }
+        const Matrix placed = less(base.origin) * matrices[0] * translation_by(scene.origin());
+        for (std::uint32_t i = 0; i < view.camera_count; ++i) {
+            const CameraRecord& camera = view.cameras[i];
+            base.cameras.push_back({fmt::format("{}/{}", places.name, view.names + camera.name),
+                                    transform_of(placed * matrix_of(camera.to_world)), camera.yfov,
+                                    camera.aspect, camera.ymag});
+        }
+        for (std::uint32_t i = 0; i < lights; ++i) {
+            LightRecord light = scene.shading().lights[i];
+            const glm::dmat3 turn(placed);
+            light.position = Vec3(placed * glm::dvec4(glm::dvec3(light.position), 1));
+            light.direction = Vec3(glm::normalize(turn * glm::dvec3(light.direction)));
+            base.lights.push_back(
+                {fmt::format("{}/{}", places.name, view.names + light.name), light});
+        }
+    }
+
+    static void add_camera(const Camera& camera, SceneDescription& base) {
+        const glm::dvec3 z = glm::normalize(camera.eye - camera.target);
+        const glm::dvec3 x = glm::normalize(glm::cross(camera.up, z));
+        const glm::dvec3 origin(base.origin[0], base.origin[1], base.origin[2]);
+        base.cameras.push_back({camera.name, pose_of(x, glm::cross(z, x), z, camera.eye - origin),
+                                static_cast<float>(camera.fov * std::numbers::pi / 180), 0, 0});
+    }
+
+    Files& files_;
+    const ImportLimits& limits_;
+    std::string name_;
+    std::vector<std::string> above_;
+    Composition composition_;
+    std::vector<Made> made_;
+    std::map<std::string, std::size_t> numbers_;
+    std::set<std::string> warned_;
+};
+
+}  // namespace
+
+bool is_composition(std::string_view source) {
+    return has_extension(source, ".rnscene.json");
+}
+
+Result<BuiltArena> compose(const ImportRequest& request, const ImportLimits& limits,
+                           const ImportFile& import_file) {
+    if (request.options != FileOptions{} || !request.masks.empty() || !request.primitive.empty())
+        return fail(ErrorCode::scene_invalid,
+                    "is a composition: it says itself how to read its files, and their masks");
+    Files files(request, import_file);
+    const NamedBytes& main = request.files.front();
+    return Composer(files, limits, main.name, {main.name}).compose(main.bytes, request.origin);
+}
+
+}  // namespace raynest

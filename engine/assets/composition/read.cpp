@@ -1,0 +1,306 @@
+#include "engine/assets/composition/read.h"
+
+#include "engine/assets/input/mask_rules.h"
+#include "engine/assets/input/messages.h"
+#include "engine/scene/motion/affine.h"
+
+#include <fmt/format.h>
+#include <nlohmann/json.hpp>
+
+#include <algorithm>
+#include <array>
+#include <cmath>
+#include <initializer_list>
+#include <optional>
+#include <set>
+#include <span>
+#include <utility>
+
+namespace raynest::composition {
+namespace {
+
+using Json = nlohmann::json;
+
+/// Ends the reading; read() makes an error of it.
+struct Refusal {
+    Error error;
+};
+
+[[noreturn]] void refuse(std::string why, ErrorCode code = ErrorCode::scene_invalid) {
+    throw Refusal{{code, std::move(why)}};
+}
+
+/// A value and its place in the text, "instances[3].matrix".
+class Value {
+public:
+    Value(const Json& json, std::string place) : json_(json), place_(std::move(place)) {}
+
+    [[nodiscard]] const std::string& place() const { return place_; }
+    [[noreturn]] void refuse_it(std::string_view why) const {
+        refuse(fmt::format("{} {}", place_.empty() ? "the text" : place_, why));
+    }
+
+    /// Fails where there are members beside these.
+    const Value& only(std::initializer_list<std::string_view> known) const {
+        if (!json_.is_object()) refuse_it("is no object of members in braces");
+        for (const auto& [key, value] : json_.items()) {
+            if (std::ranges::find(known, key) != known.end()) continue;
+            std::string list;
+            for (const std::string_view name : known)
+                list += (list.empty() ? "" : ", ") + std::string(name);
+            refuse_it(fmt::format("has a member '{}', which is none of {}", one_line(key), list));
+        }
+        return *this;
+    }
+    [[nodiscard]] bool has(const char* key) const { return json_.contains(key); }
+    [[nodiscard]] Value at(const char* key) const {
+        if (!has(key)) refuse_it(fmt::format("has no '{}'", key));
+        return {json_.at(key), place_.empty() ? key : place_ + "." + key};
+    }
+    [[nodiscard]] std::string text() const {
+        if (!json_.is_string()) refuse_it("is no text");
+        return json_.get<std::string>();
+    }
+    [[nodiscard]] double number() const {
+        const double value = json_.is_number() ? json_.get<double>() : double{NAN};
+        if (!std::isfinite(value)) refuse_it("is no finite number");
+        return value;
+    }
+    [[nodiscard]] bool is_list() const { return json_.is_array(); }
+    [[nodiscard]] bool is_text() const { return json_.is_string(); }
+    [[nodiscard]] std::uint32_t bits() const {
+        std::optional<std::uint32_t> mask;
+        if (json_.is_string()) mask = MaskRules::parse_mask(text());
+        if (json_.is_number_unsigned() && json_.get<std::uint64_t>() <= 0xFFFFFFFFU)
+            mask = json_.get<std::uint32_t>();
+        if (!mask) refuse_it("is no number from 0 to 4294967295, nor a text such as \"0xF0\"");
+        return *mask;
+    }
+    [[nodiscard]] std::vector<Value> list() const {
+        if (!is_list()) refuse_it("is no list in brackets");
+        std::vector<Value> items;
+        for (std::size_t i = 0; i < json_.size(); ++i)
+            items.emplace_back(json_[i], fmt::format("{}[{}]", place_, i));
+        return items;
+    }
+    template <class Visit>
+    void each_member(Visit&& visit) const {
+        if (!json_.is_object()) refuse_it("is no object of members in braces");
+        for (const auto& [key, value] : json_.items())
+            visit(key, Value(value, fmt::format("{}.{}", place_, one_line(key))));
+    }
+    template <std::size_t N>
+    [[nodiscard]] std::array<double, N> numbers() const {
+        std::array<double, N> made{};
+        if (!is_list() || json_.size() != N) refuse_it(fmt::format("is no list of {} numbers", N));
+        for (std::size_t i = 0; i < N; ++i) made[i] = Value(json_[i], place_).number();
+        return made;
+    }
+    [[nodiscard]] glm::dvec3 vector() const {
+        const auto xyz = numbers<3>();
+        return {xyz[0], xyz[1], xyz[2]};
+    }
+
+private:
+    const Json& json_;
+    std::string place_;
+};
+
+Matrix matrix_of_rows(std::span<const double> rows) {
+    Matrix made(1);
+    for (int i = 0; i < 12; ++i) made[i % 4][i / 4] = rows[static_cast<std::size_t>(i)];
+    return made;
+}
+
+/// Rows of 4: 12 or 16 numbers, or 3 or 4 lists of 4.
+Matrix read_matrix(const Value& value) {
+    std::vector<double> numbers;
+    for (const Value& item : value.list()) {
+        if (!item.is_list()) {
+            numbers.push_back(item.number());
+            continue;
+        }
+        const auto row = item.numbers<4>();
+        numbers.insert(numbers.end(), row.begin(), row.end());
+    }
+    if (numbers.size() != 12 && numbers.size() != 16)
+        value.refuse_it("is no matrix of 3 or 4 rows of 4 numbers");
+    if (numbers.size() == 16 &&
+        !std::ranges::equal(std::array{0.0, 0.0, 0.0, 1.0}, std::span(numbers).subspan(12)))
+        value.refuse_it(
+            "has a last row that is not 0 0 0 1: rows of a matrix stand one behind the other");
+    return matrix_of_rows(numbers);
+}
+
+/// Translation x rotation x scale, as glTF has them.
+Matrix read_pose(const Value& place) {
+    std::array<double, 4> rotation{0, 0, 0, 1};
+    glm::dvec3 translation(0), scale(1);
+    if (place.has("rotation")) {
+        rotation = place.at("rotation").numbers<4>();
+        if (rotation == std::array<double, 4>{})
+            place.at("rotation").refuse_it("is a quaternion of length 0");
+    }
+    if (place.has("scale")) {
+        const Value by = place.at("scale");
+        scale = by.is_list() ? by.vector() : glm::dvec3(by.number());
+    }
+    if (place.has("translation")) translation = place.at("translation").vector();
+    return matrix_of_rows(from_trs(&translation.x, rotation.data(), &scale.x));
+}
+
+Places read_places(const Value& value) {
+    value.only({"object", "name", "translation", "rotation", "scale", "matrix", "matrices", "mask",
+                "uid"});
+    Places places;
+    places.object = value.at("object").text();
+    places.name = value.has("name") ? value.at("name").text() : places.object;
+    const bool is_posed = value.has("translation") || value.has("rotation") || value.has("scale");
+    if (int{is_posed} + int{value.has("matrix")} + int{value.has("matrices")} > 1)
+        value.refuse_it(
+            "says twice where it stands: give one of 'matrix', 'matrices', or 'translation' with "
+            "'rotation' and 'scale'");
+    if (!value.has("matrices")) {
+        places.matrices.push_back(value.has("matrix") ? read_matrix(value.at("matrix"))
+                                                      : read_pose(value));
+    } else if (const Value matrices = value.at("matrices"); matrices.is_text()) {
+        places.table = matrices.text();
+    } else {
+        for (const Value& matrix : matrices.list()) places.matrices.push_back(read_matrix(matrix));
+    }
+    if (value.has("mask")) places.mask = value.at("mask").bits();
+    if (value.has("uid")) places.uid = value.at("uid").bits();
+    return places;
+}
+
+double positive(const Value& value) {
+    const double number = value.number();
+    if (!(number > 0)) value.refuse_it("is not above 0");
+    return number;
+}
+
+Object read_object(const std::string& name, const Value& value) {
+    Object object;
+    object.name = name;
+    if (value
+            .only({"file", "unit", "up", "radius", "spacing", "primitive", "origin", "masks",
+                   "instances"})
+            .has("instances")) {
+        value.only({"instances"});
+        for (const Value& places : value.at("instances").list())
+            object.instances.push_back(read_places(places));
+        return object;
+    }
+    object.source = value.at("file").text();
+    if (object.source.empty()) value.at("file").refuse_it("is empty");
+    if (value.has("unit")) object.options.unit = positive(value.at("unit"));
+    if (value.has("radius")) object.options.radius = positive(value.at("radius"));
+    if (value.has("spacing")) object.options.spacing = positive(value.at("spacing"));
+    if (value.has("primitive")) object.primitive = value.at("primitive").text();
+    if (value.has("up")) {
+        const std::string up = value.at("up").text();
+        if (up != "y" && up != "z") value.at("up").refuse_it("is neither \"y\" nor \"z\"");
+        object.options.z_up = up == "z";
+    }
+    if (value.has("origin")) {
+        object.options.auto_origin = value.at("origin").is_text();
+        if (!object.options.auto_origin)
+            object.origin = value.at("origin").numbers<3>();
+        else if (value.at("origin").text() != "auto")
+            value.at("origin").refuse_it("is neither three numbers nor \"auto\"");
+    }
+    if (value.has("masks"))
+        for (const Value& rule : value.at("masks").list()) object.masks.push_back(rule.text());
+    return object;
+}
+
+Camera read_camera(const Value& value) {
+    value.only({"name", "eye", "target", "up", "fov"});
+    Camera camera;
+    if (value.has("name")) camera.name = value.at("name").text();
+    camera.eye = value.at("eye").vector();
+    camera.target = value.at("target").vector();
+    if (value.has("up")) camera.up = value.at("up").vector();
+    if (value.has("fov")) camera.fov = value.at("fov").number();
+    if (!(camera.fov > 0 && camera.fov < 180))
+        value.at("fov").refuse_it("is not between 0 and 180 degrees");
+    const double sine = glm::length(glm::cross(camera.target - camera.eye, camera.up));
+    if (!(sine > 0)) value.refuse_it("looks nowhere, or along its 'up'");
+    return camera;
+}
+
+/// Parses the text, and refuses nesting beyond the limit and members that are there twice.
+Json parse(std::string_view text, const ImportLimits& limits) {
+    std::vector<std::set<std::string>> keys;
+    const auto watch = [&](int depth, Json::parse_event_t event, const Json& parsed) {
+        if (depth > static_cast<int>(limits.json_depth_max))
+            refuse(fmt::format("is nested deeper than {} levels", limits.json_depth_max));
+        if (event == Json::parse_event_t::object_start) keys.emplace_back();
+        if (event == Json::parse_event_t::object_end) keys.pop_back();
+        if (event == Json::parse_event_t::key &&
+            !keys.back().insert(parsed.get<std::string>()).second)
+            refuse(fmt::format("has the member '{}' twice in one object",
+                               one_line(parsed.get<std::string>())));
+        return true;
+    };
+    try {
+        return Json::parse(text, watch);
+    } catch (const Json::parse_error& error) {
+        refuse(fmt::format("is not valid JSON (byte {})", error.byte));
+    }
+}
+
+/// Refuses instances of objects that are not there.
+void check_objects(const Composition& made, const ImportLimits& limits) {
+    std::set<std::string_view> known;
+    for (std::size_t i = 0; i + 1 < made.objects.size(); ++i) known.insert(made.objects[i].name);
+    std::uint64_t places = 0;
+    for (const Object& object : made.objects)
+        for (const Places& at : object.instances) {
+            places += at.matrices.size();
+            if (known.contains(at.object)) continue;
+            std::string list;
+            for (const std::string_view name : known)
+                list += fmt::format("{}'{}'", list.empty() ? "" : ", ", name);
+            refuse(fmt::format("places '{}', which is none of its objects: {}", one_line(at.object),
+                               one_line(list)));
+        }
+    if (places > limits.nodes_max)
+        refuse(fmt::format("has {} instances; at most {} are allowed, and more in a .npy of "
+                           "matrices",
+                           places, limits.nodes_max),
+               ErrorCode::limit_exceeded);
+}
+
+}  // namespace
+
+Result<Composition> read(std::string_view text, const ImportLimits& limits) try {
+    if (text.size() > limits.json_bytes_max)
+        refuse(fmt::format("has {} bytes; at most {} are read", text.size(), limits.json_bytes_max),
+               ErrorCode::limit_exceeded);
+    const Json json = parse(text, limits);
+    const Value root(json, "");
+    if (!json.is_object() || !json.contains("rnscene"))
+        refuse("has no member 'rnscene': a composition begins with {\"rnscene\": 1, ...}");
+    root.only({"$schema", "rnscene", "origin", "objects", "instances", "cameras"});
+    if (root.at("rnscene").number() != 1)
+        refuse("is of another version: this RayNest reads \"rnscene\": 1");
+    Composition made;
+    if (root.has("origin")) made.origin = root.at("origin").numbers<3>();
+    root.at("objects").each_member([&](const std::string& name, const Value& value) {
+        made.objects.push_back(read_object(name, value));
+    });
+    Object& scene = made.objects.emplace_back();
+    scene.name = "scene";
+    for (const Value& places : root.at("instances").list())
+        scene.instances.push_back(read_places(places));
+    if (root.has("cameras"))
+        for (const Value& camera : root.at("cameras").list())
+            made.cameras.push_back(read_camera(camera));
+    check_objects(made, limits);
+    return made;
+} catch (const Refusal& refusal) {
+    return tl::unexpected<Error>(refusal.error);
+}
+
+}  // namespace raynest::composition
