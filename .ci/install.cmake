@@ -1,6 +1,6 @@
 # Defines what `cmake --install` installs, in two components:
 #   runtime      bin/raynestd, bin/raynest, lib/raynest/ (the kernel packs and, in shading/, the
-#                integrators for each target, in images/ the modules for pictures and Draco) and
+#                integrators for each target, in images/ the modules for pictures, Draco and TIFF) and
 #                lib/raynest-cuda/; all found relative to bin/
 #   development  the engine as a library, its headers and the pack sources in their own folders under
 #                include/raynest/, so that find_package(raynest) gives raynest_kernel_pack(), and
@@ -10,7 +10,7 @@ include(CMakePackageConfigHelpers)
 install(TARGETS ${RAYNEST_PACKS} LIBRARY DESTINATION lib/raynest COMPONENT runtime)
 get_property(shading GLOBAL PROPERTY RAYNEST_SHADING_MODULES)
 install(TARGETS ${shading} LIBRARY DESTINATION lib/raynest/shading COMPONENT runtime)
-foreach(module raynest_images raynest_draco)
+foreach(module raynest_images raynest_draco raynest_geotiff)
     if(TARGET ${module})
         install(TARGETS ${module} LIBRARY DESTINATION lib/raynest/images COMPONENT runtime)
     endif()

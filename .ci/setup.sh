@@ -9,7 +9,7 @@
 build_packages=(
     g++ cmake ninja-build pkg-config libboost-dev libcli11-dev libdraco-dev libexpected-dev
     libfmt-dev libflatbuffers-dev flatbuffers-compiler libglm-dev libhwy-dev libmeshoptimizer-dev
-    libopenimageio-dev libseccomp-dev libspdlog-dev libsqlite3-dev libssl-dev libtbb-dev libtinygltf-dev
+    libopenimageio-dev libseccomp-dev libspdlog-dev libsqlite3-dev libssl-dev libtbb-dev libtiff-dev libtinygltf-dev
     libtomlplusplus-dev libwebp-dev nlohmann-json3-dev zlib1g-dev
     prometheus-cpp-dev)
 test_packages=("${build_packages[@]}" clang-format-14 doctest-dev libembree-dev nginx python3 python3-distributed python3-numpy xz-utils)

@@ -32,6 +32,8 @@ struct FileContent {
     std::vector<double> radii;       ///< empty or one per point
     /// True if the file has float32 coordinates, which may have lost digits before they came here.
     bool is_float32 = false;
+    /// True if coordinates are those of a map: an origin is chosen unless the request has one.
+    bool is_surveyed = false;
     std::vector<MaterialDescription> materials;
     std::vector<TextureDescription> textures;
     std::vector<ImageDescription> images;

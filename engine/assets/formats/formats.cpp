@@ -9,9 +9,9 @@ namespace raynest {
 namespace {
 
 constexpr std::array formats{
-    FileFormat{".ply", read_ply}, FileFormat{".stl", read_stl}, FileFormat{".obj", read_obj},
-    FileFormat{".off", read_off}, FileFormat{".npz", read_npz}, FileFormat{".las", read_las},
-    FileFormat{".laz", read_laz},
+    FileFormat{".ply", read_ply}, FileFormat{".stl", read_stl},  FileFormat{".obj", read_obj},
+    FileFormat{".off", read_off}, FileFormat{".npz", read_npz},  FileFormat{".las", read_las},
+    FileFormat{".laz", read_laz}, FileFormat{".tif", read_tiff}, FileFormat{".tiff", read_tiff},
 };
 
 }  // namespace
@@ -26,7 +26,7 @@ const FileFormat* find_format(std::string_view source) {
 std::string format_list() {
     std::string list;
     for (const FileFormat& format : formats) {
-        if (format.read == read_laz) continue;
+        if (format.read == read_laz || format.extension == ".tiff") continue;
         if (!list.empty()) list += ", ";
         list += format.extension;
     }

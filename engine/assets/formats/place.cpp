@@ -165,7 +165,7 @@ Result<SceneDescription> place(FileContent content, const ImportRequest& request
     SceneDescription scene;
     scene.origin = request.origin;
     Placing placing(request, content.is_float32);
-    if (request.options.auto_origin) {
+    if (request.options.auto_origin || (content.is_surveyed && request.origin == WorldPoint{})) {
         for (const glm::dvec3& point : content.points) placing.add(point);
         for (const FileObject& object : content.objects)
             for (const FileGeometry& geometry : object.geometries)

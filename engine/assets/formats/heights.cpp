@@ -1,0 +1,132 @@
+// Grids of heights as meshes: .npy arrays, and TIFFs with their place on the map.
+#include "engine/assets/formats/formats.h"
+#include "engine/assets/formats/geotiff.h"
+#include "engine/assets/formats/npy_array.h"
+#include "engine/assets/input/messages.h"
+
+#include <fmt/format.h>
+
+#include <array>
+#include <cmath>
+#include <cstdint>
+#include <string_view>
+#include <vector>
+
+namespace raynest {
+namespace {
+
+Result<void> refuse_up(const ImportRequest& request) {
+    if (!request.options.z_up) return {};
+    return fail(ErrorCode::scene_invalid, "heights point up by themselves: leave out `up`");
+}
+
+/// Returns a mesh with a vertex for each height, at position(row, column, height). Cells with a
+/// corner that is NaN are holes; `hole` names such a height: "NaN".
+template <class HeightAt, class Position>
+FileContent mesh_of(std::uint64_t rows, std::uint64_t columns, std::string_view hole,
+                    const HeightAt& height_at, const Position& position) {
+    FileContent content;
+    content.objects.push_back({{}, {FileGeometry{}}});
+    FileGeometry& geometry = content.objects.back().geometries.back();
+    geometry.positions.reserve(rows * columns);
+    std::uint64_t holes = 0;
+    std::vector<bool> is_hole(rows * columns);
+    for (std::uint64_t row = 0; row < rows; ++row) {
+        for (std::uint64_t column = 0; column < columns; ++column) {
+            double height = height_at(row, column);
+            if (std::isnan(height)) {
+                is_hole[geometry.positions.size()] = true;
+                ++holes;
+                height = 0;
+            }
+            geometry.positions.push_back(position(row, column, height));
+        }
+    }
+    if (holes != 0)
+        content.warnings.push_back(fmt::format("{} {}: the cells around are holes",
+                                               counted(holes, "height is", "heights are"), hole));
+    for (std::uint64_t row = 0; row + 1 < rows; ++row) {
+        for (std::uint64_t column = 0; column + 1 < columns; ++column) {
+            const auto a = static_cast<std::uint32_t>(row * columns + column);
+            const std::uint32_t b = a + 1;
+            const auto c = static_cast<std::uint32_t>(a + columns);
+            const std::uint32_t d = c + 1;
+            if (is_hole[a] || is_hole[b] || is_hole[c] || is_hole[d]) continue;
+            geometry.rest.indices.insert(geometry.rest.indices.end(), {a, c, b, b, c, d});
+        }
+    }
+    return content;
+}
+
+/// Metres of EPSG's units of length; 0 for others.
+double metres_of(std::uint32_t unit) {
+    constexpr std::uint32_t metre = 9001, foot = 9002, survey_foot = 9003;
+    return unit == metre ? 1 : unit == foot ? 0.3048 : unit == survey_foot ? 1200.0 / 3937 : 0;
+}
+
+}  // namespace
+
+Result<FileContent> read_heights(const ImportRequest& request, const ImportLimits& limits) {
+    if (auto up = refuse_up(request); !up) return tl::unexpected(up.error());
+    const NamedBytes& file = request.files.front();
+    if (request.files.size() != 1)
+        return refuse_array(file.name, "holds heights, which take no file of placements");
+    const auto grid = parse_npy(file, limits);
+    if (!grid) return tl::unexpected<Error>(grid.error());
+    if (grid->shape.size() != 2 || grid->shape[0] < 2 || grid->shape[1] < 2)
+        return refuse_array(file.name,
+                            "must have shape (rows, columns) of at least two each to be heights");
+    if (grid->count > limits.triangles_max / 2)
+        return fail(ErrorCode::limit_exceeded,
+                    fmt::format("'{}' has {} heights; at most {} are allowed", file.name,
+                                grid->count, limits.triangles_max / 2));
+    const double spacing = request.options.spacing == 0 ? 1 : request.options.spacing;
+    return mesh_of(
+        grid->shape[0], grid->shape[1], "NaN",
+        [&](std::uint64_t row, std::uint64_t column) { return grid->at(row, column); },
+        [&](std::uint64_t row, std::uint64_t column, double height) {
+            return glm::dvec3(static_cast<double>(column) * spacing, height,
+                              static_cast<double>(row) * spacing);
+        });
+}
+
+Result<FileContent> read_tiff(const ImportRequest& request, const ImportLimits& limits) {
+    if (auto up = refuse_up(request); !up) return tl::unexpected(up.error());
+    const auto grid = decode_geotiff(request.files.front().bytes, limits.triangles_max / 2);
+    if (!grid) return tl::unexpected(grid.error());
+    if (grid->is_in_degrees)
+        return fail(ErrorCode::scene_invalid,
+                    "is a map in degrees: bring it to metres, for example with gdalwarp -t_srs "
+                    "EPSG:32632, which is UTM zone 32 north");
+    if (grid->to_map && request.options.spacing != 0)
+        return fail(ErrorCode::scene_invalid,
+                    "says itself where its heights lie on the map: leave out `spacing`");
+    const double spacing = request.options.spacing == 0 ? 1 : request.options.spacing;
+    const std::array<double, 6> map =
+        grid->to_map.value_or(std::array<double, 6>{0, spacing, 0, 0, 0, -spacing});
+    const double unit = grid->unit == 0 ? 1 : metres_of(grid->unit);
+    // The option says how long a unit of the map is; heights are taken to have the same.
+    const double metres = request.options.unit != 0 ? 1 : unit == 0 ? 1 : unit;
+    FileContent content = mesh_of(
+        grid->rows, grid->columns, "not known",
+        [&](std::uint64_t row, std::uint64_t column) {
+            return double{grid->heights[row * grid->columns + column]};
+        },
+        [&](std::uint64_t row, std::uint64_t column, double height) {
+            const auto r = static_cast<double>(row), c = static_cast<double>(column);
+            // East is +x, and north is -z.
+            return metres * glm::dvec3(map[0] + map[1] * c + map[2] * r, height,
+                                       -(map[3] + map[4] * c + map[5] * r));
+        });
+    content.is_surveyed = grid->to_map.has_value();
+    if (unit == 0 && request.options.unit == 0)
+        content.warnings.push_back(fmt::format(
+            "the map's unit is EPSG:{}; it is taken for metres: say otherwise with `unit`",
+            grid->unit));
+    if (!grid->to_map && request.options.spacing == 0)
+        content.warnings.emplace_back(
+            "the TIFF has no place on a map: its heights stand 1 m apart, or `spacing`");
+    return content;
+}
+
+}  // namespace raynest
