@@ -24,17 +24,17 @@ class Lists:
 
     def __init__(self, root):
         self.root = root
-        self.exits = self.rows("protocol/errors.def", "EXIT")
-        self.errors = self.rows("protocol/errors.def", "ERROR")
-        self.limits = self.rows("protocol/limits.def", "LIMIT")
-        self.requests = self.rows("protocol/requests.def", "REQUEST")
-        self.roles = self.rows("protocol/roles.def", "ROLE")
-        self.parts = self.rows("protocol/requests.def", "PART")
-        self.answers = self.rows("protocol/requests.def", "ANSWER")
-        self.generators = self.rows("protocol/generators.def", "GENERATOR")
-        self.settings = self.rows("protocol/generators.def", "SETTING")
-        self.reducers = self.rows("protocol/reducers.def", "REDUCER")
-        self.workers = self.rows("protocol/workers.def", "AUTO|WORKER")
+        self.exits = self.rows("protocol/lists/errors.def", "EXIT")
+        self.errors = self.rows("protocol/lists/errors.def", "ERROR")
+        self.limits = self.rows("protocol/lists/limits.def", "LIMIT")
+        self.requests = self.rows("protocol/lists/requests.def", "REQUEST")
+        self.roles = self.rows("protocol/lists/roles.def", "ROLE")
+        self.parts = self.rows("protocol/lists/requests.def", "PART")
+        self.answers = self.rows("protocol/lists/requests.def", "ANSWER")
+        self.generators = self.rows("protocol/lists/generators.def", "GENERATOR")
+        self.settings = self.rows("protocol/lists/generators.def", "SETTING")
+        self.reducers = self.rows("protocol/lists/reducers.def", "REDUCER")
+        self.workers = self.rows("protocol/lists/workers.def", "AUTO|WORKER")
         self.fields = self.rows("engine/queries/fields.def", "FIELD")
         # A sum has its value before its title.
         self.counters = [(name, title) for name, *_, title in
@@ -232,7 +232,7 @@ def page_module(lists):
 
 def python_limits(lists):
     lines = ['"""Limits that bytes from a daemon are checked against before they cost anything. Written '
-             'by', '.ci/lists.py from protocol/limits.def."""']
+             'by', '.ci/lists.py from protocol/lists/limits.def."""']
     lines += [f"{name} = {value(number)}"
               for name, number, kind, _ in lists.limits if kind == "fixed"]
     return "\n".join(lines) + "\n"

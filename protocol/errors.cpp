@@ -9,12 +9,12 @@ namespace {
 constexpr std::array table = {
 #define RAYNEST_ERROR(number, NAME, name, exit, remedy) \
     ErrorInfo{Code::name, #NAME, Exit::exit, remedy},
-#include "protocol/errors.def"
+#include "protocol/lists/errors.def"
 };
 
 constexpr std::array exits = {
 #define RAYNEST_EXIT(number, name, text) ExitInfo{Exit::name, text},
-#include "protocol/errors.def"
+#include "protocol/lists/errors.def"
 };
 
 // error_info() indexes by number.

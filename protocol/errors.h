@@ -13,13 +13,13 @@ namespace raynest::protocol {
 
 enum class Code : std::uint32_t {
 #define RAYNEST_ERROR(number, NAME, name, ...) name = number,
-#include "protocol/errors.def"
+#include "protocol/lists/errors.def"
 };
 
 /// Exit codes of `raynest` (PROTOCOL.md §9).
 enum class Exit : int {
 #define RAYNEST_EXIT(number, name, ...) name = number,
-#include "protocol/errors.def"
+#include "protocol/lists/errors.def"
 };
 
 struct ErrorInfo {

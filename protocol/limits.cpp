@@ -10,7 +10,7 @@ constexpr bool policy = true;
 
 constexpr std::array table = {
 #define RAYNEST_LIMIT(name, value, kind, text) LimitInfo{#name, &Limits::name, text, kind},
-#include "protocol/limits.def"
+#include "protocol/lists/limits.def"
 };
 
 }  // namespace

@@ -15,7 +15,7 @@ inline constexpr std::uint16_t version_max = 1;
 
 struct Limits {
 #define RAYNEST_LIMIT(name, value, ...) std::uint64_t name = value;
-#include "protocol/limits.def"
+#include "protocol/lists/limits.def"
 };
 
 struct LimitInfo {

@@ -26,7 +26,7 @@ namespace raynest::protocol {
     RAYNEST_VALIDATE_##checks(Name)
 #define RAYNEST_PART(number, Name, checks, ...) RAYNEST_VALIDATE_##checks(Name)
 #define RAYNEST_ANSWER(number, Name, checks) RAYNEST_VALIDATE_##checks(Name)
-#include "protocol/requests.def"
+#include "protocol/lists/requests.def"
 #undef RAYNEST_VALIDATE_checked
 #undef RAYNEST_VALIDATE_plain
 

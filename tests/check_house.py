@@ -3,9 +3,10 @@
 
   check_house.py [ROOT]      prints one line per violation, exit code 1 when there is any
 
-Top-level entries, file sizes and lengths, unfinished marks, paths of one developer's machine, shell
+Top-level entries, folders, file sizes and lengths, unfinished marks, paths of one developer's machine, shell
 scripts that do not parse. Exit code 77 (skipped) where there is no git work tree to list.
 """
+import collections
 import pathlib
 import re
 import subprocess
@@ -15,6 +16,7 @@ TOP = {"CMakeLists.txt", "README.md", "LICENSE",
        "protocol", "engine", "server", "client", "tests"}  # hidden entries are free
 FILE_BYTES_MAX = 1 << 20
 SOURCE_LINES_MAX = 500  # the aim is 400
+FOLDER_FILES_MAX = 40  # the aim is 30
 SOURCES = {".h", ".cpp", ".cu", ".py", ".sh"}
 # Written in pieces so that this file does not find itself.
 FORBIDDEN = {
@@ -38,6 +40,15 @@ def tracked(root):
     if listing.returncode:
         return None
     return [name for name in listing.stdout.decode().split("\0") if name]
+
+
+def crowded_folders(names):
+    """The rooms of the product that hold more than a reader can."""
+    folders = collections.Counter(name.rpartition("/")[0] for name in names
+                                  if "/" in name and not name.startswith((".", "tests/")))
+    for folder, count in sorted(folders.items()):
+        if count > FOLDER_FILES_MAX:
+            yield f"{folder}: {count} files, at most {FOLDER_FILES_MAX}: it holds more than one idea"
 
 
 def violations_of(root, name):
@@ -80,7 +91,7 @@ def main():
         print("skipped: no git work tree, so no list of tracked files")
         return 77
     names = [name for name in names if (root / name).is_file()]
-    found = [line for name in names for line in violations_of(root, name)]
+    found = [*crowded_folders(names), *(line for name in names for line in violations_of(root, name))]
     print(*found, sep="\n", end="\n" if found else "")
     print(f"{len(names)} tracked files, {len(found)} violations")
     return 1 if found or not names else 0

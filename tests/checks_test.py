@@ -170,6 +170,10 @@ class House(Planted):
     def test_big_files_are_refused(self):
         self.assert_refused("tests/big.bin", "x" * ((1 << 20) + 1), "at most 1048576")
 
+    def test_crowded_folders_are_refused(self):
+        self.plant({f"engine/{i}.h": "" for i in range(40)})
+        self.assert_refused("engine/a.h", "", "engine: 41 files, at most 40")
+
     def test_long_files_are_refused(self):
         self.assert_refused("engine/a.h", "\n" * 1000, "more than one idea")
 
@@ -260,9 +264,9 @@ class Format(Planted):
 class Lists(Planted):
     """lists.py finds stale files; tested in a copy of the files that it reads and writes."""
 
-    FILES = ("protocol/errors.def", "protocol/limits.def", "protocol/requests.def",
-             "protocol/generators.def", "protocol/reducers.def", "protocol/roles.def", "protocol/workers.def", "engine/queries/fields.def",
-             "engine/geometry/counters.def", "engine/packs/words.def",
+    FILES = ("protocol/lists/errors.def", "protocol/lists/limits.def", "protocol/lists/requests.def",
+             "protocol/lists/generators.def", "protocol/lists/reducers.def", "protocol/lists/roles.def", "protocol/lists/workers.def", "engine/queries/fields.def",
+             "engine/geometry/counters.def", "engine/integrators/measures.def", "engine/packs/words.def",
              "engine/integrators/palettes.def", "engine/integrators/layers.def",
              "engine/integrators/tonemaps.def", "engine/integrators/LIST", "server/ground/metrics.def",
              "protocol/PROTOCOL.md",
@@ -281,11 +285,11 @@ class Lists(Planted):
 
     def test_a_new_row_makes_its_files_stale_until_they_are_written(self):
         for name, row, stale in (
-                ("protocol/errors.def", 'RAYNEST_ERROR(99, NEW, fresh, busy, "wait")',
+                ("protocol/lists/errors.def", 'RAYNEST_ERROR(99, NEW, fresh, busy, "wait")',
                  ("protocol/PROTOCOL.md", "raynest/_lists.py")),
-                ("protocol/limits.def", 'RAYNEST_LIMIT(new_max, 2ULL << 20, fixed, "new, things")',
+                ("protocol/lists/limits.def", 'RAYNEST_LIMIT(new_max, 2ULL << 20, fixed, "new, things")',
                  ("protocol/PROTOCOL.md", "raynest/_limits.py")),
-                ("protocol/requests.def", 'RAYNEST_REQUEST(99, New, fresh, plain, "Pong")',
+                ("protocol/lists/requests.def", 'RAYNEST_REQUEST(99, New, fresh, plain, "Pong")',
                  ("protocol/PROTOCOL.md", "protocol/messages.fbs", "server/web/lists.js")),
                 ("engine/geometry/counters.def", 'RAYNEST_COUNTER(news, "news per ray")',
                  ("protocol/PROTOCOL.md", "python/README.md", "raynest/_lists.py",
@@ -308,7 +312,7 @@ class Lists(Planted):
         self.assertEqual(self.lists("--check")[0], 1)
 
     def test_a_row_that_does_not_end_is_named(self):
-        path = self.root / "protocol/limits.def"
+        path = self.root / "protocol/lists/limits.def"
         path.write_text('RAYNEST_LIMIT(frame_bytes_max, 64, fixed, "one"')
         code, text = self.lists("--check")
         self.assertEqual(code, 1)

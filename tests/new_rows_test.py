@@ -88,9 +88,9 @@ def add_counter(tree):
 
 
 def add_generator(tree):
-    tree.add_row("protocol/generators.def", "RAYNEST_GENERATOR(equirectangular",
+    tree.add_row("protocol/lists/generators.def", "RAYNEST_GENERATOR(equirectangular",
                  ("equirectangular", "pose, range"), ("square_on", "pose, scale, range"))
-    tree.add_row("protocol/generators.def", "RAYNEST_SETTING(fx", ("fx", "in pixels"), ("scale", "over the width"))
+    tree.add_row("protocol/lists/generators.def", "RAYNEST_SETTING(fx", ("fx", "in pixels"), ("scale", "over the width"))
     tree.edit("server/requests/words/generator.cpp", r"^Reply<Generated> make_equirectangular", """\
 Reply<Generated> make_square_on(const Request& request) {
     if (!request.settings.scale) return lacks(request.kind, "scale");
@@ -102,9 +102,9 @@ Reply<Generated> make_equirectangular""")
 
 
 def add_request(tree):
-    tree.add_row("protocol/requests.def", "RAYNEST_REQUEST(15", ("15", "Stats", "stats", "plain", "Statistics"),
+    tree.add_row("protocol/lists/requests.def", "RAYNEST_REQUEST(15", ("15", "Stats", "stats", "plain", "Statistics"),
                  ("40", "Echo", "echo", "checked", "Echoed"))
-    tree.add_row("protocol/requests.def", "RAYNEST_ANSWER(130", ("130", "Pong"), ("168", "Echoed"))
+    tree.add_row("protocol/lists/requests.def", "RAYNEST_ANSWER(130", ("130", "Pong"), ("168", "Echoed"))
     tree.edit("protocol/messages.fbs", r"^// ---- jobs -+$", """\
 table Echo { text: string; deadline_ms: uint; }
 table Echoed { text: string; }

@@ -48,7 +48,7 @@ void declare(CommandLine& line, AdminOptions& admin) {
     line.add_options("QUOTA", admin.quota,
                      "of quota:"
 #define RAYNEST_QUOTA(key, least) " " #key "=N"
-#include "protocol/quotas.def"
+#include "protocol/lists/quotas.def"
                      "; bytes also as 20G; without any, what the principal uses is told");
     line.at_end([&admin]() -> std::string {
         const bool needs_target = admin.act == "kick" || admin.act == "quota";

@@ -32,7 +32,7 @@ inline constexpr std::array palette_words = {
 inline constexpr std::array worker_words = {
 #define RAYNEST_AUTO(name, text) std::string_view(#name),
 #define RAYNEST_WORKER(name, text) std::string_view(#name),
-#include "protocol/workers.def"
+#include "protocol/lists/workers.def"
 };
 
 struct ReducerWords {
@@ -42,11 +42,11 @@ struct ReducerWords {
 };
 inline constexpr std::array reducer_words = {
 #define RAYNEST_REDUCER(name, kind, rows, columns, text) ReducerWords{#name, #kind, #rows},
-#include "protocol/reducers.def"
+#include "protocol/lists/reducers.def"
 };
 inline constexpr std::array reduce_words = {
 #define RAYNEST_REDUCER(name, ...) std::string_view(#name),
-#include "protocol/reducers.def"
+#include "protocol/lists/reducers.def"
 };
 /// Returns the reducer of this name, or null.
 [[nodiscard]] const ReducerWords* find_reducer(std::string_view name);

@@ -16,11 +16,11 @@ struct Row {
 };
 constexpr std::array kinds = {
 #define RAYNEST_GENERATOR(name, settings, t, rays) Row{#name, settings},
-#include "protocol/generators.def"
+#include "protocol/lists/generators.def"
 };
 constexpr std::array keys = {
 #define RAYNEST_SETTING(name, type, text) Row{#name, text},
-#include "protocol/generators.def"
+#include "protocol/lists/generators.def"
 };
 
 /// True for kinds with the setting `pose`, which is the identity by default.

@@ -4,7 +4,7 @@ namespace raynest::server {
 Backends make_backends(const BackendContext& context) {
     Backends backends;
 #define RAYNEST_WORKER(name, text) backends.push_back(make_##name(context));
-#include "protocol/workers.def"
+#include "protocol/lists/workers.def"
     return backends;
 }
 

@@ -32,7 +32,7 @@ struct BackendContext {
 ///   refuses every plan as absent.
 #define RAYNEST_WORKER(name, text) \
     std::unique_ptr<Backend> make_##name(const BackendContext& context);
-#include "protocol/workers.def"
+#include "protocol/lists/workers.def"
 
 /// Makes all backends of workers.def.
 [[nodiscard]] Backends make_backends(const BackendContext& context);

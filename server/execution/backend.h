@@ -2,7 +2,7 @@
 //
 //   Plan, rays ──► Backend::trace ──► hits | "try elsewhere, because ..." | the job's error
 //
-// A new backend is one file that implements this interface, and one line in protocol/workers.def.
+// A new backend is one file that implements this interface, and one line in protocol/lists/workers.def.
 #pragma once
 
 #include "engine/geometry/pinhole.h"

@@ -9,7 +9,7 @@
 #include "server/execution/choose_backends.h"
 #include "server/execution/chunk_caster.h"
 #include "server/jobs/explain_job.h"
-#include "server/jobs/light_notes.h"
+#include "server/jobs/films/light_notes.h"
 #include "server/jobs/ray_source.h"
 #include "server/requests/words/explain_request.h"
 #include "server/requests/words/film_options.h"

@@ -41,7 +41,7 @@ struct Reducer {
 };
 constexpr std::array reducers = {
 #define RAYNEST_REDUCER(name, kind, rows, columns, text) Reducer{#name, #kind},
-#include "protocol/reducers.def"
+#include "protocol/lists/reducers.def"
 };
 const Reducer* find_reducer(std::string_view name) {
     const auto* found = std::find_if(reducers.begin(), reducers.end(),

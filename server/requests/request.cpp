@@ -43,7 +43,7 @@ constexpr Request request{protocol::message_of<Table>, role, verified<Table, han
 constexpr std::array rows = {
 #define RAYNEST_REQUEST(number, Name, handler, needs, role, ...) \
     request<wire::Name, handler, Needs::needs, Role::role>,
-#include "protocol/requests.def"
+#include "protocol/lists/requests.def"
 };
 
 /// Message types below this value are sent by clients.

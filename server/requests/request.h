@@ -21,7 +21,7 @@ using Answer = std::variant<Frames, JobSubmission>;
 // The handler of each request of requests.def.
 #define RAYNEST_REQUEST(number, Name, handler, ...) \
     Reply<Answer> handler(const Services&, const Caller&, const protocol::Opened<wire::Name>&);
-#include "protocol/requests.def"
+#include "protocol/lists/requests.def"
 
 /// The object that must belong to the caller; otherwise the request fails with JOB_UNKNOWN. Rules
 /// about scenes are checked by their requests (access.h).

@@ -53,7 +53,7 @@ struct PeerIdentity {
 /// Quotas that may differ between principals; 0: the limit principal_*_max.
 struct Quota {
 #define RAYNEST_QUOTA(key, least) std::uint64_t key = 0;
-#include "protocol/quotas.def"
+#include "protocol/lists/quotas.def"
     bool operator==(const Quota&) const = default;
 };
 

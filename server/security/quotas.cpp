@@ -23,7 +23,7 @@ struct Words {
 };
 constexpr std::array table = {
 #define RAYNEST_QUOTA(key, least) Words{&Quota::key, #key, least},
-#include "protocol/quotas.def"
+#include "protocol/lists/quotas.def"
 };
 
 const Words& words_of(Quotas::Field field) {

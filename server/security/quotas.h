@@ -24,7 +24,7 @@ public:
     void set_limits(const protocol::Limits& limits) {
         usual_ = {
 #define RAYNEST_QUOTA(key, least) limits.principal_##key##_max,
-#include "protocol/quotas.def"
+#include "protocol/lists/quotas.def"
         };
     }
 
@@ -66,7 +66,7 @@ public:
 private:
     static constexpr std::array fields = {
 #define RAYNEST_QUOTA(key, least) &Quota::key,
-#include "protocol/quotas.def"
+#include "protocol/lists/quotas.def"
     };
     using Table = std::map<std::string, Quota>;
     static void put(Table& table, const std::string& principal, const Quota& quota) {

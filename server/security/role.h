@@ -1,4 +1,4 @@
-// Roles of principals, as listed in protocol/roles.def.
+// Roles of principals, as listed in protocol/lists/roles.def.
 #pragma once
 
 #include <algorithm>
@@ -12,12 +12,12 @@ namespace raynest::server {
 /// Each role may do what the roles before it may.
 enum class Role {
 #define RAYNEST_ROLE(name, text) name,
-#include "protocol/roles.def"
+#include "protocol/lists/roles.def"
 };
 
 inline constexpr std::array role_names = {
 #define RAYNEST_ROLE(name, text) std::string_view(#name),
-#include "protocol/roles.def"
+#include "protocol/lists/roles.def"
 };
 
 [[nodiscard]] constexpr std::string_view role_name(Role role) {

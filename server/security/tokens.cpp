@@ -58,7 +58,7 @@ struct QuotaField {
 };
 constexpr std::array quota_fields = {
 #define RAYNEST_QUOTA(key, least) QuotaField{#key, &Quota::key},
-#include "protocol/quotas.def"
+#include "protocol/lists/quotas.def"
 };
 
 /// Parses a row; the error text of an invalid one has no line number.

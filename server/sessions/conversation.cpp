@@ -82,7 +82,7 @@ const Conversation::Part* Conversation::find_part(std::uint16_t type) {
     static_assert(Parts::find(number) != std::size(Parts::rows), \
                   "the table has no row "                        \
                   "for " #Name);
-#include "protocol/requests.def"
+#include "protocol/lists/requests.def"
     const std::size_t at = Parts::find(type);
     return at == std::size(Parts::rows) ? nullptr : &Parts::rows[at];
 }

@@ -21,7 +21,7 @@ void visit(std::uint16_t type, Use use) {
 #define RAYNEST_REQUEST(number, Name, ...) RAYNEST_VISIT(number, Name)
 #define RAYNEST_PART(number, Name, ...) RAYNEST_VISIT(number, Name)
 #define RAYNEST_ANSWER(number, Name, ...) RAYNEST_VISIT(number, Name)
-#include "protocol/requests.def"
+#include "protocol/lists/requests.def"
 #undef RAYNEST_VISIT
         default:
             return;

@@ -25,7 +25,7 @@ ROOT = pathlib.Path(__file__).resolve().parents[2]
 ROLES = ("viewer", "user", "admin")
 # Rows of the request table: name, role.
 REQUESTS = re.findall(r"^RAYNEST_REQUEST\(\d+, (\w+), \w+, \w+, (\w+),",
-                      (ROOT / "protocol/requests.def").read_text(), re.MULTILINE)
+                      (ROOT / "protocol/lists/requests.def").read_text(), re.MULTILINE)
 FORM = (ROOT / "server/web/login.html").read_bytes()
 PAGE = (ROOT / "server/web/index.html").read_bytes()
 OPEN = ("/healthz", "/readyz", "/login.html", "/login.js", "/session.js", "/dom.js", "/theme.js",

@@ -1,5 +1,5 @@
 """Limits that bytes from a daemon are checked against before they cost anything. Written by
-.ci/lists.py from protocol/limits.def."""
+.ci/lists.py from protocol/lists/limits.def."""
 frame_bytes_max = 67108864
 control_bytes_max = 65536
 control_depth_max = 16

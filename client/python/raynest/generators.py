@@ -212,7 +212,7 @@ def hemisphere(points: Any, normals: Any, *, samples: int = 64, seed: int = 0, t
 # ---- others -------------------------------------------------------------------------------------
 
 def __getattr__(kind: str) -> Callable[..., Generator]:
-    """Returns a function for any other image of protocol/generators.def. Its settings are keyword
+    """Returns a function for any other image of protocol/lists/generators.def. Its settings are keyword
     arguments, texts or numbers; `size` is as above."""
     if "size" not in GENERATORS.get(kind, ()):
         raise AttributeError(f"module {__name__!r} has no attribute {kind!r}")

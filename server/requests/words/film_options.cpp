@@ -4,9 +4,9 @@
 #include "protocol/text.h"
 #include "server/documents/plan_text.h"
 #include "server/documents/selection_text.h"
-#include "server/jobs/film_tiles.h"
+#include "server/jobs/films/film_tiles.h"
+#include "server/jobs/films/received_picture.h"
 #include "server/jobs/picture_job.h"
-#include "server/jobs/received_picture.h"
 
 #include <algorithm>
 #include <array>

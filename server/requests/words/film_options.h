@@ -3,7 +3,7 @@
 
 #include "protocol/wire.h"
 #include "server/ground/errors.h"
-#include "server/jobs/film_options.h"
+#include "server/jobs/films/film_options.h"
 
 #include <string>
 

@@ -23,7 +23,7 @@ Vec3 vector(const wire::Vec3* v, const Vec3& otherwise) {
 
 struct GeneratorSettings {
 #define RAYNEST_SETTING(name, type, text) std::optional<setting::type> name;
-#include "protocol/generators.def"
+#include "protocol/lists/generators.def"
 };
 
 /// The settings of a generator, and the values that most kinds derive from them.
@@ -223,7 +223,7 @@ struct Kind {
 };
 constexpr std::array kinds = {
 #define RAYNEST_GENERATOR(name, settings, t, rays) Kind{#name, settings, make_##name},
-#include "protocol/generators.def"
+#include "protocol/lists/generators.def"
 };
 
 struct Key {
@@ -235,7 +235,7 @@ constexpr std::array keys = {
     Key{#name, [](std::string_view given, GeneratorSettings& to) { \
             return setting::read(given, to.name.emplace());        \
         }},
-#include "protocol/generators.def"
+#include "protocol/lists/generators.def"
 };
 
 /// True if `word` is one of `names`, a list like "a, b, c".

@@ -63,6 +63,6 @@ struct Whole {
 // says what is wrong with the text; the caller adds the name of the setting.
 #define RAYNEST_SETTING(name, type, description) \
     Reply<void> read(std::string_view text, type& value);
-#include "protocol/generators.def"
+#include "protocol/lists/generators.def"
 
 }  // namespace raynest::server::setting

@@ -132,5 +132,5 @@ TEST_CASE("every message of requests.def has an example") {
 #define RAYNEST_REQUEST(number, Name, ...) CHECK_MESSAGE(shown.contains(number), #Name);
 #define RAYNEST_PART(number, Name, ...) CHECK_MESSAGE(shown.contains(number), #Name);
 #define RAYNEST_ANSWER(number, Name, ...) CHECK_MESSAGE(shown.contains(number), #Name);
-#include "protocol/requests.def"
+#include "protocol/lists/requests.def"
 }

@@ -374,7 +374,7 @@ TEST_CASE("only the principal that started a job waits for it, fetches it and ca
 TEST_CASE("each message that a client may send begins a request, or is a part of one") {
     std::set<std::uint16_t> parts;
 #define RAYNEST_PART(number, ...) parts.insert(number);
-#include "protocol/requests.def"
+#include "protocol/lists/requests.def"
     for (std::uint16_t type = 0; type < 256; ++type) {
         CAPTURE(type);
         const Request* request = find_request(type);

@@ -1,5 +1,5 @@
 // The schedule of a film: which samples each tile gets, and when it stops.
-#include "server/jobs/film_tiles.h"
+#include "server/jobs/films/film_tiles.h"
 
 #include "engine/geometry/tile_order.h"
 

@@ -363,7 +363,7 @@ TEST_CASE("no turn of the io thread does more for a large request and a large sc
 #define RAYNEST_REQUEST(number, Name, ...)                                           \
     CHECK_MESSAGE((Turns::asked.contains(number) || elsewhere(wire::Message::Name)), \
                   "no turn of " #Name);
-#include "protocol/requests.def"
+#include "protocol/lists/requests.def"
 }
 
 }  // namespace

@@ -2,7 +2,7 @@
 #include "engine/assets/images/image.h"
 #include "engine/integrators/film.h"
 #include "server/execution/choose_backends.h"
-#include "server/jobs/film_options.h"
+#include "server/jobs/films/film_options.h"
 #include "server/jobs/picture_job.h"
 #include "server/requests/request.h"
 #include "server/requests/words/make_plan.h"

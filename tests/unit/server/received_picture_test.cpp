@@ -1,5 +1,5 @@
 // Pictures that come with a request: decoded in the import child alone, and checked afterwards.
-#include "server/jobs/received_picture.h"
+#include "server/jobs/films/received_picture.h"
 
 #include "server/documents/film_file.h"
 #include "server/requests/words/film_options.h"

@@ -16,7 +16,7 @@ namespace {
 std::map<std::uint16_t, Role> needed_roles() {
     return {
 #define RAYNEST_REQUEST(number, Name, handler, needs, role, ...) {number, Role::role},
-#include "protocol/requests.def"
+#include "protocol/lists/requests.def"
     };
 }
 

@@ -8,8 +8,8 @@
 // may have to end early, has many passes; others have one and finish tile after tile.
 #pragma once
 
-#include "server/jobs/film_options.h"
-#include "server/jobs/film_tiles.h"
+#include "server/jobs/films/film_options.h"
+#include "server/jobs/films/film_tiles.h"
 #include "server/jobs/picture_job.h"
 #include "server/jobs/received_file.h"
 

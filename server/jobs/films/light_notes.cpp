@@ -1,4 +1,4 @@
-#include "server/jobs/light_notes.h"
+#include "server/jobs/films/light_notes.h"
 
 #include "engine/scene/precision.h"
 #include "protocol/text.h"

@@ -1,7 +1,7 @@
-#include "server/jobs/film_options.h"
+#include "server/jobs/films/film_options.h"
 
 #include "engine/integrators/film.h"
-#include "server/jobs/received_picture.h"
+#include "server/jobs/films/received_picture.h"
 
 #include <algorithm>
 #include <thread>

@@ -1,4 +1,4 @@
-#include "server/jobs/received_picture.h"
+#include "server/jobs/films/received_picture.h"
 
 #include "engine/assets/images/exr_header.h"
 #include "engine/assets/sandbox/picture_child.h"

@@ -1,4 +1,4 @@
-#include "server/jobs/film_tiles.h"
+#include "server/jobs/films/film_tiles.h"
 
 #include <algorithm>
 #include <cmath>

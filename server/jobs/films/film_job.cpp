@@ -1,12 +1,12 @@
-#include "server/jobs/film_job.h"
+#include "server/jobs/films/film_job.h"
 
 #include "protocol/blocks.h"
 #include "protocol/hash.h"
 #include "protocol/text.h"
 #include "server/documents/film_file.h"
 #include "server/documents/scene_info.h"
-#include "server/jobs/light_notes.h"
-#include "server/jobs/received_picture.h"
+#include "server/jobs/films/light_notes.h"
+#include "server/jobs/films/received_picture.h"
 #include "server/scheduling/dispatched_task.h"
 
 #include <algorithm>
