@@ -105,15 +105,12 @@ class OnlyHere(WithCluster):
         late = list(cluster.client.scheduler_info()["workers"])
         self.assertLessEqual(self.holders(cluster, scene), set(late))
 
-    def test_each_host_keeps_a_piece_for_others(self):
+    def test_pieces_are_spread_over_the_hosts(self):
         cluster = self.cluster(2)
         scene = self.in_pieces(*hills(200))
         self.assertGreater(len(scene._pieces), 5)
-        whole = self.traced(cluster, scene)
-        self.same(whole, self.client.mesh(*hills(200)).trace(RAYS, fields=FIELDS))
-        sent = cluster.client.who_has(list(scene._sent[cluster.client].values()))
-        self.assertTrue(any(len(places) == 2 for places in sent.values()), sent)
-        self.assertTrue(any(len(places) == 1 for places in sent.values()), sent)
+        self.same(self.traced(cluster, scene), self.client.mesh(*hills(200)).trace(RAYS, fields=FIELDS))
+        self.assertEqual(len(self.holders(cluster, scene)), 2)
 
     def test_the_command_line_of_a_file_that_no_worker_sees(self):
         cluster = self.cluster(1)

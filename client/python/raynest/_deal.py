@@ -86,17 +86,19 @@ class Deal:
             for note in self.notes:
                 warn(note, RayWarning)
 
-    def _threads(self) -> list[int]:
+    def _workers(self) -> dict[str, Any]:
         # The client's own copy, which costs no round trip.
-        workers = (self._cluster._scheduler_identity or {}).get("workers", {})
-        return [worker["nthreads"] for worker in workers.values()]
+        found: dict[str, Any] = (self._cluster._scheduler_identity or {}).get("workers", {})
+        return found
+
+    def _threads(self) -> list[int]:
+        return [worker["nthreads"] for worker in self._workers().values()]
 
     def _fit(self, workers: Optional[list[str]]) -> Optional[list[str]]:
         """Those of the workers, or of all, that have room for the scene; None: any."""
         if not self._no_room:
             return workers
-        known = (self._cluster._scheduler_identity or {}).get("workers", {})
-        fit = [worker for worker in known if worker not in self._no_room]
+        fit = [worker for worker in self._workers() if worker not in self._no_room]
         return [worker for worker in workers or () if worker in fit] or fit
 
     def _deal(self, item: int, workers: Optional[list[str]] = None) -> None:
@@ -170,7 +172,7 @@ class Deal:
         if self._sends > SENDS_MAX + len(self._parts):
             return [(item, self._make(item, FailedError("the workers lose the scene's files again and again")))]
         try:
-            self._scene.send(self._cluster, missing.keys, self._fit(self._lively()) or [])
+            self._scene.send(self._cluster, missing.keys, self._fit(None) or self._workers())
         except (OSError, asyncio.TimeoutError, RuntimeError, FailedError) as error:
             return self._again(item, error)
         self._news = time.monotonic()

@@ -4,8 +4,9 @@ from __future__ import annotations
 import asyncio
 import os
 import pickle
+import random
 import weakref
-from typing import Any, Mapping, Sequence
+from typing import Any, Iterable, Mapping, Sequence
 
 import numpy as np
 
@@ -19,8 +20,7 @@ from .edits import Change, Edit
 from .errors import FailedError, InvalidError, SceneWarning, UsageError, warn
 from .scene import Scene
 
-SEND_SECONDS = 60.0         # after which a worker that takes a piece counts as stuck
-SEND_TRIES = 4
+SEND_SECONDS = 20.0         # after which a worker that takes a piece counts as stuck
 
 
 class Prepared:
@@ -130,36 +130,36 @@ class Prepared:
 
     # ---- on the way -----------------------------------------------------------------------------
 
-    def send(self, cluster: Any, keys: Sequence[str], workers: Sequence[str]) -> None:
+    def send(self, cluster: Any, keys: Sequence[str], workers: Iterable[str]) -> None:
         """Gives pieces that no worker has to one of them each. They stay there as long as this object lives."""
         sent = self._sent.setdefault(cluster, {})
-        for number, key in enumerate(keys):
+        takers = list(workers)
+        random.shuffle(takers)
+        lost = set(self._lost(cluster, keys))
+        for key in keys:
             if key not in self._pieces:
                 raise FailedError(f"the workers ask for {key}, which is no piece of this scene")
-            known = sent.get(key)
-            if known is not None and known.status == "finished" and key not in self._lost(cluster, [key]):
-                continue
-            for attempt in range(SEND_TRIES):
-                to = workers[(number + attempt) % len(workers)] if workers else None
+            while key in lost:
+                if not takers:
+                    raise FailedError("no worker takes the scene's files")
+                to = takers.pop()
                 if self._give(cluster, sent, key, to):
-                    break
-            else:
-                raise FailedError("no worker takes the scene's files")
+                    takers.insert(0, to)
+                    lost.remove(key)
 
     def send_all(self, cluster: Any) -> None:
         """Gives the workers all that they may come to lack while nobody looks after them."""
         if self._pieces:
-            workers = list(cluster.scheduler_info()["workers"])
-            self.send(cluster, self._lost(cluster, list(self._pieces)), workers)
+            self.send(cluster, list(self._pieces), cluster.scheduler_info()["workers"])
 
     def _lost(self, cluster: Any, keys: Sequence[str]) -> list[str]:
         places = cluster.sync(cluster.scheduler.who_has, keys=list(keys))
         return [key for key in keys if not places.get(key)]
 
-    def _give(self, cluster: Any, sent: dict[str, Any], key: str, to: Any) -> bool:
+    def _give(self, cluster: Any, sent: dict[str, Any], key: str, to: str) -> bool:
         async def scatter() -> Any:
             return await cluster.scatter({key: self._pieces[key]}, hash=False, direct=True,
-                                         workers=[to] if to else None, asynchronous=True)
+                                         workers=[to], asynchronous=True)
         giving = asyncio.run_coroutine_threadsafe(scatter(), cluster.loop.asyncio_loop)
         try:
             sent[key] = giving.result(SEND_SECONDS)[key]

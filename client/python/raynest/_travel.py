@@ -1,11 +1,12 @@
 """Pieces of what only the client's machine has, as they travel between the workers of a cluster.
 
 A piece has a key that says what it is: the digest of its file and its number, or the name of a scene's changes and the
-number of one. The client gives each piece to one worker; a worker that needs it fetches it from any that has it. Each
-host keeps one piece of a scene for others, so that the more hosts there are, the more give.
+number of one. The client gives each piece to one worker, from which the others fetch it: the more hosts there are, up to
+the number of pieces, the more give. Copies of a piece would not last, as Dask's memory manager drops them.
 """
 from __future__ import annotations
 
+import collections
 import concurrent.futures
 import weakref
 from typing import Any, Iterator, Protocol, Sequence
@@ -14,7 +15,8 @@ import numpy as np
 
 from ._net.frame import Array
 
-PIECE_BYTES = 64 << 20      # no message of a cluster is larger, whatever the scene
+PIECE_BYTES = 8 << 20       # no message of a cluster is larger, whatever the scene
+AHEAD = 3                   # pieces that a host fetches at once
 PIECE_SECONDS = 60.0        # after which whoever has a piece counts as lost
 
 
@@ -45,9 +47,8 @@ def keys_of_changes(log: str, first: int, last: int) -> list[str]:
     return [f"raynest-{log}-{i}" for i in range(first, last)]
 
 
-def fetch(keys: Sequence[str], keep: int = -1) -> Iterator[Array]:
-    """Yields the pieces, the next of which comes meanwhile; raises Missing at once where one is nowhere. The one
-    with the index `keep` stays here for other workers, until the client is done with it."""
+def fetch(keys: Sequence[str]) -> Iterator[Array]:
+    """Yields the pieces, the next of which come meanwhile; raises Missing at once where one is nowhere."""
     if all(key in own for key in keys):
         for key in keys:
             yield own[key].piece(key)
@@ -66,13 +67,10 @@ def fetch(keys: Sequence[str], keep: int = -1) -> Iterator[Array]:
             return np.asarray(distributed.Future(key, cluster).result(timeout=PIECE_SECONDS))
         except Exception:       # its holder died, or is stuck
             raise Missing([key]) from None
-    with concurrent.futures.ThreadPoolExecutor(1) as ahead:
-        coming = ahead.submit(one, keys[0]) if keys else None
-        for i, key in enumerate(keys):
-            assert coming is not None
-            piece = coming.result()
-            if i + 1 < len(keys):
-                coming = ahead.submit(one, keys[i + 1])
-            if i == keep % max(1, len(keys)) and keep >= 0:
-                cluster.scatter({key: piece}, hash=False)
+    with concurrent.futures.ThreadPoolExecutor(AHEAD) as pool:
+        coming = collections.deque(pool.submit(one, key) for key in keys[:AHEAD])
+        for key in [*keys[AHEAD:], *[""] * min(AHEAD, len(keys))]:
+            piece = coming.popleft().result()
+            if key:
+                coming.append(pool.submit(one, key))
             yield piece

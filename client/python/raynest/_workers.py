@@ -14,7 +14,6 @@ import subprocess
 import tempfile
 import threading
 import time
-import zlib
 from typing import Any, Iterator, NamedTuple, Optional, Sequence, Union
 
 import numpy as np
@@ -231,7 +230,7 @@ class Host:
                 return
             self._elsewhere.add(source.name)
         keys = keys_of_file(*source.files()[number], source.piece_bytes)
-        yield from fetch(keys, keep=zlib.crc32(self.folder.encode()))
+        yield from fetch(keys)
 
     def _changed(self, client: Client, source: Source) -> Scene:
         """The scene at an epoch, as this thread's own copy of it, to which each change is made once, in their order."""

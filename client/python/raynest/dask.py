@@ -31,7 +31,7 @@ from ._requests.columns import Columns
 from ._requests.film import Layers, is_lit
 from ._version import VERSION
 from ._prepared import Prepared
-from ._workers import Setup, columns_of, command, distributed, files_at, info_of
+from ._workers import Setup, columns_of, command, distributed, files_at, info_of, item
 from .errors import ConnectError, Error, UsageError
 from .generators import Generator
 from .images import Image
