@@ -29,16 +29,19 @@ class Cluster:
         until(file.exists)
         self.client = distributed.Client(scheduler_file=str(file), set_as_default=False)
         self.workers = [self.add() for _ in range(workers)]
-        self.client.wait_for_workers(workers, timeout=60)
+        if workers:
+            self.client.wait_for_workers(workers, timeout=60)
 
-    def start(self, module, *words):
-        return subprocess.Popen([sys.executable, "-m", f"distributed.cli.{module}", *map(str, words)],
+    def start(self, module, *words, patch=""):
+        """Starts a program of Dask, after a line of Python."""
+        program = f"{patch}\nfrom distributed.cli.{module} import main\nmain()"
+        return subprocess.Popen([sys.executable, "-c", program, *map(str, words)],
                                 env=self.environment, stdin=subprocess.DEVNULL, stdout=subprocess.DEVNULL,
                                 stderr=subprocess.DEVNULL, start_new_session=True, cwd=self.folder.name)
 
-    def add(self):
+    def add(self, patch=""):
         return self.start("dask_worker", "--scheduler-file", self.file, "--no-nanny", "--nthreads", 2, "--no-dashboard",
-                          "--local-directory", self.folder.name)
+                          "--local-directory", self.folder.name, patch=patch)
 
     def close(self):
         try:

@@ -12,7 +12,7 @@ import numpy as np
 from ._travel import Missing
 from ._prepared import Prepared
 from ._version import VERSION
-from ._workers import NoRoom, Setup, Source, item as make_item
+from ._workers import NoRoom, Setup, Source, distributed, files_at, info_of, item as make_item
 from .errors import Error, FailedError, InvalidError, RayWarning, UsageError, warn
 
 PATIENCE = 4.0             # s of silence after which open items are dealt again
@@ -252,3 +252,18 @@ class Deal:
 
 def _because(error: Optional[BaseException]) -> str:
     return "" if error is None else f" ({type(error).__name__}: {error})".replace("\n", " ")
+
+
+def known_to(cluster: Any, scene: Prepared, setup: Setup, patience: float) -> Prepared:
+    """The scene with the digest that all workers must agree on."""
+    if not isinstance(cluster, distributed.Client):
+        raise UsageError("the first argument is a distributed.Client, as Client('tcp://head:8786')")
+
+    def ask(method: Any) -> Any:
+        (_, answer), = Deal(cluster, setup, scene, method, [Part({}, source=scene.source)], patience, None).answers()
+        return answer
+    if scene.source.message is None:
+        scene.found(ask(files_at))
+    if not scene.source.digest:
+        scene.learn(ask(info_of))
+    return scene

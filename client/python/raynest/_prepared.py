@@ -2,6 +2,7 @@
 from __future__ import annotations
 
 import asyncio
+import hashlib
 import os
 import pickle
 import random
@@ -10,12 +11,13 @@ from typing import Any, Iterable, Mapping, Sequence
 
 import numpy as np
 
-from . import _travel
+from . import _limits, _travel
 from ._net.frame import Array
 from ._travel import PIECE_BYTES, keys_of_changes, keys_of_file
+from ._requests.files import read_file
 from ._requests.loads import Load, load_of_file, load_of_mesh, load_of_parts
 from ._requests.precision import rounding_warning
-from ._workers import Source, named
+from ._workers import Carried, Source, named
 from .edits import Change, Edit
 from .errors import FailedError, InvalidError, SceneWarning, UsageError, warn
 from .scene import Scene
@@ -78,6 +80,14 @@ class Prepared:
     def bytes(self) -> int:
         """The size of the files."""
         return sum(size for _, size in self.source.files()) if self.source.message else 0
+
+    def carry(self, path: str, prefix: str = "") -> Carried:
+        """A file that a command names: it travels as the scene does."""
+        data = read_file(path, _limits.upload_bytes_max)
+        digest = hashlib.sha256(data).digest()
+        for i, key in enumerate(keys_of_file(digest, len(data), self.piece_bytes)):
+            self._keep(key, np.frombuffer(data, np.uint8)[i * self.piece_bytes:(i + 1) * self.piece_bytes])
+        return Carried(prefix, digest.hex()[:16] + os.path.splitext(path)[1], digest, len(data))
 
     def piece(self, key: str) -> Array:
         return self._pieces[key]

@@ -5,6 +5,7 @@ import atexit
 import ctypes
 import fcntl
 import hashlib
+import json
 import os
 import pickle
 import queue
@@ -68,6 +69,15 @@ class Source(NamedTuple):
         assert self.message is not None
         digests = self.message["file_digests"]
         return [(digests[32 * i:32 * i + 32], size) for i, size in enumerate(self.message["file_bytes"])]
+
+
+class Carried(NamedTuple):
+    """A word of a command that names a file of the client's machine."""
+
+    prefix: str         # of the word, as "points="
+    name: str           # the same on all hosts, as the parts must say the same request
+    digest: bytes
+    size: int
 
 
 def named(message: Message) -> Message:
@@ -232,6 +242,19 @@ class Host:
         keys = keys_of_file(*source.files()[number], source.piece_bytes)
         yield from fetch(keys)
 
+    def take(self, carried: Carried, folder: str, piece_bytes: int) -> None:
+        """Has a file that only the client's machine had in the folder, under its name."""
+        os.makedirs(folder, exist_ok=True)
+        path = os.path.join(folder, carried.name)
+        with open(self.folder + "/loading", "wb") as lock:
+            fcntl.flock(lock, fcntl.LOCK_EX)
+            if os.path.exists(path):
+                return
+            with open(path + ".part", "wb") as file:
+                for piece in fetch(keys_of_file(carried.digest, carried.size, piece_bytes)):
+                    file.write(piece.data)
+            os.replace(path + ".part", path)
+
     def _changed(self, client: Client, source: Source) -> Scene:
         """The scene at an epoch, as this thread's own copy of it, to which each change is made once, in their order."""
         log, scene, epoch = self._mine.changed
@@ -335,33 +358,41 @@ def info_of(host: Host, source: Source, _options: dict[str, Any]) -> dict[str, A
     return host.scene(source).info
 
 
-def command(host: Host, source: Source, options: dict[str, Any]) -> bytes:
-    """A command of raynest with --part, run beside the daemon. Returns the bytes of its file."""
+def command(host: Host, source: Source, options: dict[str, Any]) -> tuple[bytes, dict[str, Any]]:
+    """A command of raynest with --part, run beside the daemon. Returns the bytes of its file, and what it tells."""
     scene = host.scene(source)
+    files = os.path.join(host.folder, "files")
+    for carried in {word for word in options["words"] if isinstance(word, Carried)}:
+        host.take(carried, files, source.piece_bytes)
+    os.makedirs(files, exist_ok=True)
     with tempfile.TemporaryDirectory(dir=host.folder) as folder:
         output = os.path.join(folder, "part" + options["ending"])
-        words = [output if word is None else scene.name if word == options["scene"] else word
-                 for word in options["words"]]
-        program = [os.path.join(os.path.dirname(host.binary()), "raynest"), "--server", host.uri, "--quiet", *words]
+        words = [output if word is None else word.prefix + word.name if isinstance(word, Carried) else
+                 scene.name if word == options["scene"] else word for word in options["words"]]
+        program = [os.path.join(os.path.dirname(host.binary()), "raynest"), "--server", host.uri, "--json", *words]
         try:
-            done = subprocess.run(program, stdin=subprocess.DEVNULL, capture_output=True, check=False,
+            done = subprocess.run(program, stdin=subprocess.DEVNULL, capture_output=True, check=False, cwd=files,
                                   timeout=ITEM_SECONDS)
         except OSError as error:
             raise FailedError(f"{here()} cannot start {program[0]}: {error.strerror}; install raynest there") from None
         except subprocess.TimeoutExpired:
             raise DeadlineError(f"{here()} was not ready after {ITEM_SECONDS:.0f} s") from None
         if done.returncode:
-            said = done.stderr.decode(errors="replace").strip().splitlines()
-            raise error_of(done.returncode, said[-1].removeprefix("raynest: ") if said else "it said nothing")
+            raise error_of(done.returncode, done.stderr.decode(errors="replace"))
         with open(output, "rb") as file:
-            return file.read()
+            return file.read(), json.loads(done.stdout)
 
 
-def error_of(exit_code: int, message: str) -> Error:
-    """The error of a command that ended with this code."""
+def error_of(exit_code: int, said: str) -> Error:
+    """The error of a command with --json that ended with this code."""
     kinds = (UsageError, InvalidError, BusyError, DeadlineError, ConnectError)
     kind = next((each for each in kinds if each.exit_code == exit_code), FailedError)
-    return kind(message)
+    line = said.strip().splitlines()[-1] if said.strip() else "it said nothing"
+    try:
+        told = json.loads(line)["error"]
+        return kind(told["message"], told["name"], told["code"])
+    except (ValueError, LookupError, TypeError):
+        return kind(line.removeprefix("raynest: "))
 
 
 def _plain(answer: Any) -> Any:

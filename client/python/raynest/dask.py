@@ -14,28 +14,24 @@ Whoever reaches a Dask scheduler runs code on its workers: one cluster per user,
 """
 from __future__ import annotations
 
-import asyncio
 import functools
 import operator
-import os
 import sys
-import tempfile
-import warnings
 from typing import Any, Callable, Iterable, Iterator, Optional, Sequence, Union
 
 import numpy as np
 
-from ._deal import PATIENCE, Deal, Part
+from ._deal import PATIENCE, Deal, Part, known_to
 from ._net.frame import Array
 from ._requests.columns import Columns
 from ._requests.film import Layers, is_lit
-from ._version import VERSION
 from ._prepared import Prepared
-from ._workers import Setup, columns_of, command, distributed, files_at, info_of, item
-from .errors import ConnectError, Error, UsageError
+from ._version import VERSION
+from ._workers import Setup, columns_of
+from .errors import UsageError
 from .generators import Generator
 from .images import Image
-from .merge import joined, merge
+from .merge import joined
 
 ITEM_RAYS = 1 << 18        # of a query's item: some 50 ms of work or more
 ITEM_SAMPLES = 1 << 16     # of a lit picture's item
@@ -52,24 +48,15 @@ def prepare(scene: Any, faces: Any = None, **load: Any) -> Prepared:
 
 
 def _known(cluster: Any, scene: Any, setup: Setup, load: Optional[dict[str, Any]], patience: float) -> Prepared:
-    """The scene prepared, with the digest that all workers must agree on."""
-    if not isinstance(cluster, distributed.Client):
-        raise UsageError("the first argument is a distributed.Client, as Client('tcp://head:8786')")
-    known = prepare(scene, **(load or {}))
-    for ask in (files_at, info_of):
-        if known.source.digest or (known.source.message is not None and ask is files_at):
-            continue
-        (_, answer), = Deal(cluster, setup, known, ask, [Part({}, source=known.source)], patience, None).answers()
-        known.learn(answer) if ask is info_of else known.found(answer)
-    return known
+    return known_to(cluster, prepare(scene, **(load or {})), setup, patience)
 
 
 def trace(cluster: Any, scene: Any, rays: Any, *, fields: Union[str, Sequence[str], None] = None,
           kind: Optional[str] = None, reduce: str = "", load: Optional[dict[str, Any]] = None, setup: Setup = Setup(),
           item_rays: int = ITEM_RAYS, patience: float = PATIENCE, progress: Any = None, **job: Any) -> Columns:
-    """As Scene.trace(), on all workers of a cluster: the same columns, in every byte. `scene` is what
-    prepare() takes, or a path that only the hosts see. `load` are more arguments of Client.load(). `rays` is a generator, or an array
-    (N, 6) or (N, 8). Items have `item_rays` rays; after `patience` seconds of silence they are dealt again."""
+    """As Scene.trace(), on all workers of a cluster: the same columns, in every byte. `scene` is what prepare() takes
+    or returns, or a path that only the hosts see; `load` are more arguments of prepare(). `rays` is a generator, or an
+    array (N, 6) or (N, 8). Items have `item_rays` rays; after `patience` seconds of silence they are dealt again."""
     known = _known(cluster, scene, setup, load, patience)
     parts = list(_parts_of(rays, item_rays, {**job, "fields": fields, "kind": kind, "reduce": reduce}))
     found = [columns for _, columns in sorted(Deal(cluster, setup, known, "trace", parts, patience, progress).answers(),
@@ -206,59 +193,3 @@ def _mosaic(size: tuple[int, int], pieces: Iterator[tuple[tuple[int, int, int, i
                 whole[name] = np.empty((size[1], size[0], *piece.shape[2:]), piece.dtype)
             whole[name][y:y + height, x:x + width] = piece
     return whole
-
-
-# ---- the command line ---------------------------------------------------------------------------
-
-PARTS_PER_THREAD = 4
-
-
-def run(address: str, parts_max: int, scene: str, out: str, words: Sequence[str], setup: Setup = Setup(),
-        patience: float = PATIENCE) -> str:
-    """Has a cluster carry out a command of raynest in parts, and writes their whole as `out`."""
-    ending = os.path.splitext(out)[1].lower()
-    if ending not in (".npz", ".png", ".exr"):
-        raise UsageError(f"{out}: with --dask an answer is written as .npz, .png or .exr")
-    try:
-        connected: Any = distributed.Client
-        cluster = connected(address, timeout=5, set_as_default=False)
-    except (OSError, asyncio.TimeoutError, ValueError) as error:
-        raise ConnectError(f"no Dask scheduler answers at {address}: {error or 'no answer within 5 s'}; start one with "
-                           "dask-scheduler or dask-ssh") from None
-    with cluster, tempfile.TemporaryDirectory(prefix="raynest-dask-") as folder:
-        known = _known(cluster, scene, setup, None, patience)
-        threads = sum(worker["nthreads"] for worker in cluster.scheduler_info()["workers"].values())
-        count = max(1, min(parts_max, PARTS_PER_THREAD * threads))
-        at = next(i for i, word in enumerate(words) if word in ("-o", "--output") or word in
-                  (f"-o{out}", f"--output={out}"))
-        if words[at] in ("-o", "--output"):
-            plain = [*words[:at], *words[at + 2:]]
-        else:
-            plain = [*words[:at], *words[at + 1:]]
-        parts = [Part({"scene": scene, "ending": ending,
-                        "words": [*plain, "-o", None, "--part", f"{i + 1}/{count}"]}) for i in range(count)]
-        paths = [os.path.join(folder, f"{i}{ending}") for i in range(count)]
-        progress = _bar if sys.stderr.isatty() else None
-        for item, answer in Deal(cluster, setup, known, command, parts, patience, progress, "parts").answers():
-            with open(paths[item], "wb") as file:
-                file.write(answer)
-        return merge(out, paths)
-
-
-def _bar(done: int, total: int, stage: str) -> None:
-    print(f"\r{done} of {total} {stage} ", end="\n" if done == total else "", file=sys.stderr, flush=True)
-
-
-def main(words: Sequence[str]) -> int:
-    """`raynest --dask ADDRESS COMMAND ...`, which passes on what it has read. Returns the exit code."""
-    address, parts_max, scene, out, *rest = words
-    warnings.showwarning = lambda message, *_, **__: print(f"raynest: {message}", file=sys.stderr)
-    try:
-        print(run(address, int(parts_max), scene, out, rest))
-        return 0
-    except KeyboardInterrupt:
-        print("raynest: interrupted", file=sys.stderr)
-        return 130
-    except Error as error:
-        print(f"raynest: {error}", file=sys.stderr)
-        return error.exit_code
