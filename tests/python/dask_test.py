@@ -15,7 +15,7 @@ import numpy as np
 
 import raynest
 from raynest import generators
-from with_cluster import WithCluster, many
+from with_cluster import Elsewhere, WithCluster, many
 from with_daemon import main, rain
 
 
@@ -223,6 +223,23 @@ class ManyHosts(WithCluster):
         rays = rain(20000)
         self.same(many.trace(cluster.client, SCENE, rays, item_rays=1000, setup=self.setup, patience=1.0),
                   self.woods.trace(rays))
+
+    def test_a_link_is_cut(self):
+        far = Elsewhere()
+        self.addCleanup(far.close)
+        cluster = self.cluster(1, far.HERE)
+        cluster.workers.append(cluster.add(under=far.under))
+        cluster.client.wait_for_workers(2, timeout=60)
+        self.traced(cluster)
+        heard = []
+
+        def cut():
+            heard.extend(cluster.client.scheduler_info()["workers"])
+            far.cut()
+        seen, said = self.disturbed(cluster, cut, patience=1.0)
+        self.same(seen, self.sweep)
+        self.assertTrue(any("10.213.47.2" in address for address in heard), heard)
+        self.assertEqual(said, [])
 
     def test_the_scheduler_dies(self):
         cluster = self.cluster(2)
