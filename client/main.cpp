@@ -74,8 +74,7 @@ std::uint64_t parts_max(const Command& command) {
 
 /// Makes this process the Python program that has a cluster carry out the command, or fails.
 Failure become_dask(const Options& options) {
-    const bool places = options.local || options.json;
-    if (places) return failure(Exit::usage, "--dask goes without --local and --json");
+    if (options.local) return failure(Exit::usage, "--dask goes without --local");
     return std::visit(
         [&](const auto& command) -> Failure {
             const std::uint64_t parts = parts_max(command);
@@ -90,7 +89,8 @@ Failure become_dask(const Options& options) {
                 std::vector<std::string> words = {options.dask, std::to_string(parts),
                                                   command.job.scene, command.output};
                 words.insert(words.end(), options.words.begin(), options.words.end());
-                return become_python("raynest.dask", std::move(words));
+                if (options.json) words.insert(words.begin(), "--json");
+                return become_python("raynest._command", std::move(words));
             }
             return failure(Exit::usage, "--dask is for render, heatmap and query");
         },

@@ -130,7 +130,7 @@ HEAVY = {
 PACKAGE = "client/python/raynest"
 PYTHON = [{"errors", "_lists", "_limits", "_wording", "_version", "_handles"}, {"_net"}, {"images"},
           {"_requests"}, {"_session"}, {"job"}, {"generators", "sweeps", "points"}, {"edits"}, {"_render"}, {"_paths"},
-          {"scene"}, {"client", "returns"}, {"compat", "merge"}, {"_workers"}, {"_deal"}, {"__init__"}, {"dask"}]
+          {"scene"}, {"client", "returns"}, {"compat", "merge", "_travel"}, {"_workers"}, {"_prepared"}, {"_deal"}, {"__init__"}, {"dask", "_command"}]
 
 SOURCES = {".h", ".cpp", ".cu", ".inc", ".in"}
 INCLUDE = re.compile(r'^\s*#\s*include\s*([<"])([^>"]+)[>"]', re.MULTILINE)

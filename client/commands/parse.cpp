@@ -153,7 +153,7 @@ Result<Parsed> parse_options(int argc, const char* const* argv) {
     line.add_option(
         "--dask", options.dask,
         "tcp://HOST:PORT of a Dask scheduler: its workers make the parts of a render, heatmap "
-        "or query, each with a raynestd of its own");
+        "or query, each with a raynestd of its own; scene, rays and other files travel there");
     line.add_flag("--json", options.json, "print answers and errors as JSON");
     line.add_flag("--quiet", options.quiet, "show no progress on the terminal");
     add_reconnect(line, options.reconnect);

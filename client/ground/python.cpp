@@ -12,12 +12,13 @@ namespace raynest::client {
 namespace {
 
 /// A package that is missing is one line, which names it.
-constexpr const char* start = R"(import importlib, sys
+constexpr const char* start = R"(import importlib, json, sys
 try:
     module = importlib.import_module(sys.argv[1])
 except ImportError as error:
     named = str(error) if 'apt install' in str(error) else f'{error}: apt install python3-raynest python3-numpy'
-    sys.exit('raynest: ' + named)
+    told = {'error': {'code': 1001, 'name': 'FAILED', 'message': named}}
+    sys.exit(json.dumps(told) if sys.argv[2:3] == ['--json'] else 'raynest: ' + named)
 sys.exit(module.main(sys.argv[2:])))";
 
 }  // namespace

@@ -205,9 +205,11 @@ private:
         auto attributes = provenance();
         attributes.push_back({"raynest:metric", options_.metric});
         attributes.push_back({"raynest:count", options_.count});
-        // A tile does not know the counts of the others.
+        // A tile does not know the counts of the others: it says what was asked for.
         if (request().window.is_whole())
             attributes.push_back({"raynest:range", range_text(statistics_)});
+        else
+            attributes.push_back({"raynest:range_asked", options_.range});
         add_selection(form_.selected, attributes);
         if (other_) {
             const Plan& other = other_->counted;

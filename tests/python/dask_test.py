@@ -3,29 +3,21 @@
 
   dask_test.py RAYNESTD RAYNEST FLATC
 """
+import json
 import os
 import signal
 import subprocess
 import sys
-import tempfile
-import threading
-import time
 import warnings
 from pathlib import Path
 
 import numpy as np
 
 import raynest
-from daemon import until
 from raynest import generators
-from with_daemon import WithDaemon, main, rain
+from with_cluster import Elsewhere, WithCluster, many
+from with_daemon import main, rain
 
-try:
-    import distributed
-    import raynest.dask as many
-except ImportError as missing:
-    print(f"skipped: {missing}")
-    sys.exit(77)
 
 SCENE = "builtin:forest?trees=20"
 SWEEP = generators.lidar(np.linspace(-40, 5, 64), (0, 360, 2048), look_at=((0, 9, 0), (1, 9, 0)))
@@ -44,51 +36,11 @@ def processes(word):
     return found
 
 
-class Cluster:
-    """A scheduler and workers in processes of their own, as on hosts: one daemon each."""
-
-    def __init__(self, workers):
-        self.folder = tempfile.TemporaryDirectory(prefix="raynest-test-dask-")
-        file = Path(self.folder.name) / "scheduler.json"
-        self.environment = {**os.environ, "RAYNESTD": WithDaemon.raynestd}
-        self.scheduler = self.start("dask_scheduler", "--host", "tcp://127.0.0.1", "--port", "0", "--no-dashboard",
-                                    "--no-show", "--scheduler-file", file)
-        self.file = file
-        until(file.exists)
-        self.client = distributed.Client(scheduler_file=str(file), set_as_default=False)
-        self.workers = [self.add() for _ in range(workers)]
-        self.client.wait_for_workers(workers, timeout=60)
-
-    def start(self, module, *words):
-        return subprocess.Popen([sys.executable, "-m", f"distributed.cli.{module}", *map(str, words)],
-                                env=self.environment, stdin=subprocess.DEVNULL, stdout=subprocess.DEVNULL,
-                                stderr=subprocess.DEVNULL, start_new_session=True)
-
-    def add(self):
-        return self.start("dask_worker", "--scheduler-file", self.file, "--no-nanny", "--nthreads", 2, "--no-dashboard",
-                          "--local-directory", self.folder.name)
-
-    def close(self):
-        try:
-            self.client.close(timeout=2)
-        finally:
-            for process in [*self.workers, self.scheduler]:
-                process.kill()
-                process.wait()
-            self.folder.cleanup()
-
-
-class ManyHosts(WithDaemon):
+class ManyHosts(WithCluster):
     @classmethod
     def setUpClass(cls):
         super().setUpClass()
-        cls.setup = many.Setup(cls.raynestd, "worker", ("--threads", "1"))
         cls.sweep = cls.woods.trace(SWEEP, fields=FIELDS)
-
-    def cluster(self, workers):
-        made = Cluster(workers)
-        self.addCleanup(made.close)
-        return made
 
     def traced(self, cluster, **options):
         options = {"item_rays": 4096, "fields": FIELDS, "setup": self.setup, **options}
@@ -153,7 +105,7 @@ class ManyHosts(WithDaemon):
         environment = {**os.environ, "RAYNEST_PYTHON": sys.executable}
 
         def run(*words):
-            return subprocess.run([self.raynest, "--dask", address, *map(str, words)], env=environment,
+            return subprocess.run([self.raynest, "--dask", address, *map(str, words)], env=environment, cwd=self.out,
                                   stdin=subprocess.DEVNULL, capture_output=True, text=True, timeout=120)
         lit = ("render", SCENE, "--size", "160x90", "--integrator", "path", "--spp", "2")
         done = run(*lit, "-o", folder / "lit.exr")
@@ -174,10 +126,68 @@ class ManyHosts(WithDaemon):
             self.assertEqual(done.returncode, code, done.stderr)
             self.assertRegex(done.stderr, said)
             self.assertEqual(done.stderr.count("\n"), 1, done.stderr)
-        done = subprocess.run([self.raynest, "--dask", "tcp://127.0.0.1:1", *map(str, lit), "-o", folder / "x.exr"],
-                              env=environment, capture_output=True, text=True, timeout=120)
-        self.assertEqual(done.returncode, 3)
-        self.assertRegex(done.stderr, "^raynest: no Dask scheduler answers at tcp://127.0.0.1:1: [^\n]*\n$")
+        with self.subTest("rays of a file, and points, that no worker sees"):
+            np.save(self.out / "rays.npy", rain(150000))
+            points = np.random.default_rng(3).uniform(-20, 20, (900, 3))
+            np.save(self.out / "points.npy", np.hstack([points, np.broadcast_to([0, 1, 0], points.shape)]))
+            for name, parts, words in (("rays", 3, ("--rays", "/proc/self/cwd/rays.npy", "--fields", "t,prim")),
+                                       ("sky", 1, ("--generate", "hemisphere", "points=/proc/self/cwd/points.npy",
+                                                   "samples=8", "--reduce", "hit_fraction"))):
+                done = run("--json", "query", SCENE, *words, "-o", folder / f"{name}.npz")
+                self.assertEqual(done.returncode, 0, done.stderr)
+                document = json.loads(done.stdout)
+                one = subprocess.run([self.raynest, "--server", self.daemon.uri, "--json", "query", SCENE, *words, "-o",
+                                      self.out / "one.npz"], cwd=self.out, capture_output=True, check=True)
+                for key in ("hash", "rays", "hits", "misses", "rows", "intersector"):
+                    self.assertEqual(document[key], json.loads(one.stdout)[key], key)
+                self.assertEqual((document["parts"], document["file"]), (parts, f"{folder}/{name}.npz"))
+                with np.load(folder / f"{name}.npz") as found, np.load(self.out / "one.npz") as columns:
+                    self.same(dict(found), dict(columns))
+        with self.subTest("--json"):
+            done = run("--json", "render", SCENE, "--size", "160x90", "-o", folder / "p.png")
+            document = json.loads(done.stdout)
+            self.assertEqual((document["width"], document["height"], document["rays"]), (160, 90, 160 * 90), done.stderr)
+            done = run("--json", "render", "builtin:nothing", "-o", folder / "x.exr")
+            self.assertEqual((done.returncode, done.stdout), (5, ""))
+            self.assertIn("no built-in scene", json.loads(done.stderr)["error"]["message"])
+
+    def one_line(self, code, said, address, **environment):
+        """A command that fails with a line that says so, with and without --json."""
+        for before in ((), ("--json",)):
+            done = subprocess.run([self.raynest, "--dask", address, *before, "render", SCENE, "--size", "96x64", "-o",
+                                   self.out / "x.exr"], capture_output=True, text=True, timeout=120,
+                                  env={**os.environ, "RAYNEST_PYTHON": sys.executable, **environment})
+            self.assertEqual((done.returncode, done.stdout), (code, ""), done.stderr)
+            self.assertEqual(done.stderr.count("\n"), 1, done.stderr)
+            message = json.loads(done.stderr)["error"]["message"] if before else done.stderr.removeprefix("raynest: ")
+            self.assertRegex(message, f"^{said}")
+
+    def test_what_is_wrong_with_a_cluster_is_a_line(self):
+        with self.subTest("nobody there"):
+            self.one_line(3, "no Dask scheduler answers at tcp://127.0.0.1:1: ", "tcp://127.0.0.1:1")
+        with self.subTest("a daemon, and no scheduler"):
+            self.one_line(3, "no Dask scheduler answers at tcp", self.daemon.uri)
+        with self.subTest("no package"):
+            without = self.out / "without"
+            (without / "distributed").mkdir(parents=True)
+            (without / "distributed/__init__.py").write_text("raise ImportError('hidden')")
+            path = os.pathsep.join((str(without), os.environ["PYTHONPATH"]))
+            self.one_line(1, "raynest.dask needs Dask distributed: apt install", "tcp://127.0.0.1:1", PYTHONPATH=path)
+        for what, code, said, patch, lacks in (
+                ("another Dask", 2, r"the worker \S+ has distributed 1.2.3, this machine \S+: install one version",
+                 "import distributed; distributed.__version__ = '1.2.3'", {}),
+                ("another RayNest", 2, r"the worker \S+ has RayNest 9.9.9, this client \S+: install one version",
+                 "import raynest._version; raynest._version.VERSION = '9.9.9'", {}),
+                ("no RayNest", 1, "the workers cannot run it: No module named 'raynest'; install python3-raynest",
+                 "", {"PYTHONPATH": ""}),
+                ("no daemon", 1, r"no worker finished an item .*cannot start /nowhere: .*install raynest there",
+                 "", {"RAYNESTD": "/nowhere"})):
+            with self.subTest(what):
+                cluster = self.cluster(0)
+                cluster.environment.update(lacks)
+                cluster.workers.append(cluster.add(patch))
+                cluster.client.wait_for_workers(1, timeout=60)
+                self.one_line(code, said, cluster.client.scheduler.address, RAYNESTD="/nowhere")
 
     def test_a_worker_dies_and_a_late_one_joins(self):
         cluster = self.cluster(2)
@@ -213,6 +223,23 @@ class ManyHosts(WithDaemon):
         rays = rain(20000)
         self.same(many.trace(cluster.client, SCENE, rays, item_rays=1000, setup=self.setup, patience=1.0),
                   self.woods.trace(rays))
+
+    def test_a_link_is_cut(self):
+        far = Elsewhere()
+        self.addCleanup(far.close)
+        cluster = self.cluster(1, far.HERE)
+        cluster.workers.append(cluster.add(under=far.under))
+        cluster.client.wait_for_workers(2, timeout=60)
+        self.traced(cluster)
+        heard = []
+
+        def cut():
+            heard.extend(cluster.client.scheduler_info()["workers"])
+            far.cut()
+        seen, said = self.disturbed(cluster, cut, patience=1.0)
+        self.same(seen, self.sweep)
+        self.assertTrue(any("10.213.47.2" in address for address in heard), heard)
+        self.assertEqual(said, [])
 
     def test_the_scheduler_dies(self):
         cluster = self.cluster(2)

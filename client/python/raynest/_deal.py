@@ -9,12 +9,16 @@ from typing import Any, Callable, Iterator, NamedTuple, Optional, Sequence
 
 import numpy as np
 
+from ._travel import Missing
+from ._prepared import Prepared
 from ._version import VERSION
-from ._workers import Setup, Source, item as make_item
+from ._workers import NoRoom, Setup, Source, distributed, files_at, info_of, item as make_item
 from .errors import Error, FailedError, InvalidError, RayWarning, UsageError, warn
 
 PATIENCE = 4.0             # s of silence after which open items are dealt again
 COPIES_MAX = 3             # of an item on the workers, before it is made here
+LOAD_BYTES_PER_SECOND = 5e6     # that even a slow host fetches and builds
+SENDS_MAX = 100            # times that an item may find pieces of the scene missing
 _ONCE = (UsageError, InvalidError)  # what another worker would answer alike
 
 
@@ -25,14 +29,16 @@ class Part(NamedTuple):
     rays: Optional[Callable[[], Any]] = None
     heavy: bool = False        # its rays travel from here to the worker, not through the scheduler
     weight: int = 1            # rays or samples, for progress
+    source: Optional[Source] = None     # other than the deal's
 
 
 class Deal:
     """Deals items out to a cluster until each is answered. The first answer of an item counts."""
 
-    def __init__(self, cluster: Any, setup: Setup, source: Source, method: Any,
+    def __init__(self, cluster: Any, setup: Setup, scene: Prepared, method: Any,
                  parts: Sequence[Part], patience: float, progress: Any, stage: str = "tracing") -> None:
-        self._cluster, self._setup, self._source, self._method = cluster, setup, source, method
+        self._cluster, self._setup, self._scene, self._method = cluster, setup, scene, method
+        self._source = scene.at(scene.epoch)
         self._parts, self._patience, self._progress, self._stage = parts, patience, progress, stage
         self._open: dict[int, dict[Any, float]] = {}    # item -> its copies, and when each was dealt
         self._copies = [0] * len(parts)
@@ -43,6 +49,8 @@ class Deal:
         self._seconds: list[float] = []                 # that items took
         self._news = time.monotonic()
         self._alone = False
+        self._sends = 0                                 # of pieces that were missing
+        self._no_room: dict[str, NoRoom] = {}           # worker -> why it cannot have the scene
         self.notes: dict[str, None] = {}
 
     def answers(self) -> Iterator[tuple[int, Any]]:
@@ -78,19 +86,32 @@ class Deal:
             for note in self.notes:
                 warn(note, RayWarning)
 
-    def _threads(self) -> list[int]:
+    def _workers(self) -> dict[str, Any]:
         # The client's own copy, which costs no round trip.
-        workers = (self._cluster._scheduler_identity or {}).get("workers", {})
-        return [worker["nthreads"] for worker in workers.values()]
+        found: dict[str, Any] = (self._cluster._scheduler_identity or {}).get("workers", {})
+        return found
+
+    def _threads(self) -> list[int]:
+        return [worker["nthreads"] for worker in self._workers().values()]
+
+    def _fit(self, workers: Optional[list[str]]) -> Optional[list[str]]:
+        """Those of the workers, or of all, that have room for the scene; None: any."""
+        if not self._no_room:
+            return workers
+        fit = [worker for worker in self._workers() if worker not in self._no_room]
+        return [worker for worker in workers or () if worker in fit] or fit
 
     def _deal(self, item: int, workers: Optional[list[str]] = None) -> None:
         part = self._parts[item]
+        workers = self._fit(workers)
+        if workers == [] and self._no_room:
+            raise next(iter(self._no_room.values()))
         rays = None if part.rays is None else part.rays()
         try:
             if part.heavy:
                 rays = self._sent(rays, workers or self._lively())
-            copy = self._cluster.submit(make_item, VERSION, self._setup, self._source, self._method, rays, part.options,
-                                        pure=False, retries=1, workers=workers, key=f"raynest-{os.urandom(8).hex()}")
+            copy = self._cluster.submit(make_item, VERSION, self._setup, part.source or self._source, self._method,
+                                        rays, part.options, pure=False, retries=1, workers=workers, key=f"raynest-{os.urandom(8).hex()}")
         except (OSError, asyncio.TimeoutError, RuntimeError, ValueError) as error:
             return self._give_up_cluster(error)
         self._copies[item] += 1
@@ -115,9 +136,10 @@ class Deal:
         return [where.split()[-1] for where, heard in self._heard.items() if heard >= since]
 
     def _silence(self) -> float:
-        """Seconds after which an item is late, in which even a slow one is made."""
-        slow = 3 * float(np.quantile(self._seconds, 0.99)) if self._seconds else 4 * self._patience
-        return max(self._patience, slow)
+        """Seconds after which an item is late, in which even a slow one is made, and at first the scene loaded."""
+        if self._seconds:
+            return max(self._patience, 3 * float(np.quantile(self._seconds, 0.99)))
+        return 4 * self._patience + self._scene.bytes / LOAD_BYTES_PER_SECOND
 
     def _next(self) -> list[tuple[int, Any]]:
         try:
@@ -138,9 +160,25 @@ class Deal:
         except Exception as error:  # the worker died with the answer, or cannot be reached
             return self._again(item, error)
         self._news = self._heard[where] = time.monotonic()
+        if isinstance(answer, Missing):
+            return self._send(item, answer)
         self._seconds.append(self._news - born)
         self.notes.update(dict.fromkeys(notes))
         return [(item, answer)]
+
+    def _send(self, item: int, missing: Missing) -> list[tuple[int, Any]]:
+        """Gives the workers what one has asked for, and deals its item again."""
+        self._sends += 1
+        if self._sends > SENDS_MAX + len(self._parts):
+            return [(item, self._make(item, FailedError("the workers lose the scene's files again and again")))]
+        try:
+            self._scene.send(self._cluster, missing.keys, self._fit(None) or self._workers())
+        except (OSError, asyncio.TimeoutError, RuntimeError, FailedError) as error:
+            return self._again(item, error)
+        self._news = time.monotonic()
+        self._copies[item] -= 1
+        self._deal(item)
+        return []
 
     async def _fetch(self, copy: Any) -> Any:
         return (await self._cluster.gather([copy], direct=True, asynchronous=True))[0]
@@ -149,6 +187,12 @@ class Deal:
         if copy.status in ("cancelled", "lost"):
             return self._again(item, FailedError("the scheduler dropped it"))
         error = copy.exception()
+        if isinstance(error, NoRoom):
+            self._no_room[error.where.split()[-1]] = error
+            self._copies[item] -= 1
+            self._deal(item)
+            self.notes[str(error)] = None
+            return []
         if isinstance(error, _ONCE):
             raise error
         if isinstance(error, ImportError):
@@ -195,7 +239,7 @@ class Deal:
         """The last resort: a daemon on this machine."""
         part = self._parts[item]
         try:
-            _, answer, notes = make_item(VERSION, self._setup, self._source, self._method,
+            _, answer, notes = make_item(VERSION, self._setup, part.source or self._source, self._method,
                                      None if part.rays is None else part.rays(), part.options)
         except Error as here:
             raise FailedError(f"no worker finished an item{_because(error)}, and this machine cannot make it: {here}"
@@ -208,3 +252,18 @@ class Deal:
 
 def _because(error: Optional[BaseException]) -> str:
     return "" if error is None else f" ({type(error).__name__}: {error})".replace("\n", " ")
+
+
+def known_to(cluster: Any, scene: Prepared, setup: Setup, patience: float) -> Prepared:
+    """The scene with the digest that all workers must agree on."""
+    if not isinstance(cluster, distributed.Client):
+        raise UsageError("the first argument is a distributed.Client, as Client('tcp://head:8786')")
+
+    def ask(method: Any) -> Any:
+        (_, answer), = Deal(cluster, setup, scene, method, [Part({}, source=scene.source)], patience, None).answers()
+        return answer
+    if scene.source.message is None:
+        scene.found(ask(files_at))
+    if not scene.source.digest:
+        scene.learn(ask(info_of))
+    return scene

@@ -5,7 +5,9 @@ import atexit
 import ctypes
 import fcntl
 import hashlib
+import json
 import os
+import pickle
 import queue
 import shutil
 import stat
@@ -13,11 +15,15 @@ import subprocess
 import tempfile
 import threading
 import time
-from typing import Any, NamedTuple, Optional, Sequence, Union
+from typing import Any, Iterator, NamedTuple, Optional, Sequence, Union
 
 import numpy as np
 
+from ._net.control import Message
+from ._net.frame import Array
+from ._travel import PIECE_BYTES, Missing, fetch, keys_of_changes, keys_of_file
 from ._requests.film import Layers
+from ._requests.loads import Load, load_of_file
 from ._version import VERSION
 from .client import Client, connect
 from .errors import BusyError, ConnectError, DeadlineError, Error, FailedError, InvalidError, UsageError
@@ -28,6 +34,7 @@ try:
 except ImportError:
     raise ImportError("raynest.dask needs Dask distributed: apt install python3-distributed python3-paramiko") from None
 
+SCENES_MAX = 4             # that a thread holds
 ITEM_SECONDS = 120.0       # after which an item's daemon counts as stuck
 START_SECONDS = 60.0
 
@@ -43,9 +50,46 @@ class Setup(NamedTuple):
 class Source(NamedTuple):
     """A scene as workers load it, and what its digest must be."""
 
-    path: str
-    load: tuple[tuple[str, Any], ...] = ()
+    path: str                               # where a worker may have the same files; "": nowhere
+    load: dict[str, Any] = {}               # more arguments of Client.load()
+    message: Optional[Message] = None       # a Load with the files' digests; None: the files at `path` say them
     digest: str = ""
+    log: str = ""                           # of its changes
+    epoch: int = 0                          # how many of them have happened
+    piece_bytes: int = PIECE_BYTES
+
+    @property
+    def name(self) -> str:
+        """On the daemons."""
+        assert self.message is not None
+        return str(self.message["name"])
+
+    def files(self) -> list[tuple[bytes, int]]:
+        """Digests and sizes."""
+        assert self.message is not None
+        digests = self.message["file_digests"]
+        return [(digests[32 * i:32 * i + 32], size) for i, size in enumerate(self.message["file_bytes"])]
+
+
+class Carried(NamedTuple):
+    """A word of a command that names a file of the client's machine."""
+
+    prefix: str         # of the word, as "points="
+    name: str           # the same on all hosts, as the parts must say the same request
+    digest: bytes
+    size: int
+
+
+def named(message: Message) -> Message:
+    """The message with a name that says what it loads; the scene goes with the connections that hold it."""
+    content = {**message, "name": "", "replace": False, "share": [], "temporary": True}
+    return {**content, "name": "dask-" + hashlib.sha256(repr(sorted(content.items())).encode()).hexdigest()[:16]}
+
+
+class NoRoom(BusyError):
+    """A host has no memory for the scene, and `where` it is: others may have it."""
+
+    where = ""
 
 
 class Host:
@@ -60,6 +104,7 @@ class Host:
         self._owned: Optional[int] = None       # descriptor of the lock, where this process starts the daemon
         self._process: Optional[subprocess.Popen[bytes]] = None
         self._mutex, self._mine = threading.Lock(), threading.local()
+        self._elsewhere: set[str] = set()       # scenes whose files are not at their path here
 
     def _private(self) -> None:
         """Makes the folder, or checks that nobody else made it or may enter it."""
@@ -75,7 +120,7 @@ class Host:
         known: Optional[Client] = getattr(self._mine, "client", None)
         if known is None:
             self._mine.client = known = self._connect()
-            self._mine.scenes = {}
+            self._mine.scenes, self._mine.changed = {}, ("", None, 0)
         return known
 
     def drop(self) -> None:
@@ -157,22 +202,89 @@ class Host:
     def scene(self, source: Source) -> Scene:
         """The scene on the connection of this thread, which holds it; loads it where the daemon lacks it."""
         client = self.client()
-        known: Optional[Scene] = self._mine.scenes.get(source)
-        if known is not None:
-            return known
-        name = "dask-" + hashlib.sha256(repr(source._replace(digest="")).encode()).hexdigest()[:16]
+        if source.epoch:
+            return self._changed(client, source)
+        scenes: dict[str, Scene] = self._mine.scenes
+        scene = scenes.pop(source.name, None) or self._load(client, source, source.name)
+        scenes[source.name] = scene
+        while len(scenes) > SCENES_MAX:
+            scenes.pop(next(iter(scenes))).close()
+        return scene
+
+    def _load(self, client: Client, source: Source, name: str) -> Scene:
+        assert source.message is not None
+        load = Load({**source.message, "name": name}, lambda number: self._read(source, number))
         with open(self.folder + "/loading", "wb") as lock:  # the workers of a host load it once
             fcntl.flock(lock, fcntl.LOCK_EX)
             try:
-                scene = client.scene(name)
-            except InvalidError:
-                scene = client.load(source.path, name=name, **dict(source.load))
-        digest = scene.info["hash"]
-        if source.digest not in ("", digest):
-            raise InvalidError(f"{here()} has another scene at {source.path}: {digest[:12]} in place of "
+                scene, info = client._load(load)
+            except (BusyError, MemoryError) as error:
+                if getattr(error, "name", "MEMORY") not in ("MEMORY", "QUOTA", "RESOURCE_EXHAUSTED"):
+                    raise
+                size = sum(size for _, size in source.files())
+                refused = NoRoom(f"{here()} has no room for the scene, whose files have {size / 1e6:.0f} MB: {error}",
+                                 getattr(error, "name", ""))
+                refused.where = here()
+                raise refused from None
+        if source.digest not in ("", info["hash"]):
+            raise InvalidError(f"{here()} has another scene at {source.path}: {info['hash'][:12]} in place of "
                                f"{source.digest[:12]}", "SCENE_UNKNOWN")
-        self._mine.scenes[source] = scene
         return scene
+
+    def _read(self, source: Source, number: int) -> Iterator[Array]:
+        """A file that the daemon lacks: from the same path, if that has the same bytes, else from the cluster."""
+        if source.path and source.name not in self._elsewhere:
+            here = read_at(source)
+            if here is not None and here.message["file_digests"] == (source.message or {})["file_digests"]:
+                yield from here.read(number)
+                return
+            self._elsewhere.add(source.name)
+        keys = keys_of_file(*source.files()[number], source.piece_bytes)
+        yield from fetch(keys)
+
+    def take(self, carried: Carried, folder: str, piece_bytes: int) -> None:
+        """Has a file that only the client's machine had in the folder, under its name."""
+        os.makedirs(folder, exist_ok=True)
+        path = os.path.join(folder, carried.name)
+        with open(self.folder + "/loading", "wb") as lock:
+            fcntl.flock(lock, fcntl.LOCK_EX)
+            if os.path.exists(path):
+                return
+            with open(path + ".part", "wb") as file:
+                for piece in fetch(keys_of_file(carried.digest, carried.size, piece_bytes)):
+                    file.write(piece.data)
+            os.replace(path + ".part", path)
+
+    def _changed(self, client: Client, source: Source) -> Scene:
+        """The scene at an epoch, as this thread's own copy of it, to which each change is made once, in their order."""
+        log, scene, epoch = self._mine.changed
+        self._mine.changed = "", None, 0
+        if scene is not None and (log != source.log or epoch > source.epoch):
+            scene.close()
+            scene = None
+        if scene is None:
+            name = f"{source.name}-{source.log}-{os.getpid()}-{threading.get_ident()}"
+            scene, epoch = self._load(client, source, name), 0
+        try:
+            for change in fetch(keys_of_changes(source.log, epoch, source.epoch)):
+                pickle.loads(change.data).apply(client.connection, scene.name)
+                epoch += 1
+        except Missing:
+            self._mine.changed = source.log, scene, epoch
+            raise
+        except Error:
+            scene.close()
+            raise
+        self._mine.changed = source.log, scene, epoch
+        return scene
+
+
+def read_at(source: Source) -> Optional[Load]:
+    """A Load of the files at a source's path on this machine; None where they cannot be read."""
+    try:
+        return load_of_file(source.path, "", **source.load)
+    except (Error, OSError):
+        return None
 
 
 _hosts: dict[Any, Host] = {}
@@ -200,22 +312,23 @@ def _host(setup: Setup) -> Host:
 
 
 def item(version: str, setup: Setup, source: Source, method: Any, rays: Any, options: dict[str, Any]) -> Any:
-    """Makes an item: a method of Scene by its name, or a function (host, scene, options). Returns where, the
-    answer, and the notes of the daemon."""
+    """Makes an item: a method of Scene by its name, or a function (host, source, options). Returns where, the
+    answer, which may be Missing, and the notes of the daemon."""
     if version != VERSION:
         raise UsageError(f"{here()} has RayNest {VERSION}, this client {version}: install one version on all hosts")
     host = _host(setup)
     for last in (False, True):
         try:
-            scene = host.scene(source)
             notes: Sequence[str] = ()
             if callable(method):
-                answer = method(host, scene, options)
+                answer = method(host, source, options)
             else:
-                answer = getattr(scene, method)(*(() if rays is None else (rays,)),
-                                                **{"deadline": ITEM_SECONDS, **options})
+                answer = getattr(host.scene(source), method)(*(() if rays is None else (rays,)),
+                                                             **{"deadline": ITEM_SECONDS, **options})
                 notes = tuple(host.client().outcome.get("notes", ()))
             return here(), _plain(answer), notes
+        except Missing as missing:
+            return here(), missing, ()
         except DeadlineError:
             host.end_stuck()
             raise
@@ -227,39 +340,59 @@ def item(version: str, setup: Setup, source: Source, method: Any, rays: Any, opt
 
 def columns_of(version: str, setup: Setup, source: Source, rays: Any, options: dict[str, Any]) -> Any:
     """The columns of an item alone, as they stay on a worker."""
-    return item(version, setup, source, "trace", rays, options)[1]
+    answer = item(version, setup, source, "trace", rays, options)[1]
+    if isinstance(answer, Missing):
+        raise FailedError(f"{here()} lacks the scene, and no other worker has its files: compute the arrays again")
+    return answer
 
 
-def digest_of(_at: Host, scene: Scene, _options: dict[str, Any]) -> str:
-    return str(scene.info["hash"])
+def files_at(_host: Host, source: Source, _options: dict[str, Any]) -> Message:
+    """The Load of files that the client cannot read."""
+    try:
+        return named(load_of_file(source.path, "", **source.load).message)
+    except Error as error:
+        raise InvalidError(f"neither this machine nor {here()} can read the scene: {error}", error.name) from None
 
 
-def command(host: Host, scene: Scene, options: dict[str, Any]) -> bytes:
-    """A command of raynest with --part, run beside the daemon. Returns the bytes of its file."""
+def info_of(host: Host, source: Source, _options: dict[str, Any]) -> dict[str, Any]:
+    return host.scene(source).info
+
+
+def command(host: Host, source: Source, options: dict[str, Any]) -> tuple[bytes, dict[str, Any]]:
+    """A command of raynest with --part, run beside the daemon. Returns the bytes of its file, and what it tells."""
+    scene = host.scene(source)
+    files = os.path.join(host.folder, "files")
+    for carried in {word for word in options["words"] if isinstance(word, Carried)}:
+        host.take(carried, files, source.piece_bytes)
+    os.makedirs(files, exist_ok=True)
     with tempfile.TemporaryDirectory(dir=host.folder) as folder:
         output = os.path.join(folder, "part" + options["ending"])
-        words = [output if word is None else scene.name if word == options["scene"] else word
-                 for word in options["words"]]
-        program = [os.path.join(os.path.dirname(host.binary()), "raynest"), "--server", host.uri, "--quiet", *words]
+        words = [output if word is None else word.prefix + word.name if isinstance(word, Carried) else
+                 scene.name if word == options["scene"] else word for word in options["words"]]
+        program = [os.path.join(os.path.dirname(host.binary()), "raynest"), "--server", host.uri, "--json", *words]
         try:
-            done = subprocess.run(program, stdin=subprocess.DEVNULL, capture_output=True, check=False,
+            done = subprocess.run(program, stdin=subprocess.DEVNULL, capture_output=True, check=False, cwd=files,
                                   timeout=ITEM_SECONDS)
         except OSError as error:
             raise FailedError(f"{here()} cannot start {program[0]}: {error.strerror}; install raynest there") from None
         except subprocess.TimeoutExpired:
             raise DeadlineError(f"{here()} was not ready after {ITEM_SECONDS:.0f} s") from None
         if done.returncode:
-            said = done.stderr.decode(errors="replace").strip().splitlines()
-            raise error_of(done.returncode, said[-1].removeprefix("raynest: ") if said else "it said nothing")
+            raise error_of(done.returncode, done.stderr.decode(errors="replace"))
         with open(output, "rb") as file:
-            return file.read()
+            return file.read(), json.loads(done.stdout)
 
 
-def error_of(exit_code: int, message: str) -> Error:
-    """The error of a command that ended with this code."""
+def error_of(exit_code: int, said: str) -> Error:
+    """The error of a command with --json that ended with this code."""
     kinds = (UsageError, InvalidError, BusyError, DeadlineError, ConnectError)
     kind = next((each for each in kinds if each.exit_code == exit_code), FailedError)
-    return kind(message)
+    line = said.strip().splitlines()[-1] if said.strip() else "it said nothing"
+    try:
+        told = json.loads(line)["error"]
+        return kind(told["message"], told["name"], told["code"])
+    except (ValueError, LookupError, TypeError):
+        return kind(line.removeprefix("raynest: "))
 
 
 def _plain(answer: Any) -> Any:

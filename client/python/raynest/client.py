@@ -15,15 +15,11 @@ from ._net.address import DEFAULT_URI
 from ._net.control import Message
 from ._net.hosts import forget_host
 from ._net.reconnect import seconds_of
-from ._requests.arguments import Masks, mask_rules, milliseconds, none_is_default
-from ._requests.files import path_text
-from ._requests.gltf import mesh_glb
+from ._requests.arguments import Masks, milliseconds, none_is_default
 from ._requests.job import Progress
-from ._requests.parts import parts_glb
-from ._requests.precision import ROUNDING_WORDS, rounding_warning
-from ._requests.principals import split_principals
-from ._requests.rays import vector
-from ._requests.upload import File, Sender, Upload, gather
+from ._requests.loads import Load, load_of_file, load_of_mesh, load_of_parts
+from ._requests.precision import rounding_warning
+from ._requests.upload import Sender
 from ._requests.words import scene_info, variant_info
 from ._session import Session
 from .errors import ProtocolError, SceneWarning, UsageError, warn
@@ -115,20 +111,13 @@ class Client(Session):
         A scene is its owner's alone. `share` is "public", a list of the principals that may use it
         too, or their names joined by commas, with "\\," for a comma in a name.
         """
-        if hasattr(source, "vertices") and hasattr(source, "faces"):
-            raise TypeError("source is a mesh: pass mesh.vertices and mesh.faces to Client.mesh()")
-        upload = gather(path_text("source", source), primitive, path_text("instances", instances))
-        if name is not None:
-            upload = upload._replace(scene_name=name)
-        elif upload.files and not upload.scene_name:
-            raise UsageError(f"a scene of {source} has no name of its own: pass name=")
-        chosen = isinstance(origin, str) and origin == "auto"
-        message = {**upload.message(), **_origin_message(None if chosen else origin), "replace": replace,
-                   "build": build, "primitive": primitive, "origin_auto": chosen,
-                   "unit": _metres(unit), "up": "" if up == "y" else up, "radius": radius,
-                   "spacing": spacing, "masks": mask_rules(masks),
-                   "share": split_principals(share) if isinstance(share, str) else list(share)}
-        return self._load(upload, message, progress)[0]
+        load = load_of_file(source, name, origin=origin, replace=replace, build=build, primitive=primitive,
+                            instances=instances, masks=masks, unit=unit, up=up, radius=radius, spacing=spacing,
+                            share=share)
+        scene = self._load(load, progress)[0]
+        scene.made = (source, {"origin": origin, "build": build, "primitive": primitive, "instances": instances,
+                               "masks": masks, "unit": unit, "up": up, "radius": radius, "spacing": spacing})
+        return scene
 
     @none_is_default
     def mesh(self, vertices: Any, faces: Any = None, name: Optional[str] = None, *, origin: Any = None,
@@ -143,20 +132,9 @@ class Client(Session):
         connection: it goes with its last Scene object (`with c.mesh(...) as s:`), or with the
         connection. A name or `keep` keeps it in the daemon.
         """
-        if faces is None and hasattr(vertices, "vertices") and hasattr(vertices, "faces"):
-            raise TypeError("vertices is a mesh: pass mesh.vertices and mesh.faces")
-        if faces is None:
-            raise TypeError("mesh() takes vertices and faces")
-        shift = np.zeros(3) if origin is None else vector("origin", origin)
-        upload = Upload("mesh.glb", name or "", (File("mesh.glb", mesh_glb(vertices, faces, shift)),))
-        message = {**upload.message(), **_origin_message(shift), "replace": replace, "build": build,
-                   "temporary": not name and not keep}
-        if not name:
-            built = "" if build == "medium" else f"-{build}"
-            message["name"] = f"mesh-{message['file_digests'][:8].hex()}{built}"
-        # The daemon sees float32 only, and cannot tell whether that lost anything.
-        scene, info = self._load(upload, message, progress, hides=ROUNDING_WORDS)
-        lost = rounding_warning(vertices, faces, shift, info["degenerate_triangles"])
+        load = load_of_mesh(vertices, faces, name, origin=origin, keep=keep, replace=replace, build=build)
+        scene, info = self._load(load, progress)
+        lost = rounding_warning(vertices, faces, scene.origin, info["degenerate_triangles"])
         if lost:
             warn(lost, SceneWarning)
         return scene
@@ -175,22 +153,17 @@ class Client(Session):
         once where its vertices are. Places are the outermost instances, numbered in their order. Each
         part is stored once, however often it is placed. All else is as in load() and mesh().
         """
-        upload = Upload("parts.glb", name or "", (File("parts.glb", parts_glb(parts, places)),))
-        message = {**upload.message(), **_origin_message(origin), "replace": replace, "build": build,
-                   "masks": mask_rules(masks), "temporary": not name and not keep}
-        if not name:
-            message["name"] = f"parts-{message['file_digests'][:8].hex()}"
-        return self._load(upload, message, progress)[0]
+        return self._load(load_of_parts(parts, places, name, origin=origin, keep=keep, replace=replace, build=build,
+                                        masks=masks), progress)[0]
 
-    def _load(self, upload: Upload, message: Message, progress: Progress,
-              hides: str = "") -> tuple[Scene, dict[str, Any]]:
+    def _load(self, load: Load, progress: Progress = None) -> tuple[Scene, dict[str, Any]]:
         self.drop_unused()
-        return self.connection.again(lambda: self._load_once(upload, message, progress, hides))
+        return self.connection.again(lambda: self._load_once(load, progress))
 
-    def _load_once(self, upload: Upload, message: Message, progress: Progress,
-                   hides: str) -> tuple[Scene, dict[str, Any]]:
-        """Warns of what the daemon warns of, but for lines with the words `hides`."""
-        sender = Sender(self.connection, upload)
+    def _load_once(self, load: Load, progress: Progress) -> tuple[Scene, dict[str, Any]]:
+        """Warns of what the daemon warns of, but for lines with the words that the load hides."""
+        message = load.message
+        sender = Sender(self.connection, message["file_bytes"], load.read)
         frames = self.connection.exchange("Load", message, feed=sender.feed)
         loaded: Message = {}
         with self.connection.interrupts, contextlib.closing(frames):
@@ -209,7 +182,7 @@ class Client(Session):
         if progress:
             progress(1, 1, "loaded")
         for text in info["warnings"]:
-            if not hides or hides not in text:
+            if not load.hides or load.hides not in text:
                 warn(text, SceneWarning)
         if None in (info["box_min"], info["box_max"]):
             warn(f"the scene {info['name']!r} is empty: nothing can be hit", SceneWarning)
@@ -282,17 +255,3 @@ class Client(Session):
         begin = time.perf_counter()
         self.connection.ask("Ping", {"payload": 1}, "Pong")
         return time.perf_counter() - begin
-
-
-def _metres(unit: Union[str, float]) -> float:
-    """Returns a unit in metres, 0 for one metre."""
-    units = {"mm": 0.001, "cm": 0.01, "m": 1.0, "in": 0.0254, "ft": 0.3048}
-    if isinstance(unit, str) and unit not in units:
-        raise UsageError(f"unit must be one of {', '.join(units)}, or metres as a number, not {unit!r}")
-    metres = units[unit] if isinstance(unit, str) else float(unit)
-    return 0.0 if metres == 1 else metres
-
-
-def _origin_message(origin: Any) -> Message:
-    shift = (0.0, 0.0, 0.0) if origin is None else vector("origin", origin).tolist()
-    return dict(zip(("origin_x", "origin_y", "origin_z"), shift))

@@ -5,7 +5,7 @@
 
     cluster = Client("tcp://head:8786")                 # after: dask-ssh head node1 node2
     rays = raynest.generators.camera(size=(8192, 8192))
-    seen = raynest.dask.trace(cluster, "/shared/forest.glb", rays, fields=("t", "prim"))
+    seen = raynest.dask.trace(cluster, "forest.glb", rays, fields=("t", "prim"))
 
 Each host of the cluster gets one raynestd, which listens on a private Unix socket and ends with its worker. A
 request is cut into items, parts of its rays or tiles of its picture. An item gives the same bytes wherever and
@@ -14,59 +14,57 @@ Whoever reaches a Dask scheduler runs code on its workers: one cluster per user,
 """
 from __future__ import annotations
 
-import asyncio
 import functools
 import operator
-import os
 import sys
-import tempfile
-import warnings
-from typing import Any, Callable, Iterator, Optional, Sequence, Union
+from typing import Any, Callable, Iterable, Iterator, Optional, Sequence, Union
 
 import numpy as np
 
-from ._deal import PATIENCE, Deal, Part
+from ._deal import PATIENCE, Deal, Part, known_to
 from ._net.frame import Array
 from ._requests.columns import Columns
 from ._requests.film import Layers, is_lit
+from ._prepared import Prepared
 from ._version import VERSION
-from ._workers import Setup, Source, columns_of, command, digest_of, distributed
-from .errors import ConnectError, Error, UsageError
+from ._workers import Setup, columns_of
+from .errors import UsageError
 from .generators import Generator
 from .images import Image
-from .merge import joined, merge
+from .merge import joined
 
 ITEM_RAYS = 1 << 18        # of a query's item: some 50 ms of work or more
 ITEM_SAMPLES = 1 << 16     # of a lit picture's item
 
 
-def _source_of(cluster: Any, scene: str, setup: Setup, load: Optional[dict[str, Any]],
-               patience: float) -> Source:
-    """Names the scene's digest, which all workers must agree on."""
-    if not isinstance(cluster, distributed.Client):
-        raise UsageError("the first argument is a distributed.Client, as Client('tcp://head:8786')")
-    path = os.fspath(scene)
-    if not path.startswith(("builtin:", "root:")):
-        path = os.path.abspath(path)
-    source = Source(path, tuple(sorted((load or {}).items())))
-    (_, digest), = Deal(cluster, setup, source, digest_of, [Part({})], patience, None).answers()
-    return source._replace(digest=digest)
+def prepare(scene: Any, faces: Any = None, **load: Any) -> Prepared:
+    """A scene that only this machine has, for the functions here: it is read and hashed once, and its files stay on
+    the workers for late ones as long as the object lives. `scene` is a file, its bytes, (vertices, faces) or what has
+    both, parts as Client.scene_of() takes, a Scene that load() made, or "builtin:..."; `load` are more arguments of
+    load(), mesh() or scene_of(). Its edit() changes it as Scene.edit() does."""
+    if isinstance(scene, Prepared):
+        return scene
+    return Prepared(scene if faces is None else (scene, faces), load)
 
 
-def trace(cluster: Any, scene: str, rays: Any, *, fields: Union[str, Sequence[str], None] = None,
+def _known(cluster: Any, scene: Any, setup: Setup, load: Optional[dict[str, Any]], patience: float) -> Prepared:
+    return known_to(cluster, prepare(scene, **(load or {})), setup, patience)
+
+
+def trace(cluster: Any, scene: Any, rays: Any, *, fields: Union[str, Sequence[str], None] = None,
           kind: Optional[str] = None, reduce: str = "", load: Optional[dict[str, Any]] = None, setup: Setup = Setup(),
           item_rays: int = ITEM_RAYS, patience: float = PATIENCE, progress: Any = None, **job: Any) -> Columns:
-    """As Scene.trace(), on all workers of a cluster: the same columns, in every byte. `scene` is a path that all
-    hosts see, or "builtin:...", and `load` are more arguments of Client.load(). `rays` is a generator, or an array
-    (N, 6) or (N, 8). Items have `item_rays` rays; after `patience` seconds of silence they are dealt again."""
-    source = _source_of(cluster, scene, setup, load, patience)
+    """As Scene.trace(), on all workers of a cluster: the same columns, in every byte. `scene` is what prepare() takes
+    or returns, or a path that only the hosts see; `load` are more arguments of prepare(). `rays` is a generator, or an
+    array (N, 6) or (N, 8). Items have `item_rays` rays; after `patience` seconds of silence they are dealt again."""
+    known = _known(cluster, scene, setup, load, patience)
     parts = list(_parts_of(rays, item_rays, {**job, "fields": fields, "kind": kind, "reduce": reduce}))
-    found = [columns for _, columns in sorted(Deal(cluster, setup, source, "trace", parts, patience, progress).answers(),
+    found = [columns for _, columns in sorted(Deal(cluster, setup, known, "trace", parts, patience, progress).answers(),
                                               key=lambda each: each[0])]
     return joined(found, reduce)
 
 
-def arrays(cluster: Any, scene: str, rays: Any, *, fields: Union[str, Sequence[str]] = ("t", "prim"), kind: str = "closest",
+def arrays(cluster: Any, scene: Any, rays: Any, *, fields: Union[str, Sequence[str]] = ("t", "prim"), kind: str = "closest",
            load: Optional[dict[str, Any]] = None, setup: Setup = Setup(), item_rays: int = ITEM_RAYS,
            patience: float = PATIENCE, **job: Any) -> dict[str, Any]:
     """The columns of trace() as dask arrays, whose blocks stay on the workers that made them: to reduce them there,
@@ -75,22 +73,41 @@ def arrays(cluster: Any, scene: str, rays: Any, *, fields: Union[str, Sequence[s
 
     if kind not in ("closest", "any"):
         raise UsageError(f"arrays() has a row per ray, and kind {kind} has not: use trace()")
-    source = _source_of(cluster, scene, setup, load, patience)
+    known = _known(cluster, scene, setup, load, patience)
     parts = list(_parts_of(rays, item_rays, {**job, "fields": fields, "kind": kind}))
     one = next(_parts_of(rays, 1, {**job, "fields": fields, "kind": kind}))
-    (_, row), = Deal(cluster, setup, source, "trace", [one], patience, None).answers()
+    (_, row), = Deal(cluster, setup, known, "trace", [one], patience, None).answers()
+    source = known.at(known.epoch)
+    known.send_all(cluster)
     blocks = []
     for part in parts:
         assert part.rays is not None
         given = cluster.scatter(part.rays(), hash=False, direct=True) if part.heavy else part.rays()
         blocks.append(cluster.submit(columns_of, VERSION, setup, source, given, part.options, pure=False, retries=5))
+        blocks[-1].raynest_scene = known    # whose files the workers have as long as there are blocks
     return {name: dask.array.concatenate([
         dask.array.from_delayed(dask.delayed(operator.getitem)(block, name), (part.weight, *column.shape[1:]),
                                 column.dtype) for part, block in zip(parts, blocks)])
             for name, column in row.items()}
 
 
-def reduce(cluster: Any, scene: str, rays: Any, name: str, **options: Any) -> Columns:
+def sweep(cluster: Any, scene: Prepared, scans: Iterable[tuple[int, Any]], *,
+          fields: Union[str, Sequence[str], None] = None, kind: Optional[str] = None, reduce: str = "",
+          setup: Setup = Setup(), patience: float = PATIENCE, progress: Any = None, **job: Any) -> list[Columns]:
+    """As trace(), of many scans while the scene moves. A scan is (epoch, rays): what scene.epoch was after the edits
+    that it follows, and a generator or an array. Each is one item, so that a host makes each change once. Returns
+    the columns of each scan."""
+    options = {**job, "fields": fields, "kind": kind, "reduce": reduce}
+    known = _known(cluster, scene, setup, None, patience)
+    parts = []
+    for epoch, rays in scans:
+        part, = _parts_of(rays, sys.maxsize, options)
+        parts.append(part._replace(source=known.at(epoch)))
+    found = dict(Deal(cluster, setup, known, "trace", parts, patience, progress).answers())
+    return [found[i] for i in range(len(parts))]
+
+
+def reduce(cluster: Any, scene: Any, rays: Any, name: str, **options: Any) -> Columns:
     """trace() with a reducer, "visible_pixels" or "hit_fraction": few bytes leave the workers."""
     return trace(cluster, scene, rays, reduce=name, **options)
 
@@ -121,7 +138,7 @@ def _parts_of(rays: Any, item_rays: int, options: dict[str, Any]) -> Iterator[Pa
         yield Part(options, functools.partial(take, first, count), points, count * per_item)
 
 
-def render(cluster: Any, scene: str, *, size: tuple[int, int] = (960, 540), integrator: str = "primary",
+def render(cluster: Any, scene: Any, *, size: tuple[int, int] = (960, 540), integrator: str = "primary",
            spp: int = 0, encode: str = "", load: Optional[dict[str, Any]] = None, setup: Setup = Setup(),
            patience: float = PATIENCE, progress: Any = None, item_samples: int = ITEM_SAMPLES, **options: Any) -> Any:
     """As Scene.render(), in tiles: an Image, or of a lit picture its Layers. `encode` "raw" makes an Image of
@@ -129,10 +146,10 @@ def render(cluster: Any, scene: str, *, size: tuple[int, int] = (960, 540), inte
     encode = encode or ("layers" if is_lit(integrator) else "raw")
     if encode not in ("layers", "raw"):
         raise UsageError(f"encode {encode}: a picture of tiles is 'raw' or 'layers'; write raw as a file with its png()")
-    source = _source_of(cluster, scene, setup, load, patience)
+    known = _known(cluster, scene, setup, load, patience)
     samples = (spp or 16) if is_lit(integrator) else 1
     options.update(integrator=integrator, spp=spp, encode=encode)
-    pieces = _tiles(cluster, source, "render", size, samples, item_samples, options, setup, patience, progress)
+    pieces = _tiles(cluster, known, "render", size, samples, item_samples, options, setup, patience, progress)
     whole = _mosaic(size, pieces)
     if encode == "raw":
         return whole[""].view(Image)
@@ -141,12 +158,12 @@ def render(cluster: Any, scene: str, *, size: tuple[int, int] = (960, 540), inte
     return layers
 
 
-def heatmap(cluster: Any, scene: str, *, size: tuple[int, int] = (960, 540),
+def heatmap(cluster: Any, scene: Any, *, size: tuple[int, int] = (960, 540),
             load: Optional[dict[str, Any]] = None, setup: Setup = Setup(), patience: float = PATIENCE,
             progress: Any = None, item_samples: int = ITEM_SAMPLES, **options: Any) -> Array:
     """As Scene.heatmap(), in tiles: the counts, (height, width)."""
-    source = _source_of(cluster, scene, setup, load, patience)
-    pieces = _tiles(cluster, source, "heatmap", size, 1, item_samples, options, setup, patience, progress)
+    known = _known(cluster, scene, setup, load, patience)
+    pieces = _tiles(cluster, known, "heatmap", size, 1, item_samples, options, setup, patience, progress)
     return _mosaic(size, pieces)[""]
 
 
@@ -159,12 +176,12 @@ def tiles(size: tuple[int, int], pixels: int) -> list[tuple[int, int, int, int]]
             for y in range(0, height, rows) for x in range(0, width, columns)]
 
 
-def _tiles(cluster: Any, source: Source, method: str, size: tuple[int, int], samples: int,
+def _tiles(cluster: Any, known: Prepared, method: str, size: tuple[int, int], samples: int,
            item_samples: int, options: dict[str, Any], setup: Setup, patience: float, progress: Any
            ) -> Iterator[tuple[tuple[int, int, int, int], Any]]:
     cut = tiles(size, item_samples // samples)
     parts = [Part({**options, "size": size, "tile": tile}, weight=tile[2] * tile[3]) for tile in cut]
-    for item, answer in Deal(cluster, setup, source, method, parts, patience, progress).answers():
+    for item, answer in Deal(cluster, setup, known, method, parts, patience, progress).answers():
         yield cut[item], answer
 
 
@@ -176,59 +193,3 @@ def _mosaic(size: tuple[int, int], pieces: Iterator[tuple[tuple[int, int, int, i
                 whole[name] = np.empty((size[1], size[0], *piece.shape[2:]), piece.dtype)
             whole[name][y:y + height, x:x + width] = piece
     return whole
-
-
-# ---- the command line ---------------------------------------------------------------------------
-
-PARTS_PER_THREAD = 4
-
-
-def run(address: str, parts_max: int, scene: str, out: str, words: Sequence[str], setup: Setup = Setup(),
-        patience: float = PATIENCE) -> str:
-    """Has a cluster carry out a command of raynest in parts, and writes their whole as `out`."""
-    ending = os.path.splitext(out)[1].lower()
-    if ending not in (".npz", ".png", ".exr"):
-        raise UsageError(f"{out}: with --dask an answer is written as .npz, .png or .exr")
-    try:
-        connected: Any = distributed.Client
-        cluster = connected(address, timeout=5, set_as_default=False)
-    except (OSError, asyncio.TimeoutError, ValueError) as error:
-        raise ConnectError(f"no Dask scheduler answers at {address}: {error or 'no answer within 5 s'}; start one with "
-                           "dask-scheduler or dask-ssh") from None
-    with cluster, tempfile.TemporaryDirectory(prefix="raynest-dask-") as folder:
-        source = _source_of(cluster, scene, setup, None, patience)
-        threads = sum(worker["nthreads"] for worker in cluster.scheduler_info()["workers"].values())
-        count = max(1, min(parts_max, PARTS_PER_THREAD * threads))
-        at = next(i for i, word in enumerate(words) if word in ("-o", "--output") or word in
-                  (f"-o{out}", f"--output={out}"))
-        if words[at] in ("-o", "--output"):
-            plain = [*words[:at], *words[at + 2:]]
-        else:
-            plain = [*words[:at], *words[at + 1:]]
-        parts = [Part({"scene": scene, "ending": ending,
-                        "words": [*plain, "-o", None, "--part", f"{i + 1}/{count}"]}) for i in range(count)]
-        paths = [os.path.join(folder, f"{i}{ending}") for i in range(count)]
-        progress = _bar if sys.stderr.isatty() else None
-        for item, answer in Deal(cluster, setup, source, command, parts, patience, progress, "parts").answers():
-            with open(paths[item], "wb") as file:
-                file.write(answer)
-        return merge(out, paths)
-
-
-def _bar(done: int, total: int, stage: str) -> None:
-    print(f"\r{done} of {total} {stage} ", end="\n" if done == total else "", file=sys.stderr, flush=True)
-
-
-def main(words: Sequence[str]) -> int:
-    """`raynest --dask ADDRESS COMMAND ...`, which passes on what it has read. Returns the exit code."""
-    address, parts_max, scene, out, *rest = words
-    warnings.showwarning = lambda message, *_, **__: print(f"raynest: {message}", file=sys.stderr)
-    try:
-        print(run(address, int(parts_max), scene, out, rest))
-        return 0
-    except KeyboardInterrupt:
-        print("raynest: interrupted", file=sys.stderr)
-        return 130
-    except Error as error:
-        print(f"raynest: {error}", file=sys.stderr)
-        return error.exit_code

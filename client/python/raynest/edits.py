@@ -4,12 +4,13 @@ from __future__ import annotations
 import contextlib
 import reprlib
 from types import TracebackType
-from typing import Any, Optional, Sequence, Union
+from typing import Any, Callable, NamedTuple, Optional, Sequence, Union
 
 import numpy as np
 
 from . import _limits
 from ._net.connection import Connection
+from ._net.control import Message
 from ._net.frame import Array
 from ._requests.arguments import numbers, whole
 from ._requests.parts import matrices_of
@@ -38,9 +39,8 @@ class Edit:
     kept: bool      # the scene, as it is now, is there after a restart
     seconds: float  # that the daemon took
 
-    def __init__(self, connection: Connection, scene: str, epoch: int, keep: bool = False) -> None:
-        self._connection = connection
-        self._scene = scene
+    def __init__(self, apply: Callable[[Change], Message], epoch: int = 0, keep: bool = False) -> None:
+        self._apply = apply
         self._keep = bool(keep)
         self.epoch = whole("epoch", epoch, 2**64 - 1, 0)
         self._texts: dict[str, int] = {}
@@ -157,29 +157,43 @@ class Edit:
         self._rows.append(rows)
         return self
 
-    def _send(self) -> None:
+    def change(self) -> Change:
+        """Returns all that was asked for so far."""
         rows = np.concatenate(self._rows)
         if len(rows) > _limits.edit_rows_max:
             raise UsageError(f"{len(rows)} rows in one edit, at most {_limits.edit_rows_max} are taken")
         if len(self._texts) > _limits.list_items_max:
             raise UsageError(f"{len(self._texts)} texts in one edit, at most {_limits.list_items_max} are "
                              "taken: name instances by number, as the column inst tells them")
-        message = {"scene": self._scene, "epoch": self.epoch, "rows": len(rows), "keep": self._keep,
+        message = {"epoch": self.epoch, "rows": len(rows), "keep": self._keep,
                    "targets": list(self._texts), "scenes": [scene for scene, _ in self._added],
                    "names": [name for _, name in self._added],
                    "vertex_counts": [len(points) for points in self._vertices]}
         if sum(message["vertex_counts"]) > _limits.edit_vertices_max:
             raise UsageError(f"{sum(message['vertex_counts'])} vertices in one edit, at most "
                              f"{_limits.edit_vertices_max} are taken")
-        body = b"".join((rows.tobytes(), *(points.tobytes() for points in self._vertices)))
-        rows_file = FileSender(np.frombuffer(body, np.uint8), 0)
-        frames = self._connection.exchange("Edit", message, feed=lambda: rows_file.feed(self._connection))
-        with self._connection.interrupts, contextlib.closing(frames):
+        return Change(message, b"".join((rows.tobytes(), *(points.tobytes() for points in self._vertices))))
+
+    def _send(self) -> None:
+        for key, value in self._apply(self.change()).items():
+            setattr(self, key, value)
+
+
+class Change(NamedTuple):
+    """The changes of an Edit, for any scene that has what they name."""
+
+    message: Message
+    rows: bytes
+
+    def apply(self, connection: Connection, scene: str) -> Message:
+        """Makes the changes the scene's next epoch. Returns what an Edit tells of it."""
+        rows_file = FileSender(np.frombuffer(self.rows, np.uint8), 0)
+        frames = connection.exchange("Edit", {**self.message, "scene": scene}, feed=lambda: rows_file.feed(connection))
+        with connection.interrupts, contextlib.closing(frames):
             for kind, news in frames:
                 if kind == "Edited":
-                    for key in ("epoch", "instances", "refits", "rebuilds", "hash", "kept", "seconds"):
-                        setattr(self, key, news[key])
-                    return
+                    return {key: news[key] for key in ("epoch", "instances", "refits", "rebuilds", "hash", "kept",
+                                                       "seconds")}
         raise ProtocolError("the daemon ended an edit without an answer")
 
 

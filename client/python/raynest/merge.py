@@ -1,7 +1,7 @@
 """Joins the files of `raynest query|render|heatmap --part I/N`: `raynest merge OUT PARTS...`.
 
-Each part says which scene (digest, epoch) and request it is of, and which rows it has. An .exr of a render is the
-file of the whole picture, byte by byte; a .png has its pixels, and a .npz its columns.
+Each part says which scene (digest, epoch) and request it is of, and which rows it has. An .exr is the file of the
+whole picture, byte by byte; a .png has its pixels, and a .npz its columns.
 """
 from __future__ import annotations
 
@@ -14,17 +14,20 @@ import sys
 import tempfile
 import zipfile
 import zlib
+from decimal import Decimal
 from typing import Any, NamedTuple, Optional, Sequence
 
 import numpy as np
 
 from ._requests.columns import REDUCED
-from .errors import Error, InvalidError, UsageError
+from ._requests.exr import read_exr
+from .errors import Error, InvalidError, ProtocolError, UsageError
 
 LINES = 16                  # rows of a block of the daemon's EXR files, at which parts begin
 PNG = b"\x89PNG\r\n\x1a\n"
 EXR = struct.pack("<II", 20000630, 2)
 SIDE_MAX = 1 << 20
+PIXELS_MAX = 1 << 30
 TILE = re.compile(r"(\d{1,7}) (\d{1,7}) (\d{1,7}) (\d{1,7}) of (\d{1,7})x(\d{1,7})\Z")
 
 
@@ -266,6 +269,54 @@ def _read_exr(path: str, data: bytes) -> Part:
 
 def _join_exr(parts: Sequence[Part]) -> bytes:
     fields = parts[0].body[0]
+    asked = parts[0].request.get("raynest:range_asked", "")
+    if not asked:
+        return _exr_of(parts, fields)
+    # The range needs all counts, so they are read out of the whole.
+    metric, _, level = parts[0].request.get("raynest:metric", "").partition(".")
+    try:
+        counts = read_exr(_exr_of(parts, fields), PIXELS_MAX)[0][f"L{level}.{metric}" if level else metric]
+        made = range_text(asked, counts.ravel(), "raynest:other_scene" in parts[0].request).encode()
+    except (LookupError, ValueError, ProtocolError) as error:
+        raise InvalidError(f"{parts[0].path}: has no range: {error}", "FILE_INVALID") from None
+    return _exr_of(parts, [("raynest:range", kind, made) if name == "raynest:range_asked" else (name, kind, value)
+                           for name, kind, value in fields])
+
+
+def range_text(asked: str, counts: Any, is_difference: bool) -> str:
+    """The range of a heat map's colours, as the daemon makes it of what was asked for: p99, auto or LOW:HIGH."""
+    if asked not in ("p99", "auto"):
+        low, high = (float(number) for number in asked.split(":"))
+        return f"{_shortest(low)}:{_shortest(high)}"
+    values = np.abs(counts.astype(np.float64))
+
+    def p99() -> float:
+        rank = max(1, (len(values) * 99 + 99) // 100)
+        return float(np.partition(values, rank - 1)[rank - 1])
+    most, high = float(values.max()), p99()
+    if is_difference:
+        if high < 0.01 * most:
+            values = values[values != 0]
+            high = p99()
+    else:
+        least = float(values.min())
+        most, high = (2 * end if end == least else end for end in (most, high))
+    high = max(1.0, most if asked == "auto" else high)
+    return f"{_shortest(-high if is_difference else 0)}:{_shortest(high)}"
+
+
+def _shortest(value: float) -> str:
+    """A number as C++'s std::to_chars() writes it."""
+    sign, digits, exponent = Decimal(repr(float(value))).normalize().as_tuple()
+    assert isinstance(exponent, int)
+    text = "".join(map(str, digits))
+    power = exponent + len(text) - 1
+    plain = format(Decimal((0, digits, exponent)), "f")
+    scientific = text[0] + ("." + text[1:] if text[1:] else "") + f"e{'-' if power < 0 else '+'}{abs(power):02}"
+    return "-" * sign + min(plain, scientific, key=len)
+
+
+def _exr_of(parts: Sequence[Part], fields: Sequence[tuple[str, str, bytes]]) -> bytes:
     window = struct.pack("<4i", 0, 0, parts[0].request["width"] - 1, parts[0].of - 1)
     head = EXR
     for name, kind, value in fields:

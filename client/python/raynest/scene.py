@@ -5,8 +5,7 @@ import contextlib
 import dataclasses
 import reprlib
 from types import TracebackType
-from typing import (Any, Callable, Generator, Iterable, Iterator, Literal, Mapping, Optional,
-                    Sequence, Union, overload)
+from typing import Any, Callable, Generator, Iterable, Iterator, Literal, Mapping, Optional, Sequence, Union, overload
 
 import numpy as np
 
@@ -43,6 +42,7 @@ class Scene(Renders, Paths):
         self._client = client
         self._origin = np.zeros(3)
         self._box: Optional[Array] = None   # its corners, in the world
+        self.made: Optional[tuple[Any, dict[str, Any]]] = None  # source and options of Client.load()
         if info:
             self._learn(info)
         self._open = True
@@ -55,7 +55,7 @@ class Scene(Renders, Paths):
     def __copy__(self) -> Scene:
         """Another object of the same scene: it holds the scene as this one does."""
         twin = Scene(self._client, self.name)
-        twin._origin, twin._box = self._origin, self._box
+        twin._origin, twin._box, twin.made = self._origin, self._box, self.made
         return twin
 
     def close(self) -> None:
@@ -461,7 +461,7 @@ class Scene(Renders, Paths):
         owner may edit it. With `epoch` the edit fails unless the scene is at that epoch. With `keep` the block
         ends when the scene, as it is then, outlives the daemon, which needs --state; without it, the scene is
         after a restart what it was before."""
-        return Edit(self._client.connection, self.name, epoch, keep)
+        return Edit(lambda change: change.apply(self._client.connection, self.name), epoch, keep)
 
     # ---- what it is -----------------------------------------------------------------------------
 

@@ -14,7 +14,7 @@ from __future__ import annotations
 
 import hashlib
 import os
-from typing import NamedTuple, Union
+from typing import Callable, NamedTuple, Sequence, Union
 
 import numpy as np
 
@@ -22,7 +22,7 @@ from .. import _limits, errors
 from .._net.connection import Connection
 from .._net.control import Message
 from .._net.frame import Array, padding
-from .files import (STANDARD, head_of, is_nameless, is_pipe, read_file, read_file_beneath,
+from .files import (HEAD_BYTES, STANDARD, head_of, is_nameless, is_pipe, read_file, read_file_beneath,
                     sendable)
 from .named_files import COMPOSITION, named_files
 
@@ -63,6 +63,9 @@ class Upload(NamedTuple):
                 "file_digests": b"".join(hashlib.sha256(file.data).digest() for file in self.files),
                 "file_bytes": [len(file.data) for file in self.files]}
 
+    def read(self, number: int) -> Iterator[Array]:
+        yield np.frombuffer(self.files[number].data, np.uint8)
+
 
 def gather(source: str, primitive: str, instances: str) -> Upload:
     if source.startswith(("builtin:", "root:")):
@@ -101,6 +104,16 @@ def _split(name: str) -> tuple[str, str]:
     if name.endswith(COMPOSITION):
         return name[:-len(COMPOSITION)], COMPOSITION
     return os.path.splitext(name)
+
+
+def upload_of(data: memoryview, primitive: str) -> Upload:
+    """The bytes of one file, of a kind that its first bytes tell."""
+    if len(data) > _limits.upload_bytes_max:
+        raise errors.InvalidError(f"the scene has {len(data)} bytes, at most {_limits.upload_bytes_max} are taken",
+                                  "FILE_INVALID")
+    extension = _sniffed("the scene", bytes(data[:HEAD_BYTES]))
+    _check_records("the scene", extension == ".npy", primitive, "")
+    return Upload("scene" + extension, "scene", (File("scene" + extension, data),))
 
 
 def _check_records(source: str, records: bool, primitive: str, instances: str) -> None:
@@ -203,37 +216,48 @@ class FileSender:
         self._offset = 0
 
 
+# Returns the bytes of a file of an upload, by its number, as arrays of any length.
+Read = Callable[[int], Iterator[Array]]
+
+
 class Sender:
     """Answers NEED with the files' bytes, in order, as credit allows."""
 
-    def __init__(self, connection: Connection, upload: Upload) -> None:
+    def __init__(self, connection: Connection, sizes: Sequence[int], read: Read) -> None:
         self._connection = connection
-        self._files = [np.frombuffer(file.data, np.uint8) for file in upload.files]
+        self._sizes, self._read = sizes, read
         self._needed: list[int] = []
+        self._arrays: Iterator[Array] = iter(())    # of the file that is sent
+        self._rest: Array = np.zeros(0, np.uint8)   # of its array
         self._offset = 0
         self.sent = 0
         self.total = 0
 
     def need(self, files: list[int]) -> None:
-        if any(index >= len(self._files) for index in files):
+        if any(index >= len(self._sizes) for index in files):
             raise errors.ProtocolError("the daemon asks for a file that was not offered")
         self._needed = files
-        self.total = sum(len(self._files[index]) for index in files)
+        self.total = sum(self._sizes[index] for index in files)
+        self._begin()
+
+    def _begin(self) -> None:
+        self._arrays = self._read(self._needed[0]) if self._needed else iter(())
+        self._offset = 0
 
     def feed(self) -> None:
         while self._needed:
-            index = self._needed[0]
-            piece = self._piece(self._files[index])
-            if len(piece) == 0:  # the end, which is also the beginning of an empty file
-                self._needed = self._needed[1:]
-                self._offset = 0
+            if len(self._rest) == 0:
+                following = next(self._arrays, None)
+                if following is None:
+                    self._needed = self._needed[1:]
+                    self._begin()
+                else:
+                    self._rest = following
                 continue
+            piece = self._rest[:min(PIECE_BYTES, self._connection.daemon.bulk_bytes_max)]
             if self._connection.credit < len(piece) + padding(len(piece)):
                 return
-            self._connection.queue("Upload", {"file": index, "offset": self._offset}, "data", piece)
+            self._connection.queue("Upload", {"file": self._needed[0], "offset": self._offset}, "data", piece)
+            self._rest = self._rest[len(piece):]
             self._offset += len(piece)
             self.sent += len(piece)
-
-    def _piece(self, file: Array) -> Array:
-        most = min(PIECE_BYTES, self._connection.daemon.bulk_bytes_max)
-        return file[self._offset:self._offset + most]

@@ -1,0 +1,179 @@
+"""A scene as a program deals it out to many hosts: its files, read and hashed once, and the changes of it."""
+from __future__ import annotations
+
+import asyncio
+import hashlib
+import os
+import pickle
+import random
+import weakref
+from typing import Any, Iterable, Mapping, Sequence
+
+import numpy as np
+
+from . import _limits, _travel
+from ._net.frame import Array
+from ._travel import PIECE_BYTES, keys_of_changes, keys_of_file
+from ._requests.files import read_file
+from ._requests.loads import Load, load_of_file, load_of_mesh, load_of_parts
+from ._requests.precision import rounding_warning
+from ._workers import Carried, Source, named
+from .edits import Change, Edit
+from .errors import FailedError, InvalidError, SceneWarning, UsageError, warn
+from .scene import Scene
+
+SEND_SECONDS = 20.0         # after which a worker that takes a piece counts as stuck
+
+
+class Prepared:
+    """A scene for the functions of raynest.dask, made by raynest.dask.prepare()."""
+
+    piece_bytes = PIECE_BYTES
+
+    def __init__(self, scene: Any, load: dict[str, Any]) -> None:
+        self._pieces: dict[str, Any] = {}       # key -> its bytes
+        self._sent: weakref.WeakKeyDictionary[Any, dict[str, Any]] = weakref.WeakKeyDictionary()
+        self._mesh: Any = None                  # vertices and faces, of which float32 may lose digits
+        self._must_be = ""                      # the digest of a Scene that this stands for
+        if isinstance(scene, Scene):
+            if scene.made is None:
+                raise UsageError(f"{scene!r} was not made by load() here: pass the file, or the triangles, that it is of")
+            self._must_be = str(scene.info["hash"])
+            scene, load = scene.made[0], {**scene.made[1], **load}
+        self.source = self._source(scene, load)
+        self._log = os.urandom(8).hex()
+        self._epoch = 0
+
+    def _source(self, scene: Any, load: dict[str, Any]) -> Source:
+        found: Load
+        if isinstance(scene, Mapping):
+            found, path = load_of_parts(scene, **load), ""
+        elif isinstance(scene, (tuple, list)) and len(scene) == 2:
+            self._mesh = scene
+            found, path = load_of_mesh(*scene, **load), ""
+        elif hasattr(scene, "vertices") and hasattr(scene, "faces"):
+            self._mesh = scene.vertices, scene.faces
+            found, path = load_of_mesh(scene.vertices, scene.faces, **load), ""
+        elif isinstance(scene, (bytes, bytearray, memoryview)):
+            found, path = load_of_file("", data=memoryview(scene).cast("B"), **load), ""
+        else:
+            path = os.fspath(scene)
+            if not isinstance(path, str):
+                raise TypeError(f"a path of type {type(path).__name__}: it must be a str")
+            if not path.startswith(("builtin:", "root:")):
+                path = os.path.abspath(path)
+                if not os.path.exists(path):        # the workers may see it
+                    return Source(path, load)
+            found = load_of_file(path, "", **load)
+        source, most = Source(path, load, named(found.message), piece_bytes=self.piece_bytes), self.piece_bytes
+        for number, (digest, size) in enumerate(source.files()):
+            data = next(found.read(number))
+            for i, key in enumerate(keys_of_file(digest, size, most)):
+                self._keep(key, data[i * most:(i + 1) * most])
+        return source
+
+    def _keep(self, key: str, piece: Array) -> None:
+        self._pieces[key] = piece
+        _travel.own[key] = self
+
+    @property
+    def bytes(self) -> int:
+        """The size of the files."""
+        return sum(size for _, size in self.source.files()) if self.source.message else 0
+
+    def carry(self, path: str, prefix: str = "") -> Carried:
+        """A file that a command names: it travels as the scene does."""
+        data = read_file(path, _limits.upload_bytes_max)
+        digest = hashlib.sha256(data).digest()
+        for i, key in enumerate(keys_of_file(digest, len(data), self.piece_bytes)):
+            self._keep(key, np.frombuffer(data, np.uint8)[i * self.piece_bytes:(i + 1) * self.piece_bytes])
+        return Carried(prefix, digest.hex()[:16] + os.path.splitext(path)[1], digest, len(data))
+
+    def piece(self, key: str) -> Array:
+        return self._pieces[key]
+
+    def found(self, message: dict[str, Any]) -> None:
+        """Takes the Load of files that a worker has read, and this machine cannot."""
+        self.source = self.source._replace(message=message)
+
+    def learn(self, info: dict[str, Any]) -> None:
+        """Takes what a worker's daemon tells of the scene, and warns as a load does."""
+        if self.source.digest:
+            return
+        if self._must_be not in ("", info["hash"]):
+            raise InvalidError("the scene was edited, or its file has changed, since it was loaded: deal out what "
+                               "raynest.dask.prepare() makes of the file, and edit that", "SCENE_UNKNOWN")
+        self.source = self.source._replace(digest=info["hash"])
+        for text in info["warnings"]:
+            warn(text, SceneWarning)
+        if self._mesh is not None:
+            lost = rounding_warning(*self._mesh, info["origin"], info["degenerate_triangles"])
+            self._mesh = None
+            if lost:
+                warn(lost, SceneWarning)
+
+    # ---- changes --------------------------------------------------------------------------------
+
+    @property
+    def epoch(self) -> int:
+        """How many edits there were."""
+        return self._epoch
+
+    def edit(self) -> Edit:
+        """As Scene.edit(): a batch of changes, which becomes the scene's next epoch when the block ends. The
+        workers make them when they next need that epoch; the change travels, not the scene."""
+        return Edit(self._record)
+
+    def _record(self, change: Change) -> dict[str, Any]:
+        if change.message["scenes"]:
+            raise UsageError("an edit on many hosts adds no other scene: have it in this one, hidden, and show it")
+        key, = keys_of_changes(self._log, self._epoch, self._epoch + 1)
+        self._keep(key, np.frombuffer(pickle.dumps(change), np.uint8))
+        self._epoch += 1
+        return {"epoch": self._epoch}
+
+    def at(self, epoch: int) -> Source:
+        """The scene after so many edits."""
+        if not 0 <= epoch <= self._epoch:
+            raise UsageError(f"there is no epoch {epoch}: the scene has had {self._epoch} edits")
+        return self.source._replace(log=self._log, epoch=epoch) if epoch else self.source
+
+    # ---- on the way -----------------------------------------------------------------------------
+
+    def send(self, cluster: Any, keys: Sequence[str], workers: Iterable[str]) -> None:
+        """Gives pieces that no worker has to one of them each. They stay there as long as this object lives."""
+        sent = self._sent.setdefault(cluster, {})
+        takers = list(workers)
+        random.shuffle(takers)
+        lost = set(self._lost(cluster, keys))
+        for key in keys:
+            if key not in self._pieces:
+                raise FailedError(f"the workers ask for {key}, which is no piece of this scene")
+            while key in lost:
+                if not takers:
+                    raise FailedError("no worker takes the scene's files")
+                to = takers.pop()
+                if self._give(cluster, sent, key, to):
+                    takers.insert(0, to)
+                    lost.remove(key)
+
+    def send_all(self, cluster: Any) -> None:
+        """Gives the workers all that they may come to lack while nobody looks after them."""
+        if self._pieces:
+            self.send(cluster, list(self._pieces), cluster.scheduler_info()["workers"])
+
+    def _lost(self, cluster: Any, keys: Sequence[str]) -> list[str]:
+        places = cluster.sync(cluster.scheduler.who_has, keys=list(keys))
+        return [key for key in keys if not places.get(key)]
+
+    def _give(self, cluster: Any, sent: dict[str, Any], key: str, to: str) -> bool:
+        async def scatter() -> Any:
+            return await cluster.scatter({key: self._pieces[key]}, hash=False, direct=True,
+                                         workers=[to], asynchronous=True)
+        giving = asyncio.run_coroutine_threadsafe(scatter(), cluster.loop.asyncio_loop)
+        try:
+            sent[key] = giving.result(SEND_SECONDS)[key]
+            return True
+        except Exception:       # the worker died, or is stuck
+            giving.cancel()
+            return False

@@ -1,0 +1,93 @@
+"""The message of a Load, from files, triangles or parts."""
+from __future__ import annotations
+
+import os
+from typing import Any, Mapping, NamedTuple, Optional, Sequence, Union
+
+import numpy as np
+
+from .._net.control import Message
+from ..errors import UsageError
+from .arguments import Masks, mask_rules
+from .files import path_text
+from .gltf import mesh_glb
+from .parts import parts_glb
+from .precision import ROUNDING_WORDS
+from .principals import split_principals
+from .rays import vector
+from .upload import File, Read, Upload, gather, upload_of
+
+
+class Load(NamedTuple):
+    """A Load, what reads its files, and the words of those of the daemon's warnings that the client puts better."""
+
+    message: Message
+    read: Read
+    hides: str = ""
+
+
+def load_of_file(source: Union[str, os.PathLike[str]], name: Optional[str] = None, *,
+                 data: Optional[memoryview] = None, origin: Any = None, replace: bool = False, build: str = "medium", primitive: str = "",
+                 instances: Union[str, os.PathLike[str]] = "", masks: Masks = (), unit: Union[str, float] = 1,
+                 up: str = "y", radius: float = 0, spacing: float = 0, share: Union[str, Sequence[str]] = ()) -> Load:
+    """As Client.load() has it. `data` are the bytes of a file that names no others, in the place of `source`."""
+    if hasattr(source, "vertices") and hasattr(source, "faces"):
+        raise TypeError("source is a mesh: pass mesh.vertices and mesh.faces to Client.mesh()")
+    if data is not None:
+        upload = upload_of(data, primitive)
+    else:
+        upload = gather(path_text("source", source), primitive, path_text("instances", instances))
+    if name is not None:
+        upload = upload._replace(scene_name=name)
+    elif upload.files and not upload.scene_name:
+        raise UsageError(f"a scene of {source!s} has no name of its own: pass name=")
+    chosen = isinstance(origin, str) and origin == "auto"
+    return Load({
+        **upload.message(), **_origin_message(None if chosen else origin), "replace": replace, "build": build,
+        "primitive": primitive, "origin_auto": chosen, "unit": _metres(unit), "up": "" if up == "y" else up,
+        "radius": radius, "spacing": spacing, "masks": mask_rules(masks),
+        "share": split_principals(share) if isinstance(share, str) else list(share)}, upload.read)
+
+
+def load_of_mesh(vertices: Any, faces: Any = None, name: Optional[str] = None, *, origin: Any = None,
+                 keep: bool = False, replace: bool = False, build: str = "medium") -> Load:
+    """As Client.mesh() has it."""
+    if faces is None and hasattr(vertices, "vertices") and hasattr(vertices, "faces"):
+        raise TypeError("vertices is a mesh: pass mesh.vertices and mesh.faces")
+    if faces is None:
+        raise TypeError("mesh() takes vertices and faces")
+    shift = np.zeros(3) if origin is None else vector("origin", origin)
+    upload = Upload("mesh.glb", name or "", (File("mesh.glb", mesh_glb(vertices, faces, shift)),))
+    message = {**upload.message(), **_origin_message(shift), "replace": replace, "build": build,
+               "temporary": not name and not keep}
+    if not name:
+        built = "" if build == "medium" else f"-{build}"
+        message["name"] = f"mesh-{message['file_digests'][:8].hex()}{built}"
+    # The daemon sees float32 only, and cannot tell whether that lost anything.
+    return Load(message, upload.read, ROUNDING_WORDS)
+
+
+def load_of_parts(parts: Mapping[str, Any], places: Optional[Mapping[str, Any]] = None, name: Optional[str] = None,
+                  *, origin: Any = None, keep: bool = False, replace: bool = False, build: str = "medium",
+                  masks: Masks = ()) -> Load:
+    """As Client.scene_of() has it."""
+    upload = Upload("parts.glb", name or "", (File("parts.glb", parts_glb(parts, places)),))
+    message = {**upload.message(), **_origin_message(origin), "replace": replace, "build": build,
+               "masks": mask_rules(masks), "temporary": not name and not keep}
+    if not name:
+        message["name"] = f"parts-{message['file_digests'][:8].hex()}"
+    return Load(message, upload.read)
+
+
+def _metres(unit: Union[str, float]) -> float:
+    """Returns a unit in metres, 0 for one metre."""
+    units = {"mm": 0.001, "cm": 0.01, "m": 1.0, "in": 0.0254, "ft": 0.3048}
+    if isinstance(unit, str) and unit not in units:
+        raise UsageError(f"unit must be one of {', '.join(units)}, or metres as a number, not {unit!r}")
+    metres = units[unit] if isinstance(unit, str) else float(unit)
+    return 0.0 if metres == 1 else metres
+
+
+def _origin_message(origin: Any) -> Message:
+    shift = (0.0, 0.0, 0.0) if origin is None else vector("origin", origin).tolist()
+    return dict(zip(("origin_x", "origin_y", "origin_z"), shift))

@@ -1,0 +1,76 @@
+"""Pieces of what only the client's machine has, as they travel between the workers of a cluster.
+
+A piece has a key that says what it is: the digest of its file and its number, or the name of a scene's changes and the
+number of one. The client gives each piece to one worker, from which the others fetch it: the more hosts there are, up to
+the number of pieces, the more give. Copies of a piece would not last, as Dask's memory manager drops them.
+"""
+from __future__ import annotations
+
+import collections
+import concurrent.futures
+import weakref
+from typing import Any, Iterator, Protocol, Sequence
+
+import numpy as np
+
+from ._net.frame import Array
+
+PIECE_BYTES = 8 << 20       # no message of a cluster is larger, whatever the scene
+AHEAD = 3                   # pieces that a host fetches at once
+PIECE_SECONDS = 60.0        # after which whoever has a piece counts as lost
+
+
+class Holder(Protocol):
+    """The client's own program, which has all pieces."""
+
+    def piece(self, key: str) -> Array: ...
+
+
+# Pieces of this process's own program: key -> Holder. A daemon of this machine needs no cluster.
+own: weakref.WeakValueDictionary[str, Any] = weakref.WeakValueDictionary()
+
+
+class Missing(Exception):
+    """No worker has these pieces. Travels as the answer of an item: the client then sends them."""
+
+    def __init__(self, keys: Sequence[str]) -> None:
+        super().__init__(f"pieces that no worker has: {len(keys)}")
+        self.keys = list(keys)
+
+
+def keys_of_file(digest: bytes, size: int, piece_bytes: int) -> list[str]:
+    return [f"raynest-{digest.hex()}-{i}of{piece_bytes}" for i in range(-(-size // piece_bytes))]
+
+
+def keys_of_changes(log: str, first: int, last: int) -> list[str]:
+    """The changes that lead from one epoch to another."""
+    return [f"raynest-{log}-{i}" for i in range(first, last)]
+
+
+def fetch(keys: Sequence[str]) -> Iterator[Array]:
+    """Yields the pieces, the next of which come meanwhile; raises Missing at once where one is nowhere."""
+    if all(key in own for key in keys):
+        for key in keys:
+            yield own[key].piece(key)
+        return
+    import distributed
+    try:
+        cluster: Any = distributed.get_client()
+    except ValueError:
+        raise Missing(keys) from None
+    places = cluster.sync(cluster.scheduler.who_has, keys=list(keys))
+    if missing := [key for key in keys if not places.get(key)]:
+        raise Missing(missing)
+
+    def one(key: str) -> Array:
+        try:
+            return np.asarray(distributed.Future(key, cluster).result(timeout=PIECE_SECONDS))
+        except Exception:       # its holder died, or is stuck
+            raise Missing([key]) from None
+    with concurrent.futures.ThreadPoolExecutor(AHEAD) as pool:
+        coming = collections.deque(pool.submit(one, key) for key in keys[:AHEAD])
+        for key in [*keys[AHEAD:], *[""] * min(AHEAD, len(keys))]:
+            piece = coming.popleft().result()
+            if key:
+                coming.append(pool.submit(one, key))
+            yield piece

@@ -1,0 +1,215 @@
+#!/usr/bin/env python3
+"""Scenes that only the client's machine has, and scenes that move, on many hosts: the bytes of one daemon.
+
+  dask_scenes_test.py RAYNESTD RAYNEST FLATC
+"""
+import os
+import subprocess
+import sys
+import types
+
+import numpy as np
+
+import raynest
+from with_cluster import WithCluster, many
+from with_daemon import main, rain
+
+RAYS = rain(30000)
+FIELDS = ("t", "prim", "path")
+
+
+def hills(side=60, seed=2):
+    """Triangles (vertices, faces) of uneven ground under the rays."""
+    at = np.linspace(-60, 60, side)
+    x, z = np.meshgrid(at, at)
+    y = np.random.default_rng(seed).uniform(0, 5, x.shape)
+    corner = (np.arange(side - 1)[:, None] * side + np.arange(side - 1)).ravel()
+    faces = np.concatenate([np.stack([corner, corner + side, corner + 1], 1),
+                            np.stack([corner + 1, corner + side, corner + side + 1], 1)])
+    return np.stack([x, y, z], -1).reshape(-1, 3), faces
+
+
+class OnlyHere(WithCluster):
+    def traced(self, cluster, scene, **options):
+        options = {"item_rays": 3000, "fields": FIELDS, "setup": self.setup, **options}
+        return many.trace(cluster.client, scene, RAYS, **options)
+
+    def in_pieces(self, *mesh):
+        """Prepared in pieces that this test can have many of."""
+        size, many.Prepared.piece_bytes = many.Prepared.piece_bytes, 100_000
+        try:
+            return many.prepare(*mesh)
+        finally:
+            many.Prepared.piece_bytes = size
+
+    def holders(self, cluster, scene):
+        return {place for places in cluster.client.who_has(list(scene._sent[cluster.client].values())).values()
+                for place in places}
+
+    def test_every_form_has_the_bytes_of_one_daemon(self):
+        cluster = self.cluster(2)
+        vertices, faces = hills()
+        parts = {"ground": (vertices, faces), "stone": hills(5, 3)}
+        places = {"ground": "ground", "stone": ("stone", [(0, 9, 0), (5, 12, 3)])}
+        whole = self.client.mesh(vertices, faces).trace(RAYS, fields=FIELDS)
+        file = self.out / "hills.npz"
+        np.savez(file, vertices=vertices, faces=faces)
+        for form in ((vertices, faces), [vertices, faces], types.SimpleNamespace(vertices=vertices, faces=faces),
+                     many.prepare(vertices, faces)):
+            self.same(self.traced(cluster, form), whole)
+        for form in (file.read_bytes(), str(file), file, self.client.load(file, "hills")):
+            self.same(self.traced(cluster, form), self.client.scene("hills").trace(RAYS, fields=FIELDS))
+        self.same(self.traced(cluster, parts, load={"places": places}),
+                  self.client.scene_of(parts, places).trace(RAYS, fields=FIELDS))
+        far = {"origin": (1e6, 0, 0)}
+        self.same(many.trace(cluster.client, (vertices + (1e6, 0, 0), faces), RAYS[:, (0, 1, 2, 4, 5, 6)] + (1e6, 0, 0, 0, 0, 0),
+                             fields=FIELDS, load=far, setup=self.setup),
+                  self.client.mesh(vertices + (1e6, 0, 0), faces, **far).trace(
+                      RAYS[:, (0, 1, 2, 4, 5, 6)] + (1e6, 0, 0, 0, 0, 0), fields=FIELDS))
+        lit = {"size": (96, 64), "integrator": "path", "spp": 2}
+        self.same(many.render(cluster.client, (vertices, faces), **lit, item_samples=2048, setup=self.setup),
+                  self.client.mesh(vertices, faces).render(**lit))
+        found = many.arrays(cluster.client, hills(30), RAYS, fields=("t",), item_rays=5000, setup=self.setup)
+        np.testing.assert_array_equal(cluster.client.compute(found["t"], sync=True),
+                                      self.client.mesh(*hills(30)).trace(RAYS, fields=("t",))["t"])
+        with self.assertRaisesRegex(raynest.UsageError, "not made by load"):
+            self.traced(cluster, self.client.mesh(vertices, faces))
+        with self.assertRaisesRegex(raynest.InvalidError, "neither this machine nor the worker"):
+            self.traced(cluster, "/nowhere/forest.glb")
+
+    def test_files_travel_once_and_only_where_they_must(self):
+        cluster = self.cluster(2)
+        mesh = hills()
+        first = many.prepare(*mesh)
+        whole = self.traced(cluster, first)
+        sent = first._sent[cluster.client]
+        self.assertEqual(set(sent), set(first._pieces))
+        again = many.prepare(*mesh)
+        self.same(self.traced(cluster, again), whole)
+        self.assertNotIn(cluster.client, again._sent, "the daemons have it already")
+        file = self.out / "seen.npz"
+        np.savez(file, vertices=mesh[0], faces=mesh[1])
+        seen = many.prepare(file)
+        self.same(self.traced(cluster, seen), whole)
+        self.assertNotIn(cluster.client, seen._sent, "the workers read it at its path")
+
+    def test_a_late_host_gets_it_and_lost_pieces_are_sent_again(self):
+        cluster = self.cluster(1)
+        scene = many.prepare(*hills())
+        whole = self.traced(cluster, scene)
+        cluster.workers.append(cluster.add())
+        cluster.client.wait_for_workers(2, timeout=60)
+        cluster.workers[0].kill()           # it alone has what was sent
+        cluster.workers[0].wait()
+        self.same(self.traced(cluster, scene), whole)
+        late = list(cluster.client.scheduler_info()["workers"])
+        self.assertLessEqual(self.holders(cluster, scene), set(late))
+
+    def test_pieces_are_spread_over_the_hosts(self):
+        cluster = self.cluster(2)
+        scene = self.in_pieces(*hills(200))
+        self.assertGreater(len(scene._pieces), 5)
+        self.same(self.traced(cluster, scene), self.client.mesh(*hills(200)).trace(RAYS, fields=FIELDS))
+        self.assertEqual(len(self.holders(cluster, scene)), 2)
+
+    def test_the_command_line_of_a_file_that_no_worker_sees(self):
+        cluster = self.cluster(1)
+        mesh = hills()
+        np.savez(self.out / "only.npz", vertices=mesh[0], faces=mesh[1])
+        look = ("/proc/self/cwd/only.npz", "--generate", "camera", "size=300x300", "--fields", "t,prim")
+        for out, words in (("one.npz", ("--server", self.daemon.uri)),      # each process has another folder there
+                           ("many.npz", ("--dask", cluster.client.scheduler.address))):
+            done = subprocess.run([self.raynest, *words, "query", *look, "-o", out], cwd=self.out, capture_output=True,
+                                  env={**os.environ, "RAYNEST_PYTHON": sys.executable}, text=True,
+                                  stdin=subprocess.DEVNULL)
+            self.assertEqual(done.returncode, 0, done.stderr)
+        with np.load(self.out / "one.npz") as one, np.load(self.out / "many.npz") as found:
+            self.same(dict(found), dict(one))
+
+    def test_a_host_without_room_is_told_in_a_line(self):
+        cluster = self.cluster(1)
+        small = self.setup._replace(options=("--threads", "1", "--memory", "64M"))
+        with self.assertRaisesRegex(raynest.BusyError, r"^the worker \S+ has no room for the scene, whose files have \d+ MB: "):
+            self.traced(cluster, hills(1000), setup=small)
+
+
+def street(edit, step):
+    edit.place("car", np.hstack([np.eye(3), [[3.0 * step - 40], [12], [0]]]))
+    edit.move("stone#1", (0, 0.25, 0))
+    if step == 3:
+        edit.hide("stone#0")
+
+
+class Moving(WithCluster):
+    PARTS = {"ground": hills(20), "car": hills(8, 4), "stone": hills(5, 3)}
+    PLACES = {"ground": "ground", "car": "car", "stone": ("stone", [(0, 9, 0), (5, 12, 3)])}
+
+    def alone(self, steps, fields=FIELDS):
+        """The scans of one daemon."""
+        with self.client.scene_of(self.PARTS, self.PLACES) as scene:
+            found = []
+            for step in range(steps):
+                with scene.edit() as edit:
+                    street(edit, step)
+                found.append(scene.trace(RAYS[step::3], fields=fields))
+            return found
+
+    def moved(self, steps):
+        scene = many.prepare(self.PARTS, places=self.PLACES)
+        scans = []
+        for step in range(steps):
+            with scene.edit() as edit:
+                street(edit, step)
+            scans.append((scene.epoch, RAYS[step::3]))
+        return scene, scans
+
+    def test_a_sweep_is_dealt_by_scan(self):
+        cluster = self.cluster(2)
+        scene, scans = self.moved(12)
+        whole = self.alone(12)
+        for seen, one in zip(many.sweep(cluster.client, scene, scans, fields=FIELDS, setup=self.setup), whole):
+            self.same(seen, one)
+        with self.subTest("backwards, and by a host that comes late"):
+            cluster.workers.append(cluster.add())
+            cluster.workers[0].kill()
+            found = many.sweep(cluster.client, scene, scans[::-1], fields=FIELDS, setup=self.setup)
+            for seen, one in zip(found, whole[::-1]):
+                self.same(seen, one)
+        with self.subTest("at the last epoch"):
+            self.same(many.trace(cluster.client, scene, RAYS[11::3], fields=FIELDS, setup=self.setup, item_rays=3000),
+                      whole[11])
+        with self.subTest("what it was before any edit"):
+            fresh = many.prepare(self.PARTS, places=self.PLACES)
+            self.same(many.trace(cluster.client, fresh, RAYS, fields=FIELDS, setup=self.setup, item_rays=3000),
+                      self.client.scene_of(self.PARTS, self.PLACES).trace(RAYS, fields=FIELDS))
+
+    def test_the_change_travels_and_not_the_scene(self):
+        cluster = self.cluster(2)
+        scene, scans = self.moved(3)
+        many.sweep(cluster.client, scene, scans, setup=self.setup)
+        before = dict(scene._sent[cluster.client])
+        with scene.edit() as edit:
+            edit.move("car", (0, 1, 0))
+        many.sweep(cluster.client, scene, [(scene.epoch, RAYS)], setup=self.setup)
+        new = set(scene._sent[cluster.client]) - set(before)
+        self.assertEqual(len(new), 1)
+        self.assertLess(sum(scene.piece(key).nbytes for key in new), 2000)
+        self.assertTrue(all(scene._sent[cluster.client][key] is future for key, future in before.items()))
+
+    def test_mistakes(self):
+        cluster = self.cluster(1)
+        scene, scans = self.moved(1)
+        with self.assertRaisesRegex(raynest.UsageError, "no epoch 9"):
+            many.sweep(cluster.client, scene, [(9, RAYS)], setup=self.setup)
+        with self.assertRaisesRegex(raynest.UsageError, "adds no other scene"), scene.edit() as edit:
+            edit.add("woods")
+        self.assertEqual(scene.epoch, 1)
+        with scene.edit() as edit:
+            edit.move("nobody", (1, 0, 0))
+        with self.assertRaisesRegex(raynest.Error, "nobody"):
+            many.sweep(cluster.client, scene, [(2, RAYS)], setup=self.setup)
+        many.sweep(cluster.client, scene, scans, setup=self.setup)     # what was before it still works
+
+
+if __name__ == "__main__":
+    main()
