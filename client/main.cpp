@@ -11,7 +11,6 @@
 #include "client/output/output_file.h"
 #include "client/requests/generator.h"
 #include "client/requests/scene_source.h"
-#include "client/requests/selection.h"
 #include "client/requests/tables.h"
 
 #include <cstdlib>
@@ -153,10 +152,6 @@ Result<void> connect_and_run(Options options) {
                 if constexpr (requires { chosen.job.hide; }) {
                     if (auto read = read_tables(chosen.job.settings, chosen.job.tables); !read)
                         return read;
-                    if (auto found =
-                            find_selection(context.connection, context.progress, chosen.job);
-                        !found)
-                        return found;
                 }
                 if constexpr (requires { chosen.difference; })
                     if (auto& other = chosen.difference)

@@ -25,7 +25,13 @@ void check_job(Checks& checks, const wire::Job& job) {
         .items("only_objects", job.only_objects())
         .tables("tables", job.tables())
         .finite("time", job.time())
-        .name("animation", job.animation());
+        .name("animation", job.animation())
+        .texts("hidden_paths", job.hidden_paths())
+        .texts("only_paths", job.only_paths())
+        .aligned("hidden_path_ids", job.hidden_path_ids(), checks.limits().list_items_max,
+                 "list_items_max")
+        .aligned("only_path_ids", job.only_path_ids(), checks.limits().list_items_max,
+                 "list_items_max");
 }
 
 void check_camera(Checks& checks, const wire::Camera& camera) {

@@ -31,7 +31,7 @@ def rooms(names, *engine):
 
 ENGINE = ["engine"]
 SYSTEM = ["engine/result.h", "engine/system"]
-BUILT = up_to("engine/packs") + ["engine/scene"]
+BUILT = up_to("engine/packs") + ["engine/scene", "engine/scene/selection"]
 CLIENT = ["client/" + room for room in ("ground", "net", "files", "requests", "output", "load_test", "commands")]
 
 # Row -> what its files may include besides each other: rows that stand above it, or single headers of
@@ -43,6 +43,7 @@ ALLOWED = {
     "engine/scene/motion": up_to("engine/bvh"),
     "engine/scene": up_to("engine/bvh") + ["engine/scene/motion"],
     "engine/scene/edits": up_to("engine/bvh") + ["engine/scene", "engine/scene/motion"],
+    "engine/scene/selection": up_to("engine/bvh") + ["engine/scene", "engine/scene/edits"],
     "engine/assets/input": up_to("engine/bvh") + ["engine/scene"],
     "engine/assets/images": ["engine/result.h", "engine/system", "engine/scene"],
     "engine/assets/builtin": up_to("engine/geometry") + ["engine/scene", "engine/scene/motion"],

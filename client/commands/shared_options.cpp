@@ -100,8 +100,9 @@ void add_job(CommandLine& line, JobOptions& job) {
             job.hide.push_back(text);
             return check_selection(text);
         },
-        "leave something out: the outermost instance of a PATH's text, inst=NUMBER or "
-        "object=NUMBER as the columns of query have them; may be repeated");
+        "leave something out: a part at any depth by the text of its PATH, with * for any text, or "
+        "inst=NUMBER, object=NUMBER or path=NUMBER as the columns of query have them; may be "
+        "repeated");
     line.add_each(
         "--only",
         [&job](const std::string& text) -> Result<void> {

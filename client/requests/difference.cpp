@@ -62,7 +62,7 @@ JobOptions other_job(const JobOptions& job, const Difference& difference) {
     JobOptions other = job;
     if (!difference.scene.empty()) {
         other.scene = difference.scene;
-        // Numbers of instances and objects mean others there.
+        // Paths, and numbers of instances and objects mean others there.
         other.hide.clear();
         other.only.clear();
         other.epoch = 0;

@@ -112,6 +112,13 @@ Result<std::unique_ptr<wire::CameraT>> read_camera(const FilmFile& film, const s
     return camera;
 }
 
+/// A space within a text of a path is %20 in the header of a film.
+std::string with_spaces(std::string text) {
+    for (std::size_t at = 0; (at = text.find("%20", at)) != std::string::npos; ++at)
+        text.replace(at, 3, " ");
+    return text;
+}
+
 }  // namespace
 
 void set_light(const LightOptions& options, wire::RenderT& request) {
@@ -156,7 +163,8 @@ Result<wire::RenderT> resumed_film(const ResumeOptions& options, FilmFiles& file
         for (const std::string& setting : split(set, ' ')) request.job->settings.push_back(setting);
     JobOptions selected;
     for (auto [name, list] : {std::pair("hide", &selected.hide), std::pair("only", &selected.only)})
-        if (const std::string texts = film->value(name); !texts.empty()) *list = split(texts, ' ');
+        if (const std::string texts = film->value(name); !texts.empty())
+            for (const std::string& text : split(texts, ' ')) list->push_back(with_spaces(text));
     add_selection(selected, *request.job);
     request.best_by_ms = static_cast<std::uint32_t>(deadline_of(options.deadline).count());
     request.integrator = film->value("integrator");

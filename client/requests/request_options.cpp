@@ -11,12 +11,14 @@ namespace {
 
 constexpr std::string_view instance_key = "inst=";
 constexpr std::string_view object_key = "object=";
+constexpr std::string_view path_key = "path=";
 
 /// The number behind a key; nothing if the text has another key or no number.
-std::optional<std::uint32_t> number_of(std::string_view text, std::string_view key) {
+template <class Number>
+std::optional<Number> number_of(std::string_view text, std::string_view key) {
     if (!text.starts_with(key)) return std::nullopt;
     text.remove_prefix(key.size());
-    std::uint32_t number = 0;
+    Number number = 0;
     const auto [end, error] = std::from_chars(text.data(), text.data() + text.size(), number);
     if (error != std::errc{} || end != text.data() + text.size()) return std::nullopt;
     return number;
@@ -43,27 +45,34 @@ Result<WorldRay> parse_ray(const std::string& text) {
     return WorldRay{n[0], n[1], n[2], n[3], n[4], n[5], n[6], n[7]};
 }
 
-bool is_numbered(std::string_view selection) {
-    return number_of(selection, instance_key) || number_of(selection, object_key);
-}
-
 Result<void> check_selection(const std::string& text) {
-    if (is_numbered(text)) return {};
-    if (text.starts_with(instance_key) || text.starts_with(object_key))
-        return fail(Exit::usage, "'" + text + "' has no whole number behind its '='");
     if (text.empty()) return fail(Exit::usage, "names nothing");
+    const bool is_numbered = number_of<std::uint32_t>(text, instance_key) ||
+                             number_of<std::uint32_t>(text, object_key) ||
+                             number_of<std::uint64_t>(text, path_key);
+    if (!is_numbered && (text.starts_with(instance_key) || text.starts_with(object_key) ||
+                         text.starts_with(path_key)))
+        return fail(Exit::usage, "'" + text + "' has no whole number behind its '='");
     return {};
 }
 
 void add_selection(const JobOptions& options, wire::JobT& job) {
-    const auto add = [](const std::vector<std::string>& texts, auto& instances, auto& objects) {
-        for (const std::string& text : texts) {
-            if (const auto instance = number_of(text, instance_key)) instances.push_back(*instance);
-            if (const auto object = number_of(text, object_key)) objects.push_back(*object);
+    const auto add = [](const std::vector<std::string>& selected, auto& instances, auto& objects,
+                        auto& ids, auto& texts) {
+        for (const std::string& text : selected) {
+            if (const auto instance = number_of<std::uint32_t>(text, instance_key))
+                instances.push_back(*instance);
+            else if (const auto object = number_of<std::uint32_t>(text, object_key))
+                objects.push_back(*object);
+            else if (const auto path = number_of<std::uint64_t>(text, path_key))
+                ids.push_back(*path);
+            else
+                texts.push_back(text);
         }
     };
-    add(options.hide, job.hidden_instances, job.hidden_objects);
-    add(options.only, job.only_instances, job.only_objects);
+    add(options.hide, job.hidden_instances, job.hidden_objects, job.hidden_path_ids,
+        job.hidden_paths);
+    add(options.only, job.only_instances, job.only_objects, job.only_path_ids, job.only_paths);
     job.skip_hidden_boxes = options.skip_hidden_boxes;
 }
 

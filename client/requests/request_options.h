@@ -37,7 +37,7 @@ struct JobOptions {
     std::string priority;
     double deadline = 0;  ///< seconds; 0 = none
     bool detach = false;
-    /// "inst=N", "object=N" or the text of a path: see selection.h.
+    /// "inst=N", "object=N", "path=N" or the text of paths
     std::vector<std::string> hide, only;
     bool skip_hidden_boxes = false;
     std::optional<double> time;  ///< seconds within the animation; nothing: the scene as it is
@@ -99,11 +99,9 @@ inline constexpr const char* ray_form = "ox,oy,oz,dx,dy,dz or ox,oy,oz,tmin,dx,d
 /// Parses "ox,oy,oz,dx,dy,dz" or "ox,oy,oz,tmin,dx,dy,dz,tmax", the order of .npy files.
 Result<WorldRay> parse_ray(const std::string& text);
 
-/// True for "inst=N" and "object=N".
-[[nodiscard]] bool is_numbered(std::string_view selection);
-/// Checks a text of --hide or --only; one of another form is the text of a path.
+/// Checks a text of --hide or --only; one without such a key is the text of paths.
 Result<void> check_selection(const std::string& text);
-/// Adds "inst=N" and "object=N" to the lists of a Job.
+/// Adds --hide and --only to the lists of a Job.
 void add_selection(const JobOptions& options, wire::JobT& job);
 
 }  // namespace raynest::client

@@ -4,6 +4,8 @@
 
 #include <algorithm>
 #include <chrono>
+#include <optional>
+#include <span>
 #include <string>
 
 namespace raynest::server {
@@ -54,6 +56,38 @@ protocol::Error error_of(TraceStatus status, const Plan& plan, const Stop& stop,
             0};
 }
 
+/// Tells an observer what steps in the view of a selection are in the scene.
+class SceneObserver {
+public:
+    SceneObserver(const Observer& to, const Selected& selected) : to_(to), selected_(selected) {
+        observer_ = {this, &SceneObserver::step, &SceneObserver::end, to.candidates};
+    }
+    [[nodiscard]] const Observer& observer() const { return observer_; }
+
+private:
+    static void step(void* self, const Step* step) noexcept {
+        const auto& here = *static_cast<const SceneObserver*>(self);
+        const Step in_scene = here.selected_.in_scene(*step);
+        here.to_.step(here.to_.context, &in_scene);
+    }
+    static void end(void* self, std::uint32_t ray, const HitRecord* hit) noexcept {
+        const auto& here = *static_cast<const SceneObserver*>(self);
+        HitRecord in_scene = *hit;
+        here.selected_.name_by_scene({&in_scene, 1});
+        here.to_.end(here.to_.context, ray, &in_scene);
+    }
+
+    const Observer& to_;
+    const Selected& selected_;
+    Observer observer_;
+};
+
+/// Returns the hit records that a call has written.
+std::span<HitRecord> hits_of(const TraceCall& call, Query query) {
+    return {call.hits,
+            query == query_all ? call.hits_room : std::uint64_t{call.ray_count} * call.hits_max};
+}
+
 class CpuBackend final : public Backend {
 public:
     explicit CpuBackend(const protocol::Limits& limits) : limits_(limits) {}
@@ -77,9 +111,16 @@ public:
         TraceCall bounded = call;
         bounded.cancelled = is_requested;
         bounded.cancelled_context = &chunk;
+        std::optional<SceneObserver> watch;
+        const bool copies = plan.selected && plan.selected->has_copies();
+        if (copies && call.observer != nullptr)
+            bounded.observer = &watch.emplace(*call.observer, *plan.selected).observer();
         const Traversal traversal = plan.selector.choose({call.rays, call.ray_count}, *call.scene);
         const TraceStatus status = plan.selector.function(traversal)(&bounded);
-        if (status == trace_ok) return traversal;
+        if (status == trace_ok) {
+            if (copies) plan.selected->name_by_scene(hits_of(call, plan.query));
+            return traversal;
+        }
         return tl::unexpected(TraceFailure(error_of(status, plan, stop, time_max)));
     }
 

@@ -37,7 +37,7 @@ std::string heat_json(const HeatDocument& document) {
     if (!document.selected.hide.empty()) json["hide"] = document.selected.hide;
     if (!document.selected.only.empty()) json["only"] = document.selected.only;
     if (document.plan.selected != nullptr)
-        json["hidden_boxes"] = document.plan.selected->skips_boxes ? "left out" : "counted";
+        json["hidden_boxes"] = document.plan.selected->skips_boxes() ? "left out" : "counted";
     json["target"] = document.plan.variant->target;
     json["other"] =
         document.other == nullptr ? Json(nullptr) : job_json(*document.other, document.limits);

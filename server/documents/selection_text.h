@@ -1,4 +1,4 @@
-// The instances and objects that a job hides, as text for files and documents.
+// The instances, objects and paths that a job hides, as text for files and documents.
 #pragma once
 
 #include "engine/assets/images/image.h"

@@ -27,7 +27,7 @@ RecordNormal record_normal(std::uint32_t type, const void* registry) {
 Reply<Plan> Plan::with(Plan plan, Query query, CounterMode counters) {
     if (plan.selected != nullptr && counters != counters_none && plan.counters == counters_none)
         plan.notes.emplace_back(
-            plan.selected->skips_boxes
+            plan.selected->skips_boxes()
                 ? "boxes that lead to hidden instances alone are left out of the counts"
                 : "boxes of hidden instances are tested and counted; `skip_hidden_boxes` leaves "
                   "them out");
@@ -55,20 +55,13 @@ Reply<Plan> Plan::observed(Plan plan) {
     return counted;
 }
 
-Reply<void> Plan::select() const {
-    if (selected == nullptr) return {};
-    const SceneView& view = scene.snapshot().view();
-    auto instances = SelectedInstances::select(view, selected->lists.selection());
-    if (!instances) return refuse(Code::invalid_field, std::move(instances.error().message));
-    std::vector<Node> nodes;
-    if (selected->skips_boxes) nodes = SelectedInstances::prune(view, *instances);
-    selected->instances.emplace(view, std::move(*instances), std::move(nodes));
-    return {};
+Reply<void> Plan::select(const Stop& stop) const {
+    return selected == nullptr ? Reply<void>() : selected->make(scene.snapshot(), stop);
 }
 
 TraceCall Plan::call() const {
     TraceCall call{};
-    call.scene = selected ? &selected->instances->view() : &scene.snapshot().view();
+    call.scene = selected ? &selected->view() : &scene.snapshot().view();
     settings.apply_to(call);
     call.hits_max = hits_max;
     call.mask = mask;

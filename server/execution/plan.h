@@ -4,9 +4,10 @@
 
 #include "engine/packs/kernel_selector.h"
 #include "engine/queries/columns.h"
-#include "engine/scene/selected_instances.h"
 #include "protocol/wire.h"
 #include "server/execution/backend.h"
+#include "server/execution/selected.h"
+#include "server/ground/stop.h"
 #include "server/scheduling/job.h"
 #include "server/store/named_scene.h"
 
@@ -28,15 +29,6 @@ struct Plan {
     bool untraced = false;   ///< kind null: every answer is the canonical miss
     bool reads_rays = true;  ///< columns or reducers read the rays besides the hits
     std::uint32_t mask = 0xFFFFFFFFU;
-    /// The view in which instances are hidden, with its memory. select() makes it, in a task: it
-    /// has all instances of the scene.
-    struct Selected {
-        InstanceLists lists;
-        /// Boxes that lead to hidden instances alone are not in the view
-        bool skips_boxes = false;
-        Budget::Lease lease;
-        std::optional<SelectedInstances> instances = {};
-    };
     std::shared_ptr<Selected> selected;  ///< null: no instance is hidden
     std::uint32_t hits_max = 1;          ///< maximum hits per ray
     std::uint64_t hits_room = 0;         ///< kind all: maximum hit records per call of the kernel
@@ -49,10 +41,9 @@ struct Plan {
 
     /// True if the number of hits per ray varies, so that answers need splits.
     [[nodiscard]] bool csr() const { return query == query_multi || query == query_all; }
-    /// Makes the view of `selected`, if there is one, for all copies of this plan. Call it once, in
-    /// a task, before call(). Fails with INVALID_FIELD for an instance or object that the scene
-    /// lacks.
-    Reply<void> select() const;
+    /// Makes the view of `selected`, if there is one, for all copies of this plan. Call it in a
+    /// task, before call(). Fails as Selected::make() does.
+    Reply<void> select(const Stop& stop) const;
     /// Returns a call without rays and output buffers.
     [[nodiscard]] TraceCall call() const;
     /// True if call() is the same for both plans, so that one call can trace rays of both.

@@ -23,7 +23,7 @@ class ChunkedJob : public Job {
 public:
     std::optional<Task> prepare() override;
     [[nodiscard]] std::uint64_t held_bytes() const override {
-        return plan_.selected != nullptr ? plan_.selected->lease.bytes() : 0;
+        return plan_.selected != nullptr ? plan_.selected->bytes() : 0;
     }
 
 protected:
@@ -35,7 +35,7 @@ protected:
     [[nodiscard]] virtual bool needs_preparation() const { return plan_.selected != nullptr; }
     /// Makes what tasks need and what grows with the request or the scene. Runs in prepare()'s
     /// task.
-    virtual Reply<void> make_ready(const Stop& /*stop*/) { return plan_.select(); }
+    virtual Reply<void> make_ready(const Stop& stop) { return plan_.select(stop); }
 
     /// Returns the maximum size of a chunk that begins at rest.first, for this backend.
     [[nodiscard]] virtual std::uint64_t chunk_size(const Backend& backend,

@@ -44,7 +44,7 @@ protected:
     }
     Reply<void> make_ready(const Stop& stop) override {
         if (auto ready = PictureJob::make_ready(stop); !ready) return ready;
-        return other_ ? other_->counted.select() : Reply<void>();
+        return other_ ? other_->counted.select(stop) : Reply<void>();
     }
     [[nodiscard]] CastPlans plans() const override {
         return {uncounted_ ? &*uncounted_ : nullptr, nullptr, &plan_};

@@ -124,9 +124,12 @@ class Structure(DaemonTest):
         same(("--only", f"inst={chosen}"), only_instances=[chosen])
         thing = next(hit["object"] for hit in hits if hit["inst"] == chosen)
         same(("--hide", f"object={thing}", "--hide", f"inst={chosen}"), hidden_objects=[thing], hidden_instances=[chosen])
-        # A path's text hides the outermost instance that holds it.
         path = next(hit["path"] for hit in hits if hit["inst"] == chosen)
-        same(("--hide", self.client.json("path", "forest", str(path))["name"]), hidden_instances=[chosen])
+        name = self.client.json("path", "forest", str(path))["name"]
+        for words in (("--hide", name), ("--hide", f"path={path}")):
+            same(words, hidden_paths=[name])
+            same(words, hidden_path_ids=[path])
+        same(("--only", name, "--only", "inst=0"), only_paths=[name], only_instances=[0])
         for words, code, says in ((("--hide", "inst=x"), 2, "whole number"), (("--hide", "no/such"), 2, "the scene has no 'no'"),
                                   (("--only", "inst=100000"), 2, "there is no outermost instance 100000"), (("--hide", ""), 2, "--hide")):
             done = self.client.run("query", "forest", *view, *words)

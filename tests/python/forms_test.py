@@ -33,10 +33,14 @@ class Forms(WithDaemon):
         other = int(self.woods.trace(DOWN, fields=("inst",), hide=f"inst={number}")["inst"][0])
         self.assertNotEqual(other, number)
         for form in (number, np.uint32(number), [number], {number}, np.array([number, 0]), np.array([[number]]),
-                     path, [path], path.split("/")[0], np.array([f"inst={number}"])):
+                     path.split("/")[0], np.array([f"inst={number}"])):
             with self.subTest(form=form):
                 self.assertEqual(self.woods.trace(DOWN, fields=("inst",), hide=form)["inst"][0], other)
                 self.assertEqual(self.woods.trace(DOWN, fields=("inst",), only=form)["inst"][0], number)
+        for part in (path, [path], np.array([path]), f"path={plain['path'][0]}"):
+            with self.subTest(part=part):
+                self.assertNotIn(plain["path"][0], self.woods.trace(DOWN, fields=("path",), hide=part)["path"])
+                self.same(dict(self.woods.trace(DOWN, fields=("inst", "t", "path"), only=part)), dict(plain))
         for nothing in (None, [], (), np.array([], int)):
             self.assertEqual(self.woods.trace(DOWN, fields=("inst",), hide=nothing)["inst"][0], number)
 

@@ -80,13 +80,3 @@ class Paths:
     def _path(self, which: Message, epoch: int) -> Message:
         message = {"scene": self.name, "epoch": epoch, **which}
         return self._client.connection.ask("Path", message, "PathName")
-
-    def _instance_of(self, text: str) -> int:
-        """Returns the number, as in the column inst, of the outermost instance on the way to a path."""
-        message = {"scene": self.name, "kind": "placements", "count": 1,
-                   "first": self._path({"text": text}, 0)["path"]}
-        document, _ = receive_document(self._client.connection, "Structure", message, None, 0.0, None)
-        number = next((row.get("instance") for row in document.get("rows", ())), None)
-        if not isinstance(number, int):
-            raise UsageError(f"{text!r} lies in no instance: it cannot be hidden")
-        return number

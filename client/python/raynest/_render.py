@@ -27,7 +27,6 @@ class Renders:
     if TYPE_CHECKING:
         _at: Callable[..., Any]
         _look_up: Callable[[JobOptions], None]
-        _instance_of: Callable[[str], int]
         _warn_of_eye: Callable[[Optional[Sequence[Any]]], None]
 
     @none_is_default
@@ -119,7 +118,7 @@ class _Film:
 
     def _message(self, origin: Array) -> tuple[Message, float]:
         """The request, and the seconds after which a daemon without an answer counts as lost."""
-        options = job_message(self._scene.name, self._job, self._scene._instance_of)
+        options = job_message(self._scene.name, self._job)
         camera, look_at, fov = self._view
         message: Message = {"job": {**options, "detach": self._detach}, **self._shape, **self._place,
                             "camera": camera_message(camera, look_at, fov, origin),

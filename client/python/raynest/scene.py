@@ -318,7 +318,7 @@ class Scene(Renders, Paths):
             raise UsageError(f"max_hits is of the kinds {' and '.join(_lists.CSR)}, not of {kind}")
         most = _limits.hits_max if kind == "multi" else _limits.all_hits_max
         return Query(self._client.connection, {
-            "job": job_message(self.name, job, self._instance_of), "kind": kind, "fields": fields,
+            "job": job_message(self.name, job), "kind": kind, "fields": fields,
             "max_hits": 0 if max_hits is None else whole("max_hits", max_hits, most),
             "reduce": reduce}, source, origin, expected)
 
@@ -348,7 +348,7 @@ class Scene(Renders, Paths):
             range = f"{float(range[0])!r}:{float(range[1])!r}"
         answer = self._picture("Heatmap", camera, look_at, fov, size, progress, detach, job, {
             "metric": metric, "palette": palette, "scale": scale, "range": range, "count": count,
-            "encode": encode, "other": other_message(self.name, job, diff, self._instance_of)}, tile)
+            "encode": encode, "other": other_message(self.name, job, diff)}, tile)
         if detach or encode != "raw" or tile is not None:
             return answer
         outcome = dict(self._client.outcome)
@@ -366,7 +366,7 @@ class Scene(Renders, Paths):
                  job: JobOptions, fields: Message, tile: Optional[Sequence[int]] = None) -> Any:
         if detach:
             self._look_up(job)
-        options = job_message(self.name, job, self._instance_of)
+        options = job_message(self.name, job)
         shape = {**size_message(size), "encode": fields["encode"]}
         place, shown = tile_message(tile, shape)
         connection = self._client.connection
@@ -404,7 +404,7 @@ class Scene(Renders, Paths):
         light = {"sample": sample, "seed": seed, "environment": environment, "depth": depth,
                  "ao_distance": ao_distance, "sun": sun}
         check_explain(ray, pixel, integrator, {"camera": camera, "look_at": look_at, "fov": fov}, light, steps)
-        options = job_message(self.name, job, self._instance_of)
+        options = job_message(self.name, job)
         fields = {**size_message(size), "job": options}
         if integrator and pixel is not None:
             fields.update(path_message(pixel, integrator, **light))
@@ -433,7 +433,7 @@ class Scene(Renders, Paths):
         """Ranks instances, meshes and materials by the work that the rays of a picture do inside
         them, with a diagnosis: the document of client/EXPLAIN.md. `level` 0 is the innermost
         instance, 1 those of the root, and so on; cameras are those of render()."""
-        options = job_message(self.name, job, self._instance_of)
+        options = job_message(self.name, job)
         fields = {**size_message(size), "job": options,
                   "top": whole("top", top, _limits.list_items_max),
                   "level": whole("level", level, 31, 0)}

@@ -44,8 +44,8 @@ std::string common_text(std::vector<PathStep> first, const std::vector<PathStep>
     return path_name(first);
 }
 
-/// Finds the outer ones of the instances all of whose placements match. `texts` are those of the
-/// outermost instances, as text_above() gives them.
+/// Finds the outer ones of the instances all of whose placements match, and objects of which only
+/// the own primitives do. `texts` are those of the outermost instances, as text_above() gives them.
 class Search {
 public:
     Search(const Snapshot& scene, const std::vector<std::string>& texts, std::string_view glob,
@@ -57,9 +57,11 @@ public:
           beginning_(glob.substr(0, glob.find('*'))),
           stopped_(stopped) {}
 
-    Result<std::vector<InstancePlace>> search() {
+    Result<NamedParts> search() {
         const SceneView& view = scene_.view();
         const ObjectRecord& root = view.objects[view.root];
+        if (root.has_own_primitives() && glob_matches(glob_, text_above(scene_, 0, 1)))
+            found_.own.emplace_back();
         for (std::uint32_t i = 0; i < root.instance_count; ++i) {
             // The longest texts take 30 ms to compare.
             if (stopped_()) return stopped();
@@ -68,7 +70,7 @@ public:
             if (placements == 0) continue;  // it has no path
             const std::string& common = texts_[i];
             if (!common.empty() && glob_matches(glob_, common)) {
-                found_.emplace_back(i);
+                found_.instances.emplace_back(i);
                 continue;
             }
             const std::size_t both = std::min(common.size(), beginning_.size());
@@ -111,8 +113,9 @@ private:
         if (std::find(first, end, true) == end) return;
         way_.push_back(place);
         if (std::find(first, end, false) == end) {
-            found_.emplace_back(way_.front(), std::vector(way_.begin() + 1, way_.end()));
+            found_.instances.emplace_back(way_.front(), std::vector(way_.begin() + 1, way_.end()));
         } else {
+            if (record.has_own_primitives() && *first) found_.own.push_back(way_);
             for (std::uint32_t i = 0; i < record.instance_count; ++i) {
                 const InstanceRecord& child = view.instances[record.first_instance + i];
                 enter(child.object, base + child.path_base, i);
@@ -129,7 +132,7 @@ private:
     const std::function<bool()>& stopped_;
     std::vector<bool> matches_;  ///< the placements of an outermost instance
     std::vector<std::uint32_t> way_;
-    std::vector<InstancePlace> found_;
+    NamedParts found_;
 };
 
 }  // namespace
@@ -144,7 +147,7 @@ bool glob_matches(std::string_view glob, std::string_view text) {
     return matches_whole(glob, text) || matches_whole(std::string(glob) + "/*", text);
 }
 
-Result<std::vector<InstancePlace>> InstanceFinder::find(std::string_view glob) {
+Result<NamedParts> InstanceFinder::find_parts(std::string_view glob) {
     const SceneView& view = scene_.view();
     const ObjectRecord& root = view.objects[view.root];
     for (std::size_t i = texts_.size(); i < root.instance_count; ++i) {
@@ -154,16 +157,23 @@ Result<std::vector<InstancePlace>> InstanceFinder::find(std::string_view glob) {
         texts_.push_back(count == 0 ? "" : text_above(scene_, instance.path_base, count));
     }
     auto found = Search(scene_, texts_, glob, stopped_, looked_at_).search();
-    if (!found || !found->empty()) return found;
+    if (!found || !found->instances.empty() || !found->own.empty()) return found;
     if (glob.find('*') != std::string_view::npos)
         return fail(ErrorCode::field_invalid, fmt::format("no path is of the form '{}'", glob));
     const auto known = find_path(scene_, glob);
-    return fail(
-        ErrorCode::field_invalid,
-        known ? fmt::format("'{}' are primitives of an object's own, which has no instance to "
+    // A path with this text has been found by it, unless its text was cut.
+    return fail(ErrorCode::field_invalid,
+                known ? fmt::format("no path has the text '{}'", glob) : known.error().message);
+}
+
+Result<std::vector<InstancePlace>> InstanceFinder::find(std::string_view glob) {
+    auto found = find_parts(glob);
+    if (!found) return tl::unexpected(std::move(found.error()));
+    if (!found->instances.empty()) return std::move(found->instances);
+    return fail(ErrorCode::field_invalid,
+                fmt::format("'{}' are primitives of an object's own, which has no instance to "
                             "edit there: name what stands above it",
-                            glob)
-              : known.error().message);
+                            glob));
 }
 
 }  // namespace raynest

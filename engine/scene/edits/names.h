@@ -17,6 +17,14 @@ namespace raynest {
 /// Placements that the searches of a finder look at, at most, for nested instances.
 inline constexpr std::uint64_t nested_placements_max = 1 << 20;
 
+/// The parts that a text of paths stands for.
+struct NamedParts {
+    std::vector<InstancePlace> instances;
+    /// Ways to objects of which only the own primitives have the text: places of instances,
+    /// outermost first; empty for the root.
+    std::vector<std::vector<std::uint32_t>> own;
+};
+
 /// Finds instances by texts of paths. `scene` must outlive it. Not thread-safe.
 class InstanceFinder {
 public:
@@ -31,6 +39,8 @@ public:
     /// with limit_exceeded beyond nested_placements_max. Looks at all outermost instances, the
     /// first time about 1 us each, and at the placements of those that may match in part.
     Result<std::vector<InstancePlace>> find(std::string_view glob);
+    /// The same, and primitives that have the text where what lies beside them has another.
+    Result<NamedParts> find_parts(std::string_view glob);
 
 private:
     const Snapshot& scene_;

@@ -50,34 +50,32 @@ Reply<Settings> read_settings(const Variant& variant, const wire::Job& job) {
     return std::move(*settings);
 }
 
+template <class T>
+std::vector<T> list(const flatbuffers::Vector<T>* ids) {
+    return ids == nullptr ? std::vector<T>() : std::vector<T>(ids->begin(), ids->end());
+}
+
 /// Returns what a job hides, and memory for its view of the scene; null if it hides nothing.
-Reply<std::shared_ptr<Plan::Selected>> reserve_selection(const Services& services,
-                                                         const Caller& caller,
-                                                         const SceneView& scene,
-                                                         const wire::Job& job) {
-    const auto list = [](const flatbuffers::Vector<std::uint32_t>* ids) {
-        return ids == nullptr ? std::vector<std::uint32_t>()
-                              : std::vector<std::uint32_t>(ids->begin(), ids->end());
-    };
-    InstanceLists lists{list(job.hidden_instances()), list(job.hidden_objects()),
-                        list(job.only_instances()), list(job.only_objects())};
-    if (lists.selection().is_everything()) return nullptr;
-    if (auto known = SelectedInstances::check(scene, lists.selection()); !known)
+Reply<std::shared_ptr<Selected>> reserve_selection(const Services& services, const Caller& caller,
+                                                   const SceneView& scene, const wire::Job& job) {
+    SelectionWords words{{list(job.hidden_instances()), list(job.hidden_objects()),
+                          list(job.only_instances()), list(job.only_objects())},
+                         {protocol::strings(job.hidden_paths()), list(job.hidden_path_ids())},
+                         {protocol::strings(job.only_paths()), list(job.only_path_ids())},
+                         job.skip_hidden_boxes()};
+    if (words.is_everything()) return nullptr;
+    if (auto known = SelectedInstances::check(scene, words.lists.selection()); !known)
         return refuse(Code::invalid_field, std::move(known.error().message));
     const std::uint64_t most = services.limits.hidden_instances_max;
     if (scene.instance_count > most)
         return refuse(Code::limit_exceeded,
                       "the scene has more instances than hidden_instances_max = " +
                           std::to_string(most) + "; use masks (load --mask) to hide some of them");
-    const bool skips_boxes = job.skip_hidden_boxes();
-    const std::uint64_t bytes =
-        std::uint64_t{scene.instance_count} * sizeof(InstanceRecord) +
-        (skips_boxes ? SelectedInstances::node_count(scene) * sizeof(Node) : 0);
+    const std::uint64_t bytes = Selected::least_bytes(scene, words);
     auto lease = services.peers.reserve(bytes, caller.principal);
     if (!lease)
         return services.budget.refuse("hiding instances", bytes, caller.principal, "hide none");
-    return std::shared_ptr<Plan::Selected>(
-        new Plan::Selected{std::move(lists), skips_boxes, std::move(*lease)});
+    return std::make_shared<Selected>(std::move(words), most, services.budget, std::move(*lease));
 }
 
 }  // namespace

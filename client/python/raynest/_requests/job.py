@@ -14,7 +14,7 @@ from .._net.frame import Array
 from .._wording import localize_message
 from ..errors import RayWarning, UsageError, warn
 from .arguments import milliseconds
-from .selection import InstanceOf, selection_lists
+from .selection import selection_lists
 
 # Called with (done, total, stage).
 Progress = Optional[Callable[[int, int, str], object]]
@@ -32,7 +32,7 @@ class JobOptions(TypedDict, total=False):
     deadline: Optional[float]       # seconds; 0 is none
     priority: Optional[str]         # "normal", "low" or "high"
     worker: Optional[Worker]        # "auto" lets the daemon choose
-    hide: Any                       # what no ray enters: 3, "inst=3", "object=2", a path, or a list of them
+    hide: Any                       # what no ray enters: 3, "inst=3", "object=2", "car#3/wheel*", or a list of them
     only: Any                       # the same: if any, rays enter nothing else
     time: Optional[float]           # seconds within the scene's animation; None: the scene as it is
     animation: Optional[str]        # its name or number; the first one
@@ -129,7 +129,7 @@ def origin_of(message: dict[str, Any]) -> list[float]:
     return [message.pop(f"origin_{axis}") for axis in "xyz"]
 
 
-def job_message(scene: str, options: JobOptions, instance_of: InstanceOf) -> Message:
+def job_message(scene: str, options: JobOptions) -> Message:
     unknown = options.keys() - JobOptions.__annotations__.keys()
     if unknown:
         raise TypeError(_no_option(sorted(unknown)[0]))
@@ -139,7 +139,7 @@ def job_message(scene: str, options: JobOptions, instance_of: InstanceOf) -> Mes
     if options.get("time") is not None:
         message["timed"] = True
     for key, prefix in (("hide", "hidden"), ("only", "only")):
-        message.update(selection_lists(key, prefix, options.get(key), instance_of))
+        message.update(selection_lists(key, prefix, options.get(key)))
     params = options.get("params")
     if not isinstance(params, (Mapping, type(None))):
         raise UsageError(f"params of {reprlib.repr(params)}: it must be a dict, for example "
@@ -193,13 +193,13 @@ def _no_option(name: str) -> str:
             f"{', '.join(JobOptions.__annotations__)}")
 
 
-def other_message(scene: str, job: JobOptions, diff: Any, instance_of: InstanceOf) -> Optional[Message]:
+def other_message(scene: str, job: JobOptions, diff: Any) -> Optional[Message]:
     """The job that a difference subtracts: `diff` is another Scene, or the options that differ."""
     if diff is None:
         return None
     name = getattr(diff, "name", None)
     if isinstance(name, str):
-        return job_message(name, JobOptions({**job, "epoch": 0, "hide": None, "only": None}), instance_of)
+        return job_message(name, JobOptions({**job, "epoch": 0, "hide": None, "only": None}))
     if not isinstance(diff, Mapping):
         raise UsageError(f"diff of {reprlib.repr(diff)}: it must be a Scene, or a dict of the options "
                          "that differ, as {'intersector': 'opaque'}")
@@ -209,4 +209,4 @@ def other_message(scene: str, job: JobOptions, diff: Any, instance_of: InstanceO
         options["params"] = {**(job.get("params") or {}), **(diff.get("params") or {})}
     else:
         options["params"] = diff.get("params")
-    return job_message(scene, options, instance_of)  # type: ignore[arg-type]
+    return job_message(scene, options)  # type: ignore[arg-type]

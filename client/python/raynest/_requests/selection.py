@@ -1,9 +1,9 @@
-"""hide= and only= of a job: instances and objects that rays do not enter, or enter alone."""
+"""hide= and only= of a job: what of a scene rays do not enter, or enter alone."""
 from __future__ import annotations
 
 import numbers
 import reprlib
-from typing import Any, Callable, Iterable
+from typing import Any, Iterable
 
 import numpy as np
 
@@ -11,19 +11,17 @@ from .._net.control import Message
 from ..errors import UsageError
 from .arguments import whole
 
-# Returns the number, as in the column inst, of the outermost instance on the way to a path.
-InstanceOf = Callable[[str], int]
-
-_KINDS = {"inst": "instances", "object": "objects"}
+# By what stands before "=": the list of a Job behind its prefix, and the largest number.
+_KINDS = {"inst": ("instances", 2**32 - 1), "object": ("objects", 2**32 - 1), "path": ("path_ids", 2**64 - 1)}
 
 
-def selection_lists(key: str, prefix: str, chosen: Any, instance_of: InstanceOf) -> Message:
-    """The lists of a Job that stand for `chosen`: numbers of instances, "inst=3", "object=2", texts of
-    paths, or several of them."""
-    lists: Message = {f"{prefix}_{kind}": [] for kind in _KINDS.values()}
+def selection_lists(key: str, prefix: str, chosen: Any) -> Message:
+    """The lists of a Job that stand for `chosen`: numbers of instances, "inst=3", "object=2", "path=7",
+    texts of paths, or several of them."""
+    lists: Message = {f"{prefix}_{name}": [] for name in ("paths", *(name for name, _ in _KINDS.values()))}
     for item in _items(key, chosen):
-        kind, number = _number(key, item, instance_of)
-        lists[f"{prefix}_{_KINDS[kind]}"].append(number)
+        name, value = _entry(key, item)
+        lists[f"{prefix}_{name}"].append(value)
     return lists
 
 
@@ -39,20 +37,21 @@ def _items(key: str, chosen: Any) -> Iterable[Any]:
     raise _wrong(key, chosen)
 
 
-def _number(key: str, item: Any, instance_of: InstanceOf) -> tuple[str, int]:
+def _entry(key: str, item: Any) -> tuple[str, Any]:
     if isinstance(item, numbers.Integral) and not isinstance(item, bool):
-        return "inst", whole(f"an instance of {key}", item, 2**32 - 1, 0)
+        return "instances", whole(f"an instance of {key}", item, 2**32 - 1, 0)
     if not isinstance(item, str) or not item:
         raise _wrong(key, item)
     kind, equals, digits = item.partition("=")
     if kind not in _KINDS or not equals:
-        return "inst", instance_of(str(item))
+        return "paths", str(item)
     if not (digits.isascii() and digits.isdigit()):
         raise UsageError(f"{key} of {reprlib.repr(item)}: there must be a whole number behind its '='")
-    return kind, min(int(digits), 2**32 - 1)
+    name, most = _KINDS[kind]
+    return name, min(int(digits), most)
 
 
 def _wrong(key: str, value: Any) -> TypeError:
     return TypeError(f"{key} of {reprlib.repr(value)}: it must be the number of an instance as in the column "
-                     "inst, 'inst=3', 'object=2', the text of a path as 'stand-3/birch-17', or a list or "
-                     "array of them")
+                     "inst, 'inst=3', 'object=2', the text of a path as 'stand-3/birch-17' or 'car#3/wheel*', "
+                     "'path=7', or a list or array of them")

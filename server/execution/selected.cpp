@@ -1,0 +1,70 @@
+#include "server/execution/selected.h"
+
+#include <utility>
+
+namespace raynest::server {
+
+Selected::Selected(SelectionWords words, std::uint64_t instances_max, Budget& budget,
+                   Budget::Lease lease)
+    : words_(std::move(words)),
+      instances_max_(instances_max),
+      budget_(budget),
+      lease_(std::move(lease)),
+      bytes_(lease_.bytes()) {}
+
+std::uint64_t Selected::least_bytes(const SceneView& scene, const SelectionWords& words) {
+    const InstanceLists none;
+    std::uint64_t bytes = SelectedInstances::size(scene, none.selection(), words.skips_boxes).bytes;
+    // The text of each outermost instance is compared.
+    if (!words.hidden.texts.empty() || !words.only.texts.empty())
+        bytes += std::uint64_t{scene.objects[scene.root].instance_count} * 2 * sizeof(std::string);
+    return bytes;
+}
+
+Reply<void> Selected::make(const Snapshot& scene, const Stop& stop) {
+    const std::lock_guard lock(making_);
+    if (instances_) return {};
+    return make_now(scene, stop);
+}
+
+Reply<void> Selected::make_now(const Snapshot& scene, const Stop& stop) {
+    InstanceLists lists = words_.lists;
+    const auto found = find_parts(
+        scene, words_.hidden, words_.only, [&stop] { return stop.requested(); }, lists);
+    if (stop.requested()) return refuse(Code::cancelled, "");
+    if (!found) return refuse(found.error());
+    const SelectedInstances::Size size =
+        SelectedInstances::size(scene.view(), lists.selection(), words_.skips_boxes);
+    if (size.instances > instances_max_)
+        return refuse(Code::limit_exceeded,
+                      "to hide parts of shared objects takes copies of more instances than "
+                      "hidden_instances_max = " +
+                          std::to_string(instances_max_) + ": name what stands above them");
+    // Each part has a way of its own, and each way a branch.
+    constexpr std::uint64_t part_bytes = 1024;
+    const std::uint64_t wanted =
+        size.bytes + part_bytes * (lists.hidden_parts.size() + lists.only_parts.size());
+    if (wanted > lease_.bytes()) {
+        const std::uint64_t more_bytes = wanted - lease_.bytes();
+        const std::string principal = lease_.principal();
+        auto more = budget_.reserve(more_bytes, principal);
+        if (!more) return budget_.refuse("hiding parts", more_bytes, principal, "hide fewer");
+        lease_.merge(std::move(*more));
+        bytes_ = lease_.bytes();
+    }
+    instances_.emplace(scene.view(), lists.selection(), words_.skips_boxes);
+    return {};
+}
+
+void Selected::name_by_scene(std::span<HitRecord> hits) const {
+    if (!has_copies()) return;
+    for (HitRecord& hit : hits) hit.object = instances_->object_in_scene(hit.object);
+}
+
+Step Selected::in_scene(Step step) const {
+    step.object = instances_->object_in_scene(step.object);
+    if (step.kind == step_instance) step.place = instances_->instance_in_scene(step.place);
+    return step;
+}
+
+}  // namespace raynest::server
