@@ -39,6 +39,16 @@ std::string_view without_options(std::string_view line) {
     return line;
 }
 
+/// The files of the words behind "mtllib": each word where all of them end in ".mtl", else one
+/// file whose name has blanks.
+std::vector<std::string_view> files_of_mtllib(std::string_view words) {
+    std::vector<std::string_view> files;
+    for (std::string_view rest = words; !rest.empty();)
+        if (files.push_back(take_word(rest)); extension_of(std::string(files.back())) != ".mtl")
+            return {words};
+    return files;
+}
+
 }  // namespace
 
 std::optional<std::string> file_of_name(std::string_view by, std::string_view text) {
@@ -70,9 +80,12 @@ std::vector<std::string> obj_names(std::string_view file, std::span<const std::b
         line = line.substr(0, line.find_first_of("\r\n"));
         if (take_word(line) != wanted) continue;
         line = line.substr(0, line.find_last_not_of(blanks) + 1);
-        auto name = file_of_name(file, ending == ".obj" ? line : without_options(line));
-        if (name && std::ranges::find(names, *name) == names.end())
-            names.push_back(std::move(*name));
+        for (const std::string_view named :
+             ending == ".obj" ? files_of_mtllib(line) : std::vector{without_options(line)}) {
+            auto name = file_of_name(file, named);
+            if (name && std::ranges::find(names, *name) == names.end())
+                names.push_back(std::move(*name));
+        }
     }
     return names;
 }

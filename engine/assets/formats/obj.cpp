@@ -3,6 +3,7 @@
 // vertex.
 #include "engine/assets/formats/formats.h"
 #include "engine/assets/formats/mtl.h"
+#include "engine/assets/formats/obj_names.h"
 #include "engine/assets/formats/text_reader.h"
 
 #include <map>
@@ -64,7 +65,8 @@ private:
             material_ = name.empty() ? no_id : materials_.find(name);
             patch_ = nullptr;
         } else if (key == "mtllib") {
-            if (auto done = materials_.read(text_.rest()); !done) return done;
+            for (const std::string_view file : files_of_mtllib(text_.rest()))
+                if (auto done = materials_.read(file); !done) return done;
         } else if (key == "p" || key == "l" || key == "curv" || key == "curv2" || key == "surf") {
             ++left_out_[std::string(key)];
         }

@@ -22,6 +22,16 @@ std::optional<std::string> file_of_name(std::string_view by, std::string_view te
     return gltf::file_of_uri(encoded);
 }
 
+std::vector<std::string_view> files_of_mtllib(std::string_view words) {
+    std::vector<std::string_view> files;
+    TextReader text(std::as_bytes(std::span(words)));
+    for (std::string_view word = text.word(); !word.empty(); word = text.word()) {
+        if (!has_extension(word, ".mtl")) return {words};
+        files.push_back(word);
+    }
+    return files;
+}
+
 std::string_view picture_of_map(std::string_view words) {
     TextReader text(std::as_bytes(std::span(words)));
     std::string_view rest = text.rest();
@@ -48,9 +58,12 @@ std::vector<std::string> files_named_by(std::string_view file, std::span<const s
     for (TextReader text(bytes); !text.at_end() && names.size() < names_max; text.next_line()) {
         if (text.word() != (is_obj ? "mtllib" : "map_Kd")) continue;
         const std::string_view rest = text.rest();
-        auto name = file_of_name(file, is_obj ? rest : picture_of_map(rest));
-        if (name && std::find(names.begin(), names.end(), *name) == names.end())
-            names.push_back(std::move(*name));
+        for (const std::string_view named :
+             is_obj ? files_of_mtllib(rest) : std::vector{picture_of_map(rest)}) {
+            auto name = file_of_name(file, named);
+            if (name && std::find(names.begin(), names.end(), *name) == names.end())
+                names.push_back(std::move(*name));
+        }
     }
     return names;
 }

@@ -15,6 +15,10 @@ namespace raynest {
 /// or leaves the scene's folder. Clients apply the same rule.
 [[nodiscard]] std::optional<std::string> file_of_name(std::string_view by, std::string_view text);
 
+/// Returns the files of the words behind "mtllib": each word where all of them end in ".mtl", else
+/// one file whose name has blanks.
+[[nodiscard]] std::vector<std::string_view> files_of_mtllib(std::string_view words);
+
 /// Returns the picture of the words behind "map_Kd", without options as in "-s 2 2 1 leaf.png".
 [[nodiscard]] std::string_view picture_of_map(std::string_view words);
 

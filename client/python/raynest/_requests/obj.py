@@ -26,9 +26,12 @@ def names_in(file: str, data: bytes) -> list[str]:
         while file[-4:].lower() == ".mtl" and rest.startswith(b"-"):
             option = _OPTION.match(rest)
             rest = rest[option.end():] if option else b""
-        name = file_of_name(file, rest.decode("utf-8", "surrogateescape"))
-        if name is not None:
-            names.setdefault(name)
+        words = rest.split() if file[-4:].lower() == ".obj" else []
+        # Several files, or one whose name has blanks.
+        for named in words if words and all(word.lower().endswith(b".mtl") for word in words) else [rest]:
+            name = file_of_name(file, named.decode("utf-8", "surrogateescape"))
+            if name is not None:
+                names.setdefault(name)
     return list(names)
 
 
