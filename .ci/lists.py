@@ -39,6 +39,7 @@ class Lists:
         # A sum has its value before its title.
         self.counters = [(name, title) for name, *_, title in
                          self.rows("engine/geometry/counters.def", "COUNTER|SUM")]
+        self.measures = self.rows("engine/integrators/measures.def", "MEASURE")
         self.kinds = self.rows("engine/packs/words.def", "KIND")
         self.untraced = self.rows("engine/packs/words.def", "UNTRACED")
         self.traversals = self.rows("engine/packs/words.def", "TRAVERSAL")
@@ -167,7 +168,7 @@ TABLES = {
     "metrics": lambda lists: table(("name", "", "name", ""), side_by_side([
         (f"`{row[0]}`", row[-1]) for row in lists.metrics])),
     "words": lambda lists: table(("field", "words"), [
-        ("`metric`", code(name for name, _ in lists.counters)),
+        ("`metric`", code(name for name, _ in lists.counters + lists.measures)),
         ("`palette`", code(row[0] for row in lists.palettes))]),
 }
 

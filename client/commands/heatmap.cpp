@@ -170,7 +170,8 @@ void declare(CommandLine& line, HeatmapOptions& heatmap) {
     add_detach(line, heatmap.job, &heatmap.output);
     add_part(line, heatmap.part);
     line.add_option("--metric", heatmap.metric,
-                    alternatives(metric_words) + " (total); boxes.1 is level 1 alone");
+                    alternatives(metric_words) +
+                        " (total); boxes.1 is level 1 alone, time is measured in nanoseconds");
     line.add_option("--palette", heatmap.palette, alternatives(palette_words));
     line.add_option("--scale", heatmap.scale, "linear | log");
     const Option range = line.add_option("--range", heatmap.range,

@@ -23,6 +23,8 @@ inline constexpr std::array traversal_words = {
 inline constexpr std::array metric_words = {
 #define RAYNEST_COUNTER(name, title) std::string_view(#name),
 #include "engine/geometry/counters.def"
+#define RAYNEST_MEASURE(name, title) std::string_view(#name),
+#include "engine/integrators/measures.def"
 };
 inline constexpr std::array palette_words = {
 #define RAYNEST_PALETTE(name, ...) std::string_view(#name),

@@ -22,16 +22,7 @@ tl::unexpected<Error> invalid(std::string message) {
 }
 
 Result<void> check_options(const HeatOptions& options) {
-    const auto column = parse_column(options.metric);
-    const bool of_level = options.metric.find('.') != std::string::npos;
-    if (!column && of_level && parse_field(options.metric.substr(0, options.metric.find('.'))))
-        return tl::unexpected(column.error());
-    if (!column || !field_info(column->field).counter) {
-        std::string known;
-        for (const FieldInfo& counter : counter_table())
-            known += (known.empty() ? "" : ", ") + std::string(counter.name);
-        return invalid("there is no metric '" + options.metric + "'; known: " + known);
-    }
+    if (auto metric = parse_metric(options.metric); !metric) return tl::unexpected(metric.error());
     if (options.scale != "linear" && options.scale != "log") {
         return invalid("there is no scale '" + options.scale + "'; known: linear, log");
     }
@@ -155,6 +146,39 @@ Result<HeatStatistics> measure(std::span<const Value> values, const HeatOptions&
 }
 
 }  // namespace
+
+Result<HeatMetric> parse_metric(const std::string& name) {
+    HeatMetric metric;
+#define RAYNEST_MEASURE(word, title) \
+    if (name == #word) metric.measure = Measure::word;
+#include "engine/integrators/measures.def"
+    if (metric.measure != Measure::none) return metric;
+    const auto column = parse_column(name);
+    const auto dot = name.find('.');
+    if (!column && dot != std::string::npos && parse_field(name.substr(0, dot)))
+        return tl::unexpected(column.error());
+    if (!column || !field_info(column->field).counter) {
+        std::string known;
+        for (const FieldInfo& counter : counter_table()) known += std::string(counter.name) + ", ";
+#define RAYNEST_MEASURE(word, title) known += #word;
+#include "engine/integrators/measures.def"
+        return invalid("there is no metric '" + name + "'; known: " + known);
+    }
+    metric.counter = *column;
+    return metric;
+}
+
+std::string metric_name(const HeatMetric& metric) {
+    switch (metric.measure) {
+#define RAYNEST_MEASURE(word, title) \
+    case Measure::word:              \
+        return #word;
+#include "engine/integrators/measures.def"
+        case Measure::none:
+            break;
+    }
+    return column_name(metric.counter);
+}
 
 Result<HeatStatistics> heat_statistics(std::span<const std::uint32_t> counts,
                                        const HeatOptions& options) {

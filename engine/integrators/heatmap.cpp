@@ -48,6 +48,23 @@ std::optional<CameraHits> measure_work(const PixelRange& pixels, const ColumnSou
     return count_hits(hits);
 }
 
+std::optional<CameraHits> measure_time(const PixelRange& pixels, RayCaster& caster,
+                                       const PixelArrays& arrays, std::span<std::uint32_t> out,
+                                       double& spread) {
+    const std::span<Ray> rays = arrays.rays.first(pixels.rays());
+    const std::span<HitRecord> hits = arrays.hits.first(rays.size());
+    generate_samples(pixels.camera, pixels.samples, pixels.first, rays, pixels.window);
+    std::vector<std::uint32_t> times(rays.size());
+    const auto measured = caster.timed(rays, hits, times);
+    if (!measured) return std::nullopt;
+    spread = *measured;
+    for (std::size_t i = 0; i < pixels.count; ++i) {
+        const auto first = times.begin() + static_cast<std::ptrdiff_t>(i * pixels.samples);
+        out[i] = std::accumulate(first, first + pixels.samples, 0U);
+    }
+    return count_hits(hits);
+}
+
 namespace {
 
 template <class Value>

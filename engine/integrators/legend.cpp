@@ -34,6 +34,21 @@ constexpr bool fits(std::string_view title) {
 }
 #define RAYNEST_COUNTER(name, title) static_assert(fits(title), "the title of " #name);
 #include "engine/geometry/counters.def"
+#define RAYNEST_MEASURE(name, title) static_assert(fits(title), "the title of " #name);
+#include "engine/integrators/measures.def"
+
+/// The title of a metric that heat_statistics() knows.
+std::string title_of(const HeatMetric& metric) {
+    switch (metric.measure) {
+#define RAYNEST_MEASURE(name, title) \
+    case Measure::name:              \
+        return title;
+#include "engine/integrators/measures.def"
+        case Measure::none:
+            break;
+    }
+    return std::string(field_info(metric.counter.field).title);
+}
 
 std::string number(double value, int digits) {
     std::array<char, 64> text{};
@@ -123,9 +138,9 @@ std::vector<std::string> statistic_words(const HeatStatistics& s, const HeatOpti
                                    "p50 " + whole(s.p50), "p99 " + whole(s.p99),
                                    "max " + whole(s.max), "clipped " + share(s.clipped)};
     if (s.below > 0) words.push_back("below " + share(s.below));
-    if (const auto column = parse_column(options.metric); column && column->of_level())
+    if (const auto metric = parse_metric(options.metric); metric && metric->counter.of_level())
         words.push_back(
-            std::string("level ").append(std::to_string(column->level)).append(" only"));
+            std::string("level ").append(std::to_string(metric->counter.level)).append(" only"));
     if (options.count == "necessary") words.emplace_back("necessary only");
     if (of_difference) words.emplace_back("difference: + costs more");
     return words;
@@ -139,12 +154,7 @@ public:
           palette_(palette),
           scale_(scale),
           statistics_(statistics) {
-        const auto counters = counter_table();
-        const std::string_view metric =
-            std::string_view(options.metric).substr(0, options.metric.find('.'));
-        const auto counter = std::find_if(counters.begin(), counters.end(),
-                                          [&](const FieldInfo& c) { return c.name == metric; });
-        title_ = counter == counters.end() ? std::string_view(options.metric) : counter->title;
+        if (const auto metric = parse_metric(options.metric)) title_ = title_of(*metric);
         if (scale.logarithmic) title_ += log_suffix;
         widen();
         view_ = flow(cut(options.view, inner_width(), unit_), inner_width(), unit_);

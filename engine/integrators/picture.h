@@ -65,6 +65,11 @@ void shade_primary(const ColumnSource& source, std::span<Vec4> out);
                                                      const PixelArrays& arrays,
                                                      std::span<const Column> metrics,
                                                      bool necessary, std::span<std::uint32_t> out);
+/// Measures how long a pixel's rays take together, in nanoseconds: out[i] of pixel i. `spread` gets
+/// what RayCaster::timed() returns.
+[[nodiscard]] std::optional<CameraHits> measure_time(const PixelRange& pixels, RayCaster& caster,
+                                                     const PixelArrays& arrays,
+                                                     std::span<std::uint32_t> out, double& spread);
 /// The numbers of closest hits.
 [[nodiscard]] CameraHits count_hits(std::span<const HitRecord> hits);
 
@@ -81,8 +86,25 @@ struct HeatStatistics {
     double range_low = 0, range_high = 0;
 };
 
+/// The metrics of measures.def.
+enum class Measure : std::uint8_t {
+    none,
+#define RAYNEST_MEASURE(name, title) name,
+#include "engine/integrators/measures.def"
+};
+
+/// A heat map shows a counter, perhaps of one level, or a measure where there is one.
+struct HeatMetric {
+    Column counter = {};
+    Measure measure = Measure::none;
+    friend bool operator==(const HeatMetric&, const HeatMetric&) = default;
+};
+/// param_invalid, naming the choices: counters and those of measures.def.
+Result<HeatMetric> parse_metric(const std::string& name);
+[[nodiscard]] std::string metric_name(const HeatMetric& metric);
+
 struct HeatOptions {
-    std::string metric = "total";     ///< a counter, or COUNTER.LEVEL
+    std::string metric = "total";     ///< as parse_metric() reads it
     std::string palette = "turbo";    ///< of palettes.def
     std::string scale = "linear";     ///< linear | log
     std::string range = "p99";        ///< auto | p99 | a:b; of a difference -b:b

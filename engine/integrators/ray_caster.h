@@ -8,9 +8,13 @@
 #include "engine/packs/observer.h"
 
 #include <cstdint>
+#include <optional>
 #include <span>
 
 namespace raynest {
+
+/// Runs of each ray that timed() takes the median of.
+inline constexpr std::size_t ray_time_runs = 5;
 
 /// Each function answers all `rays`, in order, in the array beside them. False: there are no
 /// answers, and the integrator returns at once; its caller knows why.
@@ -29,6 +33,16 @@ public:
     /// The nearest hit of each ray, and what finding it cost by the single-ray traversal.
     [[nodiscard]] virtual bool counted(std::span<const Ray> rays, std::span<HitRecord> hits,
                                        std::span<Counters> counters) = 0;
+    /// The nearest hit of each ray by the single-ray traversal, one ray after the other, and how many
+    /// nanoseconds it took: the median of `ray_time_runs` runs over all rays, less the cost of a ray
+    /// that nothing can hit. Returns by how much the runs of a ray differ: the distance of their
+    /// quartiles, as a share of the median, in the mean of all rays; nothing where there are no
+    /// answers, as of casters that measure no time.
+    [[nodiscard]] virtual std::optional<double> timed(std::span<const Ray> /*rays*/,
+                                                      std::span<HitRecord> /*hits*/,
+                                                      std::span<std::uint32_t> /*nanoseconds*/) {
+        return std::nullopt;
+    }
     /// The nearest hit of each ray, found by the single-ray traversal, which tells the observer.
     [[nodiscard]] virtual bool observed(std::span<const Ray> rays, std::span<HitRecord> hits,
                                         const Observer& observer) = 0;

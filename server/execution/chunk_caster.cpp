@@ -1,6 +1,10 @@
 #include "server/execution/chunk_caster.h"
 
 #include <algorithm>
+#include <array>
+#include <chrono>
+#include <cmath>
+#include <vector>
 
 namespace raynest::server {
 
@@ -23,6 +27,53 @@ bool ChunkCaster::occluded(std::span<const Ray> rays, std::span<std::uint8_t> an
 bool ChunkCaster::counted(std::span<const Ray> rays, std::span<HitRecord> hits,
                           std::span<Counters> counters) {
     return cast(*plans_.counted, rays, hits, counters.data(), nullptr);
+}
+
+std::optional<double> ChunkCaster::timed(std::span<const Ray> rays, std::span<HitRecord> hits,
+                                         std::span<std::uint32_t> nanoseconds) {
+    using Time = std::chrono::steady_clock;
+    const auto run = [&](const Ray& ray, HitRecord& hit) -> std::optional<double> {
+        // Kernels ask only within long rays.
+        if (stop_.requested()) {
+            failure_ = protocol::Error{Code::cancelled, "", 0};
+            return std::nullopt;
+        }
+        const auto begin = Time::now();
+        if (!cast(*plans_.timed, {&ray, 1}, {&hit, 1}, nullptr, nullptr)) return std::nullopt;
+        return std::chrono::duration<double, std::nano>(Time::now() - begin).count();
+    };
+    if (rays.empty()) return 0;
+    // The cost of a call and of the clock: a ray whose range is empty.
+    Ray empty = rays.front();
+    empty.tmin = 0;
+    empty.tmax = 0;
+    std::array<double, 65> calls{};
+    HitRecord ignored;
+    for (double& call : calls) {
+        const auto time = run(empty, ignored);
+        if (!time) return std::nullopt;
+        call = *time;
+    }
+    std::ranges::nth_element(calls, calls.begin() + calls.size() / 2);
+    const double call = calls[calls.size() / 2];
+
+    // Runs of one ray lie apart, so that none finds all of its nodes in the cache.
+    std::vector<std::array<float, ray_time_runs>> runs(rays.size());
+    for (std::size_t round = 0; round < ray_time_runs; ++round)
+        for (std::size_t i = 0; i < rays.size(); ++i) {
+            const auto time = run(rays[i], hits[i]);
+            if (!time) return std::nullopt;
+            runs[i][round] = static_cast<float>(std::max(*time - call, 0.0));
+        }
+    double spread = 0;
+    for (std::size_t i = 0; i < rays.size(); ++i) {
+        std::ranges::sort(runs[i]);
+        const float median = runs[i][ray_time_runs / 2];
+        nanoseconds[i] = static_cast<std::uint32_t>(std::min(std::round(median), 4e9F));
+        const float apart = runs[i][ray_time_runs * 3 / 4] - runs[i][ray_time_runs / 4];
+        if (median > 0) spread += static_cast<double>(apart / median);
+    }
+    return spread / static_cast<double>(rays.size());
 }
 
 bool ChunkCaster::observed(std::span<const Ray> rays, std::span<HitRecord> hits,

@@ -4,6 +4,10 @@
 #include "engine/integrators/ray_caster.h"
 #include "server/execution/trace.h"
 
+#include <cstdint>
+#include <optional>
+#include <span>
+
 namespace raynest::server {
 
 /// The plans for the functions of RayCaster; null for functions that the integrator does not call.
@@ -12,6 +16,7 @@ struct CastPlans {
     const Plan* any = nullptr;
     const Plan* counted = nullptr;
     const Plan* observed = nullptr;
+    const Plan* timed = nullptr;
 };
 
 /// A RayCaster for one chunk, used on the thread that traces it. All plans have the same backends.
@@ -30,6 +35,9 @@ public:
     bool occluded(std::span<const Ray> rays, std::span<std::uint8_t> answers) override;
     bool counted(std::span<const Ray> rays, std::span<HitRecord> hits,
                  std::span<Counters> counters) override;
+
+    std::optional<double> timed(std::span<const Ray> rays, std::span<HitRecord> hits,
+                                std::span<std::uint32_t> nanoseconds) override;
 
     bool observed(std::span<const Ray> rays, std::span<HitRecord> hits,
                   const Observer& observer) override;

@@ -6,33 +6,52 @@
 #include "server/documents/plan_text.h"
 #include "server/jobs/services.h"
 
+#include <fmt/format.h>
+
 #include <algorithm>
 #include <array>
 #include <charconv>
 #include <cstring>
 #include <limits>
+#include <mutex>
+#include <span>
 #include <utility>
 
 namespace raynest::server {
 namespace {
 
+/// Pixels of a chunk whose rays are timed one by one, several times.
+constexpr std::uint64_t timed_pixels_max = 4096;
+
 /// Returns a channel's name: boxes, and L1.boxes of level 1.
-std::string channel_name(const Column& metric) {
-    std::string name;
-    if (metric.of_level()) name.append("L").append(std::to_string(metric.level)).append(".");
-    return name.append(field_info(metric.field).name);
+std::string channel_name(const HeatMetric& metric) {
+    const Column& counter = metric.counter;
+    if (!counter.of_level()) return metric_name(metric);
+    std::string name("L");
+    return name.append(std::to_string(counter.level))
+        .append(".")
+        .append(field_info(counter.field).name);
+}
+
+/// Returns the counters among the metrics, which stand before a measure.
+std::vector<Column> counters_of(std::span<const HeatMetric> metrics) {
+    std::vector<Column> counters;
+    for (const HeatMetric& metric : metrics)
+        if (metric.measure == Measure::none) counters.push_back(metric.counter);
+    return counters;
 }
 
 class HeatmapJob final : public PictureJob {
 public:
     HeatmapJob(const Services& services, const Caller& caller, PictureRequest asked, HeatForm form,
-               HeatOptions options, std::vector<Column> metrics, std::optional<Plan> uncounted,
+               HeatOptions options, std::vector<HeatMetric> metrics, HeatPlans plans,
                std::optional<HeatPlans> other)
         : PictureJob(services, caller, std::move(asked)),
           form_(std::move(form)),
           options_(std::move(options)),
           metrics_(std::move(metrics)),
-          uncounted_(std::move(uncounted)),
+          counters_(counters_of(metrics_)),
+          heat_plans_(std::move(plans)),
           other_(std::move(other)) {}
 
 protected:
@@ -46,14 +65,15 @@ protected:
         if (auto ready = PictureJob::make_ready(stop); !ready) return ready;
         return other_ ? other_->counted.select(stop) : Reply<void>();
     }
-    [[nodiscard]] CastPlans plans() const override {
-        return {uncounted_ ? &*uncounted_ : nullptr, nullptr, &plan_};
+    [[nodiscard]] CastPlans plans() const override { return heat_plans_.cast(plan_); }
+    std::uint64_t chunk_size(const Backend& backend, const Chunk& rest) const override {
+        const std::uint64_t size = PictureJob::chunk_size(backend, rest);
+        return heat_plans_.timed ? std::min(size, timed_pixels_max) : size;
     }
     std::optional<CameraHits> trace_pixels(const PixelRange& pixels, const ColumnSource& scene,
                                            RayCaster& caster, const PixelArrays& arrays) override {
         std::vector<std::uint32_t> counts(pixels.count * metrics_.size());
-        const auto seen =
-            measure_work(pixels, scene, caster, arrays, metrics_, uncounted_.has_value(), counts);
+        const auto seen = measure(pixels, scene, caster, arrays, heat_plans_, counts);
         for (std::size_t m = 0; seen && m < metrics_.size(); ++m)
             place<std::uint32_t>(pixels.first,
                                  std::span(counts).subspan(m * pixels.count, pixels.count),
@@ -67,9 +87,8 @@ protected:
         const CastPlans by = other_->cast();
         ChunkCaster caster(by, backend, stop, buffers);
         std::vector<std::uint32_t> counts(pixels.count * metrics_.size());
-        const auto seen =
-            measure_work(pixels, other_->counted.source(services_.registry), caster,
-                         arrays_for(pixels, by, buffers), metrics_, by.closest != nullptr, counts);
+        const auto seen = measure(pixels, other_->counted.source(services_.registry), caster,
+                                  arrays_for(pixels, by, buffers), *other_, counts);
         if (!seen) return tl::unexpected(caster.failure());
         for (std::size_t m = 0; m < metrics_.size(); ++m)
             for (std::size_t i = 0; i < pixels.count; ++i) {
@@ -80,7 +99,7 @@ protected:
     }
 
     Reply<Payload> encode() override {
-        const Column metric = *parse_column(options_.metric);
+        const HeatMetric metric = *parse_metric(options_.metric);
         const auto statistics = statistics_of(metric, options_);
         if (!statistics) return refuse(statistics.error());
         statistics_ = *statistics;
@@ -109,9 +128,37 @@ protected:
         done.heat->range_high = statistics_.range_high;
         done.heat->below = statistics_.below;
         done.heat->count = options_.count;
+        if (heat_plans_.timed) done.notes.push_back(time_note());
     }
 
 private:
+    /// Counts what the counters ask for, and measures the last metric where it is a measure.
+    std::optional<CameraHits> measure(const PixelRange& pixels, const ColumnSource& scene,
+                                      RayCaster& caster, const PixelArrays& arrays,
+                                      const HeatPlans& plans, std::span<std::uint32_t> out) {
+        std::optional<CameraHits> seen;
+        if (!counters_.empty())
+            seen = measure_work(pixels, scene, caster, arrays, counters_,
+                                plans.uncounted.has_value(), out);
+        if (!plans.timed || (!counters_.empty() && !seen)) return seen;
+        double spread = 0;
+        seen = measure_time(pixels, caster, arrays, out.last(pixels.count), spread);
+        const std::lock_guard lock(spread_mutex_);
+        spread_ += spread * static_cast<double>(pixels.count);
+        spread_pixels_ += pixels.count;
+        return seen;
+    }
+
+    [[nodiscard]] std::string time_note() const {
+        const std::lock_guard lock(spread_mutex_);
+        const double spread =
+            spread_ / static_cast<double>(std::max(spread_pixels_, std::uint64_t{1}));
+        return fmt::format(
+            "time is the median of {} runs of each ray on one thread; half of a ray's "
+            "runs lie within {:.0f} % of it, in the mean",
+            ray_time_runs, 100 * spread);
+    }
+
     /// Returns a - b as the bits of an i32, at most 2^31 - 1 from zero.
     static std::uint32_t difference(std::uint32_t a, std::uint32_t b) {
         constexpr std::int64_t most = std::numeric_limits<std::int32_t>::max();
@@ -119,21 +166,21 @@ private:
             std::clamp(std::int64_t{a} - std::int64_t{b}, -most, most));
     }
 
-    [[nodiscard]] std::span<const std::uint32_t> counts_of(const Column& metric) const {
+    [[nodiscard]] std::span<const std::uint32_t> counts_of(const HeatMetric& metric) const {
         const auto at = std::find(metrics_.begin(), metrics_.end(), metric) - metrics_.begin();
         return {counts_[static_cast<std::size_t>(at)].get(), request().pixels()};
     }
-    [[nodiscard]] std::span<const std::int32_t> differences_of(const Column& metric) const {
+    [[nodiscard]] std::span<const std::int32_t> differences_of(const HeatMetric& metric) const {
         const std::span<const std::uint32_t> bits = counts_of(metric);
         return {reinterpret_cast<const std::int32_t*>(bits.data()), bits.size()};
     }
-    [[nodiscard]] Result<HeatStatistics> statistics_of(const Column& metric,
+    [[nodiscard]] Result<HeatStatistics> statistics_of(const HeatMetric& metric,
                                                        const HeatOptions& options) const {
         return other_ ? heat_statistics(differences_of(metric), options)
                       : heat_statistics(counts_of(metric), options);
     }
 
-    [[nodiscard]] Result<Payload> encode_file(const Column& metric) const {
+    [[nodiscard]] Result<Payload> encode_file(const HeatMetric& metric) const {
         Payload payload{request().width, request().height, {}};
         const std::span<const std::uint32_t> counts = counts_of(metric);
         if (form_.file == "raw") {
@@ -157,7 +204,8 @@ private:
         return Payload{picture->width, picture->height, std::move(*file)};
     }
 
-    [[nodiscard]] Reply<Payload> encode_document(const Column& metric, const Payload& file) const {
+    [[nodiscard]] Reply<Payload> encode_document(const HeatMetric& metric,
+                                                 const Payload& file) const {
         HeatDocument document{.plan = plan_,
                               .other = other_ ? &other_->counted : nullptr,
                               .options = options_,
@@ -172,9 +220,9 @@ private:
                               .file = {form_.file, file.width, file.height, file.bytes},
                               .selected = form_.selected,
                               .limits = services_.limits};
-        for (const Column& each : metrics_) {
+        for (const HeatMetric& each : metrics_) {
             HeatOptions options;
-            options.metric = column_name(each);
+            options.metric = metric_name(each);
             const auto statistics = statistics_of(each, options);
             if (!statistics) return refuse(statistics.error());
             document.rows.push_back({options.metric, *statistics});
@@ -184,7 +232,7 @@ private:
 
     [[nodiscard]] Result<std::vector<std::byte>> encode_channels() const {
         std::vector<std::string> names;
-        for (const Column& metric : metrics_) names.push_back(channel_name(metric));
+        for (const HeatMetric& metric : metrics_) names.push_back(channel_name(metric));
         // EXR has no signed whole numbers.
         std::vector<std::vector<float>> signed_values;
         std::vector<Channel> channels;
@@ -237,23 +285,27 @@ private:
 
     const HeatForm form_;
     const HeatOptions options_;
-    const std::vector<Column> metrics_;
-    const std::optional<Plan> uncounted_;
+    const std::vector<HeatMetric> metrics_;
+    const std::vector<Column> counters_;
+    const HeatPlans heat_plans_;
     const std::optional<HeatPlans> other_;
     /// The counts of each metric; of a difference the bits of an i32.
     std::vector<std::unique_ptr<std::uint32_t[]>> counts_{metrics_.size()};
     HeatStatistics statistics_;
+    mutable std::mutex spread_mutex_;
+    double spread_ = 0;  ///< RayCaster::timed()'s, times the pixels that it was measured for
+    std::uint64_t spread_pixels_ = 0;
 };
 
 }  // namespace
 
 std::unique_ptr<Job> heatmap_job(const Services& services, const Caller& caller,
                                  PictureRequest asked, HeatForm form, HeatOptions options,
-                                 std::vector<Column> metrics, std::optional<Plan> uncounted,
+                                 std::vector<HeatMetric> metrics, HeatPlans plans,
                                  std::optional<HeatPlans> other) {
     return std::make_unique<HeatmapJob>(services, caller, std::move(asked), std::move(form),
-                                        std::move(options), std::move(metrics),
-                                        std::move(uncounted), std::move(other));
+                                        std::move(options), std::move(metrics), std::move(plans),
+                                        std::move(other));
 }
 
 }  // namespace raynest::server

@@ -25,18 +25,21 @@ struct HeatForm {
 /// Plans of one scene and its options.
 struct HeatPlans {
     Plan counted;
-    std::optional<Plan> uncounted;  ///< finds the hits; set only for count "necessary"
-    [[nodiscard]] CastPlans cast() const {
-        return {uncounted ? &*uncounted : nullptr, nullptr, &counted};
+    std::optional<Plan> uncounted = {};  ///< finds the hits; set only for count "necessary"
+    std::optional<Plan> timed = {};      ///< set only where time is measured
+    [[nodiscard]] CastPlans cast() const { return cast(counted); }
+    [[nodiscard]] CastPlans cast(const Plan& counting) const {
+        return {.closest = uncounted ? &*uncounted : nullptr,
+                .counted = &counting,
+                .timed = timed ? &*timed : nullptr};
     }
 };
 
-/// Makes the job. `uncounted` is the plan that finds the hits; set only for count "necessary".
-/// `other` are the plans of a difference, whose counts are subtracted.
+/// Makes the job. `asked.plan` counts; the other plans of the scene are in `plans`. `other` are the
+/// plans of a difference, whose counts are subtracted. A metric of measures.def is the last one.
 [[nodiscard]] std::unique_ptr<Job> heatmap_job(const Services& services, const Caller& caller,
                                                PictureRequest asked, HeatForm form,
-                                               HeatOptions options, std::vector<Column> metrics,
-                                               std::optional<Plan> uncounted,
-                                               std::optional<HeatPlans> other);
+                                               HeatOptions options, std::vector<HeatMetric> metrics,
+                                               HeatPlans plans, std::optional<HeatPlans> other);
 
 }  // namespace raynest::server

@@ -53,6 +53,8 @@ public:
     [[nodiscard]] std::optional<Progress> progress() const override;
 
 protected:
+    [[nodiscard]] std::uint64_t chunk_size(const Backend& backend,
+                                           const Chunk& rest) const override;
     /// For a job that deals out its work itself, in `total` units of its own.
     PictureJob(const Services& services, const Caller& caller, PictureRequest request,
                std::uint64_t total);
@@ -111,8 +113,6 @@ protected:
 
 private:
     enum class Stage { tracing, encoding, sending };
-    [[nodiscard]] std::uint64_t chunk_size(const Backend& backend,
-                                           const Chunk& rest) const override;
     Traced<Frames> trace(const Chunk& chunk, const Stop& stop, TraceBuffers& buffers) override;
     /// Returns a note for a user whose camera sees nothing or only backs of surfaces; else empty.
     /// `rays`: as many as were traced.

@@ -59,16 +59,19 @@ std::uint64_t heat_bytes(std::uint32_t width, std::uint32_t height, const HeatFo
     return bytes * pixels;
 }
 
-/// Returns what a map counts: every metric in total and of each level, or the one asked for.
-std::vector<Column> metrics_of(const HeatOptions& options, const HeatForm& form,
-                               std::uint32_t levels) {
-    if (!form.all_metrics()) return {*parse_column(options.metric)};
-    std::vector<Column> metrics;
+/// Returns what a map shows: every counter in total and of each level, and a measure only if it was
+/// asked for; or just what was asked for.
+std::vector<HeatMetric> metrics_of(const HeatMetric& asked, const HeatForm& form,
+                                   std::uint32_t levels) {
+    if (!form.all_metrics()) return {asked};
+    std::vector<HeatMetric> metrics;
     for (const FieldInfo& counter : counter_table()) {
-        metrics.emplace_back(*parse_field(counter.name));
+        const Field field = *parse_field(counter.name);
+        metrics.push_back({field});
         for (std::uint32_t level = 0; level < levels; ++level)
-            metrics.emplace_back(metrics.back().field, level);
+            metrics.push_back({Column(field, level)});
     }
+    if (asked.measure != Measure::none) metrics.push_back(asked);
     return metrics;
 }
 
@@ -110,12 +113,23 @@ Reply<HeatOptions> heat_options(const wire::Heatmap& message) {
 
 /// Makes the plans of a job, or of the other one of a difference.
 Reply<HeatPlans> make_plans(const Services& services, const Caller& caller, const wire::Job& job,
-                            CounterMode counters, bool necessary) {
+                            CounterMode counters, bool necessary, bool timed) {
     auto plain = make_plan(services, caller, job, query_closest);
     if (!plain) return tl::unexpected(plain.error());
+    if (timed && plain->worker.asked == "auto") plain->worker.asked = "cpu";
+    if (timed && plain->worker.asked != "cpu")
+        return refuse(Code::invalid_field,
+                      "the metric time is measured on the CPU alone: leave out `worker`");
     auto counted = Plan::with(*plain, query_closest, counters);
     if (!counted) return tl::unexpected(counted.error());
-    HeatPlans plans{std::move(*counted), std::nullopt};
+    HeatPlans plans{std::move(*counted)};
+    if (timed) {
+        Plan single = *plain;
+        single.traversal = traversal_single;
+        auto made = Plan::with(std::move(single), query_closest, counters_none);
+        if (!made) return tl::unexpected(made.error());
+        plans.timed = std::move(*made);
+    }
     if (necessary) plans.uncounted = std::move(*plain);
     return plans;
 }
@@ -176,18 +190,22 @@ Reply<Answer> heatmap(const Services& services, const Caller& caller,
     if (!options) return tl::unexpected(options.error());
     auto form = read_form(protocol::word(message->encode(), "png"));
     if (!form) return tl::unexpected(form.error());
-    const Column metric = *parse_column(options->metric);
+    const HeatMetric metric = *parse_metric(options->metric);
+    const bool timed = metric.measure != Measure::none;
+    if (timed && options->count == "necessary")
+        return refuse(Code::invalid_field,
+                      "`count` says which work counters count: leave it out of a map of time");
     const CounterMode counters =
-        metric.of_level() || form->all_metrics() ? counters_by_level : counters_total;
+        metric.counter.of_level() || form->all_metrics() ? counters_by_level : counters_total;
     const bool necessary = options->count == "necessary";
-    auto plans = make_plans(services, caller, *message->job(), counters, necessary);
+    auto plans = make_plans(services, caller, *message->job(), counters, necessary, timed);
     if (!plans) return tl::unexpected(plans.error());
     Plan& plan = plans->counted;
     std::uint32_t levels = levels_of(plan);
 
     std::optional<HeatPlans> other;
     if (message->other() != nullptr) {
-        auto made = make_plans(services, caller, *message->other(), counters, necessary);
+        auto made = make_plans(services, caller, *message->other(), counters, necessary, timed);
         if (!made) return tl::unexpected(made.error());
         other = std::move(*made);
         if (plan.scene.snapshot().origin() != other->counted.scene.snapshot().origin())
@@ -200,9 +218,9 @@ Reply<Answer> heatmap(const Services& services, const Caller& caller,
     }
     if (std::string note = idle_options_note(*message.table, form->file); !note.empty())
         plan.notes.push_back(std::move(note));
-    if (const auto known = check_level(metric, levels); !known)
+    if (const auto known = check_level(metric.counter, levels); !known)
         return refuse(Code::invalid_field, known.error().message);
-    std::vector<Column> metrics = metrics_of(*options, *form, levels);
+    std::vector<HeatMetric> metrics = metrics_of(metric, *form, levels);
 
     form->selected = selection_text(protocol::present(message->job()));
     const AskedPixels pixels = asked_pixels(*message.table);
@@ -216,13 +234,17 @@ Reply<Answer> heatmap(const Services& services, const Caller& caller,
         if (each == nullptr) continue;
         if (each != &*plans) more.push_back(&each->counted);
         if (each->uncounted) more.push_back(&*each->uncounted);
+        if (each->timed) more.push_back(&*each->timed);
     }
     if (auto chosen = choose_backends(services.backends, std::uint64_t{width} * height, plan, more);
         !chosen)
         return tl::unexpected(chosen.error());
-    if (plans->uncounted) plans->uncounted->worker = plan.worker;
-    if (other) other->counted.worker = plan.worker;
-    if (other && other->uncounted) other->uncounted->worker = plan.worker;
+    for (HeatPlans* each : {&*plans, other ? &*other : nullptr}) {
+        if (each == nullptr) continue;
+        if (each != &*plans) each->counted.worker = plan.worker;
+        if (each->uncounted) each->uncounted->worker = plan.worker;
+        if (each->timed) each->timed->worker = plan.worker;
+    }
 
     const std::uint64_t bytes = heat_bytes(width, height, *form, metrics.size());
     auto request = form->document
@@ -239,7 +261,7 @@ Reply<Answer> heatmap(const Services& services, const Caller& caller,
         payload_answer_bytes(caller, payload_bytes_max(width, height, *form, metrics.size()));
     accepted.job =
         heatmap_job(services, caller, std::move(*request), std::move(*form), std::move(*options),
-                    std::move(metrics), std::move(plans->uncounted), std::move(other));
+                    std::move(metrics), std::move(*plans), std::move(other));
     return Answer{std::move(accepted)};
 }
 

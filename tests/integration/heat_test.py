@@ -45,6 +45,47 @@ class Heat(DaemonTest):
         self.assertEqual(done.stdout, "")
 
 
+class Time(Heat):
+    def time(self, *arguments):
+        told = self.client.json("heatmap", "woods", *VIEW, "--metric", "time", *arguments, "-o", self.out / "t.npy")
+        return told, numpy.load(self.out / "t.npy")
+
+    def test_rays_that_do_more_take_longer(self):
+        told, time = self.time()
+        self.assertEqual((told["metric"], time.dtype, time.shape), ("time", numpy.uint32, (36, 64)))
+        self.assertEqual(told["max"], time.max())
+        total = self.counts("woods", "--metric", "total")
+        most = numpy.argsort(total.ravel())
+        few, many = time.ravel()[most[:500]], time.ravel()[most[-500:]]
+        # Counts differ by several times there; the load of the machine does not turn that round.
+        self.assertGreater(numpy.median(many), numpy.median(few))
+        self.assertGreater(numpy.corrcoef(total.ravel(), numpy.minimum(time.ravel(), numpy.percentile(time, 99)))[0, 1], 0.2)
+        note, = [note for note in told["notes"] if "median of 5 runs" in note]
+        self.assertRegex(note, "lie within [0-9]+ %")
+
+    def test_files_have_it_where_it_is_asked_for(self):
+        for words, is_there in ((("--metric", "time"), True), ((), False)):
+            self.client.json("heatmap", "woods", *VIEW, *words, "-o", self.out / "t.exr")
+            channels = read_exr((self.out / "t.exr").read_bytes())[-1]
+            self.assertEqual("time" in channels, is_there)
+            self.assertIn("L1.boxes", channels)
+        done = self.client.run("heatmap", "woods", *VIEW, "--metric", "time", "-o", self.out / "t.png")
+        self.assertEqual(done.returncode, 0, done.stderr)
+        over = self.client.run("heatmap", "woods", *VIEW, "--metric", "time", "--fail-if", "time.max>0")
+        self.assertEqual(over.returncode, 9, over.stderr)
+
+    def test_a_difference_and_several_samples(self):
+        told = self.client.json("heatmap", "woods", *VIEW, "--metric", "time", "--diff", "grove", "-o", self.out / "d.npy")
+        self.assertTrue(told["difference"])
+        self.assertLess(told["min"], 0)
+
+    def test_it_is_measured_on_a_cpu_and_has_no_levels(self):
+        for words, says in ((("--metric", "time", "--count", "necessary"), "leave it out of a map of time"),
+                            (("--metric", "time", "--worker", "cuda"), "on the CPU alone"),
+                            (("--metric", "time.0"), "there is no metric 'time.0'; known: nodes,")):
+            self.refused("woods", *VIEW, *words, "-o", self.out / "x.png", says=says)
+
+
 class Differences(Heat):
     def check_difference(self, ours, theirs, *arguments):
         """Compares the difference of the arguments with that of two maps."""
