@@ -14,6 +14,7 @@ from pathlib import Path
 import numpy as np
 
 import raynest
+from daemon import until
 from raynest import generators
 from with_cluster import Elsewhere, WithCluster, many
 from with_daemon import main, rain
@@ -246,6 +247,23 @@ class ManyHosts(WithCluster):
         seen, said = self.disturbed(cluster, cluster.scheduler.kill)
         self.same(seen, self.sweep)
         self.assertTrue(any("scheduler went away" in line for line in said), said)
+
+    def test_a_command_goes_on_without_the_scheduler(self):
+        cluster = self.cluster(1)
+        lit = ("render", SCENE, "--size", "160x256", "--integrator", "path", "--spp", "40")
+        subprocess.run([self.raynest, "--server", self.daemon.uri, *lit, "-o", self.out / "one.exr"], check=True,
+                       capture_output=True)
+        running = subprocess.Popen([self.raynest, "--dask", cluster.client.scheduler.address, *lit, "-o", "many.exr"],
+                                   cwd=self.out, stdin=subprocess.DEVNULL, stdout=subprocess.PIPE, stderr=subprocess.PIPE,
+                                   env={**cluster.environment, "RAYNEST_PYTHON": sys.executable}, text=True)
+        until(lambda: processes("\0--part\0002/8\0"))
+        cluster.scheduler.kill()
+        _, said = running.communicate(timeout=120)
+        self.assertEqual(running.returncode, 0, said)
+        self.assertTrue(all(line.startswith("raynest: ") for line in said.splitlines()), said)
+        self.assertIn("the Dask scheduler went away", said)
+        one, many_hosts = ((self.out / name).read_bytes() for name in ("one.exr", "many.exr"))
+        self.same(raynest.read_layers(one), raynest.read_layers(many_hosts))
 
 
 if __name__ == "__main__":

@@ -90,7 +90,8 @@ class Prepared:
         return Carried(prefix, digest.hex()[:16] + os.path.splitext(path)[1], digest, len(data))
 
     def piece(self, key: str) -> Array:
-        return self._pieces[key]
+        piece: Array = self._pieces[key]
+        return piece
 
     def found(self, message: dict[str, Any]) -> None:
         """Takes the Load of files that a worker has read, and this machine cannot."""
@@ -107,7 +108,8 @@ class Prepared:
         for text in info["warnings"]:
             warn(text, SceneWarning)
         if self._mesh is not None:
-            lost = rounding_warning(*self._mesh, info["origin"], info["degenerate_triangles"])
+            vertices, faces = self._mesh
+            lost = rounding_warning(vertices, faces, np.asarray(info["origin"]), info["degenerate_triangles"])
             self._mesh = None
             if lost:
                 warn(lost, SceneWarning)

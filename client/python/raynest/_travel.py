@@ -64,7 +64,8 @@ def fetch(keys: Sequence[str]) -> Iterator[Array]:
 
     def one(key: str) -> Array:
         try:
-            return np.asarray(distributed.Future(key, cluster).result(timeout=PIECE_SECONDS))
+            future: Any = distributed.Future(key, cluster)  # type: ignore[no-untyped-call]
+            return np.asarray(future.result(timeout=PIECE_SECONDS))
         except Exception:       # its holder died, or is stuck
             raise Missing([key]) from None
     with concurrent.futures.ThreadPoolExecutor(AHEAD) as pool:

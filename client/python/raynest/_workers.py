@@ -257,7 +257,8 @@ class Host:
 
     def _changed(self, client: Client, source: Source) -> Scene:
         """The scene at an epoch, as this thread's own copy of it, to which each change is made once, in their order."""
-        log, scene, epoch = self._mine.changed
+        held: tuple[str, Optional[Scene], int] = self._mine.changed
+        log, scene, epoch = held
         self._mine.changed = "", None, 0
         if scene is not None and (log != source.log or epoch > source.epoch):
             scene.close()
