@@ -103,6 +103,7 @@ class Deal:
 
     def _deal(self, item: int, workers: Optional[list[str]] = None) -> None:
         part = self._parts[item]
+        source = (part.source or self._source)._replace(sending=self._scene.sending)
         workers = self._fit(workers)
         if workers == [] and self._no_room:
             raise next(iter(self._no_room.values()))
@@ -110,8 +111,8 @@ class Deal:
         try:
             if part.heavy:
                 rays = self._sent(rays, workers or self._lively())
-            copy = self._cluster.submit(make_item, VERSION, self._setup, part.source or self._source, self._method,
-                                        rays, part.options, pure=False, retries=1, workers=workers, key=f"raynest-{os.urandom(8).hex()}")
+            copy = self._cluster.submit(make_item, VERSION, self._setup, source, self._method, rays, part.options,
+                                        pure=False, retries=1, workers=workers, key=f"raynest-{os.urandom(8).hex()}")
         except (OSError, asyncio.TimeoutError, RuntimeError, ValueError) as error:
             return self._give_up_cluster(error)
         self._copies[item] += 1
@@ -172,7 +173,11 @@ class Deal:
         if self._sends > SENDS_MAX + len(self._parts):
             return [(item, self._make(item, FailedError("the workers lose the scene's files again and again")))]
         try:
-            self._scene.send(self._cluster, missing.keys, self._fit(None) or self._workers())
+            if missing.silent:
+                self._scene.send_anew(missing.keys)
+            else:
+                lively = self._lively() if self._scene.sending else None
+                self._scene.send(self._cluster, missing.keys, self._fit(lively) or self._workers())
         except (OSError, asyncio.TimeoutError, RuntimeError, FailedError) as error:
             return self._again(item, error)
         self._news = time.monotonic()
