@@ -82,8 +82,9 @@ class OnlyHere(WithCluster):
     def test_files_travel_once_and_only_where_they_must(self):
         cluster = self.cluster(2)
         mesh = hills()
-        first = many.prepare(*mesh)
-        whole = self.traced(cluster, first)
+        first, stages = many.prepare(*mesh), []
+        whole = self.traced(cluster, first, progress=lambda _done, _total, stage: stages.append(stage))
+        self.assertEqual((stages[0], stages[-1]), ("sending", "tracing"))
         sent = first._sent[cluster.client]
         self.assertEqual(set(sent), {key + "~0" for key in first._pieces})
         again = many.prepare(*mesh)

@@ -177,7 +177,7 @@ class Deal:
                 self._scene.send_anew(missing.keys)
             else:
                 lively = self._lively() if self._scene.sending else None
-                self._scene.send(self._cluster, missing.keys, self._fit(lively) or self._workers())
+                self._scene.send(self._cluster, missing.keys, self._fit(lively) or self._workers(), self._progress)
         except (OSError, asyncio.TimeoutError, RuntimeError, FailedError) as error:
             return self._again(item, error)
         self._news = time.monotonic()
@@ -259,13 +259,16 @@ def _because(error: Optional[BaseException]) -> str:
     return "" if error is None else f" ({type(error).__name__}: {error})".replace("\n", " ")
 
 
-def known_to(cluster: Any, scene: Prepared, setup: Setup, patience: float) -> Prepared:
+def known_to(cluster: Any, scene: Prepared, setup: Setup, patience: float, progress: Any = None) -> Prepared:
     """The scene with the digest that all workers must agree on."""
     if not isinstance(cluster, distributed.Client):
         raise UsageError("the first argument is a distributed.Client, as Client('tcp://head:8786')")
 
     def ask(method: Any) -> Any:
-        (_, answer), = Deal(cluster, setup, scene, method, [Part({}, source=scene.source)], patience, None).answers()
+        def send(done: int, total: int, stage: str) -> None:
+            if progress and stage == "sending":
+                progress(done, total, stage)
+        (_, answer), = Deal(cluster, setup, scene, method, [Part({}, source=scene.source)], patience, send).answers()
         return answer
     if scene.source.message is None:
         scene.found(ask(files_at))

@@ -15,6 +15,7 @@ from . import _limits, _travel
 from ._net.frame import Array
 from ._travel import PIECE_BYTES, PIECE_SECONDS, keys_of_changes, keys_of_file
 from ._requests.files import read_file
+from ._requests.job import Progress
 from ._requests.loads import Load, load_of_file, load_of_mesh, load_of_parts
 from ._requests.precision import rounding_warning
 from ._workers import Carried, Source, named
@@ -149,13 +150,13 @@ class Prepared:
         """Has the workers look for all pieces under new keys, as who has these is silent."""
         self.sending = max(self.sending, int(keys[0].partition("~")[2]) + 1)
 
-    def send(self, cluster: Any, keys: Sequence[str], workers: Iterable[str]) -> None:
+    def send(self, cluster: Any, keys: Sequence[str], workers: Iterable[str], progress: Progress = None) -> None:
         """Gives pieces that no worker has to one of them each. They stay there as long as this object lives."""
         sent = self._sent.setdefault(cluster, {})
         takers = list(workers)
         random.shuffle(takers)
         lost = set(self._lost(cluster, keys))
-        for key in keys:
+        for number, key in enumerate(keys, 1):
             if key.partition("~")[0] not in self._pieces:
                 raise FailedError(f"the workers ask for {key}, which is no piece of this scene")
             while key in lost:
@@ -165,6 +166,8 @@ class Prepared:
                 if self._give(cluster, sent, key, to):
                     takers.insert(0, to)
                     lost.remove(key)
+                    if progress:
+                        progress(number, len(keys), "sending")
 
     def send_all(self, cluster: Any) -> None:
         """Gives the workers all that they may come to lack while nobody looks after them."""
