@@ -4,9 +4,11 @@
   dask_scenes_test.py RAYNESTD RAYNEST FLATC
 """
 import os
+import signal
 import subprocess
 import sys
 import types
+import warnings
 
 import numpy as np
 
@@ -80,10 +82,11 @@ class OnlyHere(WithCluster):
     def test_files_travel_once_and_only_where_they_must(self):
         cluster = self.cluster(2)
         mesh = hills()
-        first = many.prepare(*mesh)
-        whole = self.traced(cluster, first)
+        first, stages = many.prepare(*mesh), []
+        whole = self.traced(cluster, first, progress=lambda _done, _total, stage: stages.append(stage))
+        self.assertEqual((stages[0], stages[-1]), ("sending", "tracing"))
         sent = first._sent[cluster.client]
-        self.assertEqual(set(sent), set(first._pieces))
+        self.assertEqual(set(sent), {key + "~0" for key in first._pieces})
         again = many.prepare(*mesh)
         self.same(self.traced(cluster, again), whole)
         self.assertNotIn(cluster.client, again._sent, "the daemons have it already")
@@ -104,6 +107,24 @@ class OnlyHere(WithCluster):
         self.same(self.traced(cluster, scene), whole)
         late = list(cluster.client.scheduler_info()["workers"])
         self.assertLessEqual(self.holders(cluster, scene), set(late))
+
+    def test_pieces_that_a_stuck_worker_has_are_sent_again(self):
+        cluster = self.cluster(1)
+        seconds, many.Prepared.piece_seconds = many.Prepared.piece_seconds, 1.0
+        try:
+            scene = many.prepare(*hills())
+        finally:
+            many.Prepared.piece_seconds = seconds
+        whole = self.traced(cluster, scene)
+        cluster.workers.append(cluster.add())
+        cluster.client.wait_for_workers(2, timeout=60)
+        cluster.workers[0].send_signal(signal.SIGSTOP)
+        with warnings.catch_warnings(record=True) as said:
+            warnings.simplefilter("always")
+            self.same(self.traced(cluster, scene, patience=1.0), whole)
+        self.assertFalse([one for one in said if "this machine" in str(one.message)])
+        self.assertEqual(scene.sending, 1)
+        self.assertTrue(any(key.endswith("~1") for key in scene._sent[cluster.client]))
 
     def test_pieces_are_spread_over_the_hosts(self):
         cluster = self.cluster(2)
@@ -193,7 +214,7 @@ class Moving(WithCluster):
         many.sweep(cluster.client, scene, [(scene.epoch, RAYS)], setup=self.setup)
         new = set(scene._sent[cluster.client]) - set(before)
         self.assertEqual(len(new), 1)
-        self.assertLess(sum(scene.piece(key).nbytes for key in new), 2000)
+        self.assertLess(sum(scene.piece(key.removesuffix("~0")).nbytes for key in new), 2000)
         self.assertTrue(all(scene._sent[cluster.client][key] is future for key, future in before.items()))
 
     def test_mistakes(self):

@@ -14,6 +14,7 @@ from pathlib import Path
 import numpy as np
 
 import raynest
+from daemon import until
 from raynest import generators
 from with_cluster import Elsewhere, WithCluster, many
 from with_daemon import main, rain
@@ -151,10 +152,10 @@ class ManyHosts(WithCluster):
             self.assertEqual((done.returncode, done.stdout), (5, ""))
             self.assertIn("no built-in scene", json.loads(done.stderr)["error"]["message"])
 
-    def one_line(self, code, said, address, **environment):
+    def one_line(self, code, said, address, scene=SCENE, **environment):
         """A command that fails with a line that says so, with and without --json."""
         for before in ((), ("--json",)):
-            done = subprocess.run([self.raynest, "--dask", address, *before, "render", SCENE, "--size", "96x64", "-o",
+            done = subprocess.run([self.raynest, "--dask", address, *before, "render", scene, "--size", "96x64", "-o",
                                    self.out / "x.exr"], capture_output=True, text=True, timeout=120,
                                   env={**os.environ, "RAYNEST_PYTHON": sys.executable, **environment})
             self.assertEqual((done.returncode, done.stdout), (code, ""), done.stderr)
@@ -173,6 +174,17 @@ class ManyHosts(WithCluster):
             (without / "distributed/__init__.py").write_text("raise ImportError('hidden')")
             path = os.pathsep.join((str(without), os.environ["PYTHONPATH"]))
             self.one_line(1, "raynest.dask needs Dask distributed: apt install", "tcp://127.0.0.1:1", PYTHONPATH=path)
+        with self.subTest("no room"):
+            small = self.out / "raynestd"
+            small.write_text(f'#!/bin/sh\nexec {self.raynestd} --memory 64M "$@"\n')
+            small.chmod(0o755)
+            np.savez(self.out / "large.npz", vertices=np.zeros((900000, 3)), faces=np.zeros((900000, 3), np.uint32))
+            cluster = self.cluster(0)
+            cluster.environment["RAYNESTD"] = str(small)
+            cluster.workers.append(cluster.add())
+            cluster.client.wait_for_workers(1, timeout=60)
+            self.one_line(6, r"the worker \S+ has no room for the scene, whose files have \d+ MB: ",
+                          cluster.client.scheduler.address, scene=str(self.out / "large.npz"))
         for what, code, said, patch, lacks in (
                 ("another Dask", 2, r"the worker \S+ has distributed 1.2.3, this machine \S+: install one version",
                  "import distributed; distributed.__version__ = '1.2.3'", {}),
@@ -246,6 +258,23 @@ class ManyHosts(WithCluster):
         seen, said = self.disturbed(cluster, cluster.scheduler.kill)
         self.same(seen, self.sweep)
         self.assertTrue(any("scheduler went away" in line for line in said), said)
+
+    def test_a_command_goes_on_without_the_scheduler(self):
+        cluster = self.cluster(1)
+        lit = ("render", SCENE, "--size", "160x256", "--integrator", "path", "--spp", "40")
+        subprocess.run([self.raynest, "--server", self.daemon.uri, *lit, "-o", self.out / "one.exr"], check=True,
+                       capture_output=True)
+        running = subprocess.Popen([self.raynest, "--dask", cluster.client.scheduler.address, *lit, "-o", "many.exr"],
+                                   cwd=self.out, stdin=subprocess.DEVNULL, stdout=subprocess.PIPE, stderr=subprocess.PIPE,
+                                   env={**cluster.environment, "RAYNEST_PYTHON": sys.executable}, text=True)
+        until(lambda: processes("\0--part\0002/8\0"))
+        cluster.scheduler.kill()
+        _, said = running.communicate(timeout=120)
+        self.assertEqual(running.returncode, 0, said)
+        self.assertTrue(all(line.startswith("raynest: ") for line in said.splitlines()), said)
+        self.assertIn("the Dask scheduler went away", said)
+        one, many_hosts = ((self.out / name).read_bytes() for name in ("one.exr", "many.exr"))
+        self.same(raynest.read_layers(one), raynest.read_layers(many_hosts))
 
 
 if __name__ == "__main__":

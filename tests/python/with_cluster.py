@@ -27,12 +27,16 @@ class Cluster:
         self.environment = {**os.environ, "RAYNESTD": WithDaemon.raynestd}
         self.scheduler = self.start("dask_scheduler", "--host", f"tcp://{host}", "--port", "0", "--no-dashboard",
                                     "--no-show", "--scheduler-file", file)
-        self.file = file
-        until(file.exists)
-        self.client = distributed.Client(scheduler_file=str(file), set_as_default=False)
-        self.workers = [self.add() for _ in range(workers)]
-        if workers:
-            self.client.wait_for_workers(workers, timeout=60)
+        self.file, self.workers, self.client = file, [], None
+        try:
+            until(file.exists)
+            self.client = distributed.Client(scheduler_file=str(file), set_as_default=False)
+            self.workers += [self.add() for _ in range(workers)]
+            if workers:
+                self.client.wait_for_workers(workers, timeout=60)
+        except BaseException:
+            self.close()
+            raise
 
     def start(self, module, *words, patch="", under=()):
         """Starts a program of Dask, after a line of Python, by the command `under`."""
@@ -47,7 +51,8 @@ class Cluster:
 
     def close(self):
         try:
-            self.client.close(timeout=2)
+            if self.client is not None:
+                self.client.close(timeout=2)
         finally:
             for process in [*self.workers, self.scheduler]:
                 process.kill()

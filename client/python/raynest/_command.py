@@ -39,7 +39,8 @@ def run(address: str, parts_max: int, scene: str, out: str, words: Sequence[str]
     known = Prepared(scene, {})
     cluster = _connected(address)
     with cluster, tempfile.TemporaryDirectory(prefix="raynest-dask-") as folder:
-        known_to(cluster, known, setup, patience)
+        progress = _bar if shows else None
+        known_to(cluster, known, setup, patience, progress)
         plain, rays = _carried(known, _without_output(words, out))
         threads = sum(worker["nthreads"] for worker in cluster.scheduler_info()["workers"].values())
         count = max(1, min(rays // PART_RAYS + 1 if rays else parts_max, PARTS_PER_THREAD * threads))
@@ -48,7 +49,7 @@ def run(address: str, parts_max: int, scene: str, out: str, words: Sequence[str]
         paths = [os.path.join(folder, f"{i}{ending}") for i in range(count)]
         told: list[dict[str, Any]] = [{}] * count
         for item, (answer, document) in Deal(cluster, setup, known, command, parts, patience,
-                                             _bar if shows else None, "parts").answers():
+                                             progress, "parts").answers():
             told[item] = document
             with open(paths[item], "wb") as file:
                 file.write(answer)
@@ -139,7 +140,7 @@ def whole_of(told: Sequence[dict[str, Any]]) -> dict[str, Any]:
 
 
 def _bar(done: int, total: int, stage: str) -> None:
-    print(f"\r{done} of {total} {stage} ", end="\n" if done == total else "", file=sys.stderr, flush=True)
+    print(f"\r{done} of {total} {'pieces of the files sent' if stage == 'sending' else stage} ", end="\n" if done == total else "", file=sys.stderr, flush=True)
 
 
 def main(words: Sequence[str]) -> int:

@@ -103,6 +103,7 @@ class Deal:
 
     def _deal(self, item: int, workers: Optional[list[str]] = None) -> None:
         part = self._parts[item]
+        source = (part.source or self._source)._replace(sending=self._scene.sending)
         workers = self._fit(workers)
         if workers == [] and self._no_room:
             raise next(iter(self._no_room.values()))
@@ -110,8 +111,8 @@ class Deal:
         try:
             if part.heavy:
                 rays = self._sent(rays, workers or self._lively())
-            copy = self._cluster.submit(make_item, VERSION, self._setup, part.source or self._source, self._method,
-                                        rays, part.options, pure=False, retries=1, workers=workers, key=f"raynest-{os.urandom(8).hex()}")
+            copy = self._cluster.submit(make_item, VERSION, self._setup, source, self._method, rays, part.options,
+                                        pure=False, retries=1, workers=workers, key=f"raynest-{os.urandom(8).hex()}")
         except (OSError, asyncio.TimeoutError, RuntimeError, ValueError) as error:
             return self._give_up_cluster(error)
         self._copies[item] += 1
@@ -172,7 +173,11 @@ class Deal:
         if self._sends > SENDS_MAX + len(self._parts):
             return [(item, self._make(item, FailedError("the workers lose the scene's files again and again")))]
         try:
-            self._scene.send(self._cluster, missing.keys, self._fit(None) or self._workers())
+            if missing.silent:
+                self._scene.send_anew(missing.keys)
+            else:
+                lively = self._lively() if self._scene.sending else None
+                self._scene.send(self._cluster, missing.keys, self._fit(lively) or self._workers(), self._progress)
         except (OSError, asyncio.TimeoutError, RuntimeError, FailedError) as error:
             return self._again(item, error)
         self._news = time.monotonic()
@@ -254,13 +259,16 @@ def _because(error: Optional[BaseException]) -> str:
     return "" if error is None else f" ({type(error).__name__}: {error})".replace("\n", " ")
 
 
-def known_to(cluster: Any, scene: Prepared, setup: Setup, patience: float) -> Prepared:
+def known_to(cluster: Any, scene: Prepared, setup: Setup, patience: float, progress: Any = None) -> Prepared:
     """The scene with the digest that all workers must agree on."""
     if not isinstance(cluster, distributed.Client):
         raise UsageError("the first argument is a distributed.Client, as Client('tcp://head:8786')")
 
     def ask(method: Any) -> Any:
-        (_, answer), = Deal(cluster, setup, scene, method, [Part({}, source=scene.source)], patience, None).answers()
+        def send(done: int, total: int, stage: str) -> None:
+            if progress and stage == "sending":
+                progress(done, total, stage)
+        (_, answer), = Deal(cluster, setup, scene, method, [Part({}, source=scene.source)], patience, send).answers()
         return answer
     if scene.source.message is None:
         scene.found(ask(files_at))

@@ -13,8 +13,9 @@ import numpy as np
 
 from . import _limits, _travel
 from ._net.frame import Array
-from ._travel import PIECE_BYTES, keys_of_changes, keys_of_file
+from ._travel import PIECE_BYTES, PIECE_SECONDS, keys_of_changes, keys_of_file
 from ._requests.files import read_file
+from ._requests.job import Progress
 from ._requests.loads import Load, load_of_file, load_of_mesh, load_of_parts
 from ._requests.precision import rounding_warning
 from ._workers import Carried, Source, named
@@ -28,7 +29,7 @@ SEND_SECONDS = 20.0         # after which a worker that takes a piece counts as 
 class Prepared:
     """A scene for the functions of raynest.dask, made by raynest.dask.prepare()."""
 
-    piece_bytes = PIECE_BYTES
+    piece_bytes, piece_seconds = PIECE_BYTES, PIECE_SECONDS
 
     def __init__(self, scene: Any, load: dict[str, Any]) -> None:
         self._pieces: dict[str, Any] = {}       # key -> its bytes
@@ -43,6 +44,7 @@ class Prepared:
         self.source = self._source(scene, load)
         self._log = os.urandom(8).hex()
         self._epoch = 0
+        self.sending = 0
 
     def _source(self, scene: Any, load: dict[str, Any]) -> Source:
         found: Load
@@ -65,7 +67,8 @@ class Prepared:
                 if not os.path.exists(path):        # the workers may see it
                     return Source(path, load)
             found = load_of_file(path, "", **load)
-        source, most = Source(path, load, named(found.message), piece_bytes=self.piece_bytes), self.piece_bytes
+        source, most = Source(path, load, named(found.message), piece_bytes=self.piece_bytes,
+                              piece_seconds=self.piece_seconds), self.piece_bytes
         for number, (digest, size) in enumerate(source.files()):
             data = next(found.read(number))
             for i, key in enumerate(keys_of_file(digest, size, most)):
@@ -90,7 +93,8 @@ class Prepared:
         return Carried(prefix, digest.hex()[:16] + os.path.splitext(path)[1], digest, len(data))
 
     def piece(self, key: str) -> Array:
-        return self._pieces[key]
+        piece: Array = self._pieces[key]
+        return piece
 
     def found(self, message: dict[str, Any]) -> None:
         """Takes the Load of files that a worker has read, and this machine cannot."""
@@ -107,7 +111,8 @@ class Prepared:
         for text in info["warnings"]:
             warn(text, SceneWarning)
         if self._mesh is not None:
-            lost = rounding_warning(*self._mesh, info["origin"], info["degenerate_triangles"])
+            vertices, faces = self._mesh
+            lost = rounding_warning(vertices, faces, np.asarray(info["origin"]), info["degenerate_triangles"])
             self._mesh = None
             if lost:
                 warn(lost, SceneWarning)
@@ -136,18 +141,23 @@ class Prepared:
         """The scene after so many edits."""
         if not 0 <= epoch <= self._epoch:
             raise UsageError(f"there is no epoch {epoch}: the scene has had {self._epoch} edits")
-        return self.source._replace(log=self._log, epoch=epoch) if epoch else self.source
+        source = self.source._replace(sending=self.sending)
+        return source._replace(log=self._log, epoch=epoch) if epoch else source
 
     # ---- on the way -----------------------------------------------------------------------------
 
-    def send(self, cluster: Any, keys: Sequence[str], workers: Iterable[str]) -> None:
+    def send_anew(self, keys: Sequence[str]) -> None:
+        """Has the workers look for all pieces under new keys, as who has these is silent."""
+        self.sending = max(self.sending, int(keys[0].partition("~")[2]) + 1)
+
+    def send(self, cluster: Any, keys: Sequence[str], workers: Iterable[str], progress: Progress = None) -> None:
         """Gives pieces that no worker has to one of them each. They stay there as long as this object lives."""
         sent = self._sent.setdefault(cluster, {})
         takers = list(workers)
         random.shuffle(takers)
         lost = set(self._lost(cluster, keys))
-        for key in keys:
-            if key not in self._pieces:
+        for number, key in enumerate(keys, 1):
+            if key.partition("~")[0] not in self._pieces:
                 raise FailedError(f"the workers ask for {key}, which is no piece of this scene")
             while key in lost:
                 if not takers:
@@ -156,11 +166,13 @@ class Prepared:
                 if self._give(cluster, sent, key, to):
                     takers.insert(0, to)
                     lost.remove(key)
+                    if progress:
+                        progress(number, len(keys), "sending")
 
     def send_all(self, cluster: Any) -> None:
         """Gives the workers all that they may come to lack while nobody looks after them."""
         if self._pieces:
-            self.send(cluster, list(self._pieces), cluster.scheduler_info()["workers"])
+            self.send(cluster, [f"{key}~{self.sending}" for key in self._pieces], cluster.scheduler_info()["workers"])
 
     def _lost(self, cluster: Any, keys: Sequence[str]) -> list[str]:
         places = cluster.sync(cluster.scheduler.who_has, keys=list(keys))
@@ -168,7 +180,7 @@ class Prepared:
 
     def _give(self, cluster: Any, sent: dict[str, Any], key: str, to: str) -> bool:
         async def scatter() -> Any:
-            return await cluster.scatter({key: self._pieces[key]}, hash=False, direct=True,
+            return await cluster.scatter({key: self._pieces[key.partition("~")[0]]}, hash=False, direct=True,
                                          workers=[to], asynchronous=True)
         giving = asyncio.run_coroutine_threadsafe(scatter(), cluster.loop.asyncio_loop)
         try:

@@ -31,11 +31,12 @@ own: weakref.WeakValueDictionary[str, Any] = weakref.WeakValueDictionary()
 
 
 class Missing(Exception):
-    """No worker has these pieces. Travels as the answer of an item: the client then sends them."""
+    """No worker has these pieces, or whoever has them is `silent`. Travels as the answer of an item: the client then
+    sends them."""
 
-    def __init__(self, keys: Sequence[str]) -> None:
-        super().__init__(f"pieces that no worker has: {len(keys)}")
-        self.keys = list(keys)
+    def __init__(self, keys: Sequence[str], silent: bool = False) -> None:
+        super().__init__(list(keys), silent)
+        self.keys, self.silent = list(keys), silent
 
 
 def keys_of_file(digest: bytes, size: int, piece_bytes: int) -> list[str]:
@@ -47,10 +48,12 @@ def keys_of_changes(log: str, first: int, last: int) -> list[str]:
     return [f"raynest-{log}-{i}" for i in range(first, last)]
 
 
-def fetch(keys: Sequence[str]) -> Iterator[Array]:
-    """Yields the pieces, the next of which come meanwhile; raises Missing at once where one is nowhere."""
-    if all(key in own for key in keys):
-        for key in keys:
+def fetch(pieces: Sequence[str], patience: float, sending: int) -> Iterator[Array]:
+    """Yields the pieces, the next of which come meanwhile; raises Missing at once where one is nowhere. `sending` is
+    how often the client has sent them anew."""
+    keys = [f"{key}~{sending}" for key in pieces]
+    if all(key in own for key in pieces):
+        for key in pieces:
             yield own[key].piece(key)
         return
     import distributed
@@ -64,9 +67,10 @@ def fetch(keys: Sequence[str]) -> Iterator[Array]:
 
     def one(key: str) -> Array:
         try:
-            return np.asarray(distributed.Future(key, cluster).result(timeout=PIECE_SECONDS))
+            future: Any = distributed.Future(key, cluster)  # type: ignore[no-untyped-call]
+            return np.asarray(future.result(timeout=patience))
         except Exception:       # its holder died, or is stuck
-            raise Missing([key]) from None
+            raise Missing([key], True) from None
     with concurrent.futures.ThreadPoolExecutor(AHEAD) as pool:
         coming = collections.deque(pool.submit(one, key) for key in keys[:AHEAD])
         for key in [*keys[AHEAD:], *[""] * min(AHEAD, len(keys))]:

@@ -21,7 +21,7 @@ import numpy as np
 
 from ._net.control import Message
 from ._net.frame import Array
-from ._travel import PIECE_BYTES, Missing, fetch, keys_of_changes, keys_of_file
+from ._travel import PIECE_BYTES, PIECE_SECONDS, Missing, fetch, keys_of_changes, keys_of_file
 from ._requests.film import Layers
 from ._requests.loads import Load, load_of_file
 from ._version import VERSION
@@ -57,6 +57,8 @@ class Source(NamedTuple):
     log: str = ""                           # of its changes
     epoch: int = 0                          # how many of them have happened
     piece_bytes: int = PIECE_BYTES
+    piece_seconds: float = PIECE_SECONDS
+    sending: int = 0                        # of the pieces: counts when whoever has some of them is silent
 
     @property
     def name(self) -> str:
@@ -240,9 +242,9 @@ class Host:
                 return
             self._elsewhere.add(source.name)
         keys = keys_of_file(*source.files()[number], source.piece_bytes)
-        yield from fetch(keys)
+        yield from fetch(keys, source.piece_seconds, source.sending)
 
-    def take(self, carried: Carried, folder: str, piece_bytes: int) -> None:
+    def take(self, carried: Carried, folder: str, source: Source) -> None:
         """Has a file that only the client's machine had in the folder, under its name."""
         os.makedirs(folder, exist_ok=True)
         path = os.path.join(folder, carried.name)
@@ -251,13 +253,15 @@ class Host:
             if os.path.exists(path):
                 return
             with open(path + ".part", "wb") as file:
-                for piece in fetch(keys_of_file(carried.digest, carried.size, piece_bytes)):
+                for piece in fetch(keys_of_file(carried.digest, carried.size, source.piece_bytes),
+                                   source.piece_seconds, source.sending):
                     file.write(piece.data)
             os.replace(path + ".part", path)
 
     def _changed(self, client: Client, source: Source) -> Scene:
         """The scene at an epoch, as this thread's own copy of it, to which each change is made once, in their order."""
-        log, scene, epoch = self._mine.changed
+        held: tuple[str, Optional[Scene], int] = self._mine.changed
+        log, scene, epoch = held
         self._mine.changed = "", None, 0
         if scene is not None and (log != source.log or epoch > source.epoch):
             scene.close()
@@ -266,7 +270,8 @@ class Host:
             name = f"{source.name}-{source.log}-{os.getpid()}-{threading.get_ident()}"
             scene, epoch = self._load(client, source, name), 0
         try:
-            for change in fetch(keys_of_changes(source.log, epoch, source.epoch)):
+            keys = keys_of_changes(source.log, epoch, source.epoch)
+            for change in fetch(keys, source.piece_seconds, source.sending):
                 pickle.loads(change.data).apply(client.connection, scene.name)
                 epoch += 1
         except Missing:
@@ -363,7 +368,7 @@ def command(host: Host, source: Source, options: dict[str, Any]) -> tuple[bytes,
     scene = host.scene(source)
     files = os.path.join(host.folder, "files")
     for carried in {word for word in options["words"] if isinstance(word, Carried)}:
-        host.take(carried, files, source.piece_bytes)
+        host.take(carried, files, source)
     os.makedirs(files, exist_ok=True)
     with tempfile.TemporaryDirectory(dir=host.folder) as folder:
         output = os.path.join(folder, "part" + options["ending"])

@@ -47,8 +47,9 @@ def prepare(scene: Any, faces: Any = None, **load: Any) -> Prepared:
     return Prepared(scene if faces is None else (scene, faces), load)
 
 
-def _known(cluster: Any, scene: Any, setup: Setup, load: Optional[dict[str, Any]], patience: float) -> Prepared:
-    return known_to(cluster, prepare(scene, **(load or {})), setup, patience)
+def _known(cluster: Any, scene: Any, setup: Setup, load: Optional[dict[str, Any]], patience: float,
+           progress: Any = None) -> Prepared:
+    return known_to(cluster, prepare(scene, **(load or {})), setup, patience, progress)
 
 
 def trace(cluster: Any, scene: Any, rays: Any, *, fields: Union[str, Sequence[str], None] = None,
@@ -57,7 +58,7 @@ def trace(cluster: Any, scene: Any, rays: Any, *, fields: Union[str, Sequence[st
     """As Scene.trace(), on all workers of a cluster: the same columns, in every byte. `scene` is what prepare() takes
     or returns, or a path that only the hosts see; `load` are more arguments of prepare(). `rays` is a generator, or an
     array (N, 6) or (N, 8). Items have `item_rays` rays; after `patience` seconds of silence they are dealt again."""
-    known = _known(cluster, scene, setup, load, patience)
+    known = _known(cluster, scene, setup, load, patience, progress)
     parts = list(_parts_of(rays, item_rays, {**job, "fields": fields, "kind": kind, "reduce": reduce}))
     found = [columns for _, columns in sorted(Deal(cluster, setup, known, "trace", parts, patience, progress).answers(),
                                               key=lambda each: each[0])]
@@ -98,7 +99,7 @@ def sweep(cluster: Any, scene: Prepared, scans: Iterable[tuple[int, Any]], *,
     that it follows, and a generator or an array. Each is one item, so that a host makes each change once. Returns
     the columns of each scan."""
     options = {**job, "fields": fields, "kind": kind, "reduce": reduce}
-    known = _known(cluster, scene, setup, None, patience)
+    known = _known(cluster, scene, setup, None, patience, progress)
     parts = []
     for epoch, rays in scans:
         part, = _parts_of(rays, sys.maxsize, options)
@@ -146,7 +147,7 @@ def render(cluster: Any, scene: Any, *, size: tuple[int, int] = (960, 540), inte
     encode = encode or ("layers" if is_lit(integrator) else "raw")
     if encode not in ("layers", "raw"):
         raise UsageError(f"encode {encode}: a picture of tiles is 'raw' or 'layers'; write raw as a file with its png()")
-    known = _known(cluster, scene, setup, load, patience)
+    known = _known(cluster, scene, setup, load, patience, progress)
     samples = (spp or 16) if is_lit(integrator) else 1
     options.update(integrator=integrator, spp=spp, encode=encode)
     pieces = _tiles(cluster, known, "render", size, samples, item_samples, options, setup, patience, progress)
@@ -162,7 +163,7 @@ def heatmap(cluster: Any, scene: Any, *, size: tuple[int, int] = (960, 540),
             load: Optional[dict[str, Any]] = None, setup: Setup = Setup(), patience: float = PATIENCE,
             progress: Any = None, item_samples: int = ITEM_SAMPLES, **options: Any) -> Array:
     """As Scene.heatmap(), in tiles: the counts, (height, width)."""
-    known = _known(cluster, scene, setup, load, patience)
+    known = _known(cluster, scene, setup, load, patience, progress)
     pieces = _tiles(cluster, known, "heatmap", size, 1, item_samples, options, setup, patience, progress)
     return _mosaic(size, pieces)[""]
 

@@ -165,10 +165,10 @@ class Edit:
         if len(self._texts) > _limits.list_items_max:
             raise UsageError(f"{len(self._texts)} texts in one edit, at most {_limits.list_items_max} are "
                              "taken: name instances by number, as the column inst tells them")
-        message = {"epoch": self.epoch, "rows": len(rows), "keep": self._keep,
-                   "targets": list(self._texts), "scenes": [scene for scene, _ in self._added],
-                   "names": [name for _, name in self._added],
-                   "vertex_counts": [len(points) for points in self._vertices]}
+        message: Message = {"epoch": self.epoch, "rows": len(rows), "keep": self._keep,
+                            "targets": list(self._texts), "scenes": [scene for scene, _ in self._added],
+                            "names": [name for _, name in self._added],
+                            "vertex_counts": [len(points) for points in self._vertices]}
         if sum(message["vertex_counts"]) > _limits.edit_vertices_max:
             raise UsageError(f"{sum(message['vertex_counts'])} vertices in one edit, at most "
                              f"{_limits.edit_vertices_max} are taken")

@@ -58,8 +58,8 @@ def load_of_mesh(vertices: Any, faces: Any = None, name: Optional[str] = None, *
         raise TypeError("mesh() takes vertices and faces")
     shift = np.zeros(3) if origin is None else vector("origin", origin)
     upload = Upload("mesh.glb", name or "", (File("mesh.glb", mesh_glb(vertices, faces, shift)),))
-    message = {**upload.message(), **_origin_message(shift), "replace": replace, "build": build,
-               "temporary": not name and not keep}
+    message: Message = {**upload.message(), **_origin_message(shift), "replace": replace, "build": build,
+                        "temporary": not name and not keep}
     if not name:
         built = "" if build == "medium" else f"-{build}"
         message["name"] = f"mesh-{message['file_digests'][:8].hex()}{built}"
@@ -72,8 +72,8 @@ def load_of_parts(parts: Mapping[str, Any], places: Optional[Mapping[str, Any]] 
                   masks: Masks = ()) -> Load:
     """As Client.scene_of() has it."""
     upload = Upload("parts.glb", name or "", (File("parts.glb", parts_glb(parts, places)),))
-    message = {**upload.message(), **_origin_message(origin), "replace": replace, "build": build,
-               "masks": mask_rules(masks), "temporary": not name and not keep}
+    message: Message = {**upload.message(), **_origin_message(origin), "replace": replace, "build": build,
+                        "masks": mask_rules(masks), "temporary": not name and not keep}
     if not name:
         message["name"] = f"parts-{message['file_digests'][:8].hex()}"
     return Load(message, upload.read)
