@@ -9,6 +9,7 @@
 #include "server/daemon/import_command.h"
 #include "server/daemon/notify.h"
 #include "server/daemon/start_loads.h"
+#include "server/execution/kept_selections.h"
 #include "server/execution/trace.h"
 #include "server/ground/io_turn.h"
 #include "server/ground/journal.h"
@@ -37,13 +38,11 @@
 
 #include <unistd.h>
 
-#include <algorithm>
 #include <csignal>
 #include <cstdio>
 #include <cstdlib>
 #include <functional>
 #include <memory>
-#include <optional>
 #include <string>
 #include <utility>
 #include <vector>
@@ -116,6 +115,7 @@ private:
     Services services_;
     SceneWaker waker_;
     ScenePoser poser_;
+    KeptSelections selections_;
     JobContext context_;
     DetachedJobs detached_;
     // Keep the threads below all members that tasks use: destruction joins the threads first.
@@ -169,16 +169,10 @@ Daemon::Daemon(Options options, ReadOptions read_again, std::shared_ptr<const Re
                 peers_,
                 backends_,
                 trace_buffers_,
-                blocking_,
-                {},
-                this,
-                nullptr,
-                state_.get(),
-                state_ ? &waker_ : nullptr,
-                &disk_,
-                &poser_},
+                blocking_},
       waker_(services_, [this](std::function<void()> done) { asio::post(io_, std::move(done)); }),
       poser_(services_, [this](std::function<void()> done) { asio::post(io_, std::move(done)); }),
+      selections_(blocking_),
       context_{compute_,
                admission_,
                metrics_,
@@ -215,6 +209,12 @@ Daemon::Daemon(Options options, ReadOptions read_again, std::shared_ptr<const Re
       start_loads_(io_, services_) {
     scenes_.set_disposal(
         [this](std::shared_ptr<const Snapshot> scene) { dispose(compute_, "", std::move(scene)); });
+    services_.administration = this;
+    services_.state = state_.get();
+    services_.waker = state_ ? &waker_ : nullptr;
+    services_.disk = &disk_;
+    services_.poser = &poser_;
+    services_.selections = &selections_;
     if (state_) scenes_.adopt(*state_);
 }
 
@@ -304,6 +304,7 @@ Result<void> Daemon::run() {
         connections_.close_lost();
         trace_buffers_.trim();
         poser_.drop_idle();
+        selections_.drop_idle();
         log_left_out();
         if (state_ && state_->has_work())
             disk_.submit("", Priority::low, [this] { state_->collect(); });
@@ -350,8 +351,7 @@ void Daemon::await_signal() {
             (void)reload();
             return await_signal();
         }
-        const bool draining = drain_deadline_ != Clock::time_point::max();
-        if (draining) {
+        if (drain_deadline_ != Clock::time_point::max()) {
             log(LogLevel::warn, "stopping_at_once");
             end_at_once();
         }

@@ -41,6 +41,8 @@ struct Plan {
 
     /// True if the number of hits per ray varies, so that answers need splits.
     [[nodiscard]] bool csr() const { return query == query_multi || query == query_all; }
+    /// True if select() has something to do.
+    [[nodiscard]] bool needs_select() const { return selected != nullptr && !selected->is_made(); }
     /// Makes the view of `selected`, if there is one, for all copies of this plan. Call it in a
     /// task, before call(). Fails as Selected::make() does.
     Reply<void> select(const Stop& stop) const;

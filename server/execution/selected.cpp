@@ -1,30 +1,41 @@
 #include "server/execution/selected.h"
 
+#include <chrono>
+#include <thread>
 #include <utility>
 
 namespace raynest::server {
 
 Selected::Selected(SelectionWords words, std::uint64_t instances_max, Budget& budget,
-                   Budget::Lease lease)
+                   std::string principal, Budget::Lease lease)
     : words_(std::move(words)),
       instances_max_(instances_max),
       budget_(budget),
+      principal_(std::move(principal)),
       lease_(std::move(lease)),
       bytes_(lease_.bytes()) {}
 
 std::uint64_t Selected::least_bytes(const SceneView& scene, const SelectionWords& words) {
     const InstanceLists none;
     std::uint64_t bytes = SelectedInstances::size(scene, none.selection(), words.skips_boxes).bytes;
-    // The text of each outermost instance is compared.
+    // The text of each outermost instance is compared, and each may be found.
+    constexpr std::uint64_t text_bytes = 128;
     if (!words.hidden.texts.empty() || !words.only.texts.empty())
-        bytes += std::uint64_t{scene.objects[scene.root].instance_count} * 2 * sizeof(std::string);
+        bytes += scene.objects[scene.root].instance_count * text_bytes;
     return bytes;
 }
 
 Reply<void> Selected::make(const Snapshot& scene, const Stop& stop) {
-    const std::lock_guard lock(making_);
-    if (instances_) return {};
-    return make_now(scene, stop);
+    std::unique_lock lock(making_, std::try_to_lock);
+    while (!lock) {  // another job makes it
+        if (stop.requested()) return refuse(Code::cancelled, "");
+        std::this_thread::sleep_for(std::chrono::milliseconds(1));
+        (void)lock.try_lock();
+    }
+    if (is_made()) return {};
+    auto made = make_now(scene, stop);
+    state_ = made ? State::made : State::failed;
+    return made;
 }
 
 Reply<void> Selected::make_now(const Snapshot& scene, const Stop& stop) {
@@ -46,13 +57,13 @@ Reply<void> Selected::make_now(const Snapshot& scene, const Stop& stop) {
         size.bytes + part_bytes * (lists.hidden_parts.size() + lists.only_parts.size());
     if (wanted > lease_.bytes()) {
         const std::uint64_t more_bytes = wanted - lease_.bytes();
-        const std::string principal = lease_.principal();
-        auto more = budget_.reserve(more_bytes, principal);
-        if (!more) return budget_.refuse("hiding parts", more_bytes, principal, "hide fewer");
+        auto more = budget_.reserve(more_bytes, principal_);
+        if (!more) return budget_.refuse("hiding parts", more_bytes, principal_, "hide fewer");
         lease_.merge(std::move(*more));
-        bytes_ = lease_.bytes();
     }
     instances_.emplace(scene.view(), lists.selection(), words_.skips_boxes);
+    lease_.shrink(size.bytes);
+    bytes_ = size.bytes;
     return {};
 }
 

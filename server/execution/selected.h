@@ -26,14 +26,15 @@ struct SelectionWords {
     [[nodiscard]] bool is_everything() const {
         return lists.selection().is_everything() && hidden.empty() && only.empty();
     }
+    bool operator==(const SelectionWords&) const = default;
 };
 
 /// Made from the words in a task. Thread-safe once it is made.
 class Selected {
 public:
-    /// `lease` holds least_bytes().
+    /// `lease` holds least_bytes() for the principal.
     Selected(SelectionWords words, std::uint64_t instances_max, Budget& budget,
-             Budget::Lease lease);
+             std::string principal, Budget::Lease lease);
 
     /// Returns the bytes of a view, without what its paths add.
     [[nodiscard]] static std::uint64_t least_bytes(const SceneView& scene,
@@ -51,17 +52,26 @@ public:
     [[nodiscard]] Step in_scene(Step step) const;
     [[nodiscard]] bool has_copies() const { return instances_->has_copies(); }
 
+    [[nodiscard]] const SelectionWords& words() const { return words_; }
     [[nodiscard]] bool skips_boxes() const { return words_.skips_boxes; }
+    /// True once make() has succeeded.
+    [[nodiscard]] bool is_made() const { return state_ == State::made; }
+    /// True once the last make() has failed.
+    [[nodiscard]] bool has_failed() const { return state_ == State::failed; }
     [[nodiscard]] std::uint64_t bytes() const { return bytes_; }
 
 private:
+    enum class State : std::uint8_t { unmade, made, failed };
+
     Reply<void> make_now(const Snapshot& scene, const Stop& stop);
 
-    SelectionWords words_;
+    const SelectionWords words_;
     const std::uint64_t instances_max_;
     Budget& budget_;
+    const std::string principal_;
     Budget::Lease lease_;
     std::atomic<std::uint64_t> bytes_;
+    std::atomic<State> state_ = State::unmade;
     std::mutex making_;
     std::optional<SelectedInstances> instances_;
 };

@@ -65,7 +65,7 @@ static_assert(metric_table.size() <= OwnCounts::counters_max);
 /// True for a counter that tells what principals did: each is told its own part. The others tell
 /// how often the daemon refused or ended something, whoever it was.
 [[nodiscard]] constexpr bool counts_work(std::string_view counter) {
-    for (const std::string_view begin : {"jobs_", "scenes_", "frames_", "bytes_"})
+    for (const std::string_view begin : {"jobs_", "scenes_", "selections_", "frames_", "bytes_"})
         if (counter.starts_with(begin)) return true;
     return counter == "rays";
 }

@@ -32,7 +32,7 @@ protected:
                bool joins);
 
     /// True if make_ready() has something to do; a task for it costs a small query its latency.
-    [[nodiscard]] virtual bool needs_preparation() const { return plan_.selected != nullptr; }
+    [[nodiscard]] virtual bool needs_preparation() const { return plan_.needs_select(); }
     /// Makes what tasks need and what grows with the request or the scene. Runs in prepare()'s
     /// task.
     virtual Reply<void> make_ready(const Stop& stop) { return plan_.select(stop); }

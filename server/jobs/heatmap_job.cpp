@@ -59,7 +59,7 @@ protected:
         for (auto& counts : counts_) counts = blank<std::uint32_t>();
     }
     [[nodiscard]] bool needs_preparation() const override {
-        return PictureJob::needs_preparation() || (other_ && other_->counted.selected != nullptr);
+        return PictureJob::needs_preparation() || (other_ && other_->counted.needs_select());
     }
     Reply<void> make_ready(const Stop& stop) override {
         if (auto ready = PictureJob::make_ready(stop); !ready) return ready;

@@ -19,6 +19,7 @@ class Admission;
 class Budget;
 class DetachedJobs;
 class FairThreadPool;
+class KeptSelections;
 class Peers;
 class SceneStore;
 class ScenePoser;
@@ -52,7 +53,8 @@ struct Services {
     SceneWaker* waker = nullptr;               ///< null likewise
     /// Null likewise; for short tasks of it that no import may hold up
     FairThreadPool* disk = nullptr;
-    ScenePoser* poser = nullptr;  ///< null in tests without a whole daemon
+    ScenePoser* poser = nullptr;           ///< null in tests without a whole daemon
+    KeptSelections* selections = nullptr;  ///< null likewise
 };
 
 }  // namespace raynest::server

@@ -1,5 +1,6 @@
 // STATS: lists the daemon's counters and gauges by name. Administrators see the whole daemon;
 // others see their own part of what principals did and hold. quota_* are the caller's own for both.
+#include "server/execution/kept_selections.h"
 #include "server/ground/log.h"
 #include "server/jobs/scene_poser.h"
 #include "server/requests/quota_use.h"
@@ -44,9 +45,10 @@ private:
         }));
     }
     [[nodiscard]] std::uint64_t memory() const {
-        std::uint64_t bytes = of("scene_bytes", 0) +
-                              services.peers.held_by(principal, Resource::memory) +
-                              (services.poser == nullptr ? 0 : services.poser->held_by(principal));
+        std::uint64_t bytes =
+            of("scene_bytes", 0) + services.peers.held_by(principal, Resource::memory) +
+            (services.poser == nullptr ? 0 : services.poser->held_by(principal)) +
+            (services.selections == nullptr ? 0 : services.selections->held_by(principal));
         for (const auto& [number, job] : services.detached.all())
             if (job->record().principal == principal) bytes += job->bytes();
         return bytes;

@@ -19,10 +19,10 @@ COLUMNS = ("t", "prim", "geom", "ng", "uv", "front", "position", "hit", "path")
 MISSED = 2**64 - 1
 # One name of each kind, and what has it.
 WHEELS = {("car-1/wheel-0",): {"car-1/wheel-0"},
-          ("car-0/wheel*", "car-2/body"): {"car-0/wheel-0", "car-0/wheel-1", "car-0/wheel-2", "car-2/body"},
+          ("car-0/wheel*", "car-2/body"): {"car-0/wheel-0", "car-0/wheel-1", "car-0/wheel 2", "car-2/body"},
           ("*wheel-1",): {f"car-{i}/wheel-1" for i in range(3)},
-          ("car-1",): {f"car-1/{part}" for part in ("body", "wheel-0", "wheel-1", "wheel-2")},
-          ("ground", "car-2/*"): {"ground", *(f"car-2/{part}" for part in ("body", "wheel-0", "wheel-1", "wheel-2"))},
+          ("car-1",): {f"car-1/{part}" for part in ("body", "wheel-0", "wheel-1", "wheel 2")},
+          ("ground", "car-2/*"): {"ground", *(f"car-2/{part}" for part in ("body", "wheel-0", "wheel-1", "wheel 2"))},
           ("*",): None}
 
 
@@ -40,7 +40,7 @@ def cars(without=(), at=(0, 0, 0), moves=False):
     for name, car, down in [(f"{kind}-{car}", car, down) for car in range(3) for kind, down in (("twin", 5e4), ("car", 0))]:
         parts = [gltf.node(root=False, name=part, mesh=mesh, translation=where)
                  for part, mesh, where in (("body", body, [0, .4, 0]), ("wheel-0", wheel, [.5, 0, .4]),
-                                           ("wheel-1", wheel, [-.5, 0, .4]), ("wheel-2", wheel, [0, .1, -.5]))
+                                           ("wheel-1", wheel, [-.5, 0, .4]), ("wheel 2", wheel, [0, .1, -.5]))
                  if f"car-{car}/{part}" not in without]
         if parts:
             made.append(gltf.node(name=name, children=parts,
@@ -134,6 +134,44 @@ class Hide(WithDaemon):
         self.same(dict(self.cars.trace(self.rays, fields=COLUMNS)), dict(before))
         self.assertEqual(self.cars.info["epoch"], 1)
 
+    def test_primitives_beside_instances(self):
+        flake = self.client.load("builtin:flake?depth=4", "flake")
+        texts = flake.path_of(np.arange(flake.info["instances"]))
+        rays = np.random.default_rng(2).normal(0, 1, (3000, 6))
+        rays[:, :3] *= 3
+        rays[:, 3:] -= rays[:, :3]
+        fields = ("t", "path", "object", "inst", "prim", "ng", "front", "position")
+        every = flake.trace(rays, kind="all", fields=fields)
+        owner = np.repeat(np.arange(len(rays)), np.diff(every["ray_splits"].astype(int)))
+        # A sphere has buds beside it. Its text stands for all of these, its number for it alone.
+        below = lambda name: {path for path, text in enumerate(texts) if text == name or text.startswith(name + "/")}
+        alone = texts.index("bud-2/bud-6")
+        meshes = {(text, f"flake-{2 - text.count('/')}") for text in texts if text}
+        seen = set()
+        for words, gone in (({"hide": "bud-3/bud-4"}, below("bud-3/bud-4")), ({"hide": f"path={alone}"}, {alone}),
+                            ({"hide": ["path=0", "bud-5", "bud-6/bud-1/*"]},
+                             {0} | below("bud-5") | below("bud-6/bud-1") - {texts.index("bud-6/bud-1")}),
+                            ({"only": ["bud-1", f"path={alone}"], "hide": "bud-1/bud-8"},
+                             set(range(len(texts))) - (below("bud-1") - below("bud-1/bud-8")) - {alone})):
+            stays = ~np.isin(every["path"], list(gone))
+            rays_left, first = np.unique(owner[stays], return_index=True)
+            hits = flake.trace(rays, fields=fields, **words)
+            self.assertEqual(np.flatnonzero(hits["path"] != MISSED).tolist(), rays_left.tolist())
+            self.assertGreater(np.count_nonzero(hits["t"] != flake.trace(rays, fields=("t",))["t"]), 0, words)
+            for name in fields:
+                np.testing.assert_array_equal(hits[name][rays_left], every[name][stays][first], name)
+            all_of_it = flake.trace(rays, kind="all", fields=fields, **words)
+            for name in fields:
+                np.testing.assert_array_equal(all_of_it[name], every[name][stays], name)
+            for ray in rays_left[:20]:
+                told = flake.explain(rays[ray], **words)
+                self.assertEqual((told["hit"]["path"], np.float32(told["hit"]["t"])), (hits["path"][ray], hits["t"][ray]))
+                named = {(step["name"], step["mesh"]) for step in told["steps"] if step["kind"] == "instance"}
+                self.assertLessEqual(named, meshes)
+                seen |= named
+            self.assertGreater(len(seen), 3)
+        self.assertFalse(flake.trace(rays, fields=("hit",), hide="*")["hit"].any())
+
     def test_all_may_be_hidden(self):
         self.assertFalse(self.cars.trace(self.rays, fields=("hit",), hide="*")["hit"].any())
         mesh = self.client.mesh(CORNERS, FACES, "box")
@@ -169,6 +207,31 @@ class Hide(WithDaemon):
             edit.hide("car-1/wheel*")
             edit.hide("car-2")
         self.same(dict(scene.trace(self.rays, fields=COLUMNS)), dict(hidden))
+
+    def test_what_is_hidden_again_is_there_already(self):
+        scene = self.load("again")
+        counts = lambda: np.array([self.client.stats()[f"selections_{name}"] for name in ("made", "reused")])
+        before = counts()
+        hits = [scene.trace(self.rays, fields=COLUMNS, hide=["car-1/wheel*", "car-2"]) for _ in range(5)]
+        np.testing.assert_array_equal(counts() - before, [1, 4])
+        for again in hits[1:]:
+            self.same(dict(again), dict(hits[0]))
+        # Single rays are answered on the daemon's io thread then.
+        for ray in range(0, 200, 7):
+            one = scene.trace(self.rays[ray:ray + 1], fields=COLUMNS, hide=["car-1/wheel*", "car-2"])
+            self.same(dict(one), {name: column[ray:ray + 1] for name, column in hits[0].items()})
+        # Another epoch is another scene, and so is another principal's.
+        with scene.edit() as edit:
+            edit.move("car-0", (0, 0.25, 0))
+        before = counts()
+        moved = scene.trace(self.rays, fields=COLUMNS, hide=["car-1/wheel*", "car-2"])
+        np.testing.assert_array_equal(counts() - before, [1, 0])
+        self.assertTrue((moved["t"] != hits[0]["t"]).any())
+        # Many lists in turn, of which four stay.
+        held = self.client.stats()["memory_used_bytes"]
+        for number in range(40):
+            scene.trace(self.rays[:1], fields=("t",), hide=f"path={number % 20 + 5}", only=["car*", f"path={number // 20}"])
+        self.assertLess(self.client.stats()["memory_used_bytes"], held + (1 << 20))
 
     def test_only_and_hide_together(self):
         shown = self.cars.trace(self.rays, fields=COLUMNS, only="car-1", hide="car-1/wheel*")
@@ -211,7 +274,7 @@ class Hide(WithDaemon):
             np.testing.assert_array_equal(np.load(self.files / "heat.npy"), picture)
             self.assertGreater(done["max"], 0)
         # A film says what it hides, and goes on with that.
-        lit = (*view, "--integrator", "ao", "--hide", "car-0/wheel*", "--hide", "path=0")
+        lit = (*view, "--integrator", "ao", "--hide", "car-0/wheel*", "--hide", "car-1/wheel 2", "--hide", "path=0")
         for name, spp in (("part.exr", "2"), ("whole.exr", "5")):
             self.cli.json("render", "cars", *lit, "--spp", spp, "-o", self.files / name)
         self.cli.json("resume", self.files / "part.exr", "--spp", "5")

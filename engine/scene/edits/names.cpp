@@ -49,8 +49,9 @@ std::string common_text(std::vector<PathStep> first, const std::vector<PathStep>
 class Search {
 public:
     Search(const Snapshot& scene, const std::vector<std::string>& texts, std::string_view glob,
-           const std::function<bool()>& stopped, std::uint64_t& looked_at)
+           const std::function<bool()>& stopped, std::uint64_t& looked_at, std::size_t nested_max)
         : looked_at_(looked_at),
+          nested_max_(nested_max),
           scene_(scene),
           texts_(texts),
           glob_(glob),
@@ -100,7 +101,11 @@ private:
             matches_[k] = steps && glob_matches(glob_, path_name(*steps));
         }
         enter(instance.object, 0, place);
-        return {};
+        if (nested_ <= nested_max_) return {};
+        return fail(ErrorCode::limit_exceeded,
+                    fmt::format("'{}' stands for more than {} parts of instances: name what stands "
+                                "above them",
+                                glob_, nested_max_));
     }
 
     /// Looks at an instance at a place of the object above, whose first placement is `base` of the
@@ -110,12 +115,16 @@ private:
         const ObjectRecord& record = view.objects[object];
         const auto first = matches_.begin() + static_cast<std::ptrdiff_t>(base);
         const auto end = first + static_cast<std::ptrdiff_t>(record.placement_count);
-        if (std::find(first, end, true) == end) return;
+        if (nested_ > nested_max_ || std::find(first, end, true) == end) return;
         way_.push_back(place);
         if (std::find(first, end, false) == end) {
             found_.instances.emplace_back(way_.front(), std::vector(way_.begin() + 1, way_.end()));
+            ++nested_;
         } else {
-            if (record.has_own_primitives() && *first) found_.own.push_back(way_);
+            if (record.has_own_primitives() && *first) {
+                found_.own.push_back(way_);
+                ++nested_;
+            }
             for (std::uint32_t i = 0; i < record.instance_count; ++i) {
                 const InstanceRecord& child = view.instances[record.first_instance + i];
                 enter(child.object, base + child.path_base, i);
@@ -125,6 +134,8 @@ private:
     }
 
     std::uint64_t& looked_at_;
+    const std::size_t nested_max_;
+    std::size_t nested_ = 0;  ///< found ones that are not outermost instances
     const Snapshot& scene_;
     const std::vector<std::string>& texts_;
     const std::string_view glob_;
@@ -147,7 +158,7 @@ bool glob_matches(std::string_view glob, std::string_view text) {
     return matches_whole(glob, text) || matches_whole(std::string(glob) + "/*", text);
 }
 
-Result<NamedParts> InstanceFinder::find_parts(std::string_view glob) {
+Result<NamedParts> InstanceFinder::find_parts(std::string_view glob, std::size_t nested_max) {
     const SceneView& view = scene_.view();
     const ObjectRecord& root = view.objects[view.root];
     for (std::size_t i = texts_.size(); i < root.instance_count; ++i) {
@@ -156,7 +167,7 @@ Result<NamedParts> InstanceFinder::find_parts(std::string_view glob) {
         const std::uint64_t count = view.objects[instance.object].placement_count;
         texts_.push_back(count == 0 ? "" : text_above(scene_, instance.path_base, count));
     }
-    auto found = Search(scene_, texts_, glob, stopped_, looked_at_).search();
+    auto found = Search(scene_, texts_, glob, stopped_, looked_at_, nested_max).search();
     if (!found || !found->instances.empty() || !found->own.empty()) return found;
     if (glob.find('*') != std::string_view::npos)
         return fail(ErrorCode::field_invalid, fmt::format("no path is of the form '{}'", glob));

@@ -5,6 +5,7 @@
 #include "engine/scene/edits/instance_place.h"
 #include "engine/scene/snapshot.h"
 
+#include <cstddef>
 #include <cstdint>
 #include <functional>
 #include <string>
@@ -39,8 +40,10 @@ public:
     /// with limit_exceeded beyond nested_placements_max. Looks at all outermost instances, the
     /// first time about 1 us each, and at the placements of those that may match in part.
     Result<std::vector<InstancePlace>> find(std::string_view glob);
-    /// The same, and primitives that have the text where what lies beside them has another.
-    Result<NamedParts> find_parts(std::string_view glob);
+    /// The same, and primitives that have the text where what lies beside them has another. Fails
+    /// with limit_exceeded for more than `nested_max` that are not outermost instances, too.
+    Result<NamedParts> find_parts(std::string_view glob,
+                                  std::size_t nested_max = nested_placements_max);
 
 private:
     const Snapshot& scene_;

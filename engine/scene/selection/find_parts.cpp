@@ -40,7 +40,7 @@ private:
 Result<void> find(const Snapshot& scene, const PathNames& names, InstanceFinder& finder,
                   Parts parts) {
     for (const std::string& text : names.texts) {
-        auto found = finder.find_parts(text);
+        auto found = finder.find_parts(text, selected_parts_max);
         if (!found) return tl::unexpected(std::move(found.error()));
         for (const InstancePlace& place : found->instances) {
             ScenePart part{{place.outermost}};

@@ -21,6 +21,7 @@ struct PathNames {
     std::vector<std::uint64_t> ids;  ///< of paths
 
     [[nodiscard]] bool empty() const { return texts.empty() && ids.empty(); }
+    bool operator==(const PathNames&) const = default;
 };
 
 /// Adds what `hidden` and `only` stand for to `lists`. Fails with field_invalid for a name that the

@@ -352,6 +352,9 @@ SelectedInstances::SelectedInstances(const SceneView& scene, const InstanceSelec
 }
 
 void SelectedInstances::prune(const std::vector<std::uint32_t>& without_own, bool skips_boxes) {
+    std::uint64_t nodes = node_count(view_);
+    for (std::size_t i = objects_before_; i < objects_.size(); ++i) nodes += objects_[i].node_count;
+    nodes_.reserve(nodes);
     nodes_.assign(view_.nodes, view_.nodes + node_count(view_));
     if (objects_.empty()) objects_.assign(view_.objects, view_.objects + view_.object_count);
     for (std::size_t i = objects_before_; i < objects_.size(); ++i) {

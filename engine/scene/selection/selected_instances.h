@@ -67,6 +67,7 @@ struct InstanceLists {
         return {hidden_instances, hidden_objects, only_instances, only_objects,
                 hidden_parts,     only_parts,     only_named};
     }
+    bool operator==(const InstanceLists&) const = default;
 };
 
 /// The scene must outlive it. Not copied: view() points into it.

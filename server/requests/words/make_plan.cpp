@@ -3,6 +3,8 @@
 #include "engine/packs/registry.h"
 #include "protocol/control.h"
 #include "protocol/text.h"
+#include "server/execution/kept_selections.h"
+#include "server/ground/metrics.h"
 #include "server/jobs/scene_poser.h"
 #include "server/requests/words/idle_options.h"
 #include "server/scheduling/peers.h"
@@ -57,25 +59,41 @@ std::vector<T> list(const flatbuffers::Vector<T>* ids) {
 
 /// Returns what a job hides, and memory for its view of the scene; null if it hides nothing.
 Reply<std::shared_ptr<Selected>> reserve_selection(const Services& services, const Caller& caller,
-                                                   const SceneView& scene, const wire::Job& job) {
+                                                   const NamedScene& scene, const wire::Job& job) {
+    const SceneView& view = scene.snapshot().view();
     SelectionWords words{{list(job.hidden_instances()), list(job.hidden_objects()),
                           list(job.only_instances()), list(job.only_objects())},
                          {protocol::strings(job.hidden_paths()), list(job.hidden_path_ids())},
                          {protocol::strings(job.only_paths()), list(job.only_path_ids())},
                          job.skip_hidden_boxes()};
     if (words.is_everything()) return nullptr;
-    if (auto known = SelectedInstances::check(scene, words.lists.selection()); !known)
+    if (auto known = SelectedInstances::check(view, words.lists.selection()); !known)
         return refuse(Code::invalid_field, std::move(known.error().message));
     const std::uint64_t most = services.limits.hidden_instances_max;
-    if (scene.instance_count > most)
+    if (view.instance_count > most)
         return refuse(Code::limit_exceeded,
                       "the scene has more instances than hidden_instances_max = " +
                           std::to_string(most) + "; use masks (load --mask) to hide some of them");
-    const std::uint64_t bytes = Selected::least_bytes(scene, words);
+    KeptSelections* const kept = services.selections;
+    if (kept != nullptr) {
+        if (auto known = kept->find(caller.principal, scene.held, words)) {
+            services.metrics.count<&Metrics::selections_reused>(caller.principal);
+            return known;
+        }
+    }
+    const std::uint64_t bytes = Selected::least_bytes(view, words);
     auto lease = services.peers.reserve(bytes, caller.principal);
+    if (!lease && kept != nullptr) {
+        kept->drop(caller.principal);
+        lease = services.peers.reserve(bytes, caller.principal);
+    }
     if (!lease)
         return services.budget.refuse("hiding instances", bytes, caller.principal, "hide none");
-    return std::make_shared<Selected>(std::move(words), most, services.budget, std::move(*lease));
+    auto made = std::make_shared<Selected>(std::move(words), most, services.budget,
+                                           caller.principal, std::move(*lease));
+    if (kept != nullptr) kept->keep(caller.principal, scene.held, made);
+    services.metrics.count<&Metrics::selections_made>(caller.principal);
+    return made;
 }
 
 }  // namespace
@@ -110,7 +128,7 @@ Reply<Plan> make_plan(const Services& services, const Caller& caller, const wire
     auto settings = read_settings(*plan.variant, job);
     if (!settings) return tl::unexpected(settings.error());
     plan.settings = std::move(*settings);
-    auto selected = reserve_selection(services, caller, plan.scene.snapshot().view(), job);
+    auto selected = reserve_selection(services, caller, plan.scene, job);
     if (!selected) return tl::unexpected(selected.error());
     plan.selected = std::move(*selected);
     if (std::string note = idle_options_note(job, plan.selected == nullptr); !note.empty())

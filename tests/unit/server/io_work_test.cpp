@@ -2,6 +2,7 @@
 // frees, touches and reads in one turn is the same for the smallest and for a large one.
 #include "engine/scene/motion/motion.h"
 #include "protocol/edit_row.h"
+#include "server/execution/kept_selections.h"
 #include "server/jobs/scene_poser.h"
 #include "server/scheduling/disposal.h"
 #include "tests/sanitized.h"
@@ -243,6 +244,8 @@ TEST_CASE("no turn of the io thread does more for a large request and a large sc
         daemon.posted.push_back(std::move(done));
     });
     daemon.services.poser = &poser;
+    server::KeptSelections selections(daemon.services.blocking);
+    daemon.services.selections = &selections;
     const auto check = [&](const char* name, const auto& script) {
         Turns turns(daemon, scene->bytes());
         script(turns);
@@ -281,6 +284,18 @@ TEST_CASE("no turn of the io thread does more for a large request and a large sc
 
     check("Query", asks(query("")));
     check("Query that hides", asks(query("", true)));
+    wire::QueryT hides = query("");
+    hides.job->hidden_paths = {"*"};
+    hides.job->only_path_ids = {7};
+    check("Query that hides paths", asks(hides));
+    check("Query that hides them again", asks(hides));
+    hides.job->hidden_paths = {"no such instance"};
+    check("Query that hides nothing known", asks(hides));
+    for (const std::uint32_t other : {1U, 2U, 3U, 4U}) {
+        hides.job->hidden_paths.clear();
+        hides.job->only_path_ids = {other};
+        check("Query for which another view gives way", asks(hides));
+    }
     check("Query of visible pixels", asks(query("visible_pixels")));
     wire::QueryT timed = query("");
     timed.job->timed = true;
