@@ -3,6 +3,7 @@
 
   dask_test.py RAYNESTD RAYNEST FLATC
 """
+import fcntl
 import json
 import os
 import signal
@@ -213,6 +214,19 @@ class ManyHosts(WithCluster):
         cluster.workers[1].wait()
         cluster.client.wait_for_workers(1, timeout=60)
         self.same(self.traced(cluster), self.sweep)
+
+    def test_folders_of_killed_workers_are_taken_away(self):
+        cluster = self.cluster(1)
+        folders = {name: Path(cluster.folder.name) / f"raynest-dask-{os.getuid()}-{name * 16}" for name in "abc"}
+        for folder in folders.values():
+            folder.mkdir(0o700)
+            (folder / "lock").touch()
+            os.utime(folder, (0, 0))
+        os.utime(folders["b"])  # of a worker that begins
+        with open(folders["c"] / "lock", "rb") as lock:
+            fcntl.flock(lock, fcntl.LOCK_EX)  # of one that lives
+            self.same(self.traced(cluster), self.sweep)
+        self.assertEqual([name for name, folder in folders.items() if folder.exists()], ["b", "c"])
 
     def test_a_daemon_dies(self):
         cluster = self.cluster(1)

@@ -24,7 +24,8 @@ class Cluster:
     def __init__(self, workers, host="127.0.0.1"):
         self.folder = tempfile.TemporaryDirectory(prefix="raynest-test-dask-")
         file = Path(self.folder.name) / "scheduler.json"
-        self.environment = {**os.environ, "RAYNESTD": WithDaemon.raynestd}
+        # The folders of workers that are killed go with the cluster's.
+        self.environment = {**os.environ, "RAYNESTD": WithDaemon.raynestd, "TMPDIR": self.folder.name}
         self.scheduler = self.start("dask_scheduler", "--host", f"tcp://{host}", "--port", "0", "--no-dashboard",
                                     "--no-show", "--scheduler-file", file)
         self.file, self.workers, self.client = file, [], None

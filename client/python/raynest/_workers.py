@@ -2,8 +2,10 @@
 from __future__ import annotations
 
 import atexit
+import contextlib
 import ctypes
 import fcntl
+import glob
 import hashlib
 import json
 import os
@@ -37,6 +39,8 @@ except ImportError:
 SCENES_MAX = 4             # that a thread holds
 ITEM_SECONDS = 120.0       # after which an item's daemon counts as stuck
 START_SECONDS = 60.0
+LEFT_SECONDS = 3600.0      # after which the folder of a worker that is gone is taken away
+NAME_LETTERS = 16          # of the folders, which tell them apart
 
 
 class Setup(NamedTuple):
@@ -99,7 +103,7 @@ class Host:
 
     def __init__(self, setup: Setup, key: str) -> None:
         self._setup = setup
-        name = hashlib.sha256(repr((key, setup)).encode()).hexdigest()[:16]
+        name = hashlib.sha256(repr((key, setup)).encode()).hexdigest()[:NAME_LETTERS]
         self.folder = os.path.join(tempfile.gettempdir(), f"raynest-dask-{os.getuid()}-{name}")
         self._private()
         self.uri = f"unix:{self.folder}/s"
@@ -145,6 +149,17 @@ class Host:
             self._process.wait()
         shutil.rmtree(self.folder, ignore_errors=True)
 
+    def _take_away_left(self) -> None:
+        """Removes the folders of workers that were killed: nobody has their locks any more."""
+        for folder in glob.glob(glob.escape(self.folder[:-NAME_LETTERS]) + "*"):
+            with contextlib.suppress(OSError):
+                found = os.lstat(folder)
+                if found.st_uid != os.getuid() or time.time() - found.st_mtime < LEFT_SECONDS:
+                    continue
+                with open(folder + "/lock", "rb") as lock:
+                    fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
+                    shutil.rmtree(folder)
+
     def _connect(self) -> Client:
         end = time.monotonic() + START_SECONDS
         while True:
@@ -168,6 +183,7 @@ class Host:
                 return
             self._owned = lock
             atexit.register(self._end)
+            self._take_away_left()
         if self._process is None or self._process.poll() is not None:
             started: queue.SimpleQueue[Union[OSError, subprocess.Popen[bytes]]] = queue.SimpleQueue()
             # The system ends the daemon with the thread that started it, so that thread stays.
