@@ -7,6 +7,7 @@
 
 #include <algorithm>
 #include <cstring>
+#include <map>
 #include <string_view>
 
 namespace raynest::client {
@@ -200,15 +201,16 @@ Result<std::vector<GltfFile>> gltf_names(std::span<const std::byte> json_text) {
     if (!json::sax_parse(begin, begin + json_text.size(), &collector))
         return fail(Exit::invalid, collector.error);
     std::vector<GltfFile> files;
+    std::map<std::string, std::size_t> places;
     for (const GltfFile& uri : collector.uris) {
         if (uri.name.starts_with("data:")) continue;
         auto name = file_of_uri(uri.name);
         if (!name) continue;
-        const auto known = std::ranges::find(files, *name, &GltfFile::name);
-        if (known == files.end())
+        const auto [known, is_new] = places.try_emplace(*name, files.size());
+        if (is_new)
             files.push_back({std::move(*name), uri.is_picture});
         else
-            known->is_picture = known->is_picture && uri.is_picture;
+            files[known->second].is_picture &= uri.is_picture;
     }
     return files;
 }

@@ -7,6 +7,7 @@
 #include <nlohmann/json.hpp>
 
 #include <algorithm>
+#include <set>
 
 namespace raynest::client {
 namespace {
@@ -69,11 +70,10 @@ Names of_composition(const std::string& file, std::span<const std::byte> bytes) 
     const char* begin = reinterpret_cast<const char*>(bytes.data());
     json::sax_parse(begin, begin + std::min<std::size_t>(bytes.size(), json_bytes_max), &collector);
     std::vector<NamedFile> names;
-    for (const std::string& text : collector.names) {
-        auto name = file_of_name(file, text);
-        if (name && std::ranges::find(names, *name, &NamedFile::name) == names.end())
+    std::set<std::string> known;
+    for (const std::string& text : collector.names)
+        if (auto name = file_of_name(file, text); name && known.insert(*name).second)
             names.push_back({std::move(*name), ""});
-    }
     return names;
 }
 

@@ -12,6 +12,7 @@
 #include <cstring>
 #include <filesystem>
 #include <fstream>
+#include <set>
 #include <string_view>
 #include <utility>
 
@@ -57,13 +58,19 @@ std::string sniff(std::span<const std::byte> bytes) {
     if (text.starts_with("OFF") || text.starts_with("COFF")) return ".off";
     for (const std::string_view tiff : {"II*"sv, "II+"sv, "MM\0*"sv, "MM\0+"sv})
         if (text.starts_with(tiff)) return ".tif";
-    // Tools begin an OBJ with a comment, its materials, a name or a vertex.
-    for (const std::string_view word : {"#", "mtllib ", "o ", "g ", "v "})
-        if (text.starts_with(word)) return ".obj";
     const std::size_t letter = text.find_first_not_of(" \t\r\n");
     if (letter == std::string_view::npos || text[letter] != '{') return "";
     const bool is_composition = text.find("\"rnscene\"") != std::string_view::npos;
     return is_composition ? std::string(composition_ending) : ".gltf";
+}
+
+/// The same out of a pipe, where an OBJ is known by its first word: tools begin it with a comment, its
+/// materials, a name or a vertex. So do other texts, whose files have endings.
+std::string sniff_pipe(std::span<const std::byte> bytes) {
+    const std::string_view text(reinterpret_cast<const char*>(bytes.data()), bytes.size());
+    for (const std::string_view word : {"#", "mtllib ", "o ", "g ", "v "})
+        if (text.starts_with(word)) return ".obj";
+    return sniff(bytes);
 }
 
 constexpr std::size_t head_bytes = 256;
@@ -147,6 +154,7 @@ private:
 /// on. Whether a file that is not there is missed is for the daemon to say.
 Result<void> gather_named(const std::string& path, const std::string& folder, Gatherer& gatherer,
                           Upload& upload) {
+    std::set<std::string> known{upload.files.front().name};
     for (std::size_t i = 0; i < upload.files.size(); ++i) {
         const std::string by = i == 0 ? path : upload.files[i].name;
         const auto blame = [&](Exit exit, const std::string& why) {
@@ -156,10 +164,9 @@ Result<void> gather_named(const std::string& path, const std::string& folder, Ga
             named_files(upload.files[i].name, std::as_const(upload.files[i].bytes).span());
         if (!names) return blame(names.error().exit, names.error().message);
         for (const auto& [name, spare] : *names) {
-            if (std::ranges::find(upload.files, name, &UploadFile::name) != upload.files.end())
-                continue;
-            if (upload.files.size() >= protocol::Limits{}.upload_files_max)
-                return blame(Exit::invalid, "names over " + std::to_string(upload.files.size()) +
+            if (!known.insert(name).second) continue;
+            if (const std::uint64_t most = protocol::Limits{}.upload_files_max; known.size() > most)
+                return blame(Exit::invalid, "names over " + std::to_string(most) +
                                                 " files; pack it into one .glb");
             auto bytes = read_file_beneath(folder, name, gatherer.left());
             if (!bytes && !spare.empty() && bytes.error().exit == Exit::invalid) {
@@ -205,7 +212,7 @@ Result<Upload> gather(const std::string& source, const std::string& primitive,
     Gatherer gatherer(upload);
     const auto check =
         [&](std::span<const std::byte> begin) -> Result<std::optional<std::uint64_t>> {
-        if (extension.empty()) extension = sniff(begin);
+        if (extension.empty()) extension = sniff_pipe(begin);
         if (!extension.empty()) return gatherer.left();
         if (begin.size() < head_bytes) return std::nullopt;
         return unknown_content(source);

@@ -9,6 +9,7 @@
 #include <nlohmann/json.hpp>
 
 #include <algorithm>
+#include <set>
 
 namespace raynest::server {
 namespace {
@@ -96,19 +97,20 @@ Result<std::vector<SourceFile>> read_scene(const std::filesystem::path& root, st
     std::uint64_t left = bytes_max - (*main)->bytes.size();
     std::vector<SourceFile> files;
     files.push_back(std::move(**main));
-    // A file that is named may name others in turn, which go to the end of the list.
+    // A file that is named may name others in turn, which go to the end of the list. Missing files
+    // count, too: looking for each costs an opening.
+    std::set<std::string> known{files.front().name};
     for (std::size_t i = 0; i < files.size(); ++i) {
         for (const std::string& name : named_files(files[i].name, files[i].bytes, files_max)) {
-            const auto is_it = [&](const SourceFile& file) { return file.name == name; };
-            if (std::any_of(files.begin(), files.end(), is_it)) continue;
+            if (!known.insert(name).second) continue;
+            if (known.size() > files_max)
+                return fail(ErrorCode::limit_exceeded, "root:" + std::string(path) +
+                                                           " names over " +
+                                                           std::to_string(files_max) + " files");
             auto file = read_under_root(root, folder, name, left, memory);
             if (!file) return tl::unexpected(file.error());
             // Skip a missing file; the import reports it if it needs it.
             if (!*file) continue;
-            if (files.size() >= files_max)
-                return fail(ErrorCode::limit_exceeded, "root:" + std::string(path) +
-                                                           " names over " +
-                                                           std::to_string(files_max) + " files");
             left -= (*file)->bytes.size();
             files.push_back(std::move(**file));
         }

@@ -297,6 +297,8 @@ class Compositions(DaemonTest):
         yield {"objects": tri, "instances": [{"object": "a", "matrices": "gone.npy"}]}, "no file 'gone.npy'"
         yield {"objects": tri, "instances": [{"object": "a", "matrices": "bad.npy"}]}, "(N, 3, 4)"
         yield {"objects": tri, "instances": at, "cameras": [{"eye": [0, 0, 0], "target": [0, 5, 0]}]}, "along its 'up'"
+        # None of these files is there, and to look for each of them costs time.
+        yield {"objects": {f"a{i}": {"file": f"{i}.obj"} for i in range(20000)}, "instances": []}, "names over"
         # Each level places the one below it a thousand times: 10^27 nodes with names of their own.
         many = [{"object": "", "matrices": [pose(i, 0, 0).tolist() for i in range(1000)]}]
         levels = {f"l{i}": {"instances": [{**many[0], "object": f"l{i - 1}" if i else "g"}]} for i in range(9)}

@@ -94,7 +94,7 @@ class Forms(WithDaemon):
                 (lambda: self.client.load(b"woods.glb"), TypeError, r"os.fsdecode\(\)"),
                 (lambda: self.client.load("scan.laz"), raynest.InvalidError, "laszip"),
                 (lambda: self.client.load("SCAN.E57"), raynest.InvalidError, "points have no surface"),
-                (lambda: self.client.load("dem.tif"), raynest.InvalidError, "raster of heights"),
+                (lambda: self.client.load("dem.asc"), raynest.InvalidError, "gdal_translate"),
                 (lambda: self.client.load("berlin.epw"), raynest.InvalidError, "directions"),
                 (lambda: self.client.load("sky.hdr"), raynest.InvalidError, "environment="),
                 (lambda: self.client.load("car.fbx"), raynest.InvalidError, "trimesh"),

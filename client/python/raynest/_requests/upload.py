@@ -139,8 +139,7 @@ def _sniff(data: bytes) -> str:
     """Returns the file ending that fits the first bytes; "" if none does."""
     for start, extension in ((b"glTF", ".glb"), (b"\x93NUMPY", ".npy"), (b"ply\n", ".ply"), (b"ply\r", ".ply"),
                              (b"LASF", ".las"), (b"PK\x03\x04", ".npz"), (b"solid ", ".stl"), (b"OFF", ".off"),
-                             (b"COFF", ".off"), *((tiff, ".tif") for tiff in (b"II*", b"II+", b"MM\0*", b"MM\0+")),
-                             *((word, ".obj") for word in (b"#", b"mtllib ", b"o ", b"g ", b"v "))):
+                             (b"COFF", ".off"), *((tiff, ".tif") for tiff in (b"II*", b"II+", b"MM\0*", b"MM\0+"))):
         if data.startswith(start):
             return extension
     if data.lstrip(b" \t\r\n")[:1] != b"{":
@@ -156,7 +155,8 @@ def _refuse_empty(source: str, data: bytes) -> None:
 
 def _sniffed(source: str, data: bytes) -> str:
     _refuse_empty(source, data)
-    extension = _sniff(data)
+    # Out of a pipe an OBJ is known by its first word; other texts that begin so have endings.
+    extension = ".obj" if data.startswith((b"#", b"mtllib ", b"o ", b"g ", b"v ")) else _sniff(data)
     if not extension:
         raise errors.InvalidError(f"{source} brought no scene that is known by its first bytes: a .glb, .gltf, "
                                   ".npy, .ply, .stl, .obj, .off, .npz, .las or .tif; name a file of another kind by its ending",
@@ -167,6 +167,7 @@ def _sniffed(source: str, data: bytes) -> str:
 def _with_named_files(main: File, source: str, folder: str) -> tuple[File, ...]:
     """The main file, what it names beneath its folder, what these name in turn, and so on."""
     files = [main]
+    known = {main.name}
     left = _limits.upload_bytes_max - len(main.data)
     for by in files:  # which grows
         shown = source if by is main else by.name
@@ -175,10 +176,12 @@ def _with_named_files(main: File, source: str, folder: str) -> tuple[File, ...]:
         except errors.InvalidError as error:
             raise errors.InvalidError(f"{shown} {error}", error.name) from None
         for name, spare in names.items():
-            if any(file.name == name for file in files):
+            if name in known:
                 continue
-            if len(files) >= _limits.upload_files_max:
-                raise errors.InvalidError(f"{shown} names over {len(files)} files; pack it into one .glb", "FILE_INVALID")
+            known.add(name)
+            if len(known) > _limits.upload_files_max:
+                raise errors.InvalidError(f"{shown} names over {_limits.upload_files_max} files; pack it into one .glb",
+                                          "FILE_INVALID")
             try:
                 data = read_file_beneath(folder, name, left)
             except errors.InvalidError as error:
