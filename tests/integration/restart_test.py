@@ -193,6 +193,9 @@ class Restart(unittest.TestCase):
             command = (f'LISTEN_FDS=3 LISTEN_PID=$$ exec "$0" --listen tcp://127.0.0.1:{port} --listen '
                        f'unix:{path} --http off --cuda off --ready-file {ready}')
             log = folder / "log"
+            # With 3 to 5 taken, none of them is the pipe by which Popen() learns that the program runs.
+            for _ in range(3):
+                self.addCleanup(os.close, os.open(os.devnull, os.O_RDONLY))
             with open(log, "wb") as out:
                 process = subprocess.Popen(["sh", "-c", command, self.raynestd], stderr=out,
                                            pass_fds=(3, 4, 5), preexec_fn=prepare)

@@ -230,7 +230,12 @@ private:
         auto linked = link_scenes(**empty, {}, added);
         if (!linked && linked.error().code == ErrorCode::field_invalid)
             return fail(ErrorCode::scene_invalid, linked.error().message);
-        if (linked) linked->edits = {};
+        if (!linked) return linked;
+        linked->edits = {};
+        std::set<const Snapshot*> parts;
+        for (const AddedScene& part : added)
+            if (parts.insert(part.scene.get()).second)
+                linked->build_seconds += part.scene->statistics().build_seconds;
         return linked;
     }
 
