@@ -140,7 +140,8 @@ void Lighting::find_triangles() {
                 counts[i] += geometry.triangle_count;
         }
         for (std::uint32_t k = 0; k < object.instance_count; ++k) {
-            counts[i] += counts[scene.instances[object.first_instance + k].object];
+            const InstanceRecord& instance = scene.instances[object.first_instance + k];
+            if (instance.mask != 0) counts[i] += counts[instance.object];
             counts[i] = std::min(counts[i], std::uint64_t{1} << 40);
         }
         emits_[i] = counts[i] != 0;
@@ -162,7 +163,7 @@ void Lighting::visit(std::uint32_t index, std::uint64_t path, const glm::dmat4x3
     if (object.triangle_count != 0) add_triangles(index, path, to_world);
     for (std::uint32_t i = 0; i < object.instance_count; ++i) {
         const InstanceRecord& instance = scene.instances[object.first_instance + i];
-        if (!emits_[instance.object]) continue;
+        if (instance.mask == 0 || !emits_[instance.object]) continue;  // no ray enters it
         visit(instance.object, path + instance.path_base, placed(to_world, instance.to_object));
     }
 }

@@ -14,13 +14,17 @@ namespace {
 /// Adds parts to two lists: outermost instances, which may be a million, and all others.
 class Parts {
 public:
-    Parts(std::vector<std::uint32_t>& instances, std::vector<ScenePart>& parts)
+    Parts(const SceneView& scene, std::vector<std::uint32_t>& instances,
+          std::vector<ScenePart>& parts)
         : instances_(instances),
-          parts_(parts) {}
+          parts_(parts),
+          is_known_(scene.objects[scene.root].instance_count) {}
 
     Result<void> add(ScenePart part) {
         if (part.way.size() == 1 && !part.own) {
-            instances_.push_back(part.way.front());
+            // Many texts may stand for the same million.
+            if (!is_known_[part.way.front()]) instances_.push_back(part.way.front());
+            is_known_[part.way.front()] = true;
             return {};
         }
         if (parts_.size() >= selected_parts_max)
@@ -35,6 +39,7 @@ public:
 private:
     std::vector<std::uint32_t>& instances_;
     std::vector<ScenePart>& parts_;
+    std::vector<bool> is_known_;
 };
 
 Result<void> find(const Snapshot& scene, const PathNames& names, InstanceFinder& finder,
@@ -84,10 +89,11 @@ Result<void> find_parts(const Snapshot& scene, const PathNames& hidden, const Pa
         return contradicts("path " + std::to_string(*id));
     lists.only_named = lists.only_named || !only.empty();
     InstanceFinder finder(scene, stopped);
-    if (auto found = find(scene, hidden, finder, {lists.hidden_instances, lists.hidden_parts});
+    if (auto found =
+            find(scene, hidden, finder, {scene.view(), lists.hidden_instances, lists.hidden_parts});
         !found)
         return found;
-    return find(scene, only, finder, {lists.only_instances, lists.only_parts});
+    return find(scene, only, finder, {scene.view(), lists.only_instances, lists.only_parts});
 }
 
 }  // namespace raynest

@@ -128,6 +128,21 @@ TEST_CASE("a rectangle lights a point as its form factor says") {
     check_near(stage, "path", lit_by(none), {0, 1, 0}, 1e-3, 0.5 * 10 * factor);
 }
 
+TEST_CASE("a lamp that no ray can enter lights nothing") {
+    for (const std::uint32_t mask : {~0U, 0U}) {
+        SceneDescription scene = scene_of({rectangle({0, 2, 0}, {0.5F, 0, 0}, {0, 0, 0.7F}, 1)},
+                                          {diffuse(0.5F), diffuse(0, 10)});
+        scene.objects.resize(2);
+        scene.objects[1].geometries = {rectangle({0, 0, 0}, {0, 0, 5}, {5, 0, 0}, 0)};
+        scene.objects[1].instances.push_back({0, {}, mask, 0, "lamp"});
+        scene.root = 1;
+        Stage stage(scene);
+        for (const char* integrator : {"direct", "path"})
+            CHECK((stage.measure(integrator, lit_by(none), {0, 1, 0}, 1e-3).value > 0) ==
+                  (mask != 0));
+    }
+}
+
 TEST_CASE("an unlit surface is seen, and lights nothing") {
     std::vector<GeometryDescription> parts = {rectangle({0, 0, 0}, {0, 0, 5}, {5, 0, 0}, 0),
                                               rectangle({0, 2, 0}, {5, 0, 0}, {0, 0, 5}, 1)};
