@@ -20,7 +20,7 @@ while [[ ${1:-} == --yes || ${1:-} == --browser || ${1:-} == --sanitize || ${1:-
     esac
     shift
 done
-cpu_minutes=20
+cpu_minutes=70
 ((!sanitize)) || cpu_minutes=90
 # shellcheck source=.ci/setup.sh
 source "$root/.ci/setup.sh"
