@@ -64,6 +64,10 @@ struct IntegratorScene {
     const ShadingView* shading = nullptr;  ///< null: base colours are all that is known
     /// The CPU target whose code shades (integrators/code.h); "": the baseline's.
     std::string_view target = {};
+    /// The scene as rays see it: the same in other records, in which some instances have the mask 0
+    /// and some objects no primitives (scene/selection). Null: that of `source`.
+    const SceneView* seen = nullptr;
+    std::uint32_t mask = ~0U;  ///< of rays: what they cannot enter gives no light
     [[nodiscard]] const SceneView& view() const { return *source.scene; }
 };
 

@@ -73,7 +73,7 @@ Lighting::Lighting(const IntegratorScene& scene, const IntegratorSettings& setti
             if (!type.distant) weights_.push_back(type.power(light));
         });
     }
-    find_triangles();
+    find_triangles(scene);
     for (const EmittingTriangle& t : triangles_) {
         const std::uint32_t material =
             view_.scene->geometry_of(view_.scene->objects[t.object], t.triangle).material;
@@ -123,49 +123,79 @@ void Lighting::add_far(const IntegratorSettings& settings) {
         notes_.emplace_back("nothing gives light: add lights, or ask for `environment` sky");
 }
 
-void Lighting::find_triangles() {
-    const SceneView& scene = *view_.scene;
-    if (view_.surfaces == nullptr) return;
-    material_brightness_.resize(scene.material_count);
-    for (std::uint32_t i = 0; i < scene.material_count; ++i)
-        material_brightness_[i] = mean_brightness(view_, view_.surfaces[i]);
-    // Children stand before their parents.
-    emits_.resize(scene.object_count);
-    std::vector<std::uint64_t> counts(scene.object_count);
-    for (std::uint32_t i = 0; i < scene.object_count; ++i) {
-        const ObjectRecord& object = scene.objects[i];
-        for (std::uint32_t g = 0; g < object.geometry_count; ++g) {
-            const GeometryRecord& geometry = scene.geometries[object.first_geometry + g];
-            if (geometry.material != no_id && material_brightness_[geometry.material] > 0)
-                counts[i] += geometry.triangle_count;
-        }
-        for (std::uint32_t k = 0; k < object.instance_count; ++k) {
-            const InstanceRecord& instance = scene.instances[object.first_instance + k];
-            if (instance.mask != 0) counts[i] += counts[instance.object];
-            counts[i] = std::min(counts[i], std::uint64_t{1} << 40);
-        }
-        emits_[i] = counts[i] != 0;
+/// Goes to all triangles that emit light and that a ray can meet. Objects and instances are those of
+/// IntegratorScene::seen, beside those of the scene, whose numbers and paths hits have.
+class Lighting::Walk {
+public:
+    Walk(Lighting& lighting, const IntegratorScene& scene)
+        : lighting_(lighting),
+          scene_(scene.view()),
+          seen_(scene.seen != nullptr ? *scene.seen : scene.view()),
+          mask_(scene.mask),
+          counts_(seen_.object_count, unknown) {}
+
+    /// How many there are; far beyond emitting_triangles_max the number is only a lower bound.
+    std::uint64_t count() { return count(seen_.root); }
+    void add_all() {
+        if (count() != 0) add(scene_.root, seen_.root, 0, glm::dmat4x3(1));
     }
-    const std::uint64_t all = counts[scene.root];
-    if (all > emitting_triangles_max) {
+
+private:
+    static constexpr std::uint64_t unknown = ~0ULL;
+    static constexpr std::uint64_t most = std::uint64_t{1} << 40;
+
+    std::uint64_t count(std::uint32_t index) {
+        if (counts_[index] != unknown) return counts_[index];
+        const ObjectRecord& object = seen_.objects[index];
+        std::uint64_t sum = 0;
+        for (std::uint32_t g = 0; object.triangle_count != 0 && g < object.geometry_count; ++g) {
+            const GeometryRecord& geometry = seen_.geometries[object.first_geometry + g];
+            if (geometry.material != no_id && lighting_.material_brightness_[geometry.material] > 0)
+                sum += geometry.triangle_count;
+        }
+        for (std::uint32_t i = 0; i < object.instance_count; ++i) {
+            const InstanceRecord& instance = seen_.instances[object.first_instance + i];
+            if ((instance.mask & mask_) != 0) sum = std::min(sum + count(instance.object), most);
+        }
+        return counts_[index] = sum;
+    }
+
+    void add(std::uint32_t index, std::uint32_t seen, std::uint64_t path,
+             const glm::dmat4x3& to_world) {
+        const ObjectRecord& object = scene_.objects[index];
+        const ObjectRecord& as_seen = seen_.objects[seen];
+        if (as_seen.triangle_count != 0) lighting_.add_triangles(index, path, to_world);
+        for (std::uint32_t i = 0; i < object.instance_count; ++i) {
+            const InstanceRecord& instance = scene_.instances[object.first_instance + i];
+            const InstanceRecord& entered = seen_.instances[as_seen.first_instance + i];
+            if ((entered.mask & mask_) == 0 || count(entered.object) == 0) continue;
+            add(instance.object, entered.object, path + instance.path_base,
+                placed(to_world, instance.to_object));
+        }
+    }
+
+    Lighting& lighting_;
+    const SceneView& scene_;
+    const SceneView& seen_;
+    const std::uint32_t mask_;
+    std::vector<std::uint64_t> counts_;  ///< by object of seen_
+};
+
+void Lighting::find_triangles(const IntegratorScene& scene) {
+    if (view_.surfaces == nullptr) return;
+    const std::uint32_t materials = view_.scene->material_count;
+    material_brightness_.resize(materials);
+    for (std::uint32_t i = 0; i < materials; ++i)
+        material_brightness_[i] = mean_brightness(view_, view_.surfaces[i]);
+    Walk walk(*this, scene);
+    if (const std::uint64_t all = walk.count(); all > emitting_triangles_max) {
         notes_.push_back(std::to_string(all) + " triangles emit light; with more than " +
                          std::to_string(emitting_triangles_max) +
                          " they are met by chance alone, and pictures have more noise");
         std::ranges::fill(material_brightness_, 0.0F);
         return;
     }
-    if (all != 0) visit(scene.root, 0, glm::dmat4x3(1));
-}
-
-void Lighting::visit(std::uint32_t index, std::uint64_t path, const glm::dmat4x3& to_world) {
-    const SceneView& scene = *view_.scene;
-    const ObjectRecord& object = scene.objects[index];
-    if (object.triangle_count != 0) add_triangles(index, path, to_world);
-    for (std::uint32_t i = 0; i < object.instance_count; ++i) {
-        const InstanceRecord& instance = scene.instances[object.first_instance + i];
-        if (instance.mask == 0 || !emits_[instance.object]) continue;  // no ray enters it
-        visit(instance.object, path + instance.path_base, placed(to_world, instance.to_object));
-    }
+    walk.add_all();
 }
 
 void Lighting::add_triangles(std::uint32_t index, std::uint64_t path,

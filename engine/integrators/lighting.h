@@ -52,8 +52,8 @@ private:
     };
 
     void add_far(const IntegratorSettings& settings);
-    void find_triangles();
-    void visit(std::uint32_t object, std::uint64_t path, const glm::dmat4x3& to_world);
+    void find_triangles(const IntegratorScene& scene);
+    class Walk;
     void add_triangles(std::uint32_t object, std::uint64_t path, const glm::dmat4x3& to_world);
     [[nodiscard]] std::size_t far_count() const {
         return far_lights_.size() + (sky_.environment.empty() ? 0U : 1U) + (has_sun_ ? 1U : 0U);
@@ -79,7 +79,6 @@ private:
     std::vector<std::uint32_t> near_lights_, far_lights_;  ///< in ShadingView::lights
     std::vector<EmittingTriangle> triangles_;
     std::vector<float> material_brightness_;  ///< mean emission, one per material
-    std::vector<bool> emits_;                 ///< the object, or one below it
     AliasTable near_;                         ///< near_lights_, then triangles_
     std::vector<float> weights_;              ///< of near_
     Sky sky_;

@@ -61,7 +61,7 @@ Reply<void> Plan::select(const Stop& stop) const {
 
 TraceCall Plan::call() const {
     TraceCall call{};
-    call.scene = selected ? &selected->view() : &scene.snapshot().view();
+    call.scene = &view();
     settings.apply_to(call);
     call.hits_max = hits_max;
     call.mask = mask;

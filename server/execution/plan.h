@@ -64,6 +64,10 @@ struct Plan {
     /// Returns a copy of `plan` for closest hits whose traversal is told to an observer, on the
     /// CPU.
     [[nodiscard]] static Reply<Plan> observed(Plan plan);
+    /// The scene as rays see it. After select().
+    [[nodiscard]] const SceneView& view() const {
+        return selected ? selected->view() : scene.snapshot().view();
+    }
     /// Returns the source of columns; the caller adds rays and hits.
     [[nodiscard]] ColumnSource source(const Registry& registry) const;
 };

@@ -52,9 +52,14 @@ public:
 private:
     Traced<Frames> trace(const Chunk& chunk, const Stop& stop, TraceBuffers& buffers) override {
         const Snapshot& scene = plan_.scene.snapshot();
-        const auto integrator = make_integrator(
-            context_.integrator,
-            {plan_.source(services_.registry), scene.bounds(), &scene.shading()}, settings_);
+        const auto integrator = make_integrator(context_.integrator,
+                                                {plan_.source(services_.registry),
+                                                 scene.bounds(),
+                                                 &scene.shading(),
+                                                 {},
+                                                 &plan_.view(),
+                                                 plan_.mask},
+                                                settings_);
         if (!integrator) return tl::unexpected(to_wire(integrator.error()));
         ChunkCaster caster({&plan_, &any_}, chunk.backend, stop, buffers);
         PathRecorder recorder(caster);

@@ -182,6 +182,38 @@ class Hide(WithDaemon):
                 self.assertEqual(mesh.trace(down, fields=("hit",), hide=all_of_it, traversal=traversal)["hit"], 0)
         self.assertEqual(mesh.trace(down, fields=("hit",), only="path=0")["hit"], 1)
 
+    def test_lamps_that_rays_cannot_enter_give_no_light(self):
+        def lamps(name, *lit):
+            """A floor and two posts with a lamp each, of one subtree; a post that is not `lit` has a twin far below alone."""
+            gltf = Gltf()
+            gltf.json["materials"] = [{"emissiveFactor": [1, 1, 1]}]
+            floor = gltf.mesh(np.array([[-9, 0, -9], [9, 0, -9], [0, 0, 9]], float), [[2, 1, 0]])
+            lamp, shade = gltf.mesh(CORNERS * .2, FACES), gltf.mesh(CORNERS * .3, FACES)
+            gltf.json["meshes"][lamp]["primitives"][0]["material"] = 0
+            gltf.node(name="floor", mesh=floor)
+            for post in range(2):
+                parts = [gltf.node(root=False, name=part, mesh=mesh, translation=[0, 2 + height, 0])
+                         for part, mesh, height in (("lamp", lamp, 0), ("shade", shade, 1)) if part == "shade" or post in lit]
+                gltf.node(name=f"post-{post}", children=parts, translation=[4 * post - 2, 0, 0])
+            gltf.write(self.files / f"{name}.glb")
+            return self.client.load(self.files / f"{name}.glb", masks={"post-1/lamp": 0x2})
+
+        both, first, dark = lamps("both", 0, 1), lamps("first", 0), lamps("dark")
+        words = dict(integrator="direct", environment="none", spp=16, size=(64, 36), look_at=((0, 6, 9), (0, 0, 0)))
+
+        def light(scene, **more):
+            return scene.render(**{**words, **more})["rgba"][..., :3].astype(float)
+        for integrator in ("direct", "path"):
+            words["integrator"] = integrator
+            wanted = light(first)
+            self.assertGreater(light(both).mean(), 1.2 * wanted.mean())
+            for hidden in ({"hide": "post-1/lamp"}, {"mask": 0x1}, {"only": ["floor", "post-0", "post-1/shade"]}):
+                np.testing.assert_allclose(light(both, **hidden).mean(), wanted.mean(), rtol=0.03)
+            self.assertEqual(light(both, hide="*/lamp").max(), light(dark).max())
+        with both.edit() as edit:
+            edit.hide("post-1/lamp")
+        np.testing.assert_allclose(light(both).mean(), wanted.mean(), rtol=0.03)
+
     def test_coordinates_of_surveys(self):
         whole = self.load("survey", at=SURVEY, origin=SURVEY)
         less = self.load("survey-less", at=SURVEY, origin=SURVEY, without={"car-1/wheel-0"})

@@ -293,11 +293,12 @@ Reply<void> FilmJob::make_film(const Stop& stop) {
         settings.picture = std::move(*picture);
         environment_.drop();
     }
-    auto made = make_integrator(
-        options_.integrator,
-        {plan_.source(services_.registry), plan_.scene.snapshot().bounds(),
-         &plan_.scene.snapshot().shading(), services_.registry.packs().front()->target},
-        settings);
+    auto made =
+        make_integrator(options_.integrator,
+                        {plan_.source(services_.registry), plan_.scene.snapshot().bounds(),
+                         &plan_.scene.snapshot().shading(),
+                         services_.registry.packs().front()->target, &plan_.view(), plan_.mask},
+                        settings);
     if (!made) return refuse(made.error());
     integrator_ = std::move(*made);
     if (options_.resume_bytes == 0) return {};
