@@ -8,7 +8,6 @@ import json
 import pathlib
 import subprocess
 import sys
-import tempfile
 import unittest
 import warnings
 
@@ -17,7 +16,7 @@ import numpy as np
 sys.path.insert(0, str(pathlib.Path(__file__).parents[2] / "client/python"))
 
 import raynest
-from daemon import DaemonTest
+from with_files import WithFiles
 
 RANDOM = np.random.default_rng(7)
 TRIANGLE = np.array([[0, 0, 0], [1, 0, 0], [0, 1, 0]], float)
@@ -71,29 +70,9 @@ def moved(matrix, vertices):
     return vertices @ np.asarray(matrix)[:, :3].T + np.asarray(matrix)[:, 3]
 
 
-class Compositions(DaemonTest):
-    @classmethod
-    def setUpClass(cls):
-        folder = tempfile.TemporaryDirectory(prefix="raynest composition ")
-        cls.addClassCleanup(folder.cleanup)
-        cls.scenes = pathlib.Path(folder.name)
-        cls.arguments = ("--scene-root", cls.scenes)
-        super().setUpClass()
-
-    def setUp(self):
-        self.python = raynest.connect(self.daemon.uri)
-        self.addCleanup(self.python.close)
-
+class Compositions(WithFiles):
     def write(self, name, data):
-        path = self.scenes / name
-        path.parent.mkdir(parents=True, exist_ok=True)
-        if not isinstance(data, (str, bytes)):
-            data = json.dumps({"rnscene": 1, **data})
-        path.write_bytes(data.encode() if isinstance(data, str) else data)
-        return path
-
-    def load(self, name, data, **options):
-        return self.python.load(self.write(name, data), replace=True, **options)
+        return super().write(name, data if isinstance(data, (str, bytes)) else json.dumps({"rnscene": 1, **data}))
 
     def rays(self, count=4000, reach=14.0):
         aim = RANDOM.uniform([-reach, -1, -reach], [reach, 1.5, reach], (count, 3))
@@ -342,5 +321,5 @@ class Compositions(DaemonTest):
 
 
 if __name__ == "__main__":
-    DaemonTest.raynestd, DaemonTest.raynest = sys.argv[1:3]
+    WithFiles.raynestd, WithFiles.raynest = sys.argv[1:3]
     unittest.main(argv=sys.argv[:1])

@@ -9,7 +9,6 @@ import pathlib
 import struct
 import subprocess
 import sys
-import tempfile
 import unittest
 import warnings
 import zipfile
@@ -20,7 +19,7 @@ import numpy as np
 sys.path.insert(0, str(pathlib.Path(__file__).parents[2] / "client/python"))
 
 import raynest
-from daemon import DaemonTest
+from with_files import WithFiles
 
 NONE = 0xFFFFFFFF
 RANDOM = np.random.default_rng(41)
@@ -155,29 +154,7 @@ MESHES = {
 }
 
 
-class Formats(DaemonTest):
-    @classmethod
-    def setUpClass(cls):
-        folder = tempfile.TemporaryDirectory(prefix="raynest formats ")
-        cls.addClassCleanup(folder.cleanup)
-        cls.scenes = pathlib.Path(folder.name) / "scenes"
-        cls.scenes.mkdir()
-        cls.arguments = ("--scene-root", cls.scenes)
-        super().setUpClass()
-
-    def setUp(self):
-        self.python = raynest.connect(self.daemon.uri)
-        self.addCleanup(self.python.close)
-
-    def write(self, name, data):
-        path = self.scenes / name
-        path.parent.mkdir(parents=True, exist_ok=True)
-        path.write_bytes(data.encode() if isinstance(data, str) else data)
-        return path
-
-    def load(self, name, data, **options):
-        return self.python.load(self.write(name, data), replace=True, **options)
-
+class Formats(WithFiles):
     def refusal(self, name, data, *options):
         """Returns the message that the command line gives; it has one line."""
         done = self.client.run("load", self.write(name, data), *options)
@@ -410,5 +387,5 @@ class Formats(DaemonTest):
 
 
 if __name__ == "__main__":
-    DaemonTest.raynestd, DaemonTest.raynest = sys.argv[1:3]
+    WithFiles.raynestd, WithFiles.raynest = sys.argv[1:3]
     unittest.main(argv=sys.argv[:1])

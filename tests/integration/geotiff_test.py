@@ -8,7 +8,6 @@ import pathlib
 import struct
 import subprocess
 import sys
-import tempfile
 import unittest
 import zlib
 
@@ -17,7 +16,7 @@ import numpy as np
 sys.path.insert(0, str(pathlib.Path(__file__).parents[2] / "client/python"))
 
 import raynest
-from daemon import DaemonTest
+from with_files import WithFiles
 
 NONE = 0xFFFFFFFF
 RANDOM = np.random.default_rng(5)
@@ -80,25 +79,9 @@ def down(east, north):
     return rays
 
 
-class Geotiff(DaemonTest):
-    @classmethod
-    def setUpClass(cls):
-        folder = tempfile.TemporaryDirectory(prefix="raynest geotiff ")
-        cls.addClassCleanup(folder.cleanup)
-        cls.scenes = pathlib.Path(folder.name)
-        super().setUpClass()
-
-    def setUp(self):
-        self.python = raynest.connect(self.daemon.uri)
-        self.addCleanup(self.python.close)
-
-    def write(self, name, data):
-        path = self.scenes / name
-        path.write_bytes(data)
-        return path
-
+class Geotiff(WithFiles):
     def load(self, data, name="dem.tif", **options):
-        return self.python.load(self.write(name, data), replace=True, **options)
+        return super().load(name, data, **options)
 
     def middles(self, heights=HEIGHTS, shift=0.5):
         """East, north and height of all inner heights: an edge of the surface may pass a ray."""
@@ -195,5 +178,5 @@ class Geotiff(DaemonTest):
 
 
 if __name__ == "__main__":
-    DaemonTest.raynestd, DaemonTest.raynest = sys.argv[1:3]
+    WithFiles.raynestd, WithFiles.raynest = sys.argv[1:3]
     unittest.main(argv=sys.argv[:1])
