@@ -80,11 +80,6 @@ private:
     std::vector<PathRun> runs_;
 };
 
-/// A tree of nodes that becomes part of another one, and where its nodes go.
-struct Part {
-    std::vector<std::uint32_t> made;  ///< new index of each node
-};
-
 }  // namespace
 
 bool is_one_node(const Snapshot& added) {
@@ -143,7 +138,8 @@ void link_paths(const Snapshot& base, std::span<const PathRange> kept,
     // Nodes stand breadth first, so the trees are merged level by level.
     const std::vector<std::uint32_t> base_levels = levels_of(paths);
     std::vector<std::uint32_t> made(paths.node_count, 0);
-    std::vector<std::vector<Part>> copies(added.size());
+    using Nodes = std::vector<std::uint32_t>;  ///< of a copied tree: the new index of each
+    std::vector<std::vector<Nodes>> copies(added.size());
     std::deque<NodeTree> trees;
     std::vector<const PathTable*> tables(added.size());
     std::vector<std::vector<std::uint32_t>> levels(added.size());
@@ -178,20 +174,19 @@ void link_paths(const Snapshot& base, std::span<const PathRange> kept,
                     continue;
                 }
                 for (std::uint32_t c = 0; c < part.copies; ++c) {
-                    Part& copy = copies[a].emplace_back(
-                        Part{std::vector<std::uint32_t>(tables[a]->node_count)});
+                    Nodes& copy = copies[a].emplace_back(tables[a]->node_count);
                     const std::uint32_t number =
                         part.first_number == no_id ? no_id : part.first_number + c;
-                    copy.made[0] = push({0, part.name, number, part.uid, no_id}, 0);
+                    copy[0] = push({0, part.name, number, part.uid, no_id}, 0);
                 }
                 continue;
             }
-            for (Part& copy : copies[a]) {
+            for (Nodes& copy : copies[a]) {
                 if (level >= levels[a].size()) continue;
                 for (std::uint32_t i = levels[a][level - 1]; i < levels[a][level]; ++i) {
                     PathNode node = tables[a]->nodes[i];
                     node.name = content.names.add(part.scene->view().names + node.name);
-                    copy.made[i] = push(node, copy.made[node.parent], part.uid);
+                    copy[i] = push(node, copy[node.parent], part.uid);
                 }
             }
         }
@@ -207,10 +202,10 @@ void link_paths(const Snapshot& base, std::span<const PathRange> kept,
             path += placements * part.copies;
             continue;
         }
-        for (const Part& copy : copies[a]) {
+        for (const Nodes& copy : copies[a]) {
             const PathTable& theirs = *tables[a];
             for (std::uint32_t i = 0; i < theirs.run_count; ++i)
-                runs.push_back({path + theirs.runs[i].first_path, copy.made[theirs.runs[i].node],
+                runs.push_back({path + theirs.runs[i].first_path, copy[theirs.runs[i].node],
                                 theirs.runs[i].number});
             path += placements;
         }
