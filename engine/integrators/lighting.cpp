@@ -39,7 +39,7 @@ float mean_brightness(const TexturePlane& plane, const Vec3& factor) {
 /// black: bytes round to 0 where few texels are lit, so a finer copy decides then.
 float mean_brightness(const ShadingView& view, const SurfaceRecord& surface) {
     const float factor = brightness(surface.emission);
-    const TextureUse& use = surface.emission_texture;
+    const TextureUse& use = surface.use(TextureSlot::emission);
     if (!(factor > 0) || use.texture == no_id || view.levels == nullptr) return factor;
     constexpr std::uint32_t side_enough = 256;
     for (std::uint32_t level = view.levels[use.texture].count; level-- > 0;) {

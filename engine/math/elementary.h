@@ -1,4 +1,4 @@
-// Sine, cosine, arc functions and logarithm in float, of plain additions and multiplications: the
+// Sine, cosine, arc functions, logarithm and power in float, of plain additions and multiplications: the
 // same bits on every CPU and in every C library, and no calls.
 #pragma once
 
@@ -77,6 +77,17 @@ namespace raynest {
         m *
         (1.4419169F + m * (-0.7090957F + m * (0.4156041F + m * (-0.1935737F + m * 0.0451483F))));
     return exponent + part;
+}
+
+/// 2 to the power of x, clamped to [-126, 126]; its relative error is below 1e-6.
+[[nodiscard]] inline float rough_exp2(float x) {
+    const float clamped = std::min(std::max(x, -126.0F), 126.0F);
+    const float whole = std::floor(clamped + 0.5F);
+    const float f = (clamped - whole) * std::numbers::ln2_v<float>;
+    const float part =
+        1.0F + f * (1.0F + f * (0.5F + f * (1.0F / 6 + f * (1.0F / 24 + f * (1.0F / 120)))));
+    const auto exponent = static_cast<std::uint32_t>(static_cast<int>(whole) + 127);
+    return part * std::bit_cast<float>(exponent << 23);
 }
 
 }  // namespace raynest

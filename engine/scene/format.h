@@ -86,7 +86,7 @@ inline constexpr std::array<std::uint32_t, section_count> element_size{
 static_assert(sizeof(ObjectRecord) == 120 && sizeof(InstanceInfo) == 56);
 static_assert(sizeof(GeometryRecord) == 64 && sizeof(MaterialRecord) == 64);
 static_assert(sizeof(TextureRecord) == 40 && sizeof(CameraRecord) == 64);
-static_assert(sizeof(SurfaceRecord) == 224 && sizeof(GeometryShading) == 16);
+static_assert(sizeof(SurfaceRecord) == 612 && sizeof(GeometryShading) == 16);
 static_assert(sizeof(TextureLevels) == 16 && sizeof(LightRecord) == 56);
 static_assert(sizeof(SkipRecord) == 16 && sizeof(PathNode) == 20 && sizeof(PathRun) == 16);
 

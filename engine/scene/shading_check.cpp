@@ -47,6 +47,16 @@ bool has_levels(const TextureRecord& texture, const TextureLevels& levels, std::
     return levels.offset <= bytes && total <= bytes - levels.offset;
 }
 
+bool is_sound(const Layers& l) {
+    return in_unit(l.clearcoat) && in_unit(l.clearcoat_roughness) &&
+           std::isfinite(l.clearcoat_normal_scale) && not_negative(l.sheen) &&
+           in_unit(l.sheen_roughness) && in_unit(l.specular) && not_negative(l.specular_colour) &&
+           in_unit(l.iridescence) && l.iridescence_ior >= 1 && std::isfinite(l.iridescence_ior) &&
+           l.thickness_least >= 0 && std::isfinite(l.thickness_least) && l.thickness_most >= 0 &&
+           std::isfinite(l.thickness_most) && in_unit(l.anisotropy) &&
+           std::isfinite(l.anisotropy_turn);
+}
+
 }  // namespace
 
 bool is_sound(const SurfaceRecord& s, std::uint64_t textures) {
@@ -55,10 +65,9 @@ bool is_sound(const SurfaceRecord& s, std::uint64_t textures) {
            in_unit(s.transmission) && s.thickness >= 0 && std::isfinite(s.thickness) &&
            not_negative(s.emission) && s.attenuation_distance >= 0 &&
            std::isfinite(s.attenuation_distance) && not_negative(s.attenuation_colour) &&
-           s.unused == 0 && is_sound_use(s.metallic_roughness, textures) &&
-           is_sound_use(s.normal, textures) && is_sound_use(s.occlusion, textures) &&
-           is_sound_use(s.emission_texture, textures) &&
-           is_sound_use(s.transmission_texture, textures);
+           s.unused == 0 && is_sound(s.layers) &&
+           std::all_of(std::begin(s.textures), std::end(s.textures),
+                       [&](const TextureUse& use) { return is_sound_use(use, textures); });
 }
 
 bool is_sound(const LightRecord& light) {

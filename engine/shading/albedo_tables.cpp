@@ -1,6 +1,7 @@
 #include "engine/shading/albedo_tables.h"
 
 #include "engine/math/sampler.h"
+#include "engine/shading/sheen.h"
 
 #include <cmath>
 #include <vector>
@@ -113,6 +114,42 @@ const GlassTables& glass_tables() {
     return tables;
 }
 
+/// Tables of sheen by angle and roughness.
+struct SheenTables {
+    static constexpr std::size_t angles = 32, roughnesses = 16;
+    static constexpr std::uint32_t samples = 4096;
+    std::array<float, angles * roughnesses> values{};
+};
+
+const SheenTables& sheen_tables() {
+    static const SheenTables tables = [] {
+        SheenTables t;
+        for (std::size_t r = 0; r < SheenTables::roughnesses; ++r) {
+            const float roughness = static_cast<float>(r) / (SheenTables::roughnesses - 1);
+            for (std::size_t a = 0; a < SheenTables::angles; ++a) {
+                const Vec3 o = direction_of(a, SheenTables::angles);
+                const SheenLobe lobe(o.z, roughness);
+                double sum = 0;
+                for (std::uint32_t s = 0; s < SheenTables::samples; ++s) {
+                    const Vec3 i = sample_cosine(point_of(s));
+                    if (i.z > 0) sum += static_cast<double>(pi * lobe.evaluate(o, i) / i.z);
+                }
+                t.values[r * SheenTables::angles + a] =
+                    std::min(static_cast<float>(sum / SheenTables::samples), 1.0F);
+            }
+        }
+        return t;
+    }();
+    return tables;
+}
+
+/// Splits a place in [0, 1] into the index of one of `steps` entries and the part beyond it.
+float split(float place, std::size_t steps, std::size_t& index) {
+    const float p = std::clamp(place, 0.0F, 1.0F) * static_cast<float>(steps - 1);
+    index = std::min(static_cast<std::size_t>(p), steps - 2);
+    return p - static_cast<float>(index);
+}
+
 }  // namespace
 
 const AlbedoTables& albedo_tables() {
@@ -128,11 +165,6 @@ float glass_albedo(float cosine, float roughness, float eta) {
     const std::vector<float>& values = glass_tables().values;
     constexpr std::size_t angles = GlassTables::angles;
     constexpr std::size_t roughnesses = GlassTables::roughnesses;
-    const auto split = [](float place, std::size_t steps, std::size_t& index) {
-        const float p = std::clamp(place, 0.0F, 1.0F) * static_cast<float>(steps - 1);
-        index = std::min(static_cast<std::size_t>(p), steps - 2);
-        return p - static_cast<float>(index);
-    };
     std::size_t e = 0, r = 0, a = 0;
     const float fe = split(0.5F + 0.5F * std::log(eta) / std::log(glass_eta_most), glass_etas, e);
     const float fr = split(roughness, roughnesses, r);
@@ -145,6 +177,17 @@ float glass_albedo(float cosine, float roughness, float eta) {
         sum += weight * values[((e + de) * roughnesses + r + dr) * angles + a + da];
     }
     return std::max(sum, 0.05F);
+}
+
+float sheen_albedo(float cosine, float roughness) {
+    constexpr std::size_t angles = SheenTables::angles;
+    std::size_t a = 0, r = 0;
+    const float fa = split(std::sqrt(std::clamp(cosine, 0.0F, 1.0F)), angles, a);
+    const float fr = split(roughness, SheenTables::roughnesses, r);
+    const float* v = &sheen_tables().values[r * angles + a];
+    const float low = v[0] + fa * (v[1] - v[0]);
+    const float high = v[angles] + fa * (v[angles + 1] - v[angles]);
+    return low + fr * (high - low);
 }
 
 }  // namespace raynest

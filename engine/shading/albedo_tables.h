@@ -93,4 +93,7 @@ private:
 /// together, exact Fresnel: by index beyond over index on this side.
 [[nodiscard]] float glass_albedo(float cosine, float roughness, float eta);
 
+/// Share of all light that the white lobe of sheen reflects; at most 1.
+[[nodiscard]] float sheen_albedo(float cosine, float roughness);
+
 }  // namespace raynest

@@ -48,14 +48,17 @@ inline float ggx_visible_density(const Vec3& o, const Vec3& h, float alpha) {
     return ggx_density(h, alpha) * seen / (o.z * (1.0F + ggx_lambda(o, alpha)));
 }
 
-/// A visible microfacet normal for the direction `o` (o.z > 0).
-inline Vec3 sample_ggx(const Vec3& o, float alpha, const Vec2& u) {
-    const Vec3 stretched = glm::normalize(Vec3(alpha * o.x, alpha * o.y, o.z));
+/// A visible microfacet normal for the direction `o` (o.z > 0); `alpha` along x and along y.
+inline Vec3 sample_ggx(const Vec3& o, const Vec2& alpha, const Vec2& u) {
+    const Vec3 stretched = glm::normalize(Vec3(alpha.x * o.x, alpha.y * o.y, o.z));
     const float z = (1.0F - u.y) * (1.0F + stretched.z) - stretched.z;
     const float radius = std::sqrt(std::max(0.0F, 1.0F - z * z));
     const Vec3 cap(radius * circle(u.x), z);
     const Vec3 h = cap + stretched;
-    return glm::normalize(Vec3(alpha * h.x, alpha * h.y, std::max(h.z, 1e-7F)));
+    return glm::normalize(Vec3(alpha.x * h.x, alpha.y * h.y, std::max(h.z, 1e-7F)));
+}
+inline Vec3 sample_ggx(const Vec3& o, float alpha, const Vec2& u) {
+    return sample_ggx(o, Vec2(alpha), u);
 }
 
 /// Schlick's approximation of Fresnel's term.

@@ -10,9 +10,9 @@
 namespace raynest {
 
 /// How much of a lobe's light comes back after more than one bounce, relative to what the first one
-/// leaves; f0 is the reflectance along the normal.
-inline Vec3 further_bounces(const Vec3& f0, float full_mean) {
-    const Vec3 mean = f0 + (Vec3(1) - f0) * (1.0F / 21.0F);
+/// leaves; f0 is the reflectance along the normal, f90 at grazing angles.
+inline Vec3 further_bounces(const Vec3& f0, float full_mean, float f90 = 1) {
+    const Vec3 mean = f0 + (Vec3(f90) - f0) * (1.0F / 21.0F);
     return mean * mean * full_mean / (Vec3(1) - mean * (1.0F - full_mean));
 }
 
@@ -24,6 +24,14 @@ struct GlossyLobe {
     float f90 = 1;  ///< the weight of the lobes: reflectance at grazing angles
     float outer = 1.0F + ggx_lambda(outgoing, alpha);
     float sharpness = 1.0F / (alpha * alpha);
+
+    [[nodiscard]] static GlossyLobe of(const MaterialPoint& /*point*/, const Vec3& outgoing,
+                                       float roughness, const Vec3& f0, float f90) {
+        return {outgoing, ggx_alpha(roughness), f0, f90};
+    }
+    [[nodiscard]] static float round_roughness(const MaterialPoint& /*point*/, float roughness) {
+        return roughness;
+    }
 
     /// As ggx_density() and ggx_masking() say, with the divisions of all directions done once.
     [[nodiscard]] Scattered scatter(const Vec3& i) const {

@@ -17,6 +17,7 @@
 #pragma once
 
 #include "engine/math/vec.h"
+#include "engine/shading/records.h"
 
 #include <concepts>
 
@@ -33,6 +34,11 @@ struct MaterialPoint {
     bool solid = false;    ///< light is refracted at the surface; else it is a sheet
     bool inside = false;   ///< the ray came from within a solid
     Vec3 smooth{0, 0, 1};  ///< the normal without the normal texture, in the point's frame
+    /// Set where the material is `layered`.
+    Layers layers;
+    float film_thickness = 400;  ///< of the iridescent film, in nanometres
+    Vec3 coat_normal{0, 0, 1};   ///< of the clear coat, in the point's frame
+    Vec2 along{1, 0};            ///< the direction of anisotropy, a unit vector in the frame's xy
 };
 
 /// Share of the light from a direction that the bumps of a normal texture leave a diffuse base: it

@@ -5,6 +5,7 @@
 #include "engine/geometry/views.h"
 #include "engine/math/vec.h"
 
+#include <cstddef>
 #include <cstdint>
 
 namespace raynest {
@@ -14,6 +15,55 @@ struct TextureUse {
     std::uint32_t texture = no_id;
     std::uint32_t texcoord = 0;
     float uv_transform[6] = {1, 0, 0, 0, 1, 0};  ///< as MaterialRecord::uv_transform
+};
+
+/// The textures of a material. Only that of the base colour is not in its SurfaceRecord.
+enum class TextureSlot : std::uint8_t {
+    metallic_roughness,
+    normal,
+    occlusion,
+    emission,
+    transmission,
+    clearcoat,
+    clearcoat_roughness,
+    clearcoat_normal,
+    sheen,
+    sheen_roughness,
+    specular,
+    specular_colour,
+    iridescence,
+    iridescence_thickness,
+    anisotropy,
+    base,
+};
+inline constexpr auto surface_textures = static_cast<std::size_t>(TextureSlot::base);
+
+/// True if a texture holds colours, in sRGB; others hold data.
+[[nodiscard]] constexpr bool has_colours(TextureSlot slot) {
+    return slot == TextureSlot::base || slot == TextureSlot::emission ||
+           slot == TextureSlot::sheen || slot == TextureSlot::specular_colour;
+}
+
+/// Factors of KHR_materials_ clearcoat, sheen, specular, iridescence and anisotropy. The defaults
+/// add nothing.
+struct Layers {
+    float clearcoat = 0;
+    float clearcoat_roughness = 0;
+    float clearcoat_normal_scale = 1;
+    Vec3 sheen{0};
+    float sheen_roughness = 0;
+    float specular = 1;
+    Vec3 specular_colour{1};
+    float iridescence = 0;
+    float iridescence_ior = 1.3F;
+    float thickness_least = 100, thickness_most = 400;  ///< of the iridescent film, in nanometres
+    float anisotropy = 0;
+    float anisotropy_turn = 0;  ///< radians, from the tangent towards the bitangent
+
+    [[nodiscard]] bool add_something() const {
+        return clearcoat > 0 || sheen != Vec3(0) || specular != 1 || specular_colour != Vec3(1) ||
+               iridescence > 0 || anisotropy > 0;
+    }
 };
 
 /// How a material scatters and emits light; base colour and alpha are in its MaterialRecord.
@@ -30,9 +80,24 @@ struct SurfaceRecord {
     float attenuation_distance = 0;  ///< 0: the solid absorbs nothing
     Vec3 attenuation_colour{1};      ///< what is left of white after attenuation_distance
     std::uint32_t unused = 0;
-    TextureUse metallic_roughness, normal, occlusion, emission_texture, transmission_texture;
+    Layers layers;  ///< of the kind `layered`
+    TextureUse textures[surface_textures];
+
+    [[nodiscard]] TextureUse& use(TextureSlot slot) {
+        return textures[static_cast<std::size_t>(slot)];
+    }
+    [[nodiscard]] const TextureUse& use(TextureSlot slot) const {
+        return textures[static_cast<std::size_t>(slot)];
+    }
 };
-static_assert(sizeof(SurfaceRecord) == 224);
+static_assert(sizeof(SurfaceRecord) == 612);
+
+/// True if tangents of vertices change how the surface looks.
+[[nodiscard]] inline bool needs_tangents(const SurfaceRecord& surface) {
+    return surface.use(TextureSlot::normal).texture != no_id ||
+           surface.use(TextureSlot::clearcoat_normal).texture != no_id ||
+           surface.layers.anisotropy > 0;
+}
 
 /// Normals and tangents of a geometry's vertices, as byte offsets in `attributes`, or no_offset.
 struct GeometryShading {

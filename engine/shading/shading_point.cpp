@@ -37,6 +37,20 @@ bool is_used(const GeometryRecord& geometry, const TextureUse& use) {
            geometry.texcoords[use.texcoord] != no_offset;
 }
 
+/// The texture whose coordinates give the frame of normal textures and of anisotropy; null where
+/// nothing needs a frame or the geometry has no coordinates.
+const TextureUse* tangent_use(const GeometryRecord& geometry, const SurfaceRecord& surface) {
+    const TextureUse& normal = surface.use(TextureSlot::normal);
+    if (is_used(geometry, normal)) return &normal;
+    if (surface.kind != shading_type("layered")) return nullptr;
+    const TextureUse& coat = surface.use(TextureSlot::clearcoat_normal);
+    if (surface.layers.clearcoat > 0 && is_used(geometry, coat)) return &coat;
+    const TextureUse& brushed = surface.use(TextureSlot::anisotropy);
+    const bool has_coordinates =
+        brushed.texcoord <= 1 && geometry.texcoords[brushed.texcoord] != no_offset;
+    return surface.layers.anisotropy > 0 && has_coordinates ? &brushed : nullptr;
+}
+
 /// Where a hit lies in a texture.
 struct TexturePlace {
     Vec2 st;
@@ -90,8 +104,8 @@ Vec3 vertex_colour(const SceneView& scene, const GeometryRecord& geometry, const
 
 /// Sets the tangents that the normal texture's values refer to; leaves 0 where there are none.
 void set_tangents(const ShadingView& view, const GeometryRecord& geometry,
-                  const GeometryShading& shading, const SurfaceRecord& surface,
-                  const Corners& corners, const Placement& placement, UnfinishedPoint& point) {
+                  const GeometryShading& shading, const TextureUse& use, const Corners& corners,
+                  const Placement& placement, UnfinishedPoint& point) {
     const Vec3& n = point.n;
     Vec3 tangent(0);
     float sign = 1;
@@ -102,9 +116,9 @@ void set_tangents(const ShadingView& view, const GeometryRecord& geometry,
         sign = (t.w < 0) != placement.mirrors ? -1.0F : 1.0F;
     } else {
         // Without tangents: along the texture's first axis; the second one points up the picture.
-        const auto* st = view.scene->attribute<Vec2>(geometry.texcoords[surface.normal.texcoord]);
+        const auto* st = view.scene->attribute<Vec2>(geometry.texcoords[use.texcoord]);
         const auto* p = view.scene->attribute<Vec3>(geometry.positions);
-        const float(&m)[6] = surface.normal.uv_transform;
+        const float(&m)[6] = use.uv_transform;
         const Vec2 s0 = transformed(m, st[corners.index[0]]);
         const Vec2 d1 = transformed(m, st[corners.index[1]]) - s0;
         const Vec2 d2 = transformed(m, st[corners.index[2]]) - s0;
@@ -190,6 +204,85 @@ float clamped(float x) {
     return x > 0 ? std::min(x, 1.0F) : 0.0F;
 }
 
+bool has_normal(const UnfinishedPoint& from, TextureSlot slot) {
+    return from.texel(slot) != nullptr && from.tangent != Vec3(0);
+}
+
+/// The shading normal on the viewer's side: that of a normal texture, or else of the vertices.
+Vec3 normal_of(const UnfinishedPoint& from, TextureSlot slot, float scale) {
+    Vec3 n = from.n;
+    const bool has_bumps = has_normal(from, slot);
+    if (has_bumps) {
+        const Vec4& texel = *from.texel(slot);
+        n = glm::normalize((2.0F * texel.x - 1.0F) * scale * from.tangent +
+                           (2.0F * texel.y - 1.0F) * scale * from.bitangent +
+                           std::max(2.0F * texel.z - 1.0F, 1e-3F) * n);
+    }
+    if (!from.point.front) n = -n;
+    n = turned_to(n, from.viewer);
+    return has_bumps ? bent_to_reflect(n, from.viewer, from.point.normal) : n;
+}
+
+/// The textures of Layers that matter, and the frame that some of them refer to.
+template <class LookUp>
+void begin_layers(const LookUp& look_up_if, UnfinishedPoint& out) {
+    const Layers& layers = out.point.material.layers;
+    look_up_if(layers.clearcoat > 0, TextureSlot::clearcoat);
+    look_up_if(layers.clearcoat > 0, TextureSlot::clearcoat_roughness);
+    look_up_if(layers.clearcoat > 0, TextureSlot::clearcoat_normal);
+    look_up_if(!is_black(layers.sheen), TextureSlot::sheen);
+    look_up_if(!is_black(layers.sheen), TextureSlot::sheen_roughness);
+    look_up_if(layers.specular > 0, TextureSlot::specular);
+    look_up_if(layers.specular > 0, TextureSlot::specular_colour);
+    look_up_if(layers.iridescence > 0, TextureSlot::iridescence);
+    look_up_if(layers.iridescence > 0, TextureSlot::iridescence_thickness);
+    look_up_if(layers.anisotropy > 0, TextureSlot::anisotropy);
+}
+
+/// Multiplies the factors of Layers by their textures, in the channels that the extensions name.
+void finish_layers(UnfinishedPoint& from) {
+    MaterialPoint& material = from.point.material;
+    Layers& layers = material.layers;
+    if (const Vec4* texel = from.texel(TextureSlot::clearcoat)) layers.clearcoat *= texel->x;
+    if (const Vec4* texel = from.texel(TextureSlot::clearcoat_roughness))
+        layers.clearcoat_roughness *= texel->y;
+    if (const Vec4* texel = from.texel(TextureSlot::sheen)) layers.sheen *= Vec3(*texel);
+    if (const Vec4* texel = from.texel(TextureSlot::sheen_roughness))
+        layers.sheen_roughness *= texel->w;
+    if (const Vec4* texel = from.texel(TextureSlot::specular)) layers.specular *= texel->w;
+    if (const Vec4* texel = from.texel(TextureSlot::specular_colour))
+        layers.specular_colour *= Vec3(*texel);
+    if (const Vec4* texel = from.texel(TextureSlot::iridescence)) layers.iridescence *= texel->x;
+    material.film_thickness = layers.thickness_most;
+    if (const Vec4* texel = from.texel(TextureSlot::iridescence_thickness))
+        material.film_thickness =
+            layers.thickness_least + texel->y * (layers.thickness_most - layers.thickness_least);
+    if (const Vec4* texel = from.texel(TextureSlot::anisotropy)) layers.anisotropy *= texel->z;
+}
+
+/// The coat's normal and the direction of anisotropy. After the point's frame is known.
+void finish_directions(UnfinishedPoint& from) {
+    ShadingPoint& point = from.point;
+    Layers& layers = point.material.layers;
+    if (layers.clearcoat > 0)
+        point.material.coat_normal = point.frame.to_local(
+            normal_of(from, TextureSlot::clearcoat_normal, layers.clearcoat_normal_scale));
+    if (layers.anisotropy <= 0) return;
+    Vec2 along(1, 0);
+    if (const Vec4* texel = from.texel(TextureSlot::anisotropy))
+        along = 2.0F * Vec2(texel->x, texel->y) - 1.0F;
+    const float cosine = std::cos(layers.anisotropy_turn);
+    const float sine = std::sin(layers.anisotropy_turn);
+    along = {along.x * cosine - along.y * sine, along.x * sine + along.y * cosine};
+    const Vec3 local = point.frame.to_local(along.x * from.tangent + along.y * from.bitangent);
+    const float length = std::sqrt(local.x * local.x + local.y * local.y);
+    // Without coordinates no direction is known.
+    if (length > 1e-6F)
+        point.material.along = Vec2(local) / length;
+    else
+        layers.anisotropy = 0;
+}
+
 }  // namespace
 
 void fetch_corners(const SceneView& scene, const HitRecord& hit) {
@@ -243,18 +336,14 @@ void begin_point(const ShadingView& view, const Ray& ray, const HitRecord& hit, 
     const auto area = static_cast<float>(twice_area);
     const TexturePlaces places(scene, geometry, corners, area > 0 ? across * across / area : 0.0F);
     const auto look_up = [&](TextureSlot slot, std::uint32_t texture, std::uint32_t set,
-                             const float(&m)[6], bool data) {
+                             const float(&m)[6]) {
         TexturePlace place = places.find(set, m);
         // The mean of bumps is flat, and reflects more than they do: the samples of a pixel average
         // that.
         if (slot == TextureSlot::normal) place.footprint = {};
         const auto k = static_cast<std::size_t>(slot);
         out.looked_up |= 1U << k;
-        batch.add(texture, place.st, place.footprint, data, &out.texels[k]);
-    };
-    const auto look_up_use = [&](TextureSlot slot, const TextureUse& use, bool data) {
-        if (is_used(geometry, use))
-            look_up(slot, use.texture, use.texcoord, use.uv_transform, data);
+        batch.add(texture, place.st, place.footprint, !has_colours(slot), &out.texels[k]);
     };
 
     MaterialPoint& material = point.material;
@@ -262,7 +351,7 @@ void begin_point(const ShadingView& view, const Ray& ray, const HitRecord& hit, 
         const MaterialRecord& record = scene.materials[geometry.material];
         material.base_colour = Vec3(record.base_colour);
         if (has_texture(geometry, record))
-            look_up(TextureSlot::base, record.texture, record.texcoord, record.uv_transform, false);
+            look_up(TextureSlot::base, record.texture, record.texcoord, record.uv_transform);
         if (view.surfaces != nullptr) point.surface = &view.surfaces[geometry.material];
     }
     if (geometry.colours != no_offset) out.tint = vertex_colour(scene, geometry, corners);
@@ -289,15 +378,21 @@ void begin_point(const ShadingView& view, const Ray& ray, const HitRecord& hit, 
     material.transmission = surface.transmission;
     material.solid = surface.thickness > 0;
     material.inside = material.solid && !point.front;
-    look_up_use(TextureSlot::metallic_roughness, surface.metallic_roughness, true);
-    if (!is_black(material.emission))
-        look_up_use(TextureSlot::emission, surface.emission_texture, false);
-    if (material.transmission > 0)
-        look_up_use(TextureSlot::transmission, surface.transmission_texture, true);
-    if (is_used(geometry, surface.normal)) {
-        look_up_use(TextureSlot::normal, surface.normal, true);
-        set_tangents(view, geometry, shading, surface, corners, placement, out);
+    const auto look_up_if = [&](bool matters, TextureSlot slot) {
+        const TextureUse& use = surface.use(slot);
+        if (matters && is_used(geometry, use))
+            look_up(slot, use.texture, use.texcoord, use.uv_transform);
+    };
+    look_up_if(true, TextureSlot::metallic_roughness);
+    look_up_if(!is_black(material.emission), TextureSlot::emission);
+    look_up_if(material.transmission > 0, TextureSlot::transmission);
+    look_up_if(true, TextureSlot::normal);
+    if (point.kind == shading_type("layered")) {
+        material.layers = surface.layers;
+        begin_layers(look_up_if, out);
     }
+    if (const TextureUse* use = tangent_use(geometry, surface))
+        set_tangents(view, geometry, shading, *use, corners, placement, out);
 }
 
 const ShadingPoint& finish_point(UnfinishedPoint& from) {
@@ -306,6 +401,7 @@ const ShadingPoint& finish_point(UnfinishedPoint& from) {
     if (const Vec4* texel = from.texel(TextureSlot::base)) material.base_colour *= Vec3(*texel);
     material.base_colour *= from.tint;
     for (int c = 0; c < 3; ++c) material.base_colour[c] = clamped(material.base_colour[c]);
+    if (point.kind == shading_type("layered")) finish_layers(from);
     if (const Vec4* texel = from.texel(TextureSlot::metallic_roughness)) {
         material.roughness *= texel->y;
         material.metallic *= texel->z;
@@ -313,20 +409,11 @@ const ShadingPoint& finish_point(UnfinishedPoint& from) {
     if (const Vec4* texel = from.texel(TextureSlot::emission)) material.emission *= Vec3(*texel);
     if (const Vec4* texel = from.texel(TextureSlot::transmission))
         material.transmission *= texel->x;
-    Vec3 n = from.n;
-    const Vec4* texel = from.texel(TextureSlot::normal);
-    const bool has_bumps = texel != nullptr && from.tangent != Vec3(0);
-    if (has_bumps) {
-        const float scale = point.surface->normal_scale;
-        n = glm::normalize((2.0F * texel->x - 1.0F) * scale * from.tangent +
-                           (2.0F * texel->y - 1.0F) * scale * from.bitangent +
-                           std::max(2.0F * texel->z - 1.0F, 1e-3F) * n);
-    }
-    if (!point.front) n = -n;
-    n = turned_to(n, from.viewer);
-    if (has_bumps) n = bent_to_reflect(n, from.viewer, point.normal);
-    point.frame = frame_around(n);
+    const float scale = point.surface != nullptr ? point.surface->normal_scale : 1.0F;
+    const bool has_bumps = has_normal(from, TextureSlot::normal);
+    point.frame = frame_around(normal_of(from, TextureSlot::normal, scale));
     if (has_bumps) material.smooth = point.frame.to_local(point.front ? from.n : -from.n);
+    if (point.kind == shading_type("layered")) finish_directions(from);
     return point;
 }
 
@@ -336,9 +423,9 @@ Vec3 triangle_emission(const ShadingView& view, const ObjectRecord& object, std:
     const GeometryRecord& geometry = scene.geometry_of(object, triangle);
     if (view.surfaces == nullptr || geometry.material == no_id) return Vec3(0);
     const SurfaceRecord& surface = view.surfaces[geometry.material];
-    if (!is_used(geometry, surface.emission_texture)) return surface.emission;
+    const TextureUse& use = surface.use(TextureSlot::emission);
+    if (!is_used(geometry, use)) return surface.emission;
     const Corners corners(scene, geometry, triangle, u, v);
-    const TextureUse& use = surface.emission_texture;
     const TexturePlace place =
         TexturePlaces(scene, geometry, corners, 0).find(use.texcoord, use.uv_transform);
     return surface.emission *

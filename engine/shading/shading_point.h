@@ -43,9 +43,6 @@ struct ShadingPoint {
     }
 };
 
-/// The textures of a point, in the order of UnfinishedPoint::texels.
-enum class TextureSlot : std::uint8_t { base, metallic_roughness, emission, transmission, normal };
-
 /// A point whose textures are being looked up.
 struct UnfinishedPoint {
     ShadingPoint point;
@@ -53,9 +50,9 @@ struct UnfinishedPoint {
     Vec3 n{0};        ///< the vertices' normal in the world, outward
     Vec3 tangent{0};  ///< with bitangent and n, the frame of the normal texture
     Vec3 bitangent{0};
-    Vec3 tint{1};  ///< the vertices' colour
-    std::array<Vec4, 5> texels;
-    std::uint32_t looked_up = 0;  ///< bit k: texels[k] will be there
+    Vec3 tint{1};                                   ///< the vertices' colour
+    std::array<Vec4, surface_textures + 1> texels;  ///< by TextureSlot
+    std::uint32_t looked_up = 0;                    ///< bit k: texels[k] will be there
 
     [[nodiscard]] const Vec4* texel(TextureSlot slot) const {
         const auto k = static_cast<std::size_t>(slot);

@@ -316,9 +316,8 @@ private:
             geometry.normals.push_back(bends->empty() ? n : bent(n, bends->data() + i));
         }
         if (geometry.normals.empty() || deformed.primitive.tangent == no_id) return {};
-        // Tangents are read where a normal texture needs them.
         if (geometry.material == no_id ||
-            model_.materials[geometry.material].surface.normal.texture == no_id)
+            !needs_tangents(model_.materials[geometry.material].surface))
             return {};
         auto tangents = read_shading(deformed, deformed.primitive.tangent, 4, "TANGENT");
         if (!tangents) return error_of(tangents);

@@ -149,14 +149,13 @@ public:
         for (std::uint32_t m = 0; m < model.materials.size(); ++m) {
             const MaterialDescription& material = model.materials[m];
             const SurfaceRecord& surface = material.surface;
-            for (const std::uint32_t texture :
-                 {material.texture, surface.metallic_roughness.texture, surface.normal.texture,
-                  surface.occlusion.texture, surface.emission_texture.texture,
-                  surface.transmission_texture.texture}) {
-                if (texture == no_id) continue;
+            const auto use = [&](std::uint32_t texture) {
+                if (texture == no_id) return;
                 used[texture] = true;
                 pictures_.add_user(texture, m);
-            }
+            };
+            use(material.texture);
+            for (const TextureUse& of : surface.textures) use(of.texture);
         }
         pictures_.decode(used);
     }
@@ -215,21 +214,18 @@ Result<void> read_materials(const Model& model, const ImportLimits& limits,
         if (auto done = read(material.texture, material.texcoord, Purpose::base); !done)
             return done;
         SurfaceRecord& surface = material.surface;
-        for (const auto& [use, purpose] :
-             {std::pair{&surface.metallic_roughness, Purpose::data},
-              std::pair{&surface.normal, Purpose::data},
-              std::pair{&surface.occlusion, Purpose::data},
-              std::pair{&surface.emission_texture, Purpose::colour},
-              std::pair{&surface.transmission_texture, Purpose::data}}) {
-            if (auto done = read(use->texture, use->texcoord, purpose); !done) return done;
+        for (std::size_t i = 0; i < surface_textures; ++i) {
+            TextureUse& use = surface.textures[i];
+            const Purpose purpose =
+                has_colours(static_cast<TextureSlot>(i)) ? Purpose::colour : Purpose::data;
+            if (auto done = read(use.texture, use.texcoord, purpose); !done) return done;
         }
         // Without its texture a factor alone would light up or turn to metal what should not.
-        if (from.surface.emission_texture.texture != no_id &&
-            surface.emission_texture.texture == no_id)
-            surface.emission = Vec3(0);
-        if (from.surface.metallic_roughness.texture != no_id &&
-            surface.metallic_roughness.texture == no_id)
-            surface.metallic = 0;
+        const auto lacks = [&](TextureSlot slot) {
+            return from.surface.use(slot).texture != no_id && surface.use(slot).texture == no_id;
+        };
+        if (lacks(TextureSlot::emission)) surface.emission = Vec3(0);
+        if (lacks(TextureSlot::metallic_roughness)) surface.metallic = 0;
         scene.materials.push_back(std::move(material));
     }
     textures.warn_of_unused();

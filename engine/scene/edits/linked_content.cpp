@@ -176,9 +176,7 @@ void LinkedContent::add_materials(Scene& scene, bool is_base) {
         SurfaceRecord surface = scene.snapshot->shading().surfaces[i];
         material.name = name(*scene.snapshot, material.name);
         texture(material.texture);
-        for (TextureUse* use : {&surface.metallic_roughness, &surface.normal, &surface.occlusion,
-                                &surface.emission_texture, &surface.transmission_texture})
-            texture(use->texture);
+        for (TextureUse& use : surface.textures) texture(use.texture);
         const auto made = static_cast<std::uint32_t>(content_.materials.size());
         const auto [known, added] = known_materials_.try_emplace(key_of(material, surface), made);
         scene.materials.push_back(is_base ? made : known->second);

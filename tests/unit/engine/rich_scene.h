@@ -76,8 +76,8 @@ inline std::shared_ptr<const Snapshot> rich_scene(bool has_records = true) {
     scene.images = {{3, 2, std::vector<std::uint8_t>(24, 100)}};
     scene.textures = {{0, Wrap::repeat, Wrap::clamp, true},
                       {0, Wrap::repeat, Wrap::clamp, false, true, false}};
-    scene.materials[0].surface.normal.texture = 1;
-    scene.materials[1].surface.emission_texture.texture = 0;
+    scene.materials[0].surface.use(TextureSlot::normal).texture = 1;
+    scene.materials[1].surface.use(TextureSlot::emission).texture = 0;
     scene.materials[1].surface.emission = Vec3(1);
     scene.lights.resize(1);
     scene.lights[0].name = "lamp";

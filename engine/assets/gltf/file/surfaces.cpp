@@ -13,13 +13,18 @@ namespace {
 
 /// Extensions of materials that are read, here or with the base colour.
 constexpr std::array supported = {
-    "KHR_materials_unlit",  "KHR_materials_emissive_strength",
-    "KHR_materials_ior",    "KHR_materials_transmission",
-    "KHR_materials_volume", "KHR_materials_pbrSpecularGlossiness",
+    "KHR_materials_unlit",      "KHR_materials_emissive_strength",
+    "KHR_materials_ior",        "KHR_materials_transmission",
+    "KHR_materials_volume",     "KHR_materials_pbrSpecularGlossiness",
+    "KHR_materials_clearcoat",  "KHR_materials_sheen",
+    "KHR_materials_specular",   "KHR_materials_iridescence",
+    "KHR_materials_anisotropy",
 };
 
 constexpr double ior_most = 10;
 constexpr double emission_most = 1e12;
+constexpr double specular_most = 1e3;  ///< beyond 1 where the index is low, as the extension says
+constexpr double thickness_max = 1e5;  ///< of an iridescent film, in nanometres
 
 class SurfaceReader {
 public:
@@ -40,13 +45,17 @@ public:
             surface.metallic = 0;
             surface.roughness =
                 1 - in_range("glossinessFactor", number(*old, "glossinessFactor", 1), 0, 1, 1);
-        } else if (auto done = use(pbr.metallicRoughnessTexture, surface.metallic_roughness);
+        } else if (auto done = use(pbr.metallicRoughnessTexture,
+                                   surface.use(TextureSlot::metallic_roughness));
                    !done) {
             return done;
         }
-        if (auto done = use(in_.normalTexture, surface.normal); !done) return done;
-        if (auto done = use(in_.occlusionTexture, surface.occlusion); !done) return done;
-        if (auto done = use(in_.emissiveTexture, surface.emission_texture); !done) return done;
+        if (auto done = use(in_.normalTexture, surface.use(TextureSlot::normal)); !done)
+            return done;
+        if (auto done = use(in_.occlusionTexture, surface.use(TextureSlot::occlusion)); !done)
+            return done;
+        if (auto done = use(in_.emissiveTexture, surface.use(TextureSlot::emission)); !done)
+            return done;
         read_emission(surface);
         if (const auto* ior = extension("KHR_materials_ior")) {
             const double value = number(*ior, "ior", 1.5);
@@ -55,6 +64,12 @@ public:
                                      : in_range("ior", value, 1, ior_most, 1.5);
         }
         if (auto done = read_transmission(surface); !done) return done;
+        if (auto done = read_coat(surface); !done) return done;
+        if (auto done = read_sheen(surface); !done) return done;
+        if (auto done = read_specular(surface); !done) return done;
+        if (auto done = read_iridescence(surface); !done) return done;
+        if (auto done = read_anisotropy(surface); !done) return done;
+        if (surface.layers.add_something()) surface.kind = shading_type("layered");
         name_unsupported();
         return read_kind(surface);
     }
@@ -116,6 +131,102 @@ private:
         return {};
     }
 
+    /// The same for a textureInfo within an extension; nothing where there is none.
+    Result<void> use_in(const tinygltf::Value& of, const char* name, TextureUse& use) {
+        const tinygltf::Value* const info = member(of, name);
+        if (info == nullptr) return {};
+        const auto* extensions = member(*info, "extensions");
+        return use_of(
+            static_cast<std::int64_t>(number(*info, "index", -1)),
+            static_cast<std::int64_t>(number(*info, "texCoord", 0)),
+            extensions == nullptr ? nullptr : member(*extensions, "KHR_texture_transform"), use);
+    }
+
+    /// A factor from 0 to 1 of an extension.
+    float share(const tinygltf::Value& of, const char* name, double otherwise) {
+        return in_range(name, number(of, name, otherwise), 0, 1, otherwise);
+    }
+    Vec3 colour_in(const tinygltf::Value& of, const char* name, double most,
+                   const std::array<double, 3>& otherwise) {
+        std::array<double, 3> value = otherwise;
+        if (!read_numbers(member(of, name), value)) {
+            model_.odd.add(where_,
+                           fmt::format("{} is not three numbers; the default is used", name));
+            value = otherwise;
+        }
+        return colour(name, value, most,
+                      Vec3(glm::dvec3(otherwise[0], otherwise[1], otherwise[2])));
+    }
+
+    Result<void> read_coat(SurfaceRecord& surface) {
+        const auto* coat = extension("KHR_materials_clearcoat");
+        if (coat == nullptr) return {};
+        surface.layers.clearcoat = share(*coat, "clearcoatFactor", 0);
+        surface.layers.clearcoat_roughness = share(*coat, "clearcoatRoughnessFactor", 0);
+        if (const auto* normal = member(*coat, "clearcoatNormalTexture"))
+            surface.layers.clearcoat_normal_scale =
+                in_range("clearcoatNormalTexture.scale", number(*normal, "scale", 1), -1e3, 1e3, 1);
+        return all_of(
+            {use_in(*coat, "clearcoatTexture", surface.use(TextureSlot::clearcoat)),
+             use_in(*coat, "clearcoatRoughnessTexture",
+                    surface.use(TextureSlot::clearcoat_roughness)),
+             use_in(*coat, "clearcoatNormalTexture", surface.use(TextureSlot::clearcoat_normal))});
+    }
+
+    Result<void> read_sheen(SurfaceRecord& surface) {
+        const auto* sheen = extension("KHR_materials_sheen");
+        if (sheen == nullptr) return {};
+        surface.layers.sheen = colour_in(*sheen, "sheenColorFactor", 1, {0, 0, 0});
+        surface.layers.sheen_roughness = share(*sheen, "sheenRoughnessFactor", 0);
+        return all_of(
+            {use_in(*sheen, "sheenColorTexture", surface.use(TextureSlot::sheen)),
+             use_in(*sheen, "sheenRoughnessTexture", surface.use(TextureSlot::sheen_roughness))});
+    }
+
+    Result<void> read_specular(SurfaceRecord& surface) {
+        const auto* specular = extension("KHR_materials_specular");
+        if (specular == nullptr) return {};
+        surface.layers.specular = share(*specular, "specularFactor", 1);
+        surface.layers.specular_colour =
+            colour_in(*specular, "specularColorFactor", specular_most, {1, 1, 1});
+        return all_of(
+            {use_in(*specular, "specularTexture", surface.use(TextureSlot::specular)),
+             use_in(*specular, "specularColorTexture", surface.use(TextureSlot::specular_colour))});
+    }
+
+    Result<void> read_iridescence(SurfaceRecord& surface) {
+        const auto* film = extension("KHR_materials_iridescence");
+        if (film == nullptr) return {};
+        Layers& layers = surface.layers;
+        const auto nanometres = [&](const char* name, double otherwise) {
+            return in_range(name, number(*film, name, otherwise), 0, thickness_max, otherwise);
+        };
+        layers.iridescence = share(*film, "iridescenceFactor", 0);
+        layers.iridescence_ior =
+            in_range("iridescenceIor", number(*film, "iridescenceIor", 1.3), 1, ior_most, 1.3);
+        layers.thickness_least = nanometres("iridescenceThicknessMinimum", 100);
+        layers.thickness_most = nanometres("iridescenceThicknessMaximum", 400);
+        return all_of({use_in(*film, "iridescenceTexture", surface.use(TextureSlot::iridescence)),
+                       use_in(*film, "iridescenceThicknessTexture",
+                              surface.use(TextureSlot::iridescence_thickness))});
+    }
+
+    Result<void> read_anisotropy(SurfaceRecord& surface) {
+        const auto* brushed = extension("KHR_materials_anisotropy");
+        if (brushed == nullptr) return {};
+        surface.layers.anisotropy = share(*brushed, "anisotropyStrength", 0);
+        surface.layers.anisotropy_turn =
+            in_range("anisotropyRotation", number(*brushed, "anisotropyRotation", 0), -1e3, 1e3, 0);
+        return use_in(*brushed, "anisotropyTexture", surface.use(TextureSlot::anisotropy));
+    }
+
+    /// The first error, if there is one.
+    static Result<void> all_of(std::initializer_list<Result<void>> results) {
+        for (const Result<void>& result : results)
+            if (!result) return result;
+        return {};
+    }
+
     void read_emission(SurfaceRecord& surface) {
         std::array<double, 3> factor{0, 0, 0};
         if (in_.emissiveFactor.size() == 3)
@@ -133,17 +244,10 @@ private:
         if (const auto* clear = extension("KHR_materials_transmission")) {
             surface.transmission =
                 in_range("transmissionFactor", number(*clear, "transmissionFactor", 0), 0, 1, 0);
-            if (const auto* texture = member(*clear, "transmissionTexture")) {
-                const auto* extensions = member(*texture, "extensions");
-                if (auto done =
-                        use_of(static_cast<std::int64_t>(number(*texture, "index", -1)),
-                               static_cast<std::int64_t>(number(*texture, "texCoord", 0)),
-                               extensions == nullptr ? nullptr
-                                                     : member(*extensions, "KHR_texture_transform"),
-                               surface.transmission_texture);
-                    !done)
-                    return done;
-            }
+            if (auto done =
+                    use_in(*clear, "transmissionTexture", surface.use(TextureSlot::transmission));
+                !done)
+                return done;
         }
         const auto* volume = extension("KHR_materials_volume");
         if (volume == nullptr) return {};
@@ -153,10 +257,7 @@ private:
         const double distance = number(*volume, "attenuationDistance", 0);
         if (distance > 0 && distance <= longest)
             surface.attenuation_distance = static_cast<float>(distance);
-        std::array<double, 3> left{1, 1, 1};
-        if (!read_numbers(member(*volume, "attenuationColor"), left))
-            model_.odd.add(where_, "attenuationColor is not three numbers; white is used");
-        surface.attenuation_colour = colour("attenuationColor", left, 1, Vec3(1));
+        surface.attenuation_colour = colour_in(*volume, "attenuationColor", 1, {1, 1, 1});
         return {};
     }
 

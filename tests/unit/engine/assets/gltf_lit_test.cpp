@@ -91,6 +91,43 @@ TEST_CASE("a material's factors and extensions are read") {
           *material_kind("unlit"));
 }
 
+TEST_CASE("the layers of a material are read, and make it `layered` where they add something") {
+    const SceneDescription scene = lit(R"({"extensions":{
+        "KHR_materials_clearcoat":{"clearcoatFactor":0.5,"clearcoatRoughnessFactor":0.25},
+        "KHR_materials_sheen":{"sheenColorFactor":[1,0.5,0.25],"sheenRoughnessFactor":0.75},
+        "KHR_materials_specular":{"specularFactor":0.125,"specularColorFactor":[2,1,0]},
+        "KHR_materials_iridescence":{"iridescenceFactor":0.375,"iridescenceIor":1.5,
+            "iridescenceThicknessMinimum":200,"iridescenceThicknessMaximum":500},
+        "KHR_materials_anisotropy":{"anisotropyStrength":0.625,"anisotropyRotation":1.5}}})");
+    const SurfaceRecord& s = scene.materials[0].surface;
+    CHECK(s.kind == *material_kind("layered"));
+    CHECK(s.layers.clearcoat == 0.5F);
+    CHECK(s.layers.clearcoat_roughness == 0.25F);
+    CHECK(s.layers.sheen == Vec3(1, 0.5F, 0.25F));
+    CHECK(s.layers.sheen_roughness == 0.75F);
+    CHECK(s.layers.specular == 0.125F);
+    CHECK(s.layers.specular_colour == Vec3(2, 1, 0));
+    CHECK(s.layers.iridescence == 0.375F);
+    CHECK(s.layers.iridescence_ior == 1.5F);
+    CHECK(s.layers.thickness_least == 200);
+    CHECK(s.layers.thickness_most == 500);
+    CHECK(s.layers.anisotropy == 0.625F);
+    CHECK(s.layers.anisotropy_turn == 1.5F);
+    CHECK(scene.warnings.empty());
+    check_builds(scene);
+    for (const char* none :
+         {R"({"extensions":{"KHR_materials_clearcoat":{}}})",
+          R"({"extensions":{"KHR_materials_sheen":{"sheenRoughnessFactor":1}}})",
+          R"({"extensions":{"KHR_materials_specular":{"specularFactor":1}}})",
+          R"({"extensions":{"KHR_materials_iridescence":{"iridescenceIor":2}}})",
+          R"({"extensions":{"KHR_materials_anisotropy":{"anisotropyRotation":1}}})"}) {
+        CAPTURE(none);
+        const SceneDescription plain = lit(none);
+        CHECK(plain.materials[0].surface.kind != *material_kind("layered"));
+        CHECK(plain.warnings.empty());
+    }
+}
+
 TEST_CASE("values out of range are replaced, each with a line") {
     const struct {
         const char* material;
@@ -112,10 +149,25 @@ TEST_CASE("values out of range are replaced, each with a line") {
         {R"({"extensions":{"KHR_materials_volume":{"thicknessFactor":-1}}})", "thicknessFactor"},
         {R"({"extensions":{"KHR_materials_volume":{"attenuationColor":[1,2]}}})",
          "attenuationColor"},
-        {R"({"extensions":{"KHR_materials_clearcoat":{"clearcoatFactor":1}}})",
-         "KHR_materials_clearcoat is not supported"},
-        {R"({"extensions":{"KHR_materials_sheen":{}}})", "KHR_materials_sheen is not supported"},
-        {R"({"extras":{"raynest":{"material":"velvet"}}})", "this build has standard, unlit"},
+        {R"({"extensions":{"KHR_materials_clearcoat":{"clearcoatFactor":2}}})", "clearcoatFactor"},
+        {R"({"extensions":{"KHR_materials_clearcoat":{"clearcoatNormalTexture":{"scale":"big"}}}})",
+         "scale"},
+        {R"({"extensions":{"KHR_materials_sheen":{"sheenColorFactor":[1,2,1]}}})",
+         "sheenColorFactor"},
+        {R"({"extensions":{"KHR_materials_sheen":{"sheenColorFactor":"red"}}})",
+         "sheenColorFactor"},
+        {R"({"extensions":{"KHR_materials_specular":{"specularColorFactor":[1e9,1,1]}}})",
+         "specularColorFactor"},
+        {R"({"extensions":{"KHR_materials_iridescence":{"iridescenceIor":0.5}}})",
+         "iridescenceIor"},
+        {R"({"extensions":{"KHR_materials_iridescence":{"iridescenceThicknessMaximum":-1}}})",
+         "iridescenceThicknessMaximum"},
+        {R"({"extensions":{"KHR_materials_anisotropy":{"anisotropyRotation":1e300}}})",
+         "anisotropyRotation"},
+        {R"({"extensions":{"KHR_materials_dispersion":{}}})",
+         "KHR_materials_dispersion is not supported"},
+        {R"({"extras":{"raynest":{"material":"velvet"}}})",
+         "this build has standard, layered, unlit"},
     };
     for (const auto& [material, warning] : cases) {
         CAPTURE(material);
@@ -129,9 +181,15 @@ TEST_CASE("values out of range are replaced, each with a line") {
 }
 
 TEST_CASE("textures of materials are indices like any other") {
-    const auto scene = describe(file_of(R"({"normalTexture":{"index":3}})"), "scene.gltf");
-    REQUIRE_FALSE(scene);
-    CHECK(contains(scene.error().message, "texture"));
+    for (const char* beyond :
+         {R"({"normalTexture":{"index":3}})",
+          R"({"extensions":{"KHR_materials_clearcoat":{"clearcoatNormalTexture":{"index":3}}}})",
+          R"({"extensions":{"KHR_materials_anisotropy":{"anisotropyTexture":{"index":3}}}})"}) {
+        CAPTURE(beyond);
+        const auto scene = describe(file_of(beyond), "scene.gltf");
+        REQUIRE_FALSE(scene);
+        CHECK(contains(scene.error().message, "texture"));
+    }
 }
 
 TEST_CASE("normals are read, and bad ones are left out with a line") {

@@ -164,7 +164,7 @@ TEST_CASE("a lamp is a light also where few texels of its picture are lit") {
         picture.rgba.resize(std::size_t{4} * side * side);
         scene.images.push_back(picture);
         scene.textures.push_back({0});
-        scene.materials[1].surface.emission_texture.texture = 0;
+        scene.materials[1].surface.use(TextureSlot::emission).texture = 0;
         Stage stage(scene);
         (void)stage.measure("direct", lit_by(none), {0, 1, 0}, 1e-3, 4);
         CHECK(stage.notes.empty());

@@ -57,7 +57,7 @@ SceneDescription gallery() {
     add(0).roughness = 0.3F;
     SurfaceRecord& metal = add(2);
     metal.metallic = 1;
-    metal.metallic_roughness.texture = metal.normal.texture = 1;
+    metal.use(TextureSlot::metallic_roughness).texture = metal.use(TextureSlot::normal).texture = 1;
     SurfaceRecord& glass = add(3);
     glass.transmission = 1;
     glass.thickness = 1;
@@ -66,8 +66,8 @@ SceneDescription gallery() {
     add(no_id).emission = Vec3(3, 2, 1);
     SurfaceRecord& lamp = add(0);
     lamp.emission = Vec3(2);
-    lamp.emission_texture.texture = 2;
-    lamp.normal.texture = 1;
+    lamp.use(TextureSlot::emission).texture = 2;
+    lamp.use(TextureSlot::normal).texture = 1;
     scene.objects[1].instances = {test::place(0, test::rotation(0.5F)),
                                   test::place(0, test::translation(0, 1.5F, -1))};
     scene.root = 1;

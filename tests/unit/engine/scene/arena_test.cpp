@@ -161,10 +161,8 @@ private:
             if (view_.materials[i].texture != no_id &&
                 view_.textures[view_.materials[i].texture].alpha == no_offset)
                 return false;
-            if (!named(s.metallic_roughness.texture) || !named(s.normal.texture) ||
-                !named(s.occlusion.texture) || !named(s.emission_texture.texture) ||
-                !named(s.transmission_texture.texture))
-                return false;
+            for (const TextureUse& use : s.textures)
+                if (!named(use.texture)) return false;
         }
         return inside(scene_.shading().lights, scene_.shading().light_count * sizeof(LightRecord));
     }

@@ -3,6 +3,7 @@
 
 #include "engine/scene/texture_levels.h"
 #include "engine/shading/placement.h"
+#include "engine/shading/types.h"
 #include "tests/unit/engine/small_scenes.h"
 
 #include <doctest/doctest.h>
@@ -21,7 +22,7 @@ SceneDescription bumpy_square(bool has_tangents, const Transform& placement,
     scene.textures.push_back({0});
     scene.textures[0].linear = true;
     scene.materials.resize(1);
-    scene.materials[0].surface.normal.texture = 0;
+    scene.materials[0].surface.use(TextureSlot::normal).texture = 0;
     scene.objects.resize(2);
     GeometryDescription square = test::unit_square(0);
     // v runs down the picture.
@@ -124,8 +125,8 @@ TEST_CASE("the scale of a normal texture lowers its bumps") {
 TEST_CASE("an emission texture is decoded from sRGB, for the surface and for its light") {
     SceneDescription glowing = bumpy_square(false, Transform{}, {1, 1, {188, 188, 188, 255}});
     SurfaceRecord& surface = glowing.materials[0].surface;
-    surface.normal.texture = no_id;
-    surface.emission_texture.texture = 0;
+    surface.use(TextureSlot::normal).texture = no_id;
+    surface.use(TextureSlot::emission).texture = 0;
     surface.emission = Vec3(2);
     glowing.textures[0].linear = false;
     CHECK(seen(glowing).material.emission.y == doctest::Approx(2 * 0.503).epsilon(0.005));
@@ -168,4 +169,56 @@ TEST_CASE("colours of vertices are stored on sRGB's curve and mixed in linear li
         CHECK(std::abs(grey(dark, dark, dark) - dark) < 0.0002F);
     CHECK(grey(1, 1, 1) == doctest::Approx(1));
     CHECK(grey(0, 0.5F, 1) == doctest::Approx(0.5).epsilon(0.01));
+}
+
+TEST_CASE("the layers' textures are read from the channels that glTF names") {
+    SceneDescription scene = bumpy_square(true, Transform{}, {1, 1, {51, 102, 230, 204}});
+    SurfaceRecord& surface = scene.materials[0].surface;
+    scene.textures.push_back(scene.textures[0]);
+    scene.textures[1].linear = false;
+    surface.kind = *material_kind("layered");
+    for (std::size_t i = 0; i < surface_textures; ++i)
+        surface.textures[i].texture = has_colours(static_cast<TextureSlot>(i)) ? 1 : 0;
+    surface.use(TextureSlot::normal).texture = no_id;
+    surface.layers = {1, 1, 1, Vec3(1), 1, 1, Vec3(1), 1, 1.3F, 100, 600, 1, 0};
+    const ShadingPoint point = seen(scene);
+    const Layers& layers = point.material.layers;
+    CHECK(layers.clearcoat == doctest::Approx(0.2));
+    CHECK(layers.clearcoat_roughness == doctest::Approx(0.4));
+    CHECK(layers.sheen.x == doctest::Approx(0.0331).epsilon(0.01));
+    CHECK(layers.sheen_roughness == doctest::Approx(0.8));
+    CHECK(layers.specular == doctest::Approx(0.8));
+    CHECK(layers.specular_colour.y == doctest::Approx(0.1329).epsilon(0.01));
+    CHECK(layers.iridescence == doctest::Approx(0.2));
+    CHECK(point.material.film_thickness == doctest::Approx(300));
+    CHECK(layers.anisotropy == doctest::Approx(0.902).epsilon(0.001));
+    // The coat has bumps of its own; the base is flat.
+    CHECK(glm::length(point.frame.z - Vec3(0, 0, 1)) < 1e-5F);
+    const Vec3 coat = point.frame.to_world(point.material.coat_normal);
+    const Vec3 bump = glm::normalize(Vec3(2 * 0.2F - 1, 2 * 0.4F - 1, 2 * 0.902F - 1));
+    CHECK(glm::length(coat - bump) < 0.01F);
+    // Direction of the texture: (-0.6, -0.2).
+    const Vec3 along = point.frame.to_world(Vec3(point.material.along, 0));
+    CHECK(glm::length(along - glm::normalize(Vec3(-0.6F, -0.2F, 0))) < 0.01F);
+}
+
+TEST_CASE("anisotropy follows the tangents of a placement, turned, and needs a direction") {
+    SceneDescription scene = bumpy_square(true, Transform{});
+    SurfaceRecord& surface = scene.materials[0].surface;
+    surface.kind = *material_kind("layered");
+    surface.use(TextureSlot::normal).texture = no_id;
+    surface.layers.anisotropy = 1;
+    const auto along = [&](const SceneDescription& description) {
+        const ShadingPoint point = seen(description);
+        return point.frame.to_world(Vec3(point.material.along, 0));
+    };
+    CHECK(glm::length(along(scene) - Vec3(1, 0, 0)) < 1e-5F);
+    surface.layers.anisotropy_turn = 0.5F;
+    CHECK(glm::length(along(scene) - Vec3(std::cos(0.5F), std::sin(0.5F), 0)) < 1e-5F);
+    CHECK(glm::length(along(nested(scene, test::scaling(-1, 1, 1))) -
+                      Vec3(-std::cos(0.5F), std::sin(0.5F), 0)) < 1e-5F);
+    // Without coordinates: as smooth all around.
+    scene.objects[0].geometries[0].texcoords[0].clear();
+    scene.objects[0].geometries[0].tangents.clear();
+    CHECK(seen(scene).material.layers.anisotropy == 0);
 }
