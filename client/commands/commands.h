@@ -79,7 +79,7 @@ struct QueryOptions {
     JobOptions job;
     std::vector<WorldRay> rays;
     std::vector<std::string> generate;  ///< a kind and key=value (generator.h), or empty
-    std::string rays_file, kind, reduce, output;
+    std::string rays_file, masks_file, kind, reduce, output;
     std::optional<WorldPoint> from;  ///< common origin of the file's rays
     std::uint32_t max_hits = 0;      ///< 0: the kind's default
     std::vector<std::string> fields;

@@ -30,7 +30,8 @@ bool is_safe(const LoadOptions& load, const Failure& /*why*/) {
            (load.instances.empty() || is_file(load.instances));
 }
 bool is_safe(const QueryOptions& query, const Failure& why) {
-    return is_job_safe(query.job, why) && (query.rays_file.empty() || is_file(query.rays_file));
+    return is_job_safe(query.job, why) && (query.rays_file.empty() || is_file(query.rays_file)) &&
+           (query.masks_file.empty() || is_file(query.masks_file));
 }
 bool is_safe(const EditOptions& /*edit*/, const Failure& /*why*/) {
     return false;  // what has moved would move again

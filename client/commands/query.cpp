@@ -104,6 +104,7 @@ Result<Json> take_part(const QueryOptions& options, wire::QueryT& request, RaySo
                 {"max_hits", request.max_hits},
                 {"generate", options.generate},
                 {"rays", options.rays_file},
+                {"masks", options.masks_file},
                 {"intersector", job.intersector},
                 {"set", job.settings},
                 {"mask", job.mask},
@@ -150,6 +151,9 @@ void declare(CommandLine& line, QueryOptions& query) {
     add_point(line, "--from", "start of all rays; --rays then holds their directions",
               [&query](const WorldPoint& point) { query.from = point; })
         .needs(file);
+    line.add_option("--masks", query.masks_file,
+                    "FILE.npy of shape (N,): a mask for each ray, or point, that is sent, as --mask "
+                    "is for all; at most 64 different ones");
     line.add_parsed(
             "--origin",
             [](const std::string&) -> std::string {
@@ -194,6 +198,12 @@ Result<void> run(Context& context, const QueryOptions& options) {
     if (!options.rays_file.empty()) rays = RaySource::open(options.rays_file, options.from, origin);
     if (!points.empty()) rays = RaySource::open_points(points, origin);
     if (!rays) return tl::unexpected<Failure>(rays.error());
+    if (!options.masks_file.empty()) {
+        if (request.generator != nullptr && points.empty())
+            return fail(Exit::usage,
+                        "--masks are of rays that are sent: with --generate give one --mask");
+        if (auto taken = rays->open_masks(options.masks_file); !taken) return taken;
+    }
     Json part;
     if (options.part.count != 0) {
         auto taken = take_part(options, request, *rays);

@@ -96,11 +96,23 @@ std::uint64_t rows_of(const wire::QueryT& request, const RaySource& rays, const 
     return made ? outcome.rays_announced : rays.count();
 }
 
+/// The bulk bytes of a frame of rays, with their masks.
+std::uint64_t frame_bytes(const RaySource& rays, std::uint64_t count) {
+    return protocol::padded(count * rays.ray_bytes()) +
+           (rays.masks().empty() ? 0 : protocol::padded(count * sizeof(std::uint32_t)));
+}
+
 /// Returns the number of rays of the frame that begins at `first`.
 std::uint64_t rays_of_frame(const Connection& connection, const RaySource& rays,
                             std::uint64_t first) {
+    std::uint64_t room = connection.bulk_bytes_max();
+    std::uint64_t each = rays.ray_bytes();
+    if (!rays.masks().empty()) {
+        room -= std::min(room, protocol::alignment);  // each block is padded
+        each += sizeof(std::uint32_t);
+    }
     return std::min({rays.count() - first, connection.daemon().chunk_rays_max,
-                     connection.bulk_bytes_max() / rays.ray_bytes()});
+                     std::max<std::uint64_t>(1, room / each)});
 }
 
 Result<void> send_rays(Connection& connection, const RaySource& rays, std::uint64_t first,
@@ -111,10 +123,15 @@ Result<void> send_rays(Connection& connection, const RaySource& rays, std::uint6
     message.first_ray = first;
     if (const auto& from = rays.common_origin())
         message.origin = std::make_unique<wire::Vec3>(*from);
-    if (const auto ready = rays.bytes(first, count); !ready.empty())
+    const bool masked = !rays.masks().empty();
+    if (const auto ready = rays.bytes(first, count); !ready.empty() && !masked)
         return connection.send_bulk(std::move(message), std::move(bulk), ready);
+    if (masked) bulk.add("masks", wire::Dtype::u32, 1, count);
     bulk.allocate();
     rays.read(first, bulk.block_as<float>(0));
+    if (masked)
+        std::ranges::copy(rays.masks().subspan(first, count),
+                          bulk.block_as<std::uint32_t>(1).begin());
     return connection.send_bulk(std::move(message), std::move(bulk));
 }
 
@@ -132,7 +149,7 @@ Result<Outcome> run_query(Connection& connection, const wire::QueryT& request,
     while (true) {
         while (sent < rays.count()) {
             const std::uint64_t count = rays_of_frame(connection, rays, sent);
-            if (connection.credit() < protocol::padded(count * rays.ray_bytes())) break;
+            if (connection.credit() < frame_bytes(rays, count)) break;
             if (auto done = send_rays(connection, rays, sent, count); !done)
                 return tl::unexpected<Failure>(done.error());
             sent += count;

@@ -137,7 +137,36 @@ Result<RaySource> RaySource::open(const std::string& path, const WorldPoint& sce
     return source;
 }
 
+Result<void> RaySource::open_masks(const std::string& path) {
+    const auto blame = [&](const std::string& why) {
+        return fail(Exit::invalid, shown_name(path) + " " + why);
+    };
+    constexpr std::uint64_t header_bytes_max = 128ULL << 10;
+    auto file = read_file(path, count_ * sizeof(std::uint64_t) + header_bytes_max);
+    if (!file) return tl::unexpected<Failure>(file.error());
+    auto array = parse_npy(std::as_const(*file).span());
+    if (!array) return blame(array.error().message);
+    if (array->shape != std::vector<std::uint64_t>{count_})
+        return blame("has the shape " + shape_text(array->shape) + "; masks of these rays have the shape (" +
+                     std::to_string(count_) + ",)");
+    array->shape.push_back(1);
+    masks_.reserve(count_);
+    for (std::uint64_t i = 0; i < count_; ++i) {
+        const double mask = value_at(*array, i, 0);
+        constexpr double most = std::numeric_limits<std::uint32_t>::max();
+        if (!(mask >= 0 && mask <= most) || mask != std::floor(mask))
+            return blame("has a mask " + std::to_string(i) +
+                         " that is no whole number from 0 to 4294967295");
+        masks_.push_back(static_cast<std::uint32_t>(mask));
+    }
+    return {};
+}
+
 void RaySource::keep(const PartRange& range) {
+    if (!masks_.empty()) {
+        masks_.erase(masks_.begin(), masks_.begin() + static_cast<std::ptrdiff_t>(range.first));
+        masks_.resize(range.count);
+    }
     first_ += range.first;
     count_ = range.count;
 }

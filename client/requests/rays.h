@@ -35,6 +35,11 @@ public:
                                          const WorldPoint& scene_origin = {});
 
     [[nodiscard]] std::uint64_t count() const { return count_; }
+    /// Takes a mask for each ray, or point, from an array of shape (N,) of whole numbers below 2^32.
+    /// Exit code 5 for anything else.
+    Result<void> open_masks(const std::string& path);
+    /// The mask of each ray; empty: they have none of their own.
+    [[nodiscard]] std::span<const std::uint32_t> masks() const { return masks_; }
     /// Leaves out all but the rays of a part, which count from 0 then.
     void keep(const PartRange& range);
     /// The common origin of rays that have only directions.
@@ -71,6 +76,7 @@ private:
     [[nodiscard]] double moved(std::uint64_t ray) const;
 
     std::vector<float> values_;
+    std::vector<std::uint32_t> masks_;
     std::vector<double> moved_;  ///< of the rays in values_, or of all rays
     protocol::Buffer file_;
     Array array_;

@@ -4,6 +4,7 @@
 
 #include <algorithm>
 #include <chrono>
+#include <numeric>
 #include <optional>
 #include <span>
 #include <string>
@@ -84,8 +85,9 @@ private:
 
 /// Returns the hit records that a call has written.
 std::span<HitRecord> hits_of(const TraceCall& call, Query query) {
-    return {call.hits,
-            query == query_all ? call.hits_room : std::uint64_t{call.ray_count} * call.hits_max};
+    if (query != query_all) return {call.hits, std::uint64_t{call.ray_count} * call.hits_max};
+    const std::span<const std::uint32_t> counts(call.hit_counts, *call.rays_done);
+    return {call.hits, std::accumulate(counts.begin(), counts.end(), std::uint64_t{0})};
 }
 
 class CpuBackend final : public Backend {

@@ -220,7 +220,7 @@ Reply<protocol::Frame> Columns::encode(const Plan& plan, const Registry& registr
     counts.add_rays(source.hits, source.order, first_ray);
     if (plan.untraced) counts.misses = rows;
     counts.hits = many ? hit_count : rows - counts.misses;
-    statistics.add(traced.backend, traced.traversal, counts);
+    statistics.add(traced.backend, traced.traversals, counts);
 
     wire::ChunkT chunk;
     chunk.first_ray = first_ray;

@@ -17,6 +17,9 @@ constexpr std::uint32_t direction_bytes = sizeof(Vec3);
 /// reserved because it exceeds the smallest bulk part, 64 bytes.
 constexpr std::uint64_t received_bytes = 512;
 
+/// The mask of a ray that has none of its own.
+constexpr std::uint32_t no_mask = ~std::uint32_t{0};
+
 /// Makes rays from the `vectors` that were sent for each; the other members come from `common`.
 template <std::size_t vectors>
 void widen_from(const Vec3* sent, const Ray& common, std::span<Ray> rays) {
@@ -34,9 +37,20 @@ void widen_from(const Vec3* sent, const Ray& common, std::span<Ray> rays) {
 }  // namespace
 
 Reply<SentRays> SentRays::of(const protocol::Opened<wire::QueryRays>& message) {
-    const auto block = protocol::only_block(message.blocks, "rays", wire::Dtype::f32,
+    const std::span blocks(message.blocks);
+    const bool masked = blocks.size() == 2;
+    const auto block = protocol::only_block(masked ? blocks.first(1) : blocks, "rays",
+                                            wire::Dtype::f32,
                                             {whole_bytes, rangeless_bytes, direction_bytes});
     if (!block) return tl::unexpected(block.error());
+    const auto masks = masked ? protocol::only_block(blocks.last(1), "masks", wire::Dtype::u32,
+                                                     {sizeof(std::uint32_t)})
+                              : Reply<protocol::BlockView>();
+    if (!masks) return tl::unexpected(masks.error());
+    if (masked && masks->count != block->count)
+        return refuse(Code::invalid_field, "a frame of " + std::to_string(block->count) +
+                                               " rays has " + std::to_string(masks->count) +
+                                               " masks: send one for each ray, or none");
     const wire::Vec3* origin = message->origin();
     const bool range = message->tmin() != 0 || message->tmax() != 0;
     if (block->stride == direction_bytes && origin == nullptr)
@@ -53,6 +67,7 @@ Reply<SentRays> SentRays::of(const protocol::Opened<wire::QueryRays>& message) {
     SentRays sent;
     sent.bytes_ = block->bytes;
     sent.stride_ = block->stride;
+    if (masked) sent.masks_ = masks->values<std::uint32_t>();
     if (origin != nullptr) sent.common_.origin = {origin->x(), origin->y(), origin->z()};
     sent.common_.tmin = message->tmin();
     if (message->tmax() != 0) sent.common_.tmax = message->tmax();
@@ -91,6 +106,7 @@ Reply<std::uint64_t> RayInput::feed(protocol::Frame frame) {
     auto lease = budget_.reserve(received_bytes, principal_);
     if (!lease) return refuse(Code::resource_exhausted, "");
     const std::uint64_t rays = sent->count() * rays_each_;
+    if (!sent->masks().empty()) has_masks_ = true;
     const std::lock_guard lock(mutex_);
     frames_.push_back({received_, *sent, std::move(frame.bulk), std::move(*lease), rays});
     received_ += sent->count();
@@ -125,6 +141,45 @@ std::span<const Ray> RayInput::sent(std::uint64_t first, std::uint64_t count,
         first += here;
     }
     return buffers.sent;
+}
+
+Reply<std::span<const std::uint32_t>> RayInput::masks(std::uint64_t first, std::uint64_t count,
+                                                      TraceBuffers& buffers) {
+    if (!has_masks_) return std::span<const std::uint32_t>();
+    buffers.resize(buffers.masks, count);
+    for (std::span<std::uint32_t> out = buffers.masks; !out.empty();) {
+        std::unique_lock lock(mutex_);
+        const Received& frame = frame_of(first / rays_each_);
+        const std::span<const std::uint32_t> sent = frame.sent.masks();
+        const std::uint64_t skipped = first - frame.first * rays_each_;
+        const std::uint64_t held = frame.sent.count() * rays_each_ - skipped;
+        lock.unlock();
+        const auto here = static_cast<std::size_t>(std::min<std::uint64_t>(held, out.size()));
+        for (std::size_t i = 0; i < here; ++i)
+            out[i] = sent.empty() ? no_mask : sent[(skipped + i) / rays_each_];
+        out = out.subspan(here);
+        first += here;
+    }
+    if (auto few = count_masks(buffers.masks); !few) return tl::unexpected(few.error());
+    return std::span<const std::uint32_t>(buffers.masks);
+}
+
+Reply<void> RayInput::count_masks(std::span<const std::uint32_t> masks) {
+    std::vector<std::uint32_t> different;
+    const auto add = [&](std::vector<std::uint32_t>& to, std::uint32_t mask) {
+        if (std::ranges::find(to, mask) == to.end()) to.push_back(mask);
+        return to.size() <= limits_.ray_masks_max;
+    };
+    bool few = true;
+    for (std::size_t i = 0; few && i < masks.size(); ++i)
+        if (i == 0 || masks[i] != masks[i - 1]) few = add(different, masks[i]);
+    const std::lock_guard lock(mutex_);
+    for (std::size_t i = 0; few && i < different.size(); ++i)
+        few = add(different_masks_, different[i]);
+    if (few) return {};
+    return refuse(Code::limit_exceeded, "the rays of one query have at most ray_masks_max = " +
+                                            std::to_string(limits_.ray_masks_max) +
+                                            " different masks; send several queries");
 }
 
 void RayInput::release(std::uint64_t first, std::uint64_t count) {

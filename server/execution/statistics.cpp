@@ -30,8 +30,8 @@ void JobStatistics::Counts::add_rays(std::span<const HitRecord> records,
     first_invalid = first + row;
 }
 
-void JobStatistics::add(std::size_t backend, Traversal traversal, const Counts& counts) {
-    traversals_ |= 1U << traversal;
+void JobStatistics::add(std::size_t backend, std::uint32_t traversals, const Counts& counts) {
+    traversals_ |= traversals;
     ++chunks_[backend];
     rays_ += counts.rays;
     hits_ += counts.hits;

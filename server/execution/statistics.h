@@ -33,8 +33,9 @@ public:
         void add_rays(std::span<const HitRecord> records, std::span<const std::uint32_t> order,
                       std::uint64_t first);
     };
-    /// Adds an answered chunk; `backend` is an index in the plan's BackendChoice::order.
-    void add(std::size_t backend, Traversal traversal, const Counts& counts);
+    /// Adds an answered chunk; `backend` is an index in the plan's BackendChoice::order, and bit t of
+    /// `traversals` tells that traversal t ran.
+    void add(std::size_t backend, std::uint32_t traversals, const Counts& counts);
 
     [[nodiscard]] std::uint64_t hits() const { return hits_; }
     /// Returns DONE with rays, hits, times, target, traversal, worker and notes.

@@ -19,6 +19,7 @@ struct TraceBuffers {
 
     std::vector<Ray> rays;              ///< rays that the daemon generates
     std::vector<Ray> sent;              ///< sent rays, completed with what their frame shares
+    std::vector<std::uint32_t> masks;   ///< of sent rays, if they have masks of their own
     std::vector<HitRecord> hits;        ///< hits_max per ray; packed for kind all
     std::vector<std::uint32_t> order;   ///< index of each row's ray and hit
     std::vector<std::uint32_t> counts;  ///< hits per ray, for kinds multi and all
@@ -26,6 +27,7 @@ struct TraceBuffers {
     std::vector<Counters> counters;     ///< Plan::counter_sets() per ray
     std::vector<std::vector<std::uint32_t>> outputs;  ///< [output of the intersector][ray]
     std::vector<HitRecord> occluders;                 ///< hits of an integrator's occlusion rays
+    std::unique_ptr<TraceBuffers> of_masks;  ///< rays sorted by their masks, and their answers
 
     Budget& budget;
     Budget::Lease lease;           ///< for the capacity of all vectors
@@ -42,6 +44,8 @@ struct TraceBuffers {
     std::vector<void*> resize_outputs(const Plan& plan, std::size_t count);
     /// Bytes in use, not the capacity.
     [[nodiscard]] std::uint64_t bytes() const;
+    /// Bytes of the capacity.
+    [[nodiscard]] std::uint64_t held_bytes() const;
 
 private:
     template <class T>
@@ -86,7 +90,7 @@ struct TracedRays {
     std::span<const Counters> counters = {};
     std::span<const std::vector<std::uint32_t>> outputs = {};
     std::size_t first = 0;  ///< index in `outputs` of the first row
-    Traversal traversal = traversal_single;
+    std::uint32_t traversals = 0;  ///< bit t: traversal t ran
     std::size_t backend = 0;  ///< index in the plan's BackendChoice::order
 
     [[nodiscard]] std::size_t rows() const { return order.empty() ? rays.size() : order.size(); }
@@ -102,6 +106,13 @@ struct TracedRays {
 Traced<TracedRays> trace_rays(const Plan& plan, std::size_t backend, std::span<const Ray> rays,
                               const Stop& stop, TraceBuffers& buffers,
                               const PinholeRays* camera = nullptr);
+
+/// The same for rays with a mask each: what a ray enters has a bit of its mask and of the plan's.
+/// Backends know one mask per call, so that rays of equal masks are traced in calls of their own.
+Traced<TracedRays> trace_masked_rays(const Plan& plan, std::size_t backend,
+                                     std::span<const Ray> rays,
+                                     std::span<const std::uint32_t> masks, const Stop& stop,
+                                     TraceBuffers& buffers);
 
 template <class T>
 void TraceBuffers::grow(std::vector<T>& vector, std::size_t count) {

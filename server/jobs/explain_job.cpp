@@ -52,7 +52,7 @@ void ExplainJob::finish(const Chunk& chunk, Traversal traversal,
                         std::vector<std::string> notes) {
     notes_ = std::move(notes);
     payload_.set(json_payload(1, 1, document));
-    statistics_.add(chunk.backend, traversal, counts);
+    statistics_.add(chunk.backend, 1U << traversal, counts);
     count_rays("explain", chunk, counts.rays);
     queue_.answered(1);
 }

@@ -183,7 +183,7 @@ Traced<Frames> PictureJob::trace(const Chunk& chunk, const Stop& stop, TraceBuff
     counts.rays = seen->rays;
     counts.hits = seen->hits;
     counts.misses = seen->rays - seen->hits;
-    statistics_.add(chunk.backend, caster.traversal(), counts);
+    statistics_.add(chunk.backend, 1U << caster.traversal(), counts);
     backs_ += seen->backs;
     count_rays("picture", chunk, seen->rays + *again);
     queue_.answered(chunk.count);

@@ -36,16 +36,21 @@ Traced<TracedRays> RaySource::trace(const Plan& plan, const Chunk& chunk, RayInp
     const SensorPointer* made_by = sensor();
     if (made_by == nullptr) {
         const auto* hemisphere = std::get_if<Hemisphere>(&origin_);
-        if (hemisphere == nullptr)
-            return trace_rays(plan, chunk.backend, input.sent(chunk.first, chunk.count, buffers),
-                              stop, buffers);
+        const auto masks = input.masks(chunk.first, chunk.count, buffers);
+        if (!masks) return tl::unexpected(TraceFailure(masks.error()));
+        const auto trace = [&](std::span<const Ray> rays) {
+            return masks->empty()
+                       ? trace_rays(plan, chunk.backend, rays, stop, buffers)
+                       : trace_masked_rays(plan, chunk.backend, rays, *masks, stop, buffers);
+        };
+        if (hemisphere == nullptr) return trace(input.sent(chunk.first, chunk.count, buffers));
         const std::uint64_t first = chunk.first / hemisphere->samples;
         const std::uint64_t last = (chunk.first + chunk.count - 1) / hemisphere->samples;
         const auto points = input.sent(first, last - first + 1, buffers);
         buffers.resize(buffers.rays, chunk.count);
         generate_rays(*hemisphere, points, first_ + first,
                       first_ * hemisphere->samples + chunk.first, buffers.rays);
-        return trace_rays(plan, chunk.backend, buffers.rays, stop, buffers);
+        return trace(buffers.rays);
     }
 
     LateSensor& late = **made_by;

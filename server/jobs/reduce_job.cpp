@@ -76,7 +76,7 @@ protected:
         const bool whole = chunk.count >= each || add_part(chunk, hits.front());
         auto frames = whole ? fractions(chunk.first / each, hits) : Reply<Frames>(Frames{});
         if (!frames) return tl::unexpected(TraceFailure(frames.error()));
-        statistics_.add(chunk.backend, traced->traversal, count_hits(*traced, chunk.first));
+        statistics_.add(chunk.backend, traced->traversals, count_hits(*traced, chunk.first));
         answered(chunk, chunk.count);
         return std::move(*frames);
     }
@@ -166,7 +166,7 @@ protected:
             const std::lock_guard lock(mutex_);
             for (const auto& [path, count] : counts) counts_[path] += count;
         }
-        statistics_.add(chunk.backend, traced->traversal, count_hits(*traced, chunk.first));
+        statistics_.add(chunk.backend, traced->traversals, count_hits(*traced, chunk.first));
         answered(chunk, chunk.count);
         return Frames{};
     }

@@ -103,8 +103,8 @@ Reply<Answer> query(const Services& services, const Caller& caller,
     JobSubmission accepted = accept(*plan, "query", source->rays());
     accepted.detail =
         reduce.empty() ? protocol::word(message->kind(), default_kind(reduce)) : reduce;
-    // Assume the worst case, a frame per ray.
-    accepted.input_bytes = protocol::alignment * message->ray_count();
+    // Assume the worst case, a frame per ray, with its mask.
+    accepted.input_bytes = 2 * protocol::alignment * message->ray_count();
     auto job = reduce.empty()
                    ? columns_job(services, caller, std::move(*plan), std::move(*source),
                                  std::move(*columns))

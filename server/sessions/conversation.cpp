@@ -44,7 +44,8 @@ std::uint64_t one_window(const protocol::Limits& limits) {
     return limits.window_bytes;
 }
 std::uint64_t one_chunk_of_rays(const protocol::Limits& limits) {
-    return limits.chunk_rays_max * sizeof(Ray);
+    return limits.chunk_rays_max * sizeof(Ray) +
+           protocol::padded(limits.chunk_rays_max * sizeof(std::uint32_t));
 }
 
 }  // namespace

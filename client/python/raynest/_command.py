@@ -24,7 +24,7 @@ PARTS_PER_THREAD = 4
 PART_RAYS = 1 << 16         # at least, of a file's
 CONNECT_SECONDS = 5
 # Words whose next one is a file, or begins with a mark and a file.
-FILES = {"--rays": "", "--env": "", "--range-from": "", "--set": "@"}
+FILES = {"--rays": "", "--masks": "", "--env": "", "--range-from": "", "--set": "@"}
 SUMS = ("rays", "hits", "misses", "truncated", "invalid", "rows", "seconds", "queued_seconds")
 OF_ALL_PIXELS = ("p50", "p90", "p99", "clipped", "below", "range_low", "range_high")
 

@@ -14,6 +14,7 @@ jobs_max = 8
 rays_max = 68719476736
 hits_max = 256
 all_hits_max = 65536
+ray_masks_max = 64
 azimuths_max = 65536
 name_bytes_max = 256
 text_bytes_max = 4096

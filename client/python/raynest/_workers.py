@@ -4,6 +4,7 @@ from __future__ import annotations
 import atexit
 import contextlib
 import ctypes
+import dataclasses
 import fcntl
 import glob
 import hashlib
@@ -332,6 +333,14 @@ def _host(setup: Setup) -> Host:
         return _hosts[setup, key]
 
 
+@dataclasses.dataclass(frozen=True)
+class MaskedRays:
+    """Rays of an item, with the mask of each."""
+
+    rays: Any
+    masks: Array
+
+
 def item(version: str, setup: Setup, source: Source, method: Any, rays: Any, options: dict[str, Any]) -> Any:
     """Makes an item: a method of Scene by its name, or a function (host, source, options). Returns where, the
     answer, which may be Missing, and the notes of the daemon."""
@@ -344,6 +353,8 @@ def item(version: str, setup: Setup, source: Source, method: Any, rays: Any, opt
             if callable(method):
                 answer = method(host, source, options)
             else:
+                if isinstance(rays, MaskedRays):
+                    rays, options = rays.rays, {**options, "mask": rays.masks}
                 answer = getattr(host.scene(source), method)(*(() if rays is None else (rays,)),
                                                              **{"deadline": ITEM_SECONDS, **options})
                 notes = tuple(host.client().outcome.get("notes", ()))

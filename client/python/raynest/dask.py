@@ -27,7 +27,7 @@ from ._requests.columns import Columns
 from ._requests.film import Layers, is_lit
 from ._prepared import Prepared
 from ._version import VERSION
-from ._workers import Setup, columns_of
+from ._workers import MaskedRays, Setup, columns_of
 from .errors import UsageError
 from .generators import Generator
 from .images import Image
@@ -114,6 +114,10 @@ def reduce(cluster: Any, scene: Any, rays: Any, name: str, **options: Any) -> Co
 
 
 def _parts_of(rays: Any, item_rays: int, options: dict[str, Any]) -> Iterator[Part]:
+    masks = options.get("mask")
+    masks = np.asarray(masks) if np.ndim(masks) else None
+    if masks is not None:
+        options = {name: value for name, value in options.items() if name != "mask"}
     if isinstance(rays, Generator):
         points = rays._points is not None
         total = len(rays._points) if rays._points is not None else rays.count
@@ -134,9 +138,14 @@ def _parts_of(rays: Any, item_rays: int, options: dict[str, Any]) -> Iterator[Pa
     per_item = rays.count // total if isinstance(rays, Generator) and total else 1
     if total == 0:
         raise UsageError("there are no rays to deal out")
+    if masks is not None and (masks.shape != (total,) or not points):
+        raise UsageError(f"mask of shape {masks.shape}: it must be one number, or one for each of the rays that are sent")
+
+    def carried(first: int, count: int) -> Any:
+        return take(first, count) if masks is None else MaskedRays(take(first, count), masks[first:first + count])
     for first in range(0, total, each):
         count = min(each, total - first)
-        yield Part(options, functools.partial(take, first, count), points, count * per_item)
+        yield Part(options, functools.partial(carried, first, count), points, count * per_item)
 
 
 def render(cluster: Any, scene: Any, *, size: tuple[int, int] = (960, 540), integrator: str = "primary",

@@ -3,13 +3,12 @@ from __future__ import annotations
 
 import contextlib
 import dataclasses
-import reprlib
 from types import TracebackType
-from typing import Any, Callable, Generator, Iterable, Iterator, Literal, Mapping, Optional, Sequence, Union, overload
+from typing import Any, Callable, Generator, Iterator, Literal, Mapping, Optional, Sequence, Union, overload
 
 import numpy as np
 
-from . import _limits, _lists
+from . import _limits
 from ._net.control import Message
 from ._net.frame import Array
 from ._paths import Paths
@@ -21,8 +20,8 @@ from ._requests.film import warn_of_options
 from ._requests.job import JobOptions, Outcome, Progress, SceneMoved, job_message, origin_of, other_message
 from ._requests.picture import Picture, camera_message, size_message, tile_message
 from ._requests.precision import ray_warning
-from ._requests.query import Query
-from ._requests.rays import Rays, Source, Starts, flat_pairs, segments, vector
+from ._requests.query import Query, query_message
+from ._requests.rays import Rays, Source, Starts, flat_pairs, masked, segments, spread, vector
 from ._requests.words import scene_info
 from ._session import Session
 from .edits import Edit
@@ -106,7 +105,9 @@ class Scene(Renders, Paths):
         (6,) or (8,); [] has no rays; masked rows are invalid rays. Directions need not have unit
         length: t is in units of theirs. float32 arrays of the first two forms, and directions with
         one common origin, are sent without a copy; all others are converted while they are sent. A
-        generator of raynest.generators in place of `rays` makes them in the daemon.
+        generator of raynest.generators in place of `rays` makes them in the daemon. `mask` may be an
+        array (N,) of a mask for each ray that is sent, of 64 different ones at most: a ray enters the
+        instances that share a bit with its own.
 
         If the scene has an origin, that is subtracted first, in float64. `origin` replaces it for
         this call: with (0, 0, 0), rays and answers are relative to the scene's. A detached job
@@ -139,10 +140,11 @@ class Scene(Renders, Paths):
     def _trace(self, source: Source, origin: Array, expected: bool, kind: Optional[str],
                fields: Union[str, Sequence[str], None], max_hits: Optional[int], job: JobOptions,
                reduce: str, progress: Progress, detach: bool) -> Union[Columns, Job]:
+        source, job = masked(source, job)
         # A query needs at least one ray. For none, ask about an invalid one, so that errors and
         # dtypes are those of any other query.
         asked = source if source.count else dataclasses.replace(
-            source, sent=Rays(np.zeros((1, 8), np.float32)), count=1,
+            source, sent=Rays(np.zeros((1, 8), np.float32)), count=1, masks=None,
             generator=source.generator and one_sample(source.generator))
         query = self._query(asked, origin, expected, kind, fields, max_hits, job, reduce)
         if detach:
@@ -178,15 +180,18 @@ class Scene(Renders, Paths):
         `rays` may be an iterator of arrays or generators. Each item is a query; all see the same
         epoch, and first_ray counts on. If the scene is replaced meanwhile, the next query fails
         with InvalidError, SCENE_UNKNOWN. A query starts when the one before is answered, so items
-        should have 100,000 rays or more to keep the daemon busy.
+        should have 100,000 rays or more to keep the daemon busy. Masks of single rays are an iterator of
+        arrays then.
         """
         if isinstance(rays, (list, tuple)) and rays and (
                 isinstance(rays[0], RayGenerator) or np.ndim(rays[0]) > 1):
             raise UsageError("a list of blocks is not an iterator of them: pass iter(blocks)")
         asked = {"origin": origin, "kind": kind, "fields": fields, "max_hits": max_hits}
-        chosen = job.get("epoch")
+        chosen, masks = job.get("epoch"), job.get("mask")
         streamed = Outcome()
         for block in rays if isinstance(rays, Iterator) else (rays,):
+            if isinstance(masks, Iterator):
+                job["mask"] = next(masks, ())
             try:
                 outcome = yield from self._stream(block, directions, streamed.rays, asked, job)
             except InvalidError as error:
@@ -204,10 +209,11 @@ class Scene(Renders, Paths):
         try:
             shift = self._shift(asked["origin"])
             source = self._source(rays, directions, shift)
+            source, options = masked(source, job)
             if source.count == 0:
                 return None
             query = self._query(source, shift, asked["origin"] is None, asked["kind"],
-                                asked["fields"], asked["max_hits"], job)
+                                asked["fields"], asked["max_hits"], options)
             with contextlib.closing(query.chunks(anywhere, streams=True)) as chunks:
                 for chunk in chunks:
                     yield before + chunk.first, as_usual(chunk.columns)
@@ -229,8 +235,11 @@ class Scene(Renders, Paths):
         length, 0.3 mm in a scene of 500 m; else a share `margin` of the segment, or
         `margin_distance` in the scene's units, metres in glTF. The answer is False for a segment no
         longer than both margins, and for one with an end
-        that is masked or not finite; a RayWarning counts the latter."""
+        that is masked or not finite; a RayWarning counts the latter. `mask` is one, or broadcasts to
+        the shape of the answer."""
         a, b, shape = flat_pairs(a, b)
+        if len(shape) > 1 and np.ndim(job.get("mask")):
+            job["mask"] = spread("mask", job["mask"], shape)
 
         def ask(shift: Array, expected: bool) -> Any:
             source = self._source(segments(a, b, margin, margin_distance, shift, self._size()),
@@ -301,26 +310,8 @@ class Scene(Renders, Paths):
     def _query(self, source: Source, origin: Array, expected: bool, kind: Optional[str],
                fields: Union[str, Sequence[str], None], max_hits: Optional[int], job: JobOptions,
                reduce: str = "") -> Query:
-        if kind is None:
-            kind = _lists.REDUCED_KIND.get(reduce, "closest")
-        if isinstance(fields, str):
-            fields = (fields,)
-        if fields is None:
-            fields = () if reduce else _lists.SHOWN["any" if kind == "any" else "hits"]
-        if not isinstance(fields, Iterable):
-            raise UsageError(f"fields of {reprlib.repr(fields)}: it must be the names of columns, "
-                             "as ('t', 'prim')")
-        fields = list(fields)
-        for name in fields:
-            if fields.count(name) > 1:
-                raise UsageError(f"fields name {name!r} twice")
-        if max_hits is not None and kind not in _lists.CSR:
-            raise UsageError(f"max_hits is of the kinds {' and '.join(_lists.CSR)}, not of {kind}")
-        most = _limits.hits_max if kind == "multi" else _limits.all_hits_max
-        return Query(self._client.connection, {
-            "job": job_message(self.name, job), "kind": kind, "fields": fields,
-            "max_hits": 0 if max_hits is None else whole("max_hits", max_hits, most),
-            "reduce": reduce}, source, origin, expected)
+        message = query_message(self.name, kind, fields, max_hits, job, reduce)
+        return Query(self._client.connection, message, source, origin, expected)
 
     # ---- pictures -------------------------------------------------------------------------------
 

@@ -224,19 +224,19 @@ class Connection:
             raise errors.ProtocolError(f"the daemon answered {name} with {kind}")
         return self.again(once) if name in HARMLESS else once()
 
-    def queue(self, name: str, message: Message, block: str = "", data: Optional[Array] = None,
-              width: int = 1) -> None:
-        """Queues a frame of the running request. `data` must be contiguous, must fit the credit and
-        must not change until it was sent."""
+    def queue(self, name: str, message: Message, *blocks: tuple[str, Array, int]) -> None:
+        """Queues a frame of the running request. A block is (name, data, values per element): data
+        that is contiguous, fits the credit and does not change until it was sent."""
         bulk: list[memoryview] = []
-        if data is not None:
-            message = {**message, "blocks": [describe(block, data, width)]}
-            gap = padding(data.nbytes)
-            bulk = [_bytes_of(data)] + [memoryview(bytes(gap))] * (gap > 0)
-            self.credit -= data.nbytes + gap
+        if blocks:
+            message = {**message, "blocks": []}
+        for block, data, width in blocks:
+            message["blocks"].append(describe(block, data, width, sum(map(len, bulk))))
+            bulk += [each for each in (_bytes_of(data), memoryview(bytes(padding(data.nbytes)))) if each]
+        bulk_bytes = sum(map(len, bulk))
+        self.credit -= bulk_bytes
         control = encode(name, message)
-        header = Header(SCHEMA.types[name], len(control), int(data is not None),
-                        sum(map(len, bulk)), self._id)
+        header = Header(SCHEMA.types[name], len(control), len(blocks), bulk_bytes, self._id)
         self._outbox.append([memoryview(write_header(header) + control), *bulk])
 
     def _check_process(self) -> None:

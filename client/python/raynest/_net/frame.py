@@ -76,10 +76,10 @@ def read_header(data: bytes) -> Header:
     return Header(kind, control_bytes, block_count, bulk_bytes, request_id)
 
 
-def describe(name: str, data: Array, width: int) -> dict[str, Any]:
-    """Describes `data` as the only block of a frame, as the schema's Block."""
+def describe(name: str, data: Array, width: int, offset: int) -> dict[str, Any]:
+    """Describes `data` as a block of a frame, as the schema's Block."""
     return {"name": name, "dtype": DTYPES.index(data.dtype), "count": data.size // width,
-            "stride": width * data.itemsize, "offset": 0, "bytes": data.nbytes}
+            "stride": width * data.itemsize, "offset": offset, "bytes": data.nbytes}
 
 
 def read_blocks(header: Header, described: list[dict[str, Any]]) -> list[Block]:

@@ -27,7 +27,7 @@ class JobOptions(TypedDict, total=False):
     intersector: Optional[str]      # a variant's name; "auto" masks by alpha where the scene does
     params: Optional[Mapping[str, object]]  # of the intersector: {"cutoff": 0.3}, a table as an array
     traversal: Optional[str]        # "auto", or one of those that `raynest query --help` lists
-    mask: Optional[int]             # rays see instances that share a bit with it
+    mask: Any                       # rays see instances that share a bit with it; of rays that are sent also (N,)
     epoch: Optional[int]            # of the scene; 0 is the current one
     deadline: Optional[float]       # seconds; 0 is none
     priority: Optional[str]         # "normal", "low" or "high"
@@ -136,6 +136,8 @@ def job_message(scene: str, options: JobOptions) -> Message:
     message: Message = {key: value for key, value in options.items()
                         if key not in ("params", "deadline", "hide", "only")}
     message["scene"] = scene
+    if np.ndim(options.get("mask")):
+        raise UsageError("mask must be one number here: rays that trace(), stream() and occluded() send have one each")
     if options.get("time") is not None:
         message["timed"] = True
     for key, prefix in (("hide", "hidden"), ("only", "only")):

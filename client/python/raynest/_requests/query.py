@@ -2,17 +2,19 @@
 from __future__ import annotations
 
 import contextlib
-from typing import Callable, Generator, Optional, Sequence
+import reprlib
+from typing import Callable, Generator, Iterable, Optional, Sequence, Union
 
 import numpy as np
 
 from .. import _limits, _lists
 from .._net.connection import Connection
 from .._net.control import Message
-from .._net.frame import Array, Block, padding
-from ..errors import ProtocolError
+from .._net.frame import ALIGNMENT, Array, Block, padding
+from ..errors import ProtocolError, UsageError
+from .arguments import whole
 from .columns import REDUCED, Answered, Chunk
-from .job import Outcome, SceneMoved
+from .job import JobOptions, Outcome, SceneMoved, job_message
 from .rays import Source
 
 # Returns the arrays that receive the columns of a chunk, one for each of its blocks.
@@ -96,6 +98,29 @@ class Answer:
         return chunk
 
 
+def query_message(scene: str, kind: Optional[str], fields: Union[str, Sequence[str], None],
+                  max_hits: Optional[int], job: JobOptions, reduce: str) -> Message:
+    """Returns the schema's message, without its rays."""
+    if kind is None:
+        kind = _lists.REDUCED_KIND.get(reduce, "closest")
+    if isinstance(fields, str):
+        fields = (fields,)
+    if fields is None:
+        fields = () if reduce else _lists.SHOWN["any" if kind == "any" else "hits"]
+    if not isinstance(fields, Iterable):
+        raise UsageError(f"fields of {reprlib.repr(fields)}: it must be the names of columns, "
+                         "as ('t', 'prim')")
+    fields = list(fields)
+    for name in fields:
+        if fields.count(name) > 1:
+            raise UsageError(f"fields name {name!r} twice")
+    if max_hits is not None and kind not in _lists.CSR:
+        raise UsageError(f"max_hits is of the kinds {' and '.join(_lists.CSR)}, not of {kind}")
+    most = _limits.hits_max if kind == "multi" else _limits.all_hits_max
+    return {"job": job_message(scene, job), "kind": kind, "fields": fields,
+            "max_hits": 0 if max_hits is None else whole("max_hits", max_hits, most), "reduce": reduce}
+
+
 class Query(Answer):
     """A query. `message` is the schema's without its rays, from which `origin` was subtracted. With
     `expects_origin` SceneMoved is raised if the scene has another one."""
@@ -133,16 +158,19 @@ class Query(Answer):
         return most * self._sent // sent if sent else most
 
     def feed(self) -> None:
-        daemon, rays = self._connection.daemon, self._source.sent
-        ray_bytes = 4 * rays.width
+        daemon, rays, masks = self._connection.daemon, self._source.sent, self._source.masks
+        widths = (rays.width,) if masks is None else (rays.width, 1)
+        room = daemon.bulk_bytes_max - ALIGNMENT * (len(widths) - 1)    # each block is padded
         while self._sent < rays.count:
-            count = min(rays.count - self._sent, daemon.chunk_rays_max,
-                        daemon.bulk_bytes_max // ray_bytes)
-            size = count * ray_bytes
-            if self._connection.credit < size + padding(size):
+            first = self._sent
+            count = min(rays.count - first, daemon.chunk_rays_max, max(1, room // (4 * sum(widths))))
+            sizes = [4 * count * width for width in widths]
+            if self._connection.credit < sum(size + padding(size) for size in sizes):
                 return
-            self._connection.queue("QueryRays", {"first_ray": self._sent, **rays.common}, "rays",
-                                   rays.frame(self._sent, count), width=rays.width)
+            blocks = [("rays", rays.frame(first, count), rays.width)]
+            if masks is not None:
+                blocks.append(("masks", masks[first:first + count], 1))
+            self._connection.queue("QueryRays", {"first_ray": first, **rays.common}, *blocks)
             self._sent += count
 
     def detach(self) -> int:

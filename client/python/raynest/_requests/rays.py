@@ -17,7 +17,8 @@ import numpy as np
 from .._net.control import Message
 from .._net.frame import Array
 from ..errors import RayWarning, UsageError, warn
-from .arguments import float32, numbers, real
+from .arguments import float32, numbers, real, whole_numbers
+from .job import JobOptions
 
 
 @dataclasses.dataclass(frozen=True)
@@ -105,10 +106,28 @@ class Source:
     generator: Optional[Message] = None     # makes the rays in the daemon
     stands: Optional[Starts] = None         # where it stands, if the caller says it
     part: tuple[int, int] = (0, 0)          # of the generator's rays, of a hemisphere its points: first, count
+    masks: Optional[Array] = None           # of each ray or point that is sent, uint32
 
     @property
     def starts(self) -> Starts:
         return self.stands or self.sent.starts
+
+
+def masked(source: Source, job: JobOptions) -> tuple[Source, JobOptions]:
+    """Returns both with the mask of each ray in the source, if the options have an array of them."""
+    given = job.get("mask")
+    if given is None or np.ndim(given) == 0:
+        return source, job
+    if source.count and not source.sent.count:
+        raise UsageError("the daemon makes these rays, which have one mask: pass a number")
+    masks = whole_numbers("mask", given)
+    if masks.shape != (source.sent.count,):
+        raise UsageError(f"mask of shape {masks.shape} for {source.sent.count} rays: it must be one number, or "
+                         "one for each ray")
+    if (masks > 2**32 - 1).any():
+        raise UsageError(f"mask of {masks.max()}: a mask is a number from 0 to {2**32 - 1}")
+    return (dataclasses.replace(source, masks=masks.astype(np.uint32)),
+            {key: value for key, value in job.items() if key != "mask"})  # type: ignore[return-value]
 
 
 def half_step(points: Array) -> Array:
@@ -193,6 +212,14 @@ def flat_pairs(first: Any, second: Any) -> tuple[Array, Array, tuple[int, ...]]:
     if a.shape[-1] != 3:
         raise UsageError(f"points must be (..., 3), not {a.shape}")
     return a.reshape(-1, 3), b.reshape(-1, 3), a.shape[:-1]
+
+
+def spread(what: str, values: Any, shape: tuple[int, ...]) -> Array:
+    """Returns a value for each of the pairs, as flat_pairs() orders them."""
+    try:
+        return np.broadcast_to(np.asarray(values), shape).reshape(-1)
+    except ValueError:
+        raise UsageError(f"{what} of shape {np.shape(values)}: it must be one number, or fit {shape}") from None
 
 
 def pair(first: Any, second: Any) -> tuple[Array, Array]:

@@ -211,7 +211,7 @@ class FileSender:
             piece = self._data[self._offset:self._offset + most]
             if connection.credit < len(piece) + padding(len(piece)):
                 return
-            connection.queue("Upload", {"file": self._number, "offset": self._offset}, "data", piece)
+            connection.queue("Upload", {"file": self._number, "offset": self._offset}, ("data", piece, 1))
             self._offset += len(piece)
 
     def again(self) -> None:
@@ -260,7 +260,7 @@ class Sender:
             piece = self._rest[:min(PIECE_BYTES, self._connection.daemon.bulk_bytes_max)]
             if self._connection.credit < len(piece) + padding(len(piece)):
                 return
-            self._connection.queue("Upload", {"file": self._needed[0], "offset": self._offset}, "data", piece)
+            self._connection.queue("Upload", {"file": self._needed[0], "offset": self._offset}, ("data", piece, 1))
             self._rest = self._rest[len(piece):]
             self._offset += len(piece)
             self.sent += len(piece)
