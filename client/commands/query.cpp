@@ -151,9 +151,10 @@ void declare(CommandLine& line, QueryOptions& query) {
     add_point(line, "--from", "start of all rays; --rays then holds their directions",
               [&query](const WorldPoint& point) { query.from = point; })
         .needs(file);
-    line.add_option("--masks", query.masks_file,
-                    "FILE.npy of shape (N,): a mask for each ray, or point, that is sent, as --mask "
-                    "is for all; at most 64 different ones");
+    line.add_option(
+        "--masks", query.masks_file,
+        "FILE.npy of shape (N,): a mask for each ray, or point, that is sent, as --mask "
+        "is for all; at most 64 different ones");
     line.add_parsed(
             "--origin",
             [](const std::string&) -> std::string {
