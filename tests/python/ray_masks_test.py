@@ -118,7 +118,7 @@ class RayMasks(WithDaemon):
         for mask in MASKS:
             np.testing.assert_array_equal(free[masks == mask], self.woods.occluded(a, b, mask=int(mask))[masks == mask])
         self.assertTrue(free.any() and not free.all())
-        # The all pairs, a mask for each of one side: each robot does not see itself.
+        # All pairs, with a mask for each of one side: each robot does not see itself.
         pairs = self.woods.occluded(a[:40, None], b[None, :30], mask=masks[:40, None])
         for i in range(40):
             np.testing.assert_array_equal(pairs[i], self.woods.occluded(a[i], b[:30], mask=int(masks[i])))
