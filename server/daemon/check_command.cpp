@@ -24,6 +24,17 @@ int failed(const std::string& why) {
     return 1;
 }
 
+/// Checks what back_up() or restore() has made. `missing` is their outcome.
+int check_copy(const std::filesystem::path& from, const Result<std::uint64_t>& missing,
+               const std::filesystem::path& to) {
+    if (!missing) return failed(missing.error().message);
+    const int checked = check_state(to);
+    if (*missing != 0)
+        return failed(std::to_string(*missing) + " scenes have lost their blobs in " +
+                      from.string() + "; load them again");
+    return checked;
+}
+
 }  // namespace
 
 int check_state(const std::filesystem::path& folder) {
@@ -59,13 +70,35 @@ int check_state(const std::filesystem::path& folder) {
 
 int back_up_state(const std::filesystem::path& from, const std::filesystem::path& to) {
     (void)std::signal(SIGXFSZ, SIG_IGN);  // write() says EFBIG
-    const auto missing = back_up(from, to);
-    if (!missing) return failed(missing.error().message);
-    const int checked = check_state(to);
-    if (*missing != 0)
-        return failed(std::to_string(*missing) + " scenes have lost their blobs in " +
-                      from.string() + "; load them again");
-    return checked;
+    return check_copy(from, back_up(from, to), to);
+}
+
+int restore_state(const std::filesystem::path& backup, const std::filesystem::path& folder) {
+    (void)std::signal(SIGXFSZ, SIG_IGN);
+    Result<std::uint64_t> missing;
+    {
+        const auto lock = StateLock::take(folder);
+        if (!lock) return failed(lock.error().message);
+        missing = restore(backup, folder);
+    }
+    const int code = check_copy(backup, missing, folder);
+    std::error_code error;
+    if (missing && std::filesystem::exists(folder / "replaced", error))
+        std::cout << "before it held what is now in " << (folder / "replaced").string()
+                  << "; once all is well, raynestd gc " << folder.string() << " removes that\n";
+    return std::cout.flush() ? code : failed("cannot write stdout");
+}
+
+int remove_state_garbage(const std::filesystem::path& folder) {
+    std::error_code error;
+    if (!std::filesystem::exists(folder / "manifest.sqlite", error))
+        return failed(folder.string() + " is no state folder: it has no manifest.sqlite");
+    const auto lock = StateLock::take(folder);
+    if (!lock) return failed(lock.error().message);
+    const auto bytes = remove_garbage(folder);
+    if (!bytes) return failed(bytes.error().message);
+    std::cout << protocol::bytes_text(*bytes) << " removed\n";
+    return std::cout.flush() ? 0 : failed("cannot write stdout");
 }
 
 }  // namespace raynest::server

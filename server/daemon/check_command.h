@@ -1,5 +1,5 @@
-// raynestd check DIR looks at a state folder while no daemon uses it; raynestd backup DIR NEW
-// copies one while a daemon may use it.
+// The care of a state folder: raynestd check, restore and gc while no daemon uses it, raynestd backup
+// while one may.
 #pragma once
 
 #include <filesystem>
@@ -13,5 +13,14 @@ namespace raynest::server {
 /// Makes a copy, checks that as above, and prints what it holds. Returns the exit code: 0 if all
 /// scenes of the copy are whole, else 1.
 [[nodiscard]] int back_up_state(const std::filesystem::path& from, const std::filesystem::path& to);
+
+/// Puts a backup in the place of what the folder holds, checks that as above, and prints what it
+/// holds. Returns the exit code likewise.
+[[nodiscard]] int restore_state(const std::filesystem::path& backup,
+                                const std::filesystem::path& folder);
+
+/// Removes what no scene needs, and prints how much that was. Returns the exit code: 0, or 1 if it
+/// cannot.
+[[nodiscard]] int remove_state_garbage(const std::filesystem::path& folder);
 
 }  // namespace raynest::server

@@ -22,6 +22,7 @@
 #include <functional>
 #include <iomanip>
 #include <iostream>
+#include <span>
 #include <string>
 #include <string_view>
 #include <vector>
@@ -353,21 +354,40 @@ std::string command_fault(std::string_view group, std::string_view word) {
            "; use one of: " + names;
 }
 
+/// A command for a state folder: its name, and words that are folders.
+struct StateCommand {
+    std::string_view name;
+    std::size_t words;
+    const char* usage;
+    int (*run)(const char* const* words);
+};
+constexpr std::array<StateCommand, 4> state_commands = {{
+    {"check", 1, "raynestd check DIR looks at a state folder that no daemon uses",
+     [](const char* const* words) { return check_state(words[0]); }},
+    {"backup", 2,
+     "raynestd backup DIR NEW copies the state folder DIR, which a daemon may use, to the new "
+     "folder NEW; raynestd restore brings it back",
+     [](const char* const* words) { return back_up_state(words[0], words[1]); }},
+    {"restore", 2,
+     "raynestd restore BACKUP DIR puts what raynestd backup has made in the place of what the "
+     "state "
+     "folder DIR holds, which no daemon uses",
+     [](const char* const* words) { return restore_state(words[0], words[1]); }},
+    {"gc", 1,
+     "raynestd gc DIR removes what no scene of a state folder needs, while no daemon uses it",
+     [](const char* const* words) { return remove_state_garbage(words[0]); }},
+}};
+
 }  // namespace
 
 std::optional<int> run_command(int argc, const char* const* argv) {
     const std::string_view word = argc > 1 ? argv[1] : "";
-    if (word == "check") {
-        if (argc == 3 && argv[2][0] != '-') return check_state(argv[2]);
-        return failed("raynestd check DIR looks at a state folder that no daemon uses", exit_usage);
-    }
-    if (word == "backup") {
-        if (argc == 4 && argv[2][0] != '-' && argv[3][0] != '-')
-            return back_up_state(argv[2], argv[3]);
-        return failed(
-            "raynestd backup DIR NEW copies the state folder DIR, which a daemon may use, to the "
-            "new folder NEW; to restore it, start with --state NEW",
-            exit_usage);
+    for (const StateCommand& command : state_commands) {
+        if (word != command.name) continue;
+        const std::span<const char* const> words(argv + 2, static_cast<std::size_t>(argc - 2));
+        const bool is_usage = words.size() != command.words ||
+                              std::ranges::any_of(words, [](auto* w) { return w[0] == '-'; });
+        return is_usage ? failed(command.usage, exit_usage) : command.run(words.data());
     }
     if (word != "tls" && word != "token") return std::nullopt;
     if (const std::string fault = command_fault(word, argc > 2 ? argv[2] : ""); !fault.empty())

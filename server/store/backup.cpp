@@ -7,8 +7,10 @@
 #include <sys/stat.h>
 #include <unistd.h>
 
+#include <array>
 #include <cerrno>
 #include <set>
+#include <span>
 #include <string>
 #include <system_error>
 #include <utility>
@@ -115,6 +117,24 @@ Result<std::uint64_t> fill(const fs::path& from, const fs::path& to) {
     return missing;
 }
 
+/// The parts of a state folder, in two orders: the manifest leaves first and comes last, for without
+/// it nothing else counts.
+constexpr std::array moves_out = {"manifest.sqlite", "manifest.sqlite-wal", "manifest.sqlite-shm",
+                                  "damaged", "blobs"};
+constexpr std::array moves_in = {"blobs", "damaged", "manifest.sqlite-shm", "manifest.sqlite-wal",
+                                 "manifest.sqlite"};
+
+Result<void> move_parts(const fs::path& from, const fs::path& to,
+                        std::span<const char* const> parts) {
+    std::error_code error;
+    for (const char* part : parts) {
+        if (!fs::exists(fs::symlink_status(from / part, error))) continue;
+        if (::rename((from / part).c_str(), (to / part).c_str()) != 0)
+            return refused("cannot move " + (from / part).string(), errno);
+    }
+    return {};
+}
+
 }  // namespace
 
 Result<std::uint64_t> back_up(const fs::path& from, const fs::path& to) {
@@ -146,6 +166,73 @@ Result<std::uint64_t> back_up(const fs::path& from, const fs::path& to) {
     }
     fs::remove_all(unfinished, error);
     return missing;
+}
+
+Result<std::uint64_t> restore(const fs::path& backup, const fs::path& folder) {
+    const fs::path replaced = folder / "replaced";
+    const fs::path copy = folder / "restoring";
+    std::error_code error;
+    if (fs::exists(fs::symlink_status(replaced, error)))
+        return fail(ErrorCode::io_failed,
+                    replaced.string() +
+                        " holds what an earlier restore has replaced; move it away, "
+                        "or remove it with raynestd gc " +
+                        folder.string());
+    // Another one that was cut off; nobody else is here.
+    fs::remove_all(copy, error);
+    fs::remove_all(folder / "restoring.unfinished", error);
+    const auto missing = back_up(backup, copy);
+    if (!missing) return missing;
+    if (::mkdir(replaced.c_str(), S_IRWXU) != 0)
+        return refused("cannot make " + replaced.string(), errno);
+    const auto put_back = [&] { (void)move_parts(replaced, folder, moves_in); };
+    if (const auto moved = move_parts(folder, replaced, moves_out); !moved) {
+        put_back();
+        return tl::unexpected(moved.error());
+    }
+    if (const auto moved = move_parts(copy, folder, moves_in); !moved) {
+        (void)move_parts(folder, copy, moves_out);
+        put_back();
+        return tl::unexpected(moved.error());
+    }
+    fs::remove(copy, error);
+    fs::remove(replaced, error);  // if it is empty
+    if (const auto done = flush(folder, O_DIRECTORY); !done) return tl::unexpected(done.error());
+    return missing;
+}
+
+Result<std::uint64_t> remove_garbage(const fs::path& folder) {
+    std::set<std::string> used;
+    {
+        auto manifest = Manifest::open(folder / "manifest.sqlite", true);
+        if (!manifest) return tl::unexpected(manifest.error());
+        const auto rows = manifest->rows();
+        if (!rows) return tl::unexpected(rows.error());
+        for (const StoredScene& row : *rows) used.insert(row.digest);
+    }
+    std::error_code error;
+    std::vector<fs::path> garbage = {folder / "replaced", folder / "restoring",
+                                     folder / "restoring.unfinished"};
+    for (const auto& file : fs::directory_iterator(folder / "damaged", error))
+        garbage.push_back(file.path());
+    for (const auto& file : fs::directory_iterator(folder / "blobs", error))
+        if (!used.contains(file.path().filename().string())) garbage.push_back(file.path());
+    std::uint64_t bytes = 0;
+    for (const fs::path& path : garbage) {
+        std::uint64_t here = 0;
+        const auto add = [&](const fs::directory_entry& file) {
+            if (file.is_regular_file(error) && !file.is_symlink(error))
+                here += file.file_size(error);
+        };
+        add(fs::directory_entry(path, error));
+        for (const auto& file : fs::recursive_directory_iterator(path, error)) add(file);
+        fs::remove_all(path, error);
+        if (error)
+            return fail(ErrorCode::io_failed,
+                        "cannot remove " + path.string() + ": " + error.message());
+        bytes += here;
+    }
+    return bytes;
 }
 
 }  // namespace raynest::server

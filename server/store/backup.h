@@ -1,4 +1,4 @@
-// A copy of a state folder, made while a daemon uses it.
+// A copy of a state folder, made while a daemon uses it, and the way back.
 #pragma once
 
 #include "engine/result.h"
@@ -14,5 +14,17 @@ namespace raynest::server {
 /// Blocks.
 [[nodiscard]] Result<std::uint64_t> back_up(const std::filesystem::path& from,
                                             const std::filesystem::path& to);
+
+/// Puts a copy of the state folder `backup` in the place of all that `folder` holds, which is moved
+/// to its folder `replaced`; makes `folder` if it is not there. No daemon may use it: the caller has
+/// its StateLock. If it fails, `folder` holds what it held. Returns the number of scenes whose blob
+/// is gone from `backup`. Fails with io_failed. Blocks.
+[[nodiscard]] Result<std::uint64_t> restore(const std::filesystem::path& backup,
+                                            const std::filesystem::path& folder);
+
+/// Removes what no scene of the state folder needs: blobs without a row, damaged blobs, unfinished
+/// files, and what a restore has replaced. The caller has the StateLock. Returns their bytes. Fails
+/// with io_failed, and removes nothing if the manifest cannot be read. Blocks.
+[[nodiscard]] Result<std::uint64_t> remove_garbage(const std::filesystem::path& folder);
 
 }  // namespace raynest::server

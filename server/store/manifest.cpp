@@ -18,7 +18,8 @@ namespace {
 /// Tells a manifest from files of other programs: "RNST".
 constexpr int application = 0x524E5354;
 constexpr const char* remedy =
-    "; nothing was changed. Start with a backup (raynestd backup), or name another --state";
+    "; nothing was changed. Bring a backup back (raynestd restore BACKUP DIR), or name another "
+    "--state";
 
 std::string joined(const std::vector<std::string>& share) {
     std::string list;

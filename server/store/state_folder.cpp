@@ -135,7 +135,7 @@ Result<std::unique_ptr<StateFolder>> StateFolder::open(const fs::path& folder) {
             ErrorCode::io_failed,
             "the manifest " + manifest_file.string() +
                 " is damaged: it is gone or empty, and there are scenes; nothing was changed. "
-                "Start with a backup (raynestd backup), or remove the folder blobs");
+                "Bring a backup back (raynestd restore BACKUP DIR), or remove the folder blobs");
     auto manifest = Manifest::open(manifest_file);
     if (!manifest) return tl::unexpected(manifest.error());
     auto rows = manifest->rows();

@@ -1,5 +1,6 @@
 #!/usr/bin/env python3
-"""raynestd backup copies a state folder while a daemon uses it.
+"""raynestd backup copies a state folder while a daemon uses it, restore brings the copy back, and gc
+removes what no scene needs.
 
   backup_test.py RAYNESTD RAYNEST
 """
@@ -87,6 +88,79 @@ class Backup(WithState):
             daemon.process.wait()
         self.assertEqual(epochs, sorted(epochs))
         self.assertGreater(epochs[-1], epochs[0])
+
+    def test_a_restore_puts_the_backup_in_the_place_of_all(self):
+        client = self.start()
+        client.run("load", WOODS, "--name", "woods")
+        client.run("edit", "woods", "--move", "birch-1=0,0,3", "--keep")
+        told, hits, copy = self.scenes(), self.hits("woods"), self.folder / "copy"
+        self.raynestd_says(0, "backup", self.state, copy)
+        self.assertIn("another daemon uses", self.raynestd_says(1, "restore", copy, self.state))
+        client.run("load", f"{WOODS}&seed=2", "--name", "later")
+        later = self.scenes()["later"]["hash"]
+        self.kill()
+        for part in self.state.glob("manifest.sqlite*"):
+            part.unlink()
+        (self.state / "manifest.sqlite").write_bytes(b"damaged" * 1000)
+        self.assertIn("raynestd restore BACKUP DIR", self.refused())
+        # A backup that is none changes nothing.
+        for wrong in (self.folder / "gone", self.folder):
+            self.assertIn("is no state folder", self.raynestd_says(1, "restore", wrong, self.state))
+        self.assertEqual((self.state / "manifest.sqlite").read_bytes(), b"damaged" * 1000)
+        self.assertTrue((self.blobs / later).exists())
+
+        said = self.raynestd_says(0, "restore", copy, self.state)
+        self.assertIn("1 scenes", said)
+        self.assertIn("replaced", said)
+        self.assertTrue((self.state / "replaced" / "blobs" / later).exists())
+        self.assertIn("earlier restore", self.raynestd_says(1, "restore", copy, self.state))
+        self.start()
+        back = self.scenes()
+        self.assertEqual([(name, scene["hash"], scene["epoch"]) for name, scene in back.items()],
+                         [(name, scene["hash"], scene["epoch"]) for name, scene in told.items()])
+        self.assertEqual(self.hits("woods"), hits)
+        # A folder that is new, or empty, has nothing to put aside.
+        for number, folder in enumerate((self.folder / "new", self.folder / "empty")):
+            if number:
+                folder.mkdir()
+            self.assertNotIn("replaced", self.raynestd_says(0, "restore", copy, folder))
+            self.assertEqual({part.name for part in folder.iterdir()}, {"lock", "blobs", "damaged", "manifest.sqlite"})
+        # One that was cut off is made anew.
+        (self.folder / "new" / "restoring.unfinished").mkdir()
+        (self.folder / "new" / "restoring").mkdir()
+        self.raynestd_says(0, "restore", copy, self.folder / "new")
+        self.assertFalse((self.folder / "new" / "restoring").exists())
+
+    def test_garbage_goes_and_scenes_stay(self):
+        client = self.start()
+        client.run("load", WOODS, "--name", "woods")
+        hits = self.hits("woods")
+        self.assertIn("another daemon uses", self.raynestd_says(1, "gc", self.state))
+        self.kill()
+        digest, = os.listdir(self.blobs)
+        (self.blobs / ("0" * 64)).write_bytes(b"x" * 3_000_000)
+        (self.blobs / ".unfinished").write_bytes(b"x" * 1_000_000)
+        (self.state / "damaged" / digest).write_bytes(b"x" * 2_000_000)
+        (self.state / "replaced" / "blobs").mkdir(parents=True)
+        (self.state / "replaced" / "blobs" / digest).write_bytes(b"x" * 4_000_000)
+        self.assertIn("9.5 MiB removed", self.raynestd_says(0, "gc", self.state))
+        self.assertEqual(os.listdir(self.blobs), [digest])
+        self.assertEqual(os.listdir(self.state / "damaged"), [])
+        self.assertFalse((self.state / "replaced").exists())
+        self.assertIn("0 B removed", self.raynestd_says(0, "gc", self.state))
+        self.start()
+        self.assertEqual(self.hits("woods"), hits)
+        self.kill()
+        self.assertIn("is no state folder", self.raynestd_says(1, "gc", self.folder))
+        # Without its manifest nobody knows what is garbage.
+        for part in self.state.glob("manifest.sqlite*"):
+            part.unlink()
+        (self.state / "manifest.sqlite").write_bytes(b"damaged" * 1000)
+        self.raynestd_says(1, "gc", self.state)
+        self.assertEqual(os.listdir(self.blobs), [digest])
+        for words in ((), (self.state, self.state), ("--all", )):
+            self.assertIn("raynestd gc DIR", self.raynestd_says(2, "gc", *words))
+            self.assertIn("raynestd restore BACKUP DIR", self.raynestd_says(2, "restore", *words[:1]))
 
     def test_what_cannot_be_copied_leaves_nothing(self):
         client = self.start()
