@@ -251,6 +251,12 @@ class Compositions(WithFiles):
         yield '{"rnscene": 1, "objects": {}, "objects": {}, "instances": []}', "'objects' twice"
         yield '{"objects": {}}', "begins with {\"rnscene\": 1"
         yield '{"rnscene": 2, "objects": {}, "instances": []}', "another version"
+        yield '{"rnscene": 1e999}', "beyond 1e308"
+        yield {"objects": tri, "instances": [{**at[0], "name": ""}]}, "an empty name"
+        yield {"objects": tri, "instances": [{**at[0], "uid": 0xFFFFFFFF}]}, "stands for no user id"
+        for table, words in (("turned", "last row is not 0 0 0 1"), ("nan", "last row is not 0 0 0 1"),
+                             ("flat", "its shape is to be"), ("wide", "its shape is to be")):
+            yield {"objects": tri, "instances": [{**at[0], "matrices": f"{table}.npy"}]}, words
         yield {"objects": tri}, "has no 'instances'"
         yield {"objects": tri, "instances": at, "light": 1}, "'light', which is none of"
         yield {"objects": {"a": {}}, "instances": at}, "objects.a has no 'file'"
@@ -290,6 +296,12 @@ class Compositions(WithFiles):
         self.write("two.gltf", gltf(TRIANGLE, np.array([[0, 1, 2]])))
         self.write("shape of.bin", binary(TRIANGLE, np.array([[0, 1, 2]])))
         np.save(self.scenes / "bad.npy", np.zeros((5, 7)))
+        turned = np.eye(4)
+        turned[3, 0] = 3
+        np.save(self.scenes / "turned.npy", [np.eye(4), turned])
+        np.save(self.scenes / "nan.npy", [np.diag([1, 1, 1, np.nan])])
+        np.save(self.scenes / "flat.npy", np.eye(4)[:3].reshape(1, 12))
+        np.save(self.scenes / "wide.npy", np.ones((2, 4, 3)))
         for data, words in self.refusals():
             with self.subTest(words):
                 path = self.write("x.rnscene.json", data)
@@ -300,6 +312,42 @@ class Compositions(WithFiles):
                 with self.assertRaises(raynest.InvalidError) as caught:
                     self.python.load(path)
                 self.assertIn(words, str(caught.exception))
+
+    def test_user_ids_of_groups_of_one_and_of_many(self):
+        self.write("a.obj", obj(TRIANGLE, np.array([[0, 1, 2]])))
+        self.write("one.gltf", gltf(TRIANGLE, np.array([[0, 1, 2]])))
+        self.write("shape of.bin", binary(TRIANGLE, np.array([[0, 1, 2]])))
+        self.write("inner.rnscene.json", {"objects": {"t": {"file": "a.obj"}}, "instances": [{"object": "t", "uid": 5}]})
+        np.save(self.scenes / "table.npy", np.zeros((1, 3)))
+        single = {"instances": [{"object": "t", "uid": 5}]}
+        double = {"instances": [{"object": "t", "uid": 5}, {"object": "t", "uid": 6, "translation": [3, 0, 0]}]}
+        alone = self.python.load(self.scenes / "one.gltf", replace=True).trace([.2, .2, 5, 0, 0, -1], fields=("uid",))["uid"][0]
+        self.assertEqual(alone, 1)
+        for name, objects, placed, wanted in (
+                ("single", {"g": single}, {"object": "g"}, 5),
+                ("twice", {"g": single}, {"object": "g", "matrices": [np.eye(4)[:3].tolist(), pose(0, 0, -1).tolist()]}, 5),
+                ("deep", {"g": single, "h": {"instances": [{"object": "g"}]}}, {"object": "h"}, 5),
+                ("double", {"g": double}, {"object": "g"}, 5),
+                ("table", {"g": {"instances": [{"object": "t", "uid": 5, "matrices": "table.npy"}]}}, {"object": "g"}, 5),
+                ("file", {"g": {"file": "inner.rnscene.json"}}, {"object": "g"}, 5),
+                ("glTF", {"g": {"file": "one.gltf"}}, {"object": "g"}, alone),
+                ("outer", {"g": single}, {"object": "g", "uid": 7}, 7),
+                ("outer of many", {"g": double}, {"object": "g", "uid": 7}, 7)):
+            with self.subTest(name):
+                scene = self.load("x.rnscene.json", {"objects": {"t": {"file": "a.obj"}, **objects}, "instances": [placed]})
+                self.assertEqual(scene.trace([.2, .2, 5, 0, 0, -1], fields=("uid",))["uid"][0], wanted)
+
+    def test_coordinates_that_float32_rounds_are_told(self):
+        self.write("a.obj", obj(TRIANGLE, np.array([[0, 1, 2]])))
+        far = [{"object": "t", "translation": [4_000_000.37, 0, 0]}]
+        t = {"t": {"file": "a.obj"}}
+        for data in ({"objects": t, "instances": far},
+                     {"objects": {**t, "g": {"instances": far}}, "instances": [{"object": "g"}]}):
+            with self.assertWarnsRegex(raynest.SceneWarning, "rounding to float32 moves .* 0.12, its size is 1"):
+                self.load("x.rnscene.json", data)
+        with warnings.catch_warnings():
+            warnings.simplefilter("error")
+            self.load("x.rnscene.json", {"objects": t, "instances": far, "origin": [4_000_000, 0, 0]})
 
     def test_options_of_a_load_that_it_says_itself(self):
         path = self.write("own.rnscene.json", self.town())

@@ -9,6 +9,7 @@
 #include "engine/scene/edits/link.h"
 #include "engine/scene/edits/linked_paths.h"
 #include "engine/scene/path_table.h"
+#include "engine/scene/precision.h"
 
 #include <fmt/format.h>
 #include <fmt/ranges.h>
@@ -179,21 +180,31 @@ private:
                                     one_line(places.table)));
         const auto array = parse_npy(*file, limits_);
         if (!array) return tl::unexpected(array.error());
-        const std::uint64_t width = array->width();
-        if (width != 3 && width != 12 && width != 16)
+        using Shape = std::vector<std::uint64_t>;
+        const Shape row_shape(array->shape.begin() + 1, array->shape.end());
+        if (row_shape != Shape{3} && row_shape != Shape{3, 4} && row_shape != Shape{4, 4})
             return refuse_array(one_line(*name),
-                                "has no rows of 3 (offsets), 12 or 16 numbers (matrices): its "
-                                "shape is to be (N, 3), (N, 3, 4) or (N, 4, 4)");
+                                "holds neither offsets nor matrices: its shape is to be (N, 3), "
+                                "(N, 3, 4) or (N, 4, 4)");
+        const std::uint64_t width = array->width();
         if (array->shape[0] > limits_.instances_max)
             return fail(ErrorCode::limit_exceeded,
                         fmt::format("'{}' has {} rows; at most {} are allowed", one_line(*name),
                                     array->shape[0], limits_.instances_max));
         std::vector<Matrix> made(array->shape[0], Matrix(1));
-        for (std::uint64_t row = 0; row < made.size(); ++row)
+        for (std::uint64_t row = 0; row < made.size(); ++row) {
+            for (std::uint64_t i = 12; i < width; ++i)
+                if (array->at(row, i) != (i == 15 ? 1 : 0))
+                    return refuse_array(
+                        one_line(*name),
+                        fmt::format("has a matrix, number {}, whose last row is not 0 0 0 1: rows "
+                                    "of a matrix stand one behind the other",
+                                    row));
             for (std::uint64_t i = 0; i < std::min<std::uint64_t>(width, 12); ++i) {
                 const int at = static_cast<int>(i);
                 (width == 3 ? made[row][3][at] : made[row][at % 4][at / 4]) = array->at(row, i);
             }
+        }
         return made;
     }
 
@@ -205,6 +216,7 @@ private:
         base.objects.push_back({object.name, {}, {}, {}, {}, {}, {}});
         if (is_scene) base.origin = composition_.origin;
         bool has_nodes = false;
+        Box bounds;
         for (const Places& places : object.instances) {
             auto scene = scene_of(places.object);
             if (!scene) return tl::unexpected(scene.error());
@@ -213,9 +225,18 @@ private:
             has_nodes |= (*scene)->paths().node_count != 0 || places.uid != no_id;
             AddedScene part{*scene, path_step_text(places.name), {}, {}, places.uid};
             for (const Matrix& matrix : *matrices) {
-                part.to_scene.push_back(
-                    transform_of(less(base.origin) * matrix * translation_by((*scene)->origin())));
+                const Matrix placed =
+                    less(base.origin) * matrix * translation_by((*scene)->origin());
+                part.to_scene.push_back(transform_of(placed));
                 part.masks.push_back(places.mask);
+                const glm::dvec3 moved = glm::dvec3(Vec3(placed[3])) - glm::dvec3(placed[3]);
+                base.rounding = std::max(base.rounding, glm::length(moved));
+                const Box& box = (*scene)->bounds();
+                for (int corner = 0; !box.is_empty() && corner < 8; ++corner)
+                    bounds.extend(Vec3(
+                        placed * glm::dvec4((corner & 1) != 0 ? box.lower.x : box.upper.x,
+                                            (corner & 2) != 0 ? box.lower.y : box.upper.y,
+                                            (corner & 4) != 0 ? box.lower.z : box.upper.z, 1)));
             }
             take_along(part, places, *matrices, base);
             if ((*scene)->statistics().instances != 0) added.push_back(std::move(part));
@@ -225,6 +246,8 @@ private:
         if (has_nodes)
             if (auto fits = check_names(added); !fits) return tl::unexpected(fits.error());
         if (has_nodes) base.path_nodes.push_back({0, base.objects[0].name, 0, 0});
+        if (auto text = rounding_warning(base, bounds); !text.empty())
+            base.warnings.push_back(std::move(text));
         const auto empty = Snapshot::build(base);
         if (!empty) return tl::unexpected(empty.error());
         auto linked = link_scenes(**empty, {}, added);

@@ -155,6 +155,7 @@ Places read_places(const Value& value) {
     Places places;
     places.object = value.at("object").text();
     places.name = value.has("name") ? value.at("name").text() : places.object;
+    if (places.name.empty()) value.refuse_it("has an empty name");
     const bool is_posed = value.has("translation") || value.has("rotation") || value.has("scale");
     if (int{is_posed} + int{value.has("matrix")} + int{value.has("matrices")} > 1)
         value.refuse_it(
@@ -169,7 +170,11 @@ Places read_places(const Value& value) {
         for (const Value& matrix : matrices.list()) places.matrices.push_back(read_matrix(matrix));
     }
     if (value.has("mask")) places.mask = value.at("mask").bits();
-    if (value.has("uid")) places.uid = value.at("uid").bits();
+    if (value.has("uid")) {
+        places.uid = value.at("uid").bits();
+        if (places.uid == no_id)
+            value.at("uid").refuse_it("is 4294967295, which stands for no user id");
+    }
     return places;
 }
 
@@ -247,6 +252,8 @@ Json parse(std::string_view text, const ImportLimits& limits) {
         return Json::parse(text, watch);
     } catch (const Json::parse_error& error) {
         refuse(fmt::format("is not valid JSON (byte {})", error.byte));
+    } catch (const Json::out_of_range&) {
+        refuse("has a number that is beyond 1e308");
     }
 }
 

@@ -80,6 +80,13 @@ private:
     std::vector<PathRun> runs_;
 };
 
+/// The user id of a scene's only placement; no_id where it has more, or none of its own.
+std::uint32_t only_uid(const Snapshot& scene) {
+    if (scene.statistics().instances != 1) return no_id;
+    const NodeTree tree(scene);
+    return tree.table().nodes[tree.table().runs[0].node].source;
+}
+
 }  // namespace
 
 bool is_one_node(const Snapshot& added) {
@@ -170,7 +177,8 @@ void link_paths(const Snapshot& base, std::span<const PathRange> kept,
             const AddedPaths& part = added[a];
             if (level == 0) {
                 if (is_one_node(*part.scene)) {
-                    tops[a] = push({0, part.name, part.first_number, part.uid, no_id}, 0);
+                    const std::uint32_t uid = part.uid != no_id ? part.uid : only_uid(*part.scene);
+                    tops[a] = push({0, part.name, part.first_number, uid, no_id}, 0);
                     continue;
                 }
                 for (std::uint32_t c = 0; c < part.copies; ++c) {
