@@ -135,6 +135,48 @@ class Geotiff(WithFiles):
         kilometres = self.load(tiff(keys=[(3076, 9036)]), unit=1000)
         self.assertAlmostEqual(np.ptp([kilometres.info["box_min"][0], kilometres.info["box_max"][0]]), 28 * 2 * 1000, delta=1)
 
+    def test_heights_may_have_another_unit_than_the_map(self):
+        east, north, height = self.middles()
+        for keys, unit, across, tall in (([(3076, 9003), (4099, 9001)], None, 1200 / 3937, 1),
+                                         ([(3076, 9001), (4099, 9002)], None, 1, 0.3048),
+                                         ([(4099, 9002)], None, 1, 0.3048),
+                                         ([(3076, 9002)], None, 0.3048, 0.3048),
+                                         ([(3076, 9036), (4099, 9001)], 1000, 1000, 1)):
+            with self.subTest(keys=keys):
+                scene = self.load(tiff(keys=keys), **({} if unit is None else {"unit": unit}))
+                hit = scene.trace(down(across * east, across * north), fields=("t",))["t"]
+                np.testing.assert_allclose(1000 - hit, tall * height.ravel(), atol=1e-2)
+        with self.assertWarnsRegex(raynest.SceneWarning, "heights is EPSG:5103.*the map's"):
+            self.check(self.load(tiff(keys=[(4099, 5103)])))
+
+    def test_heights_keep_their_digits(self):
+        exact = np.full((4, 4), 8848.0004)
+        scene = self.load(tiff(exact, kind="f8"), origin=(TIE[3], 8848, -TIE[4]))
+        hit = scene.trace([TIE[3] + 3, 8850, 4.5 - TIE[4], 0, -1, 0], fields=("t",))["t"][0]
+        self.assertAlmostEqual(8850 - hit, 8848.0004, delta=1e-5)
+        whole = np.full((4, 4), 16777216)
+        whole[1, 1] = 16777217
+        with self.assertWarnsRegex(raynest.SceneWarning, "1 height is not known"):
+            self.load(tiff(whole, kind="i4", no_data="16777217"))
+
+    def test_faces_look_up_where_rows_go_north_too(self):
+        north = [2.0, 0, 0, 500_000, 0, 3.0, 0, 5_300_000, 0, 0, 0, 0, 0, 0, 0, 1]
+        for data in (tiff(), tiff(georeference=False, more=[(34264, (DOUBLE, north))])):
+            scene = self.load(data)
+            middle = (np.array(scene.info["box_min"]) + scene.info["box_max"]) / 2
+            hit = scene.trace(down(middle[0], -middle[2]), fields=("ng", "front"))
+            self.assertGreater(hit["ng"][0][1], 0)
+            self.assertTrue(hit["front"][0])
+
+    def test_files_that_are_cut_short_are_refused(self):
+        # The numbers behind the tags come last, as GDAL writes them.
+        point = tiff(keys=[(1024, 1), (1025, 2)], no_data="-9999")
+        whole = self.load(point)
+        self.assertTrue(np.abs(whole.origin).max() > 1e6)
+        for cut in range(1, 90, 4):
+            with self.subTest(cut=cut), self.assertRaisesRegex(raynest.InvalidError, "cut short|damaged|is no TIFF"):
+                self.load(point[:-cut])
+
     def test_a_tiff_without_a_map(self):
         with self.assertWarnsRegex(raynest.SceneWarning, "no place on a map"):
             scene = self.load(tiff(georeference=False))
@@ -162,7 +204,10 @@ class Geotiff(WithFiles):
                 (tiles, (), "tiles of"), (tiff(more=[(277, (SHORT, [3]))]), (), "has 3 bands"),
                 (tiff(more=[(258, (SHORT, [64])), (339, (SHORT, [1]))]), (), "64 bits"),
                 (tiff(more=[(258, (SHORT, [1]))]), (), "1 bits"), (tiff(HEIGHTS[:1]), (), "no grid"),
-                (tiff(keys=[(1024, 2)]), (), "in degrees"), (tiff(more=[(259, (SHORT, [9999]))]), (), "is damaged"),
+                (tiff(keys=[(1024, 2)]), (), "in degrees"), (tiff(keys=[(2048, 4326)]), (), "in degrees"),
+                (tiff(keys=[(1024, 3)]), (), "middle of the Earth"), (tiff(no_data="-9,999"), (), "is no number"),
+                (tiff(georeference=False, more=[(34264, (DOUBLE, [1.0] * 16))]), (), "on a line"),
+                (tiff(more=[(42112, (ASCII, b'<Item name="SCALE" role="scale">2</Item>\0'))]), (), "a scale or an offset"), (tiff(more=[(259, (SHORT, [9999]))]), (), "is damaged"),
                 (tiff(), ("--up", "z"), "point up by themselves"), (tiff(), ("--spacing", "2"), "leave out --spacing")):
             with self.subTest(words):
                 done = self.client.run("load", self.write("bad.tif", data), *options)

@@ -19,12 +19,13 @@ namespace raynest {
 struct HeightGrid {
     std::uint64_t columns = 0;
     std::uint64_t rows = 0;
-    std::vector<float> heights;  ///< row after row
+    std::vector<double> heights;  ///< row after row
     /// East and north of a height: (0) + (1) * column + (2) * row, and (3) + (4) * column + (5) *
     /// row. Nothing without georeference.
     std::optional<std::array<double, 6>> to_map;
     bool is_in_degrees = false;
-    std::uint32_t unit = 0;  ///< EPSG's code of the map's unit of length; 0: not said
+    std::uint32_t unit = 0;         ///< EPSG's code of the map's unit of length; 0: not said
+    std::uint32_t height_unit = 0;  ///< of the heights; 0: not said
 };
 
 /// Reads the first picture of a TIFF: one band of 8 to 64 bits, in strips or tiles. limit_exceeded:

@@ -23,12 +23,15 @@ constexpr std::uint32_t pixel_scale_tag = 33550;
 constexpr std::uint32_t tiepoint_tag = 33922;
 constexpr std::uint32_t transformation_tag = 34264;
 constexpr std::uint32_t geo_keys_tag = 34735;
+constexpr std::uint32_t metadata_tag = 42112;
 constexpr std::uint32_t no_data_tag = 42113;
 
 // GeoTIFF 1.1, section 7.4.
-constexpr std::uint16_t model_type_key = 1024;   // value 2: geographic, in degrees
+constexpr std::uint16_t model_type_key = 1024;   // 1: a map, 2: degrees, 3: from the Earth's centre
 constexpr std::uint16_t raster_type_key = 1025;  // value 2: a number is a point, not an area
+constexpr std::uint16_t geographic_key = 2048;
 constexpr std::uint16_t linear_unit_key = 3076;
+constexpr std::uint16_t height_unit_key = 4099;
 
 /// A strip or tile is read at once.
 constexpr std::uint64_t part_bytes_max = 256U << 20;
@@ -76,17 +79,18 @@ void keep_complaint(const char*, const char* format, va_list arguments) {
 
 using Tiff = std::unique_ptr<TIFF, decltype(&TIFFClose)>;
 
-/// The numbers of a tag that libtiff does not know; empty where it is absent or of another type.
+/// The numbers of a tag that libtiff does not know; empty where it is absent. Fails where it is there
+/// and cannot be read, as in a file that was cut short: libtiff leaves it out without an error.
 template <class T>
-std::span<const T> numbers_of(TIFF* tiff, std::uint32_t tag, TIFFDataType type) {
+Result<std::span<const T>> numbers_of(TIFF* tiff, std::uint32_t tag, TIFFDataType type) {
     const TIFFField* const field = TIFFFieldWithTag(tiff, tag);
-    if (field == nullptr || TIFFFieldDataType(field) != type) return {};
+    if (field == nullptr) return {};
     std::uint32_t count = 0;
     const T* values = nullptr;
-    if (TIFFFieldReadCount(field) != TIFF_VARIABLE2 ||
+    if (TIFFFieldDataType(field) != type || TIFFFieldReadCount(field) != TIFF_VARIABLE2 ||
         TIFFGetField(tiff, tag, &count, &values) != 1 || values == nullptr)
-        return {};
-    return {values, count};
+        return refuse(fmt::format("is damaged or cut short: its tag {} cannot be read", tag));
+    return std::span<const T>(values, count);
 }
 
 /// The value of a key that lies in the directory itself; 0 where it is absent.
@@ -96,11 +100,14 @@ std::uint16_t geo_key(std::span<const std::uint16_t> keys, std::uint16_t wanted)
     return 0;
 }
 
-std::optional<std::array<double, 6>> map_of(TIFF* tiff, bool is_point) {
+Result<std::optional<std::array<double, 6>>> map_of(TIFF* tiff, bool is_point) {
     std::array<double, 6> map{};
-    const auto matrix = numbers_of<double>(tiff, transformation_tag, TIFF_DOUBLE);
-    const auto scale = numbers_of<double>(tiff, pixel_scale_tag, TIFF_DOUBLE);
-    const auto tie = numbers_of<double>(tiff, tiepoint_tag, TIFF_DOUBLE);
+    const auto matrix_tag = numbers_of<double>(tiff, transformation_tag, TIFF_DOUBLE);
+    const auto scale_tag = numbers_of<double>(tiff, pixel_scale_tag, TIFF_DOUBLE);
+    const auto tie_tag = numbers_of<double>(tiff, tiepoint_tag, TIFF_DOUBLE);
+    for (const auto* tag : {&matrix_tag, &scale_tag, &tie_tag})
+        if (!*tag) return tl::unexpected(tag->error());
+    const std::span<const double> matrix = *matrix_tag, scale = *scale_tag, tie = *tie_tag;
     if (matrix.size() >= 16) {
         map = {matrix[3], matrix[0], matrix[1], matrix[7], matrix[4], matrix[5]};
     } else if (scale.size() >= 2 && tie.size() >= 6) {
@@ -112,6 +119,9 @@ std::optional<std::array<double, 6>> map_of(TIFF* tiff, bool is_point) {
         map[0] += 0.5 * (map[1] + map[2]);
         map[3] += 0.5 * (map[4] + map[5]);
     }
+    const double area = map[1] * map[5] - map[2] * map[4];
+    if (!std::isfinite(area) || area == 0)
+        return refuse("places its heights on a line of the map, or nowhere");
     return map;
 }
 
@@ -121,6 +131,7 @@ struct Sample {
     std::uint16_t format = SAMPLEFORMAT_UINT;
 
     [[nodiscard]] std::size_t bytes() const { return bits / 8; }
+    [[nodiscard]] bool is_float32() const { return format == SAMPLEFORMAT_IEEEFP && bits == 32; }
     [[nodiscard]] bool is_known() const {
         return format == SAMPLEFORMAT_IEEEFP
                    ? bits == 32 || bits == 64
@@ -143,24 +154,39 @@ struct Sample {
     }
 };
 
+/// A text of GDAL; empty where there is none.
+Result<std::string_view> text_of(TIFF* tiff, std::uint32_t tag) {
+    const auto text = numbers_of<char>(tiff, tag, TIFF_ASCII);
+    if (!text) return tl::unexpected(text.error());
+    const auto end = std::ranges::find(*text, '\0');
+    return std::string_view(text->data(), static_cast<std::size_t>(end - text->begin()));
+}
+
 /// The number that stands for no height; NaN where there is none.
-double no_data_of(TIFF* tiff) {
-    const auto text = numbers_of<char>(tiff, no_data_tag, TIFF_ASCII);
-    const char* const end = std::find(text.data(), text.data() + text.size(), '\0');
-    const char* begin = text.data();
-    while (begin != end && *begin == ' ') ++begin;
-    double value = 0;
-    const auto [next, error] = std::from_chars(begin, end, value);
-    return error == std::errc{} && next != begin ? value : std::numeric_limits<double>::quiet_NaN();
+Result<double> no_data_of(TIFF* tiff) {
+    auto text = text_of(tiff, no_data_tag);
+    if (!text) return tl::unexpected(text.error());
+    const std::string_view blank = " \t\r\n";
+    text->remove_prefix(std::min(text->find_first_not_of(blank), text->size()));
+    text->remove_suffix(text->size() - (text->find_last_not_of(blank) + 1));
+    double value = std::numeric_limits<double>::quiet_NaN();
+    if (text->empty()) return value;
+    const char* const end = text->data() + text->size();
+    const auto [next, error] = std::from_chars(text->data(), end, value);
+    if (error != std::errc{} || next != end)
+        return refuse(
+            "says with something that is no number which heights are not known: set it "
+            "anew, with gdal_edit.py -a_nodata");
+    return value;
 }
 
 class Reader {
 public:
-    Reader(TIFF* tiff, HeightGrid& grid, Sample sample)
+    Reader(TIFF* tiff, HeightGrid& grid, Sample sample, double no_data)
         : tiff_(tiff),
           grid_(grid),
           sample_(sample),
-          no_data_(no_data_of(tiff)) {}
+          no_data_(no_data) {}
 
     Result<void> read() {
         const bool is_tiled = TIFFIsTiled(tiff_) != 0;
@@ -200,15 +226,15 @@ private:
               std::uint64_t rows, std::uint64_t width) {
         const std::uint64_t columns = std::min(width, grid_.columns - column);
         for (std::uint64_t r = 0; r < rows; ++r) {
-            float* const out = grid_.heights.data() + (row + r) * grid_.columns + column;
+            double* const out = grid_.heights.data() + (row + r) * grid_.columns + column;
             const unsigned char* const in = part + r * width * sample_.bytes();
             for (std::uint64_t c = 0; c < columns; ++c) {
                 const double value = sample_.at(in + c * sample_.bytes());
                 // A no-data number is written as text, and may have lost digits of float32.
                 const bool is_hole = value == no_data_ || !std::isfinite(value) ||
-                                     static_cast<float>(value) == static_cast<float>(no_data_);
-                out[c] =
-                    is_hole ? std::numeric_limits<float>::quiet_NaN() : static_cast<float>(value);
+                                     (sample_.is_float32() &&
+                                      static_cast<float>(value) == static_cast<float>(no_data_));
+                out[c] = is_hole ? std::numeric_limits<double>::quiet_NaN() : value;
             }
         }
     }
@@ -252,12 +278,31 @@ Result<HeightGrid> decode(std::span<const std::byte> file, std::uint64_t heights
     HeightGrid grid;
     grid.columns = columns;
     grid.rows = rows;
-    const auto keys = numbers_of<std::uint16_t>(tiff.get(), geo_keys_tag, TIFF_SHORT);
-    grid.is_in_degrees = geo_key(keys, model_type_key) == 2;
+    const auto key_tag = numbers_of<std::uint16_t>(tiff.get(), geo_keys_tag, TIFF_SHORT);
+    const auto no_data = no_data_of(tiff.get());
+    const auto metadata = text_of(tiff.get(), metadata_tag);
+    if (!key_tag) return tl::unexpected(key_tag.error());
+    if (!no_data) return tl::unexpected(no_data.error());
+    if (!metadata) return tl::unexpected(metadata.error());
+    for (const char* scaled : {"role=\"scale\"", "role=\"offset\""})
+        if (metadata->find(scaled) != std::string_view::npos)
+            return refuse(
+                "has a scale or an offset for its numbers: apply them, with "
+                "gdal_translate -unscale -ot Float32");
+    const std::span<const std::uint16_t> keys = *key_tag;
+    const std::uint16_t model = geo_key(keys, model_type_key);
+    if (model == 3)
+        return refuse(
+            "counts from the middle of the Earth: bring it to a map in metres, with "
+            "gdalwarp -t_srs");
+    grid.is_in_degrees = model == 2 || (model == 0 && geo_key(keys, geographic_key) != 0);
     grid.unit = geo_key(keys, linear_unit_key);
-    grid.to_map = map_of(tiff.get(), geo_key(keys, raster_type_key) == 2);
+    grid.height_unit = geo_key(keys, height_unit_key);
+    auto map = map_of(tiff.get(), geo_key(keys, raster_type_key) == 2);
+    if (!map) return tl::unexpected(map.error());
+    grid.to_map = *map;
     grid.heights.resize(std::size_t{columns} * rows);
-    if (auto done = Reader(tiff.get(), grid, sample).read(); !done)
+    if (auto done = Reader(tiff.get(), grid, sample, *no_data).read(); !done)
         return tl::unexpected(done.error());
     return grid;
 }

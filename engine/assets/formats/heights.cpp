@@ -10,6 +10,7 @@
 #include <cmath>
 #include <cstdint>
 #include <string_view>
+#include <utility>
 #include <vector>
 
 namespace raynest {
@@ -21,10 +22,11 @@ Result<void> refuse_up(const ImportRequest& request) {
 }
 
 /// Returns a mesh with a vertex for each height, at position(row, column, height). Cells with a
-/// corner that is NaN are holes; `hole` names such a height: "NaN".
+/// corner that is NaN are holes; `hole` names such a height: "NaN". Faces look up where rows go
+/// south, or, `is_mirrored`, where they go north.
 template <class HeightAt, class Position>
 FileContent mesh_of(std::uint64_t rows, std::uint64_t columns, std::string_view hole,
-                    const HeightAt& height_at, const Position& position) {
+                    bool is_mirrored, const HeightAt& height_at, const Position& position) {
     FileContent content;
     content.objects.push_back({{}, {FileGeometry{}}});
     FileGeometry& geometry = content.objects.back().geometries.back();
@@ -48,9 +50,10 @@ FileContent mesh_of(std::uint64_t rows, std::uint64_t columns, std::string_view 
     for (std::uint64_t row = 0; row + 1 < rows; ++row) {
         for (std::uint64_t column = 0; column + 1 < columns; ++column) {
             const auto a = static_cast<std::uint32_t>(row * columns + column);
-            const std::uint32_t b = a + 1;
-            const auto c = static_cast<std::uint32_t>(a + columns);
+            std::uint32_t b = a + 1;
+            auto c = static_cast<std::uint32_t>(a + columns);
             const std::uint32_t d = c + 1;
+            if (is_mirrored) std::swap(b, c);
             if (is_hole[a] || is_hole[b] || is_hole[c] || is_hole[d]) continue;
             geometry.rest.indices.insert(geometry.rest.indices.end(), {a, c, b, b, c, d});
         }
@@ -82,7 +85,7 @@ Result<FileContent> read_heights(const ImportRequest& request, const ImportLimit
                                 grid->count, limits.triangles_max / 2));
     const double spacing = request.options.spacing == 0 ? 1 : request.options.spacing;
     return mesh_of(
-        grid->shape[0], grid->shape[1], "NaN",
+        grid->shape[0], grid->shape[1], "NaN", false,
         [&](std::uint64_t row, std::uint64_t column) { return grid->at(row, column); },
         [&](std::uint64_t row, std::uint64_t column, double height) {
             return glm::dvec3(static_cast<double>(column) * spacing, height,
@@ -105,12 +108,16 @@ Result<FileContent> read_tiff(const ImportRequest& request, const ImportLimits& 
     const std::array<double, 6> map =
         grid->to_map.value_or(std::array<double, 6>{0, spacing, 0, 0, 0, -spacing});
     const double unit = grid->unit == 0 ? 1 : metres_of(grid->unit);
-    // The option says how long a unit of the map is; heights are taken to have the same.
+    // The option says how long a unit of the map is. Heights have the same, unless the file says
+    // otherwise.
     const double metres = request.options.unit != 0 ? 1 : unit == 0 ? 1 : unit;
+    const double height_unit = metres_of(grid->height_unit);
+    const double map_unit = request.options.unit != 0 ? request.options.unit : metres;
+    const double tall = height_unit == 0 ? 1 : height_unit / map_unit;
     FileContent content = mesh_of(
-        grid->rows, grid->columns, "not known",
+        grid->rows, grid->columns, "not known", map[1] * map[5] > map[2] * map[4],
         [&](std::uint64_t row, std::uint64_t column) {
-            return double{grid->heights[row * grid->columns + column]};
+            return tall * grid->heights[row * grid->columns + column];
         },
         [&](std::uint64_t row, std::uint64_t column, double height) {
             const auto r = static_cast<double>(row), c = static_cast<double>(column);
@@ -123,6 +130,10 @@ Result<FileContent> read_tiff(const ImportRequest& request, const ImportLimits& 
         content.warnings.push_back(fmt::format(
             "the map's unit is EPSG:{}; it is taken for metres: say otherwise with `unit`",
             grid->unit));
+    if (height_unit == 0 && grid->height_unit != 0)
+        content.warnings.push_back(
+            fmt::format("the unit of the heights is EPSG:{}; they are taken to have the map's",
+                        grid->height_unit));
     if (!grid->to_map && request.options.spacing == 0)
         content.warnings.emplace_back(
             "the TIFF has no place on a map: its heights stand 1 m apart, or `spacing`");
