@@ -230,6 +230,22 @@ class Moving(WithCluster):
         with self.assertRaisesRegex(raynest.Error, "nobody"):
             many.sweep(cluster.client, scene, [(2, RAYS)], setup=self.setup)
         many.sweep(cluster.client, scene, scans, setup=self.setup)     # what was before it still works
+        for wrong, call, options in (("size 0x4", many.render, {"size": (0, 4)}), ("items of 0", many.trace, {"item_rays": 0}),
+                                     ("tile= is for one daemon", many.render, {"tile": (0, 0, 64, 8)}),
+                                     ("detach= is for one daemon", many.trace, {"detach": True})):
+            with self.subTest(wrong), self.assertRaisesRegex(raynest.UsageError, wrong):
+                call(cluster.client, hills(5), *((RAYS,) if call is many.trace else ()), setup=self.setup, **options)
+
+    def test_masked_rays_and_one_ray_are_those_of_one_daemon(self):
+        cluster = self.cluster(1)
+        mesh = hills(5)
+        masked = np.ma.masked_array(RAYS)
+        masked[::3] = np.ma.masked
+        for rays in (masked, RAYS[0]):
+            ours = many.trace(cluster.client, mesh, rays, fields=("t", "flags"), setup=self.setup, item_rays=10000)
+            theirs = self.client.mesh(*mesh).trace(rays, fields=("t", "flags"))
+            for name in ("t", "flags"):
+                np.testing.assert_array_equal(ours[name], theirs[name])
 
 
 if __name__ == "__main__":

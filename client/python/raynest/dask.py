@@ -23,6 +23,7 @@ import numpy as np
 
 from ._deal import PATIENCE, Deal, Part, known_to
 from ._net.frame import Array
+from ._requests.arguments import numbers
 from ._requests.columns import Columns
 from ._requests.film import Layers, is_lit
 from ._prepared import Prepared
@@ -113,7 +114,16 @@ def reduce(cluster: Any, scene: Any, rays: Any, name: str, **options: Any) -> Co
     return trace(cluster, scene, rays, reduce=name, **options)
 
 
+def _check(options: dict[str, Any], per_item: int, *refused: str) -> None:
+    if per_item < 1:
+        raise UsageError(f"items of {per_item}: each needs one ray or sample, or more")
+    for name in ("detach", *refused):
+        if options.get(name):
+            raise UsageError(f"{name}= is for one daemon alone: leave it out")
+
+
 def _parts_of(rays: Any, item_rays: int, options: dict[str, Any]) -> Iterator[Part]:
+    _check(options, item_rays)
     masks = options.get("mask")
     masks = np.asarray(masks) if np.ndim(masks) else None
     if masks is not None:
@@ -128,7 +138,9 @@ def _parts_of(rays: Any, item_rays: int, options: dict[str, Any]) -> Iterator[Pa
             each = each // band * band
         take: Callable[[int, int], Any] = rays.part
     else:
-        rows = np.asarray(rays)
+        rows = numbers("rays", rays)
+        if rows.shape in ((6,), (8,)):
+            rows = rows[None]
         if rows.ndim != 2 or rows.shape[1] not in (6, 8):
             raise UsageError(f"rays of shape {rows.shape}: they must be (N, 6), (N, 8) or a generator")
         points, total, each = True, len(rows), item_rays
@@ -189,6 +201,10 @@ def tiles(size: tuple[int, int], pixels: int) -> list[tuple[int, int, int, int]]
 def _tiles(cluster: Any, known: Prepared, method: str, size: tuple[int, int], samples: int,
            item_samples: int, options: dict[str, Any], setup: Setup, patience: float, progress: Any
            ) -> Iterator[tuple[tuple[int, int, int, int], Any]]:
+    _check(options, item_samples, "tile")
+    width, height = size
+    if width < 1 or height < 1:
+        raise UsageError(f"a picture of size {width}x{height}: it needs a pixel or more")
     cut = tiles(size, item_samples // samples)
     parts = [Part({**options, "size": size, "tile": tile}, weight=tile[2] * tile[3]) for tile in cut]
     for item, answer in Deal(cluster, setup, known, method, parts, patience, progress).answers():
