@@ -147,8 +147,8 @@ Result<void> RaySource::open_masks(const std::string& path) {
     auto array = parse_npy(std::as_const(*file).span());
     if (!array) return blame(array.error().message);
     if (array->shape != std::vector<std::uint64_t>{count_})
-        return blame("has the shape " + shape_text(array->shape) + "; masks of these rays have the shape (" +
-                     std::to_string(count_) + ",)");
+        return blame("has the shape " + shape_text(array->shape) +
+                     "; masks of these rays have the shape (" + std::to_string(count_) + ",)");
     array->shape.push_back(1);
     masks_.reserve(count_);
     for (std::uint64_t i = 0; i < count_; ++i) {

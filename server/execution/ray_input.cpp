@@ -39,9 +39,9 @@ void widen_from(const Vec3* sent, const Ray& common, std::span<Ray> rays) {
 Reply<SentRays> SentRays::of(const protocol::Opened<wire::QueryRays>& message) {
     const std::span blocks(message.blocks);
     const bool masked = blocks.size() == 2;
-    const auto block = protocol::only_block(masked ? blocks.first(1) : blocks, "rays",
-                                            wire::Dtype::f32,
-                                            {whole_bytes, rangeless_bytes, direction_bytes});
+    const auto block =
+        protocol::only_block(masked ? blocks.first(1) : blocks, "rays", wire::Dtype::f32,
+                             {whole_bytes, rangeless_bytes, direction_bytes});
     if (!block) return tl::unexpected(block.error());
     const auto masks = masked ? protocol::only_block(blocks.last(1), "masks", wire::Dtype::u32,
                                                      {sizeof(std::uint32_t)})

@@ -105,7 +105,7 @@ private:
     std::atomic<bool> has_masks_{false};
     std::mutex mutex_;
     std::vector<std::uint32_t> different_masks_;  ///< of the rays asked for so far
-    std::deque<Received> frames_;  ///< in order; the front one has unanswered rays
+    std::deque<Received> frames_;                 ///< in order; the front one has unanswered rays
 };
 
 }  // namespace raynest::server

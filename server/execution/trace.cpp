@@ -75,7 +75,7 @@ TracedRays TracedRays::slice(std::size_t from, std::size_t count) const {
 
 namespace {
 
-/// What a call of a backend has done.
+/// The rays that a call of a backend has answered, and how.
 struct Ran {
     std::uint32_t rays = 0;
     Traversal traversal = traversal_single;

@@ -89,9 +89,9 @@ struct TracedRays {
     std::span<const std::uint8_t> flags = {};
     std::span<const Counters> counters = {};
     std::span<const std::vector<std::uint32_t>> outputs = {};
-    std::size_t first = 0;  ///< index in `outputs` of the first row
+    std::size_t first = 0;         ///< index in `outputs` of the first row
     std::uint32_t traversals = 0;  ///< bit t: traversal t ran
-    std::size_t backend = 0;  ///< index in the plan's BackendChoice::order
+    std::size_t backend = 0;       ///< index in the plan's BackendChoice::order
 
     [[nodiscard]] std::size_t rows() const { return order.empty() ? rays.size() : order.size(); }
     /// Returns rows [first, first + count); `first` must be 0 for kind all.

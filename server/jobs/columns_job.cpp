@@ -117,8 +117,8 @@ protected:
 
     [[nodiscard]] std::shared_ptr<const MergeableTask> mergeable(const Chunk& chunk) override {
         const bool small = chunk.count <= merged_rays_max && source_.sent() != 0;
-        if (!small || source_.has_points() || input_.has_masks() || !any_order() || !plan_.is_local() ||
-            plan_.traversal == traversal_reference)
+        if (!small || source_.has_points() || input_.has_masks() || !any_order() ||
+            !plan_.is_local() || plan_.traversal == traversal_reference)
             return nullptr;
         return std::make_shared<MergeableChunk>(*this, chunk);
     }

@@ -118,7 +118,7 @@ class RayMasks(WithDaemon):
         for mask in MASKS:
             np.testing.assert_array_equal(free[masks == mask], self.woods.occluded(a, b, mask=int(mask))[masks == mask])
         self.assertTrue(free.any() and not free.all())
-        # Of all pairs, a mask for each of one side: each robot does not see itself.
+        # All pairs, with a mask for each of one side: each robot does not see itself.
         pairs = self.woods.occluded(a[:40, None], b[None, :30], mask=masks[:40, None])
         for i in range(40):
             np.testing.assert_array_equal(pairs[i], self.woods.occluded(a[i], b[:30], mask=int(masks[i])))
@@ -143,7 +143,7 @@ class RayMasks(WithDaemon):
                 return self.woods.trace(some, mask=mask, **options)
             whole = ask(np.arange(few), masks[:few], reduce="hit_fraction")["hit_fraction"]
             self.assertEqual(len(whole), few)
-            # What a point's rays are depends on its number, so compare with all points of each mask.
+            # The rays of a point depend on its number, so compare with all points of each mask.
             for mask in np.unique(masks[:few]):
                 alike = ask(np.arange(few), int(mask), reduce="hit_fraction")["hit_fraction"]
                 np.testing.assert_array_equal(whole[masks[:few] == mask], alike[masks[:few] == mask])
