@@ -125,7 +125,7 @@ const Kind kinds[] = {
     {"all", [](auto worker) { return ask_sent(worker, "all", 3000, 1000); }},
     {"closest, masked",
      [](auto worker) { return ask_sent(worker, "closest", 5000, 1000, "", 0, true); }},
-    {"any, masked", [](auto worker) { return ask_sent(worker, "any", 5000, 700, "", 0, true); }},
+    {"any, masked", [](auto worker) { return ask_sent(worker, "any", 5000, 1000, "", 0, true); }},
     {"multi, masked",
      [](auto worker) { return ask_sent(worker, "multi", 3000, 1000, "", 0, true); }},
     {"all, masked", [](auto worker) { return ask_sent(worker, "all", 3000, 1000, "", 0, true); }},
