@@ -184,6 +184,7 @@ Result<void> run(Context& context, const QueryOptions& options) {
     // A detached job does not tell which epoch it found, so name it.
     if (options.job.detach && options.job.epoch == 0) request.job->epoch = scene->epoch;
     std::string points;
+    std::vector<std::byte> trajectory;
     if (!options.generate.empty()) {
         const auto generate = parse_generate(options.generate);
         if (!generate) return tl::unexpected<Failure>(generate.error());
@@ -193,6 +194,14 @@ Result<void> run(Context& context, const QueryOptions& options) {
                              RaySource({{(*at)[0], (*at)[1], (*at)[2], 0, 0, 0, -1, 1}}, origin),
                              *scene, "the sensor stands");
         request.generator = std::make_unique<wire::GeneratorT>(generate->at(origin));
+        if (!generate->trajectory.empty()) {
+            auto read = read_trajectory(generate->trajectory, origin);
+            if (!read) return tl::unexpected<Failure>(read.error());
+            trajectory = std::move(*read);
+            request.generator->settings.push_back(
+                "poses=" +
+                std::to_string(trajectory.size() / (trajectory_row_numbers * sizeof(double))));
+        }
     }
     context.progress.update(0, 0, "reading");
     Result<RaySource> rays = RaySource(options.rays, origin);
@@ -233,7 +242,8 @@ Result<void> run(Context& context, const QueryOptions& options) {
             const bool sends = request.generator == nullptr || !points.empty();
             if (sends && rays->count() == 0)
                 return ask_about_no_rays(context, request, *rays, consume);
-            return run_query(context.connection, request, *rays, context.progress, consume);
+            return run_query(context.connection, request, *rays, context.progress, consume,
+                             trajectory);
         },
         part);
 }

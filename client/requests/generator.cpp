@@ -1,6 +1,10 @@
 #include "client/requests/generator.h"
 
+#include "client/files/files.h"
+#include "client/files/npy.h"
 #include "client/ground/numbers.h"
+#include "client/ground/text.h"
+#include "protocol/limits.h"
 
 #include <algorithm>
 #include <array>
@@ -55,6 +59,10 @@ Result<void> take(Generate& to, const std::string& key, const std::string& value
     if (key == "points") {
         to.points = value;
         to.message.settings.push_back("points=");  // the client reads the file and sends its points
+        return {};
+    }
+    if (key == "trajectory") {
+        to.trajectory = value;
         return {};
     }
     to.message.settings.push_back(key + "=" + value);
@@ -120,16 +128,24 @@ std::uint64_t number_at_end(std::string_view text) {
     return number;
 }
 
+/// True for those whose rows are channels, of which the daemon makes no tiles that matter.
+bool has_channels(const wire::GeneratorT& generator) {
+    return generator.kind == "lidar" || generator.kind == "sweep";
+}
+
 struct Grid {
     std::uint64_t width = 0, height = 0;
 };
 Grid grid_of(const wire::GeneratorT& generator) {
-    if (generator.kind == "lidar") {
+    if (has_channels(generator)) {
         const std::string elevations = setting_of(generator, "elevations");
         const bool steps = elevations.find(':') != std::string::npos;
+        const std::uint64_t channels =
+            steps ? number_at_end(elevations)
+                  : 1 + static_cast<std::uint64_t>(std::ranges::count(elevations, ','));
+        const std::string scans = setting_of(generator, "scans");
         return {number_at_end(setting_of(generator, "azimuths")),
-                steps ? number_at_end(elevations)
-                      : 1 + static_cast<std::uint64_t>(std::ranges::count(elevations, ','))};
+                scans.empty() ? channels : channels * number_at_end(scans)};
     }
     const std::string size = setting_of(generator, "size");
     if (size.empty()) return {960, 540};
@@ -145,9 +161,34 @@ std::uint64_t sensor_rays(const wire::GeneratorT& generator) {
 
 std::uint64_t sensor_band(const wire::GeneratorT& generator) {
     constexpr std::uint64_t tile_rows = 8;
-    return generator.kind == "lidar"
+    return has_channels(generator)
                ? 1
                : std::max<std::uint64_t>(1, tile_rows * grid_of(generator).width);
+}
+
+Result<std::vector<std::byte>> read_trajectory(const std::string& path, const WorldPoint& origin) {
+    constexpr std::uint64_t numbers = trajectory_row_numbers;
+    constexpr std::uint64_t header_bytes_max = 128ULL << 10;
+    const std::uint64_t most = protocol::Limits{}.trajectory_poses_max;
+    const auto blame = [&](const std::string& why) {
+        return fail(Exit::invalid, shown_name(path) + " " + why);
+    };
+    auto file = read_file(path, most * numbers * sizeof(double) + header_bytes_max);
+    if (!file) return tl::unexpected<Failure>(file.error());
+    const auto array = parse_npy(std::as_const(*file).span());
+    if (!array) return blame(array.error().message);
+    if (array->shape.size() != 2 || array->shape[0] == 0 || array->shape[0] > most ||
+        array->shape[1] != numbers)
+        return blame("must have the shape (N, 13), of 1 to " + std::to_string(most) +
+                     " rows: a time, and a 3x4 matrix row by row");
+    std::vector<double> values;
+    values.reserve(array->shape[0] * numbers);
+    for (std::uint64_t row = 0; row < array->shape[0]; ++row)
+        for (std::uint64_t i = 0; i < numbers; ++i)
+            values.push_back(value_at(*array, row, i) -
+                             (i != 0 && i % 4 == 0 ? origin[i / 4 - 1] : 0));
+    const auto bytes = std::as_bytes(std::span(values));
+    return std::vector<std::byte>(bytes.begin(), bytes.end());
 }
 
 std::string generate_help() {

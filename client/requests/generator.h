@@ -16,6 +16,7 @@ namespace raynest::client {
 struct Generate {
     wire::GeneratorT message;     ///< without pose and lookat
     std::string points;           ///< file of the points where rays start
+    std::string trajectory;       ///< file of the poses of a sensor in motion
     std::vector<double> pose;     ///< 12 numbers or empty
     std::vector<double> look_at;  ///< 6 or 9 numbers or empty
 
@@ -28,9 +29,16 @@ struct Generate {
 /// Reads the words of --generate; exit code 2 if one is not key=value.
 Result<Generate> parse_generate(std::span<const std::string> words);
 
+/// A time and a 3x4 matrix.
+inline constexpr std::uint64_t trajectory_row_numbers = 13;
+/// Reads a trajectory, an array of shape (N, 13): the bytes that follow the request, with positions
+/// relative to this origin. Exit code 5 for anything else.
+Result<std::vector<std::byte>> read_trajectory(const std::string& path, const WorldPoint& origin);
+
 /// The number of rays of a sensor, as its settings say it; 0 where the daemon will refuse them.
 [[nodiscard]] std::uint64_t sensor_rays(const wire::GeneratorT& generator);
-/// The rays of a band of a sensor's tiles, which the daemon traces faster together; 1 of a lidar.
+/// The rays of a band of a sensor's tiles, which the daemon traces faster together; 1 of a lidar
+/// or a sweep.
 [[nodiscard]] std::uint64_t sensor_band(const wire::GeneratorT& generator);
 
 /// Returns the help: every kind with its keys, and every key with its text.

@@ -139,14 +139,30 @@ Result<void> send_rays(Connection& connection, const RaySource& rays, std::uint6
 
 Result<Outcome> run_query(Connection& connection, const wire::QueryT& request,
                           const RaySource& rays, Progress& progress,
-                          const std::function<Result<void>(const QueryChunk&)>& consume) {
+                          const std::function<Result<void>(const QueryChunk&)>& consume,
+                          std::span<const std::byte> trajectory) {
     const std::chrono::milliseconds deadline{request.job ? request.job->deadline_ms : 0};
     if (auto started = connection.start(request, deadline); !started)
         return tl::unexpected<Failure>(started.error());
     Outcome outcome;
     ChunkReorderer reorderer(has_splits(request.kind), outcome, consume);
     std::uint64_t sent = 0;
+    std::uint64_t uploaded = 0;
     while (true) {
+        while (uploaded < trajectory.size()) {
+            const std::uint64_t bytes =
+                std::min<std::uint64_t>(trajectory.size() - uploaded, connection.bulk_bytes_max());
+            if (connection.credit() < protocol::padded(bytes)) break;
+            protocol::Bulk bulk;
+            bulk.add("data", wire::Dtype::u8, 1, bytes);
+            wire::UploadT piece;
+            piece.offset = uploaded;
+            if (auto done = connection.send_bulk(std::move(piece), std::move(bulk),
+                                                 trajectory.subspan(uploaded, bytes));
+                !done)
+                return tl::unexpected<Failure>(done.error());
+            uploaded += bytes;
+        }
         while (sent < rays.count()) {
             const std::uint64_t count = rays_of_frame(connection, rays, sent);
             if (connection.credit() < frame_bytes(rays, count)) break;

@@ -35,10 +35,11 @@ struct QueryChunk {
 
 /// Runs `request`. `rays` are its rays or the points of a hemisphere; other generators have none.
 /// `consume` gets every chunk in the order of rays, and may fail. A detached request ends when its
-/// last ray is sent.
+/// last ray is sent. `trajectory` is that of a sweep (read_trajectory()).
 Result<Outcome> run_query(Connection& connection, const wire::QueryT& request,
                           const RaySource& rays, Progress& progress,
-                          const std::function<Result<void>(const QueryChunk&)>& consume);
+                          const std::function<Result<void>(const QueryChunk&)>& consume,
+                          std::span<const std::byte> trajectory = {});
 
 /// Reads the answer of a detached query; `consume` as above.
 Result<Outcome> fetch_query(Connection& connection, const wire::FetchT& request, Progress& progress,

@@ -6,6 +6,7 @@
 #include <algorithm>
 #include <cmath>
 #include <numbers>
+#include <utility>
 
 namespace raynest {
 namespace {
@@ -85,6 +86,15 @@ Lidar::Lidar(const SensorPose& sensor_pose, std::span<const LidarChannel> channe
                           cosine_and_sine(channel.azimuth_offset * degree), channel.origin_offset});
     for (std::uint32_t i = 0; i < count; ++i)
         heads_.push_back(cosine_and_sine((start + (stop - start) * i / count) * degree));
+}
+
+Sweep::Sweep(const SensorPose& limits, std::span<const double> elevations,
+             std::span<const double> azimuths, std::vector<Pose> poses)
+    : tmin_(limits.tmin),
+      tmax_(limits.tmax),
+      poses_(std::move(poses)) {
+    for (const double elevation : elevations) beams_.push_back(cosine_and_sine(elevation * degree));
+    for (const double azimuth : azimuths) heads_.push_back(cosine_and_sine(azimuth * degree));
 }
 
 ImageSize ray_grid(const Sensor& sensor) {

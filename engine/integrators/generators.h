@@ -96,7 +96,31 @@ private:
     std::vector<glm::dvec2> heads_;  ///< cosine and sine
 };
 
-using Sensor = std::variant<Pinhole, Orthographic, Equirectangular, Lidar>;
+/// A lidar in motion: scan after scan, and in a scan as Lidar, but each column leaves from where the
+/// sensor is at its time. Elevations and azimuths are any, in degrees.
+class Sweep {
+public:
+    /// `poses` has one for each column of each scan; only the range of `limits` counts.
+    Sweep(const SensorPose& limits, std::span<const double> elevations,
+          std::span<const double> azimuths, std::vector<Pose> poses);
+    [[nodiscard]] ImageSize rays() const {
+        return {static_cast<std::uint32_t>(heads_.size()),
+                static_cast<std::uint32_t>(poses_.size() / heads_.size() * beams_.size())};
+    }
+    [[nodiscard]] Ray ray(std::uint64_t column, std::uint64_t row) const {
+        const glm::dvec2& beam = beams_[row % beams_.size()];
+        const glm::dvec2& head = heads_[column];
+        const Pose& pose = poses_[row / beams_.size() * heads_.size() + column];
+        return SensorPose{pose, tmin_, tmax_}.ray({beam.x * head.x, beam.x * head.y, beam.y});
+    }
+
+private:
+    float tmin_, tmax_;
+    std::vector<glm::dvec2> beams_, heads_;  ///< cosine and sine
+    std::vector<Pose> poses_;
+};
+
+using Sensor = std::variant<Pinhole, Orthographic, Equirectangular, Lidar, Sweep>;
 
 /// The rays of a picture that this camera takes: a Pinhole, or for an orthographic camera parallel
 /// rays, whose pixels are square and show at least xmag and ymag.

@@ -75,7 +75,7 @@ TracedRays TracedRays::slice(std::size_t from, std::size_t count) const {
 
 namespace {
 
-/// The work that a call of a backend has done.
+/// The rays that a call of a backend has answered, and how.
 struct Ran {
     std::uint32_t rays = 0;
     Traversal traversal = traversal_single;
@@ -112,7 +112,7 @@ Traced<Ran> call_backend(const Plan& plan, std::size_t backend, std::uint32_t ma
     call.hit_counts = from(buffers.counts, first);
     call.counters = from(buffers.counters, first * plan.counter_sets());
     call.outputs = outputs.empty() ? nullptr : outputs.data();
-    call.hits_room = plan.hits_room - used;
+    call.hits_room = all ? buffers.hits.size() - used : 0;
     call.ray_flags = from(buffers.flags, first);
     call.rays_done = &ran.rays;
     const auto traced = plan.worker.order[backend]->trace(plan, call, camera, stop);
@@ -177,8 +177,9 @@ Traced<TracedRays> trace_runs(const Plan& plan, std::size_t backend, std::span<c
     std::size_t done = 0;
     std::uint64_t used = 0;
     std::uint32_t traversals = 0;
-    // A call needs room for twice the budget of a ray.
-    while (done < rays.size() && plan.hits_room - used >= 2ULL * plan.hits_max) {
+    // A call needs room for twice the budget of a ray, the last one too.
+    buffers.resize(buffers.hits, plan.hits_room + 2ULL * plan.hits_max);
+    while (done < rays.size() && used <= plan.hits_room) {
         const std::uint32_t mask = masks[done];
         const auto behind = std::find_if(masks.begin() + static_cast<std::ptrdiff_t>(done),
                                          masks.end(), [&](auto other) { return other != mask; });

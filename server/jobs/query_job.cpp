@@ -17,8 +17,9 @@ QueryJob::QueryJob(const Services& services, const Caller& caller, Plan plan, Ra
     : ChunkedJob(services, caller, std::move(plan), source.rays(), !source.has_points()),
       source_(std::move(source)),
       input_(source_.sent(), source_.rays_per_point(), services.limits, services.budget,
-             caller.principal) {
-    if (source_.sent() == 0) queue_.add(0, source_.rays());
+             caller.principal),
+      sweep_(source_.sweep()) {
+    if (source_.sent() == 0 && sweep_ == nullptr) queue_.add(0, source_.rays());
 }
 
 Frames QueryJob::greeting() {
@@ -30,6 +31,7 @@ Frames QueryJob::greeting() {
 }
 
 Reply<std::uint64_t> QueryJob::feed(protocol::Frame frame) {
+    if (sweep_ != nullptr) return sweep_->feed(std::move(frame), services_.limits);
     if (source_.sent() == 0)
         return refuse(Code::invalid_field, "the daemon makes the rays of this query: send none");
     const std::uint64_t first = input_.received_rays();
@@ -40,6 +42,7 @@ Reply<std::uint64_t> QueryJob::feed(protocol::Frame frame) {
 }
 
 std::optional<Task> QueryJob::next() {
+    if (sweep_ != nullptr && !sweep_->is_made()) return sweep_->next();
     auto work = next_work();
     if (!work) return std::nullopt;
     auto& [chunk, task] = *work;
@@ -49,6 +52,13 @@ std::optional<Task> QueryJob::next() {
         task.inline_cost = chunk.count * plan_.hits_max;
     task.mergeable = mergeable(chunk);
     return std::move(task);
+}
+
+Reply<void> QueryJob::ended() {
+    if (sweep_ == nullptr || sweep_->is_made()) return {};
+    sweep_->ended();
+    if (sweep_->is_made()) queue_.add(0, source_.rays());
+    return {};
 }
 
 Frames QueryJob::farewell() {

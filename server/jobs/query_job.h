@@ -32,10 +32,18 @@ public:
     Frames greeting() override;
     Reply<std::uint64_t> feed(protocol::Frame frame) override;
     std::optional<Task> next() override;
-    [[nodiscard]] bool needs_input() const override { return !input_.complete(); }
+    Reply<void> ended() override;
+    [[nodiscard]] std::uint64_t held_bytes() const override {
+        return ChunkedJob::held_bytes() + (sweep_ != nullptr ? sweep_->held_bytes() : 0);
+    }
+    [[nodiscard]] bool needs_input() const override {
+        return sweep_ != nullptr ? sweep_->needs_input() : !input_.complete();
+    }
     [[nodiscard]] bool finished() const override { return queue_.all_answered(); }
     Frames farewell() override;
-    std::uint64_t take_freed_input() override { return input_.take_freed(); }
+    std::uint64_t take_freed_input() override {
+        return sweep_ != nullptr ? sweep_->take_freed() : input_.take_freed();
+    }
     [[nodiscard]] std::optional<Progress> progress() const override;
 
 protected:
@@ -55,6 +63,9 @@ protected:
 
     const RaySource source_;
     RayInput input_;
+
+private:
+    SentSweep* const sweep_;  ///< null unless the client sends a trajectory
 };
 
 }  // namespace raynest::server

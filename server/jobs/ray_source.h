@@ -4,6 +4,7 @@
 #include "engine/integrators/generators.h"
 #include "server/execution/chunk_queue.h"
 #include "server/execution/ray_input.h"
+#include "server/jobs/sent_sweep.h"
 
 #include <cstdint>
 #include <functional>
@@ -23,7 +24,14 @@ public:
     LateSensor(ImageSize grid, std::function<Sensor()> make)
         : grid_(grid),
           make_(std::move(make)) {}
+    /// One whose trajectory the client sends; get() it once that is made.
+    explicit LateSensor(std::shared_ptr<SentSweep> sent)
+        : grid_(sent->order().grid()),
+          make_([sent] { return sent->take_sensor(); }),
+          sent_(std::move(sent)) {}
     [[nodiscard]] const ImageSize& grid() const { return grid_; }
+    /// Null unless the client sends a trajectory.
+    [[nodiscard]] const std::shared_ptr<SentSweep>& sent() const { return sent_; }
     /// Returns the sensor; the first call constructs it. Thread-safe.
     [[nodiscard]] const Sensor& get() {
         std::call_once(once_, [this] { sensor_ = make_(); });
@@ -33,6 +41,7 @@ public:
 private:
     const ImageSize grid_;
     const std::function<Sensor()> make_;
+    const std::shared_ptr<SentSweep> sent_;
     std::once_flag once_;
     std::optional<Sensor> sensor_;
 };
@@ -66,6 +75,10 @@ public:
     /// Number of rays or points that the client sends.
     [[nodiscard]] std::uint64_t sent() const {
         return std::holds_alternative<SensorPointer>(origin_) ? 0 : rays_ / rays_per_point();
+    }
+    /// The trajectory that the client sends; null if it sends none.
+    [[nodiscard]] SentSweep* sweep() const {
+        return sensor() != nullptr ? (*sensor())->sent().get() : nullptr;
     }
     /// Returns the rays of a task, at most `most`: whole rows of a sensor's tiles if they fit.
     [[nodiscard]] std::uint64_t chunk_rays(std::uint64_t most) const;

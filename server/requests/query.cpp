@@ -8,6 +8,7 @@
 #include "server/requests/request.h"
 #include "server/requests/words/generator.h"
 #include "server/requests/words/make_plan.h"
+#include "server/scheduling/peers.h"
 
 #include <algorithm>
 #include <array>
@@ -101,10 +102,20 @@ Reply<Answer> query(const Services& services, const Caller& caller,
         return tl::unexpected(chosen.error());
 
     JobSubmission accepted = accept(*plan, "query", source->rays());
+    SentSweep* sweep = source->sweep();
+    if (sweep != nullptr) {
+        const std::uint64_t bytes = sweep->order().held_bytes();
+        auto lease = services.peers.reserve(bytes, caller.principal);
+        if (!lease)
+            return services.budget.refuse("the poses of the sweep", bytes, caller.principal,
+                                          "ask for fewer scans at a time");
+        sweep->begin(std::move(*lease));
+    }
     accepted.detail =
         reduce.empty() ? protocol::word(message->kind(), default_kind(reduce)) : reduce;
     // Assume the worst case, a frame per ray, with its mask.
-    accepted.input_bytes = 2 * protocol::alignment * message->ray_count();
+    accepted.input_bytes = sweep != nullptr ? sweep->order().sent_bytes()
+                                            : 2 * protocol::alignment * message->ray_count();
     auto job = reduce.empty()
                    ? columns_job(services, caller, std::move(*plan), std::move(*source),
                                  std::move(*columns))

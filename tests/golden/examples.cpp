@@ -35,9 +35,9 @@ public:
                more);
     }
     template <class Native>
-    void add(std::uint64_t id, Native message, Bulk bulk) {
+    void add(std::uint64_t id, Native message, Bulk bulk, const std::string& more = "") {
         append(protocol::message_of<typename Native::TableType>,
-               protocol::encode(id, std::move(message), std::move(bulk)));
+               protocol::encode(id, std::move(message), std::move(bulk)), more);
     }
     std::vector<Example> take() { return std::move(examples_); }
 
@@ -178,6 +178,13 @@ void add_work_requests(Collection& all) {
                 {0, 1, 5, 0, 0, 0, -1, std::numeric_limits<float>::infinity(),  //
                  0, 9, 5, 0, 0, 0, -1, 100});
     all.add(7, wire::QueryRaysT{}, std::move(rays));
+    Bulk masked;
+    masked.add("rays", wire::Dtype::f32, 6, 2);
+    masked.add("masks", wire::Dtype::u32, 1, 2);
+    masked.allocate();
+    fill<float>(masked, 0, {0, 1, 5, 0, 0, -1, 0, 9, 5, 0, 0, -1});
+    fill<std::uint32_t>(masked, 1, {1, 0xFFFFFFFEU});
+    all.add(7, wire::QueryRaysT{}, std::move(masked), " with masks");
 
     wire::RenderT render;
     render.job = std::make_unique<wire::JobT>(forest_job());

@@ -73,6 +73,19 @@ class ManyHosts(WithCluster):
         with self.subTest("sent rays"):
             rays = rain(20000)
             self.same(many.trace(cluster.client, SCENE, rays, item_rays=3000, setup=self.setup), self.woods.trace(rays))
+        with self.subTest("masks of sent rays"):
+            masks = np.random.default_rng(2).integers(0, 3, len(rays))
+            seen = many.trace(cluster.client, SCENE, rays, mask=masks, item_rays=3000, setup=self.setup)
+            self.same(seen, self.woods.trace(rays, mask=masks))
+            self.assertTrue((seen["t"][masks == 0] == np.inf).all())
+            with self.assertRaisesRegex(raynest.UsageError, "one for each of the rays"):
+                many.trace(cluster.client, SCENE, rays, mask=masks[1:], setup=self.setup)
+        with self.subTest("a sweep"):
+            poses = np.tile(np.eye(4)[:3], (2, 1, 1))
+            poses[1, :, 3] = 3, 2, 1
+            moving = generators.sweep([-5, 0, 5], (0, 360, 700), trajectory=([0, 1], poses), scans=5)
+            self.same(many.trace(cluster.client, SCENE, moving, item_rays=3000, setup=self.setup),
+                      self.woods.trace(moving))
         with self.subTest("a hemisphere"):
             points = np.random.default_rng(3).uniform(-20, 20, (500, 3))
             sky = generators.hemisphere(points, np.broadcast_to([0, 1, 0], points.shape), samples=50, seed=4)
@@ -132,7 +145,10 @@ class ManyHosts(WithCluster):
             np.save(self.out / "rays.npy", rain(150000))
             points = np.random.default_rng(3).uniform(-20, 20, (900, 3))
             np.save(self.out / "points.npy", np.hstack([points, np.broadcast_to([0, 1, 0], points.shape)]))
+            np.save(self.out / "masks.npy", np.arange(150000) % 3)
             for name, parts, words in (("rays", 3, ("--rays", "/proc/self/cwd/rays.npy", "--fields", "t,prim")),
+                                       ("masked", 3, ("--rays", "/proc/self/cwd/rays.npy", "--masks",
+                                                      "/proc/self/cwd/masks.npy", "--fields", "t,prim")),
                                        ("sky", 1, ("--generate", "hemisphere", "points=/proc/self/cwd/points.npy",
                                                    "samples=8", "--reduce", "hit_fraction"))):
                 done = run("--json", "query", SCENE, *words, "-o", folder / f"{name}.npz")

@@ -103,8 +103,8 @@ def _carried(known: Prepared, words: Sequence[str]) -> tuple[list[Union[str, Car
         if mark == "@":
             name, sign, path = word.partition("=@")
             prefix += name + sign
-        elif option == "points" and value:
-            prefix, path = "points=", value
+        elif option in ("points", "trajectory") and value:
+            prefix, path = option + "=", value
         else:
             path = word if mark is not None else ""
         if path and (path in STANDARD or os.path.isfile(path)):

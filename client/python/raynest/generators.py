@@ -15,6 +15,7 @@ formulas; the columns `origin` and `direction` show the rays.
 from __future__ import annotations
 
 import copy
+import dataclasses
 import math
 import reprlib
 from typing import Any, Callable, Optional, Sequence, TypedDict, Union, cast
@@ -29,6 +30,7 @@ from ._requests.arguments import Unpack, count_of, float32, none_is_default, num
 from ._requests.picture import camera_message, size_message
 from ._requests.rays import Rays, Source, Starts, pair, vector
 from .errors import UsageError
+from .sweeps import finite, known_poses
 
 
 class SensorPose(TypedDict, total=False):
@@ -187,6 +189,77 @@ def lidar(elevations: Any, azimuths: tuple[float, float, int] = (0.0, 360.0, 204
                 "origin_offsets": _text("origin_offsets", offsets)}
     return Generator("lidar", {name: text for name, text in settings.items() if text},
                      channels * columns, sensor=sensor)
+
+
+@none_is_default
+def sweep(elevations: Any, azimuths: Any = (0.0, 360.0, 2048), *, trajectory: Any, begin: float = 0.0,
+          end: float = 0.1, scans: int = 1, tmin: Optional[float] = None, tmax: Optional[float] = None) -> Sweep:
+    """A lidar in motion, as sweeps.lidar(), whose rays the daemon makes: each column leaves from where the sensor is
+    at its time. `scans` follow each other, and time goes on: column j of A of scan n is measured at
+    begin + (end - begin) (n A + j) / A. Ray (n C + c) A + j is channel c of C there. `ring` and `time` of this
+    object are of its rays; as `fields` they are columns of the answer, a row per ray."""
+    known, poses = known_poses(trajectory)
+    heights = finite("elevations", elevations, _limits.sweep_channels_max)
+    begin, end = real("begin", begin), real("end", end)
+    if not -math.inf < begin <= end < math.inf:
+        raise UsageError(f"a sweep from {begin} to {end}: both must be finite, and it must end after it begins")
+    settings = {"poses": str(len(known)), "channels": str(len(heights)), "begin": _exact_text("begin", begin),
+                "end": _exact_text("end", end)}
+    if isinstance(azimuths, tuple) and len(azimuths) == 3:
+        around: Array = np.empty(0)
+        start, stop = real("azimuths", azimuths[0]), real("azimuths", azimuths[1])
+        columns = count_of("the count of azimuths", azimuths[2], _limits.azimuths_max)
+        settings["azimuths"] = f"{_exact_text('azimuths', start)}:{_exact_text('azimuths', stop)}:{columns}"
+    else:
+        around = finite("azimuths", azimuths, _limits.azimuths_max)
+        columns = len(around)
+        settings["columns"] = str(columns)
+    scans = count_of("scans", scans, _limits.sweep_columns_max)
+    if scans * columns > _limits.sweep_columns_max:
+        raise UsageError(f"{scans} scans of {columns} columns: all have at most {_limits.sweep_columns_max}; ask for fewer "
+                         "at a time")
+    settings["scans"] = str(scans)
+    times = begin + (end - begin) * np.arange(scans * columns) / columns
+    if times[0] < known[0] or times[-1] > known[-1]:
+        raise UsageError(f"the sweep lasts from {times[0]} to {times[-1]}, the trajectory from {known[0]} to {known[-1]}")
+    made = Sweep("sweep", settings, len(heights) * len(times), sensor=SensorPose(tmin=tmin, tmax=tmax),
+                 start=poses[:1, :, 3])
+    made._rows = np.column_stack([known, poses.reshape(-1, 12)])
+    made._angles = np.concatenate([heights, around])
+    made._times, made._channels, made._columns = times, len(heights), columns
+    return made
+
+
+class Sweep(Generator):
+    """The rays of a lidar in motion, from sweep()."""
+
+    _rows: Array        # (K, 13): time, and pose row by row
+    _angles: Array      # elevations, and azimuths unless the settings have them
+    _times: Array       # of each column of each scan
+    _channels: int
+    _columns: int
+
+    @property
+    def ring(self) -> Array:
+        """The channel of each ray, uint16."""
+        return (self._numbers() // self._columns % self._channels).astype(np.uint16)
+
+    @property
+    def time(self) -> Array:
+        """The time of each ray, float64."""
+        numbers_of = self._numbers()
+        scan = numbers_of // (self._columns * self._channels)
+        return self._times[scan * self._columns + numbers_of % self._columns]
+
+    def _numbers(self) -> Array:
+        return self._part[0] + np.arange(self.count)
+
+    def source(self, origin: Any) -> Source:
+        rows = self._rows.copy()
+        if origin is not None:
+            rows[:, [4, 8, 12]] -= vector("origin", origin)
+        sent = np.concatenate([rows.ravel(), self._angles]).view(np.uint8)
+        return dataclasses.replace(super().source(origin), upload=sent, own={"ring": lambda: self.ring, "time": lambda: self.time})
 
 
 # ---- points -------------------------------------------------------------------------------------

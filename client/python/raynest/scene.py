@@ -141,6 +141,7 @@ class Scene(Renders, Paths):
                fields: Union[str, Sequence[str], None], max_hits: Optional[int], job: JobOptions,
                reduce: str, progress: Progress, detach: bool) -> Union[Columns, Job]:
         source, job = masked(source, job)
+        fields, own = source.own_columns(fields)
         # A query needs at least one ray. For none, ask about an invalid one, so that errors and
         # dtypes are those of any other query.
         asked = source if source.count else dataclasses.replace(
@@ -148,8 +149,9 @@ class Scene(Renders, Paths):
             generator=source.generator and one_sample(source.generator))
         query = self._query(asked, origin, expected, kind, fields, max_hits, job, reduce)
         if detach:
-            if source.count == 0:
-                raise UsageError("a detached job needs rays: pass some, or leave detach away")
+            if source.count == 0 or own:
+                raise UsageError("a detached job needs rays: pass some, or leave detach away" if not own else
+                                 f"a detached job has no {' and '.join(own)}: the generator has them")
             number = query.detach()
             self._warn_of_rounding(source.starts)
             return Job(self._client, number)
@@ -166,7 +168,7 @@ class Scene(Renders, Paths):
             query.outcome.update(rays=0, misses=0, invalid=0)
             columns = {name: column[:int(name == "ray_splits")] for name, column in columns.items()}
         self._warn_of_rounding(source.starts)
-        return columns
+        return columns if not own else {**columns, **own}
 
     def stream(self, rays: Any, directions: Any = None, *, kind: Optional[str] = None,
                fields: Union[str, Sequence[str], None] = None, max_hits: Optional[int] = None,
@@ -210,13 +212,16 @@ class Scene(Renders, Paths):
             shift = self._shift(asked["origin"])
             source = self._source(rays, directions, shift)
             source, options = masked(source, job)
+            fields, own = source.own_columns(asked["fields"])
             if source.count == 0:
                 return None
             query = self._query(source, shift, asked["origin"] is None, asked["kind"],
-                                asked["fields"], asked["max_hits"], options)
+                                fields, asked["max_hits"], options)
             with contextlib.closing(query.chunks(anywhere, streams=True)) as chunks:
                 for chunk in chunks:
-                    yield before + chunk.first, as_usual(chunk.columns)
+                    there = slice(chunk.first, chunk.first + chunk.count)
+                    yield before + chunk.first, {**as_usual(chunk.columns),
+                                                 **{name: column[there] for name, column in own.items()}}
         except SceneMoved as moved:  # before the first chunk
             self._moved(moved.origin)
             return (yield from self._stream(rays, directions, before, asked, job))

@@ -41,7 +41,7 @@ def lidar(elevations: Any, azimuths: Any = (0.0, 360.0, 2048), *, begin: float =
     begin + (end - begin) * j / A. `trajectory` is (times, poses): ascending times (K,) and rigid poses (K, 3, 4)
     or (K, 4, 4) from the sensor's space (x ahead, y left, z up) to the world. Between them positions are
     interpolated along lines and rotations along the shortest arc, in float64."""
-    up = np.radians(_list("elevations", elevations, 4096))
+    up = np.radians(finite("elevations", elevations, _limits.sweep_channels_max))
     around = np.radians(_azimuths(azimuths))
     begin, end = real("begin", begin), real("end", end)
     if not -np.inf < begin <= end < np.inf:
@@ -67,11 +67,11 @@ def _velocity_at(trajectory: Any, times: Array) -> Array:
     return slopes[np.clip(np.searchsorted(known, times, side="right"), 1, len(known) - 1) - 1]
 
 
-def poses_at(trajectory: Any, times: Any) -> Array:
-    """Returns the poses (N, 3, 4) of a trajectory at `times` (N,), which lie within it."""
+def known_poses(trajectory: Any) -> tuple[Array, Array]:
+    """Returns the times (K,) and poses (K, 3, 4) of a trajectory, checked, as float64."""
     if not isinstance(trajectory, (tuple, list)) or len(trajectory) != 2:
         raise UsageError("a trajectory is (times, poses)")
-    known = _list("the trajectory's times", trajectory[0], 1 << 20).astype(np.float64)
+    known = finite("the trajectory's times", trajectory[0], _limits.trajectory_poses_max)
     poses = numbers("the trajectory's poses", trajectory[1]).astype(np.float64)
     if poses.ndim != 3 or poses.shape[1:] not in ((3, 4), (4, 4)) or len(poses) != len(known):
         raise UsageError(f"poses of shape {poses.shape} for {len(known)} times: they must be ({len(known)}, 3, 4) "
@@ -86,6 +86,13 @@ def poses_at(trajectory: Any, times: Any) -> Array:
     if wrong.any():
         raise UsageError(f"pose {int(np.argmax(wrong))} of the trajectory is not rigid: it must turn and move alone, "
                          "without scale or reflection")
+    return known, poses
+
+
+def poses_at(trajectory: Any, times: Any) -> Array:
+    """Returns the poses (N, 3, 4) of a trajectory at `times` (N,), which lie within it."""
+    known, poses = known_poses(trajectory)
+    turns = poses[:, :, :3]
     at = numbers("times", times).astype(np.float64)
     if at.ndim != 1 or not np.isfinite(at).all():
         raise UsageError(f"times of shape {at.shape} must be (N,) and finite")
@@ -138,10 +145,11 @@ def _azimuths(azimuths: Any) -> Array:
         columns = count_of("the count of azimuths", count, _limits.azimuths_max)
         start, stop = real("azimuths", start), real("azimuths", stop)
         return start + (stop - start) * np.arange(columns) / columns
-    return _list("azimuths", azimuths, _limits.azimuths_max)
+    return finite("azimuths", azimuths, _limits.azimuths_max)
 
 
-def _list(what: str, values: Any, most: int) -> Array:
+def finite(what: str, values: Any, most: int) -> Array:
+    """Returns a list of 1 to `most` finite numbers as float64."""
     given = numbers(what, values).astype(np.float64)
     if given.ndim != 1 or not 0 < len(given) <= most:
         raise UsageError(f"{what} of shape {given.shape}: 1 to {most} numbers are taken")

@@ -8,6 +8,7 @@
 #include <algorithm>
 #include <array>
 #include <cmath>
+#include <limits>
 #include <set>
 #include <sstream>
 #include <string>
@@ -197,6 +198,59 @@ Reply<Generated> make_lidar(const Request& request) {
     return std::make_shared<LateSensor>(grid, [=, channels = std::move(channels)] {
         return Sensor{Lidar(sensor_pose, channels, sweep.start, sweep.stop, sweep.count)};
     });
+}
+
+/// Returns a count that a setting gives, or `otherwise`. Fails with LIMIT_EXCEEDED above `most`.
+Reply<std::uint32_t> count_of(const char* name, const std::optional<setting::Whole>& given,
+                              std::uint32_t otherwise, std::uint64_t most) {
+    const std::uint64_t count = given ? given->value : otherwise;
+    if (count > most)
+        return refuse(Code::limit_exceeded, std::string(name) + ": " + std::to_string(count) +
+                                                ", the limit is " + std::to_string(most));
+    return static_cast<std::uint32_t>(count);
+}
+
+Reply<Generated> make_sweep(const Request& request) {
+    const GeneratorSettings& given = request.settings;
+    const protocol::Limits limits;
+    SweepOrder order;
+    order.limits = request.sensor_pose;
+    const auto poses = count_of("poses", given.poses, 0, limits.trajectory_poses_max);
+    const auto channels = count_of("channels", given.channels, 0, limits.sweep_channels_max);
+    const auto columns = count_of("columns", given.columns, 0, limits.azimuths_max);
+    const auto scans = count_of("scans", given.scans, 1, limits.sweep_columns_max);
+    for (const auto* count : {&poses, &channels, &columns, &scans})
+        if (!*count) return tl::unexpected(count->error());
+    order.poses = *poses, order.channels = *channels;
+    order.columns = *columns, order.scans = *scans;
+    if (order.poses == 0 || order.scans == 0) return lacks(request.kind, "poses and scans above 0");
+    if ((order.channels != 0) == given.elevations.has_value() ||
+        (order.columns != 0) == given.azimuths.has_value())
+        return lacks(request.kind,
+                     "elevations or channels, and azimuths or columns: one of each two");
+    if (given.elevations) {
+        order.elevations = given.elevations->values;
+        order.channels = static_cast<std::uint32_t>(order.elevations.size());
+    }
+    if (const auto& sweep = given.azimuths) {
+        order.turn.emplace(sweep->start, sweep->stop);
+        order.columns = sweep->count;
+    }
+    if (order.all_columns() > limits.sweep_columns_max ||
+        std::uint64_t{order.channels} * order.scans > std::numeric_limits<std::uint32_t>::max())
+        return refuse(Code::limit_exceeded,
+                      "scans: " + std::to_string(order.scans) + " of " +
+                          std::to_string(order.columns) +
+                          " columns, the limit of all is sweep_columns_max = " +
+                          std::to_string(limits.sweep_columns_max) + "; ask for fewer at a time");
+    const auto time = [](const std::optional<setting::Number>& value, double otherwise) {
+        return value ? value->at(0) : otherwise;
+    };
+    order.begin = time(given.begin, 0);
+    order.end = time(given.end, 0.1);
+    if (!(order.begin <= order.end))
+        return refuse(Code::invalid_field, "end: a scan must end after it begins");
+    return std::make_shared<LateSensor>(std::make_shared<SentSweep>(std::move(order)));
 }
 
 /// A millionth of the scene's size, which is the diagonal of its box.

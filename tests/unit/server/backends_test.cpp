@@ -54,7 +54,8 @@ struct Asked {
 };
 
 Asked ask_sent(const std::string& worker, const char* kind, std::uint64_t rays,
-               std::uint64_t frame_rays, const char* reduce = "", std::uint32_t samples = 0) {
+               std::uint64_t frame_rays, const char* reduce = "", std::uint32_t samples = 0,
+               bool masked = false) {
     wire::QueryT query;
     query.job = job_of(worker);
     query.kind = kind;
@@ -70,7 +71,11 @@ Asked ask_sent(const std::string& worker, const char* kind, std::uint64_t rays,
         const std::uint64_t count = std::min(frame_rays, rays - first);
         protocol::Bulk bulk;
         bulk.add("rays", wire::Dtype::f32, 8, count);
+        // A frame in three has no masks.
+        if (masked && first / frame_rays % 3 != 2) bulk.add("masks", wire::Dtype::u32, 1, count);
         bulk.allocate();
+        for (std::uint64_t i = 0; bulk.count() == 2 && i < count; ++i)
+            bulk.block_as<std::uint32_t>(1)[i] = (first + i) % 5 < 2 ? 0U : ~0U << (first + i) % 3;
         const auto out = bulk.block_as<float>(0);
         for (std::uint64_t i = 0; i < count; ++i) {
             const auto n = static_cast<float>(first + i);
@@ -118,6 +123,14 @@ const Kind kinds[] = {
     {"any", [](auto worker) { return ask_sent(worker, "any", 5000, 1000); }},
     {"multi", [](auto worker) { return ask_sent(worker, "multi", 3000, 1000); }},
     {"all", [](auto worker) { return ask_sent(worker, "all", 3000, 1000); }},
+    {"closest, masked",
+     [](auto worker) { return ask_sent(worker, "closest", 5000, 1000, "", 0, true); }},
+    {"any, masked", [](auto worker) { return ask_sent(worker, "any", 5000, 1000, "", 0, true); }},
+    {"multi, masked",
+     [](auto worker) { return ask_sent(worker, "multi", 3000, 1000, "", 0, true); }},
+    {"all, masked", [](auto worker) { return ask_sent(worker, "all", 3000, 1000, "", 0, true); }},
+    {"fraction, masked",
+     [](auto worker) { return ask_sent(worker, "any", 7, 3, "hit_fraction", 2300, true); }},
     {"camera", [](auto worker) { return ask_made(worker, "closest"); }},
     {"camera, multi", [](auto worker) { return ask_made(worker, "multi"); }},
     {"fraction", [](auto worker) { return ask_sent(worker, "any", 7, 3, "hit_fraction", 2300); }},

@@ -54,6 +54,32 @@ protocol::Frame frame_of_rays(std::uint64_t first) {
     return protocol::encode(1, std::move(rays), std::move(bulk)).value();
 }
 
+/// The code that refuses two rays with this block beside them, which comes `first` or second.
+std::optional<Code> refusal_of(const char* name, wire::Dtype dtype, std::uint64_t count,
+                               bool first = false) {
+    protocol::Bulk bulk;
+    if (first) bulk.add(name, dtype, 1, count);
+    bulk.add("rays", wire::Dtype::f32, 8, 2);
+    if (!first) bulk.add(name, dtype, 1, count);
+    bulk.allocate();
+    const auto frame = protocol::encode(1, wire::QueryRaysT{}, std::move(bulk)).value();
+    const auto message = protocol::open<wire::QueryRays>(frame);
+    REQUIRE(message);
+    const auto sent = SentRays::of(*message);
+    if (!sent) return sent.error().code;
+    CHECK(sent->masks().size() == count);
+    return std::nullopt;
+}
+
+TEST_CASE("the rays of a frame have one mask each, or none") {
+    CHECK_FALSE(refusal_of("masks", wire::Dtype::u32, 2));
+    CHECK(refusal_of("masks", wire::Dtype::u32, 2, true) == Code::invalid_field);
+    CHECK(refusal_of("masks", wire::Dtype::u32, 1) == Code::invalid_field);
+    CHECK(refusal_of("masks", wire::Dtype::u32, 3) == Code::invalid_field);
+    CHECK(refusal_of("masks", wire::Dtype::u8, 2) == Code::invalid_field);
+    CHECK(refusal_of("mask", wire::Dtype::u32, 2) == Code::invalid_field);
+}
+
 TEST_CASE("a failed GPU call of several frames is traced again in full") {
     protocol::Limits limits;
     limits.chunk_rays_max = frame_rays;

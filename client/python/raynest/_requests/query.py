@@ -16,6 +16,7 @@ from .arguments import whole
 from .columns import REDUCED, Answered, Chunk
 from .job import JobOptions, Outcome, SceneMoved, job_message
 from .rays import Source
+from .upload import FileSender
 
 # Returns the arrays that receive the columns of a chunk, one for each of its blocks.
 PlaceChunk = Callable[[Chunk], Sequence[Array]]
@@ -145,6 +146,7 @@ class Query(Answer):
         self.csr = message["kind"] in _lists.CSR
         self._source = source
         self._sent = 0
+        self._file = None if source.upload is None else FileSender(source.upload, 0)
         if not reduce or reduce in _lists.REDUCED_TO_POINTS:
             self.rows = source.sent.count if reduce else source.count
 
@@ -158,6 +160,8 @@ class Query(Answer):
         return most * self._sent // sent if sent else most
 
     def feed(self) -> None:
+        if self._file is not None:
+            self._file.feed(self._connection)
         daemon, rays, masks = self._connection.daemon, self._source.sent, self._source.masks
         widths = (rays.width,) if masks is None else (rays.width, 1)
         room = daemon.bulk_bytes_max - ALIGNMENT * (len(widths) - 1)    # each block is padded

@@ -10,7 +10,7 @@ from __future__ import annotations
 import dataclasses
 import math
 import reprlib
-from typing import Any, Optional
+from typing import Any, Callable, Iterable, Mapping, Optional
 
 import numpy as np
 
@@ -106,11 +106,25 @@ class Source:
     generator: Optional[Message] = None     # makes the rays in the daemon
     stands: Optional[Starts] = None         # where it stands, if the caller says it
     part: tuple[int, int] = (0, 0)          # of the generator's rays, of a hemisphere its points: first, count
+    upload: Optional[Array] = None          # bytes of a trajectory, which follow the request
     masks: Optional[Array] = None           # of each ray or point that is sent, uint32
+    # Columns that follow from the rays' numbers.
+    own: Mapping[str, Callable[[], Array]] = dataclasses.field(default_factory=dict)
 
     @property
     def starts(self) -> Starts:
         return self.stands or self.sent.starts
+
+    def own_columns(self, fields: Any) -> tuple[Any, dict[str, Array]]:
+        """Returns the fields that the daemon is asked for, and those of `own` that were among them."""
+        names = (fields,) if isinstance(fields, str) else fields
+        if not self.own or not isinstance(names, Iterable):
+            return fields, {}
+        asked = list(names)
+        rest = [name for name in asked if name not in self.own]
+        if not rest and asked:
+            raise UsageError(f"{' and '.join(asked)} follow from the rays alone: ask for a column of the scene too")
+        return rest, {name: self.own[name]() for name in asked if name in self.own}
 
 
 def masked(source: Source, job: JobOptions) -> tuple[Source, JobOptions]:

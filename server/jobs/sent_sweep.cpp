@@ -1,0 +1,97 @@
+#include "server/jobs/sent_sweep.h"
+
+#include "protocol/control.h"
+#include "server/jobs/trajectory.h"
+
+#include <algorithm>
+#include <cmath>
+#include <cstddef>
+#include <span>
+#include <string>
+#include <utility>
+
+namespace raynest::server {
+namespace {
+
+std::span<const double> numbers(std::span<const std::byte> bytes) {
+    return {reinterpret_cast<const double*>(bytes.data()), bytes.size() / sizeof(double)};
+}
+
+}  // namespace
+
+std::uint64_t SweepOrder::sent_bytes() const {
+    return (poses * std::uint64_t{Trajectory::row_numbers} + (elevations.empty() ? channels : 0) +
+            (turn ? 0 : columns)) *
+           sizeof(double);
+}
+
+void SentSweep::begin(Budget::Lease lease) {
+    lease_ = std::move(lease);
+    file_.emplace(0, order_.sent_bytes());
+}
+
+Reply<std::uint64_t> SentSweep::feed(protocol::Frame frame, const protocol::Limits& limits) {
+    const auto message = protocol::open<wire::Upload>(frame, limits);
+    if (!message) return tl::unexpected(message.error());
+    const auto block = protocol::only_block(message->blocks, "data", wire::Dtype::u8, {1});
+    if (!block) return tl::unexpected(block.error());
+    auto to = file_->place(*message->table, block->bytes.size());
+    if (!to) return tl::unexpected(to.error());
+    return copies_.add(block->bytes, *to, std::move(frame));
+}
+
+std::optional<Task> SentSweep::next() {
+    if (auto copy = copies_.next()) return copy;
+    if (needs_input() || !copies_.all_copied() || made_ != Made::no) return std::nullopt;
+    made_ = Made::runs;
+    Task task;
+    task.run = [this](const Stop& stop) -> Reply<Frames> {
+        if (auto made = make(stop); !made) return tl::unexpected(made.error());
+        return Frames{};
+    };
+    return task;
+}
+
+void SentSweep::ended() {
+    copies_.ended();
+    if (made_ == Made::runs) made_ = Made::done;
+}
+
+Reply<void> SentSweep::make(const Stop& stop) {
+    std::span<const double> rest = numbers(file_->bytes());
+    const auto take = [&](std::size_t count) {
+        const std::span<const double> taken = rest.first(count);
+        rest = rest.subspan(count);
+        return taken;
+    };
+    const auto trajectory = Trajectory::of(take(order_.poses * Trajectory::row_numbers));
+    if (!trajectory) return tl::unexpected(trajectory.error());
+    std::span<const double> elevations = order_.elevations;
+    if (elevations.empty()) elevations = take(order_.channels);
+    std::vector<double> divided;
+    for (std::uint32_t i = 0; order_.turn && i < order_.columns; ++i)
+        divided.push_back(order_.turn->first +
+                          (order_.turn->second - order_.turn->first) * i / order_.columns);
+    const std::span<const double> azimuths = order_.turn ? divided : take(order_.columns);
+    for (const auto angles : {elevations, azimuths})
+        if (!std::ranges::all_of(angles, [](double angle) { return std::isfinite(angle); }))
+            return refuse(Code::invalid_field, "elevations and azimuths must be finite");
+    const auto columns = static_cast<double>(order_.columns);
+    std::vector<Pose> poses;
+    poses.reserve(order_.all_columns());
+    for (std::uint64_t i = 0; i < order_.all_columns(); ++i) {
+        if (i % 4096 == 0 && stop.requested()) return refuse(Code::cancelled, "");
+        const double time =
+            order_.begin + (order_.end - order_.begin) * static_cast<double>(i) / columns;
+        if (!(time >= trajectory->begin() && time <= trajectory->end()))
+            return refuse(Code::invalid_field, "the sweep has a column at " + std::to_string(time) +
+                                                   ", the trajectory lasts from " +
+                                                   std::to_string(trajectory->begin()) + " to " +
+                                                   std::to_string(trajectory->end()));
+        poses.push_back(trajectory->at(time));
+    }
+    sensor_.emplace(Sweep(order_.limits, elevations, azimuths, std::move(poses)));
+    return {};
+}
+
+}  // namespace raynest::server

@@ -1,0 +1,76 @@
+// A lidar in motion whose trajectory the client sends, in UPLOAD frames.
+#pragma once
+
+#include "engine/integrators/generators.h"
+#include "protocol/frame.h"
+#include "protocol/limits.h"
+#include "server/ground/budget.h"
+#include "server/ground/errors.h"
+#include "server/ground/stop.h"
+#include "server/jobs/received_file.h"
+
+#include <cstdint>
+#include <optional>
+#include <utility>
+#include <vector>
+
+namespace raynest::server {
+
+/// A sweep as its request describes it; the counts are within their limits.
+struct SweepOrder {
+    std::uint32_t poses = 0;
+    std::uint32_t channels = 0;
+    std::uint32_t columns = 0;  ///< of a scan
+    std::uint32_t scans = 1;
+    double begin = 0, end = 0;  ///< of the first scan
+    SensorPose limits;          ///< the range of its rays
+    /// Those of the channels; empty: they follow the poses.
+    std::vector<double> elevations;
+    /// The azimuths divide it, its end left out; nothing: they follow the elevations.
+    std::optional<std::pair<double, double>> turn;
+
+    [[nodiscard]] std::uint64_t sent_bytes() const;
+    /// Columns of all scans.
+    [[nodiscard]] std::uint64_t all_columns() const { return std::uint64_t{scans} * columns; }
+    [[nodiscard]] ImageSize grid() const { return {columns, channels * scans}; }
+    /// Bytes of memory while it runs.
+    [[nodiscard]] std::uint64_t held_bytes() const {
+        return sent_bytes() + all_columns() * sizeof(Pose);
+    }
+};
+
+/// Receives the trajectory and makes the sensor. Functions are called on the io thread; the tasks
+/// that next() returns run elsewhere, one at a time.
+class SentSweep {
+public:
+    explicit SentSweep(SweepOrder order) : order_(std::move(order)) {}
+
+    [[nodiscard]] const SweepOrder& order() const { return order_; }
+    /// Makes room for what is sent. `lease` is for order().held_bytes().
+    void begin(Budget::Lease lease);
+    /// Takes an UPLOAD frame. Returns the bytes that were freed at once.
+    Reply<std::uint64_t> feed(protocol::Frame frame, const protocol::Limits& limits);
+    [[nodiscard]] bool needs_input() const { return !file_ || !file_->complete(); }
+    [[nodiscard]] std::uint64_t take_freed() { return copies_.take_freed(); }
+    [[nodiscard]] std::uint64_t held_bytes() const { return lease_.bytes(); }
+    /// True once the sensor can be used.
+    [[nodiscard]] bool is_made() const { return made_ == Made::done; }
+    /// Returns the next task on the way there; nothing while one runs, or while more must come.
+    std::optional<Task> next();
+    /// Called when a task has ended.
+    void ended();
+    /// The sensor, once. After is_made().
+    [[nodiscard]] Sensor take_sensor() { return std::move(*sensor_); }
+
+private:
+    Reply<void> make(const Stop& stop);
+
+    const SweepOrder order_;
+    Budget::Lease lease_;
+    std::optional<ReceivedFile> file_;
+    UploadCopies copies_;
+    enum class Made { no, runs, done } made_ = Made::no;
+    std::optional<Sensor> sensor_;  ///< written by the task
+};
+
+}  // namespace raynest::server
