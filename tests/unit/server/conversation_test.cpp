@@ -148,9 +148,9 @@ TEST_CASE("data that is too large, and bulk of an unknown type, cost their reque
         REQUIRE(decoder.complete());
         conversation.receive(decoder.take());
     };
-    const auto rays_of = [](std::uint32_t stride) {
+    const auto rays_of = [](std::uint32_t stride, std::uint64_t count) {
         protocol::Bulk bulk;
-        bulk.add("rays", wire::Dtype::f32, stride / sizeof(float), (16U << 10) + 1);
+        bulk.add("rays", wire::Dtype::f32, stride / sizeof(float), count);
         bulk.allocate();
         std::fill_n(bulk.block(0).data(), bulk.block(0).size(), std::byte{0});
         return protocol::encode(1, wire::QueryRaysT{}, std::move(bulk)).value();
@@ -166,8 +166,8 @@ TEST_CASE("data that is too large, and bulk of an unknown type, cost their reque
     unknown.header.type = 99;
     REQUIRE_FALSE(protocol::message_known(99));
     const std::array<std::pair<protocol::Frame, Code>, 4> cases = {
-        {{rays_of(32), Code::limit_exceeded},
-         {rays_of(24), Code::invalid_field},
+        {{rays_of(32, 20U << 10), Code::limit_exceeded},  // more than rays and masks take
+         {rays_of(24, (16U << 10) + 1), Code::invalid_field},
          {piece_of((8U << 20) + 1), Code::limit_exceeded},
          {std::move(unknown), Code::unknown_type}}};
     for (const auto& [frame, code] : cases) {
