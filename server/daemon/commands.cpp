@@ -369,6 +369,21 @@ std::optional<int> run_command(int argc, const char* const* argv) {
             "new folder NEW; to restore it, start with --state NEW",
             exit_usage);
     }
+    if (word == "restore") {
+        if (argc == 4 && argv[2][0] != '-' && argv[3][0] != '-')
+            return restore_state(argv[2], argv[3]);
+        return failed(
+            "raynestd restore BACKUP DIR makes the state folder DIR, which must be new or empty, "
+            "out of a backup; then start with --state DIR",
+            exit_usage);
+    }
+    if (word == "gc") {
+        if (argc == 3 && argv[2][0] != '-') return collect_state(argv[2]);
+        return failed(
+            "raynestd gc DIR removes the files of a state folder that no scene needs, while no "
+            "daemon uses it",
+            exit_usage);
+    }
     if (word != "tls" && word != "token") return std::nullopt;
     if (const std::string fault = command_fault(word, argc > 2 ? argv[2] : ""); !fault.empty())
         return failed(fault + "; see raynestd " + std::string(word) + " --help", exit_usage);

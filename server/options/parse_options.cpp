@@ -387,7 +387,8 @@ ParsedOptions parse_options(int argc, const char* const* argv, std::ostream& err
         "  raynestd --listen tcp://127.0.0.1:0 --ready-file /tmp/raynest.json\n\n"
         "raynestd traces rays through instanced scenes for clients. raynestd tls --help makes\n"
         "certificates, raynestd token --help gives access. raynestd check DIR looks\n"
-        "at a state folder, raynestd backup DIR NEW copies one.",
+        "at a state folder, raynestd backup DIR NEW copies one, raynestd restore BACKUP DIR\n"
+        "copies it back, raynestd gc DIR makes room in one.",
         "raynestd");
     app.footer(
         "\nExit codes: 0 stopped, 1 cannot start, 2 usage, 3 stopped before its jobs had ended.");

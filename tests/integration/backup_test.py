@@ -1,8 +1,9 @@
 #!/usr/bin/env python3
-"""raynestd backup copies a state folder while a daemon uses it.
+"""raynestd backup copies a state folder while a daemon uses it; restore copies it back, and gc makes room.
 
   backup_test.py RAYNESTD RAYNEST
 """
+import fcntl
 import os
 import shutil
 import subprocess
@@ -128,6 +129,62 @@ class Backup(WithState):
             blob.seek(5000)
             blob.write(bytes([byte[0] ^ 1]))
         self.assertIn("1 damaged", self.raynestd_says(1, "backup", self.state, copy))
+
+    def test_restore_makes_the_folder_again(self):
+        client = self.start()
+        for name in "ab":
+            client.run("load", f"{WOODS}&seed={ord(name)}", "--name", name)
+        client.run("edit", "b", "--move", "birch-1=0,0,3", "--keep")
+        told = {name: (scene["hash"], scene["epoch"], self.hits(name)) for name, scene in self.scenes().items()}
+        copy = self.folder / "copy"
+        self.raynestd_says(0, "backup", self.state, copy)
+        # A folder that is in use, or holds anything, stays as it is.
+        self.assertIn("is not empty", self.raynestd_says(1, "restore", copy, self.state))
+        self.kill()
+        before = sorted(os.listdir(self.state))
+        self.assertIn("is not empty", self.raynestd_says(1, "restore", copy, self.state))
+        self.assertEqual(sorted(os.listdir(self.state)), before)
+        for words, said in (((self.folder / "gone", self.folder / "new"), "is no state folder"),
+                            ((copy, self.rays), "is no folder"), ((copy, self.folder / "no" / "such"), "cannot make")):
+            with self.subTest(words=words):
+                self.assertIn(said, self.raynestd_says(1, "restore", *words))
+        self.assertFalse((self.folder / "new").exists())
+        for words in ((), (copy,), (copy, self.state, self.state), ("--help", copy)):
+            self.assertIn("raynestd restore BACKUP DIR", self.raynestd_says(2, "restore", *words))
+        # An empty folder whose lock a daemon holds: a daemon that has just begun.
+        empty = self.folder / "empty"
+        empty.mkdir()
+        with open(empty / "lock", "w") as lock:
+            fcntl.flock(lock, fcntl.LOCK_EX)
+            self.assertIn("another daemon uses", self.raynestd_says(1, "restore", copy, empty))
+        shutil.rmtree(self.state)
+        for folder in (self.state, empty):
+            self.assertIn("2 scenes", self.raynestd_says(0, "restore", copy, folder))
+            other, daemon = self.elsewhere(folder)
+            self.assertEqual({name: (scene["hash"], scene["epoch"], self.hits(name, other))
+                              for name, scene in self.scenes(other).items()}, told)
+            daemon.process.kill()
+            daemon.process.wait()
+        self.assertEqual(len(list((copy / "blobs").iterdir())), 2)
+
+    def test_gc_removes_what_no_scene_needs(self):
+        client = self.start()
+        client.run("load", WOODS, "--name", "woods")
+        blob, = self.blobs.iterdir()
+        self.assertIn("a running daemon removes such files itself", self.raynestd_says(1, "gc", self.state))
+        self.kill()
+        (self.blobs / ("0" * 64)).write_bytes(b"x" * 3000)
+        (self.blobs / ".new-1").write_bytes(b"x" * 72)
+        (self.state / "damaged" / ("1" * 64)).write_bytes(b"y" * 1024)
+        said = self.raynestd_says(0, "gc", self.state)
+        self.assertIn("2 files removed, 3.0 KiB freed; 1 blobs", said)
+        self.assertIn("1 damaged blobs, 1.0 KiB", said)
+        self.assertEqual(list(self.blobs.iterdir()), [blob])
+        self.assertIn("0 files removed", self.raynestd_says(0, "gc", self.state))
+        self.assertIn("is no state folder", self.raynestd_says(1, "gc", self.folder))
+        self.assertIn("raynestd gc DIR", self.raynestd_says(2, "gc"))
+        self.start()
+        self.hits("woods")
 
     def test_a_full_disk_leaves_nothing(self):
         client = self.start()
