@@ -119,6 +119,7 @@ Result<void> validate(const wire::Load& message, const Limits& limits) {
         .name("up", message.up())
         .finite("radius", message.radius())
         .finite("spacing", message.spacing())
+        .name("variant", message.variant())
         .texts("masks", message.masks())
         .names("share", message.share());
     const auto is_given = [](const auto* list) { return list != nullptr && list->size() != 0; };
@@ -219,6 +220,15 @@ Result<void> validate(const wire::Structure& message, const Limits& limits) {
         .at_most("count", message.count(), limits.structure_rows_max, "structure_rows_max")
         .aligned("paths", message.paths(), limits.structure_paths_max, "structure_paths_max")
         .that(message.depth_min() <= message.depth_max(), "depth_min", "is above depth_max")
+        .result();
+}
+
+Result<void> validate(const wire::Export& message, const Limits& limits) {
+    return Checks(limits)
+        .name("scene", message.scene())
+        .needs("scene", message.scene())
+        .name("format", message.format())
+        .name("file", message.file())
         .result();
 }
 

@@ -54,6 +54,9 @@ ALLOWED = {
                                                     "engine/assets/gltf/file/uri.h"],
     "engine/assets/composition": up_to("engine/bvh") + ["engine/scene", "engine/scene/edits", "engine/scene/motion/affine.h",
                                                         "engine/assets/input", "engine/assets/formats"],
+    "engine/assets/gltf/write": up_to("engine/bvh") + ["engine/scene", "engine/scene/motion", "engine/shading/types.h",
+                                                       "engine/shading/records.h", "engine/assets/input",
+                                                       "engine/assets/images"],
     "engine/assets/gltf": up_to("engine/bvh") + ["engine/scene", "engine/scene/motion", "engine/assets/input",
                                                  "engine/assets/images", "engine/assets/gltf/file"],
     "engine/assets": ["engine/result.h", "engine/scene", "engine/packs/registry.h",
@@ -130,7 +133,7 @@ HEAVY = {
 # The Python package: its rooms from the ground up, each with its modules or folders.
 PACKAGE = "client/python/raynest"
 PYTHON = [{"errors", "_lists", "_limits", "_wording", "_version", "_handles"}, {"_net"}, {"images"},
-          {"_requests"}, {"_session"}, {"job"}, {"generators", "sweeps", "points"}, {"edits"}, {"_render"}, {"_paths"},
+          {"_requests"}, {"_session"}, {"job"}, {"generators", "sweeps", "points"}, {"edits"}, {"_render", "_export"}, {"_paths"},
           {"scene"}, {"client", "returns"}, {"compat", "merge", "_travel"}, {"_workers"}, {"_prepared"}, {"_deal"}, {"__init__"}, {"dask", "_command"}]
 
 SOURCES = {".h", ".cpp", ".cu", ".inc", ".in"}

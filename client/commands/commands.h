@@ -25,7 +25,7 @@
 namespace raynest::client {
 
 struct LoadOptions {
-    std::string source, name, build, primitive, instances;
+    std::string source, name, build, primitive, instances, variant;
     WorldPoint origin{};
     bool auto_origin = false;
     std::string up;
@@ -62,6 +62,10 @@ struct EditOptions {
     std::uint64_t epoch = 0;  ///< 0: the current one
     std::vector<EditChange> changes;
     bool keep = false;  ///< answered when it outlives the daemon
+};
+struct ExportOptions {
+    std::string scene, output;
+    std::uint64_t epoch = 0;  ///< 0: the current one
 };
 struct PinOptions {
     std::vector<std::string> scenes;

@@ -33,6 +33,7 @@ wire::LoadT load_message(const LoadOptions& options, const Upload& upload) {
     load.radius = options.radius;
     load.spacing = options.spacing;
     load.masks = options.masks;
+    load.variant = options.variant;
     load.share = options.share;
     return load;
 }
@@ -123,6 +124,9 @@ void declare(CommandLine& line, LoadOptions& load) {
         "of the points of a .ply or .las, which are loaded as spheres, in the file's unit");
     line.add_number("--spacing", load.spacing, 1e-9, 1e9, "a length from 1e-9 to 1e9",
                     "between the heights of a grid, in its unit (1)");
+    line.add_option("--variant", load.variant,
+                    "name of a variant of a glTF file's materials (KHR_materials_variants), as "
+                    "info lists them");
 }
 
 Result<void> run(Context& context, const LoadOptions& options) {

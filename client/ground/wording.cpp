@@ -14,6 +14,7 @@ constexpr std::array words = {
     // requests
     Word{"CancelJob", "raynest cancel"},
     Word{"Edit", "raynest edit"},
+    Word{"Export", "raynest export"},
     Word{"Fetch", "raynest fetch"},
     Word{"Info", "raynest info"},
     Word{"Jobs", "raynest jobs"},
@@ -62,6 +63,7 @@ constexpr std::array words = {
     Word{"traversal", "--traversal"},
     Word{"unit", "--unit"},
     Word{"up", "--up"},
+    Word{"variant", "--variant"},
     Word{"worker", "--worker"},
 };
 

@@ -119,6 +119,9 @@ Result<SceneDescription> describe(const ImportRequest& request, const ImportLimi
                                 "{} and heights: leave them out",
                                 format_list()));
     }
+    if (!request.variant.empty() && !is_gltf(source))
+        return fail(ErrorCode::scene_invalid,
+                    "`variant` is for glTF files with KHR_materials_variants: leave it out");
     if (source.starts_with("builtin:")) {
         if (request.origin != WorldPoint{}) {
             return fail(ErrorCode::scene_invalid,

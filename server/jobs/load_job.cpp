@@ -281,6 +281,7 @@ private:
         request.origin = order_.origin;
         request.options = order_.options;
         request.masks = order_.masks;
+        request.variant = order_.variant;
         for (const UploadFile& file : order_.files) {
             if (!is_intact(file))
                 return refuse(Code::scene_invalid,

@@ -48,6 +48,7 @@ struct LoadOrder {
     WorldPoint origin{};
     FileOptions options{};
     std::vector<std::string> masks;
+    std::string variant = {};
     std::optional<DiskSource> disk;  ///< nothing: a built-in scene or an upload
     std::vector<UploadFile> files;
     Budget::Lease lease;                     ///< for the received bytes of the files

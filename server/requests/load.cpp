@@ -68,6 +68,8 @@ std::string digest_of(const LoadOrder& order) {
         add_text(file.name);
         add(file.digest->data(), file.digest->size());
     }
+    // Sums of earlier releases, which stored scenes have, end with the files.
+    if (!order.variant.empty()) add_text(order.variant);
     const auto digest = order.files.empty() ? std::nullopt : sum.digest();
     return digest ? std::string(digest->begin(), digest->end()) : std::string();
 }
@@ -199,6 +201,7 @@ Reply<Answer> load(const Services& services, const Caller& caller,
     if (!options) return tl::unexpected(options.error());
     order.options = *options;
     order.masks = protocol::strings(message->masks());
+    order.variant = protocol::text(message->variant());
     if (const auto rules = MaskRules::parse(order.masks); !rules)
         return refuse(Code::invalid_field, rules.error().message);
     // `builtin:` alone goes on: its import fails with the list of those there are.

@@ -18,6 +18,7 @@ export const MESSAGES = {
   Structure: 17,
   Page: 18,
   Edit: 19,
+  Export: 20,
   Pin: 21,
   Query: 24,
   QueryRays: 25,

@@ -133,6 +133,11 @@ void add_scene_requests(Collection& all) {
     structure.level = 1;
     structure.depth_max = 3;
     all.add(11, structure);
+    wire::ExportT export_it;
+    export_it.scene = "forest";
+    export_it.format = "rnscene.json";
+    export_it.file = "forest.glb";
+    all.add(17, export_it);
     wire::EditT edit;
     edit.scene = "forest";
     edit.epoch = 1;

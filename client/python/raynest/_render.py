@@ -4,6 +4,7 @@ from __future__ import annotations
 import contextlib
 from typing import TYPE_CHECKING, Any, Callable, Iterator, Optional, Sequence, Union
 
+from ._export import Exports
 from ._net.control import Message
 from ._net.frame import Array
 from ._requests.arguments import Unpack, none_is_default
@@ -19,7 +20,7 @@ from .job import Job
 GRACE_SECONDS = 600.0
 
 
-class Renders:
+class Renders(Exports):
     """Pictures of a scene."""
 
     name: str

@@ -5,7 +5,8 @@ import re
 
 WORDS = {
     # requests
-    "CancelJob": "Job.cancel()", "Edit": "Scene.edit()", "Fetch": "Job.fetch()",
+    "CancelJob": "Job.cancel()", "Edit": "Scene.edit()", "Export": "Scene.export()",
+    "Fetch": "Job.fetch()",
     "Info": "Scene.info",
     "Jobs": "Client.jobs()", "Load": "Client.load()", "Pin": "Scene.pin()", "Scenes": "Client.scenes()",
     "Unload": "Scene.unload()", "Variants": "Client.variants()", "Wait": "Job.wait()",
@@ -21,7 +22,7 @@ WORDS = {
     "samples": "spp=", "scale": "scale=", "seed": "seed=", "size": "size=",
     "skip_hidden_boxes": "skip_hidden_boxes=", "spacing": "spacing=", "sun": "sun=", "time": "time=",
     "tonemap": "tonemap=", "top": "top=",
-    "traversal": "traversal=", "unit": "unit=", "up": "up=", "worker": "worker="}
+    "traversal": "traversal=", "unit": "unit=", "up": "up=", "variant": "variant=", "worker": "worker="}
 
 
 def _points(numbers: str) -> str:

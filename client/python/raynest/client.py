@@ -83,7 +83,7 @@ class Client(Session):
              origin: Any = None, replace: bool = False, build: str = "medium", primitive: str = "",
              instances: Union[str, os.PathLike[str]] = "", masks: Masks = (),
              unit: Union[str, float] = 1, up: str = "y", radius: float = 0, spacing: float = 0,
-             share: Union[str, Sequence[str]] = (), progress: Progress = None) -> Scene:
+             variant: str = "", share: Union[str, Sequence[str]] = (), progress: Progress = None) -> Scene:
         """Uploads a .glb, .gltf or .obj with the files that it names, a .ply, .stl, .off or .las, a .npz
         of the arrays vertices and faces, or a .npy of `primitive` records or "heights"; or loads "builtin:forest?trees=9" or "root:PATH", which the daemon has. A pipe, or "-" for
         stdin, may bring any of these files; it then needs a `name`.
@@ -100,6 +100,7 @@ class Client(Session):
         or metres as a number; `up="z"` turns (x, y, z) to (x, z, -y); `radius` makes spheres of the
         points of a .ply or .las, in the file's unit; `spacing` lies between the heights of a grid,
         whose rows go along z and columns along x; `origin="auto"` has the daemon choose an origin.
+        `variant` is one of a glTF file's KHR_materials_variants, which a SceneWarning lists.
 
         The daemon is asked by the files' SHA-256 first: it publishes a scene of the same content
         that you may see under the new name, and nothing is sent.
@@ -113,10 +114,11 @@ class Client(Session):
         """
         load = load_of_file(source, name, origin=origin, replace=replace, build=build, primitive=primitive,
                             instances=instances, masks=masks, unit=unit, up=up, radius=radius, spacing=spacing,
-                            share=share)
+                            variant=variant, share=share)
         scene = self._load(load, progress)[0]
         scene.made = (source, {"origin": origin, "build": build, "primitive": primitive, "instances": instances,
-                               "masks": masks, "unit": unit, "up": up, "radius": radius, "spacing": spacing})
+                               "masks": masks, "unit": unit, "up": up, "radius": radius, "spacing": spacing,
+                               "variant": variant})
         return scene
 
     @none_is_default

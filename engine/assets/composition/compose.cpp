@@ -52,13 +52,14 @@ public:
     /// Imports the file `name` as `object` says, with the files in its folder.
     Result<Scene> import(const std::string& name, const Object& object) {
         const FileOptions& o = object.options;
-        const std::string key =
-            fmt::format("{}\n{}\n{} {} {} {} {} {} {} {}\n{}", name, object.primitive, o.unit,
-                        o.radius, o.spacing, o.z_up, o.auto_origin, object.origin[0],
-                        object.origin[1], object.origin[2], fmt::join(object.masks, "\n"));
+        const std::string key = fmt::format(
+            "{}\n{}\n{}\n{} {} {} {} {} {} {} {}\n{}", name, object.primitive, object.variant,
+            o.unit, o.radius, o.spacing, o.z_up, o.auto_origin, object.origin[0], object.origin[1],
+            object.origin[2], fmt::join(object.masks, "\n"));
         if (const auto known = known_.find(key); known != known_.end()) return known->second;
         ImportRequest request{name, {}, object.primitive, request_.build, object.origin, o, {}};
         request.masks = object.masks;
+        request.variant = object.variant;
         const std::size_t folder = name.rfind('/') + 1;
         if (const NamedBytes* const main = find(name)) {
             request.source = name.substr(folder);
@@ -154,7 +155,8 @@ private:
     }
 
     Result<Scene> nested(const NamedBytes& file, const Object& object) {
-        if (object.options != FileOptions{} || !object.primitive.empty() || !object.masks.empty())
+        if (object.options != FileOptions{} || !object.primitive.empty() || !object.masks.empty() ||
+            !object.variant.empty())
             return fail(ErrorCode::scene_invalid,
                         "is a composition, which says itself how to read its files");
         if (std::ranges::find(above_, file.name) != above_.end())
@@ -341,9 +343,11 @@ bool is_composition(std::string_view source) {
 
 Result<BuiltArena> compose(const ImportRequest& request, const ImportLimits& limits,
                            const ImportFile& import_file) {
-    if (request.options != FileOptions{} || !request.masks.empty() || !request.primitive.empty())
+    if (request.options != FileOptions{} || !request.masks.empty() || !request.primitive.empty() ||
+        !request.variant.empty())
         return fail(ErrorCode::scene_invalid,
-                    "is a composition: it says itself how to read its files, and their masks");
+                    "is a composition: it says itself how to read its files, their masks and "
+                    "variants");
     Files files(request, import_file);
     const NamedBytes& main = request.files.front();
     return Composer(files, limits, main.name, {main.name}).compose(main.bytes, request.origin);

@@ -189,7 +189,7 @@ Object read_object(const std::string& name, const Value& value) {
     object.name = name;
     if (value
             .only({"file", "unit", "up", "radius", "spacing", "primitive", "origin", "masks",
-                   "instances"})
+                   "variant", "instances"})
             .has("instances")) {
         value.only({"instances"});
         for (const Value& places : value.at("instances").list())
@@ -202,6 +202,7 @@ Object read_object(const std::string& name, const Value& value) {
     if (value.has("radius")) object.options.radius = positive(value.at("radius"));
     if (value.has("spacing")) object.options.spacing = positive(value.at("spacing"));
     if (value.has("primitive")) object.primitive = value.at("primitive").text();
+    if (value.has("variant")) object.variant = value.at("variant").text();
     if (value.has("up")) {
         const std::string up = value.at("up").text();
         if (up != "y" && up != "z") value.at("up").refuse_it("is neither \"y\" nor \"z\"");

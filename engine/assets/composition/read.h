@@ -32,6 +32,7 @@ struct Object {
     FileOptions options;
     WorldPoint origin{};
     std::vector<std::string> masks;
+    std::string variant;            ///< of KHR_materials_variants
     std::vector<Places> instances;  ///< of a group
 };
 

@@ -38,6 +38,7 @@ struct ImportRequest {
     WorldPoint origin{};  ///< subtracted from world coordinates before they are rounded
     FileOptions options{};
     std::vector<std::string> masks;  ///< rules "GLOB=HEX" (mask_rules.h)
+    std::string variant = {};        ///< of KHR_materials_variants; empty: none is chosen
 };
 
 struct ImportLimits {

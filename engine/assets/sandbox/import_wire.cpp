@@ -26,6 +26,7 @@ struct RequestHeader {
     std::int32_t parent = 0;
     std::uint32_t source_bytes = 0;
     std::uint32_t primitive_bytes = 0;
+    std::uint32_t variant_bytes = 0;
     std::uint32_t file_count = 0;
     std::uint32_t mask_count = 0;
     BuildQuality build = BuildQuality::medium;
@@ -147,18 +148,21 @@ Result<void> write_request(int fd, Work work, const ImportRequest& request,
     header.parent = ::getpid();
     header.source_bytes = static_cast<std::uint32_t>(request.source.size());
     header.primitive_bytes = static_cast<std::uint32_t>(request.primitive.size());
+    header.variant_bytes = static_cast<std::uint32_t>(request.variant.size());
     header.build = request.build;
     header.origin = request.origin;
     header.options = request.options;
     header.file_count = static_cast<std::uint32_t>(request.files.size());
     header.mask_count = static_cast<std::uint32_t>(request.masks.size());
     if (request.source.size() > text_bytes_max || request.primitive.size() > text_bytes_max ||
-        request.files.size() > files_max || request.masks.size() > masks_max) {
+        request.variant.size() > text_bytes_max || request.files.size() > files_max ||
+        request.masks.size() > masks_max) {
         return fail(ErrorCode::limit_exceeded, "a scene may have at most 65536 files");
     }
     auto done = write_all(fd, &header, sizeof header);
     if (done) done = write_all(fd, request.source.data(), request.source.size());
     if (done) done = write_all(fd, request.primitive.data(), request.primitive.size());
+    if (done) done = write_all(fd, request.variant.data(), request.variant.size());
     for (const std::string& mask : request.masks) {
         const std::uint64_t bytes = mask.size();
         if (done) done = write_all(fd, &bytes, sizeof bytes);
@@ -198,7 +202,8 @@ Result<Message> parse_request(std::span<const std::byte> bytes) {
         return from != nullptr;
     };
     if (!take_text(header.source_bytes, message.request.source) ||
-        !take_text(header.primitive_bytes, message.request.primitive)) {
+        !take_text(header.primitive_bytes, message.request.primitive) ||
+        !take_text(header.variant_bytes, message.request.variant)) {
         return damaged;
     }
     for (std::uint32_t i = 0; i < header.mask_count; ++i) {

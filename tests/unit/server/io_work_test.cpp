@@ -281,6 +281,9 @@ TEST_CASE("no turn of the io thread does more for a large request and a large sc
     structure.kind = "placements";
     structure.count = 16384;
     check("Structure", asks(structure));
+    wire::ExportT file = about_scene<wire::ExportT>();
+    file.format = "glb";
+    check("Export", asks(file));
 
     check("Query", asks(query("")));
     check("Query that hides", asks(query("", true)));

@@ -29,7 +29,8 @@ class Load(NamedTuple):
 def load_of_file(source: Union[str, os.PathLike[str]], name: Optional[str] = None, *,
                  data: Optional[memoryview] = None, origin: Any = None, replace: bool = False, build: str = "medium", primitive: str = "",
                  instances: Union[str, os.PathLike[str]] = "", masks: Masks = (), unit: Union[str, float] = 1,
-                 up: str = "y", radius: float = 0, spacing: float = 0, share: Union[str, Sequence[str]] = ()) -> Load:
+                 up: str = "y", radius: float = 0, spacing: float = 0, variant: str = "",
+                 share: Union[str, Sequence[str]] = ()) -> Load:
     """As Client.load() has it. `data` are the bytes of a file that names no others, in the place of `source`."""
     if hasattr(source, "vertices") and hasattr(source, "faces"):
         raise TypeError("source is a mesh: pass mesh.vertices and mesh.faces to Client.mesh()")
@@ -45,7 +46,7 @@ def load_of_file(source: Union[str, os.PathLike[str]], name: Optional[str] = Non
     return Load({
         **upload.message(), **_origin_message(None if chosen else origin), "replace": replace, "build": build,
         "primitive": primitive, "origin_auto": chosen, "unit": _metres(unit), "up": "" if up == "y" else up,
-        "radius": radius, "spacing": spacing, "masks": mask_rules(masks),
+        "radius": radius, "spacing": spacing, "variant": variant, "masks": mask_rules(masks),
         "share": split_principals(share) if isinstance(share, str) else list(share)}, upload.read)
 
 

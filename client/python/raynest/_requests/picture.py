@@ -22,6 +22,8 @@ LIT_PIXEL_BYTES_MAX = 80
 # The same of an EXR with a channel of four bytes for every counter of every level.
 HEAT_PIXEL_BYTES_MAX = 2048
 LEGEND_BYTES_MAX = 4 << 20
+# The format of a .glb ends there.
+FILE_BYTES_MAX = 1 << 32
 DOCUMENT_BYTES_MAX = 64 << 20
 
 
@@ -49,7 +51,7 @@ def camera_message(camera: Union[str, int], look_at: Optional[Sequence[Any]], fo
 
 
 class Picture:
-    """A "render", "heatmap" or "json" document, whose pieces come in order. `shape` is its width, height and encode;
+    """A "render", "heatmap", "json" document or "file", whose pieces come in order. `shape` is its width, height and encode;
     when a job is fetched, the first piece says them. SceneMoved ends it if the scene's origin is not
     `origin`, where that was subtracted from the camera's place. A payload that is not the last one
     is replaced by a later one."""
@@ -125,8 +127,7 @@ class Picture:
         encoded = {"heatmap": HEAT_PIXEL_BYTES_MAX, "render": LIT_PIXEL_BYTES_MAX}.get(
             self._kind, ENCODED_PIXEL_BYTES_MAX)
         most = 4 * pixels if raw else encoded * pixels + LEGEND_BYTES_MAX
-        if self._kind == "json":
-            most = DOCUMENT_BYTES_MAX
+        most = {"json": DOCUMENT_BYTES_MAX, "file": FILE_BYTES_MAX}.get(self._kind, most)
         if (name != "Picture" or pixels > _limits.picture_pixels_max or total > most
                 or (raw and total != most)):
             raise ProtocolError(f"the daemon sent a picture of {total} bytes")

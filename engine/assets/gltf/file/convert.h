@@ -20,6 +20,9 @@ Result<std::vector<float>> finite_list(std::span<const double> values, std::stri
 /// Call these in order: accessors before meshes, nodes before skins, and pictures before textures
 /// before materials.
 Result<void> convert_meshes(tinygltf::Model& file, Model& model);
+/// Before meshes: gives primitives the materials of the variant `name`, and lists the variants in
+/// model.warnings. scene_invalid: there is none of that name. Empty: none is chosen.
+Result<void> choose_variant(tinygltf::Model& file, const std::string& name, Model& model);
 /// After nodes and meshes. Refuses nothing.
 Result<void> convert_animations(tinygltf::Model& file, Model& model);
 Result<void> convert_skins(tinygltf::Model& file, Model& model);

@@ -480,6 +480,7 @@ Result<Model> load_model(const ImportRequest& request, const Glb& text, const Pr
     model.quantized = std::find(file.extensionsUsed.begin(), file.extensionsUsed.end(),
                                 "KHR_mesh_quantization") != file.extensionsUsed.end();
     if (auto done = convert_accessors(*parsed, model); !done) return error_of(done);
+    if (auto done = choose_variant(file, request.variant, model); !done) return error_of(done);
     for (const auto convert :
          {convert_meshes, convert_textures, convert_materials, convert_cameras, convert_nodes,
           convert_lights, convert_skins, convert_animations, choose_scene}) {

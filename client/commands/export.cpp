@@ -1,0 +1,79 @@
+// raynest export SCENE -o FILE: a scene of the daemon as a file that other programs read.
+#include "client/commands/commands.h"
+#include "client/commands/shared_options.h"
+#include "client/ground/json.h"
+#include "client/output/outcome_text.h"
+#include "client/output/output.h"
+#include "client/output/output_file.h"
+#include "client/requests/picture.h"
+
+#include <iostream>
+#include <string>
+#include <string_view>
+
+namespace raynest::client {
+namespace {
+
+constexpr std::string_view composition_ending = ".rnscene.json";
+
+Result<ReceivedPicture> receive_file(Context& context, const ExportOptions& options,
+                                     const std::string& format, const std::string& file) {
+    wire::ExportT request;
+    request.scene = options.scene;
+    request.epoch = options.epoch;
+    request.format = format;
+    request.file = file;
+    if (auto started = context.connection.start(request); !started)
+        return tl::unexpected<Failure>(started.error());
+    auto answer = receive_picture(context.connection, context.progress);
+    context.progress.clear();
+    return answer;
+}
+
+}  // namespace
+
+void declare(CommandLine& line, ExportOptions& options) {
+    add_scene(line, options.scene);
+    add_output(line, options.output, {".glb", std::string(composition_ending)},
+               "binary glTF 2.0; or a composition, which keeps the scene's origin, and the .glb "
+               "that it places beside it")
+        .required();
+    add_epoch(line, options.epoch);
+}
+
+Result<void> run(Context& context, const ExportOptions& options) {
+    const bool composes = options.output.ends_with(composition_ending);
+    std::string glb = options.output;
+    if (composes) glb.replace(glb.size() - composition_ending.size(), std::string::npos, ".glb");
+    for (const std::string& path : {glb, options.output})
+        if (auto writable = check_writable(path); !writable) return writable;
+    const auto file = receive_file(context, options, "glb", "");
+    if (!file) return tl::unexpected<Failure>(file.error());
+    if (auto written = write_file(glb, file->bytes); !written) return written;
+    if (composes) {
+        ExportOptions same = options;
+        same.epoch = file->outcome.epoch;
+        const auto text =
+            receive_file(context, same, "rnscene.json", glb.substr(glb.rfind('/') + 1));
+        if (!text) return tl::unexpected<Failure>(text.error());
+        if (auto written = write_file(options.output, text->bytes); !written) return written;
+    }
+    const Outcome& outcome = file->outcome;
+    print_notes(outcome);
+    if (context.json) {
+        print_json(Json{{"scene", outcome.scene},
+                        {"epoch", outcome.epoch},
+                        {"hash", outcome.hash},
+                        {"file", options.output},
+                        {"glb", glb},
+                        {"bytes", file->bytes.size()},
+                        {"notes", outcome.notes}});
+    } else {
+        summary_of(options.output)
+            << options.output << ": " << outcome.scene << ", epoch " << outcome.epoch << ", "
+            << file->bytes.size() << " bytes of glTF\n";
+    }
+    return {};
+}
+
+}  // namespace raynest::client

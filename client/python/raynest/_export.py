@@ -1,0 +1,45 @@
+"""A scene as a file that other programs read."""
+from __future__ import annotations
+
+import os
+import pathlib
+from typing import Any, Union
+
+from ._requests.job import Progress
+from ._requests.picture import Picture
+from ._session import Session
+from .errors import SceneWarning, UsageError, warn
+
+COMPOSITION = ".rnscene.json"
+
+
+class Exports:
+    """The part of a scene that writes it."""
+
+    name: str
+    _client: Session
+
+    def export(self, path: Union[str, os.PathLike[str]], *, epoch: int = 0,
+               progress: Progress = None) -> dict[str, Any]:
+        """Writes the scene to a .glb (binary glTF 2.0), or to a .rnscene.json, which keeps the scene's
+        origin, and the .glb that it places beside it. Returns scene, epoch, hash, glb (the path),
+        bytes and notes: what the file lacks, which warnings say, too."""
+        text = os.fspath(path)
+        glb = text[:-len(COMPOSITION)] + ".glb" if text.endswith(COMPOSITION) else text
+        if not glb.endswith(".glb"):
+            raise UsageError(f"export to {text!r}: the name must end with .glb or {COMPOSITION}")
+        message = {"scene": self.name, "epoch": epoch, "format": "glb"}
+        file = self._file(message, progress)
+        pathlib.Path(glb).write_bytes(file["data"])
+        if glb != text:
+            message.update(epoch=file["epoch"], format="rnscene.json", file=os.path.basename(glb))
+            pathlib.Path(text).write_bytes(self._file(message, progress)["data"])
+        for note in file["notes"]:
+            warn(note, SceneWarning)
+        return {"glb": glb, "bytes": len(file.pop("data")), **file}
+
+    def _file(self, message: dict[str, Any], progress: Progress) -> dict[str, Any]:
+        answer = Picture("file", {"width": 1, "height": 1, "encode": "file"})
+        data = answer.receive(self._client.connection, "Export", message, progress)
+        outcome = answer.outcome
+        return {"data": data, **{key: outcome[key] for key in ("scene", "epoch", "hash", "notes")}}

@@ -1,0 +1,84 @@
+// KHR_materials_variants: a file names several looks, and each primitive its material in some of
+// them.
+#include "engine/assets/gltf/file/values.h"
+
+#include <fmt/format.h>
+#include <fmt/ranges.h>
+
+#include <algorithm>
+#include <string>
+#include <vector>
+
+namespace raynest::gltf {
+namespace {
+
+constexpr const char* extension = "KHR_materials_variants";
+/// Names in a message, at most.
+constexpr std::size_t listed_max = 20;
+
+std::vector<std::string> variant_names(const tinygltf::Model& file) {
+    std::vector<std::string> names;
+    const auto* const list = member(file.extensions, extension, "variants");
+    for (std::size_t i = 0; list != nullptr && list->IsArray() && i < list->ArrayLen(); ++i) {
+        const auto* const name = member(list->Get(static_cast<int>(i)), "name");
+        names.push_back(name != nullptr && name->IsString() ? name->Get<std::string>() : "");
+    }
+    return names;
+}
+
+std::string listed(const std::vector<std::string>& names) {
+    std::vector<std::string> shown;
+    for (std::size_t i = 0; i < std::min(names.size(), listed_max); ++i)
+        shown.push_back('\'' + one_line(names[i], 60) + '\'');
+    const std::size_t more = names.size() - shown.size();
+    return fmt::format("{}{}", fmt::join(shown, ", "),
+                       more == 0 ? "" : fmt::format(" and {} more", more));
+}
+
+/// True for a mapping that names the variant.
+bool has_variant(const tinygltf::Value& mapping, std::size_t variant) {
+    const auto* const list = member(mapping, "variants");
+    for (std::size_t i = 0; list != nullptr && list->IsArray() && i < list->ArrayLen(); ++i) {
+        const tinygltf::Value& number = list->Get(static_cast<int>(i));
+        if (number.IsInt() && number.GetNumberAsInt() == static_cast<int>(variant)) return true;
+    }
+    return false;
+}
+
+void choose_material(tinygltf::Primitive& primitive, std::size_t variant) {
+    const auto* const mappings = member(primitive.extensions, extension, "mappings");
+    for (std::size_t i = 0; mappings != nullptr && mappings->IsArray() && i < mappings->ArrayLen();
+         ++i) {
+        const tinygltf::Value& mapping = mappings->Get(static_cast<int>(i));
+        const auto* const material = member(mapping, "material");
+        if (material == nullptr || !material->IsInt() || !has_variant(mapping, variant)) continue;
+        primitive.material = material->GetNumberAsInt();
+        return;
+    }
+}
+
+}  // namespace
+
+Result<void> choose_variant(tinygltf::Model& file, const std::string& name, Model& model) {
+    const std::vector<std::string> names = variant_names(file);
+    if (name.empty()) {
+        if (!names.empty())
+            model.warnings.push_back(
+                fmt::format("its materials have variants: {}; none is chosen", listed(names)));
+        return {};
+    }
+    if (names.empty())
+        return fail(ErrorCode::scene_invalid, "has no KHR_materials_variants: leave out `variant`");
+    const auto found = std::ranges::find(names, name);
+    if (found == names.end())
+        return fail(ErrorCode::scene_invalid, fmt::format("has no variant '{}': it has {}",
+                                                          one_line(name, 60), listed(names)));
+    const auto variant = static_cast<std::size_t>(found - names.begin());
+    for (tinygltf::Mesh& mesh : file.meshes)
+        for (tinygltf::Primitive& primitive : mesh.primitives) choose_material(primitive, variant);
+    model.warnings.push_back(fmt::format("its materials have variants: {}; '{}' is chosen",
+                                         listed(names), one_line(name, 60)));
+    return {};
+}
+
+}  // namespace raynest::gltf

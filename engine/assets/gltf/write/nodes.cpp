@@ -1,0 +1,302 @@
+// Instances -> nodes, breadth first, so that the children of a node have consecutive indices.
+//
+// Several placements of one mesh in a row that have no names, one mask and no rotation become one
+// node with EXT_mesh_gpu_instancing, which says them exactly. All others are nodes with matrices.
+#include "engine/assets/gltf/write/tables.h"
+#include "engine/scene/motion/affine.h"
+
+#include <fmt/format.h>
+
+#include <algorithm>
+#include <array>
+#include <cmath>
+#include <cstring>
+#include <iterator>
+#include <numeric>
+#include <utility>
+
+namespace raynest::gltf {
+namespace {
+
+using Json = nlohmann::json;
+
+constexpr std::uint32_t mask_of_all = 0xFFFFFFFFU;
+/// Fewer placements in a row are shorter as nodes.
+constexpr std::uint32_t row_min = 4;
+
+/// Instances [first, first + count) of one object's list.
+struct Row {
+    std::uint32_t first = 0;
+    std::uint32_t count = 0;
+};
+
+bool is_scaled_only(const Transform& t) {
+    for (const std::size_t i : {1U, 2U, 4U, 6U, 8U, 9U})
+        if (t.m[i] != 0) return false;
+    return true;
+}
+
+/// Splits an object's instances into rows of one node each.
+std::vector<Row> rows_of(const SceneView& view, const ObjectRecord& object, bool may_join) {
+    std::vector<Row> rows;
+    const std::uint32_t end = object.first_instance + object.instance_count;
+    for (std::uint32_t i = object.first_instance; i < end;) {
+        const InstanceRecord& head = view.instances[i];
+        const auto joins = [&](std::uint32_t k) {
+            const InstanceRecord& other = view.instances[k];
+            const InstanceInfo& info = view.instance_infos[k];
+            return other.object == head.object && other.mask == head.mask &&
+                   view.names[info.name] == '\0' && is_scaled_only(info.to_parent);
+        };
+        std::uint32_t next = i;
+        if (may_join && view.objects[head.object].instance_count == 0)
+            while (next < end && joins(next)) ++next;
+        if (next - i < row_min) next = i + 1;
+        rows.push_back({i, next - i});
+        i = next;
+    }
+    return rows;
+}
+
+class NodeWriter {
+public:
+    NodeWriter(const Snapshot& scene, std::span<const std::uint32_t> mesh_of, Tables& tables)
+        : scene_(scene),
+          view_(scene.view()),
+          mesh_of_(mesh_of),
+          tables_(tables),
+          rows_(view_.object_count) {}
+
+    void write() {
+        const bool may_join = scene_.paths().node_count == 0;
+        for (std::uint32_t i = 0; i < view_.object_count; ++i)
+            rows_[i] = rows_of(view_, view_.objects[i], may_join);
+        const ObjectRecord& root = view_.objects[view_.root];
+        std::uint32_t roots = static_cast<std::uint32_t>(rows_[view_.root].size());
+        if (root.has_own_primitives()) ++roots;
+        tables_.roots.resize(roots);
+        std::iota(tables_.roots.begin(), tables_.roots.end(), 0U);
+        next_ = roots;
+        if (root.has_own_primitives())
+            tables_.nodes.add(mesh_of_[view_.root] == no_id
+                                  ? std::string("{}")
+                                  : fmt::format(R"({{"mesh":{}}})", mesh_of_[view_.root]));
+        add_children({view_.root, 0, mask_of_all});
+        for (std::size_t i = 0; i < queue_.size(); ++i) add_children(Open(queue_[i]));
+        if (crossed_masks_ != 0)
+            tables_.warnings.push_back(fmt::format(
+                "{} placements lie in instances with several masks: the file has the bits that all "
+                "of them have",
+                crossed_masks_));
+    }
+
+private:
+    /// A node whose children are not written yet.
+    struct Open {
+        std::uint32_t object;
+        std::uint64_t path;  ///< of its first placement
+        std::uint32_t mask;  ///< of the way down to it
+    };
+
+    void add_children(const Open& open) {
+        for (const Row& row : rows_[open.object]) {
+            const InstanceRecord& instance = view_.instances[row.first];
+            const ObjectRecord& child = view_.objects[instance.object];
+            const std::uint64_t path = open.path + instance.path_base;
+            std::uint32_t mask = open.mask & instance.mask;
+            if (open.mask != mask_of_all && instance.mask != mask_of_all &&
+                open.mask != instance.mask)
+                ++crossed_masks_;
+            std::string node;
+            const auto member = [&node](std::string_view text) {
+                node += node.empty() ? '{' : ',';
+                node += text;
+            };
+            const std::uint32_t mesh = mesh_of_[instance.object];
+            if (const std::string name = name_of(row.first, child, path, mesh != no_id);
+                !name.empty())
+                member("\"name\":" + json_text(name));
+            if (mesh != no_id) member(fmt::format("\"mesh\":{}", mesh));
+            if (row.count > 1)
+                member(instancing(row));
+            else if (const Transform& t = view_.instance_infos[row.first].to_parent;
+                     t.m != Transform{}.m)
+                member("\"matrix\":" + matrix_text(t));
+            if (mask != mask_of_all)
+                member(fmt::format(R"("extras":{{"raynest":{{"mask":{}}}}})", mask));
+            if (const auto count = rows_[instance.object].size(); count != 0) {
+                std::string list;
+                for (std::size_t k = 0; k < count; ++k)
+                    fmt::format_to(std::back_inserter(list), "{}{}", k == 0 ? "" : ",", next_ + k);
+                next_ += static_cast<std::uint32_t>(count);
+                member("\"children\":[" + list + ']');
+                queue_.push_back({instance.object, path, mask});
+            }
+            tables_.nodes.add(node.empty() ? "{}" : node + '}');
+        }
+    }
+
+    /// The name that a path text shows. A node with a mesh has that of its mesh where it has none.
+    std::string name_of(std::uint32_t instance, const ObjectRecord& child, std::uint64_t path,
+                        bool has_mesh) const {
+        const PathTable& paths = scene_.paths();
+        if (paths.node_count != 0)
+            return child.has_own_primitives()
+                       ? node_name(view_.names + paths.nodes[paths.run_of(path).node].name)
+                       : std::string();
+        const char* const own = view_.names + view_.instance_infos[instance].name;
+        return *own != '\0' || has_mesh ? node_name(own) : std::string(view_.names + child.name);
+    }
+
+    std::string instancing(const Row& row) {
+        std::vector<std::byte> offsets(row.count * 3 * sizeof(float));
+        std::vector<std::byte> scales(offsets.size());
+        for (std::uint32_t k = 0; k < row.count; ++k) {
+            const Transform& t = view_.instance_infos[row.first + k].to_parent;
+            const float offset[3]{t.m[3], t.m[7], t.m[11]};
+            const float scale[3]{t.m[0], t.m[5], t.m[10]};
+            std::memcpy(offsets.data() + k * sizeof offset, offset, sizeof offset);
+            std::memcpy(scales.data() + k * sizeof scale, scale, sizeof scale);
+        }
+        const auto accessor = [&](std::vector<std::byte> bytes) {
+            return tables_.accessors.add(
+                fmt::format(R"({{"bufferView":{},"componentType":5126,"count":{},"type":"VEC3"}})",
+                            tables_.keep_bytes(std::move(bytes)), row.count));
+        };
+        tables_.extensions.insert("EXT_mesh_gpu_instancing");
+        const std::uint32_t translation = accessor(std::move(offsets));
+        const std::uint32_t scale = accessor(std::move(scales));
+        return fmt::format(R"("extensions":{{"EXT_mesh_gpu_instancing":{{"attributes":)"
+                           R"({{"TRANSLATION":{},"SCALE":{}}}}}}})",
+                           translation, scale);
+    }
+
+    const Snapshot& scene_;
+    const SceneView& view_;
+    std::span<const std::uint32_t> mesh_of_;
+    Tables& tables_;
+    std::vector<std::vector<Row>> rows_;  ///< by object
+    std::vector<Open> queue_;
+    std::uint32_t next_ = 0;
+    std::uint64_t crossed_masks_ = 0;
+};
+
+/// The pose of something that looks along `direction`.
+Transform facing(const Vec3& position, const Vec3& direction) {
+    const glm::dvec3 z = -glm::dvec3(direction);
+    const glm::dvec3 side = std::abs(z.y) < 0.9 ? glm::dvec3(0, 1, 0) : glm::dvec3(1, 0, 0);
+    const glm::dvec3 x = glm::normalize(glm::cross(side, z));
+    const glm::dvec3 y = glm::cross(z, x);
+    Transform made;
+    for (int r = 0; r < 3; ++r) {
+        const auto row = static_cast<std::size_t>(4 * r);
+        made.m[row] = static_cast<float>(x[r]);
+        made.m[row + 1] = static_cast<float>(y[r]);
+        made.m[row + 2] = static_cast<float>(z[r]);
+        made.m[row + 3] = position[r];
+    }
+    return made;
+}
+
+void write_cameras(const SceneView& view, Tables& tables) {
+    for (std::uint32_t i = 0; i < view.camera_count; ++i) {
+        const CameraRecord& camera = view.cameras[i];
+        const double aspect = camera.aspect > 0 ? double{camera.aspect} : 1.0;
+        Json row;
+        if (camera.ymag > 0) {
+            row = {{"type", "orthographic"},
+                   {"orthographic",
+                    {{"xmag", double{camera.ymag} * aspect},
+                     {"ymag", camera.ymag},
+                     {"znear", 0},
+                     {"zfar", 1e6}}}};
+        } else {
+            row = {{"type", "perspective"},
+                   {"perspective", {{"yfov", camera.yfov}, {"znear", 0.01}}}};
+            if (camera.aspect > 0) row["perspective"]["aspectRatio"] = camera.aspect;
+        }
+        const std::uint32_t index = tables.cameras.add(row.dump());
+        tables.roots.push_back(tables.nodes.add(
+            fmt::format(R"({{"name":{},"camera":{},"matrix":{}}})",
+                        json_text(view.names + camera.name), index, matrix_text(camera.to_world))));
+    }
+}
+
+void write_lights(const Snapshot& scene, Tables& tables) {
+    const ShadingView& shading = scene.shading();
+    if (shading.light_count != 0) tables.extensions.insert("KHR_lights_punctual");
+    std::uint64_t unknown = 0;
+    for (std::uint32_t i = 0; i < shading.light_count; ++i) {
+        const LightRecord& light = shading.lights[i];
+        const char* type = nullptr;
+        for (const char* known : {"point", "spot", "directional"})
+            if (light.kind == shading_type(known)) type = known;
+        if (type == nullptr) {
+            ++unknown;
+            continue;
+        }
+        const float most = std::max({light.intensity.x, light.intensity.y, light.intensity.z});
+        const float scale = most > 0 ? std::exp2(std::ceil(std::log2(most))) : 1.0F;
+        const Vec3 colour = light.intensity / scale;
+        Json row{{"type", type}, {"intensity", scale}, {"color", {colour.x, colour.y, colour.z}}};
+        if (light.range > 0) row["range"] = light.range;
+        if (light.kind == shading_type("spot"))
+            row["spot"] = {{"innerConeAngle", std::acos(double{light.inner_cosine})},
+                           {"outerConeAngle", std::acos(double{light.outer_cosine})}};
+        const std::uint32_t index = tables.lights.add(row.dump());
+        tables.roots.push_back(tables.nodes.add(fmt::format(
+            R"({{"name":{},"matrix":{},"extensions":{{"KHR_lights_punctual":{{"light":{}}}}}}})",
+            json_text(scene.view().names + light.name),
+            matrix_text(facing(light.position, light.direction)), index)));
+    }
+    if (unknown != 0)
+        tables.warnings.push_back(
+            fmt::format("{} lights of kinds that glTF does not know are left out", unknown));
+}
+
+}  // namespace
+
+std::string json_text(std::string_view name) {
+    return Json(name).dump(-1, ' ', false, Json::error_handler_t::replace);
+}
+
+std::string matrix_text(const Transform& t) {
+    std::string text = "[";
+    for (std::size_t i = 0; i < 16; ++i)
+        fmt::format_to(std::back_inserter(text), "{}{}", i == 0 ? "" : ",",
+                       i % 4 == 3 ? (i == 15 ? 1.0F : 0.0F) : t.m[4 * (i % 4) + i / 4]);
+    return text + ']';
+}
+
+std::string node_name(std::string_view step) {
+    std::string made;
+    const auto digit = [](char c) { return c <= '9' ? c - '0' : (c & 7) + 9; };
+    for (std::size_t i = 0; i < step.size(); ++i) {
+        if (step[i] != '%' || i + 2 >= step.size()) {
+            made += step[i];
+            continue;
+        }
+        made += static_cast<char>(16 * digit(step[i + 1]) + digit(step[i + 2]));
+        i += 2;
+    }
+    return made;
+}
+
+std::uint64_t expanded_nodes(const SceneView& scene) {
+    constexpr std::uint64_t most = 1ULL << 62;
+    std::vector<std::uint64_t> below(scene.object_count, 0);
+    for (std::uint32_t i = 0; i < scene.object_count; ++i) {
+        const ObjectRecord& object = scene.objects[i];
+        for (const Row& row : rows_of(scene, object, true))
+            below[i] = std::min(most, below[i] + 1 + below[scene.instances[row.first].object]);
+    }
+    return below[scene.root];
+}
+
+void write_nodes(const Snapshot& scene, std::span<const std::uint32_t> mesh_of, Tables& tables) {
+    if (!write_path_nodes(scene, mesh_of, tables)) NodeWriter(scene, mesh_of, tables).write();
+    write_cameras(scene.view(), tables);
+    write_lights(scene, tables);
+}
+
+}  // namespace raynest::gltf
