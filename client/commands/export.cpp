@@ -1,6 +1,7 @@
 // raynest export SCENE -o FILE: a scene of the daemon as a file that other programs read.
 #include "client/commands/commands.h"
 #include "client/commands/shared_options.h"
+#include "client/files/files.h"
 #include "client/ground/json.h"
 #include "client/output/outcome_text.h"
 #include "client/output/output.h"
@@ -42,7 +43,9 @@ void declare(CommandLine& line, ExportOptions& options) {
 }
 
 Result<void> run(Context& context, const ExportOptions& options) {
-    const bool composes = options.output.ends_with(composition_ending);
+    const bool composes = extension_of(options.output) == ".json";
+    if (composes && options.output.starts_with(standard_stream))
+        return fail(Exit::usage, "a composition places a .glb beside it: name a file for -o");
     std::string glb = options.output;
     if (composes) glb.replace(glb.size() - composition_ending.size(), std::string::npos, ".glb");
     for (const std::string& path : {glb, options.output})

@@ -7,6 +7,7 @@
 #include "protocol/limits.h"
 
 #include <algorithm>
+#include <cctype>
 #include <charconv>
 #include <cmath>
 #include <set>
@@ -192,7 +193,13 @@ Option add_output(CommandLine& line, std::string& output, const std::vector<std:
             if (is_device(value)) return "";
             std::string known;
             for (const std::string& ending : endings) {
-                if (value.size() > ending.size() && extension_of(value) == ending) return "";
+                // An ending may have two dots: .rnscene.json.
+                if (value.size() > ending.size() &&
+                    std::equal(ending.rbegin(), ending.rend(), value.rbegin(),
+                               [](char wanted, char given) {
+                                   return wanted == std::tolower(static_cast<unsigned char>(given));
+                               }))
+                    return "";
                 known += (known.empty() ? "" : " or ") + ending;
             }
             return "'" + value + "' must end in " + known + ", or be - for stdout";

@@ -131,7 +131,7 @@ class Client:
         self.program = program
         self.uri = uri
         # A daemon that a test ends does not come back: look for no other one.
-        self.environment = {"RAYNEST_SERVER": uri, "RAYNEST_RECONNECT": "0",
+        self.environment = {"RAYNEST_SERVER": uri, "RAYNEST_RECONNECT": "0", "RAYNEST_PYTHON": sys.executable,
                             **({"RAYNEST_TOKEN": token} if token else {})}
 
     def start(self, *arguments, **options):

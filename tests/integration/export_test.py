@@ -4,12 +4,11 @@ masks and pictures; what a file cannot say is told with its count.
 
   export_test.py RAYNESTD RAYNEST
 """
+import base64
 import json
 import pathlib
 import struct
-import subprocess
 import sys
-import tempfile
 import unittest
 import warnings
 
@@ -18,36 +17,29 @@ import numpy as np
 sys.path.insert(0, str(pathlib.Path(__file__).parents[2] / "client/python"))
 
 import raynest
-from daemon import DaemonTest
+from with_files import WithFiles
 
-HITS = ["t", "prim", "path", "u", "v"]
+HITS = ["t", "prim", "path", "uv"]
 
 
 def rays_at(info, count=4000, seed=3):
     """Rays (N, 6) through the scene's box from around it, in the world."""
     random = np.random.default_rng(seed)
-    low, high = np.array(info["bounds"]["min"]), np.array(info["bounds"]["max"])
+    low, high = np.array(info["box_min"]), np.array(info["box_max"])
     size = np.maximum(high - low, 1e-3)
     starts = (low + high) / 2 + random.normal(size=(count, 3)) * size
     ends = low + random.uniform(size=(count, 3)) * size
     return np.hstack([starts, ends - starts])
 
 
-class Export(DaemonTest):
-    def setUp(self):
-        self.python = raynest.connect(self.daemon.uri)
-        self.addCleanup(self.python.close)
-        folder = tempfile.TemporaryDirectory(prefix="raynest export ")
-        self.addCleanup(folder.cleanup)
-        self.folder = pathlib.Path(folder.name)
+def obj(vertices, faces):
+    return "\n".join(["v {!r} {!r} {!r}".format(*v) for v in vertices.tolist()]
+                     + ["f {} {} {}".format(*face) for face in (faces + 1).tolist()]) + "\n"
 
-    def load(self, source, **options):
-        return self.python.load(source, name=f"s{len(self.python.scenes())}", replace=True, **options)
 
-    def write(self, name, text):
-        path = self.folder / name
-        path.write_text(text)
-        return path
+class Export(WithFiles):
+    def source(self, source, **options):
+        return self.python.load(source, name=f"s{len(self.python.scenes())}", **options)
 
     def same_hits(self, before, after, intersector="opaque", t_alone=False):
         rays = rays_at(before.info)
@@ -63,7 +55,7 @@ class Export(DaemonTest):
     def export(self, scene, name="out.glb"):
         with warnings.catch_warnings(record=True) as notes:
             warnings.simplefilter("always")
-            made = scene.export(self.folder / name)
+            made = scene.export(self.scenes / name)
         self.assertEqual([str(note.message) for note in notes], made["notes"])
         return made
 
@@ -73,15 +65,97 @@ class Export(DaemonTest):
         return json.loads(data[20:20 + struct.unpack("<I", data[12:16])[0]])
 
     def test_builtin_scenes(self):
-        for source in ("builtin:street", "builtin:forest?trees=30", "builtin:terrain?size=32", "builtin:flake?depth=2"):
+        for source in ("builtin:street", "builtin:forest?trees=30", "builtin:terrain?size=32"):
             with self.subTest(source):
-                before = self.load(source)
+                before = self.source(source)
                 made = self.export(before)
-                after = self.load(made["glb"])
+                after = self.source(made["glb"])
                 self.same_hits(before, after)
                 self.assertEqual(before.info["cameras"], after.info["cameras"])
 
+    def soup(self, count, seed):
+        random = np.random.default_rng(seed)
+        vertices = random.uniform(-1, 1, (count, 1, 3)) + random.uniform(-0.4, 0.4, (count, 3, 3))
+        return vertices.reshape(-1, 3).astype(np.float32).astype(float), np.arange(3 * count).reshape(-1, 3)
+
+    def test_meshes_points_and_coordinates_of_surveys(self):
+        vertices, faces = self.soup(400, 1)
+        before = self.load("soup.obj", obj(vertices, faces))
+        self.same_hits(before, self.source(self.export(before)["glb"]), t_alone=True)
+        # The composition keeps the origin, without which float32 would round.
+        far = np.array([500_000.25, 120.0, -5_300_000.75])
+        before = self.load("far.obj", obj(vertices + far, faces), origin=tuple(far))
+        made = self.export(before, "far.rnscene.json")
+        after = self.source(self.scenes / "far.rnscene.json")
+        np.testing.assert_array_equal(after.origin, far)
+        rays = rays_at(before.info) + np.hstack([far, np.zeros(3)]) * (np.abs(rays_at(before.info)[:, :3]).max() < 1e5)
+        one, two = (scene.trace(rays, fields=("t", "prim")) for scene in (before, after))
+        self.assertGreater(np.isfinite(one["t"]).sum(), 50)
+        self.assertEqual(one["t"].tobytes(), two["t"].tobytes())
+        self.assertEqual(pathlib.Path(made["glb"]).name, "far.glb")
+        notes = self.export(self.source("builtin:flake?depth=2"))["notes"]
+        self.assertIn("records of type 'sphere' are left out", " ".join(notes))
+
+    def test_what_is_composed_edited_and_masked(self):
+        for name, seed in (("a", 1), ("b", 2)):
+            self.write(f"{name}.obj", obj(*self.soup(60, seed)))
+        town = {"rnscene": 1, "objects": {"a": {"file": "a.obj"}, "b": {"file": "b.obj"},
+                                          "pair": {"instances": [{"object": "a"}, {"object": "b", "translation": [3, 0, 0]}]}},
+                "instances": [{"object": "pair"}, {"object": "pair", "name": "turned", "rotation": [0, 0.6, 0, 0.8],
+                                                   "translation": [0, 0, 9], "mask": 2}]}
+        before = self.load("town.rnscene.json", json.dumps(town))
+        with before.edit() as edit:
+            edit.move("pair/a", (0, 2, 0))
+        made = self.export(before)
+        self.assertEqual(made["epoch"], 2)
+        after = self.source(made["glb"])
+        rays = rays_at(before.info)
+        for mask in (0xFFFFFFFF, 1, 2):
+            one, two = (scene.trace(rays, fields=("t", "prim"), mask=mask) for scene in (before, after))
+            np.testing.assert_allclose(one["t"], two["t"], rtol=1e-5)
+        self.assertEqual(before.info["instanced_triangles"], after.info["instanced_triangles"])
+        for text in ("turned/a", "pair/b"):
+            self.assertEqual(len(after.path_ids([text])), 1)
+
+    def test_materials_keep_what_they_say(self):
+        extensions = {
+            "KHR_materials_clearcoat": {"clearcoatFactor": 0.5, "clearcoatRoughnessFactor": 0.25},
+            "KHR_materials_sheen": {"sheenColorFactor": [1, 0.5, 0.25], "sheenRoughnessFactor": 0.75},
+            "KHR_materials_specular": {"specularFactor": 0.125, "specularColorFactor": [2, 1, 0]},
+            "KHR_materials_iridescence": {"iridescenceFactor": 0.375, "iridescenceIor": 1.5,
+                                          "iridescenceThicknessMinimum": 200, "iridescenceThicknessMaximum": 500},
+            "KHR_materials_anisotropy": {"anisotropyStrength": 0.625, "anisotropyRotation": 1.5},
+            "KHR_materials_emissive_strength": {"emissiveStrength": 4}, "KHR_materials_ior": {"ior": 1.75},
+            "KHR_materials_transmission": {"transmissionFactor": 0.5}}
+        material = {"name": "skin", "alphaMode": "MASK", "alphaCutoff": 0.25, "doubleSided": True,
+                    "emissiveFactor": [1, 0.5, 0.25], "extensions": extensions,
+                    "pbrMetallicRoughness": {"baseColorFactor": [0.5, 0.25, 1, 0.75], "metallicFactor": 0.25,
+                                             "roughnessFactor": 0.5}}
+        corners = np.array([[0, 0, 0], [1, 0, 0], [0, 1, 0]], "<f4")
+        text = {"asset": {"version": "2.0"}, "nodes": [{"mesh": 0, "name": "skin"}], "materials": [material],
+                "meshes": [{"primitives": [{"attributes": {"POSITION": 0}, "material": 0}]}],
+                "buffers": [{"byteLength": 36, "uri": "data:application/octet-stream;base64,"
+                             + base64.b64encode(corners.tobytes()).decode()}], "bufferViews": [{"buffer": 0, "byteLength": 36}],
+                "accessors": [{"bufferView": 0, "componentType": 5126, "count": 3, "type": "VEC3", "min": [0, 0, 0],
+                               "max": [1, 1, 0]}]}
+        before = self.load("skin.gltf", json.dumps(text))
+        written, = self.json_of(self.export(before)["glb"])["materials"]
+        self.assertEqual(written, material)
+
+    def test_the_command_line_and_what_is_refused(self):
+        self.load("soup.obj", obj(*self.soup(20, 3)))
+        made = self.client.json("export", "soup", "-o", self.scenes / "cli.rnscene.json")
+        self.assertEqual(pathlib.Path(made["glb"]).stat().st_size, made["bytes"])
+        self.assertEqual(self.client.run("load", self.scenes / "cli.rnscene.json", "--name", "again").returncode, 0)
+        for words, code, said in ((["nobody", "-o", "x.glb"], 5, "nobody"), (["soup", "-o", "x.obj"], 2, ".glb"),
+                                  (["soup", "-o", "/no/such/x.glb"], 1, "/no/such"), (["soup"], 2, "-o")):
+            done = self.client.run("export", *words)
+            self.assertIn(said, done.stderr)
+            self.assertEqual(done.returncode, code, done.stderr)
+        with self.assertRaisesRegex(raynest.UsageError, "must end with .glb"):
+            self.python.scene("soup").export("x.obj")
+
 
 if __name__ == "__main__":
-    DaemonTest.raynestd, DaemonTest.raynest = sys.argv[1:3]
+    WithFiles.raynestd, WithFiles.raynest = sys.argv[1:3]
     unittest.main(argv=sys.argv[:1])
