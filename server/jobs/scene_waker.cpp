@@ -22,7 +22,7 @@ struct SceneWaker::Read {
         auto stored = read_stored(state.path(), scene.row.digest, scene.row.bytes);
         if (!stored) {
             fault = std::move(stored.error());
-            if (fault->damaged) state.set_aside(scene.row.digest);
+            if (fault->damaged && !fault->of_another_release) state.set_aside(scene.row.digest);
             return;
         }
         if (scene.facts.digest == scene.row.digest) {
@@ -96,7 +96,10 @@ void SceneWaker::done(const AsleepScene& scene, Read& read) {
                 {{"scene", name},
                  {"hash", scene.facts.digest},
                  {"reason", read.fault->why},
-                 {"remedy", "load it again; the bytes are in the folder damaged of --state"}});
+                 {"remedy",
+                  read.fault->of_another_release
+                      ? "load it again, or start that release"
+                      : "load it again; the bytes are in the folder damaged of --state"}});
         }
     } else {
         result = refuse(Code::resource_exhausted,

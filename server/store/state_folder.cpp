@@ -89,7 +89,9 @@ tl::expected<std::shared_ptr<const Snapshot>, BlobFault> read_stored(const fs::p
     auto arena = read_blob(folder / "blobs" / digest, bytes);
     if (!arena) return tl::unexpected(std::move(arena.error()));
     auto opened = Snapshot::open({std::move(*arena), 0, {}});
-    if (!opened) return tl::unexpected(BlobFault{true, std::move(opened.error().message)});
+    if (!opened)
+        return tl::unexpected(BlobFault{true, std::move(opened.error().message),
+                                        opened.error().code == ErrorCode::scene_unsupported});
     if ((*opened)->digest() != digest)
         return tl::unexpected(BlobFault{true, "its bytes have changed"});
     return std::move(*opened);

@@ -47,6 +47,7 @@ struct Keeping {
 struct BlobFault {
     bool damaged = false;  ///< false: the system cannot read it now
     std::string why;
+    bool of_another_release = false;  ///< the bytes are whole, and that release reads them
 };
 
 /// Reads the blob of a scene in the state folder `folder`, and checks its digest and its arena.

@@ -186,6 +186,28 @@ class State(WithState):
         self.hits("woods")
         self.hits("cut")
 
+    def test_a_scene_of_another_release_stays_where_it_is(self):
+        client = self.start()
+        digest = client.json("load", WOODS, "--name", "woods")["hash"]
+        self.kill()
+        blob = self.blobs / digest
+        whole = blob.read_bytes()
+        blob.write_bytes(whole[:8] + (1).to_bytes(4, "little") + whole[12:])
+        self.start()
+        self.fails(5, "has version 1, this build reads version", "info", "woods")
+        self.assertEqual(os.listdir(self.blobs), [digest])
+        self.kill()
+        blob.write_bytes(whole)     # the other release again
+        self.start()
+        self.hits("woods")
+        self.kill()
+        blob.write_bytes(whole[:8] + (1).to_bytes(4, "little") + whole[12:])
+        client = self.start()
+        self.fails(5, "has version 1, this build reads version", "info", "woods")
+        self.assertEqual(client.json("load", WOODS, "--name", "woods")["hash"], digest)
+        self.again()
+        self.hits("woods")
+
     def test_a_damaged_manifest_refuses_to_start_and_nothing_is_deleted(self):
         self.start().json("load", WOODS, "--name", "woods")
         self.daemon.stop()
