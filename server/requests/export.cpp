@@ -157,7 +157,7 @@ Reply<Answer> export_scene(const Services& services, const Caller& caller,
         file = protocol::text(message->file());
         if (!file.ends_with(".glb") || file.find('/') != std::string::npos)
             return refuse(Code::invalid_field,
-                          "a composition refers to a .glb beside it: `file` is to be such a name");
+                          "a composition refers to a .glb beside it, by a name without folders");
     }
     auto scene = services.scenes.find(protocol::text(message->scene()), message->epoch(), caller);
     if (!scene) return tl::unexpected(scene.error());

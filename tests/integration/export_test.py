@@ -78,6 +78,13 @@ class Export(WithFiles):
         vertices = random.uniform(-1, 1, (count, 1, 3)) + random.uniform(-0.4, 0.4, (count, 3, 3))
         return vertices.reshape(-1, 3).astype(np.float32).astype(float), np.arange(3 * count).reshape(-1, 3)
 
+    def test_colours_beyond_gltf_are_told(self):
+        made = self.export(self.source("builtin:forest?trees=3"))
+        self.assertIn("2 materials have a base colour beyond 1", " ".join(made["notes"]))
+        with warnings.catch_warnings():
+            warnings.simplefilter("error")
+            self.source(made["glb"])
+
     def test_meshes_points_and_coordinates_of_surveys(self):
         vertices, faces = self.soup(400, 1)
         before = self.load("soup.obj", obj(vertices, faces))

@@ -9,7 +9,7 @@ set -euo pipefail
 root=$(cd "$(dirname "${BASH_SOURCE[0]}")/../../.." && pwd)
 build=${RAYNEST_BUILD:-$root/build}
 bytes_max=$((64 << 20))
-rays=16384
+rays=12288
 
 fail() { printf 'error: %s\n' "$1" >&2; exit 1; }
 

@@ -2,6 +2,8 @@
 #include "engine/assets/images/image.h"
 #include "engine/shading/types.h"
 
+#include <fmt/format.h>
+
 #include <algorithm>
 #include <cmath>
 #include <map>
@@ -39,6 +41,10 @@ public:
         for (std::uint32_t i = 0; i < view_.material_count; ++i)
             tables_.materials.add(material(view_.materials[i], surfaces_[i])
                                       .dump(-1, ' ', false, Json::error_handler_t::replace));
+        if (cut_ != 0)
+            tables_.warnings.push_back(fmt::format(
+                "{} materials have a base colour beyond 1, where glTF ends: they are darker there",
+                cut_));
         return {};
     }
 
@@ -84,8 +90,9 @@ private:
     }
 
     Json material(const MaterialRecord& in, const SurfaceRecord& surface) {
-        Json pbr{{"baseColorFactor",
-                  {in.base_colour.x, in.base_colour.y, in.base_colour.z, in.base_colour.w}},
+        const Vec4 colour = glm::clamp(in.base_colour, 0.0F, 1.0F);
+        if (colour != in.base_colour) ++cut_;
+        Json pbr{{"baseColorFactor", {colour.x, colour.y, colour.z, colour.w}},
                  {"metallicFactor", surface.metallic},
                  {"roughnessFactor", surface.roughness}};
         if (in.texture != no_id)
@@ -184,6 +191,7 @@ private:
     const SceneView& view_;
     const SurfaceRecord* surfaces_;
     Tables& tables_;
+    std::uint64_t cut_ = 0;
     std::map<std::uint64_t, std::uint32_t> images_;  ///< by offset of the plane
 };
 
