@@ -190,7 +190,8 @@ class RayMasks(WithDaemon):
                   "for _ in range(100):\n"
                   "    again = s.trace(rain(100), mask=masks_of(100))\n"
                   "    assert all((again[name] == first[name]).all() for name in first)\n")
-        others = [subprocess.Popen([sys.executable, "-c", script, self.daemon.uri], env=os.environ) for _ in range(3)]
+        environment = {**os.environ, "PYTHONPATH": os.pathsep.join(sys.path)}
+        others = [subprocess.Popen([sys.executable, "-c", script, self.daemon.uri], env=environment) for _ in range(3)]
         for mask, expected in alone.items():
             for _ in range(20):
                 self.same(self.woods.trace(rays, mask=mask), expected)
