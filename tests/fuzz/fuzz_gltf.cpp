@@ -2,6 +2,7 @@
 // message.
 #include "engine/assets/gltf/gltf.h"
 #include "engine/scene/motion/motion.h"
+#include "engine/scene/shading_check.h"
 #include "tests/fuzz/target.h"
 
 #include <cstring>
@@ -61,10 +62,31 @@ std::string deformed_triangle() {
                floats);
 }
 
+/// Returns a triangle with variants, whose material has all layers and their textures.
+std::string layered_triangle() {
+    return glb(R"({"asset":{"version":"2.0"},"buffers":[{"byteLength":36}],
+        "bufferViews":[{"buffer":0,"byteLength":36}],"accessors":[
+        {"bufferView":0,"componentType":5126,"count":3,"type":"VEC3"}],
+        "textures":[{"source":0}],"images":[{"bufferView":0,"mimeType":"image/png"}],
+        "materials":[{"extensions":{
+        "KHR_materials_clearcoat":{"clearcoatFactor":1,"clearcoatRoughnessFactor":0.5,
+        "clearcoatNormalTexture":{"index":0,"scale":2,"texCoord":1}},
+        "KHR_materials_sheen":{"sheenColorFactor":[1,0.5,0],"sheenRoughnessTexture":{"index":0}},
+        "KHR_materials_specular":{"specularFactor":0.5,"specularColorFactor":[2,1,0]},
+        "KHR_materials_iridescence":{"iridescenceFactor":1,"iridescenceThicknessMaximum":500},
+        "KHR_materials_anisotropy":{"anisotropyStrength":0.5,"anisotropyTexture":{"index":0,
+        "extensions":{"KHR_texture_transform":{"scale":[2,3],"rotation":1}}}}}},{}],
+        "extensions":{"KHR_materials_variants":{"variants":[{"name":"a"},{"name":"b"}]}},
+        "meshes":[{"primitives":[{"attributes":{"POSITION":0},"material":0,"extensions":{
+        "KHR_materials_variants":{"mappings":[{"material":1,"variants":[1]}]}}}]}],
+        "nodes":[{"mesh":0}]})",
+               std::string(36, '\0'));
+}
+
 }  // namespace
 
 std::vector<fuzz::Input> fuzz::seeds() {
-    std::vector<std::string> files{deformed_triangle()};
+    std::vector<std::string> files{deformed_triangle(), layered_triangle()};
     const std::filesystem::path odd = std::filesystem::path(RAYNEST_SHARED_SCENES) / "odd";
     if (std::filesystem::exists(odd)) {
         for (const char* name :
@@ -93,8 +115,11 @@ int LLVMFuzzerTestOneInput(const std::uint8_t* data, std::size_t size) {
     limits.triangles_max = 1 << 20;
     limits.instances_max = 1 << 20;
     limits.nodes_max = 1 << 16;
+    if (size % 2 != 0) request.variant = std::string("b");
     const auto scene = describe_gltf(request, limits);
     if (!scene) fuzz::require(!scene.error().message.empty());
+    for (std::size_t i = 0; scene && i < scene->materials.size(); ++i)
+        fuzz::require(is_sound(scene->materials[i].surface, scene->textures.size()));
     // Motion that an import writes is motion that the daemon accepts.
     if (scene && !scene->motion.empty()) {
         const auto outermost =
