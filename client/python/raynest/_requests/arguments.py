@@ -80,13 +80,17 @@ def mask_rules(masks: Masks) -> list[str]:
     return rules
 
 
-def whole_numbers(what: str, values: Any) -> Array:
-    """Returns the values as uint64, in their own shape."""
+def whole_numbers(what: str, values: Any, most: int = 2**64 - 1) -> Array:
+    """Returns the values as uint64, in their own shape; none is above `most`."""
     items = np.asarray(values)
     if items.dtype.kind not in "iu":  # or Python integers, some of which need all 64 bits
         items = np.asarray(values, object)
-    for item in items.ravel() if items.dtype == object else items[items < 0]:
-        whole(what, item, 2**64 - 1, least=0)
+    if items.dtype == object:
+        wrong = items.ravel()
+    else:
+        wrong = items[(items < 0) | (items > most if most < 2**64 - 1 else False)]
+    for item in wrong:
+        whole(what, item, most, least=0)
     return items.astype(np.uint64)
 
 

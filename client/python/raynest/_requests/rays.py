@@ -134,12 +134,10 @@ def masked(source: Source, job: JobOptions) -> tuple[Source, JobOptions]:
         return source, job
     if source.count and not source.sent.count:
         raise UsageError("the daemon makes these rays, which have one mask: pass a number")
-    masks = whole_numbers("mask", given)
+    masks = whole_numbers("mask", given, 2**32 - 1)
     if masks.shape != (source.sent.count,):
         raise UsageError(f"mask of shape {masks.shape} for {source.sent.count} rays: it must be one number, or "
                          "one for each ray")
-    if (masks > 2**32 - 1).any():
-        raise UsageError(f"mask of {masks.max()}: a mask is a number from 0 to {2**32 - 1}")
     return (dataclasses.replace(source, masks=masks.astype(np.uint32)),
             {key: value for key, value in job.items() if key != "mask"})  # type: ignore[return-value]
 
