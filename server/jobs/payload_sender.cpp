@@ -37,7 +37,7 @@ std::optional<Task> PayloadSender::next() {
     if (running_ || finished()) return std::nullopt;
     const std::uint64_t offset = sent_;
     const std::uint64_t count =
-        std::min<std::uint64_t>(piece_bytes_ - protocol::alignment, payload_.bytes.size() - offset);
+        std::min<std::uint64_t>(piece_bytes_ - protocol::alignment, total_ - offset);
     sent_ += count;
     running_ = true;
     Task task;
@@ -50,13 +50,16 @@ Reply<Frames> PayloadSender::make_piece(std::uint64_t offset, std::uint64_t coun
     protocol::Bulk bulk;
     bulk.add("data", wire::Dtype::u8, 1, count);
     bulk.allocate();
-    std::memcpy(bulk.block(0).data(), payload_.bytes.data() + offset, count);
+    if (read_)
+        read_(offset, bulk.block(0));
+    else
+        std::memcpy(bulk.block(0).data(), payload_.bytes.data() + offset, count);
     wire::PictureT message;
     message.width = payload_.width;
     message.height = payload_.height;
     message.encode = encode_;
     message.offset = offset;
-    message.total = payload_.bytes.size();
+    message.total = total_;
     message.samples = payload_.samples;
     message.last = payload_.last;
     message.exposure = payload_.exposure;

@@ -8,7 +8,9 @@
 
 #include <cstddef>
 #include <cstdint>
+#include <functional>
 #include <optional>
+#include <span>
 #include <string>
 #include <string_view>
 #include <vector>
@@ -26,15 +28,25 @@ public:
     /// Replaces an earlier payload, which must have been sent.
     void set(Payload payload) {
         payload_ = std::move(payload);
+        total_ = payload_.bytes.size();
+        read_ = {};
         sent_ = 0;
+    }
+    /// Copies the bytes of a payload from this offset on; they are there. Called by tasks.
+    using Read = std::function<void(std::uint64_t offset, std::span<std::byte> into)>;
+    /// The same for one of `total` bytes that is not whole in memory; `payload` has no bytes.
+    void set(Payload payload, std::uint64_t total, Read read) {
+        set(std::move(payload));
+        total_ = total;
+        read_ = std::move(read);
     }
     /// Returns the next task, or nothing while one runs: pieces leave in order.
     std::optional<Task> next();
     /// Called when a task has ended.
     void ended() { running_ = false; }
-    [[nodiscard]] bool finished() const { return sent_ == payload_.bytes.size(); }
+    [[nodiscard]] bool finished() const { return sent_ == total_; }
     [[nodiscard]] std::uint64_t sent() const { return sent_; }
-    [[nodiscard]] std::uint64_t total() const { return payload_.bytes.size(); }
+    [[nodiscard]] std::uint64_t total() const { return total_; }
 
 private:
     Reply<Frames> make_piece(std::uint64_t offset, std::uint64_t count) const;
@@ -44,6 +56,8 @@ private:
     const std::uint64_t piece_bytes_;
     const std::string encode_;
     Payload payload_;
+    Read read_;  ///< null: of payload_
+    std::uint64_t total_ = 0;
     bool running_ = false;
     std::uint64_t sent_ = 0;
 };

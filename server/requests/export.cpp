@@ -1,23 +1,23 @@
 // EXPORT: a scene as a file that other programs read: binary glTF, or the composition beside it.
 #include "engine/assets/gltf/write/glb_file.h"
-#include "protocol/blocks.h"
 #include "protocol/text.h"
+#include "server/jobs/payload_sender.h"
 #include "server/jobs/services.h"
 #include "server/requests/request.h"
 #include "server/scheduling/peers.h"
 #include "server/store/scene_store.h"
 
-#include <algorithm>
+#include <cstddef>
+#include <cstdint>
 #include <memory>
 #include <optional>
+#include <span>
 #include <string>
 #include <utility>
 
 namespace raynest::server {
 namespace {
 
-/// Bytes of a piece of the file, at most.
-constexpr std::uint64_t piece_bytes_max = 1ULL << 20;
 constexpr const char* advice = "export a smaller scene, or wait until others have ended";
 
 class ExportJob final : public Job {
@@ -28,7 +28,7 @@ public:
           caller_(caller),
           scene_(std::move(scene)),
           glb_(std::move(glb)),
-          piece_bytes_(std::min(piece_bytes_max, caller.window_bytes / 2) - protocol::alignment) {}
+          sender_(services.limits, caller, glb_.empty() ? "glb" : "json") {}
 
     std::optional<Task> prepare() override {
         Task task;
@@ -48,34 +48,26 @@ public:
         message.origin_x = origin[0];
         message.origin_y = origin[1];
         message.origin_z = origin[2];
-        for (const std::string& line : file_->warnings())
-            message.notes.push_back(protocol::clean_text(line, services_.limits.text_bytes_max));
+        if (file_)
+            for (const std::string& line : file_->warnings())
+                message.notes.push_back(
+                    protocol::clean_text(line, services_.limits.text_bytes_max));
         Frames frames;
         frames.push_back(*protocol::encode(caller_.request_id, message));
         return frames;
     }
-    std::optional<Task> next() override {
-        if (running_ || finished()) return std::nullopt;
-        const std::uint64_t offset = sent_;
-        const std::uint64_t count = std::min(piece_bytes_, total() - offset);
-        sent_ += count;
-        running_ = true;
-        Task task;
-        task.reply_bytes_max = protocol::padded(count);
-        task.run = [this, offset, count](const Stop&) { return piece(offset, count); };
-        return task;
-    }
+    std::optional<Task> next() override { return sender_.next(); }
     Reply<void> ended() override {
-        running_ = false;
+        sender_.ended();
         return {};
     }
-    [[nodiscard]] bool finished() const override { return prepared_ && sent_ == total(); }
+    [[nodiscard]] bool finished() const override { return prepared_ && sender_.finished(); }
     [[nodiscard]] std::uint64_t held_bytes() const override {
-        return prepared_ ? lease_->bytes() : 0;
+        return prepared_ ? lease_.bytes() : 0;
     }
     [[nodiscard]] std::optional<Progress> progress() const override {
         if (!prepared_) return std::nullopt;
-        return Progress{sent_, total(), "writing"};
+        return Progress{sender_.sent(), sender_.total(), "writing"};
     }
     Frames farewell() override {
         Frames frames;
@@ -86,6 +78,15 @@ public:
 private:
     Reply<void> make(const Stop& stop) {
         const Snapshot& scene = scene_.snapshot();
+        Payload payload;
+        payload.width = payload.height = 1;
+        if (!glb_.empty()) {
+            const std::string text = gltf::composition_text(scene, glb_);
+            const auto bytes = std::as_bytes(std::span(text));
+            payload.bytes.assign(bytes.begin(), bytes.end());
+            sender_.set(std::move(payload));
+            return {};
+        }
         const auto refused = [&](Error error) {
             error.message = "cannot export scene '" + scene_.name + "': " + error.message;
             return refuse(error);
@@ -93,55 +94,29 @@ private:
         const auto most = gltf::GlbFile::memory_max(scene);
         if (!most) return refused(most.error());
         // Budget is thread-safe. What others hold is not taken away for an export.
-        lease_ = services_.budget.reserve(*most, caller_.principal);
-        if (!lease_)
+        auto lease = services_.budget.reserve(*most, caller_.principal);
+        if (!lease)
             return services_.budget.refuse("the export of scene '" + scene_.name + "'", *most,
                                            caller_.principal, advice);
+        lease_ = std::move(*lease);
         auto file = gltf::GlbFile::make(scene, [&stop] { return stop.requested(); });
         if (!file) return refused(file.error());
         file_ = std::move(*file);
-        if (!glb_.empty()) text_ = gltf::composition_text(scene, glb_);
+        sender_.set(
+            std::move(payload), file_->bytes(),
+            [this](std::uint64_t offset, std::span<std::byte> into) { file_->read(offset, into); });
         return {};
-    }
-
-    [[nodiscard]] std::uint64_t total() const {
-        return glb_.empty() ? file_->bytes() : text_.size();
-    }
-
-    Reply<Frames> piece(std::uint64_t offset, std::uint64_t count) const {
-        protocol::Bulk bulk;
-        bulk.add("data", wire::Dtype::u8, 1, count);
-        bulk.allocate();
-        if (glb_.empty())
-            file_->read(offset, bulk.block(0));
-        else
-            std::ranges::copy(std::as_bytes(std::span(text_)).subspan(offset, count),
-                              bulk.block(0).begin());
-        wire::PictureT message;
-        message.width = message.height = 1;
-        message.encode = glb_.empty() ? "glb" : "json";
-        message.offset = offset;
-        message.total = total();
-        auto frame = protocol::encode(caller_.request_id, std::move(message), std::move(bulk),
-                                      services_.limits);
-        if (!frame) return tl::unexpected(frame.error());
-        Frames frames;
-        frames.push_back(std::move(*frame));
-        return frames;
     }
 
     const Services& services_;
     const Caller caller_;
     const NamedScene scene_;
     const std::string glb_;
-    const std::uint64_t piece_bytes_;
+    PayloadSender sender_;
     // Made by prepare()'s task.
-    std::optional<Budget::Lease> lease_;
-    std::optional<gltf::GlbFile> file_;
-    std::string text_;
+    Budget::Lease lease_;
+    std::optional<gltf::GlbFile> file_;  ///< nothing for a composition
     bool prepared_ = false;
-    bool running_ = false;
-    std::uint64_t sent_ = 0;
 };
 
 }  // namespace
