@@ -1,6 +1,7 @@
 #include "engine/inspection/explanation.h"
 
 #include "engine/bvh/node.h"
+#include "engine/geometry/moved_box.h"
 
 #include <bit>
 #include <new>
@@ -12,18 +13,6 @@ namespace {
 /// A child word without the size of its leaf: what a visit of the child can tell of it.
 std::uint32_t key_of(std::uint32_t child) {
     return is_leaf(child) && kind_of(child) != ChildKind::instance ? child & ~7U : child;
-}
-
-/// The box around a placed box.
-Box placed(const Transform& to_world, const Box& box) {
-    Box around;
-    if (box.is_empty()) return around;
-    for (int corner = 0; corner < 8; ++corner) {
-        around.extend(to_world.point({(corner & 1) != 0 ? box.upper.x : box.lower.x,
-                                      (corner & 2) != 0 ? box.upper.y : box.lower.y,
-                                      (corner & 4) != 0 ? box.upper.z : box.lower.z}));
-    }
-    return around;
 }
 
 std::uint32_t count_of(std::uint32_t lanes) {
@@ -131,7 +120,7 @@ void ExplanationRecorder::add_node(Level& level, const Step& step) {
         const Box box{{node.lower[0][lane], node.lower[1][lane], node.lower[2][lane]},
                       {node.upper[0][lane], node.upper[1][lane], node.upper[2][lane]}};
         level.entered[key_of(node.child[lane])] = {index, step.nears[lane],
-                                                   placed(level.to_world, box)};
+                                                   moved_box(box, level.to_world)};
     }
 }
 

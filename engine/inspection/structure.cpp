@@ -174,16 +174,6 @@ std::vector<PlacementFacts> placement_facts(const SceneView& scene, std::uint64_
     return all;
 }
 
-Box moved_box(const Box& box, const Transform& transform) {
-    Box moved;
-    if (box.is_empty()) return moved;
-    for (unsigned corner = 0; corner < 8; ++corner)
-        moved.extend(transform.point({(corner & 1U) != 0 ? box.upper.x : box.lower.x,
-                                      (corner & 2U) != 0 ? box.upper.y : box.lower.y,
-                                      (corner & 4U) != 0 ? box.upper.z : box.lower.z}));
-    return moved;
-}
-
 TreeBoxes tree_boxes(const SceneView& scene, const BoxRequest& request,
                      const std::function<bool()>& stop) {
     return BoxCollector(scene, request, stop).collect();

@@ -39,9 +39,6 @@ struct PlacementFacts {
 [[nodiscard]] std::vector<PlacementFacts> placement_facts(const SceneView& scene,
                                                           std::uint64_t first, std::size_t count);
 
-/// Returns the box of an object's box under a transform.
-[[nodiscard]] Box moved_box(const Box& box, const Transform& transform);
-
 /// Boxes of a tree: those with a depth (number of nodes above) in a range.
 struct TreeBox {
     std::uint32_t depth = 0;

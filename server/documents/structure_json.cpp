@@ -1,5 +1,6 @@
 #include "server/documents/structure_json.h"
 
+#include "engine/geometry/moved_box.h"
 #include "engine/inspection/names.h"
 #include "engine/inspection/structure.h"
 #include "protocol/text.h"

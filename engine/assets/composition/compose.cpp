@@ -5,6 +5,7 @@
 #include "engine/assets/formats/obj_names.h"
 #include "engine/assets/input/messages.h"
 #include "engine/assets/input/uploaded_files.h"
+#include "engine/geometry/moved_box.h"
 #include "engine/scene/camera_pose.h"
 #include "engine/scene/edits/link.h"
 #include "engine/scene/edits/linked_paths.h"
@@ -233,12 +234,7 @@ private:
                 part.masks.push_back(places.mask);
                 const glm::dvec3 moved = glm::dvec3(Vec3(placed[3])) - glm::dvec3(placed[3]);
                 base.rounding = std::max(base.rounding, glm::length(moved));
-                const Box& box = (*scene)->bounds();
-                for (int corner = 0; !box.is_empty() && corner < 8; ++corner)
-                    bounds.extend(Vec3(
-                        placed * glm::dvec4((corner & 1) != 0 ? box.lower.x : box.upper.x,
-                                            (corner & 2) != 0 ? box.lower.y : box.upper.y,
-                                            (corner & 4) != 0 ? box.lower.z : box.upper.z, 1)));
+                bounds.extend(moved_box((*scene)->bounds(), part.to_scene.back()));
             }
             take_along(part, places, *matrices, base);
             if ((*scene)->statistics().instances != 0) added.push_back(std::move(part));
