@@ -4,6 +4,7 @@
 #include "server/ground/io_turn.h"
 #include "server/ground/limited_log.h"
 #include "server/ground/refusals.h"
+#include "server/jobs/change_gate.h"
 #include "server/security/access.h"
 #include "server/store/scene_store.h"
 
@@ -273,6 +274,11 @@ void Conversation::start(const Request& request, protocol::Frame frame) {
     JobSubmission accepted = std::move(std::get<JobSubmission>(*answer));
     const bool fetches = accepted.kind == "fetch";
     if (draining_ && !fetches) return refuse_request(id, {Code::draining, "", 0});
+    if (services_.changes != nullptr && services_.changes->is_closed() &&
+        ChangeGate::concerns(accepted.kind)) {
+        park(std::move(frame));
+        return services_.changes->wait(awake_);
+    }
     if (jobs() >= services_.limits.jobs_max) {
         services_.metrics.count<&Metrics::jobs_refused>(caller_.principal);
         return refuse_request(id, {Code::quota,

@@ -67,7 +67,21 @@ public:
     /// Opens the folder, or returns null for an empty name. Makes what is missing, and removes
     /// unfinished files and blobs without a row. Fails with io_failed on network file systems, and
     /// as Manifest::open() does.
-    static Result<std::unique_ptr<StateFolder>> open(const std::filesystem::path& folder);
+    ///
+    /// `leftovers`: with `keep`, files without a row stay until remove_leftovers(), since the daemon
+    /// before, which has closed the folder, still reads some.
+    enum class Leftovers { remove, keep };
+    static Result<std::unique_ptr<StateFolder>> open(const std::filesystem::path& folder,
+                                                     Leftovers leftovers = Leftovers::remove);
+    void remove_leftovers();
+
+    /// Commits what waits and closes the manifest, for another daemon to open it: the blobs can be
+    /// read, and what would change the folder fails.
+    void close();
+    /// Opens the manifest again, if no other daemon has changed the folder. Fails as open() does;
+    /// then the folder stays closed.
+    [[nodiscard]] Result<void> reopen();
+    [[nodiscard]] bool is_closed() const { return closed_; }
 
     /// The rows at the start.
     [[nodiscard]] const std::vector<StoredScene>& found() const { return found_; }
@@ -124,6 +138,7 @@ private:
     void let_go(const std::string& digest);
     void collect_locked();
     void commit_locked();
+    [[nodiscard]] std::filesystem::path temporary(std::string_view prefix);
     [[nodiscard]] Result<void> write_blob(const std::string& digest,
                                           std::span<const std::byte> arena, const Stopped& stopped);
     /// Fails once the disk has failed. Called with mutex_ locked, which the manifest's word of that
@@ -136,8 +151,10 @@ private:
     std::atomic<std::uint64_t> last_number_{0};
     std::atomic<std::uint64_t> last_temporary_{0};
     std::atomic<bool> failed_{false};
-    std::mutex mutex_;  ///< of the manifest, and of what follows
-    Manifest manifest_;
+    std::atomic<bool> closed_{false};
+    std::mutex mutex_;                  ///< of the manifest, and of what follows
+    std::optional<Manifest> manifest_;  ///< nothing: closed_
+    std::vector<std::string> leftovers_;
     struct Row {
         std::string digest;
         std::uint64_t number = 0;
