@@ -204,6 +204,7 @@ Result<void> Daemon::run() {
         poser_.drop_idle();
         selections_.drop_idle();
         log_left_out();
+        if (state_) state_->note(scenes_.take_uses());
         if (state_ && state_->has_work())
             disk_.submit("", Priority::low, [this] { state_->collect(); });
     });
@@ -213,6 +214,9 @@ Result<void> Daemon::run() {
     });
     serving_ = true;
     start_loads_.start(options_.load);
+    if (state_)
+        for (const AsleepScene& scene : scenes_.pinned_asleep())
+            waker_.wake(scene, scene.owner, {});
     if (!options_.ready_file.empty()) {
         // Fail without the file: programs that wait for it would wait for ever.
         if (const auto written = write_ready_file(options_.ready_file, uris, http_uri()); !written)
@@ -234,6 +238,10 @@ Result<void> Daemon::run() {
             // Only this handler's work is lost; it is outside the connections' coroutines.
             log_limited(LogLevel::error, "handler_failed", "", {{"reason", error.what()}});
         }
+    }
+    if (state_ && !state_->is_closed()) {
+        state_->note(scenes_.take_uses());
+        state_->collect();
     }
     remove_own_files();
     log(LogLevel::info, "stopped");

@@ -5,6 +5,7 @@
 #include "server/ground/log.h"
 #include "server/scheduling/admission.h"
 #include "server/scheduling/fair_thread_pool.h"
+#include "server/store/scene_store.h"
 
 #include <fcntl.h>
 
@@ -48,6 +49,7 @@ void Handover::settle(Clock::time_point until, std::function<void()> settled) {
                 if (!error) settle(until, settled);
             });
     }
+    services_.state->note(services_.scenes.take_uses());
     services_.disk->submit("", Priority::high, [this, settled = std::move(settled)] {
         services_.state->close();
         asio::post(io_, settled);

@@ -176,7 +176,8 @@ private:
             publication_.keep->edit.change = std::move(*change);
             return {};
         }
-        if (auto fits = plan.room.check(snapshot_->bytes().size()); !fits) return fits;
+        if (auto fits = plan.room.check(snapshot_->digest(), snapshot_->bytes().size()); !fits)
+            return fits;
         // No load may put its scene in the place of this one between here and the commit.
         name_lock_ = services_.state->lock_name(plan.row.owner, plan.row.name, stopped);
         if (!name_lock_) return refuse(Code::cancelled, "");

@@ -226,7 +226,7 @@ private:
     /// way. On a thread of the blocking pool.
     Reply<Frames> store(const Stop& stop) {
         const auto stopped = [&] { return stop.requested(); };
-        if (auto fits = disk_room_.check(snapshot_->bytes().size()); !fits)
+        if (auto fits = disk_room_.check(snapshot_->digest(), snapshot_->bytes().size()); !fits)
             return tl::unexpected(fits.error());
         auto blob = services_.state->keep(snapshot_->digest(), snapshot_->bytes(), stopped);
         if (stop.requested()) return refuse(Code::cancelled, "");

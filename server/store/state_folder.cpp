@@ -158,6 +158,9 @@ Result<std::unique_ptr<StateFolder>> StateFolder::open(const fs::path& folder,
         if (!edits) return tl::unexpected(edits.error());
         state->found_edits_.push_back(std::move(*edits));
     }
+    auto uses = state->manifest_->uses();
+    if (!uses) return tl::unexpected(uses.error());
+    for (const SceneUse& use : *uses) state->found_uses_[use.number] = use;
     // A daemon that was killed leaves unfinished files, and blobs whose row was not committed.
     for (const auto& file : fs::directory_iterator(folder / "blobs", error))
         if (!used.contains(file.path().filename().string()))
@@ -404,10 +407,15 @@ void StateFolder::undo(StoredScene scene, std::unique_ptr<StoredScene> before) {
     pins_->undone.emplace_back(std::move(scene), std::move(before));
 }
 
+void StateFolder::note(const std::vector<SceneUse>& uses) {
+    const std::lock_guard guard(pins_->mutex);
+    pins_->uses.insert(pins_->uses.end(), uses.begin(), uses.end());
+}
+
 bool StateFolder::has_work() {
     const std::lock_guard guard(pins_->mutex);
     return !pins_->ended.empty() || !pins_->undone.empty() || !pins_->keeping.empty() ||
-           !pins_->forgotten.empty();
+           !pins_->forgotten.empty() || !pins_->uses.empty();
 }
 
 void StateFolder::collect() {
@@ -426,7 +434,9 @@ void StateFolder::collect_locked() {
     std::unique_lock guard(pins_->mutex);
     auto undone = std::exchange(pins_->undone, {});
     const auto forgotten = std::exchange(pins_->forgotten, {});
+    const auto uses = std::exchange(pins_->uses, {});
     guard.unlock();
+    if (!uses.empty() && usable()) (void)manifest_->put(uses);
     // The next start removes those that fail here.
     for (const std::uint64_t number : forgotten) (void)manifest_->remove_edits(number);
     for (auto& [scene, before] : undone) {

@@ -87,6 +87,10 @@ public:
     [[nodiscard]] const std::vector<StoredScene>& found() const { return found_; }
     /// The edits of each of these, summed up.
     [[nodiscard]] const std::vector<KeptEdits>& found_edits() const { return found_edits_; }
+    /// The uses of the rows that have one, by number.
+    [[nodiscard]] const std::map<std::uint64_t, SceneUse>& found_uses() const {
+        return found_uses_;
+    }
     /// A number larger than that of all rows.
     [[nodiscard]] std::uint64_t next_number() { return ++last_number_; }
 
@@ -115,6 +119,9 @@ public:
     [[nodiscard]] Result<std::vector<KeptEdit>> edits(std::uint64_t number);
     /// Lets go of the edits of a row that is gone for good; at the next collect().
     void forget(std::uint64_t number);
+
+    /// Notes uses for the next daemon; at the next collect() or close(). Does not block.
+    void note(const std::vector<SceneUse>& uses);
 
     [[nodiscard]] const std::filesystem::path& path() const { return folder_; }
     /// Moves a damaged blob out of the way, so that a load writes it anew.
@@ -148,6 +155,7 @@ private:
     const std::filesystem::path folder_;
     std::vector<StoredScene> found_;
     std::vector<KeptEdits> found_edits_;
+    std::map<std::uint64_t, SceneUse> found_uses_;
     std::atomic<std::uint64_t> last_number_{0};
     std::atomic<std::uint64_t> last_temporary_{0};
     std::atomic<bool> failed_{false};
@@ -169,6 +177,7 @@ private:
         std::vector<std::pair<StoredScene, std::unique_ptr<StoredScene>>> undone;
         std::vector<std::shared_ptr<Keeping>> keeping;
         std::vector<std::uint64_t> forgotten;
+        std::vector<SceneUse> uses;
     };
     const std::shared_ptr<Pins> pins_ = std::make_shared<Pins>();
     std::mutex names_mutex_;

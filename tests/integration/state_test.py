@@ -293,6 +293,78 @@ class State(WithState):
                 self.assertEqual(self.hits(name), hits[name])
         self.assertLessEqual(client.json("stats")["memory_used_bytes"], 128 << 20)
 
+    def test_pins_and_the_order_of_use_outlive_the_daemon(self):
+        client = self.start()
+        for number, name in enumerate("abc"):
+            client.json("load", f"builtin:forest?trees=40&seed={number}", "--name", name)
+        client.json("pin", "b")
+        for name in "cab":
+            self.hits(name)
+            time.sleep(0.1)
+        commits = (self.state / "manifest.sqlite-wal").stat().st_size
+        for _ in range(20):
+            self.hits("b")
+        self.assertLess((self.state / "manifest.sqlite-wal").stat().st_size - commits, 50_000, "a commit per query")
+
+        def order():
+            scenes = self.scenes()
+            return "".join(sorted(scenes, key=lambda name: -scenes[name]["idle_seconds"]))
+
+        self.assertEqual(order(), "cab")
+        self.daemon.process.terminate()
+        self.assertEqual(self.daemon.process.wait(PATIENCE), 0)
+        self.start()
+        self.assertEqual(order(), "cab")
+        # A pinned scene is read at once.
+        until(lambda: self.scenes()["b"]["state"] == "pinned", lambda: str(self.scenes()))
+        self.assertEqual({self.scenes()[name]["state"] for name in "ac"}, {"disk"})
+        # A killed daemon has noted what happened more than some seconds before.
+        self.client.json("pin", "a")
+        self.client.json("pin", "--off", "b")
+        self.hits("c")
+        uses = "SELECT name, pinned FROM scenes JOIN uses ON scenes.number = uses.number ORDER BY uses.used"
+
+        def noted():
+            manifest = sqlite3.connect(f"file:{self.state}/manifest.sqlite?mode=ro", uri=True)
+            rows = manifest.execute(uses).fetchall()
+            manifest.close()
+            return rows
+        until(lambda: noted() == [("a", 1), ("b", 0), ("c", 0)], lambda: str(noted()))
+        self.again()
+        self.assertEqual(order(), "abc")
+        until(lambda: self.scenes()["a"]["state"] == "pinned", lambda: str(self.scenes()))
+        # Without it nothing is lost but that.
+        self.kill()
+        with sqlite3.connect(self.state / "manifest.sqlite") as manifest:
+            manifest.execute("UPDATE uses SET used = ?, pinned = -7", (1 << 62,))
+            manifest.execute("INSERT INTO uses VALUES(?, ?, 5)", (-1, -(1 << 62)))
+        manifest.close()
+        self.start()
+        self.assertEqual(set(self.scenes()), set("abc"))
+        self.assertEqual(self.check_after_kill()[0], 0)
+
+    def check_after_kill(self):
+        self.kill()
+        return self.check()
+
+    def test_a_content_with_two_names_takes_its_room_on_the_disk_once(self):
+        options, token = second_principal(self.raynestd, self.addCleanup)
+        self.start(*options)
+        bob = Client(self.raynest, self.daemon.uri, token)
+        bob.json("load", WOODS, "--name", "one")
+        size = bob.json("scenes")["scenes"][0]["bytes"]
+        bob.json("load", WOODS, "--name", "two")
+        self.assertEqual(bob.json("stats")["quota_disk_bytes_used"], size)
+        bob.json("load", "builtin:forest?trees=4", "--name", "small")
+        more = bob.json("stats")["quota_disk_bytes_used"]
+        self.assertGreater(more, size)
+        self.assertEqual(bob.run("unload", "one").returncode, 0)
+        self.assertEqual(bob.json("stats")["quota_disk_bytes_used"], more)
+        bob.json("edit", "two", "--move", "birch-1=0,0,1", "--keep")
+        self.assertLess(bob.json("stats")["quota_disk_bytes_used"], more + size)
+        self.assertEqual(bob.run("unload", "two").returncode, 0)
+        self.assertEqual(bob.json("stats")["quota_disk_bytes_used"], more - size)
+
     def test_a_scene_that_is_unloaded_stays_for_those_who_hold_it_and_no_other_is_touched(self):
         skip_sanitized(self, self.raynestd, IMPORTS_GROW)
         script = """
