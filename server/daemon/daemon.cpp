@@ -276,7 +276,9 @@ void Daemon::begin_to_drain(bool has_successor) {
     drain_deadline_ = Clock::now() + std::chrono::milliseconds(limits_.drain_ms_max);
     for (const auto& listener : listeners_) has_successor ? listener->leave() : listener->close();
     if (has_successor && http_listener_) http_listener_->leave();
-    connections_.drain();
+    if (has_successor)
+        why_draining_ = "another raynestd has taken the place of this one: connect again";
+    connections_.drain(why_draining_);
     start_loads_.stop();
     // The HTTP port stays open until the end: /readyz tells that the daemon drains.
     site_.drain();
@@ -284,9 +286,9 @@ void Daemon::begin_to_drain(bool has_successor) {
 }
 
 void Daemon::look_drained() {
-    peers_.dismiss();
+    peers_.dismiss(why_draining_);
     // Ends connections that had time to fetch an answer.
-    connections_.drain();
+    connections_.drain(why_draining_);
     // Count jobs of closed connections too: their tasks still use members of the daemon.
     const bool drained = connections_.empty() && admission_.active() == 0;
     if (drained && !cut_short_) return io_.stop();

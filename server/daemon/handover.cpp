@@ -26,7 +26,7 @@ Result<void> Handover::await_successor(int lock, Acts acts) {
     steps.go_on = [this] { go_on(); };
     steps.give_way = [this, give_way = std::move(acts.give_way)](pid_t successor) {
         const std::chrono::duration<double> seconds = Clock::now() - asked_;
-        log(LogLevel::info, "gave_way",
+        log(LogLevel::info, "handed_over",
             {{"to", std::to_string(successor)}, {"seconds", std::to_string(seconds.count())}});
         // The service manager believes the process that it knows.
         notify("MAINPID=" + std::to_string(successor));

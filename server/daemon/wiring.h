@@ -132,8 +132,9 @@ private:
     std::unique_ptr<Listener> http_listener_;  ///< null: no HTTP port
     Handover handover_;
     Clock::time_point drain_deadline_ = Clock::time_point::max();
-    bool serving_ = false;    ///< connections are accepted
-    bool cut_short_ = false;  ///< the drain exceeded its deadline
+    std::string why_draining_;  ///< what clients are told; empty: the usual
+    bool serving_ = false;      ///< connections are accepted
+    bool cut_short_ = false;    ///< the drain exceeded its deadline
 };
 
 }  // namespace raynest::server

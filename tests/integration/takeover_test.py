@@ -182,10 +182,10 @@ class Takeover(WithState):
                 before, asked = daemon, time.monotonic()
                 daemon = self.successor()
                 serves = time.monotonic()
-                until(lambda: before.says("gave_way"), before.text)
+                until(lambda: before.says("handed_over"), before.text)
                 before.ended()
                 timeline.append((asked - begun, serves - asked, time.monotonic() - asked,
-                                 float(before.text().split("gave_way")[1].split("seconds=")[1].split()[0])))
+                                 float(before.text().split("handed_over")[1].split("seconds=")[1].split()[0])))
             seen = list(counts)
             until(lambda: all(now > then for now, then in zip(counts, seen)), lambda: str(problems[:3]), 4 * PATIENCE)
         finally:
@@ -211,10 +211,14 @@ class Takeover(WithState):
         busy = self.client.start("render", "woods", "--size", "64x64", "--traversal", "reference", "-o",
                                  self.folder / "a.png")
         until(lambda: self.client.json("jobs")["jobs"])
+        idle = raynest.connect(self.uri, reconnect=0)
+        self.addCleanup(idle.close)
         after = self.successor()
         self.assertIn("woods", self.scenes())
         self.assertIsNone(before.process.poll())
-        until(lambda: before.says("gave_way"))
+        until(lambda: before.says("handed_over"))
+        with self.assertRaisesRegex(raynest.errors.BusyError, "taken the place of this one: connect again"):
+            idle.scenes()
         _, errors = busy.communicate(timeout=8 * PATIENCE)
         self.assertEqual(busy.returncode, 0, errors)
         before.ended()
