@@ -1,5 +1,5 @@
 #!/usr/bin/env python3
-"""What of the scenes of --state is in memory, and what its owners may have on the disk.
+"""Which scenes of --state are in memory, and how much their owners may have on the disk.
 
   state_room_test.py RAYNESTD RAYNEST
 """
