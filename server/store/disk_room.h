@@ -39,8 +39,8 @@ struct Claim {
     bool operator==(const Claim&) const = default;
 };
 
-/// What loads take between their check and their entry in the table of scenes. Thread-safe: a load
-/// that is stopped ends on any thread.
+/// The parts that loads take between their check and their entry in the table of scenes.
+/// Thread-safe: a load that is stopped ends on any thread.
 class Claims {
 public:
     [[nodiscard]] Claim of(const std::string& owner) const;
