@@ -53,6 +53,7 @@ ALLOWED = {
                                                     "engine/assets/input", "engine/assets/images",
                                                     "engine/assets/gltf/file/uri.h"],
     "engine/assets/composition": up_to("engine/bvh") + ["engine/scene", "engine/scene/edits", "engine/scene/motion/affine.h",
+                                                        "engine/shading/types.h",
                                                         "engine/assets/input", "engine/assets/formats"],
     "engine/assets/gltf/write": up_to("engine/bvh") + ["engine/scene", "engine/scene/motion", "engine/shading/types.h",
                                                        "engine/shading/records.h", "engine/assets/input",

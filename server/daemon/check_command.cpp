@@ -6,12 +6,15 @@
 #include "server/store/manifest.h"
 #include "server/store/state_folder.h"
 
-#include <algorithm>
+#include <nlohmann/json.hpp>
+
 #include <csignal>
 #include <cstdint>
 #include <iostream>
 #include <string>
 #include <system_error>
+#include <utility>
+#include <vector>
 
 namespace raynest::server {
 namespace {
@@ -19,86 +22,142 @@ namespace {
 /// Most bytes of a printed line.
 constexpr std::size_t line_bytes_max = 4096;
 
-int failed(const std::string& why) {
-    std::cerr << "raynestd: " << protocol::clean_text(why, line_bytes_max) << '\n';
+std::string clean(const std::string& text) {
+    return protocol::clean_text(text, line_bytes_max);
+}
+
+/// Ends a command that has failed; the same error as `raynest --json` writes.
+int failed(const std::string& why, Form form) {
+    if (form == Form::json)
+        std::cerr << nlohmann::json{{"error",
+                                     {{"code", 1}, {"name", "FAILED"}, {"message", clean(why)}}}}
+                  << '\n';
+    else
+        std::cerr << "raynestd: " << clean(why) << '\n';
     return 1;
 }
 
-/// Checks what back_up() or restore() has made. `missing` is their outcome.
-int check_copy(const std::filesystem::path& from, const Result<std::uint64_t>& missing,
-               const std::filesystem::path& to) {
-    if (!missing) return failed(missing.error().message);
-    const int checked = check_state(to);
-    if (*missing != 0)
+/// The content of a state folder.
+struct Findings {
+    struct Damaged {
+        std::string owner;
+        std::string name;
+        std::string why;
+    };
+    std::size_t scenes = 0;
+    std::uint64_t bytes = 0;
+    std::vector<Damaged> damaged;
+    std::string replaced = {};  ///< where a restore has put what was there; empty: nowhere
+};
+
+Result<Findings> look(const std::filesystem::path& folder) {
+    const std::filesystem::path manifest_file = folder / "manifest.sqlite";
+    std::error_code error;
+    if (!std::filesystem::exists(manifest_file, error))
+        return fail(ErrorCode::io_failed,
+                    folder.string() + " is no state folder: it has no manifest.sqlite");
+    const auto lock = StateLock::take(folder);
+    if (!lock) return tl::unexpected(lock.error());
+    auto manifest = Manifest::open(manifest_file, true);
+    if (!manifest) return tl::unexpected(manifest.error());
+    const auto rows = manifest->rows();
+    if (!rows) return tl::unexpected(rows.error());
+    Findings found;
+    found.scenes = rows->size();
+    for (const StoredScene& row : *rows) {
+        found.bytes += row.bytes;
+        const auto stored = read_stored(folder, row.digest, row.bytes);
+        const auto edits = manifest->edits(row.number);
+        if (stored && edits) continue;
+        found.damaged.push_back(
+            {row.owner, row.name, stored ? edits.error().message : stored.error().why});
+    }
+    return found;
+}
+
+int tell(const Result<Findings>& found, Form form) {
+    if (!found) return failed(found.error().message, form);
+    if (form == Form::json) {
+        nlohmann::json damaged = nlohmann::json::array();
+        for (const auto& scene : found->damaged)
+            damaged.push_back({{"owner", clean(scene.owner)},
+                               {"name", clean(scene.name)},
+                               {"reason", clean(scene.why)}});
+        nlohmann::json document = {
+            {"scenes", found->scenes}, {"bytes", found->bytes}, {"damaged", damaged}};
+        if (!found->replaced.empty()) document["replaced"] = clean(found->replaced);
+        std::cout << document << '\n';
+    } else {
+        for (const auto& scene : found->damaged)
+            std::cout << clean(scene.owner + "/" + scene.name + ": " + scene.why +
+                               "; load it again")
+                      << '\n';
+        std::cout << found->scenes << " scenes, " << protocol::bytes_text(found->bytes) << ", "
+                  << found->damaged.size() << " damaged\n";
+        if (!found->replaced.empty())
+            std::cout << "before it held what is now in " << clean(found->replaced)
+                      << "; once all is well, raynestd gc "
+                      << clean(std::filesystem::path(found->replaced).parent_path().string())
+                      << " removes that\n";
+    }
+    if (!std::cout.flush()) return failed("cannot write stdout", form);
+    return found->damaged.empty() ? 0 : 1;
+}
+
+/// Tells what back_up() or restore() has made. `missing` is their outcome.
+int tell_of_copy(const std::filesystem::path& from, const Result<std::uint64_t>& missing,
+                 const std::filesystem::path& to, const std::string& replaced, Form form) {
+    if (!missing) return failed(missing.error().message, form);
+    auto found = look(to);
+    if (found) found->replaced = replaced;
+    const int code = tell(found, form);
+    // Each of them is among the damaged ones, too.
+    if (*missing != 0 && form == Form::text)
         return failed(std::to_string(*missing) + " scenes have lost their blobs in " +
-                      from.string() + "; load them again");
-    return checked;
+                          from.string() + "; load them again",
+                      form);
+    return code;
 }
 
 }  // namespace
 
-int check_state(const std::filesystem::path& folder) {
-    const std::filesystem::path manifest_file = folder / "manifest.sqlite";
-    std::error_code error;
-    if (!std::filesystem::exists(manifest_file, error))
-        return failed(folder.string() + " is no state folder: it has no manifest.sqlite");
-    const auto lock = StateLock::take(folder);
-    if (!lock) return failed(lock.error().message);
-    auto manifest = Manifest::open(manifest_file, true);
-    if (!manifest) return failed(manifest.error().message);
-    const auto rows = manifest->rows();
-    if (!rows) return failed(rows.error().message);
-    std::size_t damaged = 0;
-    std::uint64_t bytes = 0;
-    for (const StoredScene& row : *rows) {
-        bytes += row.bytes;
-        const auto stored = read_stored(folder, row.digest, row.bytes);
-        const auto edits = manifest->edits(row.number);
-        if (stored && edits) continue;
-        ++damaged;
-        const std::string& why = stored ? edits.error().message : stored.error().why;
-        std::cout << protocol::clean_text(
-                         row.owner + "/" + row.name + ": " + why + "; load it again",
-                         line_bytes_max)
-                  << '\n';
-    }
-    std::cout << rows->size() << " scenes, " << protocol::bytes_text(bytes) << ", " << damaged
-              << " damaged\n";
-    if (!std::cout.flush()) return failed("cannot write stdout");
-    return damaged == 0 ? 0 : 1;
+int check_state(const std::filesystem::path& folder, Form form) {
+    return tell(look(folder), form);
 }
 
-int back_up_state(const std::filesystem::path& from, const std::filesystem::path& to) {
+int back_up_state(const std::filesystem::path& from, const std::filesystem::path& to, Form form) {
     (void)std::signal(SIGXFSZ, SIG_IGN);  // write() says EFBIG
-    return check_copy(from, back_up(from, to), to);
+    return tell_of_copy(from, back_up(from, to), to, "", form);
 }
 
-int restore_state(const std::filesystem::path& backup, const std::filesystem::path& folder) {
+int restore_state(const std::filesystem::path& backup, const std::filesystem::path& folder,
+                  Form form) {
     (void)std::signal(SIGXFSZ, SIG_IGN);
     Result<std::uint64_t> missing;
     {
         const auto lock = StateLock::take(folder);
-        if (!lock) return failed(lock.error().message);
+        if (!lock) return failed(lock.error().message, form);
         missing = restore(backup, folder);
     }
-    const int code = check_copy(backup, missing, folder);
     std::error_code error;
-    if (missing && std::filesystem::exists(folder / "replaced", error))
-        std::cout << "before it held what is now in " << (folder / "replaced").string()
-                  << "; once all is well, raynestd gc " << folder.string() << " removes that\n";
-    return std::cout.flush() ? code : failed("cannot write stdout");
+    const bool has_replaced = std::filesystem::exists(folder / "replaced", error);
+    return tell_of_copy(backup, missing, folder, has_replaced ? (folder / "replaced").string() : "",
+                        form);
 }
 
-int remove_state_garbage(const std::filesystem::path& folder) {
+int remove_state_garbage(const std::filesystem::path& folder, Form form) {
     std::error_code error;
     if (!std::filesystem::exists(folder / "manifest.sqlite", error))
-        return failed(folder.string() + " is no state folder: it has no manifest.sqlite");
+        return failed(folder.string() + " is no state folder: it has no manifest.sqlite", form);
     const auto lock = StateLock::take(folder);
-    if (!lock) return failed(lock.error().message);
+    if (!lock) return failed(lock.error().message, form);
     const auto bytes = remove_garbage(folder);
-    if (!bytes) return failed(bytes.error().message);
-    std::cout << protocol::bytes_text(*bytes) << " removed\n";
-    return std::cout.flush() ? 0 : failed("cannot write stdout");
+    if (!bytes) return failed(bytes.error().message, form);
+    if (form == Form::json)
+        std::cout << nlohmann::json{{"removed_bytes", *bytes}} << '\n';
+    else
+        std::cout << protocol::bytes_text(*bytes) << " removed\n";
+    return std::cout.flush() ? 0 : failed("cannot write stdout", form);
 }
 
 }  // namespace raynest::server

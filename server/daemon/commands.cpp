@@ -22,7 +22,6 @@
 #include <functional>
 #include <iomanip>
 #include <iostream>
-#include <span>
 #include <string>
 #include <string_view>
 #include <vector>
@@ -359,23 +358,23 @@ struct StateCommand {
     std::string_view name;
     std::size_t words;
     const char* usage;
-    int (*run)(const char* const* words);
+    int (*run)(const std::vector<const char*>& words, Form form);
 };
 constexpr std::array<StateCommand, 4> state_commands = {{
     {"check", 1, "raynestd check DIR looks at a state folder that no daemon uses",
-     [](const char* const* words) { return check_state(words[0]); }},
+     [](const auto& words, Form form) { return check_state(words[0], form); }},
     {"backup", 2,
      "raynestd backup DIR NEW copies the state folder DIR, which a daemon may use, to the new "
      "folder NEW; raynestd restore brings it back",
-     [](const char* const* words) { return back_up_state(words[0], words[1]); }},
+     [](const auto& words, Form form) { return back_up_state(words[0], words[1], form); }},
     {"restore", 2,
      "raynestd restore BACKUP DIR puts what raynestd backup has made in the place of what the "
      "state "
      "folder DIR holds, which no daemon uses",
-     [](const char* const* words) { return restore_state(words[0], words[1]); }},
+     [](const auto& words, Form form) { return restore_state(words[0], words[1], form); }},
     {"gc", 1,
      "raynestd gc DIR removes what no scene of a state folder needs, while no daemon uses it",
-     [](const char* const* words) { return remove_state_garbage(words[0]); }},
+     [](const auto& words, Form form) { return remove_state_garbage(words[0], form); }},
 }};
 
 }  // namespace
@@ -384,10 +383,15 @@ std::optional<int> run_command(int argc, const char* const* argv) {
     const std::string_view word = argc > 1 ? argv[1] : "";
     for (const StateCommand& command : state_commands) {
         if (word != command.name) continue;
-        const std::span<const char* const> words(argv + 2, static_cast<std::size_t>(argc - 2));
+        std::vector<const char*> words(argv + 2, argv + argc);
+        const bool is_json =
+            std::erase_if(words, [](const char* w) { return std::string_view(w) == "--json"; }) > 0;
         const bool is_usage = words.size() != command.words ||
                               std::ranges::any_of(words, [](auto* w) { return w[0] == '-'; });
-        return is_usage ? failed(command.usage, exit_usage) : command.run(words.data());
+        if (is_usage)
+            return failed(std::string(command.usage) + "; with --json it tells in JSON",
+                          exit_usage);
+        return command.run(words, is_json ? Form::json : Form::text);
     }
     if (word != "tls" && word != "token") return std::nullopt;
     if (const std::string fault = command_fault(word, argc > 2 ? argv[2] : ""); !fault.empty())

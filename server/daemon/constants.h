@@ -17,6 +17,9 @@ inline constexpr unsigned principal_imports_max = 2;
 /// Threads that read stored scenes and commit changes of the state folder.
 inline constexpr unsigned disk_threads = 4;
 inline constexpr std::chrono::milliseconds drain_look{20};
+/// Time for loads and edits to end before a successor takes the state folder over; later ones are
+/// told to ask the successor.
+inline constexpr std::chrono::seconds settle_time{10};
 /// Interval of the search for connections whose client's machine or network is gone.
 inline constexpr std::chrono::seconds lost_look{5};
 /// Interval of looking for credentials that have ended: within a second nobody uses them.

@@ -2,40 +2,23 @@
 
 #include "engine/packs/load.h"
 #include "protocol/text.h"
-#include "server/backends/backends.h"
 #include "server/daemon/constants.h"
 #include "server/daemon/exposition.h"
 #include "server/daemon/health.h"
 #include "server/daemon/import_command.h"
 #include "server/daemon/notify.h"
-#include "server/daemon/start_loads.h"
-#include "server/execution/kept_selections.h"
-#include "server/execution/trace.h"
+#include "server/daemon/wiring.h"
 #include "server/ground/io_turn.h"
 #include "server/ground/journal.h"
 #include "server/ground/limited_log.h"
 #include "server/ground/log.h"
-#include "server/http/page_access.h"
-#include "server/http/server.h"
-#include "server/jobs/scene_poser.h"
-#include "server/jobs/scene_waker.h"
-#include "server/net/asio.h"
-#include "server/net/inherited.h"
-#include "server/net/listener.h"
 #include "server/net/transports.h"
 #include "server/options/ready_file.h"
 #include "server/options/reload.h"
 #include "server/options/start_checks.h"
-#include "server/requests/request.h"
-#include "server/scheduling/admission.h"
-#include "server/scheduling/detached.h"
 #include "server/scheduling/disposal.h"
-#include "server/scheduling/fair_thread_pool.h"
-#include "server/scheduling/runner.h"
-#include "server/sessions/connections.h"
-#include "server/store/scene_store.h"
-#include "server/store/state_folder.h"
 
+#include <fcntl.h>
 #include <unistd.h>
 
 #include <csignal>
@@ -43,106 +26,12 @@
 #include <cstdlib>
 #include <functional>
 #include <memory>
+#include <optional>
 #include <string>
 #include <utility>
 #include <vector>
 
 namespace raynest::server {
-namespace {
-
-class Daemon final : public Administration {
-public:
-    Daemon(Options options, ReadOptions read_again, std::shared_ptr<const Registry> registry,
-           std::unique_ptr<StateFolder> state);
-    ~Daemon() {
-        // No job runs any more, so no other thread drops a scene.
-        scenes_.set_disposal({});
-        detached_.clear();
-    }
-
-    Result<void> listen();
-    /// Opens the HTTP port. Fails if the address was given by option; else the daemon has none.
-    Result<void> listen_http();
-    /// Returns http://HOST:PORT, https://HOST:PORT or "off".
-    std::string http_uri() const { return http_listener_ ? http_listener_->uri() : "off"; }
-    /// Serves until drained. Fails when the ready file cannot be written.
-    Result<void> run();
-
-    [[nodiscard]] std::vector<ConnectionRow> connections(std::uint64_t after) const override {
-        return connections_.rows(after);
-    }
-    /// Begins after the administrator has its answer.
-    void drain() override {
-        asio::post(io_, [this] { begin_to_drain(); });
-    }
-    Reply<std::string> reload() override;
-    std::size_t kick(std::uint64_t connection, const std::string& principal) override;
-    [[nodiscard]] bool knows(const std::string& principal) override;
-    void set_quota(const std::string& principal, const Quota& quota) override;
-
-private:
-    void serve_health();
-    void await_signal();
-    void begin_to_drain();
-    void look_drained();
-    void look_after_detached();
-    /// Does something again and again, with this pause before each time.
-    void repeat(asio::steady_timer& timer, std::chrono::microseconds pause,
-                std::function<void()> act);
-    /// Ends connections and detached jobs of principals that would not be admitted again, and every
-    /// WebSocket if hosts or proxies of the page were taken away: its next request is judged anew.
-    void end_revoked(bool is_site_smaller = false);
-    void apply_options();
-    void remove_own_files() {
-        if (!options_.ready_file.empty()) remove_ready_file(options_.ready_file);
-    }
-    [[noreturn]] void end_at_once();
-
-    Options options_;
-    const ReadOptions read_again_;  ///< empty in programs without a command line
-    const std::shared_ptr<const Registry> registry_;
-    protocol::Limits limits_;
-    Metrics metrics_;
-    Budget budget_;
-    Peers peers_;
-    const std::unique_ptr<StateFolder> state_;  ///< null: no --state
-    SceneStore scenes_;
-    Admission admission_;
-    TraceBufferPool trace_buffers_;
-    InlineBudget inline_budget_;
-    Coalescer coalescer_;
-    asio::io_context io_{1};
-    Services services_;
-    SceneWaker waker_;
-    ScenePoser poser_;
-    KeptSelections selections_;
-    JobContext context_;
-    DetachedJobs detached_;
-    // Keep the threads below all members that tasks use: destruction joins the threads first.
-    Backends backends_;
-    FairThreadPool compute_;
-    FairThreadPool blocking_;
-    FairThreadPool disk_;
-    asio::signal_set signals_;
-    asio::steady_timer drain_timer_;
-    asio::steady_timer detached_timer_;
-    asio::steady_timer lost_timer_;
-    asio::steady_timer credentials_timer_;
-    asio::steady_timer watchdog_timer_;
-    Credentials credentials_;
-    Connections connections_;
-    InheritedSockets inherited_;
-    std::vector<std::unique_ptr<Listener>> listeners_;
-    std::vector<ListenAddress> open_;  ///< what the daemon listens on, the HTTP port included
-    PageAccess page_access_;
-    HttpSite site_;
-    HttpServer http_;
-    StartLoads start_loads_;
-    std::unique_ptr<Listener> http_listener_;  ///< null: no HTTP port
-    Clock::time_point drain_deadline_ = Clock::time_point::max();
-    bool serving_ = false;    ///< connections are accepted
-    bool cut_short_ = false;  ///< the drain exceeded its deadline
-};
 
 Daemon::Daemon(Options options, ReadOptions read_again, std::shared_ptr<const Registry> registry,
                std::unique_ptr<StateFolder> state)
@@ -206,24 +95,31 @@ Daemon::Daemon(Options options, ReadOptions read_again, std::shared_ptr<const Re
             [this](auto transport, auto descriptors) {
                 connections_.accept(std::move(transport), descriptors);
             }),
-      start_loads_(io_, services_) {
+      start_loads_(io_, services_),
+      handover_(io_, services_) {
     scenes_.set_disposal(
         [this](std::shared_ptr<const Snapshot> scene) { dispose(compute_, "", std::move(scene)); });
     services_.administration = this;
     services_.state = state_.get();
     services_.waker = state_ ? &waker_ : nullptr;
+    services_.changes = state_ ? &handover_.changes() : nullptr;
     services_.disk = &disk_;
     services_.poser = &poser_;
     services_.selections = &selections_;
     if (state_) scenes_.adopt(*state_);
 }
 
-Result<void> Daemon::listen() {
+void Daemon::follow(Predecessor predecessor) {
+    inherited_.add(predecessor.take_sockets());
+    predecessor_ = std::move(predecessor);
+}
+
+Result<void> Daemon::listen(const StateLock& lock) {
     if (const auto loaded = credentials_.load(); !loaded) return loaded;
     for (const std::string& uri : options_.listen) {
         auto address = parse_address(uri);
         if (!address) return tl::unexpected(address.error());
-        inherited_.claim(*address);
+        inherited_.claim(*address, uri);
         const MakeTransport make = transport_of(*find_scheme(scheme_of(*address)));
         auto listener = Listener::open(
             io_, *address, "--listen", options_.socket,
@@ -237,13 +133,15 @@ Result<void> Daemon::listen() {
     if (options_.http.address != "off")
         if (const auto listening = listen_http(); !listening) return listening;
     inherited_.warn_of_unclaimed();
-    return {};
+    if (state_ == nullptr) return {};
+    return handover_.await_successor(
+        lock.descriptor(), {[this] { return handed_sockets(); }, [this] { begin_to_drain(true); }});
 }
 
 Result<void> Daemon::listen_http() {
     auto address = parse_http_address(options_.http.address);
     if (!address) return tl::unexpected(address.error());
-    inherited_.claim(*address);
+    inherited_.claim(*address, options_.http.address);
     const bool is_encrypted = scheme_of(*address) == "https";
     auto listener =
         Listener::open(io_, *address, "--http", options_.socket,
@@ -306,6 +204,7 @@ Result<void> Daemon::run() {
         poser_.drop_idle();
         selections_.drop_idle();
         log_left_out();
+        if (state_) state_->note(scenes_.take_uses());
         if (state_ && state_->has_work())
             disk_.submit("", Priority::low, [this] { state_->collect(); });
     });
@@ -315,11 +214,17 @@ Result<void> Daemon::run() {
     });
     serving_ = true;
     start_loads_.start(options_.load);
+    if (state_)
+        for (const AsleepScene& scene : scenes_.pinned_asleep())
+            waker_.wake(scene, scene.owner, {});
     if (!options_.ready_file.empty()) {
         // Fail without the file: programs that wait for it would wait for ever.
         if (const auto written = write_ready_file(options_.ready_file, uris, http_uri()); !written)
             return tl::unexpected(written.error());
     }
+    if (predecessor_)
+        for (const auto& listener : listeners_) listener->own_file();
+    if (predecessor_) handover_.serve_after(std::move(*std::exchange(predecessor_, {})));
     notify("READY=1");
     // The io thread proves that it still handles events; jobs run on other threads.
     if (const auto interval = watchdog_interval())
@@ -333,6 +238,10 @@ Result<void> Daemon::run() {
             // Only this handler's work is lost; it is outside the connections' coroutines.
             log_limited(LogLevel::error, "handler_failed", "", {{"reason", error.what()}});
         }
+    }
+    if (state_ && !state_->is_closed()) {
+        state_->note(scenes_.take_uses());
+        state_->collect();
     }
     remove_own_files();
     log(LogLevel::info, "stopped");
@@ -360,13 +269,16 @@ void Daemon::await_signal() {
     });
 }
 
-void Daemon::begin_to_drain() {
+void Daemon::begin_to_drain(bool has_successor) {
     if (drain_deadline_ != Clock::time_point::max()) return;
     log(LogLevel::info, "draining", {{"connections", std::to_string(connections_.size())}});
-    notify("STOPPING=1");
+    if (!has_successor) notify("STOPPING=1");
     drain_deadline_ = Clock::now() + std::chrono::milliseconds(limits_.drain_ms_max);
-    for (const auto& listener : listeners_) listener->close();
-    connections_.drain();
+    for (const auto& listener : listeners_) has_successor ? listener->leave() : listener->close();
+    if (has_successor && http_listener_) http_listener_->leave();
+    if (has_successor)
+        why_draining_ = "another raynestd has taken the place of this one: connect again";
+    connections_.drain(why_draining_);
     start_loads_.stop();
     // The HTTP port stays open until the end: /readyz tells that the daemon drains.
     site_.drain();
@@ -374,9 +286,9 @@ void Daemon::begin_to_drain() {
 }
 
 void Daemon::look_drained() {
-    peers_.dismiss();
+    peers_.dismiss(why_draining_);
     // Ends connections that had time to fetch an answer.
-    connections_.drain();
+    connections_.drain(why_draining_);
     // Count jobs of closed connections too: their tasks still use members of the daemon.
     const bool drained = connections_.empty() && admission_.active() == 0;
     if (drained && !cut_short_) return io_.stop();
@@ -394,6 +306,17 @@ void Daemon::look_drained() {
     drain_timer_.async_wait([this](const SystemError& error) {
         if (!error) look_drained();
     });
+}
+
+std::vector<HandedSocket> Daemon::handed_sockets() {
+    std::vector<HandedSocket> sockets;
+    const auto add = [&](const std::string& value, Listener& listener) {
+        sockets.push_back(
+            {value, listener.has_file(), Fd(fcntl(listener.descriptor(), F_DUPFD_CLOEXEC, 0))});
+    };
+    for (std::size_t i = 0; i < listeners_.size(); ++i) add(options_.listen[i], *listeners_[i]);
+    if (http_listener_) add(options_.http.address, *http_listener_);
+    return sockets;
 }
 
 // Enforces the time limits of detached jobs; a connection's watchdog does so for its own jobs.
@@ -419,58 +342,7 @@ void Daemon::repeat(asio::steady_timer& timer, std::chrono::microseconds pause,
     });
 }
 
-void Daemon::end_revoked(bool is_site_smaller) {
-    const auto valid = [this, now = WallClock::now()](const Principal& principal) {
-        return credentials_.authentication().still_valid(principal, now);
-    };
-    // A page comes back at once under a host, or by a proxy, that is still one of ours. By value:
-    // it is asked in later turns, too.
-    const auto may_stay = [valid, is_site_smaller](const PeerIdentity& peer,
-                                                   const Principal& principal) {
-        return !(is_site_smaller && peer.sender != nullptr) && valid(principal);
-    };
-    const std::string why = " is admitted no more: a token, certificate, login or option changed";
-    connections_.close_unless(may_stay, {Code::not_allowed, "this connection" + why, 0});
-    detached_.end_unless(valid, {Code::not_allowed, "the owner of this job" + why, 0});
-}
-
-Reply<std::string> Daemon::reload() {
-    notify("RELOADING=1");
-    const Reload done = reload_options(
-        options_, read_again_ ? read_again_() : Result<Options>(options_), credentials_, open_);
-    apply_options();
-    end_revoked(done.is_site_smaller);
-    notify("READY=1");
-    return told(done);
-}
-
-void Daemon::apply_options() {
-    set_log_level(options_.log_level);
-    set_log_format(options_.log_format);
-    site_.set_names(options_.http.hosts);
-    http_.set_proxies(AddressSet(options_.http.proxies));
-    take_limits(limits_, options_.limits);
-    admission_.set_limits(limits_);
-    scenes_.set_limits(limits_);
-    credentials_.authentication().logins().set_limits(limits_);
-    look_after_detached();
-}
-
-std::size_t Daemon::kick(std::uint64_t connection, const std::string& principal) {
-    return connections_.kick(connection, principal,
-                             {Code::not_allowed, "an administrator has ended this connection", 0});
-}
-
-bool Daemon::knows(const std::string& principal) {
-    return peers_.size_of(principal) != 0 || admission_.active_of(principal) != 0 ||
-           scenes_.charged_to(principal, true).scenes != 0 ||
-           credentials_.authentication().tokens().find_name(principal) != nullptr;
-}
-
-void Daemon::set_quota(const std::string& principal, const Quota& quota) {
-    admission_.quotas().set(principal, quota);
-    scenes_.quotas().set(principal, quota);
-}
+namespace {
 
 int failed(const Error& error) {
     std::fprintf(stderr, "%sraynestd: %s\n", journal_priority(LogLevel::error).data(),
@@ -483,16 +355,28 @@ int failed(const Error& error) {
 int run_daemon(Options options, ReadOptions read_again) {
     (void)std::signal(SIGPIPE, SIG_IGN);
     (void)std::signal(SIGXFSZ, SIG_IGN);  // write() says EFBIG
-    const auto lock = prepare_start(options);
+    auto lock = prepare_start(options);
     if (!lock) return failed(lock.error());
     const auto registry = Registry::load({options.pack_dirs, options.target});
     if (!registry) return failed(registry.error());
     for (const auto& [event, reason] : start_warnings(options))
         log(LogLevel::warn, event, {{"reason", reason}});
-    auto state = StateFolder::open(options.state);
+    std::optional<Predecessor> predecessor;
+    if (options.takeover && lock->descriptor() < 0) {
+        // Try all that can fail without the folder first.
+        if (const auto fault = start_fault(options))
+            return failed({ErrorCode::io_failed, "--" + fault->option + " " + fault->why});
+        auto asked = Predecessor::ask(options.state);
+        if (!asked) return failed(asked.error());
+        lock = asked->take_lock();
+        predecessor = std::move(*asked);
+    }
+    auto state = StateFolder::open(
+        options.state, predecessor ? StateFolder::Leftovers::keep : StateFolder::Leftovers::remove);
     if (!state) return failed(state.error());
     Daemon daemon(std::move(options), std::move(read_again), *registry, std::move(*state));
-    if (const auto listening = daemon.listen(); !listening) return failed(listening.error());
+    if (predecessor) daemon.follow(std::move(*predecessor));
+    if (const auto listening = daemon.listen(*lock); !listening) return failed(listening.error());
     if (const auto ended = daemon.run(); !ended) return failed(ended.error());
     return 0;
 }

@@ -21,7 +21,8 @@ struct TcpAddress {
 };
 struct UnixAddress {
     std::string path;
-    int descriptor = -1;  ///< an inherited socket that listens there; -1: none, make one
+    int descriptor = -1;    ///< an inherited socket that listens there; -1: none, make one
+    bool has_file = false;  ///< the file of that socket is to be removed at the end
 };
 using Address = std::variant<TcpAddress, UnixAddress>;
 

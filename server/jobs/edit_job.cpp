@@ -6,6 +6,7 @@
 #include "protocol/text.h"
 #include "server/ground/limited_log.h"
 #include "server/ground/metrics.h"
+#include "server/jobs/change_gate.h"
 #include "server/jobs/received_file.h"
 #include "server/scheduling/peers.h"
 #include "server/store/scene_store.h"
@@ -166,7 +167,7 @@ private:
         const auto stopped = [&] { return stop.requested(); };
         if (plan.reserve != 0)
             if (auto done = services_.state->reserve(plan.row.number, plan.reserve); !done)
-                return refuse(std::move(done.error()));
+                return not_changed(*services_.state, std::move(done.error()));
         if (!order_.keep) return {};
         publication_.keep = std::make_shared<Keeping>();
         if (!plan.whole) {
@@ -175,13 +176,14 @@ private:
             publication_.keep->edit.change = std::move(*change);
             return {};
         }
-        if (auto fits = plan.room.check(snapshot_->bytes().size()); !fits) return fits;
+        if (auto fits = plan.room.check(snapshot_->digest(), snapshot_->bytes().size()); !fits)
+            return fits;
         // No load may put its scene in the place of this one between here and the commit.
         name_lock_ = services_.state->lock_name(plan.row.owner, plan.row.name, stopped);
         if (!name_lock_) return refuse(Code::cancelled, "");
         auto blob = services_.state->keep(snapshot_->digest(), snapshot_->bytes(), stopped);
         if (stop.requested()) return refuse(Code::cancelled, "");
-        if (!blob) return refuse(std::move(blob.error()));
+        if (!blob) return not_changed(*services_.state, std::move(blob.error()));
         publication_.blob = std::move(*blob);
         publication_.number = services_.state->next_number();
         return {};

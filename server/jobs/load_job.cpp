@@ -6,6 +6,7 @@
 #include "server/documents/scene_info.h"
 #include "server/ground/limited_log.h"
 #include "server/ground/metrics.h"
+#include "server/jobs/change_gate.h"
 #include "server/jobs/received_file.h"
 #include "server/jobs/services.h"
 #include "server/scheduling/peers.h"
@@ -225,11 +226,11 @@ private:
     /// way. On a thread of the blocking pool.
     Reply<Frames> store(const Stop& stop) {
         const auto stopped = [&] { return stop.requested(); };
-        if (auto fits = disk_room_.check(snapshot_->bytes().size()); !fits)
+        if (auto fits = disk_room_.check(snapshot_->digest(), snapshot_->bytes().size()); !fits)
             return tl::unexpected(fits.error());
         auto blob = services_.state->keep(snapshot_->digest(), snapshot_->bytes(), stopped);
         if (stop.requested()) return refuse(Code::cancelled, "");
-        if (!blob) return refuse(std::move(blob.error()));
+        if (!blob) return not_changed(*services_.state, std::move(blob.error()));
         blob_ = std::move(*blob);
         name_lock_ = services_.state->lock_name(order_.caller.principal, order_.name, stopped);
         if (!name_lock_) return refuse(Code::cancelled, "");
@@ -248,7 +249,7 @@ private:
             if (stored_.before) blob_before_ = services_.state->pin(stored_.before->digest);
             stored_.row.number = services_.state->next_number();
             if (auto put = services_.state->put(stored_.row); !put)
-                return refuse(std::move(put.error()));
+                return not_changed(*services_.state, std::move(put.error()));
             committed_ = true;
             return Frames{};
         };

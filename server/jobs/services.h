@@ -17,6 +17,7 @@ namespace raynest::server {
 
 class Admission;
 class Budget;
+class ChangeGate;
 class DetachedJobs;
 class FairThreadPool;
 class KeptSelections;
@@ -51,6 +52,7 @@ struct Services {
     PageLogins* page_logins = nullptr;         ///< null likewise
     StateFolder* state = nullptr;              ///< null: scenes are in memory only
     SceneWaker* waker = nullptr;               ///< null likewise
+    ChangeGate* changes = nullptr;             ///< null likewise
     /// Null likewise; for short tasks of it that no import may hold up
     FairThreadPool* disk = nullptr;
     ScenePoser* poser = nullptr;           ///< null in tests without a whole daemon

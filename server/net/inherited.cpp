@@ -43,24 +43,43 @@ InheritedSockets::InheritedSockets() {
     const int count = std::min(number_of("LISTEN_FDS"), sockets_max);
     for (int descriptor = first_descriptor; descriptor < first_descriptor + count; ++descriptor) {
         (void)fcntl(descriptor, F_SETFD, FD_CLOEXEC);
-        if (auto address = address_of(descriptor)) sockets_.push_back(std::move(*address));
+        if (auto address = address_of(descriptor)) sockets_.push_back({std::move(*address), ""});
     }
 }
 
-void InheritedSockets::claim(Address& address) {
-    const auto same = std::ranges::find_if(
-        sockets_, [&](const Address& socket) { return is_same_place(socket, address); });
+void InheritedSockets::add(std::vector<HandedSocket> sockets) {
+    for (HandedSocket& socket : sockets) {
+        // Open until the end, as the service manager's.
+        auto address = address_of(fcntl(socket.descriptor.get(), F_DUPFD_CLOEXEC, 0));
+        if (!address) continue;
+        if (auto* local = std::get_if<UnixAddress>(&*address)) local->has_file = socket.has_file;
+        sockets_.push_back({std::move(*address), std::move(socket.value)});
+    }
+}
+
+void InheritedSockets::claim(Address& address, const std::string& value) {
+    const auto same = std::ranges::find_if(sockets_, [&](const Row& socket) {
+        return is_same_place(socket.address, address) ||
+               (socket.value == value && socket.address.index() == address.index());
+    });
     if (same == sockets_.end()) return;
-    const int descriptor = std::visit([](const auto& socket) { return socket.descriptor; }, *same);
-    std::visit([&](auto& wanted) { wanted.descriptor = descriptor; }, address);
+    const Address& found = same->address;
+    if (auto* wanted = std::get_if<TcpAddress>(&address)) {
+        wanted->descriptor = std::get<TcpAddress>(found).descriptor;
+        wanted->port = std::get<TcpAddress>(found).port;
+    } else {
+        std::get<UnixAddress>(address) = std::get<UnixAddress>(found);
+    }
     sockets_.erase(same);
 }
 
 void InheritedSockets::warn_of_unclaimed() const {
-    for (const Address& socket : sockets_)
+    for (const Row& socket : sockets_)
         log(LogLevel::warn, "socket_unused",
-            {{"uri", to_uri(socket)},
-             {"reason", "the service manager passes it, and no option names it"}});
+            {{"uri", to_uri(socket.address)},
+             {"reason", std::string(socket.value.empty() ? "the service manager passes it"
+                                                         : "the daemon before has handed it on") +
+                            ", and no option names it"}});
 }
 
 }  // namespace raynest::server

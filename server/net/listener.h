@@ -36,6 +36,20 @@ public:
     /// Stops accepting and removes a Unix socket's file, if the socket was made here; idempotent.
     void close();
 
+    /// Stops accepting for good, and leaves the socket and its file to a process that has it, too.
+    void leave() {
+        socket_file_.clear();
+        close();
+    }
+    /// From now on close() removes the file of a Unix socket that a daemon before has made.
+    void own_file() {
+        const auto* local = std::get_if<UnixAddress>(&address_);
+        if (local != nullptr && local->has_file) socket_file_ = local->path;
+    }
+    [[nodiscard]] int descriptor() { return acceptor_.native_handle(); }
+    /// True if close() removes the file of a Unix socket.
+    [[nodiscard]] bool has_file() const { return !socket_file_.empty(); }
+
     /// The address with the actual port.
     [[nodiscard]] std::string uri() const { return to_uri(address_); }
     [[nodiscard]] const Address& address() const { return address_; }

@@ -29,7 +29,8 @@ struct HttpOptions {
 struct Options {
     std::vector<std::string> listen{"tcp://127.0.0.1:31060"};
     HttpOptions http;
-    std::filesystem::path state;       ///< locked while the daemon runs; empty: none
+    std::filesystem::path state;  ///< locked while the daemon runs; empty: none
+    bool takeover = false;        ///< take the place of the daemon that uses `state`, if one does
     std::filesystem::path scene_root;  ///< folder of root:PATH; empty: root:PATH is refused
     std::vector<std::string> load;     ///< sources of start_loads.h
     std::vector<std::filesystem::path> pack_dirs;

@@ -388,7 +388,7 @@ ParsedOptions parse_options(int argc, const char* const* argv, std::ostream& err
         "raynestd traces rays through instanced scenes for clients. raynestd tls --help makes\n"
         "certificates, raynestd token --help gives access. raynestd check DIR looks\n"
         "at a state folder, raynestd backup DIR NEW copies one, raynestd restore BACKUP DIR\n"
-        "brings it back, and raynestd gc DIR removes what no scene needs.",
+        "brings it back, and raynestd gc DIR removes what no scene needs; each takes --json.",
         "raynestd");
     app.footer(
         "\nExit codes: 0 stopped, 1 cannot start, 2 usage, 3 stopped before its jobs had ended.");
@@ -408,6 +408,10 @@ ParsedOptions parse_options(int argc, const char* const* argv, std::ostream& err
         app.add_flag("--check-config", check,
                      "Check the configuration and the files that a start needs, then exit")
             ->configurable(false);
+        app.add_flag("--takeover", options.takeover,
+                     "Take the place of the daemon that uses the folder of --state: its scenes and "
+                     "sockets; nobody is refused meanwhile")
+            ->configurable(false);
         app.set_version_flag("--version", "raynestd " RAYNEST_VERSION);
         // Neither the help nor a printed configuration names a number: it follows --memory.
         for (const MemoryShare& share : memory_shares)
@@ -416,6 +420,8 @@ ParsedOptions parse_options(int argc, const char* const* argv, std::ostream& err
         app.parse(argc, argv);
         options.security.anonymous = parse_role(words.anonymous);
         if (const auto fault = listen_fault(options)) return refused(2, origins.text_of(*fault));
+        if (options.takeover && options.state.empty())
+            return refused(2, "--takeover needs the --state DIR of the daemon that is to give way");
         set_shares(options, app);
         options.http.given = app.count("--http") != 0;
         options.socket = to_socket_access(words);

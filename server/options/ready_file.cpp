@@ -101,20 +101,22 @@ Result<StateLock> StateLock::take(const std::filesystem::path& directory) {
         std::filesystem::permissions(directory, std::filesystem::perms::owner_all, error);
     StateLock lock;
     lock.descriptor_ =
-        open((directory / "lock").c_str(), O_RDWR | O_CREAT | O_CLOEXEC | O_NOFOLLOW, 0600);
-    if (lock.descriptor_ < 0)
+        Fd(open((directory / "lock").c_str(), O_RDWR | O_CREAT | O_CLOEXEC | O_NOFOLLOW, 0600));
+    if (lock.descriptor() < 0)
         return fail(ErrorCode::io_failed,
                     "cannot open " + (directory / "lock").string() + ": " +
                         std::error_code(errno, std::generic_category()).message() +
                         "; give --state a folder that can be written");
-    if (flock(lock.descriptor_, LOCK_EX | LOCK_NB) != 0)
+    if (flock(lock.descriptor(), LOCK_EX | LOCK_NB) != 0)
         return fail(ErrorCode::io_failed, "another daemon uses " + directory.string() +
                                               "; stop it or give --state another folder");
     return lock;
 }
 
-StateLock::~StateLock() {
-    if (descriptor_ >= 0) close(descriptor_);
+StateLock StateLock::adopt(Fd descriptor) {
+    StateLock lock;
+    lock.descriptor_ = std::move(descriptor);
+    return lock;
 }
 
 }  // namespace raynest::server

@@ -3,6 +3,7 @@
 #pragma once
 
 #include "engine/result.h"
+#include "engine/system/child_process.h"
 
 #include <filesystem>
 #include <span>
@@ -29,17 +30,14 @@ public:
     /// Takes the lock; creates the directory (mode 0700) if needed. Fails with io_failed if another
     /// daemon holds the lock.
     static Result<StateLock> take(const std::filesystem::path& directory);
+    /// Shares the lock of a daemon that hands it on: both hold it until both have let go.
+    static StateLock adopt(Fd descriptor);
+    /// The locked file; -1: none.
+    [[nodiscard]] int descriptor() const { return descriptor_.get(); }
     StateLock() = default;
-    StateLock(StateLock&& other) noexcept : descriptor_(std::exchange(other.descriptor_, -1)) {}
-    StateLock& operator=(StateLock&& other) noexcept {
-        std::swap(descriptor_, other.descriptor_);
-        return *this;
-    }
-    StateLock(const StateLock&) = delete;
-    ~StateLock();
 
 private:
-    int descriptor_ = -1;
+    Fd descriptor_;
 };
 
 }  // namespace raynest::server

@@ -110,7 +110,8 @@ Result<StateLock> prepare_start(const Options& options) {
         if (const auto free = check_ready_file(options.ready_file); !free)
             return tl::unexpected(free.error());
     if (options.state.empty()) return StateLock();
-    return StateLock::take(options.state);
+    auto lock = StateLock::take(options.state);
+    return lock || !options.takeover ? std::move(lock) : StateLock();
 }
 
 std::optional<OptionFault> start_fault(const Options& options) {

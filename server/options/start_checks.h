@@ -14,7 +14,8 @@ namespace raynest::server {
 
 /// Raises the limit of file descriptors to the maximum that the system grants, and locks the state
 /// folder. Fails if too few descriptors are granted for the daemon and a few clients, if another
-/// program has the ready file, or if another daemon has the folder.
+/// program has the ready file, or if another daemon has the folder; with --takeover the lock is then
+/// empty.
 [[nodiscard]] Result<StateLock> prepare_start(const Options& options);
 
 /// Returns the first option for which the daemon could not start: files of TLS, tokens, packs, the

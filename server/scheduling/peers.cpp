@@ -156,7 +156,7 @@ std::uint64_t Peers::reclaimable_bytes(const std::string& newcomer) const {
     return choose(Resource::memory, newcomer, Whose::everybodys).held;
 }
 
-void Peers::dismiss() {
+void Peers::dismiss(const std::string& why) {
     const Clock::time_point now = now_();
     std::vector<Peer*> paused_ones;
     for (const auto& [principal, peers] : peers_)
@@ -166,7 +166,7 @@ void Peers::dismiss() {
         ++metrics_.gave_way_draining;
         log_limited(LogLevel::warn, "gave_way", peer->principal(),
                     {{"principal", peer->principal()}, {"short", "time"}});
-        peer->give_way({Code::draining, "", 0});
+        peer->give_way({Code::draining, why, 0});
     }
 }
 

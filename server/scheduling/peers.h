@@ -91,8 +91,8 @@ public:
     void make_memory(std::uint64_t bytes, const std::string& newcomer, Use use = Use::passing);
     /// Returns the bytes that make_memory() could free for `newcomer`.
     [[nodiscard]] std::uint64_t reclaimable_bytes(const std::string& newcomer) const;
-    /// Closes all paused peers, because the daemon drains.
-    void dismiss();
+    /// Closes all paused peers, because the daemon drains: with this message, or the usual one.
+    void dismiss(const std::string& why = {});
 
 private:
     struct Choice {

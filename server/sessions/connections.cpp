@@ -127,9 +127,9 @@ void Connections::leave(const std::shared_ptr<Session>& session) {
 
 // The functions below iterate over a copy: sessions may leave while they are called.
 
-void Connections::drain() {
+void Connections::drain(const std::string& why) {
     const Sessions sessions = sessions_;
-    for (const auto& session : sessions) session->drain();
+    for (const auto& session : sessions) session->drain(why);
 }
 
 void Connections::close_with_error(const protocol::Error& error) {

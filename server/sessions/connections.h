@@ -38,8 +38,9 @@ public:
     [[nodiscard]] bool empty() const { return sessions_.empty(); }
     [[nodiscard]] std::size_t size() const { return sessions_.size(); }
 
-    /// Refuses new jobs; each connection closes when its running jobs have ended.
-    void drain();
+    /// Refuses new jobs; each connection closes when its running jobs have ended: with this
+    /// message, or the usual one.
+    void drain(const std::string& why = {});
     /// Ends all connections with this error.
     void close_with_error(const protocol::Error& error);
     /// Closes connections whose machine or network is gone. Others have their turns meanwhile.

@@ -4,6 +4,7 @@
 #include "server/ground/io_turn.h"
 #include "server/ground/limited_log.h"
 #include "server/ground/refusals.h"
+#include "server/jobs/change_gate.h"
 #include "server/security/access.h"
 #include "server/store/scene_store.h"
 
@@ -272,7 +273,12 @@ void Conversation::start(const Request& request, protocol::Frame frame) {
     }
     JobSubmission accepted = std::move(std::get<JobSubmission>(*answer));
     const bool fetches = accepted.kind == "fetch";
-    if (draining_ && !fetches) return refuse_request(id, {Code::draining, "", 0});
+    if (draining_ && !fetches) return refuse_request(id, {Code::draining, why_draining_, 0});
+    if (services_.changes != nullptr && services_.changes->is_closed() &&
+        ChangeGate::concerns(accepted.kind)) {
+        park(std::move(frame));
+        return services_.changes->wait(awake_);
+    }
     if (jobs() >= services_.limits.jobs_max) {
         services_.metrics.count<&Metrics::jobs_refused>(caller_.principal);
         return refuse_request(id, {Code::quota,
@@ -391,8 +397,9 @@ void Conversation::close_with_error(const protocol::Error& error) {
     sink_.send(protocol::encode_error(0, error, true));
 }
 
-void Conversation::drain() {
+void Conversation::drain(const std::string& why) {
     draining_ = true;
+    why_draining_ = why;
     settle();
 }
 
@@ -409,7 +416,7 @@ void Conversation::settle() {
         fetch_until_ = std::min(fetch_until_, now + fetch_time);
         if (now < fetch_until_) return;
     }
-    close_with_error({Code::draining, "", 0});
+    close_with_error({Code::draining, why_draining_, 0});
 }
 
 }  // namespace raynest::server

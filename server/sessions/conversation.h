@@ -44,8 +44,9 @@ public:
     void refuse_unreadable(const Unreadable& message);
     /// Sends the error to the client, then ends the connection.
     void close_with_error(const protocol::Error& error);
-    /// Refuses new jobs and ends the connection when the running ones have ended.
-    void drain();
+    /// Refuses new jobs and ends the connection when the running ones have ended: with this
+    /// message, or the usual one.
+    void drain(const std::string& why = {});
 
     [[nodiscard]] const std::string& principal() const { return caller_.principal; }
     /// Whose work is counted: the principal's, once it is greeted; empty before.
@@ -116,6 +117,7 @@ private:
     std::map<std::uint64_t, DetachedJobs::Pointer> feeding_;
     bool greeted_ = false;
     bool draining_ = false;
+    std::string why_draining_ = {};
     bool waited_ = false;  ///< a Wait was sent and no Fetch since
     Clock::time_point fetch_until_ = Clock::time_point::max();
     bool closing_ = false;

@@ -114,9 +114,9 @@ void Session::spawn(Coroutine coroutine, const char* name) {
                    });
 }
 
-void Session::drain() {
+void Session::drain(const std::string& why) {
     if (!open_) return;
-    conversation_.drain();
+    conversation_.drain(why);
     settle();
 }
 

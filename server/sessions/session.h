@@ -46,7 +46,7 @@ public:
     /// Starts the coroutines; they keep the session alive until all have ended.
     void start();
     /// Refuses new jobs; closes when the running ones have ended.
-    void drain();
+    void drain(const std::string& why);
     /// Ends the running jobs, sends the error, then closes.
     /// Returns false if the connection is closing already.
     bool close_with_error(const protocol::Error& error);

@@ -11,22 +11,28 @@ Reply<void> DiskRoom::check(std::uint64_t needed) const {
                                    " are too many: " + remedy);
 }
 
-std::uint64_t DiskClaims::of(const std::string& owner) const {
+Claim Claims::of(const std::string& owner) const {
     const std::lock_guard lock(taken_->mutex);
-    const auto found = taken_->bytes.find(owner);
-    return found == taken_->bytes.end() ? 0 : found->second;
+    const auto found = taken_->sums.find(owner);
+    return found == taken_->sums.end() ? Claim() : found->second;
 }
 
-std::shared_ptr<void> DiskClaims::take(const std::string& owner, std::uint64_t bytes) {
-    const auto give_back = [taken = taken_, owner, bytes](void*) {
+std::shared_ptr<void> Claims::take(const std::string& owner, const Claim& claim) {
+    const auto give_back = [taken = taken_, owner, claim](void*) {
         const std::lock_guard lock(taken->mutex);
-        const auto found = taken->bytes.find(owner);
-        found->second -= bytes;
-        if (found->second == 0) taken->bytes.erase(found);
+        const auto found = taken->sums.find(owner);
+        Claim& sum = found->second;
+        sum.disk_bytes -= claim.disk_bytes;
+        sum.scenes -= claim.scenes;
+        sum.scene_bytes -= claim.scene_bytes;
+        if (sum == Claim()) taken->sums.erase(found);
     };
     {
         const std::lock_guard lock(taken_->mutex);
-        taken_->bytes[owner] += bytes;
+        Claim& sum = taken_->sums[owner];
+        sum.disk_bytes += claim.disk_bytes;
+        sum.scenes += claim.scenes;
+        sum.scene_bytes += claim.scene_bytes;
     }
     return {taken_.get(), give_back};
 }

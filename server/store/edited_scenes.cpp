@@ -50,7 +50,10 @@ Reply<EditPlan> SceneStore::plan_edit(const NamedScene& before, std::uint64_t ch
     if (!keep) return plan;
     plan.room = room_for(&entry, entry.owner);
     if (!plan.whole)
-        if (const auto fits = plan.room.check(entry.disk_bytes() + change_bytes); !fits)
+        if (const auto fits =
+                plan.room.check(plan.room.needed_for(entry.stored.digest, entry.stored.bytes) +
+                                entry.edit_bytes + change_bytes);
+            !fits)
             return tl::unexpected(fits.error());
     return plan;
 }

@@ -199,6 +199,9 @@ Result<Manifest> Manifest::open(const std::filesystem::path& file, bool read_onl
           "before INTEGER NOT NULL, digest TEXT NOT NULL, bytes INTEGER NOT NULL, "
           "triangles INTEGER NOT NULL, change BLOB NOT NULL, checksum INTEGER NOT NULL, "
           "PRIMARY KEY(number, epoch)) STRICT",
+          // Not in the version: an older release leaves this table alone.
+          "CREATE TABLE IF NOT EXISTS uses(number INTEGER PRIMARY KEY, used INTEGER NOT NULL, "
+          "pinned INTEGER NOT NULL) STRICT",
           "PRAGMA application_id=1380864852", "PRAGMA user_version=2", "COMMIT"})
         if (const auto done = manifest.run(sql); !done)
             return fail(ErrorCode::io_failed, file.string() + ": " + done.error().message);
@@ -305,7 +308,9 @@ Result<void> Manifest::remove_edits(std::uint64_t number) {
 }
 
 Result<void> Manifest::remove_orphans() {
-    return run("DELETE FROM edits WHERE number NOT IN (SELECT number FROM scenes)");
+    if (auto done = run("DELETE FROM edits WHERE number NOT IN (SELECT number FROM scenes)"); !done)
+        return done;
+    return run("DELETE FROM uses WHERE number NOT IN (SELECT number FROM scenes)");
 }
 
 Result<std::vector<KeptEdit>> Manifest::edits(std::uint64_t number) {
@@ -332,6 +337,35 @@ Result<std::vector<KeptEdit>> Manifest::edits(std::uint64_t number) {
     }
     if (state == SQLITE_DONE) return edits;
     return fault("the edits in the state folder could not be read");
+}
+
+Result<void> Manifest::put(const std::vector<SceneUse>& uses) {
+    return together([&]() -> Result<void> {
+        for (const SceneUse& use : uses) {
+            Statement row(*this, "INSERT OR REPLACE INTO uses VALUES(?,?,?)");
+            row.bind(use.number);
+            row.bind(use.used_ms);
+            row.bind(std::int64_t{use.pinned});
+            if (row.step() != SQLITE_DONE)
+                return fault("the use of a scene could not be entered in the state folder");
+        }
+        return {};
+    });
+}
+
+Result<std::vector<SceneUse>> Manifest::uses() {
+    std::vector<SceneUse> uses;
+    Statement rows(*this, "SELECT number, used, pinned FROM uses");
+    int state = SQLITE_DONE;
+    while ((state = rows.step()) == SQLITE_ROW) {
+        rows.next_row();
+        SceneUse& use = uses.emplace_back();
+        use.number = rows.count();
+        use.used_ms = rows.integer();
+        use.pinned = rows.integer() != 0;
+    }
+    if (state == SQLITE_DONE) return uses;
+    return fault("the uses of scenes in the state folder could not be read");
 }
 
 Result<KeptEdits> Manifest::sum_of_edits(std::uint64_t number) {

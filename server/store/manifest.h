@@ -51,6 +51,14 @@ struct KeptEdits {
     std::uint64_t bytes = 0;  ///< of the changes
 };
 
+/// When a scene was last used, and whether it is pinned: what the next daemon begins with. It is
+/// advice, so a damaged or missing one changes no scene.
+struct SceneUse {
+    std::uint64_t number = 0;  ///< of the scene's row
+    std::int64_t used_ms = 0;  ///< Unix time
+    bool pinned = false;
+};
+
 /// True for what names a blob: 64 hex digits.
 [[nodiscard]] bool is_digest(std::string_view text);
 
@@ -79,12 +87,15 @@ public:
     [[nodiscard]] Result<void> put(const KeptEdit& edit);
     /// Removes the edits of a row.
     [[nodiscard]] Result<void> remove_edits(std::uint64_t number);
-    /// Removes the edits of all rows that are gone.
+    /// Removes the edits and uses of all rows that are gone.
     [[nodiscard]] Result<void> remove_orphans();
     /// Returns the edits of a row that have a change, by epoch. Fails if one is not as it was
     /// written.
     [[nodiscard]] Result<std::vector<KeptEdit>> edits(std::uint64_t number);
     [[nodiscard]] Result<KeptEdits> sum_of_edits(std::uint64_t number);
+    /// Puts all of these in one commit.
+    [[nodiscard]] Result<void> put(const std::vector<SceneUse>& uses);
+    [[nodiscard]] Result<std::vector<SceneUse>> uses();
     /// Writes all of it, as it is at one moment, to a new file.
     [[nodiscard]] Result<void> copy_to(const std::filesystem::path& file);
     /// True once the disk has failed: what is written after that may be lost, so nothing is.

@@ -209,8 +209,9 @@ Reply<void> SceneStore::check_quota(const Entry* changed, const ConnectionId& ca
                                     std::uint64_t bytes) const {
     const std::string& principal = caller.principal;
     const std::uint64_t bytes_max = quotas_.of(principal).scene_bytes;
-    std::uint64_t scenes = 0;
-    std::uint64_t held = 0;
+    const Claim claimed = claims_.of(principal);
+    std::uint64_t scenes = claimed.scenes;
+    std::uint64_t held = claimed.scene_bytes;
     for (const auto& [name, entry] : entries_) {
         if (&entry == changed || !entry.charged_to(principal)) continue;
         ++scenes;

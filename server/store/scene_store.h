@@ -250,13 +250,21 @@ public:
     [[nodiscard]] std::uint64_t bytes() const;
     /// Returns number and bytes of the scenes on the disk alone.
     [[nodiscard]] Total asleep() const;
+    /// Returns when each stored scene was used and whether it is pinned, as far as that differs from
+    /// what was returned before.
+    [[nodiscard]] std::vector<SceneUse> take_uses();
+    /// Returns the pinned scenes that are on the disk alone.
+    [[nodiscard]] std::vector<AsleepScene> pinned_asleep() const;
     /// Returns number and bytes of the unlisted scenes.
     [[nodiscard]] Total unlisted() const;
     /// Returns number and bytes of the scenes that count towards the quotas of a principal, listed
     /// or unlisted ones.
     [[nodiscard]] Total charged_to(const std::string& principal, bool listed) const;
     /// Returns the bytes of a principal's scenes in the state folder, kept edits among them.
-    [[nodiscard]] std::uint64_t on_disk_of(const std::string& principal) const;
+    /// Two names of one content count once.
+    [[nodiscard]] std::uint64_t on_disk_of(const std::string& principal) const {
+        return disk_use(principal, nullptr).bytes;
+    }
     /// Returns advice on how to make room for scenes: to unload the principal's least recently used
     /// ones, if any, or what raises the limit, `larger`.
     [[nodiscard]] std::string remedy(const std::string& principal, const std::string& larger) const;
@@ -265,10 +273,11 @@ private:
     struct Entry {
         NamedScene scene;  ///< its memory is null while the scene is on the disk alone
         SceneFacts facts;
-        [[nodiscard]] std::uint64_t disk_bytes() const {
+        /// Its blob on the disk, without kept edits; no digest: it has none.
+        [[nodiscard]] SceneFacts on_disk() const {
+            if (stored.number != 0) return {stored.digest, stored.bytes};
             // Without a name, but held: its blob stays until it is read.
-            if (stored.number == 0) return blob != nullptr && !scene.held ? facts.bytes : 0;
-            return stored.bytes + edit_bytes;
+            return blob != nullptr && !scene.held ? facts : SceneFacts();
         }
         BlobPin blob;        ///< not null: this content is stored
         StoredScene stored;  ///< the row of this name; number 0: it has none
@@ -281,6 +290,7 @@ private:
         std::uint64_t epoch_free = 0;  ///< the first that the daemons before have not told
         std::string damage;            ///< why the stored content cannot be used; empty: it can
         bool pinned = false;           ///< stays in memory
+        std::optional<SceneUse> told;  ///< the last of take_uses()
         bool from_before = false;      ///< stored before the start, and not loaded since
         std::string owner;             ///< the principal that loaded it
         Clock::time_point loaded;
@@ -334,6 +344,12 @@ private:
     [[nodiscard]] bool found_by(const Entry& entry, const ConnectionId& caller) const;
     Reply<void> check_quota(const Entry* changed, const ConnectionId& caller,
                             std::uint64_t bytes) const;
+    struct DiskUse {
+        std::uint64_t bytes = 0;
+        std::set<std::string> blobs;
+    };
+    /// Returns what the scenes of a principal but `without` have on the disk.
+    [[nodiscard]] DiskUse disk_use(const std::string& principal, const Entry* without) const;
     /// Returns what `owner` may store in the place of `changed`.
     [[nodiscard]] DiskRoom room_for(const Entry* changed, const std::string& owner) const;
     /// Charges the memory of a scene to another principal if the one that it is charged to holds
@@ -342,6 +358,7 @@ private:
     /// Frees the memory of the least recently used stored scene that nobody uses; with `principal`,
     /// of those charged to it. False if there is none.
     bool let_go_of_oldest(const std::string* principal);
+    [[nodiscard]] static AsleepScene asleep_scene(const Entry& entry);
     /// Returns the error for a scene on the disk alone, and remembers it for take_asleep().
     protocol::Error asleep(const Entry& entry) const;
     /// Fails with NAME_TAKEN or QUOTA if publish() may not publish this.
@@ -359,7 +376,7 @@ private:
     const std::shared_ptr<Dispose> dispose_ = std::make_shared<Dispose>();
     Entries entries_;
     std::map<std::string, std::weak_ptr<const HeldScene>> by_digest_;
-    DiskClaims claims_;
+    Claims claims_;
     std::uint64_t last_connection_ = 0;
     mutable std::optional<AsleepScene> asleep_;
     std::vector<StoredScene> dropped_;

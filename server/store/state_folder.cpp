@@ -113,7 +113,8 @@ const char* network_file_system(std::uint64_t magic) {
     return found == rows.end() ? nullptr : found->name;
 }
 
-Result<std::unique_ptr<StateFolder>> StateFolder::open(const fs::path& folder) {
+Result<std::unique_ptr<StateFolder>> StateFolder::open(const fs::path& folder,
+                                                       Leftovers leftovers) {
     if (folder.empty()) return std::unique_ptr<StateFolder>();
     struct statfs system {};
     if (::statfs(folder.c_str(), &system) != 0)
@@ -150,24 +151,76 @@ Result<std::unique_ptr<StateFolder>> StateFolder::open(const fs::path& folder) {
         state->last_number_ = std::max(state->last_number_.load(), row.number);
     }
     state->found_ = std::move(*rows);
-    if (const auto gone = state->manifest_.remove_orphans(); !gone)
+    if (const auto gone = state->manifest_->remove_orphans(); !gone)
         return tl::unexpected(gone.error());
     for (const StoredScene& row : state->found_) {
-        auto edits = state->manifest_.sum_of_edits(row.number);
+        auto edits = state->manifest_->sum_of_edits(row.number);
         if (!edits) return tl::unexpected(edits.error());
         state->found_edits_.push_back(std::move(*edits));
     }
+    auto uses = state->manifest_->uses();
+    if (!uses) return tl::unexpected(uses.error());
+    for (const SceneUse& use : *uses) state->found_uses_[use.number] = use;
     // A daemon that was killed leaves unfinished files, and blobs whose row was not committed.
     for (const auto& file : fs::directory_iterator(folder / "blobs", error))
-        if (!used.contains(file.path().filename().string())) fs::remove(file.path(), error);
+        if (!used.contains(file.path().filename().string()))
+            state->leftovers_.push_back(file.path().filename().string());
+    if (leftovers == Leftovers::remove) state->remove_leftovers();
     if (!flush_folder(folder) || !flush_folder(folder / "blobs"))
         return fail(ErrorCode::io_failed,
                     "cannot flush " + folder.string() + ": " + reason(errno) + "; see to its disk");
     return state;
 }
 
+void StateFolder::remove_leftovers() {
+    const std::lock_guard lock(mutex_);
+    for (const std::string& name : std::exchange(leftovers_, {}))
+        if (is_digest(name))
+            let_go(name);  // a load may have given it a row since
+        else
+            ::unlink(blob(name).c_str());
+    collect_locked();
+}
+
+void StateFolder::close() {
+    const std::lock_guard lock(mutex_);
+    if (closed_) return;
+    commit_locked();
+    collect_locked();
+    closed_ = true;
+    manifest_.reset();
+}
+
+Result<void> StateFolder::reopen() {
+    const std::lock_guard lock(mutex_);
+    if (!closed_) return {};
+    auto manifest = Manifest::open(folder_ / "manifest.sqlite");
+    if (!manifest) return tl::unexpected(manifest.error());
+    const auto rows = manifest->rows();
+    if (!rows) return tl::unexpected(rows.error());
+    const bool is_same =
+        rows->size() == rows_.size() && std::ranges::all_of(*rows, [&](const StoredScene& row) {
+            const auto known = rows_.find({row.owner, row.name});
+            return known != rows_.end() && known->second.number == row.number;
+        });
+    if (!is_same)
+        return fail(ErrorCode::io_failed,
+                    "another daemon has changed " + folder_.string() + "; restart raynestd");
+    manifest_ = std::move(*manifest);
+    closed_ = false;
+    return {};
+}
+
+fs::path StateFolder::temporary(std::string_view prefix) {
+    // The daemon before this one may still write its own.
+    return folder_ / "blobs" / fmt::format("{}{}-{}", prefix, ::getpid(), ++last_temporary_);
+}
+
 Result<void> StateFolder::usable() const {
-    if (!failed_ && !manifest_.failed()) return {};
+    if (closed_)
+        return fail(ErrorCode::io_failed,
+                    "another raynestd has taken the state folder over: connect again");
+    if (!failed_ && !manifest_->failed()) return {};
     return fail(
         ErrorCode::io_failed,
         "the disk of the state folder has failed: scenes there can be read, none can be stored. "
@@ -213,7 +266,7 @@ Result<BlobPin> StateFolder::keep(const std::string& digest, std::span<const std
 Result<void> StateFolder::write_blob(const std::string& digest, std::span<const std::byte> arena,
                                      const Stopped& stopped) {
     const fs::path folder = folder_ / "blobs";
-    const fs::path temporary = folder / fmt::format("{}{}", temporary_prefix, ++last_temporary_);
+    const fs::path temporary = this->temporary(temporary_prefix);
     const auto refused = [&](int error) {
         ::unlink(temporary.c_str());
         const bool full = error == ENOSPC || error == EDQUOT || error == EFBIG;
@@ -271,13 +324,13 @@ void StateFolder::commit_locked() {
     if (edits.empty()) return;
     Result<void> done = usable();
     if (done)
-        done = manifest_.together([&]() -> Result<void> {
+        done = manifest_->together([&]() -> Result<void> {
             for (const auto& edit : edits) {
                 if (broken_.contains(edit->edit.number)) continue;
                 Result<void> put;
-                if (edit->row) put = manifest_.put(*edit->row);
-                if (put && edit->row) put = manifest_.remove_edits(edit->ended);
-                if (put) put = manifest_.put(edit->edit);
+                if (edit->row) put = manifest_->put(*edit->row);
+                if (put && edit->row) put = manifest_->remove_edits(edit->ended);
+                if (put) put = manifest_->put(edit->edit);
                 if (!put) return put;
             }
             return {};
@@ -302,13 +355,15 @@ Result<void> StateFolder::reserve(std::uint64_t number, std::uint64_t epoch) {
     const std::lock_guard lock(mutex_);
     if (const auto good = usable(); !good) return good;
     commit_locked();
-    return manifest_.put(KeptEdit{.number = number, .epoch = epoch});
+    return manifest_->put(KeptEdit{.number = number, .epoch = epoch});
 }
 
 Result<std::vector<KeptEdit>> StateFolder::edits(std::uint64_t number) {
     const std::lock_guard lock(mutex_);
     commit_locked();
-    return manifest_.edits(number);
+    if (manifest_) return manifest_->edits(number);
+    auto manifest = Manifest::open(folder_ / "manifest.sqlite", true);
+    return manifest ? manifest->edits(number) : tl::unexpected(manifest.error());
 }
 
 void StateFolder::forget(std::uint64_t number) {
@@ -320,7 +375,7 @@ Result<void> StateFolder::put(const StoredScene& scene) {
     const std::lock_guard lock(mutex_);
     commit_locked();
     if (const auto good = usable(); !good) return good;
-    if (const auto put = manifest_.put(scene); !put) return put;
+    if (const auto put = manifest_->put(scene); !put) return put;
     const Row before =
         std::exchange(rows_[{scene.owner, scene.name}], {scene.digest, scene.number});
     if (!before.digest.empty()) let_go(before.digest);
@@ -333,9 +388,9 @@ Result<void> StateFolder::remove(const std::vector<StoredScene>& scenes) {
     commit_locked();
     if (const auto good = usable(); !good) return good;
     for (const StoredScene& scene : scenes) {
-        const auto gone = manifest_.together([&] {
-            auto done = manifest_.remove(scene.owner, scene.name, scene.number);
-            return done ? manifest_.remove_edits(scene.number) : done;
+        const auto gone = manifest_->together([&] {
+            auto done = manifest_->remove(scene.owner, scene.name, scene.number);
+            return done ? manifest_->remove_edits(scene.number) : done;
         });
         if (!gone) return gone;
         const auto row = rows_.find({scene.owner, scene.name});
@@ -352,10 +407,15 @@ void StateFolder::undo(StoredScene scene, std::unique_ptr<StoredScene> before) {
     pins_->undone.emplace_back(std::move(scene), std::move(before));
 }
 
+void StateFolder::note(const std::vector<SceneUse>& uses) {
+    const std::lock_guard guard(pins_->mutex);
+    pins_->uses.insert(pins_->uses.end(), uses.begin(), uses.end());
+}
+
 bool StateFolder::has_work() {
     const std::lock_guard guard(pins_->mutex);
     return !pins_->ended.empty() || !pins_->undone.empty() || !pins_->keeping.empty() ||
-           !pins_->forgotten.empty();
+           !pins_->forgotten.empty() || !pins_->uses.empty();
 }
 
 void StateFolder::collect() {
@@ -370,17 +430,20 @@ void StateFolder::let_go(const std::string& digest) {
 }
 
 void StateFolder::collect_locked() {
+    if (closed_) return;
     std::unique_lock guard(pins_->mutex);
     auto undone = std::exchange(pins_->undone, {});
     const auto forgotten = std::exchange(pins_->forgotten, {});
+    const auto uses = std::exchange(pins_->uses, {});
     guard.unlock();
+    if (!uses.empty() && usable()) (void)manifest_->put(uses);
     // The next start removes those that fail here.
-    for (const std::uint64_t number : forgotten) (void)manifest_.remove_edits(number);
+    for (const std::uint64_t number : forgotten) (void)manifest_->remove_edits(number);
     for (auto& [scene, before] : undone) {
         const auto row = rows_.find({scene.owner, scene.name});
         if (row == rows_.end() || row->second.number != scene.number) continue;
-        if (before ? !manifest_.put(*before)
-                   : !manifest_.remove(scene.owner, scene.name, scene.number))
+        if (before ? !manifest_->put(*before)
+                   : !manifest_->remove(scene.owner, scene.name, scene.number))
             continue;
         if (before)
             row->second = {before->digest, before->number};
@@ -398,7 +461,7 @@ void StateFolder::collect_locked() {
                                 [&](const auto& row) { return row.second.digest == digest; }))
             continue;
         // To unlink a large file takes long; a load of this content may write it anew from now on.
-        const fs::path old = folder_ / "blobs" / fmt::format(".old-{}", ++last_temporary_);
+        const fs::path old = temporary(".old-");
         if (::rename(blob(digest).c_str(), old.c_str()) == 0) unused.push_back(old);
     }
     guard.unlock();

@@ -67,12 +67,30 @@ public:
     /// Opens the folder, or returns null for an empty name. Makes what is missing, and removes
     /// unfinished files and blobs without a row. Fails with io_failed on network file systems, and
     /// as Manifest::open() does.
-    static Result<std::unique_ptr<StateFolder>> open(const std::filesystem::path& folder);
+    ///
+    /// `leftovers`: with `keep`, files without a row stay until remove_leftovers(), since the daemon
+    /// before, which has closed the folder, still reads some.
+    enum class Leftovers { remove, keep };
+    static Result<std::unique_ptr<StateFolder>> open(const std::filesystem::path& folder,
+                                                     Leftovers leftovers = Leftovers::remove);
+    void remove_leftovers();
+
+    /// Commits what waits and closes the manifest, for another daemon to open it: the blobs can be
+    /// read, and what would change the folder fails.
+    void close();
+    /// Opens the manifest again, if no other daemon has changed the folder. Fails as open() does;
+    /// then the folder stays closed.
+    [[nodiscard]] Result<void> reopen();
+    [[nodiscard]] bool is_closed() const { return closed_; }
 
     /// The rows at the start.
     [[nodiscard]] const std::vector<StoredScene>& found() const { return found_; }
     /// The edits of each of these, summed up.
     [[nodiscard]] const std::vector<KeptEdits>& found_edits() const { return found_edits_; }
+    /// The uses of the rows that have one, by number.
+    [[nodiscard]] const std::map<std::uint64_t, SceneUse>& found_uses() const {
+        return found_uses_;
+    }
     /// A number larger than that of all rows.
     [[nodiscard]] std::uint64_t next_number() { return ++last_number_; }
 
@@ -102,6 +120,9 @@ public:
     /// Lets go of the edits of a row that is gone for good; at the next collect().
     void forget(std::uint64_t number);
 
+    /// Notes uses for the next daemon; at the next collect() or close(). Does not block.
+    void note(const std::vector<SceneUse>& uses);
+
     [[nodiscard]] const std::filesystem::path& path() const { return folder_; }
     /// Moves a damaged blob out of the way, so that a load writes it anew.
     void set_aside(const std::string& digest);
@@ -124,6 +145,7 @@ private:
     void let_go(const std::string& digest);
     void collect_locked();
     void commit_locked();
+    [[nodiscard]] std::filesystem::path temporary(std::string_view prefix);
     [[nodiscard]] Result<void> write_blob(const std::string& digest,
                                           std::span<const std::byte> arena, const Stopped& stopped);
     /// Fails once the disk has failed. Called with mutex_ locked, which the manifest's word of that
@@ -133,11 +155,14 @@ private:
     const std::filesystem::path folder_;
     std::vector<StoredScene> found_;
     std::vector<KeptEdits> found_edits_;
+    std::map<std::uint64_t, SceneUse> found_uses_;
     std::atomic<std::uint64_t> last_number_{0};
     std::atomic<std::uint64_t> last_temporary_{0};
     std::atomic<bool> failed_{false};
-    std::mutex mutex_;  ///< of the manifest, and of what follows
-    Manifest manifest_;
+    std::atomic<bool> closed_{false};
+    std::mutex mutex_;                  ///< of the manifest, and of what follows
+    std::optional<Manifest> manifest_;  ///< nothing: closed_
+    std::vector<std::string> leftovers_;
     struct Row {
         std::string digest;
         std::uint64_t number = 0;
@@ -152,6 +177,7 @@ private:
         std::vector<std::pair<StoredScene, std::unique_ptr<StoredScene>>> undone;
         std::vector<std::shared_ptr<Keeping>> keeping;
         std::vector<std::uint64_t> forgotten;
+        std::vector<SceneUse> uses;
     };
     const std::shared_ptr<Pins> pins_ = std::make_shared<Pins>();
     std::mutex names_mutex_;

@@ -2,9 +2,22 @@
 #include "server/store/scene_store.h"
 
 #include <algorithm>
+#include <chrono>
 #include <ctime>
+#include <utility>
 
 namespace raynest::server {
+namespace {
+
+constexpr std::int64_t ms_of_second = 1000;
+
+std::int64_t wall_ms() {
+    return std::chrono::duration_cast<std::chrono::milliseconds>(
+               std::chrono::system_clock::now().time_since_epoch())
+        .count();
+}
+
+}  // namespace
 
 StoredScene SceneStore::Entry::row() const {
     return {.owner = owner,
@@ -39,10 +52,13 @@ Reply<SceneStore::Stored> SceneStore::prepare_to_store(const std::string& name,
         return tl::unexpected(allowed.error());
     const Entry* const taken = own_entry(name, caller);
     const SceneFacts facts = facts_of(*snapshot);
-    if (const auto fits = room_for(taken, caller.principal).check(facts.bytes); !fits)
+    const DiskRoom room = room_for(taken, caller.principal);
+    if (const auto fits = room.check(facts.digest, facts.bytes); !fits)
         return tl::unexpected(fits.error());
     Stored stored;
-    stored.claim = claims_.take(caller.principal, facts.bytes);
+    const bool is_new = taken == nullptr || !taken->charged_to(caller.principal);
+    stored.claim = claims_.take(caller.principal, {room.needed_for(facts.digest, facts.bytes),
+                                                   is_new ? 1U : 0U, facts.bytes});
     if (taken != nullptr) stored.row = taken->row();
     if (taken != nullptr && taken->stored.number != 0)
         stored.before = std::make_unique<StoredScene>(taken->stored);
@@ -62,22 +78,26 @@ Reply<SceneStore::Stored> SceneStore::prepare_to_store(const std::string& name,
     return stored;
 }
 
-std::uint64_t SceneStore::on_disk_of(const std::string& principal) const {
-    std::uint64_t bytes = 0;
-    for (const auto& [name, entry] : entries_)
-        if (entry.owner == principal) bytes += entry.disk_bytes();
-    return bytes;
+SceneStore::DiskUse SceneStore::disk_use(const std::string& principal, const Entry* without) const {
+    DiskUse use;
+    for (const auto& [name, entry] : entries_) {
+        if (entry.owner != principal || &entry == without) continue;
+        use.bytes += entry.edit_bytes;
+        SceneFacts blob = entry.on_disk();
+        if (!blob.digest.empty() && use.blobs.insert(std::move(blob.digest)).second)
+            use.bytes += blob.bytes;
+    }
+    return use;
 }
 
 DiskRoom SceneStore::room_for(const Entry* changed, const std::string& owner) const {
     const std::uint64_t bytes_max = quotas_.of(owner).disk_bytes;
-    const std::uint64_t others =
-        on_disk_of(owner) -
-        (changed != nullptr && changed->owner == owner ? changed->disk_bytes() : 0) +
-        claims_.of(owner);
+    DiskUse use = disk_use(owner, changed);
+    const std::uint64_t others = use.bytes + claims_.of(owner).disk_bytes;
     return {bytes_max - std::min(bytes_max, others), owner,
             quotas_.limit_text(owner, &Quota::disk_bytes) + "; " +
-                remedy(owner, quotas_.remedy(owner, &Quota::disk_bytes))};
+                remedy(owner, quotas_.remedy(owner, &Quota::disk_bytes)),
+            std::move(use.blobs)};
 }
 
 DiskRoom SceneStore::disk_room(std::string_view name, const ConnectionId& caller) const {
@@ -95,6 +115,13 @@ bool SceneStore::is_from_before(std::string_view name, const ConnectionId& calle
 }
 
 void SceneStore::adopt(StateFolder& state) {
+    // A clock that was set back or forth makes no scene unused for longer than a year.
+    const auto then = [this, wall = wall_ms()](std::int64_t used_ms) {
+        constexpr std::int64_t most = 366LL * 24 * 3600 * ms_of_second;
+        return now_() - std::chrono::milliseconds(used_ms >= wall         ? 0
+                                                  : used_ms < wall - most ? most
+                                                                          : wall - used_ms);
+    };
     for (std::size_t i = 0; i < state.found().size(); ++i) {
         const StoredScene& row = state.found()[i];
         const KeptEdits& edits = state.found_edits()[i];
@@ -117,9 +144,47 @@ void SceneStore::adopt(StateFolder& state) {
         entry.owner = row.owner;
         entry.share = {row.share.begin(), row.share.end()};
         entry.kept = true;
-        entry.loaded = entry.used = now_();
+        entry.loaded = now_();
+        const auto use = state.found_uses().find(row.number);
+        entry.used =
+            then(use != state.found_uses().end() ? use->second.used_ms : row.used * ms_of_second);
+        entry.pinned = use != state.found_uses().end() && use->second.pinned;
         entries_.emplace(row.name, std::move(entry));
     }
+}
+
+std::vector<SceneUse> SceneStore::take_uses() {
+    std::vector<SceneUse> uses;
+    for (auto& [name, entry] : entries_) {
+        if (entry.stored.number == 0) continue;
+        const auto idle =
+            std::chrono::duration_cast<std::chrono::milliseconds>(now_() - entry.used);
+        SceneUse use{entry.stored.number, wall_ms() - idle.count(), entry.pinned};
+        // The two clocks differ a little from time to time.
+        constexpr std::int64_t noise = 50;
+        const auto& told = entry.told;
+        if (told && told->number == use.number && told->pinned == use.pinned &&
+            use.used_ms - told->used_ms < noise)
+            continue;
+        entry.told = use;
+        uses.push_back(use);
+    }
+    return uses;
+}
+
+std::vector<AsleepScene> SceneStore::pinned_asleep() const {
+    std::vector<AsleepScene> found;
+    for (const auto& [name, entry] : entries_)
+        if (entry.pinned && !entry.scene.held && entry.damage.empty())
+            found.push_back(asleep_scene(entry));
+    return found;
+}
+
+AsleepScene SceneStore::asleep_scene(const Entry& entry) {
+    StoredScene row = entry.stored;
+    // Its name was unloaded while it was on the disk alone: connections hold its blob.
+    if (row.number == 0) row.digest = entry.facts.digest, row.bytes = entry.facts.bytes;
+    return {entry.facts, entry.owner, std::move(row)};
 }
 
 protocol::Error SceneStore::asleep(const Entry& entry) const {
@@ -128,10 +193,7 @@ protocol::Error SceneStore::asleep(const Entry& entry) const {
                 "the stored copy of scene '" + entry.scene.name + "' is damaged: " + entry.damage +
                     "; `Load` it again, or `Unload` it",
                 0};
-    StoredScene row = entry.stored;
-    // Its name was unloaded while it was on the disk alone: connections hold its blob.
-    if (row.number == 0) row.digest = entry.facts.digest, row.bytes = entry.facts.bytes;
-    asleep_ = AsleepScene{entry.facts, entry.owner, std::move(row)};
+    asleep_ = asleep_scene(entry);
     return {Code::busy, "scene '" + entry.scene.name + "' is read from the disk; ask again", 0};
 }
 

@@ -4,6 +4,7 @@ removes what no scene needs.
 
   backup_test.py RAYNESTD RAYNEST
 """
+import json
 import os
 import shutil
 import subprocess
@@ -202,6 +203,35 @@ class Backup(WithState):
             blob.seek(5000)
             blob.write(bytes([byte[0] ^ 1]))
         self.assertIn("1 damaged", self.raynestd_says(1, "backup", self.state, copy))
+
+    def test_all_four_tell_in_json(self):
+        client = self.start()
+        client.run("load", WOODS, "--name", "woods")
+        client.run("load", f"{WOODS}&seed=2", "--name", "lost")
+        digest = self.scenes()["lost"]["hash"]
+        copy = self.folder / "copy"
+
+        def told(code, *words):
+            said = self.raynestd_says(code, *words, "--json")
+            self.assertEqual(said.count("\n"), 1, said)
+            return json.loads(said)
+
+        good = told(0, "backup", self.state, copy)
+        self.assertEqual((good["scenes"], good["damaged"]), (2, []))
+        self.assertGreater(good["bytes"], 1000)
+        error = told(1, "backup", self.state, copy)["error"]
+        self.assertEqual((error["code"], error["name"]), (1, "FAILED"))
+        self.assertIn("exists; name a new folder", error["message"])
+        self.assertIn("another daemon uses", told(1, "check", self.state)["error"]["message"])
+        self.kill()
+        self.assertEqual(told(0, "check", self.state), good)
+        (self.blobs / digest).unlink()
+        damaged = told(1, "check", self.state)["damaged"]
+        self.assertEqual([(scene["name"], scene["reason"]) for scene in damaged], [("lost", "its file is gone")])
+        restored = told(0, "restore", copy, self.state)
+        self.assertEqual(restored, {**good, "replaced": str(self.state / "replaced")})
+        self.assertGreater(told(0, "gc", self.state)["removed_bytes"], 1000)
+        self.assertEqual(told(0, "gc", self.state), {"removed_bytes": 0})
 
     def test_a_full_disk_leaves_nothing(self):
         client = self.start()

@@ -197,6 +197,36 @@ class Compositions(WithFiles):
                 {"object": "car", "matrices": [pose(0, 0, 0).tolist(), pose(4, 0, 0).tolist()]}]})
         self.assertEqual(len(two.info["cameras"]), 0)
 
+    def test_lights_of_the_composition_shine_as_those_of_a_file(self):
+        self.write_parts()
+        cone = {"innerConeAngle": np.radians(10), "outerConeAngle": np.radians(50)}
+        colour = {"color": [1, 0.5, 0.25], "intensity": 90}
+        lamps = [{"type": "point", "name": "lamp", "range": 40, **colour}, {"type": "spot", "spot": cone, **colour},
+                 {"type": "directional", "intensity": 3}]
+        ours = {"colour": [1, 0.5, 0.25], "intensity": 90}
+        at = [1, 2, 8]
+        compositions = [{"type": "point", "name": "lamp", "range": 40, "position": at, **ours},
+                        {"type": "spot", "position": at, "direction": [0, 0, -9], "inner": 10, "outer": 50, **ours},
+                        {"type": "directional", "direction": [0, 0, -0.5], "intensity": 3}]
+        pictures = []
+        for number, (lamp, light) in enumerate(zip(lamps, compositions)):
+            lit = json.loads(gltf(*self.hull, extensionsUsed=["KHR_lights_punctual"], extensions={
+                "KHR_lights_punctual": {"lights": [lamp]}}))
+            lit["nodes"].append({"translation": [0, 0, 5], "extensions": {"KHR_lights_punctual": {"light": 0}}})
+            lit["scenes"][0]["nodes"].append(2)
+            self.write("cars/lit.gltf", json.dumps(lit))
+            self.write("cars/bare.gltf", gltf(*self.hull))
+            for origin in ([0, 0, 0], [1, 2, 3]):
+                same = [self.load(f"{name}{number}-{origin[0]}.rnscene.json", {
+                    "origin": origin, "objects": {"car": {"file": f"cars/{name}.gltf"}}, **more,
+                    "instances": [{"object": "car", "translation": [1, 2, 3]}]}).render(
+                        size=(32, 24), integrator="direct", spp=4, environment="none", encode="raw", look_at=((1, 2, 9), (1, 2, 3)))
+                    for name, more in (("lit", {}), ("bare", {"lights": [light]}))]
+                self.assertGreater(same[0].max(), 0)
+                np.testing.assert_array_equal(*same)
+            pictures.append(same[0])
+        self.assertFalse(np.array_equal(pictures[0], pictures[1]))
+
     def test_surveyed_coordinates_keep_their_digits(self):
         self.write_parts()
         at = np.array([460_000.125, 100, 5_400_000.25])
@@ -231,7 +261,8 @@ class Compositions(WithFiles):
                 ({"objects": {"a": {"instances": [], "zz": 1}}, "instances": at}, kinds["file"]),
                 ({"objects": {"a": {"instances": [], "unit": 1}}, "instances": at}, kinds["group"]),
                 ({"objects": {}, "instances": [{"object": "a", "zz": 1}]}, kinds["instance"]),
-                ({"objects": {}, "instances": [], "cameras": [{"zz": 1}]}, kinds["camera"])):
+                ({"objects": {}, "instances": [], "cameras": [{"zz": 1}]}, kinds["camera"]),
+                ({"objects": {}, "instances": [], "lights": [{"zz": 1}]}, kinds["light"])):
             with self.assertRaises(raynest.InvalidError) as caught:
                 self.load("x.rnscene.json", data)
             told = set(str(caught.exception).split("which is none of ")[1].split(" [")[0].split(", "))
@@ -282,6 +313,16 @@ class Compositions(WithFiles):
         yield {"objects": tri, "instances": [{"object": "a", "matrices": "gone.npy"}]}, "no file 'gone.npy'"
         yield {"objects": tri, "instances": [{"object": "a", "matrices": "bad.npy"}]}, "(N, 3, 4)"
         yield {"objects": tri, "instances": at, "cameras": [{"eye": [0, 0, 0], "target": [0, 5, 0]}]}, "along its 'up'"
+        lamp = {"type": "spot", "position": [0, 0, 0], "direction": [0, 0, 1]}
+        for change, words in (({"type": "sun"}, "lights[0].type 'sun' is none of point, spot, directional"),
+                              ({"direction": [0, 0, 0]}, "is no direction"), ({"intensity": -1}, "is not from 0 to 1e30"),
+                              ({"intensity": 1e31}, "is not from 0 to 1e30"), ({"range": 1e300}, "is not from 0 to 1e30"),
+                              ({"colour": [1, -1, 1]}, "negative or too bright"), ({"outer": 91}, "is not from 0 to 90"),
+                              ({"inner": 50}, "wider than the 'outer'"), ({"type": "point"}, "has a 'direction'"),
+                              ({"type": "directional"}, "has a 'position'"), ({"position": [1e30, 0, 0]}, "beyond 1e15"),
+                              ({"colour": [1e30, 1, 1], "intensity": 1e30}, "too bright")):
+            yield {"objects": tri, "instances": at, "lights": [{**lamp, **change}]}, words
+        yield {"objects": tri, "instances": at, "lights": [{"type": "point", "position": [0, 0, 0], "inner": 1}]}, "no spot"
         # None of these files is there, and to look for each of them costs time.
         yield {"objects": {f"a{i}": {"file": f"{i}.obj"} for i in range(20000)}, "instances": []}, "names over"
         # Each level places the one below it a thousand times: 10^27 nodes with names of their own.

@@ -49,48 +49,6 @@ class State(WithState):
         self.assertEqual({scene["state"] for scene in self.scenes().values()}, {"memory"})
         self.assertEqual(after["woods"]["epoch"], 2)
 
-    def test_a_principal_fills_its_own_part_of_the_disk_alone(self):
-        options, token = second_principal(self.raynestd, self.addCleanup)
-        added = subprocess.run([self.raynestd, "token", "add", "root", "--role", "admin", *options], capture_output=True,
-                               text=True, check=True)
-        self.start(*options)
-        admin = Client(self.raynest, self.daemon.uri, added.stdout.splitlines()[-1])
-        bob = Client(self.raynest, self.daemon.uri, token)
-        bob.json("load", WOODS, "--name", "one")
-        size = bob.json("scenes")["scenes"][0]["bytes"]
-        self.assertEqual(bob.json("stats")["quota_disk_bytes_used"], size)
-        self.assertEqual(admin.run("admin", "quota", "bob", f"disk_bytes={size * 3 // 2}").returncode, 0)
-
-        def refused(*words):
-            done = bob.run(*words)
-            self.assertEqual(done.returncode, 6, done.stderr)
-            self.assertRegex(done.stderr, "in the state folder, .* its quota is disk_bytes=.*; unload scenes")
-            self.assertEqual(done.stderr.count("\n"), 1)
-
-        files = self.blob_names()
-        refused("load", WOODS + "&seed=2", "--name", "two")
-        self.assertEqual(self.blob_names(), files)
-        # A scene in the place of another needs no more, and others have their own part.
-        bob.json("load", WOODS + "&seed=3", "--name", "one", "--replace")
-        admin.json("load", WOODS + "&seed=4", "--name", "two")
-        # Kept edits count, too, and those that are not kept do not.
-        bob.json("edit", "one", "--move", "birch-1=0,0,1", "--keep")
-        admin.json("load", "builtin:forest?trees=200", "--name", "big", "--share", "public")
-        files = self.blob_names()
-        refused("edit", "one", "--add", "big=0,0,0", "--keep")
-        self.assertEqual(self.blob_names(), files)
-        used = bob.json("stats")["quota_disk_bytes_used"]
-        self.assertGreater(used, size * 0.9)
-        admin.run("admin", "quota", "bob", f"disk_bytes={used}")
-        refused("edit", "one", "--move", "birch-1=0,0,1", "--keep")
-        bob.json("edit", "one", "--move", "birch-1=0,0,1")
-        self.again(*options)
-        bob = Client(self.raynest, self.daemon.uri, token)
-        self.assertEqual(bob.json("stats")["quota_disk_bytes_used"], used)
-        self.assertGreater(bob.json("stats")["quota_disk_bytes"], used)
-        bob.json("unload", "one")
-        self.assertEqual(bob.json("stats")["quota_disk_bytes_used"], 0)
-
     def test_many_requests_wait_for_one_read(self):
         self.start().json("load", WOODS, "--name", "woods")
         hits = self.hits("woods")
@@ -269,29 +227,6 @@ class State(WithState):
         self.assertEqual(set(self.scenes()), names)
         self.hits("small")
         self.client.json("load", "builtin:flake?depth=3", "--name", "more")
-
-    def test_memory_holds_the_scenes_in_use_and_the_disk_all(self):
-        skip_sanitized(self, self.raynestd, IMPORTS_GROW)
-        client = self.start("--memory", "128M", "--principal-scene-bytes-max", "1G")
-        hits = {}
-        client.json("load", "builtin:forest?trees=200&seed=99", "--name", "pinned")
-        client.json("load", "builtin:forest?trees=200&seed=98", "--name", "loose")
-        for name in ("pinned", "loose"):
-            self.assertEqual(client.json("pin", name), {"pinned": [name]})
-        client.json("pin", "--off", "loose")
-        for number in range(14):
-            loaded = client.json("load", f"builtin:forest?trees=200&seed={number}", "--name", f"f{number}")
-            hits[f"f{number}"] = self.hits(f"f{number}")
-        total = sum(scene["bytes"] for scene in self.scenes().values())
-        self.assertGreater(total, 128 << 20)
-        states = {name: scene["state"] for name, scene in self.scenes().items()}
-        self.assertEqual(states["f0"], "disk")
-        self.assertEqual((states["pinned"], states["loose"]), ("pinned", "disk"))
-        self.assertEqual(states["f13"], "memory")
-        for _ in range(2):
-            for name in hits:
-                self.assertEqual(self.hits(name), hits[name])
-        self.assertLessEqual(client.json("stats")["memory_used_bytes"], 128 << 20)
 
     def test_a_scene_that_is_unloaded_stays_for_those_who_hold_it_and_no_other_is_touched(self):
         skip_sanitized(self, self.raynestd, IMPORTS_GROW)

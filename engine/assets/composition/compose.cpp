@@ -30,6 +30,7 @@ namespace {
 
 using composition::Camera;
 using composition::Composition;
+using composition::Light;
 using composition::Object;
 using composition::Places;
 using Scene = std::shared_ptr<const Snapshot>;
@@ -239,8 +240,10 @@ private:
             take_along(part, places, *matrices, base);
             if ((*scene)->statistics().instances != 0) added.push_back(std::move(part));
         }
-        if (is_scene)
+        if (is_scene) {
             for (const Camera& camera : composition_.cameras) add_camera(camera, base);
+            for (const Light& light : composition_.lights) add_light(light, base);
+        }
         if (has_nodes)
             if (auto fits = check_names(added); !fits) return tl::unexpected(fits.error());
         if (has_nodes) base.path_nodes.push_back({0, base.objects[0].name, 0, 0});
@@ -311,6 +314,13 @@ private:
             base.lights.push_back(
                 {fmt::format("{}/{}", places.name, view.names + light.name), light});
         }
+    }
+
+    static void add_light(const Light& light, SceneDescription& base) {
+        LightRecord record = light.record;
+        const glm::dvec3 origin(base.origin[0], base.origin[1], base.origin[2]);
+        record.position = Vec3(light.position - origin);
+        base.lights.push_back({one_line(light.name), record});
     }
 
     static void add_camera(const Camera& camera, SceneDescription& base) {

@@ -3,6 +3,8 @@
 #include "engine/assets/input/mask_rules.h"
 #include "engine/assets/input/messages.h"
 #include "engine/scene/motion/affine.h"
+#include "engine/scene/snapshot.h"
+#include "engine/shading/types.h"
 
 #include <fmt/format.h>
 #include <nlohmann/json.hpp>
@@ -11,6 +13,7 @@
 #include <array>
 #include <cmath>
 #include <initializer_list>
+#include <numbers>
 #include <optional>
 #include <set>
 #include <span>
@@ -235,6 +238,74 @@ Camera read_camera(const Value& value) {
     return camera;
 }
 
+/// Brighter lights would make the power of all lights infinite, as in gltf/file/lights.cpp; larger
+/// lengths would not fit a float.
+constexpr double light_most = 1e30;
+
+double light_number(const Value& value) {
+    const double number = value.number();
+    if (!(number >= 0 && number <= light_most)) value.refuse_it("is not from 0 to 1e30");
+    return number;
+}
+
+float cosine_of(const Value& degrees) {
+    const double angle = degrees.number();
+    if (!(angle >= 0 && angle <= 90)) degrees.refuse_it("is not from 0 to 90 degrees");
+    return static_cast<float>(std::cos(angle * std::numbers::pi / 180));
+}
+
+Light read_light(const Value& value) {
+    value.only({"name", "type", "position", "direction", "colour", "intensity", "range", "inner",
+                "outer"});
+    Light light;
+    if (value.has("name")) light.name = value.at("name").text();
+    const std::string type = value.at("type").text();
+    const auto kind = light_kind(type);
+    if (!kind)
+        value.at("type").refuse_it(
+            fmt::format("'{}' is none of {}", one_line(type, 60), light_names()));
+    const bool is_spot = type == "spot";
+    // A distant light has no place, and a point no direction.
+    if (type == "directional" ? value.has("position") : type == "point" && value.has("direction"))
+        value.refuse_it(type == "point" ? "is a point and has a 'direction'"
+                                        : "is directional and has a 'position'");
+    if (!is_spot && (value.has("inner") || value.has("outer")))
+        value.refuse_it("has a cone and is no spot");
+    LightRecord& record = light.record;
+    record.kind = *kind;
+    if (type != "directional") light.position = value.at("position").vector();
+    for (int i = 0; i < 3; ++i)
+        if (!(std::abs(light.position[i]) <= double{coordinate_max}))
+            value.at("position").refuse_it("is beyond 1e15");
+    if (type != "point") {
+        const glm::dvec3 direction = value.at("direction").vector();
+        const double largest =
+            std::max({std::abs(direction.x), std::abs(direction.y), std::abs(direction.z)});
+        if (!(largest > 0)) value.at("direction").refuse_it("is no direction");
+        record.direction = Vec3(glm::normalize(direction / largest));
+    }
+    const double intensity = value.has("intensity") ? light_number(value.at("intensity")) : 1;
+    record.intensity = Vec3(static_cast<float>(intensity));
+    if (value.has("colour")) {
+        const Value colour = value.at("colour");
+        const glm::dvec3 rgb = colour.vector();
+        for (int i = 0; i < 3; ++i) {
+            if (!(rgb[i] >= 0 && rgb[i] * intensity <= light_most))
+                colour.refuse_it("is negative or too bright");
+            record.intensity[i] = static_cast<float>(rgb[i] * intensity);
+        }
+    }
+    if (value.has("range")) record.range = static_cast<float>(light_number(value.at("range")));
+    if (is_spot) {
+        record.inner_cosine = value.has("inner") ? cosine_of(value.at("inner")) : 1;
+        record.outer_cosine =
+            value.has("outer") ? cosine_of(value.at("outer")) : std::numbers::sqrt2_v<float> / 2;
+        if (!(record.outer_cosine <= record.inner_cosine))
+            value.refuse_it("has an 'inner' cone that is wider than the 'outer' one");
+    }
+    return light;
+}
+
 /// Parses the text, and refuses nesting beyond the limit and members that are there twice.
 Json parse(std::string_view text, const ImportLimits& limits) {
     std::vector<std::set<std::string>> keys;
@@ -290,7 +361,7 @@ Result<Composition> read(std::string_view text, const ImportLimits& limits) try 
     const Value root(json, "");
     if (!json.is_object() || !json.contains("rnscene"))
         refuse("has no member 'rnscene': a composition begins with {\"rnscene\": 1, ...}");
-    root.only({"$schema", "rnscene", "origin", "objects", "instances", "cameras"});
+    root.only({"$schema", "rnscene", "origin", "objects", "instances", "cameras", "lights"});
     if (root.at("rnscene").number() != 1)
         refuse("is of another version: this RayNest reads \"rnscene\": 1");
     Composition made;
@@ -305,6 +376,9 @@ Result<Composition> read(std::string_view text, const ImportLimits& limits) try 
     if (root.has("cameras"))
         for (const Value& camera : root.at("cameras").list())
             made.cameras.push_back(read_camera(camera));
+    if (root.has("lights"))
+        for (const Value& light : root.at("lights").list())
+            made.lights.push_back(read_light(light));
     check_objects(made, limits);
     return made;
 } catch (const Refusal& refusal) {

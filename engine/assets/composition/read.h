@@ -43,10 +43,18 @@ struct Camera {
     double fov = 40;  ///< degrees, vertical
 };
 
+/// A light in the world, before the origin is subtracted.
+struct Light {
+    std::string name;
+    glm::dvec3 position{0};
+    LightRecord record;  ///< all but its position
+};
+
 struct Composition {
     WorldPoint origin{};
     std::vector<Object> objects;  ///< the last one is the scene itself, a group
     std::vector<Camera> cameras;
+    std::vector<Light> lights;
 };
 
 /// Reads the text. scene_invalid, with the place and the remedy: no JSON, nested too deeply, a

@@ -302,5 +302,32 @@ TEST_CASE("a principal's scenes are limited in number and bytes") {
     CHECK(small.publish("a", square(2), {.replace = true}, of("me")));
 }
 
+TEST_CASE("loads between their check and their entry count towards the quotas of their owner") {
+    Budget budget(1 << 30);
+    protocol::Limits limits;
+    limits.principal_scenes_max = 2;
+    SceneStore store(budget, limits);
+    auto first = store.prepare_to_store("a", square(1), {}, of("me"));
+    REQUIRE(first);
+    auto second = store.prepare_to_store("b", square(2), {}, of("me", 2));
+    REQUIRE(second);
+    const auto third = store.prepare_to_store("c", square(3), {}, of("me", 3));
+    REQUIRE_FALSE(third);
+    CHECK(third.error().code == Code::quota);
+    CHECK(store.check_quota("c", of("me"), 0).error().code == Code::quota);
+    CHECK(store.publish("c", square(3), {}, of("me", 3)).error().code == Code::quota);
+    CHECK(store.prepare_to_store("c", square(3), {}, of("you", 4)));
+    second->claim.reset();  // it ended without a scene
+    CHECK(store.publish("c", square(3), {}, of("me", 3)));
+    // Memory of scenes, likewise.
+    limits.principal_scenes_max = 10;
+    limits.principal_scene_bytes_max = 3 * square(1)->bytes().size();
+    store.set_limits(limits);
+    CHECK(store.prepare_to_store("d", square(4), {}, of("me")));
+    auto last = store.prepare_to_store("d", square(4), {}, of("me"));
+    REQUIRE(last);
+    CHECK(store.prepare_to_store("e", square(5), {}, of("me")).error().code == Code::quota);
+}
+
 }  // namespace
 }  // namespace raynest::server

@@ -1,0 +1,106 @@
+// How one daemon takes the place of another that runs: its state folder and its listening sockets.
+//
+//   successor                                  predecessor
+//   connects to DIR/successor  ──────────────► is it the same user?
+//   "takeover 1"  ───────────────────────────► changes of scenes wait, running ones end, the
+//                                              manifest is closed; all else goes on
+//   ◄──────────── sockets, lock (SCM_RIGHTS) ─
+//   opens the folder, and accepts connections
+//   "serving"  ──────────────────────────────► accepts no more, ends its jobs, then itself
+//   ◄──────────────────── end of the stream ──
+//
+// The sockets stay open all the time, so nobody is refused. If the successor ends before it serves,
+// the predecessor opens the manifest again and goes on.
+#pragma once
+
+#include "engine/result.h"
+#include "engine/system/child_process.h"
+#include "server/net/asio.h"
+#include "server/net/inherited.h"
+#include "server/options/ready_file.h"
+
+#include <sys/types.h>
+
+#include <filesystem>
+#include <functional>
+#include <memory>
+#include <string>
+#include <vector>
+
+namespace raynest::server {
+
+/// The predecessor's side: waits for a successor. Io thread only.
+class SuccessorSocket {
+public:
+    /// The steps of the daemon.
+    struct Acts {
+        /// Lets no change of scenes begin, waits for those that run, closes the manifest, then
+        /// calls the function on the io thread.
+        std::function<void(std::function<void()>)> settle;
+        std::function<std::vector<HandedSocket>()> sockets;
+        std::function<void()> go_on;          ///< the successor has ended before it serves
+        std::function<void(pid_t)> give_way;  ///< it serves
+    };
+    /// Opens the socket in a state folder whose lock is `lock`. Fails with io_failed.
+    static Result<std::unique_ptr<SuccessorSocket>> open(asio::io_context& io,
+                                                         const std::filesystem::path& folder,
+                                                         int lock, Acts acts);
+    ~SuccessorSocket();
+    SuccessorSocket(const SuccessorSocket&) = delete;
+
+private:
+    SuccessorSocket(asio::io_context& io, std::filesystem::path path, int lock, Acts acts)
+        : path_(std::move(path)),
+          lock_(lock),
+          acts_(std::move(acts)),
+          listening_(io),
+          peer_(io) {}
+    void await_peer();
+    void accept();
+    void await_word();
+    void hear();
+    void settled();
+    void lose_peer();
+
+    enum class Phase {
+        alone,
+        greeting,  ///< a peer has connected
+        settling,
+        deserted,  ///< the peer has ended meanwhile
+        handed,    ///< it has the folder
+        gone       ///< it serves
+    };
+    const std::filesystem::path path_;
+    const int lock_;
+    const Acts acts_;
+    asio::posix::stream_descriptor listening_;
+    asio::posix::stream_descriptor peer_;
+    pid_t pid_ = 0;
+    Phase phase_ = Phase::alone;
+};
+
+/// The successor's side: the daemon in whose place it comes. It goes on if this is destroyed before
+/// serving().
+class Predecessor {
+public:
+    /// Asks the daemon that uses a state folder for it; blocks until that has settled. Fails with
+    /// io_failed, and that daemon then goes on.
+    static Result<Predecessor> ask(const std::filesystem::path& folder);
+
+    [[nodiscard]] StateLock take_lock() { return std::move(lock_); }
+    [[nodiscard]] std::vector<HandedSocket> take_sockets() { return std::move(sockets_); }
+    [[nodiscard]] pid_t pid() const { return pid_; }
+    /// Tells it to accept no more.
+    void serving() const;
+    /// Readable once it has ended.
+    [[nodiscard]] int descriptor() const { return stream_.get(); }
+
+private:
+    Predecessor() = default;
+    Fd stream_;
+    pid_t pid_ = 0;
+    StateLock lock_;
+    std::vector<HandedSocket> sockets_;
+};
+
+}  // namespace raynest::server

@@ -1,0 +1,47 @@
+// Changes of scenes wait here while another daemon takes the state folder over.
+#pragma once
+
+#include "server/jobs/scene_waker.h"
+#include "server/store/state_folder.h"
+
+#include <memory>
+#include <string_view>
+#include <utility>
+#include <vector>
+
+namespace raynest::server {
+
+/// The error of a failed change of the state folder for its client: once another daemon has the
+/// folder, one to ask that daemon for.
+[[nodiscard]] inline tl::unexpected<protocol::Error> not_changed(const StateFolder& state,
+                                                                 Error why) {
+    if (!state.is_closed()) return refuse(std::move(why));
+    return refuse(Code::draining, std::move(why.message));
+}
+
+/// Io thread only.
+class ChangeGate {
+public:
+    using Awake = SceneWaker::Awake;
+
+    /// True for jobs that change stored scenes.
+    [[nodiscard]] static bool concerns(std::string_view kind) {
+        return kind == "load" || kind == "edit" || kind == "unload";
+    }
+    [[nodiscard]] bool is_closed() const { return closed_; }
+    void close() { closed_ = true; }
+    /// Those who wait go on.
+    void open() {
+        closed_ = false;
+        for (const auto& each : std::exchange(waiting_, {}))
+            if (const auto waits = each.lock()) (*waits)(Reply<void>());
+    }
+    /// Calls `awake` once the gate is open, unless it has expired.
+    void wait(std::weak_ptr<Awake> awake) { waiting_.push_back(std::move(awake)); }
+
+private:
+    bool closed_ = false;
+    std::vector<std::weak_ptr<Awake>> waiting_;
+};
+
+}  // namespace raynest::server
