@@ -148,6 +148,9 @@ void declare(CommandLine& line, QueryOptions& query) {
             return {};
         },
         "KIND key=value...: the daemon makes them, as listed below");
+    line.add_option("--step-error", query.step_error,
+                    "METRES: the scene moves while a sweep is measured, in steps; what moves is at "
+                    "most so far from where it is (step_error= of --generate sweep)");
     add_point(line, "--from", "start of all rays; --rays then holds their directions",
               [&query](const WorldPoint& point) { query.from = point; })
         .needs(file);
@@ -183,6 +186,8 @@ Result<void> run(Context& context, const QueryOptions& options) {
     const WorldPoint& origin = scene->point;
     // A detached job does not tell which epoch it found, so name it.
     if (options.job.detach && options.job.epoch == 0) request.job->epoch = scene->epoch;
+    if (options.generate.empty() && !options.step_error.empty())
+        return fail(Exit::usage, "--step-error is of --generate sweep");
     std::string points;
     std::vector<std::byte> trajectory;
     if (!options.generate.empty()) {
@@ -194,6 +199,8 @@ Result<void> run(Context& context, const QueryOptions& options) {
                              RaySource({{(*at)[0], (*at)[1], (*at)[2], 0, 0, 0, -1, 1}}, origin),
                              *scene, "the sensor stands");
         request.generator = std::make_unique<wire::GeneratorT>(generate->at(origin));
+        if (!options.step_error.empty())
+            request.generator->settings.push_back("step_error=" + options.step_error);
         if (!generate->trajectory.empty()) {
             auto read = read_trajectory(generate->trajectory, origin);
             if (!read) return tl::unexpected<Failure>(read.error());
