@@ -227,6 +227,11 @@ Result<void> run(Context& context, const QueryOptions& options) {
         if (!taken) return tl::unexpected<Failure>(taken.error());
         part = std::move(*taken);
     }
+    const auto own = SensorColumns::take(request.fields, request.generator.get());
+    if (!own) return tl::unexpected<Failure>(own.error());
+    if (!own->empty() && (options.job.detach || !request.reduce.empty()))
+        return fail(Exit::usage,
+                    "the column " + own->names().front() + " goes without --detach and --reduce");
     request.ray_count = rays->count();
     warn_of_rounding(context, *rays, *scene);
     // Rows need these columns, shown or hidden, to tell hits, misses and invalid rays apart; points
@@ -241,11 +246,24 @@ Result<void> run(Context& context, const QueryOptions& options) {
     if (request.reduce.empty()) {
         if ((may_be_rows || has_points) && !has_splits(request.kind)) need("hit");
         if (may_be_rows) need("flags");
+        if (request.fields.empty() && !own->empty()) need("hit");
     }
 
     return deliver_query(
         context, options.output, request.reduce.empty() ? request.kind : request.reduce,
         [&](const ChunkConsumer& consume) {
+            if (!own->empty())
+                return run_query(
+                    context.connection, request, *rays, context.progress,
+                    [&](const QueryChunk& chunk) {
+                        return own->beside(chunk.columns, request.part_first + chunk.first_ray,
+                                           chunk.count, [&](const auto& columns) {
+                                               QueryChunk more = chunk;
+                                               more.columns = columns;
+                                               return consume(more);
+                                           });
+                    },
+                    trajectory);
             const bool sends = request.generator == nullptr || !points.empty();
             if (sends && rays->count() == 0)
                 return ask_about_no_rays(context, request, *rays, consume);

@@ -3,6 +3,7 @@
 
   moving_scene_test.py RAYNESTD RAYNEST FLATC
 """
+import json
 import pathlib
 import subprocess
 import tempfile
@@ -11,7 +12,7 @@ import numpy as np
 
 import raynest
 from animation_test import CORNERS, FACES, Gltf, travelling
-from raynest import generators, sweeps
+from raynest import generators, points, sweeps
 from with_daemon import WithDaemon, main
 
 FIELDS = ("t", "prim", "geom", "path", "position", "normal", "hit", "origin")
@@ -166,6 +167,46 @@ class MovingScene(WithDaemon):
         seen = self.street.trace(generators.sweep(np.linspace(-20, 10, 7), (0, 360, 90), trajectory=(times, poses), begin=.25,
                                                   end=.35, step_error=.05), fields=("t", "hit"))
         np.testing.assert_array_equal(np.load(out)["t"], seen["t"])
+
+    def test_ring_and_time_on_the_command_line(self):
+        folder = pathlib.Path(self.folder.name)
+        times, poses = drive(1.0)
+        np.save(folder / "drive.npy", np.column_stack([times, np.reshape(poses, (2, 12))]))
+        made = generators.sweep(np.linspace(-20, 10, 7), (0, 360, 90), trajectory=(times, poses), begin=.25, end=.35, scans=3)
+        seen = self.street.trace(made, fields=("t", "position", "hit", "ring", "time"))
+
+        def query(*more, generate=("sweep", f"trajectory={folder / 'drive.npy'}", "begin=0.25", "end=0.35", "scans=3"),
+                  code=0):
+            run = subprocess.run([self.raynest, "--server", self.daemon.uri, *more[:1], "query", "moving-street", "--generate",
+                                  *generate, "elevations=-20:10:7", "azimuths=0:360:90", *more[1:]],
+                                 capture_output=True, text=True, check=False)
+            self.assertEqual(run.returncode, code, run.stderr)
+            return run.stdout if code == 0 else run.stderr
+
+        query("--quiet", "--fields", "t,ring,time", "-o", str(folder / "rows.npz"))
+        rows = np.load(folder / "rows.npz")
+        self.assertEqual(set(rows), {"t", "ring", "time"})
+        for name in rows:
+            self.assertEqual(rows[name].dtype, seen[name].dtype)
+            np.testing.assert_array_equal(rows[name], seen[name], name)
+        lines = [json.loads(line) for line in query("--json", "--fields", "t,ring,time").splitlines()]
+        np.testing.assert_array_equal([line["ring"] for line in lines], seen["ring"])
+        np.testing.assert_array_equal([line["time"] for line in lines], seen["time"])
+        for ending in ("ply", "pcd", "las"):
+            query("--quiet", "--fields", "position,ring,time", "-o", str(folder / f"cli.{ending}"))
+            points.save(folder / f"python.{ending}", seen["position"], where=seen["hit"], ring=seen["ring"], time=seen["time"])
+            self.assertEqual((folder / f"cli.{ending}").read_bytes(), (folder / f"python.{ending}").read_bytes(), ending)
+        # Of parts, too, and of several hits.
+        for part in (1, 2, 3):
+            query("--quiet", "--fields", "t,ring,time", "--part", f"{part}/3", "-o", str(folder / f"part{part}.npz"))
+        np.testing.assert_array_equal(np.concatenate([np.load(folder / f"part{part}.npz")["time"] for part in (1, 2, 3)]),
+                                      seen["time"])
+        query("--quiet", "--kind", "multi", "--fields", "t,ring", "-o", str(folder / "multi.npz"))
+        np.testing.assert_array_equal(np.load(folder / "multi.npz")["ring"], seen["ring"])
+        query("--quiet", "--fields", "ring", "-o", str(folder / "lidar.npz"), generate=("lidar",))
+        np.testing.assert_array_equal(np.load(folder / "lidar.npz")["ring"], np.repeat(np.arange(7), 90))
+        self.assertIn("the column time is of --generate sweep", query("--quiet", "--fields", "time", generate=("lidar",), code=2))
+        self.assertIn("goes without --detach", query("--quiet", "--fields", "t,ring", "--detach", code=2))
 
 
 if __name__ == "__main__":
