@@ -196,7 +196,7 @@ class MovingScene(WithDaemon):
             query("--quiet", "--fields", "position,ring,time", "-o", str(folder / f"cli.{ending}"))
             points.save(folder / f"python.{ending}", seen["position"], where=seen["hit"], ring=seen["ring"], time=seen["time"])
             self.assertEqual((folder / f"cli.{ending}").read_bytes(), (folder / f"python.{ending}").read_bytes(), ending)
-        # Of parts, too, and of several hits.
+        # The same in parts, and with several hits of a ray.
         for part in (1, 2, 3):
             query("--quiet", "--fields", "t,ring,time", "--part", f"{part}/3", "-o", str(folder / f"part{part}.npz"))
         np.testing.assert_array_equal(np.concatenate([np.load(folder / f"part{part}.npz")["time"] for part in (1, 2, 3)]),
