@@ -81,7 +81,7 @@ Reply<void> set_motion(Plan& plan, const wire::Job& job, RaySource& source,
     const std::string cpu(services.backends.back()->name());
     if (plan.worker.asked != "auto" && plan.worker.asked != cpu)
         return refuse(Code::invalid_field, "worker " + plan.worker.asked +
-                                               ": a scene that moves meanwhile (`step_error`) is "
+                                               ": a scene that moves meanwhile (step_error) is "
                                                "traced by worker " +
                                                cpu);
     plan.worker.asked = cpu;

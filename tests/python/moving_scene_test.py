@@ -154,6 +154,15 @@ class MovingScene(WithDaemon):
         for name in FIELDS:
             np.testing.assert_array_equal(seen[name], still[name], name)
 
+    def test_deadlines_and_clients_that_leave_end_it(self):
+        made = generators.sweep(np.linspace(-20, 10, 64), (0, 360, 1800), trajectory=drive(2.0), begin=0, end=.1, scans=19,
+                                step_error=1e-3)
+        with self.assertRaises(raynest.DeadlineError):
+            self.street.trace(made, deadline=.3, fields=("t",))
+        for _ in self.street.stream(made, fields=("t",)):
+            break                                                             # cancels the rest
+        self.assertEqual(len(self.woods.trace([[0, 9, 0, 0, -1, 0]])["t"]), 1)
+
     def test_on_the_command_line(self):
         times, poses = drive(1.0)
         file = pathlib.Path(self.folder.name) / "drive.npy"
