@@ -83,6 +83,7 @@ struct QueryOptions {
     JobOptions job;
     std::vector<WorldRay> rays;
     std::vector<std::string> generate;  ///< a kind and key=value (generator.h), or empty
+    std::string step_error;             ///< of a sweep: a setting of its generator
     std::string rays_file, masks_file, kind, reduce, output;
     std::optional<WorldPoint> from;  ///< common origin of the file's rays
     std::uint32_t max_hits = 0;      ///< 0: the kind's default

@@ -148,6 +148,9 @@ void declare(CommandLine& line, QueryOptions& query) {
             return {};
         },
         "KIND key=value...: the daemon makes them, as listed below");
+    line.add_option("--step-error", query.step_error,
+                    "METRES: the scene moves while a sweep is measured, in steps; what moves is at "
+                    "most so far from where it is (step_error= of --generate sweep)");
     add_point(line, "--from", "start of all rays; --rays then holds their directions",
               [&query](const WorldPoint& point) { query.from = point; })
         .needs(file);
@@ -183,6 +186,8 @@ Result<void> run(Context& context, const QueryOptions& options) {
     const WorldPoint& origin = scene->point;
     // A detached job does not tell which epoch it found, so name it.
     if (options.job.detach && options.job.epoch == 0) request.job->epoch = scene->epoch;
+    if (options.generate.empty() && !options.step_error.empty())
+        return fail(Exit::usage, "--step-error is of --generate sweep");
     std::string points;
     std::vector<std::byte> trajectory;
     if (!options.generate.empty()) {
@@ -194,6 +199,8 @@ Result<void> run(Context& context, const QueryOptions& options) {
                              RaySource({{(*at)[0], (*at)[1], (*at)[2], 0, 0, 0, -1, 1}}, origin),
                              *scene, "the sensor stands");
         request.generator = std::make_unique<wire::GeneratorT>(generate->at(origin));
+        if (!options.step_error.empty())
+            request.generator->settings.push_back("step_error=" + options.step_error);
         if (!generate->trajectory.empty()) {
             auto read = read_trajectory(generate->trajectory, origin);
             if (!read) return tl::unexpected<Failure>(read.error());
@@ -220,6 +227,11 @@ Result<void> run(Context& context, const QueryOptions& options) {
         if (!taken) return tl::unexpected<Failure>(taken.error());
         part = std::move(*taken);
     }
+    const auto own = SensorColumns::take(request.fields, request.generator.get());
+    if (!own) return tl::unexpected<Failure>(own.error());
+    if (!own->empty() && (options.job.detach || !request.reduce.empty()))
+        return fail(Exit::usage,
+                    "the column " + own->names().front() + " goes without --detach and --reduce");
     request.ray_count = rays->count();
     warn_of_rounding(context, *rays, *scene);
     // Rows need these columns, shown or hidden, to tell hits, misses and invalid rays apart; points
@@ -234,11 +246,24 @@ Result<void> run(Context& context, const QueryOptions& options) {
     if (request.reduce.empty()) {
         if ((may_be_rows || has_points) && !has_splits(request.kind)) need("hit");
         if (may_be_rows) need("flags");
+        if (request.fields.empty() && !own->empty()) need("hit");
     }
 
     return deliver_query(
         context, options.output, request.reduce.empty() ? request.kind : request.reduce,
         [&](const ChunkConsumer& consume) {
+            if (!own->empty())
+                return run_query(
+                    context.connection, request, *rays, context.progress,
+                    [&](const QueryChunk& chunk) {
+                        return own->beside(chunk.columns, request.part_first + chunk.first_ray,
+                                           chunk.count, [&](const auto& columns) {
+                                               QueryChunk more = chunk;
+                                               more.columns = columns;
+                                               return consume(more);
+                                           });
+                    },
+                    trajectory);
             const bool sends = request.generator == nullptr || !points.empty();
             if (sends && rays->count() == 0)
                 return ask_about_no_rays(context, request, *rays, consume);

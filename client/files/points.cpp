@@ -111,11 +111,17 @@ Result<Bytes> format_las(std::span<const double> positions, std::span<const Poin
         return fail(Exit::usage, "a .las holds 4,294,967,295 points: write a .ply or .pcd");
     const PointColumn* number = nullptr;
     const PointColumn* of_ray = nullptr;
+    const PointColumn* time = nullptr;
+    const PointColumn* ring = nullptr;
     for (const PointColumn& column : columns) {
         if (column.name == "return" && column.dtype == "<u2")
             number = &column;
         else if (column.name == "returns" && column.dtype == "<u2")
             of_ray = &column;
+        else if (column.name == "time" && column.dtype == "<f8")
+            time = &column;
+        else if (column.name == "ring" && column.dtype == "<u2")
+            ring = &column;
         else
             return fail(Exit::usage, "a .las has no room for the column '" + column.name +
                                          "': write a .ply or .pcd, or pass --fields position");
@@ -147,7 +153,17 @@ Result<Bytes> format_las(std::span<const double> positions, std::span<const Poin
         ++by_return[static_cast<std::size_t>(which - 1)];
         append_number(rows, std::uint16_t{0});  // intensity
         append_number(rows, static_cast<std::uint8_t>(which | of << 3));
-        rows.resize(rows.size() + las_point_bytes - 15);
+        rows.resize(rows.size() + 2);  // class and angle
+        const int channel = count_of(ring, point, 0);
+        if (channel > std::numeric_limits<std::uint8_t>::max())
+            return fail(Exit::usage,
+                        "a .las holds rings up to 255: write a .ply or .pcd, or leave ring out");
+        append_number(rows, static_cast<std::uint8_t>(channel));
+        append_number(rows, std::uint16_t{0});  // source
+        double seconds = 0;
+        if (time != nullptr)
+            std::memcpy(&seconds, time->values.data() + sizeof seconds * point, sizeof seconds);
+        append_number(rows, seconds);
     }
     Bytes file;
     append_text(file, "LASF");

@@ -25,7 +25,8 @@ inline constexpr std::array<std::string_view, 3> point_endings{".ply", ".pcd", "
 [[nodiscard]] bool is_point_ending(std::string_view ending);
 
 /// Returns the file of points x y z, three numbers each, by its ending. A LAS has room for the
-/// columns `return`, from 0, and `returns`, of the same ray; others fail with exit code 2.
+/// columns `return`, from 0, and `returns`, of the same ray, `time` (GPS time) and `ring` (user
+/// data); others fail with exit code 2.
 Result<std::vector<std::byte>> format_points(std::string_view ending,
                                              std::span<const double> positions,
                                              std::span<const PointColumn> columns);

@@ -52,6 +52,10 @@ std::string float_text(float value) {
     return shortest_text(value);
 }
 
+std::string double_text(double value) {
+    return shortest_text(value);
+}
+
 std::string world_text(float relative, double origin) {
     return origin == 0 ? float_text(relative) : shortest_text(double{relative} + origin);
 }

@@ -20,6 +20,8 @@ using protocol::bytes_text;
 [[nodiscard]] std::string age_text(double seconds);
 /// Returns the shortest text of a float that reads back the same; "null" if it is not finite.
 [[nodiscard]] std::string float_text(float value);
+/// The same of a double.
+[[nodiscard]] std::string double_text(double value);
 /// The same for a coordinate in the world, given relative to the scene's origin.
 [[nodiscard]] std::string world_text(float relative, double origin);
 

@@ -2,6 +2,7 @@
 
 #include "client/files/npy.h"
 #include "client/files/points.h"
+#include "client/requests/generator.h"
 
 #include <cstring>
 #include <limits>
@@ -54,11 +55,21 @@ Result<void> Columns::append(const QueryChunk& chunk) {
             column.shown = chunk.shows(block.name);
             column.is_world =
                 is_point_field(block.name) && block.dtype == wire::Dtype::f32 && block.width() == 3;
+            column.numpy = column.is_world || is_time(block) ? "<f8"
+                           : is_ring(block)                  ? "<u2"
+                                                             : numpy_dtype(block.dtype);
+            column.value_bytes = static_cast<std::size_t>(column.numpy[2] - '0');
         }
         if (column.dtype != block.dtype || column.width != block.width())
             return fail(Exit::failed, "the daemon changed a column's type between chunks");
         if (column.is_world)
             append_points(chunk, block, column);
+        else if (is_ring(block))
+            for (const std::uint64_t ring : block.values<std::uint64_t>()) {
+                const auto narrow = static_cast<std::uint16_t>(ring);  // sweep_channels_max is less
+                const auto bytes = std::as_bytes(std::span(&narrow, 1));
+                column.bytes.insert(column.bytes.end(), bytes.begin(), bytes.end());
+            }
         else
             column.bytes.insert(column.bytes.end(), block.bytes.begin(), block.bytes.end());
         column.count += block.count;
@@ -95,9 +106,7 @@ std::vector<std::byte> Columns::npz(std::string_view part) const {
         std::vector<std::uint64_t> shape = {column.count};
         if (column.width > 1) shape.push_back(column.width);
         const bool is_truth = column.dtype == wire::Dtype::u8 && is_truth_field(name);
-        const std::string dtype = column.is_world ? "<f8"
-                                  : is_truth      ? "|b1"
-                                                  : numpy_dtype(column.dtype);
+        const std::string dtype = is_truth ? "|b1" : column.numpy;
         arrays.push_back({name, {dtype, shape, column.bytes}});
     }
     return format_npz(arrays);
@@ -131,11 +140,10 @@ Result<std::vector<std::byte>> Columns::points(std::string_view ending) const {
                 std::memcpy(&positions[3 * i], column.bytes.data() + 24 * rows[i], 24);
             continue;
         }
-        const std::size_t size = column.is_world ? 8 : protocol::dtype_bytes(column.dtype);
+        const std::size_t size = column.value_bytes;
         for (std::uint32_t part = 0; part < column.width; ++part) {
             PointColumn made{column.width == 1 ? name : name + "_" + std::to_string(part),
-                             column.is_world ? "<f8" : numpy_dtype(column.dtype),
-                             std::vector<std::byte>(size * rows.size())};
+                             column.numpy, std::vector<std::byte>(size * rows.size())};
             for (std::size_t i = 0; i < rows.size(); ++i)
                 std::memcpy(made.values.data() + size * i,
                             column.bytes.data() + size * (rows[i] * column.width + part), size);

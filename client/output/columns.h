@@ -36,6 +36,8 @@ private:
         std::uint64_t count = 0;
         std::vector<std::byte> bytes;
         bool is_world = false;  ///< a point: float64
+        std::string numpy;      ///< NumPy's dtype of its values
+        std::size_t value_bytes = 1;
         bool shown = true;
     };
 

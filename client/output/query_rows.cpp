@@ -3,6 +3,7 @@
 #include "client/ground/lists.h"
 #include "client/ground/text.h"
 #include "client/output/output.h"
+#include "client/requests/generator.h"
 
 #include <algorithm>
 #include <cstring>
@@ -33,6 +34,7 @@ std::string value_text(const BlockView& block, std::uint64_t element, std::uint3
         case wire::Dtype::u32:
             return std::to_string(value_at<std::uint32_t>(block, index));
         case wire::Dtype::u64:
+            if (is_time(block)) return double_text(value_at<double>(block, index));
             return std::to_string(value_at<std::uint64_t>(block, index));
         case wire::Dtype::f32:
             return world_text(value_at<float>(block, index),

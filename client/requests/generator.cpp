@@ -8,6 +8,7 @@
 
 #include <algorithm>
 #include <array>
+#include <bit>
 #include <charconv>
 #include <string_view>
 #include <utility>
@@ -153,6 +154,68 @@ Grid grid_of(const wire::GeneratorT& generator) {
 }
 
 }  // namespace
+
+Result<SensorColumns> SensorColumns::take(std::vector<std::string>& fields,
+                                          const wire::GeneratorT* generator) {
+    SensorColumns made;
+    for (const char* name : {"ring", "time"}) {
+        if (std::ranges::find(fields, name) == fields.end()) continue;
+        const bool has = generator != nullptr && has_channels(*generator) &&
+                         (generator->kind == "sweep" || name == std::string_view("ring"));
+        if (!has)
+            return fail(Exit::usage,
+                        std::string("the column ") + name + " is of --generate " +
+                            (name == std::string_view("ring") ? "lidar and sweep" : "sweep"));
+        std::erase(fields, name);
+        made.names_.emplace_back(name);
+    }
+    if (made.empty()) return made;
+    const Grid grid = grid_of(*generator);
+    const std::string scans = setting_of(*generator, "scans");
+    const std::uint64_t count = scans.empty() ? 1 : number_at_end(scans);
+    made.columns_ = std::max<std::uint64_t>(1, grid.width);
+    made.channels_ = std::max<std::uint64_t>(1, grid.height / std::max<std::uint64_t>(1, count));
+    const auto time = [&](const char* name, double otherwise) -> Result<double> {
+        const std::string text = setting_of(*generator, name);
+        if (text.empty()) return otherwise;
+        const auto parsed = parse_world(text, 1, 1, "a number");
+        if (!parsed) return fail(Exit::usage, std::string(name) + ": " + parsed.error().message);
+        return parsed->front();
+    };
+    const auto begin = time("begin", 0), end = time("end", 0.1);
+    if (!begin) return tl::unexpected<Failure>(begin.error());
+    if (!end) return tl::unexpected<Failure>(end.error());
+    made.begin_ = *begin, made.end_ = *end;
+    return made;
+}
+
+Result<void> SensorColumns::beside(
+    std::span<const protocol::BlockView> columns, std::uint64_t first, std::uint64_t count,
+    const std::function<Result<void>(std::span<const protocol::BlockView>)>& use) const {
+    std::vector<protocol::BlockView> all(columns.begin(), columns.end());
+    std::vector<std::vector<std::uint64_t>> values;
+    for (const std::string& name : names_) {
+        std::vector<std::uint64_t>& made = values.emplace_back();
+        made.reserve(count);
+        for (std::uint64_t ray = first; ray < first + count; ++ray) {
+            const std::uint64_t row = ray / columns_;
+            const auto column = static_cast<double>(row / channels_ * columns_ + ray % columns_);
+            const double time = begin_ + (end_ - begin_) * column / static_cast<double>(columns_);
+            made.push_back(name == "ring" ? row % channels_ : std::bit_cast<std::uint64_t>(time));
+        }
+        all.push_back(
+            {name, wire::Dtype::u64, sizeof(std::uint64_t), count, std::as_bytes(std::span(made))});
+    }
+    return use(all);
+}
+
+bool is_time(const protocol::BlockView& block) {
+    return block.name == "time" && block.dtype == wire::Dtype::u64;
+}
+
+bool is_ring(const protocol::BlockView& block) {
+    return block.name == "ring" && block.dtype == wire::Dtype::u64;
+}
 
 std::uint64_t sensor_rays(const wire::GeneratorT& generator) {
     const Grid grid = grid_of(generator);

@@ -4,8 +4,10 @@
 
 #include "client/ground/failure.h"
 #include "client/requests/request_options.h"
+#include "protocol/blocks.h"
 #include "protocol/wire.h"
 
+#include <functional>
 #include <optional>
 #include <span>
 #include <string>
@@ -34,6 +36,30 @@ inline constexpr std::uint64_t trajectory_row_numbers = 13;
 /// Reads a trajectory, an array of shape (N, 13): the bytes that follow the request, with positions
 /// relative to this origin. Exit code 5 for anything else.
 Result<std::vector<std::byte>> read_trajectory(const std::string& path, const WorldPoint& origin);
+
+/// The columns `ring` and `time` of a lidar or a sweep: they follow from the numbers of its rays, so
+/// that the client makes them.
+class SensorColumns {
+public:
+    /// Takes those names that are such columns out of `fields`. Exit code 2 where the sensor has none.
+    static Result<SensorColumns> take(std::vector<std::string>& fields,
+                                      const wire::GeneratorT* generator);
+    [[nodiscard]] bool empty() const { return names_.empty(); }
+    [[nodiscard]] const std::vector<std::string>& names() const { return names_; }
+    /// Calls `use` with `columns` and, behind them, these of rays [first, first + count): blocks of
+    /// u64, which hold those of `ring`, and those of `time` as float64.
+    Result<void> beside(
+        std::span<const protocol::BlockView> columns, std::uint64_t first, std::uint64_t count,
+        const std::function<Result<void>(std::span<const protocol::BlockView>)>& use) const;
+
+private:
+    std::vector<std::string> names_;
+    std::uint64_t channels_ = 1, columns_ = 1;
+    double begin_ = 0, end_ = 0;
+};
+/// True for a block that SensorColumns has made of float64, or of a ring.
+[[nodiscard]] bool is_time(const protocol::BlockView& block);
+[[nodiscard]] bool is_ring(const protocol::BlockView& block);
 
 /// The number of rays of a sensor, as its settings say it; 0 where the daemon will refuse them.
 [[nodiscard]] std::uint64_t sensor_rays(const wire::GeneratorT& generator);

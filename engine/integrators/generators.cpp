@@ -126,6 +126,17 @@ void generate_rays(const Sensor& sensor, std::uint64_t first, std::span<Ray> out
         sensor);
 }
 
+void generate_rays(const Sensor& sensor, std::span<const std::uint64_t> numbers,
+                   std::span<Ray> out) {
+    const std::uint64_t width = ray_grid(sensor).width;
+    std::visit(
+        [&](const auto& kind) {
+            for (std::size_t i = 0; i < out.size(); ++i)
+                out[i] = kind.ray(numbers[i] % width, numbers[i] / width);
+        },
+        sensor);
+}
+
 void generate_tiles(const Sensor& sensor, std::uint64_t first, std::span<Ray> out,
                     const PixelWindow& window) {
     const ImageSize size = window.size_of(sensor);

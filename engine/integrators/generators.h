@@ -131,6 +131,9 @@ using Sensor = std::variant<Pinhole, Orthographic, Equirectangular, Lidar, Sweep
 [[nodiscard]] std::uint64_t ray_count(const Sensor& sensor);
 /// Rays [first, first + out.size()).
 void generate_rays(const Sensor& sensor, std::uint64_t first, std::span<Ray> out);
+/// Rays of these numbers, as many as `out` takes.
+void generate_rays(const Sensor& sensor, std::span<const std::uint64_t> numbers,
+                   std::span<Ray> out);
 /// Pixels of a sensor's picture, by default all of them: `size` from column x and row y on.
 struct PixelWindow {
     std::uint32_t x = 0, y = 0;

@@ -1,11 +1,13 @@
 #include "server/jobs/columns_job.h"
 
+#include "server/documents/step_rows.h"
 #include "server/execution/trace.h"
 #include "server/jobs/services.h"
 
 #include <algorithm>
 #include <atomic>
 #include <memory>
+#include <optional>
 #include <string>
 #include <utility>
 
@@ -71,7 +73,26 @@ public:
           answer_bytes_(answer_bytes(plan_, cost_, caller)),
           chunk_rays_(source_.chunk_rays(
               shared_out(source_, chunk_rays(plan_, cost_, answer_bytes_, services.limits)))),
-          fitting_(chunk_rays_) {}
+          fitting_(chunk_rays_) {
+        if (source_.motion())
+            rows_.emplace(services.budget, principal_, id_, cost_,
+                          StepRows::FrameSize{
+                              services.limits.chunk_rays_max,
+                              plan_.query == query_all ? answer_bytes_ : chunk_bytes(chunk_rays_)});
+    }
+
+    std::optional<Task> next() override {
+        if (rows_ && steps().is_chosen())
+            if (auto task = rows_->next(steps().order())) return task;
+        return QueryJob::next();
+    }
+    Reply<void> ended() override {
+        if (rows_) rows_->ended();
+        return QueryJob::ended();
+    }
+    [[nodiscard]] bool finished() const override {
+        return QueryJob::finished() && (!rows_ || rows_->handed_out() == source_.rays());
+    }
 
 protected:
     /// Returns the rays of several answers if the backend takes that many, as long as these answers
@@ -84,6 +105,7 @@ protected:
         return chunk_rays_ * std::max<std::uint64_t>(1, std::min(by_rays, by_bytes));
     }
     [[nodiscard]] std::uint64_t reply_bytes(std::uint64_t rays) const override {
+        if (rows_) return 0;
         if (plan_.query == query_all) return answer_bytes_;
         const std::uint64_t rest = rays % chunk_rays_;
         return rays / chunk_rays_ * chunk_bytes(chunk_rays_) + (rest != 0 ? chunk_bytes(rest) : 0);
@@ -100,15 +122,20 @@ protected:
     }
 
     Traced<Frames> trace(const Chunk& chunk, const Stop& stop, TraceBuffers& buffers) override {
-        auto traced = source_.trace(plan_, chunk, input_, stop, buffers, any_order());
+        const auto plan = plan_of(chunk);
+        auto traced = trace_rays_of(*plan, chunk, stop, buffers, any_order());
         if (!traced) return tl::unexpected(traced.error());
         const std::uint64_t count = fitting(*traced);
         Frames frames;
         for (std::uint64_t done = 0; done < count; done += chunk_rays_) {
             const std::uint64_t rays = std::min(chunk_rays_, count - done);
-            auto frame = encode(chunk.first + done, traced->slice(done, rays));
+            auto frame = encode(*plan, chunk.first + done, traced->slice(done, rays));
             if (!frame) return tl::unexpected(TraceFailure(frame.error()));
-            frames.push_back(std::move(*frame));
+            if (!rows_) {
+                frames.push_back(std::move(*frame));
+            } else if (auto kept = rows_->add(steps().order(), std::move(*frame)); !kept) {
+                return tl::unexpected(TraceFailure(kept.error()));
+            }
         }
         answered(chunk, count);
         if (plan_.query == query_all) give_back_behind(chunk, count);
@@ -163,7 +190,7 @@ private:
     };
 
     Reply<Frames> answer_rows(const Chunk& chunk, const TracedRays& traced) {
-        auto frame = encode(chunk.first, traced);
+        auto frame = encode(plan_, chunk.first, traced);
         if (!frame) return tl::unexpected(frame.error());
         answered(chunk, chunk.count);
         Frames frames;
@@ -176,8 +203,8 @@ private:
     }
 
     /// Encodes the frame with the columns of these rays. Any thread.
-    Reply<protocol::Frame> encode(std::uint64_t first, const TracedRays& traced) {
-        return columns_.encode(plan_, services_.registry, id_, first, traced, statistics_);
+    Reply<protocol::Frame> encode(const Plan& plan, std::uint64_t first, const TracedRays& traced) {
+        return columns_.encode(plan, services_.registry, id_, first, traced, statistics_);
     }
 
     /// True if rays may be traced in any order and among others, because each has one hit record
@@ -215,6 +242,7 @@ private:
     const std::uint64_t answer_bytes_;
     const std::uint64_t chunk_rays_;      ///< maximum rays per answer
     std::atomic<std::uint64_t> fitting_;  ///< kind all: rays of the next task
+    std::optional<StepRows> rows_;        ///< of a scene that moves meanwhile
 };
 
 /// Fails if the answer of one ray does not fit a frame that the client can receive.

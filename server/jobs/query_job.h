@@ -5,10 +5,12 @@
 #include "server/execution/ray_input.h"
 #include "server/jobs/chunked_job.h"
 #include "server/jobs/ray_source.h"
+#include "server/jobs/scene_steps.h"
 #include "server/security/caller.h"
 
 #include <cstdint>
 #include <memory>
+#include <optional>
 
 namespace raynest::server {
 
@@ -60,12 +62,20 @@ protected:
 
     /// Marks rays [first, first + count) as answered. Any thread.
     void answered(const Chunk& chunk, std::uint64_t count);
+    /// The plan of a chunk: of the scene as it is then. Any thread.
+    [[nodiscard]] std::shared_ptr<const Plan> plan_of(const Chunk& chunk) const;
+    /// Traces a chunk with its plan. Any thread.
+    Traced<TracedRays> trace_rays_of(const Plan& plan, const Chunk& chunk, const Stop& stop,
+                                     TraceBuffers& buffers, bool any_order);
+    /// There are steps if the source has a motion: chunks are of places (step_order.h).
+    [[nodiscard]] const SceneSteps& steps() const { return *steps_; }
 
     const RaySource source_;
     RayInput input_;
 
 private:
     SentSweep* const sweep_;  ///< null unless the client sends a trajectory
+    std::optional<SceneSteps> steps_;
 };
 
 }  // namespace raynest::server

@@ -84,4 +84,12 @@ Traced<TracedRays> RaySource::trace(const Plan& plan, const Chunk& chunk, RayInp
     return traced;
 }
 
+Traced<TracedRays> RaySource::trace(const Plan& plan, std::size_t backend,
+                                    std::span<const std::uint64_t> numbers, const Stop& stop,
+                                    TraceBuffers& buffers) const {
+    buffers.resize(buffers.rays, numbers.size());
+    generate_rays((*sensor())->get(), numbers, buffers.rays);
+    return trace_rays(plan, backend, buffers.rays, stop, buffers);
+}
+
 }  // namespace raynest::server

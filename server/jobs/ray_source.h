@@ -47,6 +47,17 @@ private:
 };
 using SensorPointer = std::shared_ptr<LateSensor>;
 
+/// How the scene moves while a sweep is measured.
+struct SceneMotion {
+    std::uint32_t animation = 0;
+    /// Moment of the scene at the first column of the sweep; nothing: its time in the trajectory.
+    std::optional<double> seconds;
+};
+/// That a query traces its sweep in a scene that moves, if it has an animation.
+struct MovingScene {
+    std::optional<SceneMotion> scene;
+};
+
 /// The result of a generator: a sensor with all of its rays, or a hemisphere, which makes rays from
 /// points that the client sends.
 using Generated = std::variant<SensorPointer, Hemisphere>;
@@ -80,6 +91,12 @@ public:
     [[nodiscard]] SentSweep* sweep() const {
         return sensor() != nullptr ? (*sensor())->sent().get() : nullptr;
     }
+    /// Nothing: the scene stands still.
+    [[nodiscard]] const std::optional<MovingScene>& motion() const { return motion_; }
+    /// Rays are of a sweep that is sent, and the scene moves.
+    void set_motion(const MovingScene& motion) { motion_ = motion; }
+    /// Number that the first ray has in its sensor.
+    [[nodiscard]] std::uint64_t first() const { return first_; }
     /// Returns the rays of a task, at most `most`: whole rows of a sensor's tiles if they fit.
     [[nodiscard]] std::uint64_t chunk_rays(std::uint64_t most) const;
 
@@ -87,6 +104,10 @@ public:
     /// square tiles, which is faster because the rays of a tile are coherent. Any thread.
     Traced<TracedRays> trace(const Plan& plan, const Chunk& chunk, RayInput& input,
                              const Stop& stop, TraceBuffers& buffers, bool any_order) const;
+    /// Traces the rays of a sensor that have these numbers there. Any thread.
+    Traced<TracedRays> trace(const Plan& plan, std::size_t backend,
+                             std::span<const std::uint64_t> numbers, const Stop& stop,
+                             TraceBuffers& buffers) const;
 
 private:
     /// True if `count` rays from number `first` of the sensor on are whole rows of its tiles.
@@ -99,6 +120,7 @@ private:
     std::variant<Sent, SensorPointer, Hemisphere> origin_;
     std::uint64_t rays_;
     std::uint64_t first_ = 0;  ///< number of the first ray of a sensor, or of the first point
+    std::optional<MovingScene> motion_;
 };
 
 }  // namespace raynest::server

@@ -157,7 +157,8 @@ protected:
     }
 
     Traced<Frames> trace(const Chunk& chunk, const Stop& stop, TraceBuffers& buffers) override {
-        const auto traced = source_.trace(plan_, chunk, input_, stop, buffers, true);
+        const auto plan = plan_of(chunk);
+        const auto traced = trace_rays_of(*plan, chunk, stop, buffers, true);
         if (!traced) return tl::unexpected(traced.error());
         std::unordered_map<std::uint64_t, std::uint32_t> counts;
         for (const HitRecord& hit : traced->hits)

@@ -1,7 +1,7 @@
 #include "server/jobs/sent_sweep.h"
 
 #include "protocol/control.h"
-#include "server/jobs/trajectory.h"
+#include "server/execution/trajectory.h"
 
 #include <algorithm>
 #include <cmath>
@@ -76,13 +76,11 @@ Reply<void> SentSweep::make(const Stop& stop) {
     for (const auto angles : {elevations, azimuths})
         if (!std::ranges::all_of(angles, [](double angle) { return std::isfinite(angle); }))
             return refuse(Code::invalid_field, "elevations and azimuths must be finite");
-    const auto columns = static_cast<double>(order_.columns);
     std::vector<Pose> poses;
     poses.reserve(order_.all_columns());
     for (std::uint64_t i = 0; i < order_.all_columns(); ++i) {
         if (i % 4096 == 0 && stop.requested()) return refuse(Code::cancelled, "");
-        const double time =
-            order_.begin + (order_.end - order_.begin) * static_cast<double>(i) / columns;
+        const double time = order_.time_of(i);
         if (!(time >= trajectory->begin() && time <= trajectory->end()))
             return refuse(Code::invalid_field, "the sweep has a column at " + std::to_string(time) +
                                                    ", the trajectory lasts from " +

@@ -28,10 +28,16 @@ struct SweepOrder {
     std::vector<double> elevations;
     /// The azimuths divide it, its end left out; nothing: they follow the elevations.
     std::optional<std::pair<double, double>> turn;
+    /// How far what moves in the scene may be from where it is; nothing: the scene stands still.
+    std::optional<double> step_error;
 
     [[nodiscard]] std::uint64_t sent_bytes() const;
     /// Columns of all scans.
     [[nodiscard]] std::uint64_t all_columns() const { return std::uint64_t{scans} * columns; }
+    /// When a column is measured, counted through all scans.
+    [[nodiscard]] double time_of(std::uint64_t column) const {
+        return begin + (end - begin) * static_cast<double>(column) / columns;
+    }
     [[nodiscard]] ImageSize grid() const { return {columns, channels * scans}; }
     /// Bytes of memory while it runs.
     [[nodiscard]] std::uint64_t held_bytes() const {

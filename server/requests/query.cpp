@@ -1,5 +1,6 @@
 // QUERY: traces rays as they arrive in QUERY_RAYS frames, or that a generator makes. Answers leave
 // as CHUNKs of columns, or are summed by a reducer (reduce_job.h).
+#include "engine/scene/edits/pose.h"
 #include "protocol/text.h"
 #include "server/documents/columns.h"
 #include "server/execution/choose_backends.h"
@@ -13,6 +14,7 @@
 #include <algorithm>
 #include <array>
 #include <memory>
+#include <optional>
 #include <string>
 #include <string_view>
 #include <utility>
@@ -72,6 +74,30 @@ Reply<void> check_reduce(const wire::Query& query) {
     return {};
 }
 
+/// Has the scene move while its sweep is measured, if it has an animation. The CPU traces it: each
+/// step is another scene, and a GPU would be sent each.
+Reply<void> set_motion(Plan& plan, const wire::Job& job, RaySource& source,
+                       const Services& services) {
+    const std::string cpu(services.backends.back()->name());
+    if (plan.worker.asked != "auto" && plan.worker.asked != cpu)
+        return refuse(Code::invalid_field, "worker " + plan.worker.asked +
+                                               ": a scene that moves meanwhile (step_error) is "
+                                               "traced by worker " +
+                                               cpu);
+    plan.worker.asked = cpu;
+    MovingScene motion;
+    const Snapshot& scene = plan.scene.snapshot();
+    const std::string_view animation = protocol::text(job.animation());
+    if (job.timed() || !animation.empty() || !animations_of(scene, 1).empty()) {
+        const auto moment = find_moment(scene, animation, job.timed() ? job.time() : 0);
+        if (!moment) return refuse(moment.error());
+        motion.scene.emplace(SceneMotion{moment->animation, std::nullopt});
+        if (job.timed()) motion.scene->seconds = job.time();
+    }
+    source.set_motion(motion);
+    return {};
+}
+
 }  // namespace
 
 Reply<Answer> query(const Services& services, const Caller& caller,
@@ -83,7 +109,9 @@ Reply<Answer> query(const Services& services, const Caller& caller,
     if (!kind) return tl::unexpected(kind.error());
     auto columns = Columns::choose(protocol::strings(message->fields()), kind->query);
     if (!columns) return tl::unexpected(columns.error());
-    auto plan = make_plan(services, caller, *message->job(), kind->query, columns->counters());
+    const bool moves = moves_scene(message->generator());
+    auto plan = make_plan(services, caller, *message->job(), kind->query, columns->counters(),
+                          false, moves ? Posing::by_job : Posing::by_plan);
     if (!plan) return tl::unexpected(plan.error());
     if (auto known = columns->check_levels(plan->scene.snapshot().view()); !known)
         return tl::unexpected(known.error());
@@ -94,6 +122,9 @@ Reply<Answer> query(const Services& services, const Caller& caller,
     if (plan->hits_max == 0) plan->hits_max = kind->query == query_all ? all_hits : multi_hits;
     auto source = read_rays(*message.table, plan->scene.snapshot());
     if (!source) return tl::unexpected(source.error());
+    if (moves)
+        if (auto set = set_motion(*plan, *message->job(), *source, services); !set)
+            return tl::unexpected(set.error());
     if (source->rays() > services.limits.rays_max)
         return refuse(Code::limit_exceeded, "a query of " + std::to_string(source->rays()) +
                                                 " rays, the limit is rays_max = " +

@@ -108,6 +108,6 @@ GENERATORS: dict[str, list[str]] = {
     'orthographic': ['size', 'camera', 'lookat', 'pose', 'window', 'range'],
     'equirectangular': ['size', 'camera', 'lookat', 'pose', 'range'],
     'lidar': ['elevations', 'azimuths', 'azimuth_offsets', 'origin_offsets', 'camera', 'lookat', 'pose', 'range'],
-    'sweep': ['elevations', 'azimuths', 'channels', 'columns', 'trajectory', 'poses', 'scans', 'begin', 'end', 'range'],
+    'sweep': ['elevations', 'azimuths', 'channels', 'columns', 'trajectory', 'poses', 'scans', 'begin', 'end', 'step_error', 'range'],
     'hemisphere': ['points', 'samples', 'seed', 'margin'],
 }

@@ -193,11 +193,16 @@ def lidar(elevations: Any, azimuths: tuple[float, float, int] = (0.0, 360.0, 204
 
 @none_is_default
 def sweep(elevations: Any, azimuths: Any = (0.0, 360.0, 2048), *, trajectory: Any, begin: float = 0.0,
-          end: float = 0.1, scans: int = 1, tmin: Optional[float] = None, tmax: Optional[float] = None) -> Sweep:
+          end: float = 0.1, scans: int = 1, step_error: Optional[float] = None, tmin: Optional[float] = None,
+          tmax: Optional[float] = None) -> Sweep:
     """A lidar in motion, as sweeps.lidar(), whose rays the daemon makes: each column leaves from where the sensor is
     at its time. `scans` follow each other, and time goes on: column j of A of scan n is measured at
     begin + (end - begin) (n A + j) / A. Ray (n C + c) A + j is channel c of C there. `ring` and `time` of this
-    object are of its rays; as `fields` they are columns of the answer, a row per ray."""
+    object are of its rays; as `fields` they are columns of the answer, a row per ray.
+
+    With `step_error` a scene with an animation moves meanwhile, in steps: in each it stands where it is in the
+    step's middle, and no part of it is further than that, in the scene's units, from where it is at the time of a
+    ray. Its time is that of the trajectory; with `time` of trace() that is its time at `begin`."""
     known, poses = known_poses(trajectory)
     heights = finite("elevations", elevations, _limits.sweep_channels_max)
     begin, end = real("begin", begin), real("end", end)
@@ -219,6 +224,10 @@ def sweep(elevations: Any, azimuths: Any = (0.0, 360.0, 2048), *, trajectory: An
         raise UsageError(f"{scans} scans of {columns} columns: all have at most {_limits.sweep_columns_max}; ask for fewer "
                          "at a time")
     settings["scans"] = str(scans)
+    if step_error is not None:
+        if not 0 < real("step_error", step_error) < math.inf:
+            raise UsageError(f"a step_error of {step_error}: it must be finite and above 0")
+        settings["step_error"] = _exact_text("step_error", step_error)
     times = begin + (end - begin) * np.arange(scans * columns) / columns
     if times[0] < known[0] or times[-1] > known[-1]:
         raise UsageError(f"the sweep lasts from {times[0]} to {times[-1]}, the trajectory from {known[0]} to {known[-1]}")

@@ -1,6 +1,7 @@
 #include "engine/scene/edits/pose.h"
 
 #include "engine/scene/camera_pose.h"
+#include "engine/scene/motion/sampling.h"
 #include "engine/scene/motion/skinning.h"
 
 #include <fmt/format.h>
@@ -18,87 +19,9 @@
 namespace raynest {
 namespace {
 
-/// Rotations closer than this are blended straight: the arc between them has no direction.
-constexpr double slerp_cosine_max = 1 - 1e-9;
-
 Motion motion_of(const Snapshot& scene) {
     return checked_motion(scene.motion_bytes());
 }
-
-/// The two keys around a moment, and how far it is from the first to the second, 0 to 1.
-struct Between {
-    std::size_t from = 0;
-    std::size_t to = 0;
-    double share = 0;
-    double seconds = 0;  ///< from key to key
-};
-
-Between keys_around(std::span<const float> times, double t) {
-    const auto behind = std::ranges::upper_bound(times, t, {}, [](float x) { return double{x}; });
-    const auto to = static_cast<std::size_t>(behind - times.begin());
-    if (to == 0) return {};
-    if (to == times.size()) return {to - 1, to - 1, 0, 0};
-    const double before = times[to - 1], gap = double{times[to]} - before;
-    return {to - 1, to, (t - before) / gap, gap};
-}
-
-/// Evaluates the channels of one animation at one moment.
-class Sampling {
-public:
-    Sampling(const Motion& motion, double seconds) : motion_(motion), seconds_(seconds) {}
-
-    /// Writes sampler.width numbers.
-    void read(const MotionSampler& sampler, bool is_rotation, double* out) const {
-        const Between keys =
-            keys_around(motion_.floats.subspan(sampler.first_time, sampler.keys), seconds_);
-        const std::size_t width = sampler.width;
-        const bool cubic = sampler.interpolation == Interpolation::cubic;
-        const float* const first = motion_.floats.data() + sampler.first_value;
-        const auto value = [&](std::size_t key) {
-            return first + (cubic ? 3 * key + 1 : key) * width;
-        };
-        const float* const a = value(keys.from);
-        const float* const b = value(keys.to);
-        const double u = keys.share;
-        if (u == 0 || sampler.interpolation == Interpolation::step) {
-            for (std::size_t i = 0; i < width; ++i) out[i] = a[i];
-        } else if (cubic) {
-            const float* const leaves = a + width;
-            const float* const arrives = b - width;
-            const double u2 = u * u, u3 = u2 * u;
-            for (std::size_t i = 0; i < width; ++i)
-                out[i] = (2 * u3 - 3 * u2 + 1) * double{a[i]} +
-                         keys.seconds * (u3 - 2 * u2 + u) * double{leaves[i]} +
-                         (3 * u2 - 2 * u3) * double{b[i]} +
-                         keys.seconds * (u3 - u2) * double{arrives[i]};
-        } else if (is_rotation) {
-            turn(a, b, u, out);
-        } else {
-            for (std::size_t i = 0; i < width; ++i)
-                out[i] = (1 - u) * double{a[i]} + u * double{b[i]};
-        }
-    }
-
-private:
-    /// The shorter way from one rotation to another (glTF 2.0, appendix C.4).
-    static void turn(const float* a, const float* b, double u, double* out) {
-        double cosine = 0;
-        for (std::size_t i = 0; i < 4; ++i) cosine += double{a[i]} * double{b[i]};
-        const double side = cosine < 0 ? -1 : 1;
-        cosine = std::abs(cosine);
-        double of_a = 1 - u, of_b = u;
-        if (cosine < slerp_cosine_max) {
-            const double angle = std::acos(cosine);
-            of_a = std::sin((1 - u) * angle) / std::sin(angle);
-            of_b = std::sin(u * angle) / std::sin(angle);
-        }
-        for (std::size_t i = 0; i < 4; ++i)
-            out[i] = of_a * double{a[i]} + side * of_b * double{b[i]};
-    }
-
-    const Motion& motion_;
-    const double seconds_;
-};
 
 /// The vertices of a mesh at a moment, those of its parts one behind the other.
 struct PosedVertices {
@@ -111,12 +34,11 @@ class Poser {
 public:
     Poser(const Snapshot& scene, const Moment& moment)
         : motion_(motion_of(scene)),
-          animation_(motion_.animations[moment.animation]),
-          sampling_(motion_, moment.seconds) {}
+          sampling_(motion_, motion_.animations[moment.animation], moment.seconds),
+          to_scene_(sampling_.nodes()) {}
 
     /// The vertices of the result belong to this.
     SceneChanges changes() {
-        place_nodes();
         SceneChanges changes;
         for (const MovedInstance& moved : motion_.instances) {
             const Transform placed = round_affine(multiply(to_scene_[moved.node], moved.to_node));
@@ -142,47 +64,9 @@ public:
     }
 
 private:
-    void place_nodes() {
-        std::vector<std::array<double, 10>> trs;
-        for (const MotionNode& node : motion_.nodes) trs.push_back(node.trs);
-        for (const MotionChannel& channel : channels()) {
-            if (channel.path == MotionPath::weights) continue;
-            const bool is_rotation = channel.path == MotionPath::rotation;
-            const std::size_t at = is_rotation ? 3 : channel.path == MotionPath::scale ? 7 : 0;
-            sampling_.read(motion_.samplers[channel.sampler], is_rotation,
-                           trs[channel.target].data() + at);
-        }
-        for (std::size_t i = 0; i < motion_.nodes.size(); ++i) {
-            const MotionNode& node = motion_.nodes[i];
-            const Affine local = node.has_trs != 0
-                                     ? from_trs(trs[i].data(), trs[i].data() + 3, trs[i].data() + 7)
-                                     : node.local;
-            to_scene_.push_back(node.parent == no_id ? local
-                                                     : multiply(to_scene_[node.parent], local));
-        }
-    }
-
-    [[nodiscard]] std::span<const MotionChannel> channels() const {
-        return motion_.channels.subspan(animation_.first_channel, animation_.channel_count);
-    }
-
-    [[nodiscard]] std::vector<float> weights_of(std::uint32_t mesh) const {
-        const MovedMesh& moved = motion_.meshes[mesh];
-        const auto rest = motion_.floats.subspan(moved.first_weight, moved.weight_count);
-        std::vector<float> weights(rest.begin(), rest.end());
-        for (const MotionChannel& channel : channels()) {
-            if (channel.path != MotionPath::weights || channel.target != mesh) continue;
-            std::vector<double> exact(weights.size());
-            sampling_.read(motion_.samplers[channel.sampler], false, exact.data());
-            for (std::size_t i = 0; i < weights.size(); ++i)
-                weights[i] = static_cast<float>(exact[i]);
-        }
-        return weights;
-    }
-
     [[nodiscard]] PosedVertices deform(std::uint32_t index) const {
         const MovedMesh& mesh = motion_.meshes[index];
-        const std::vector<float> weights = weights_of(index);
+        const std::vector<float> weights = sampling_.weights(index);
         std::vector<Affine> maps;
         for (const MotionJoint& joint : motion_.joints.subspan(mesh.first_joint, mesh.joint_count))
             maps.push_back(multiply(to_scene_[joint.node], joint.bind));
@@ -254,9 +138,8 @@ private:
     }
 
     const Motion motion_;
-    const MotionAnimation& animation_;
-    const Sampling sampling_;
-    std::vector<Affine> to_scene_;  ///< by node
+    const MotionSampling sampling_;
+    const std::vector<Affine> to_scene_;  ///< by node
     std::deque<PosedVertices> vertices_;
 };
 

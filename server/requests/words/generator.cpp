@@ -248,6 +248,11 @@ Reply<Generated> make_sweep(const Request& request) {
     };
     order.begin = time(given.begin, 0);
     order.end = time(given.end, 0.1);
+    if (given.step_error) {
+        order.step_error = given.step_error->at(0);
+        if (!(*order.step_error > 0))
+            return refuse(Code::invalid_field, "step_error: it must be above 0");
+    }
     if (!(order.begin <= order.end))
         return refuse(Code::invalid_field, "end: a scan must end after it begins");
     return std::make_shared<LateSensor>(std::make_shared<SentSweep>(std::move(order)));
@@ -353,6 +358,13 @@ CameraRequest camera_request(const wire::Camera* camera) {
     request.up = vector(camera->up(), request.up);
     request.fov_degrees = camera->fov_degrees();
     return request;
+}
+
+bool moves_scene(const wire::Generator* generator) {
+    if (generator == nullptr) return false;
+    return std::ranges::any_of(protocol::strings(generator->settings()), [](const auto& setting) {
+        return setting.starts_with("step_error=");
+    });
 }
 
 Reply<RaySource> read_rays(const wire::Query& query, const Snapshot& scene) {

@@ -22,6 +22,9 @@ using Generated = std::variant<SensorPointer, Hemisphere>;
 /// wrong, missing or not allowed for its kind.
 Reply<Generated> generate(const wire::Generator& message, const Snapshot& scene);
 
+/// True if a generator says that the scene moves while it is measured.
+[[nodiscard]] bool moves_scene(const wire::Generator* generator);
+
 /// Returns the source of a query's rays: sent by the client, or made by its generator. Fails as
 /// generate() does, and where the request has rays or points that its generator does not take.
 Reply<RaySource> read_rays(const wire::Query& query, const Snapshot& scene);

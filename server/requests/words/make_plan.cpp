@@ -99,7 +99,7 @@ Reply<std::shared_ptr<Selected>> reserve_selection(const Services& services, con
 }  // namespace
 
 Reply<Plan> make_plan(const Services& services, const Caller& caller, const wire::Job& job,
-                      Query query, CounterMode counters, bool lit) {
+                      Query query, CounterMode counters, bool lit, Posing posing) {
     using protocol::text;
     using protocol::word;
     const auto priority = parse_priority(word(job.priority(), "normal"));
@@ -110,7 +110,9 @@ Reply<Plan> make_plan(const Services& services, const Caller& caller, const wire
     Plan plan;
     auto scene = services.scenes.find(text(job.scene()), job.epoch(), caller);
     if (!scene) return tl::unexpected(scene.error());
-    if (job.timed() && services.poser != nullptr) {
+    if (posing == Posing::by_job) {
+        // The job reads the moment.
+    } else if (job.timed() && services.poser != nullptr) {
         scene = services.poser->find(*scene, text(job.animation()), job.time(), caller);
         if (!scene) return tl::unexpected(scene.error());
     } else if (!text(job.animation()).empty()) {

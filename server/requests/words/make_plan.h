@@ -8,9 +8,14 @@
 
 namespace raynest::server {
 
+/// Says what puts the scene at a moment of its animation: the plan's scene is there, or as it was loaded
+/// and edited.
+enum class Posing { by_plan, by_job };
+
 /// Makes the plan of a job; an error names the wrong word. Counters force the single traversal
 /// on the CPU, and a note to the user says so. A lit picture blends where no intersector is named.
 Reply<Plan> make_plan(const Services& services, const Caller& caller, const wire::Job& job,
-                      Query query, CounterMode counters = counters_none, bool lit = false);
+                      Query query, CounterMode counters = counters_none, bool lit = false,
+                      Posing posing = Posing::by_plan);
 
 }  // namespace raynest::server

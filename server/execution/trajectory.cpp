@@ -1,4 +1,4 @@
-#include "server/jobs/trajectory.h"
+#include "server/execution/trajectory.h"
 
 #include <algorithm>
 #include <array>

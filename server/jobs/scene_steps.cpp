@@ -1,0 +1,196 @@
+#include "server/jobs/scene_steps.h"
+
+#include "engine/scene/edits/speed.h"
+#include "server/scheduling/peers.h"
+
+#include <fmt/format.h>
+
+#include <algorithm>
+#include <atomic>
+#include <cmath>
+#include <thread>
+#include <utility>
+
+namespace raynest::server {
+namespace {
+
+/// Steps of one query, at most.
+constexpr std::uint64_t sweep_steps_max = 64ULL << 10;
+
+/// Views that are made or in use at once: as many as there are threads to trace in them.
+std::size_t views_max() {
+    return std::clamp(std::thread::hardware_concurrency(), 2U, 16U);
+}
+
+}  // namespace
+
+struct SceneSteps::View {
+    std::size_t step = 0;
+    Budget::Lease lease;
+    Budget::Lease selection;
+    std::optional<Plan> plan;
+    std::uint64_t left = 0;  ///< rays that are not answered
+    std::atomic<bool> is_made = false;
+    bool is_queued = false;
+};
+
+double SceneSteps::seconds_at(std::uint64_t column) const {
+    const SweepOrder& sweep = sweep_.order();
+    const double time = sweep.time_of(column);
+    return motion_->seconds ? *motion_->seconds + (time - sweep.begin) : time;
+}
+
+Reply<void> SceneSteps::choose(const Stop& stop) {
+    const SweepOrder& sweep = sweep_.order();
+    const SweepGrid grid{sweep.columns, sweep.channels, sweep.scans};
+    const std::uint64_t each = std::uint64_t{sweep.columns} * sweep.channels;
+    const std::uint64_t first_scan = first_ / each, last_scan = (first_ + count_ - 1) / each;
+    std::uint64_t steps = 1;
+    if (motion_) {
+        // The speed is that of all scans, so that a part has the steps of the whole.
+        const double from = seconds_at(0), to = seconds_at(sweep.all_columns() - 1);
+        const std::string animation = std::to_string(motion_->animation);
+        for (const double end : {from, to})
+            if (const auto moment = find_moment(plan_.scene.snapshot(), animation, end); !moment)
+                return refuse(moment.error());
+        const double speed = fastest_speed(plan_.scene.snapshot(), motion_->animation, from, to,
+                                           [&] { return stop.requested(); });
+        if (stop.requested()) return refuse(Code::cancelled, "");
+        const double error = *sweep.step_error;
+        constexpr double rounding = 1e-9;  // of the speed
+        const double wanted =
+            std::ceil((1 - rounding) * speed * (sweep.end - sweep.begin) / (2 * error));
+        steps =
+            static_cast<std::uint64_t>(std::clamp(wanted, 1.0, static_cast<double>(sweep.columns)));
+        if (std::isnan(wanted)) steps = 1;
+        const std::uint64_t scans = last_scan - first_scan + 1;
+        const std::uint64_t most = sweep_steps_max;
+        if (steps * scans > most)
+            return refuse(
+                Code::limit_exceeded,
+                fmt::format(
+                    "step_error {:.3g}: parts of the scene move at {:.3g} per second, so "
+                    "that it needs {} steps, the limit is sweep_steps_max = {}; accept "
+                    "{:.2g} or more, or ask for fewer scans at a time",
+                    error, speed, steps * scans, most,
+                    error * static_cast<double>(steps * scans) / static_cast<double>(most)));
+        note_ = fmt::format("the scene moved at up to {:.3g} per second, in {} step{} per scan",
+                            speed, steps, steps == 1 ? "" : "s");
+    } else {
+        note_ = "the scene has no animation: it stood still";
+    }
+    order_.emplace(grid, first_, count_, steps);
+    return {};
+}
+
+Task SceneSteps::task_of(std::shared_ptr<View> view) {
+    Task task;
+    task.run = [this, view = std::move(view)](const Stop& stop) -> Reply<Frames> {
+        if (auto made = make(*view, stop); !made) return tl::unexpected(made.error());
+        view->is_made = true;
+        return Frames{};
+    };
+    return task;
+}
+
+std::optional<Task> SceneSteps::next() {
+    if (chosen_ == Chosen::no) {
+        chosen_ = Chosen::runs;
+        Task task;
+        task.run = [this](const Stop& stop) -> Reply<Frames> {
+            if (auto chosen = choose(stop); !chosen) return tl::unexpected(chosen.error());
+            return Frames{};
+        };
+        return task;
+    }
+    if (chosen_ != Chosen::done || next_ == order_->steps().size()) return std::nullopt;
+    std::size_t used;
+    {
+        const std::lock_guard lock(mutex_);
+        used = views_.size();
+    }
+    if (used >= views_max()) return std::nullopt;
+    const Snapshot& scene = plan_.scene.snapshot();
+    const std::uint64_t bytes = motion_ ? 2 * scene.bytes().size() : 0;
+    const std::uint64_t hides = plan_.selected != nullptr && motion_
+                                    ? Selected::least_bytes(scene.view(), plan_.selected->words())
+                                    : 0;
+    auto view = std::make_shared<View>();
+    auto lease = services_.peers.reserve(bytes, principal_);
+    auto selection = services_.peers.reserve(hides, principal_);
+    if (!lease || !selection) {
+        if (used != 0) return std::nullopt;  // goes on once a view is released
+        Task task;
+        task.run = [this, bytes = bytes + hides](const Stop&) -> Reply<Frames> {
+            return services_.budget.refuse("the scene at another time", bytes, principal_,
+                                           "start raynestd with a larger --memory");
+        };
+        return task;
+    }
+    view->step = next_++;
+    view->lease = std::move(*lease);
+    view->selection = std::move(*selection);
+    view->left = order_->steps()[view->step].count;
+    {
+        const std::lock_guard lock(mutex_);
+        views_.emplace(view->step, view);
+    }
+    return task_of(std::move(view));
+}
+
+Reply<void> SceneSteps::make(View& view, const Stop& stop) {
+    if (stop.requested()) return refuse(Code::cancelled, "");
+    view.plan = plan_;
+    if (!motion_) return {};
+    const Snapshot& scene = plan_.scene.snapshot();
+    const StepOrder::Step& step = order_->steps()[view.step];
+    const std::uint64_t before = step.scan * sweep_.order().columns;
+    const double seconds =
+        (seconds_at(before + step.begin) + seconds_at(before + step.end - 1)) / 2;
+    const std::uint64_t bytes = bytes_to_pose(scene);
+    const auto room = services_.budget.reserve(bytes, principal_);
+    if (!room)
+        return services_.budget.refuse("the scene at another time", bytes, principal_,
+                                       "start raynestd with a larger --memory");
+    auto posed = pose(scene, {motion_->animation, seconds});
+    if (!posed) return refuse(std::move(posed.error()));
+    view.lease.shrink(std::min<std::uint64_t>(view.lease.bytes(), (*posed)->bytes().size()));
+    view.plan->scene.held =
+        std::make_shared<HeldScene>(HeldScene{std::move(*posed), std::move(view.lease)});
+    if (plan_.selected == nullptr) return {};
+    view.plan->selected =
+        std::make_shared<Selected>(plan_.selected->words(), services_.limits.hidden_instances_max,
+                                   services_.budget, principal_, std::move(view.selection));
+    return view.plan->select(stop);
+}
+
+void SceneSteps::ended(ChunkQueue& queue) {
+    if (chosen_ == Chosen::runs && order_) chosen_ = Chosen::done;
+    const std::lock_guard lock(mutex_);
+    for (const auto& [number, view] : views_) {
+        if (view->is_queued || !view->is_made) continue;
+        view->is_queued = true;
+        const StepOrder::Step& step = order_->steps()[number];
+        queue.add(step.first, step.count);
+    }
+}
+
+std::shared_ptr<const Plan> SceneSteps::plan_of(const Chunk& chunk) const {
+    const std::size_t step = order_->step_at(chunk.first);
+    const std::lock_guard lock(mutex_);
+    const std::shared_ptr<View>& view = views_.at(step);
+    return {view, &*view->plan};
+}
+
+void SceneSteps::answered(const Chunk& chunk, std::uint64_t count) {
+    const std::size_t step = order_->step_at(chunk.first);
+    std::shared_ptr<View> released;  // is freed without the lock
+    const std::lock_guard lock(mutex_);
+    const auto view = views_.find(step);
+    view->second->left -= count;
+    if (view->second->left != 0) return;
+    released = std::move(view->second);
+    views_.erase(view);
+}
+
+}  // namespace raynest::server

@@ -1,0 +1,80 @@
+// A scene that moves while a sweep is measured: it stands still within each of many steps.
+//
+//   speed, accepted error ──► StepOrder ──► a view of the scene for each step, made in a task and
+//                                           released with the last ray of the step
+#pragma once
+
+#include "engine/scene/edits/pose.h"
+#include "server/execution/chunk_queue.h"
+#include "server/execution/plan.h"
+#include "server/execution/step_order.h"
+#include "server/jobs/ray_source.h"
+#include "server/jobs/services.h"
+
+#include <cstdint>
+#include <map>
+#include <memory>
+#include <mutex>
+#include <optional>
+#include <string>
+
+namespace raynest::server {
+
+/// The steps of one query. Functions are called on the io thread where none says otherwise.
+class SceneSteps {
+public:
+    /// Steps for rays [first, first + count) of `sweep`. `plan` is that of the scene as it was loaded and
+    /// edited; both outlive this. Without a motion the scene stands still, in one step per scan.
+    SceneSteps(const Services& services, const Plan& plan, const SentSweep& sweep,
+               const std::optional<SceneMotion>& motion, std::uint64_t first, std::uint64_t count,
+               std::string principal)
+        : services_(services),
+          plan_(plan),
+          sweep_(sweep),
+          motion_(motion),
+          first_(first),
+          count_(count),
+          principal_(std::move(principal)) {}
+
+    /// Returns the next task of those that make views: the first one chooses the steps. Nothing
+    /// while as many views are in use as may be.
+    std::optional<Task> next();
+    /// Called when a task has ended. Adds the places of steps whose view is made.
+    void ended(ChunkQueue& queue);
+
+    /// True once order() is known.
+    [[nodiscard]] bool is_chosen() const { return chosen_ == Chosen::done; }
+
+    // Any thread, once a place is in the queue:
+
+    [[nodiscard]] const StepOrder& order() const { return *order_; }
+    /// The plan of a chunk, which lies within a step.
+    [[nodiscard]] std::shared_ptr<const Plan> plan_of(const Chunk& chunk) const;
+    /// Releases the view of a step whose last ray is answered.
+    void answered(const Chunk& chunk, std::uint64_t count);
+    /// A line for the user, after the last chunk.
+    [[nodiscard]] const std::string& note() const { return note_; }
+
+private:
+    struct View;
+
+    Reply<void> choose(const Stop& stop);
+    Reply<void> make(View& view, const Stop& stop);
+    [[nodiscard]] double seconds_at(std::uint64_t column) const;
+    [[nodiscard]] Task task_of(std::shared_ptr<View> view);
+
+    const Services& services_;
+    const Plan& plan_;
+    const SentSweep& sweep_;
+    const std::optional<SceneMotion> motion_;
+    const std::uint64_t first_, count_;
+    const std::string principal_;
+    enum class Chosen { no, runs, done } chosen_ = Chosen::no;
+    std::optional<StepOrder> order_;  ///< written by the first task
+    std::string note_;                ///< likewise
+    std::size_t next_ = 0;            ///< step
+    mutable std::mutex mutex_;
+    std::map<std::size_t, std::shared_ptr<View>> views_;  ///< by step: those in use
+};
+
+}  // namespace raynest::server

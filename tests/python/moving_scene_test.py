@@ -1,0 +1,222 @@
+#!/usr/bin/env python3
+"""Sweeps over a scene that moves meanwhile: one request, and the scene in steps.
+
+  moving_scene_test.py RAYNESTD RAYNEST FLATC
+"""
+import json
+import pathlib
+import subprocess
+import tempfile
+
+import numpy as np
+
+import raynest
+from animation_test import CORNERS, FACES, Gltf, travelling
+from raynest import generators, points, sweeps
+from with_daemon import WithDaemon, main
+
+FIELDS = ("t", "prim", "geom", "path", "position", "normal", "hit", "origin")
+STREET = "builtin:street?cars=12&length=80&seconds=2"
+
+
+def standing(*place):
+    pose = np.eye(3, 4)
+    pose[:, 0], pose[:, 1], pose[:, 2] = (1, 0, 0), (0, 0, -1), (0, 1, 0)    # z of the sensor is the scene's y
+    pose[:, 3] = place
+    return pose
+
+
+def drive(end):
+    return [0.0, end], [standing(-10, 2, 0), standing(10, 2, 0)]
+
+
+class MovingScene(WithDaemon):
+    @classmethod
+    def setUpClass(cls):
+        super().setUpClass()
+        cls.folder = tempfile.TemporaryDirectory()
+        cls.addClassCleanup(cls.folder.cleanup)
+        cls.street = cls.client.load(STREET, name="moving-street", replace=True)
+
+    def parts_of(self, scene, made, steps, scans, animation=None, channels=None, columns=None, kind="closest",
+                 fields=FIELDS, base=None, **job):
+        """The same answer, one request per step and channel: the scene at the time of the step's middle."""
+        whole = {}
+        times = made.time
+        for scan in range(scans):
+            for step in range(steps):
+                first, end = step * columns // steps, (step + 1) * columns // steps
+                at = (times[scan * channels * columns + first] + times[scan * channels * columns + end - 1]) / 2
+                rays = ((scan * channels + np.arange(channels))[:, None] * columns + np.arange(first, end)).ravel()
+                origin = self.rays[0][rays], self.rays[1][rays]
+                seen = scene.trace(*origin, fields=fields, kind=kind, time=at, **job)
+                for name, column in seen.items():
+                    if name not in whole:
+                        whole[name] = np.empty((scans * channels * columns, *column.shape[1:]), column.dtype)
+                    whole[name][rays] = column
+        return whole
+
+    def test_answers_are_those_of_a_request_for_each_step(self):
+        channels, columns, scans = 7, 90, 3
+        trajectory = drive(1.0)
+        made = generators.sweep(np.linspace(-20, 10, channels), (0, 360, columns), trajectory=trajectory, begin=.25,
+                                end=.35, scans=scans, step_error=.05)
+        still = generators.sweep(np.linspace(-20, 10, channels), (0, 360, columns), trajectory=trajectory, begin=.25,
+                                 end=.35, scans=scans)
+        sent = self.street.trace(still, fields=("origin", "direction"))
+        self.rays = sent["origin"], sent["direction"]
+        seen = self.street.trace(made, fields=FIELDS)
+        note = " ".join(self.client.outcome["notes"])
+        self.assertRegex(note, r"the scene moved at up to [\d.]+ per second, in \d+ steps per scan")
+        steps = int(note.split(" steps")[0].split()[-1])
+        self.assertGreater(steps, 4)
+        self.assertLess(steps, columns)
+        parts = self.parts_of(self.street, made, steps, scans, channels=channels, columns=columns)
+        for name in FIELDS:
+            np.testing.assert_array_equal(seen[name], parts[name], name)
+        standing_still = self.street.trace(still, fields=FIELDS)
+        self.assertFalse(np.array_equal(seen["t"], standing_still["t"]))
+
+        with self.subTest("a part"):
+            for first, count in ((0, 1), (37, 95), (85, 400), (630, 630), (700, 1), (1200, 690), (1889, 1)):
+                part = self.street.trace(made.part(first, count), fields=FIELDS)
+                for name in FIELDS:
+                    np.testing.assert_array_equal(part[name], seen[name][first:first + count], name)
+        with self.subTest("all hits"):
+            for kind in ("multi", "all"):
+                all_of = self.street.trace(made, kind=kind, fields=("t", "path", "position"))
+                counts = np.diff(all_of["ray_splits"])
+                self.assertEqual(len(counts), made.count)
+                hit = counts > 0
+                np.testing.assert_array_equal(hit, seen["hit"])
+                np.testing.assert_array_equal(all_of["t"][all_of["ray_splits"][:-1][hit]], seen["t"][hit])
+        with self.subTest("reducer"):
+            table = self.street.trace(made, reduce="visible_pixels")
+            paths, pixels = np.unique(seen["path"][seen["hit"]], return_counts=True)
+            np.testing.assert_array_equal(table["path"], paths)
+            np.testing.assert_array_equal(table["pixels"], pixels)
+        with self.subTest("hidden"):
+            hidden = self.street.trace(made, hide=["house-*", "car-1*"], fields=FIELDS)
+            parts = self.parts_of(self.street, made, steps, scans, channels=channels, columns=columns, hide=["house-*", "car-1*"])
+            for name in FIELDS:
+                np.testing.assert_array_equal(hidden[name], parts[name], name)
+            self.assertFalse(np.array_equal(hidden["t"], seen["t"]))
+
+    def test_it_converges_to_the_hit_of_a_box_that_moves(self):
+        gltf = Gltf()
+        box = gltf.node(name="box", mesh=gltf.mesh(CORNERS, FACES), translation=[5, -.4, 0])
+        gltf.animate("Drive", (box, "translation", [0, 1], [[5, -.4, 0], [15, -.4, 0]], "LINEAR"))
+        scene = self.client.load(str(gltf.write(pathlib.Path(self.folder.name) / "box.glb")), name="box", replace=True)
+        columns = 400
+        ahead = np.zeros(columns)    # each column looks ahead, along x, where the face moves from 4.5 at 10 per second
+        for error in (1.0, .1, .01, 1e-3):
+            made = generators.sweep([0.0], ahead, trajectory=([0.0], [standing(0, 0, 0)] ), begin=0, end=0,
+                                    step_error=error)
+            self.assertTrue(scene.trace(made, fields=("hit",))["hit"].all())
+            made = generators.sweep([0.0], ahead, trajectory=([0.0, 1.0], [standing(0, 0, 0)] * 2), begin=.2, end=.7,
+                                    step_error=error)
+            off = np.abs(scene.trace(made, fields=("t",))["t"] - (4.5 + 10 * made.time)).max()
+            self.assertLess(off, error + 1e-5)
+            if error > .01:
+                self.assertGreater(off, error / 4)
+        # Steps are those that sweeps.steps() tells.
+        scene.trace(generators.sweep([0.0], ahead, trajectory=([0.0, 1.0], [standing(0, 0, 0)] * 2), begin=.2, end=.7,
+                                     step_error=.1))
+        self.assertIn(f"in {sweeps.steps(10, .5, .1)} steps per scan", " ".join(self.client.outcome["notes"]))
+        # With `time` the scene is there at the first column.
+        later = generators.sweep([0.0], ahead, trajectory=([100.0, 101.0], [standing(0, 0, 0)] * 2), begin=100.2,
+                                 end=100.7, step_error=1e-3)
+        off = scene.trace(later, time=.3, fields=("t",))["t"] - (4.5 + 10 * (later.time - 100.2 + .3))
+        self.assertLess(np.abs(off).max(), 1e-3 + 1e-5)
+
+    def test_what_cannot_be_is_told(self):
+        scene = self.client.load(str(travelling().write(pathlib.Path(self.folder.name) / "arm.glb")), name="arm",
+                                 replace=True)
+        def made(step_error=.01, begin=0.0, end=1.0, scans=1, columns=1000):
+            return generators.sweep([0.0], (0, 360, columns), trajectory=([0.0, 1000.0], [standing(0, 5, 0)] * 2), begin=begin,
+                                    end=end, scans=scans, step_error=step_error)
+        for generator, job, text in (
+                (made(begin=1.5, end=2.5), {}, "the animation runs from 0 to 2 s"),
+                (made(), {"time": 1.5}, "the animation runs from 0 to 2 s"),
+                (made(), {"animation": "Fly"}, "no animation 'Fly'"),
+                (made(), {"worker": "cuda"}, "is traced by worker cpu"),
+                (made(1e-9, 0, .002, 100, 1000), {}, "sweep_steps_max = 65536; accept")):
+            with self.assertRaisesRegex(raynest.Error, text):
+                scene.trace(generator, **job)
+        self.assertEqual(len(scene.trace(made(end=.5), animation="Rest")["t"]), 1000)
+        for wrong in (0, -1, np.nan, np.inf):
+            with self.assertRaises(raynest.UsageError):
+                made(wrong)
+        # A scene without an animation stands still.
+        seen, still = (self.woods.trace(generators.sweep([-5.0, 0.0], (0, 360, 300), trajectory=([0.0], [standing(0, 6, 0)]),
+                                                         begin=0, end=0, step_error=error), fields=FIELDS)
+                       for error in (.1, None))
+        for name in FIELDS:
+            np.testing.assert_array_equal(seen[name], still[name], name)
+
+    def test_deadlines_and_clients_that_leave_end_it(self):
+        made = generators.sweep(np.linspace(-20, 10, 64), (0, 360, 1800), trajectory=drive(2.0), begin=0, end=.1, scans=19,
+                                step_error=1e-3)
+        with self.assertRaises(raynest.DeadlineError):
+            self.street.trace(made, deadline=.3, fields=("t",))
+        for _ in self.street.stream(made, fields=("t",)):
+            break                                                             # cancels the rest
+        self.assertEqual(len(self.woods.trace([[0, 9, 0, 0, -1, 0]])["t"]), 1)
+
+    def test_on_the_command_line(self):
+        times, poses = drive(1.0)
+        file = pathlib.Path(self.folder.name) / "drive.npy"
+        np.save(file, np.column_stack([times, np.reshape(poses, (2, 12))]))
+        out = pathlib.Path(self.folder.name) / "out.npz"
+        run = subprocess.run([self.raynest, "--server", self.daemon.uri, "query", "moving-street", "--generate", "sweep", f"trajectory={file}",
+                              "elevations=-20:10:7", "azimuths=0:360:90", "begin=0.25", "end=0.35", "--step-error", "0.05",
+                              "--fields", "t,hit", "-o", str(out)], capture_output=True, text=True, check=False)
+        self.assertEqual(run.returncode, 0, run.stderr)
+        self.assertIn("steps per scan", run.stderr)
+        seen = self.street.trace(generators.sweep(np.linspace(-20, 10, 7), (0, 360, 90), trajectory=(times, poses), begin=.25,
+                                                  end=.35, step_error=.05), fields=("t", "hit"))
+        np.testing.assert_array_equal(np.load(out)["t"], seen["t"])
+
+    def test_ring_and_time_on_the_command_line(self):
+        folder = pathlib.Path(self.folder.name)
+        times, poses = drive(1.0)
+        np.save(folder / "drive.npy", np.column_stack([times, np.reshape(poses, (2, 12))]))
+        made = generators.sweep(np.linspace(-20, 10, 7), (0, 360, 90), trajectory=(times, poses), begin=.25, end=.35, scans=3)
+        seen = self.street.trace(made, fields=("t", "position", "hit", "ring", "time"))
+
+        def query(*more, generate=("sweep", f"trajectory={folder / 'drive.npy'}", "begin=0.25", "end=0.35", "scans=3"),
+                  code=0):
+            run = subprocess.run([self.raynest, "--server", self.daemon.uri, *more[:1], "query", "moving-street", "--generate",
+                                  *generate, "elevations=-20:10:7", "azimuths=0:360:90", *more[1:]],
+                                 capture_output=True, text=True, check=False)
+            self.assertEqual(run.returncode, code, run.stderr)
+            return run.stdout if code == 0 else run.stderr
+
+        query("--quiet", "--fields", "t,ring,time", "-o", str(folder / "rows.npz"))
+        rows = np.load(folder / "rows.npz")
+        self.assertEqual(set(rows), {"t", "ring", "time"})
+        for name in rows:
+            self.assertEqual(rows[name].dtype, seen[name].dtype)
+            np.testing.assert_array_equal(rows[name], seen[name], name)
+        lines = [json.loads(line) for line in query("--json", "--fields", "t,ring,time").splitlines()]
+        np.testing.assert_array_equal([line["ring"] for line in lines], seen["ring"])
+        np.testing.assert_array_equal([line["time"] for line in lines], seen["time"])
+        for ending in ("ply", "pcd", "las"):
+            query("--quiet", "--fields", "position,ring,time", "-o", str(folder / f"cli.{ending}"))
+            points.save(folder / f"python.{ending}", seen["position"], where=seen["hit"], ring=seen["ring"], time=seen["time"])
+            self.assertEqual((folder / f"cli.{ending}").read_bytes(), (folder / f"python.{ending}").read_bytes(), ending)
+        # The same in parts, and with several hits of a ray.
+        for part in (1, 2, 3):
+            query("--quiet", "--fields", "t,ring,time", "--part", f"{part}/3", "-o", str(folder / f"part{part}.npz"))
+        np.testing.assert_array_equal(np.concatenate([np.load(folder / f"part{part}.npz")["time"] for part in (1, 2, 3)]),
+                                      seen["time"])
+        query("--quiet", "--kind", "multi", "--fields", "t,ring", "-o", str(folder / "multi.npz"))
+        np.testing.assert_array_equal(np.load(folder / "multi.npz")["ring"], seen["ring"])
+        query("--quiet", "--fields", "ring", "-o", str(folder / "lidar.npz"), generate=("lidar",))
+        np.testing.assert_array_equal(np.load(folder / "lidar.npz")["ring"], np.repeat(np.arange(7), 90))
+        self.assertIn("the column time is of --generate sweep", query("--quiet", "--fields", "time", generate=("lidar",), code=2))
+        self.assertIn("goes without --detach", query("--quiet", "--fields", "t,ring", "--detach", code=2))
+
+
+if __name__ == "__main__":
+    main()
