@@ -102,6 +102,9 @@ Result<std::vector<Verdict>> judge(std::span<const FailIf> checks, const Json& d
             verdict.value = document.at(check.metric).get<double>();
         } else if (const auto row = statistics.find(check.metric); row != statistics.end()) {
             verdict.value = row->at(check.statistic).get<double>();
+        } else if (check.metric.find('.') == std::string::npos) {
+            return fail(Exit::usage, "'" + check.text + "': this heat map has no '" + check.metric +
+                                         "'; ask for it with --metric " + check.metric);
         } else {
             return fail(Exit::usage,
                         "'" + check.text + "': there is no '" + check.metric + "' in scene '" +

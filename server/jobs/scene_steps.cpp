@@ -60,9 +60,9 @@ Reply<void> SceneSteps::choose(const Stop& stop) {
         constexpr double rounding = 1e-9;  // of the speed
         const double wanted =
             std::ceil((1 - rounding) * speed * (sweep.end - sweep.begin) / (2 * error));
-        steps =
-            static_cast<std::uint64_t>(std::clamp(wanted, 1.0, static_cast<double>(sweep.columns)));
-        if (std::isnan(wanted)) steps = 1;
+        if (!std::isnan(wanted))
+            steps = static_cast<std::uint64_t>(
+                std::clamp(wanted, 1.0, static_cast<double>(sweep.columns)));
         const std::uint64_t scans = last_scan - first_scan + 1;
         const std::uint64_t most = sweep_steps_max;
         if (steps * scans > most)

@@ -216,6 +216,7 @@ class Limits(Heat):
         self.refused("woods", "--fail-if", "cost.p99>1", says="no metric 'cost'")
         self.refused("woods", "--fail-if", "total.p99>x", says="a number")
         self.refused("woods", "--fail-if", "prims.30.max>1", *VIEW, says="levels are 0 to")
+        self.refused("woods", "--fail-if", "time.max>0", *VIEW, says="ask for it with --metric time")
         self.refused("woods", "--fail-if", "total.p99>1", "--detach", says="--detach")
 
     def test_the_ranking_follows_a_limit_that_is_exceeded(self):
