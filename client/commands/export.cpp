@@ -8,9 +8,11 @@
 #include "client/output/output_file.h"
 #include "client/requests/picture.h"
 
+#include <filesystem>
 #include <iostream>
 #include <string>
 #include <string_view>
+#include <system_error>
 
 namespace raynest::client {
 namespace {
@@ -48,6 +50,12 @@ Result<void> run(Context& context, const ExportOptions& options) {
         return fail(Exit::usage, "a composition places a .glb beside it: name a file for -o");
     std::string glb = options.output;
     if (composes) glb.replace(glb.size() - composition_ending.size(), std::string::npos, ".glb");
+    std::error_code error;
+    if (composes && std::filesystem::exists(glb, error) &&
+        !std::filesystem::exists(options.output, error))
+        return fail(Exit::usage, shown_name(glb) +
+                                     " exists, and the composition would replace it: "
+                                     "name another file for -o, or move it away");
     for (const std::string& path : {glb, options.output})
         if (auto writable = check_writable(path); !writable) return writable;
     const auto file = receive_file(context, options, "glb", "");
@@ -73,8 +81,8 @@ Result<void> run(Context& context, const ExportOptions& options) {
                         {"notes", outcome.notes}});
     } else {
         summary_of(options.output)
-            << options.output << ": " << outcome.scene << ", epoch " << outcome.epoch << ", "
-            << file->bytes.size() << " bytes of glTF\n";
+            << options.output << (composes ? " and " + glb : std::string()) << ": " << outcome.scene
+            << ", epoch " << outcome.epoch << ", " << file->bytes.size() << " bytes of glTF\n";
     }
     return {};
 }

@@ -243,7 +243,7 @@ Result<std::optional<NpyHeader>> read_npy_header(std::span<const std::byte> begi
         const bool records = descr->starts_with('[');
         return refuse("holds " + contents(*descr) + ", not real numbers of 64 bits at most; save " +
                       (records ? "numpy.lib.recfunctions.structured_to_unstructured(array)"
-                               : "array.astype(numpy.float32)"));
+                               : "array.astype(numpy.float64)"));
     }
 
     NpyHeader header;

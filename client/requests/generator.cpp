@@ -46,6 +46,15 @@ std::string setting(const std::string& name, const std::vector<double>& numbers)
     return text;
 }
 
+/// A setting that announces numbers which follow in frames: the daemon waits for them.
+struct CountOfSent {
+    std::string_view key;
+    std::string_view instead;
+};
+constexpr std::array counts_of_sent = {CountOfSent{"poses", "trajectory=FILE.npy"},
+                                       CountOfSent{"channels", "elevations=START:STOP:COUNT"},
+                                       CountOfSent{"columns", "azimuths=START:STOP:COUNT"}};
+
 Result<void> take(Generate& to, const std::string& key, const std::string& value) {
     const auto read = [&](std::vector<double>& numbers, std::size_t few, std::size_t many,
                           const char* shape) -> Result<void> {
@@ -66,6 +75,10 @@ Result<void> take(Generate& to, const std::string& key, const std::string& value
         to.trajectory = value;
         return {};
     }
+    const auto counts = std::ranges::find(counts_of_sent, key, &CountOfSent::key);
+    if (counts != counts_of_sent.end())
+        return fail(Exit::usage, key + " counts what a program sends; on the command line it is " +
+                                     std::string(counts->instead));
     to.message.settings.push_back(key + "=" + value);
     return {};
 }
@@ -108,6 +121,9 @@ Result<Generate> parse_generate(std::span<const std::string> words) {
         if (auto taken = take(generate, word.substr(0, equals), word.substr(equals + 1)); !taken)
             return tl::unexpected<Failure>(taken.error());
     }
+    if (generate.message.kind == "sweep" && generate.trajectory.empty())
+        return fail(Exit::usage,
+                    "generator sweep needs trajectory=FILE.npy: rows of a time and a pose");
     return generate;
 }
 

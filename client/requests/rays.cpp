@@ -154,9 +154,13 @@ Result<void> RaySource::open_masks(const std::string& path) {
     for (std::uint64_t i = 0; i < count_; ++i) {
         const double mask = value_at(*array, i, 0);
         constexpr double most = std::numeric_limits<std::uint32_t>::max();
-        if (!(mask >= 0 && mask <= most) || mask != std::floor(mask))
-            return blame("has a mask " + std::to_string(i) +
-                         " that is no whole number from 0 to 4294967295");
+        if (!(mask >= 0 && mask <= most) || mask != std::floor(mask)) {
+            std::ostringstream why;
+            why.precision(12);
+            why << "has " << mask << " as the mask of ray " << i
+                << "; masks are whole numbers from 0 to 4294967295";
+            return blame(why.str());
+        }
         masks_.push_back(static_cast<std::uint32_t>(mask));
     }
     return {};

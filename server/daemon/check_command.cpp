@@ -96,6 +96,7 @@ int tell(const Result<Findings>& found, Form form) {
                   << found->damaged.size() << " damaged\n";
         if (!found->replaced.empty())
             std::cout << "before it held what is now in " << clean(found->replaced)
+                      << (found->damaged.empty() ? "" : ", where damaged scenes may be whole")
                       << "; once all is well, raynestd gc "
                       << clean(std::filesystem::path(found->replaced).parent_path().string())
                       << " removes that\n";
@@ -104,6 +105,9 @@ int tell(const Result<Findings>& found, Form form) {
     return found->damaged.empty() ? 0 : 1;
 }
 
+/// Exit code of a backup or restore that is done, but has damaged scenes; 1 says that nothing changed.
+constexpr int done_with_damage = 3;
+
 /// Tells what back_up() or restore() has made. `missing` is their outcome.
 int tell_of_copy(const std::filesystem::path& from, const Result<std::uint64_t>& missing,
                  const std::filesystem::path& to, const std::string& replaced, Form form) {
@@ -111,12 +115,13 @@ int tell_of_copy(const std::filesystem::path& from, const Result<std::uint64_t>&
     auto found = look(to);
     if (found) found->replaced = replaced;
     const int code = tell(found, form);
-    // Each of them is among the damaged ones, too.
+    if (!found || found->damaged.empty()) return code;
+    // Those without a blob are among the damaged ones, too.
     if (*missing != 0 && form == Form::text)
-        return failed(std::to_string(*missing) + " scenes have lost their blobs in " +
-                          from.string() + "; load them again",
-                      form);
-    return code;
+        (void)failed(std::to_string(*missing) + " scenes have lost their blobs in " +
+                         from.string() + "; load them again",
+                     form);
+    return done_with_damage;
 }
 
 }  // namespace

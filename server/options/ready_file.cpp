@@ -106,7 +106,7 @@ Result<StateLock> StateLock::take(const std::filesystem::path& directory) {
         return fail(ErrorCode::io_failed,
                     "cannot open " + (directory / "lock").string() + ": " +
                         std::error_code(errno, std::generic_category()).message() +
-                        "; give --state a folder that can be written");
+                        "; name a folder that can be written");
     if (flock(lock.descriptor(), LOCK_EX | LOCK_NB) != 0)
         return fail(ErrorCode::io_failed, "another daemon uses " + directory.string() +
                                               "; stop it or give --state another folder");

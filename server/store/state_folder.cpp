@@ -34,7 +34,7 @@ bool flush_folder(const fs::path& folder) {
 Result<void> make_folder(const fs::path& folder) {
     if (::mkdir(folder.c_str(), S_IRWXU) == 0 || errno == EEXIST) return {};
     return fail(ErrorCode::io_failed, "cannot make " + folder.string() + ": " + reason(errno) +
-                                          "; give --state a folder that can be written");
+                                          "; name a folder that can be written");
 }
 
 tl::expected<Pages, BlobFault> read_blob(const fs::path& path, std::uint64_t bytes) {

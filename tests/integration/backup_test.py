@@ -190,7 +190,7 @@ class Backup(WithState):
         client.run("load", f"{WOODS}&seed=2", "--name", "lost")
         digest = self.scenes()["lost"]["hash"]
         (self.blobs / digest).rename(self.folder / "hidden")
-        said = self.raynestd_says(1, "backup", self.state, copy)
+        said = self.raynestd_says(3, "backup", self.state, copy)
         self.assertIn("lost: its file is gone", said)
         self.assertIn("1 scenes have lost their blobs", said)
         self.assertEqual(len(list((copy / "blobs").iterdir())), 1)
@@ -202,7 +202,11 @@ class Backup(WithState):
             byte = blob.read(1)
             blob.seek(5000)
             blob.write(bytes([byte[0] ^ 1]))
-        self.assertIn("1 damaged", self.raynestd_says(1, "backup", self.state, copy))
+        self.assertIn("1 damaged", self.raynestd_says(3, "backup", self.state, copy))
+        # It comes back with its damage, and says so; what was there stays.
+        self.kill()
+        said = self.raynestd_says(3, "restore", copy, self.state)
+        self.assertIn("replaced, where damaged scenes may be whole", said)
 
     def test_all_four_tell_in_json(self):
         client = self.start()

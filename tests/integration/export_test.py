@@ -102,6 +102,7 @@ class Export(WithFiles):
         self.assertEqual(pathlib.Path(made["glb"]).name, "far.glb")
         notes = self.export(self.source("builtin:flake?depth=2"))["notes"]
         self.assertIn("records of type 'sphere' are left out", " ".join(notes))
+        self.assertIn("nothing that rays can hit", " ".join(notes))
 
     def test_what_is_composed_edited_and_masked(self):
         for name, seed in (("a", 1), ("b", 2)):
@@ -161,6 +162,18 @@ class Export(WithFiles):
             self.assertEqual(done.returncode, code, done.stderr)
         with self.assertRaisesRegex(raynest.UsageError, "must end with .glb"):
             self.python.scene("soup").export("x.obj")
+        # A .glb of somebody else stays; that of the same composition is replaced.
+        theirs = self.scenes / "theirs.glb"
+        theirs.write_bytes(b"theirs")
+        done = self.client.run("export", "soup", "-o", self.scenes / "theirs.rnscene.json")
+        self.assertEqual(done.returncode, 2)
+        self.assertIn("theirs.glb exists", done.stderr)
+        with self.assertRaisesRegex(raynest.UsageError, "theirs.glb' exists"):
+            self.python.scene("soup").export(self.scenes / "theirs.rnscene.json")
+        self.assertEqual(theirs.read_bytes(), b"theirs")
+        done = self.client.run("export", "soup", "-o", self.scenes / "cli.rnscene.json")
+        self.assertEqual(done.returncode, 0, done.stderr)
+        self.assertIn("cli.glb", done.stdout + done.stderr)
 
 
 if __name__ == "__main__":

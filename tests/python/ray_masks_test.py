@@ -223,8 +223,8 @@ class RayMasks(WithDaemon):
         self.cli.run(*words)
         self.same(read(), self.woods.trace(rays, mask=masks))
         for wrong, said in ((masks[:10], r"has the shape \(10,\); masks of these rays have the shape \(40000,\)"),
-                            (-masks.astype(int), "has a mask 0 that is no whole number"),
-                            (np.full(40000, 0.5), "has a mask 0 that is no whole number"),
+                            (-masks.astype(int), "as the mask of ray 0; masks are whole numbers"),
+                            (np.full(40000, 0.5), "has 0.5 as the mask of ray 0; masks are whole numbers"),
                             (np.arange(40000), "ray_masks_max = 64")):
             np.save(self.out / "masks.npy", wrong)
             done = self.cli.run(*words)

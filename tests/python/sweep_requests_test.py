@@ -179,7 +179,12 @@ class SweepRequests(WithDaemon):
             self.assertIn(said, done.stderr)
         done = self.cli.run("query", "woods", "--generate", "sweep", "elevations=1", "azimuths=0:360:60")
         self.assertEqual(done.returncode, 2)
-        self.assertIn("needs poses and scans above 0", done.stderr)
+        self.assertIn("needs trajectory=FILE.npy", done.stderr)
+        # The daemon would wait for numbers that never come.
+        for key, instead in (("channels", "elevations="), ("columns", "azimuths="), ("poses", "trajectory=FILE.npy")):
+            done = self.cli.run("query", "woods", "--generate", "sweep", "elevations=1", "azimuths=0:360:60", f"{key}=4")
+            self.assertEqual(done.returncode, 2, done.stderr)
+            self.assertIn(f"on the command line it is {instead}", done.stderr)
 
     def test_what_is_wrong_gets_a_line(self):
         times, poses = drive(4)

@@ -22,12 +22,14 @@ class Exports:
     def export(self, path: Union[str, os.PathLike[str]], *, epoch: int = 0,
                progress: Progress = None) -> dict[str, Any]:
         """Writes the scene to a .glb (binary glTF 2.0), or to a .rnscene.json, which keeps the scene's
-        origin, and the .glb that it places beside it. Returns scene, epoch, hash, glb (the path),
+        origin, and the .glb that it places beside it, which must not be there before it. Returns scene, epoch, hash, glb (the path),
         bytes and notes: what the file lacks, which warnings say, too."""
         text = os.fspath(path)
         glb = text[:-len(COMPOSITION)] + ".glb" if text.endswith(COMPOSITION) else text
         if not glb.endswith(".glb"):
             raise UsageError(f"export to {text!r}: the name must end with .glb or {COMPOSITION}")
+        if glb != text and os.path.exists(glb) and not os.path.exists(text):
+            raise UsageError(f"{glb!r} exists, and the composition would replace it: name another file, or move it away")
         message = {"scene": self.name, "epoch": epoch, "format": "glb"}
         file = self._file(message, progress)
         pathlib.Path(glb).write_bytes(file["data"])

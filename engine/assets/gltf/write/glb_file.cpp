@@ -133,6 +133,9 @@ private:
             tables_.warnings.push_back(
                 fmt::format("{} records of type '{}' are left out: glTF has triangles alone",
                             scene_.record_counts()[i], scene_.record_types()[i]));
+        if (tables_.meshes.count == 0)
+            tables_.warnings.emplace_back(
+                "the file has no mesh: there is nothing that rays can hit");
         if (!scene_.motion_bytes().empty())
             tables_.warnings.emplace_back("animations are left out");
         std::uint64_t ids = 0;

@@ -190,7 +190,10 @@ TEST_CASE("after an import the child is refused every call that an attacker woul
 TEST_CASE("the filter of calls refuses them without Landlock, but the reading of files") {
     if (test::sanitized) return;
     CHECK(not_refused("--calls") == "openat of a secret");
-    CHECK(refusal("--other-architecture").find("Bad system call") != std::string::npos);
+    // A kernel that is built without calls of i386 ends the child by itself.
+    const std::string said = refusal("--other-architecture");
+    CHECK((said.find("Bad system call") != std::string::npos ||
+           said.find("Segmentation fault") != std::string::npos));
 }
 
 TEST_CASE("Landlock refuses files, connections, signals and programs without the filter") {
