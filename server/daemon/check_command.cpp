@@ -50,15 +50,21 @@ struct Findings {
     std::string replaced = {};  ///< where a restore has put what was there; empty: nowhere
 };
 
-Result<Findings> look(const std::filesystem::path& folder) {
-    const std::filesystem::path manifest_file = folder / "manifest.sqlite";
+constexpr const char* manifest_name = "manifest.sqlite";
+
+/// Returns the lock of a folder that a daemon has made.
+Result<StateLock> lock_of(const std::filesystem::path& folder) {
     std::error_code error;
-    if (!std::filesystem::exists(manifest_file, error))
-        return fail(ErrorCode::io_failed,
-                    folder.string() + " is no state folder: it has no manifest.sqlite");
-    const auto lock = StateLock::take(folder);
+    if (std::filesystem::exists(folder / manifest_name, error)) return StateLock::take(folder);
+    return fail(ErrorCode::io_failed,
+                error ? "cannot look into " + folder.string() + ": " + error.message()
+                      : folder.string() + " is no state folder: it has no " + manifest_name);
+}
+
+Result<Findings> look(const std::filesystem::path& folder) {
+    const auto lock = lock_of(folder);
     if (!lock) return tl::unexpected(lock.error());
-    auto manifest = Manifest::open(manifest_file, true);
+    auto manifest = Manifest::open(folder / manifest_name, true);
     if (!manifest) return tl::unexpected(manifest.error());
     const auto rows = manifest->rows();
     if (!rows) return tl::unexpected(rows.error());
@@ -151,10 +157,7 @@ int restore_state(const std::filesystem::path& backup, const std::filesystem::pa
 }
 
 int remove_state_garbage(const std::filesystem::path& folder, Form form) {
-    std::error_code error;
-    if (!std::filesystem::exists(folder / "manifest.sqlite", error))
-        return failed(folder.string() + " is no state folder: it has no manifest.sqlite", form);
-    const auto lock = StateLock::take(folder);
+    const auto lock = lock_of(folder);
     if (!lock) return failed(lock.error().message, form);
     const auto bytes = remove_garbage(folder);
     if (!bytes) return failed(bytes.error().message, form);
