@@ -109,7 +109,7 @@ Result<StateLock> StateLock::take(const std::filesystem::path& directory) {
                         "; name a folder that can be written");
     if (flock(lock.descriptor(), LOCK_EX | LOCK_NB) != 0)
         return fail(ErrorCode::io_failed, "another daemon uses " + directory.string() +
-                                              "; stop it or give --state another folder");
+                                              "; stop it or name another folder");
     return lock;
 }
 

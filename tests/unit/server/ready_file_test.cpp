@@ -97,7 +97,7 @@ TEST_CASE("a state folder that is a file is an error that names a remedy") {
     const auto taken = StateLock::take(file);
     REQUIRE_FALSE(taken);
     CHECK(taken.error().message.find(file.string()) != std::string::npos);
-    CHECK(taken.error().message.find("give --state a folder") != std::string::npos);
+    CHECK(taken.error().message.find("name a folder that can be written") != std::string::npos);
 }
 
 }  // namespace
