@@ -217,13 +217,42 @@ class Moving(WithCluster):
         self.assertLess(sum(scene.piece(key.removesuffix("~0")).nbytes for key in new), 2000)
         self.assertTrue(all(scene._sent[cluster.client][key] is future for key, future in before.items()))
 
+    def test_an_edit_adds_a_scene_that_only_the_client_has(self):
+        cluster = self.cluster(2)
+        ground, stone = hills(), hills(5, 3)
+        placed = [np.eye(3, 4) * [1, 1, 1, 0] + np.pad([[x], [9], [3]], ((0, 0), (3, 0))) for x in (-20, 0, 25)]
+        city, one = many.prepare({"ground": ground}, places={"ground": "ground"}), many.prepare(*stone)
+        here = self.client.scene_of({"ground": ground}, {"ground": "ground"}, "city")
+        kept = self.client.mesh(*stone, "stone")
+        wanted = [here.trace(RAYS, fields=FIELDS)]
+        for edited, added in ((city, one), (here, kept)):
+            with edited.edit() as edit:
+                edit.add(added, placed, name="stone")
+        wanted.append(here.trace(RAYS, fields=FIELDS))
+        for edited in (city, here):
+            with edited.edit() as edit:
+                edit.move("stone#1", (0, 2, 0))
+        wanted.append(here.trace(RAYS, fields=FIELDS))
+        for seen, scan in zip(many.sweep(cluster.client, city, [(i, RAYS) for i in (0, 1, 2)], fields=FIELDS, setup=self.setup),
+                              wanted):
+            self.same(seen, scan)
+        self.assertFalse(np.array_equal(wanted[0]["t"], wanted[1]["t"]))
+        self.assertFalse(np.array_equal(wanted[1]["t"], wanted[2]["t"]))
+
     def test_mistakes(self):
         cluster = self.cluster(1)
         scene, scans = self.moved(1)
         with self.assertRaisesRegex(raynest.UsageError, "no epoch 9"):
             many.sweep(cluster.client, scene, [(9, RAYS)], setup=self.setup)
-        with self.assertRaisesRegex(raynest.UsageError, "adds no other scene"), scene.edit() as edit:
-            edit.add("woods")
+        stone, far = many.prepare(*hills(5)), many.prepare("/nowhere/forest.glb")
+        for added, name, said in (("woods", "w", "adds another scene that"), (scene, "w", "adds another scene that"),
+                                  (stone, "", "give the name="), (far, "f", "must be where this program runs")):
+            with self.subTest(said), self.assertRaisesRegex(raynest.UsageError, said), scene.edit() as edit:
+                edit.add(added, name=name)
+        with stone.edit() as edit:
+            edit.hide(0)
+        with self.assertRaisesRegex(raynest.UsageError, "as it was prepared"), scene.edit() as edit:
+            edit.add(stone, name="stone")
         self.assertEqual(scene.epoch, 1)
         with scene.edit() as edit:
             edit.move("nobody", (1, 0, 0))

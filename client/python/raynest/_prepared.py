@@ -44,6 +44,7 @@ class Prepared:
         self.source = self._source(scene, load)
         self._log = os.urandom(8).hex()
         self._epoch = 0
+        self._added: dict[str, Prepared] = {}   # by the name that their content gives them
         self.sending = 0
 
     def _source(self, scene: Any, load: dict[str, Any]) -> Source:
@@ -127,13 +128,26 @@ class Prepared:
     def edit(self) -> Edit:
         """As Scene.edit(): a batch of changes, which becomes the scene's next epoch when the block ends. The
         workers make them when they next need that epoch; the change travels, not the scene."""
-        return Edit(self._record)
+        return Edit(self._record, added=self._add)
+
+    def _add(self, scene: Any, name: str) -> str:
+        if not name:
+            raise UsageError("an edit on many hosts adds a scene: give the name= that its paths begin with")
+        if not isinstance(scene, Prepared) or scene is self:
+            raise UsageError("an edit on many hosts adds another scene that raynest.dask.prepare() made")
+        if scene.source.message is None:
+            raise UsageError(f"{scene.source.path} is added to a scene on many hosts: it must be where this program runs")
+        if scene.epoch:
+            raise UsageError("a scene that was edited is added: add it as it was prepared, and edit its parts here")
+        self._added[scene.source.name] = scene
+        for key, piece in scene._pieces.items():
+            self._pieces.setdefault(key, piece)
+        return scene.source.name
 
     def _record(self, change: Change) -> dict[str, Any]:
-        if change.message["scenes"]:
-            raise UsageError("an edit on many hosts adds no other scene: have it in this one, hidden, and show it")
+        sources = [self._added[name].source for name in change.message["scenes"]]
         key, = keys_of_changes(self._log, self._epoch, self._epoch + 1)
-        self._keep(key, np.frombuffer(pickle.dumps(change), np.uint8))
+        self._keep(key, np.frombuffer(pickle.dumps((change, sources)), np.uint8))
         self._epoch += 1
         return {"epoch": self._epoch}
 

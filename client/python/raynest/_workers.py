@@ -288,8 +288,12 @@ class Host:
             scene, epoch = self._load(client, source, name), 0
         try:
             keys = keys_of_changes(source.log, epoch, source.epoch)
-            for change in fetch(keys, source.piece_seconds, source.sending):
-                pickle.loads(change.data).apply(client.connection, scene.name)
+            for piece in fetch(keys, source.piece_seconds, source.sending):
+                change, added = pickle.loads(piece.data)
+                # They are held until the change is made; then the scene has what it takes of them.
+                held_for_it = [self._load(client, other._replace(sending=source.sending), other.name) for other in added]
+                change.apply(client.connection, scene.name)
+                del held_for_it
                 epoch += 1
         except Missing:
             self._mine.changed = source.log, scene, epoch

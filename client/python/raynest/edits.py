@@ -39,8 +39,10 @@ class Edit:
     kept: bool      # the scene, as it is now, is there after a restart
     seconds: float  # that the daemon took
 
-    def __init__(self, apply: Callable[[Change], Message], epoch: int = 0, keep: bool = False) -> None:
+    def __init__(self, apply: Callable[[Change], Message], epoch: int = 0, keep: bool = False,
+                 added: Optional[Callable[[Any, str], str]] = None) -> None:
         self._apply = apply
+        self._name_of = added or _name_of
         self._keep = bool(keep)
         self.epoch = whole("epoch", epoch, 2**64 - 1, 0)
         self._texts: dict[str, int] = {}
@@ -64,9 +66,9 @@ class Edit:
         """Adds placements of another loaded scene, by its name or as a Scene: its geometry and materials, which
         are stored once however often it is placed. `matrices` are as for move(). The paths begin with `name`,
         or else the scene's; where there are several, with numbers: "taxi#0"."""
-        text = scene if isinstance(scene, str) else getattr(scene, "name", None)
-        if not isinstance(text, str) or not text or not isinstance(name, str):
-            raise TypeError(f"{reprlib.repr(scene)} is no scene: give the name of a loaded one, and names as text")
+        if not isinstance(name, str):
+            raise TypeError(f"{reprlib.repr(name)} is no name: it must be a text")
+        text = self._name_of(scene, name)
         placed = matrices_of("matrices", matrices)
         rows = np.zeros(len(placed) if placed.ndim == 3 else 1, _ROW)
         if not len(rows):
@@ -195,6 +197,13 @@ class Change(NamedTuple):
                     return {key: news[key] for key in ("epoch", "instances", "refits", "rebuilds", "hash", "kept",
                                                        "seconds")}
         raise ProtocolError("the daemon ended an edit without an answer")
+
+
+def _name_of(scene: Any, _: str) -> str:
+    text = scene if isinstance(scene, str) else getattr(scene, "name", None)
+    if not isinstance(text, str) or not text:
+        raise TypeError(f"{reprlib.repr(scene)} is no scene: give a loaded one, or its name")
+    return text
 
 
 def _wrong(which: Any) -> TypeError:
