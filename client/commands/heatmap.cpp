@@ -202,8 +202,8 @@ void declare(CommandLine& line, HeatmapOptions& heatmap) {
         "p50 p90 p99 max; OP: > >= < <=. With it no -o is needed");
     const Option top = line.add_whole(
         "--top", heatmap.top, 1U, static_cast<std::uint32_t>(protocol::Limits{}.list_items_max),
-        "print so many of the instances, meshes and materials that most work is spent in, and a "
-        "diagnosis; with it no -o is needed");
+        "print so many of the instances, meshes and materials that most work is spent in, by "
+        "counts whatever --metric is, and a diagnosis; with it no -o is needed");
     line.add_whole("--level", heatmap.level, 1U, 31U,
                    "of --top: group by the instances of that level, 1 for those of the root (the "
                    "innermost)")

@@ -10,6 +10,7 @@
 #include <array>
 #include <bit>
 #include <charconv>
+#include <set>
 #include <string_view>
 #include <utility>
 
@@ -55,12 +56,16 @@ constexpr std::array counts_of_sent = {CountOfSent{"poses", "trajectory=FILE.npy
                                        CountOfSent{"channels", "elevations=START:STOP:COUNT"},
                                        CountOfSent{"columns", "azimuths=START:STOP:COUNT"}};
 
+/// True for sensors in motion, whose rays have times.
+bool moves(const wire::GeneratorT& generator) {
+    return generator.kind == "sweep" || generator.kind == "rolling_shutter";
+}
+
 Result<void> take(Generate& to, const std::string& key, const std::string& value) {
     const auto read = [&](std::vector<double>& numbers, std::size_t few, std::size_t many,
                           const char* shape) -> Result<void> {
         auto parsed = parse_world(value, few, many, shape);
         if (!parsed) return fail(Exit::usage, key + ": " + parsed.error().message);
-        if (!numbers.empty()) return fail(Exit::usage, key + " is given twice");
         numbers = std::move(*parsed);
         return {};
     };
@@ -114,16 +119,19 @@ Result<Generate> parse_generate(std::span<const std::string> words) {
     if (words.empty()) return fail(Exit::usage, "--generate needs a kind");
     Generate generate;
     generate.message.kind = words.front();
+    std::set<std::string> keys;
     for (const std::string& word : words.subspan(1)) {
         const std::size_t equals = word.find('=');
         if (equals == std::string::npos)
             return fail(Exit::usage, "'" + word + "' is not key=value");
-        if (auto taken = take(generate, word.substr(0, equals), word.substr(equals + 1)); !taken)
+        const std::string key = word.substr(0, equals);
+        if (!keys.insert(key).second) return fail(Exit::usage, key + " is given twice");
+        if (auto taken = take(generate, key, word.substr(equals + 1)); !taken)
             return tl::unexpected<Failure>(taken.error());
     }
-    if (generate.message.kind == "sweep" && generate.trajectory.empty())
-        return fail(Exit::usage,
-                    "generator sweep needs trajectory=FILE.npy: rows of a time and a pose");
+    if (moves(generate.message) && generate.trajectory.empty())
+        return fail(Exit::usage, "generator " + generate.message.kind +
+                                     " needs trajectory=FILE.npy: rows of a time and a pose");
     return generate;
 }
 
@@ -176,12 +184,11 @@ Result<SensorColumns> SensorColumns::take(std::vector<std::string>& fields,
     SensorColumns made;
     for (const char* name : {"ring", "time"}) {
         if (std::ranges::find(fields, name) == fields.end()) continue;
-        const bool has = generator != nullptr && has_channels(*generator) &&
-                         (generator->kind == "sweep" || name == std::string_view("ring"));
-        if (!has)
+        const bool is_ring = name == std::string_view("ring");
+        if (generator == nullptr || !(is_ring ? has_channels(*generator) : moves(*generator)))
             return fail(Exit::usage,
                         std::string("the column ") + name + " is of --generate " +
-                            (name == std::string_view("ring") ? "lidar and sweep" : "sweep"));
+                            (is_ring ? "lidar and sweep" : "sweep and rolling_shutter"));
         std::erase(fields, name);
         made.names_.emplace_back(name);
     }
@@ -202,6 +209,8 @@ Result<SensorColumns> SensorColumns::take(std::vector<std::string>& fields,
     if (!begin) return tl::unexpected<Failure>(begin.error());
     if (!end) return tl::unexpected<Failure>(end.error());
     made.begin_ = *begin, made.end_ = *end;
+    made.by_rows_ = !has_channels(*generator);
+    made.lines_ = made.by_rows_ ? made.channels_ : made.columns_;
     return made;
 }
 
@@ -215,8 +224,9 @@ Result<void> SensorColumns::beside(
         made.reserve(count);
         for (std::uint64_t ray = first; ray < first + count; ++ray) {
             const std::uint64_t row = ray / columns_;
-            const auto column = static_cast<double>(row / channels_ * columns_ + ray % columns_);
-            const double time = begin_ + (end_ - begin_) * column / static_cast<double>(columns_);
+            const std::uint64_t line = by_rows_ ? row : row / channels_ * columns_ + ray % columns_;
+            const double time =
+                begin_ + (end_ - begin_) * static_cast<double>(line) / static_cast<double>(lines_);
             made.push_back(name == "ring" ? row % channels_ : std::bit_cast<std::uint64_t>(time));
         }
         all.push_back(

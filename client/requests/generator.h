@@ -55,6 +55,8 @@ public:
 private:
     std::vector<std::string> names_;
     std::uint64_t channels_ = 1, columns_ = 1;
+    bool by_rows_ = false;     ///< a time per row of a picture; else per column of a scan
+    std::uint64_t lines_ = 1;  ///< rows or columns
     double begin_ = 0, end_ = 0;
 };
 /// True for a block that SensorColumns has made of float64, or of a ring.

@@ -11,6 +11,7 @@
 
 #include <cstdint>
 #include <span>
+#include <utility>
 #include <variant>
 #include <vector>
 
@@ -120,7 +121,27 @@ private:
     std::vector<Pose> poses_;
 };
 
-using Sensor = std::variant<Pinhole, Orthographic, Equirectangular, Lidar, Sweep>;
+/// A camera in motion that reads its picture row by row: each row leaves from where the camera is at
+/// its time.
+class RollingShutter {
+public:
+    /// `poses` has one for each row; that of `camera` does not count.
+    RollingShutter(const Pinhole& camera, std::vector<Pose> poses)
+        : camera_(camera),
+          poses_(std::move(poses)) {}
+    [[nodiscard]] const ImageSize& rays() const { return camera_.size; }
+    [[nodiscard]] Ray ray(std::uint64_t column, std::uint64_t row) const {
+        Pinhole camera = camera_;
+        camera.sensor_pose.pose = poses_[row];
+        return camera.ray(column, row);
+    }
+
+private:
+    Pinhole camera_;
+    std::vector<Pose> poses_;
+};
+
+using Sensor = std::variant<Pinhole, Orthographic, Equirectangular, Lidar, Sweep, RollingShutter>;
 
 /// The rays of a picture that this camera takes: a Pinhole, or for an orthographic camera parallel
 /// rays, whose pixels are square and show at least xmag and ymag.

@@ -369,8 +369,7 @@ constexpr std::array<StateCommand, 4> state_commands = {{
      [](const auto& words, Form form) { return back_up_state(words[0], words[1], form); }},
     {"restore", 2,
      "raynestd restore BACKUP DIR puts what raynestd backup has made in the place of what the "
-     "state "
-     "folder DIR holds, which no daemon uses",
+     "state folder DIR holds, which no daemon uses",
      [](const auto& words, Form form) { return restore_state(words[0], words[1], form); }},
     {"gc", 1,
      "raynestd gc DIR removes what no scene of a state folder needs, while no daemon uses it",
@@ -386,11 +385,15 @@ std::optional<int> run_command(int argc, const char* const* argv) {
         std::vector<const char*> words(argv + 2, argv + argc);
         const bool is_json =
             std::erase_if(words, [](const char* w) { return std::string_view(w) == "--json"; }) > 0;
+        const std::string usage = std::string(command.usage) + "; with --json it tells in JSON";
+        const auto is_help = [](const std::string_view w) { return w == "-h" || w == "--help"; };
+        if (std::ranges::any_of(words, is_help)) {
+            std::cout << usage << '\n';
+            return done();
+        }
         const bool is_usage = words.size() != command.words ||
                               std::ranges::any_of(words, [](auto* w) { return w[0] == '-'; });
-        if (is_usage)
-            return failed(std::string(command.usage) + "; with --json it tells in JSON",
-                          exit_usage);
+        if (is_usage) return failed(usage, exit_usage);
         return command.run(words, is_json ? Form::json : Form::text);
     }
     if (word != "tls" && word != "token") return std::nullopt;

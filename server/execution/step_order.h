@@ -35,6 +35,7 @@ public:
     /// column; those without a ray are left out.
     StepOrder(const SweepGrid& grid, std::uint64_t first, std::uint64_t count, std::uint64_t steps);
 
+    [[nodiscard]] const SweepGrid& grid() const { return grid_; }
     [[nodiscard]] std::span<const Step> steps() const { return steps_; }
     /// Those with rays.
     [[nodiscard]] std::span<const Scan> scans() const { return scans_; }

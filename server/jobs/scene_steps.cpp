@@ -17,6 +17,10 @@ namespace {
 /// Steps of one query, at most.
 constexpr std::uint64_t sweep_steps_max = 64ULL << 10;
 
+std::uint64_t divided_up(std::uint64_t count, std::uint64_t by) {
+    return (count + by - 1) / by;
+}
+
 /// Views that are made or in use at once: as many as there are threads to trace in them.
 std::size_t views_max() {
     return std::clamp(std::thread::hardware_concurrency(), 2U, 16U);
@@ -34,21 +38,30 @@ struct SceneSteps::View {
     bool is_queued = false;
 };
 
-double SceneSteps::seconds_at(std::uint64_t column) const {
+double SceneSteps::seconds_at(std::uint64_t line) const {
     const SweepOrder& sweep = sweep_.order();
-    const double time = sweep.time_of(column);
+    const double time = sweep.time_of(line);
     return motion_->seconds ? *motion_->seconds + (time - sweep.begin) : time;
+}
+
+std::pair<std::uint64_t, std::uint64_t> SceneSteps::lines_of(const StepOrder::Step& step) const {
+    const SweepOrder& sweep = sweep_.order();
+    if (!sweep.camera) {
+        const std::uint64_t before = step.scan * sweep.columns;
+        return {before + step.begin, before + step.end};
+    }
+    const std::uint64_t rows = order_->grid().channels;
+    return {step.scan * rows, std::min<std::uint64_t>((step.scan + 1) * rows, sweep.lines())};
 }
 
 Reply<void> SceneSteps::choose(const Stop& stop) {
     const SweepOrder& sweep = sweep_.order();
-    const SweepGrid grid{sweep.columns, sweep.channels, sweep.scans};
-    const std::uint64_t each = std::uint64_t{sweep.columns} * sweep.channels;
+    const std::uint64_t each = sweep.grid().pixels() / sweep.scans;
     const std::uint64_t first_scan = first_ / each, last_scan = (first_ + count_ - 1) / each;
     std::uint64_t steps = 1;
     if (motion_) {
         // The speed is that of all scans, so that a part has the steps of the whole.
-        const double from = seconds_at(0), to = seconds_at(sweep.all_columns() - 1);
+        const double from = seconds_at(0), to = seconds_at(sweep.all_lines() - 1);
         const std::string animation = std::to_string(motion_->animation);
         for (const double end : {from, to})
             if (const auto moment = find_moment(plan_.scene.snapshot(), animation, end); !moment)
@@ -62,7 +75,9 @@ Reply<void> SceneSteps::choose(const Stop& stop) {
             std::ceil((1 - rounding) * speed * (sweep.end - sweep.begin) / (2 * error));
         if (!std::isnan(wanted))
             steps = static_cast<std::uint64_t>(
-                std::clamp(wanted, 1.0, static_cast<double>(sweep.columns)));
+                std::clamp(wanted, 1.0, static_cast<double>(sweep.lines())));
+        // A camera's steps have whole rows.
+        if (sweep.camera) steps = divided_up(sweep.lines(), sweep.lines() / steps);
         const std::uint64_t scans = last_scan - first_scan + 1;
         const std::uint64_t most = sweep_steps_max;
         if (steps * scans > most)
@@ -74,12 +89,20 @@ Reply<void> SceneSteps::choose(const Stop& stop) {
                     "{:.2g} or more, or ask for fewer scans at a time",
                     error, speed, steps * scans, most,
                     error * static_cast<double>(steps * scans) / static_cast<double>(most)));
-        note_ = fmt::format("the scene moved at up to {:.3g} per second, in {} step{} per scan",
-                            speed, steps, steps == 1 ? "" : "s");
+        note_ = fmt::format("the scene moved at up to {:.3g} per second, in {} step{} per {}",
+                            speed, steps, steps == 1 ? "" : "s", sweep.camera ? "picture" : "scan");
     } else {
         note_ = "the scene has no animation: it stood still";
     }
-    order_.emplace(grid, first_, count_, steps);
+    if (sweep.camera) {
+        // The rows of a step are a scan of their own, for they lie one behind the other.
+        const std::uint64_t rows = divided_up(sweep.lines(), steps);
+        order_.emplace(SweepGrid{sweep.grid().width, rows, divided_up(sweep.lines(), rows)}, first_,
+                       count_, 1);
+    } else {
+        order_.emplace(SweepGrid{sweep.columns, sweep.channels, sweep.scans}, first_, count_,
+                       steps);
+    }
     return {};
 }
 
@@ -144,9 +167,8 @@ Reply<void> SceneSteps::make(View& view, const Stop& stop) {
     if (!motion_) return {};
     const Snapshot& scene = plan_.scene.snapshot();
     const StepOrder::Step& step = order_->steps()[view.step];
-    const std::uint64_t before = step.scan * sweep_.order().columns;
-    const double seconds =
-        (seconds_at(before + step.begin) + seconds_at(before + step.end - 1)) / 2;
+    const auto [begin, end] = lines_of(step);
+    const double seconds = (seconds_at(begin) + seconds_at(end - 1)) / 2;
     const std::uint64_t bytes = bytes_to_pose(scene);
     const auto room = services_.budget.reserve(bytes, principal_);
     if (!room)

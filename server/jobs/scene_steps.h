@@ -17,6 +17,7 @@
 #include <mutex>
 #include <optional>
 #include <string>
+#include <utility>
 
 namespace raynest::server {
 
@@ -60,7 +61,10 @@ private:
 
     Reply<void> choose(const Stop& stop);
     Reply<void> make(View& view, const Stop& stop);
-    [[nodiscard]] double seconds_at(std::uint64_t column) const;
+    [[nodiscard]] double seconds_at(std::uint64_t line) const;
+    /// The lines of a step: [first, end).
+    [[nodiscard]] std::pair<std::uint64_t, std::uint64_t> lines_of(
+        const StepOrder::Step& step) const;
     [[nodiscard]] Task task_of(std::shared_ptr<View> view);
 
     const Services& services_;

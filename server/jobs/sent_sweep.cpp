@@ -22,7 +22,7 @@ std::span<const double> numbers(std::span<const std::byte> bytes) {
 std::uint64_t SweepOrder::sent_bytes() const {
     return (poses * std::uint64_t{Trajectory::row_numbers} + (elevations.empty() ? channels : 0) +
             (turn ? 0 : columns)) *
-           sizeof(double);
+           sizeof(double);  // a camera has neither channels nor columns
 }
 
 void SentSweep::begin(Budget::Lease lease) {
@@ -77,18 +77,21 @@ Reply<void> SentSweep::make(const Stop& stop) {
         if (!std::ranges::all_of(angles, [](double angle) { return std::isfinite(angle); }))
             return refuse(Code::invalid_field, "elevations and azimuths must be finite");
     std::vector<Pose> poses;
-    poses.reserve(order_.all_columns());
-    for (std::uint64_t i = 0; i < order_.all_columns(); ++i) {
+    poses.reserve(order_.all_lines());
+    for (std::uint64_t i = 0; i < order_.all_lines(); ++i) {
         if (i % 4096 == 0 && stop.requested()) return refuse(Code::cancelled, "");
         const double time = order_.time_of(i);
         if (!(time >= trajectory->begin() && time <= trajectory->end()))
-            return refuse(Code::invalid_field, "the sweep has a column at " + std::to_string(time) +
+            return refuse(Code::invalid_field, "the sensor measures at " + std::to_string(time) +
                                                    ", the trajectory lasts from " +
                                                    std::to_string(trajectory->begin()) + " to " +
                                                    std::to_string(trajectory->end()));
         poses.push_back(trajectory->at(time));
     }
-    sensor_.emplace(Sweep(order_.limits, elevations, azimuths, std::move(poses)));
+    if (order_.camera)
+        sensor_.emplace(RollingShutter(*order_.camera, std::move(poses)));
+    else
+        sensor_.emplace(Sweep(order_.limits, elevations, azimuths, std::move(poses)));
     return {};
 }
 

@@ -1,4 +1,5 @@
-// A lidar in motion whose trajectory the client sends, in UPLOAD frames.
+// A sensor in motion whose trajectory the client sends, in UPLOAD frames: a lidar that turns, or a
+// camera that reads its picture row by row.
 #pragma once
 
 #include "engine/integrators/generators.h"
@@ -16,9 +17,11 @@
 
 namespace raynest::server {
 
-/// A sweep as its request describes it; the counts are within their limits.
+/// A sweep as its request describes it; the counts are within their limits. A line is what is
+/// measured at one time: a column of a scan, or a row of the camera's picture.
 struct SweepOrder {
     std::uint32_t poses = 0;
+    std::optional<Pinhole> camera;  ///< nothing: a lidar, with all that follows; its pose is unused
     std::uint32_t channels = 0;
     std::uint32_t columns = 0;  ///< of a scan
     std::uint32_t scans = 1;
@@ -32,16 +35,19 @@ struct SweepOrder {
     std::optional<double> step_error;
 
     [[nodiscard]] std::uint64_t sent_bytes() const;
-    /// Columns of all scans.
-    [[nodiscard]] std::uint64_t all_columns() const { return std::uint64_t{scans} * columns; }
-    /// When a column is measured, counted through all scans.
-    [[nodiscard]] double time_of(std::uint64_t column) const {
-        return begin + (end - begin) * static_cast<double>(column) / columns;
+    /// Those of a scan, or of the picture.
+    [[nodiscard]] std::uint32_t lines() const { return camera ? camera->size.height : columns; }
+    [[nodiscard]] std::uint64_t all_lines() const { return std::uint64_t{scans} * lines(); }
+    /// When a line is measured, counted through all scans.
+    [[nodiscard]] double time_of(std::uint64_t line) const {
+        return begin + (end - begin) * static_cast<double>(line) / lines();
     }
-    [[nodiscard]] ImageSize grid() const { return {columns, channels * scans}; }
+    [[nodiscard]] ImageSize grid() const {
+        return camera ? camera->size : ImageSize{columns, channels * scans};
+    }
     /// Bytes of memory while it runs.
     [[nodiscard]] std::uint64_t held_bytes() const {
-        return sent_bytes() + all_columns() * sizeof(Pose);
+        return sent_bytes() + all_lines() * sizeof(Pose);
     }
 };
 

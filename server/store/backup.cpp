@@ -7,6 +7,7 @@
 #include <sys/stat.h>
 #include <unistd.h>
 
+#include <algorithm>
 #include <array>
 #include <cerrno>
 #include <set>
@@ -135,11 +136,28 @@ Result<void> move_parts(const fs::path& from, const fs::path& to,
     return {};
 }
 
-}  // namespace
+/// Refuses two folders that are one, or of which one lies within the other: gc and restore take away
+/// what is not the state's own.
+Result<void> check_apart(const fs::path& state, const fs::path& backup) {
+    const auto resolved = [](const fs::path& path) {
+        std::error_code error;
+        fs::path made = fs::weakly_canonical(path, error);
+        if (error) made = fs::absolute(path, error).lexically_normal();
+        return made.has_filename() ? made : made.parent_path();
+    };
+    const auto is_within = [](const fs::path& inner, const fs::path& outer) {
+        return std::mismatch(outer.begin(), outer.end(), inner.begin(), inner.end()).first ==
+               outer.end();
+    };
+    const fs::path here = resolved(state), there = resolved(backup);
+    if (!is_within(here, there) && !is_within(there, here)) return {};
+    return fail(ErrorCode::io_failed, "the backup " + backup.string() + " and the state folder " +
+                                          state.string() +
+                                          " lie within each other; name a folder beside it");
+}
 
-Result<std::uint64_t> back_up(const fs::path& from, const fs::path& to) {
+Result<std::uint64_t> copy_state(const fs::path& from, const fs::path& to) {
     std::error_code error;
-    if (to.empty()) return fail(ErrorCode::io_failed, "the backup needs the name of a new folder");
     if (!fs::exists(from / "manifest.sqlite", error) ||
         fs::file_size(from / "manifest.sqlite", error) == 0)
         return fail(ErrorCode::io_failed,
@@ -168,7 +186,17 @@ Result<std::uint64_t> back_up(const fs::path& from, const fs::path& to) {
     return missing;
 }
 
+}  // namespace
+
+Result<std::uint64_t> back_up(const fs::path& from, const fs::path& to) {
+    if (to.empty()) return fail(ErrorCode::io_failed, "the backup needs the name of a new folder");
+    if (const auto apart = check_apart(from, to); !apart) return tl::unexpected(apart.error());
+    return copy_state(from, to);
+}
+
 Result<std::uint64_t> restore(const fs::path& backup, const fs::path& folder) {
+    if (const auto apart = check_apart(folder, backup); !apart)
+        return tl::unexpected(apart.error());
     const fs::path replaced = folder / "replaced";
     const fs::path copy = folder / "restoring";
     std::error_code error;
@@ -181,7 +209,7 @@ Result<std::uint64_t> restore(const fs::path& backup, const fs::path& folder) {
     // Another one that was cut off; nobody else is here.
     fs::remove_all(copy, error);
     fs::remove_all(folder / "restoring.unfinished", error);
-    const auto missing = back_up(backup, copy);
+    const auto missing = copy_state(backup, copy);
     if (!missing) return missing;
     if (::mkdir(replaced.c_str(), S_IRWXU) != 0)
         return refused("cannot make " + replaced.string(), errno);

@@ -105,8 +105,12 @@ class Backup(WithState):
         (self.state / "manifest.sqlite").write_bytes(b"damaged" * 1000)
         self.assertIn("raynestd restore BACKUP DIR", self.refused())
         # A backup that is none changes nothing.
-        for wrong in (self.folder / "gone", self.folder):
+        (self.folder / "none").mkdir()
+        for wrong in (self.folder / "gone", self.folder / "none"):
             self.assertIn("is no state folder", self.raynestd_says(1, "restore", wrong, self.state))
+        # Nor does one that gc or the restore itself would take away.
+        for wrong in (self.state, self.folder, self.state / "restoring", self.state / "damaged" / "copy"):
+            self.assertIn("lie within each other", self.raynestd_says(1, "restore", wrong, self.state))
         self.assertEqual((self.state / "manifest.sqlite").read_bytes(), b"damaged" * 1000)
         self.assertTrue((self.blobs / later).exists())
 
@@ -165,17 +169,23 @@ class Backup(WithState):
 
     def test_what_cannot_be_copied_leaves_nothing(self):
         client = self.start()
+        (self.folder / "taken").mkdir()
         client.run("load", WOODS, "--name", "woods")
         copy = self.folder / "copy"
-        for words, said in (((self.state, self.state), "exists; name a new folder"),
-                            ((self.folder, copy), "is no state folder"),
+        for words, said in (((self.state, self.state), "lie within each other; name a folder beside it"),
+                            ((self.state, self.blobs / "copy"), "lie within each other"),
+                            ((self.state, self.folder), "lie within each other"),
+                            ((self.state, self.folder / "taken"), "exists; name a new folder"),
+                            ((self.folder / "taken", copy), "is no state folder"),
                             ((self.state, self.folder / "no" / "such"), "cannot make"),
                             ((self.folder / "gone", copy), "is no state folder"),
                             ((self.state, ""), "needs the name of a new folder")):
             with self.subTest(words=words):
                 self.assertIn(said, self.raynestd_says(1, "backup", *words))
-        for words in ((), (self.state,), (self.state, copy, copy), ("--help", copy)):
+        for words in ((), (self.state,), (self.state, copy, copy), ("--all", copy)):
             self.assertIn("raynestd backup DIR NEW", self.raynestd_says(2, "backup", *words))
+        for command in ("check", "backup", "restore", "gc"):
+            self.assertIn(f"raynestd {command} ", self.raynestd_says(0, command, "--help"))
         copy.with_name("copy.unfinished").mkdir()
         self.assertIn("another backup goes on", self.raynestd_says(1, "backup", self.state, copy))
         copy.with_name("copy.unfinished").rmdir()

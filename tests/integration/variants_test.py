@@ -95,6 +95,20 @@ class Variants(DaemonTest):
         with self.assertRaisesRegex(raynest.Error, "has no KHR_materials_variants: leave out variant="):
             self.load(plain, "refused", variant="beach")
 
+    def test_what_is_odd_is_told(self):
+        first, second = {"material": 1, "variants": [0]}, {"material": 2, "variants": [0]}
+        twice = [{"name": "beach"}, {"name": "beach"}]
+        for number, (change, material, said) in enumerate((
+                ({"variants": twice}, "red", "several of its variants are named 'beach': the first is chosen"),
+                ({"mappings": [first, second]}, "red", "maps a variant twice; the first one counts"),
+                ({"mappings": [first, {"material": 2, "variants": [4]}]}, "red", "not one of the file's 4"),
+                ({"mappings": [{"variants": [0]}]}, "plain", "maps variants to no material"))):
+            with self.subTest(said):
+                self.file.write_text(shoe(**change))
+                scene = self.load(self.file, f"odd{number}", variant="beach")
+                self.assertEqual(self.material(scene.name), material)
+                self.assertIn(said, "\n".join(scene.info["warnings"]))
+
     def test_damaged_lists_choose_nothing(self):
         for number, change in enumerate((
                 {"mappings": 7}, {"mappings": [7, None, {}]}, {"mappings": [{"material": "x", "variants": [0]}]},

@@ -214,7 +214,7 @@ class MovingScene(WithDaemon):
         np.testing.assert_array_equal(np.load(folder / "multi.npz")["ring"], seen["ring"])
         query("--quiet", "--fields", "ring", "-o", str(folder / "lidar.npz"), generate=("lidar",))
         np.testing.assert_array_equal(np.load(folder / "lidar.npz")["ring"], np.repeat(np.arange(7), 90))
-        self.assertIn("the column time is of --generate sweep", query("--quiet", "--fields", "time", generate=("lidar",), code=2))
+        self.assertIn("the column time is of --generate sweep and rolling_shutter", query("--quiet", "--fields", "time", generate=("lidar",), code=2))
         self.assertIn("goes without --detach", query("--quiet", "--fields", "t,ring", "--detach", code=2))
 
 

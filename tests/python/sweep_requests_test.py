@@ -197,14 +197,14 @@ class SweepRequests(WithDaemon):
             self.woods.trace([[0, 9, 0, 0, -1, 0]])     # the connection lives
 
         def put(row, column, value):
-            return lambda made: made._rows.__setitem__((row, column), value)
+            return lambda made: made._way.rows.__setitem__((row, column), value)
         refused("pose 2 of the trajectory or its time is not finite", put(2, 5, np.nan))
         refused("pose 0 of the trajectory or its time is not finite", put(0, 0, -np.inf))
         refused("pose 3 of the trajectory is not later", put(3, 0, 0.0))
         refused("pose 1 of the trajectory is not rigid", put(1, 1, 3.0))
-        refused("pose 1 of the trajectory is not rigid", lambda made: made._rows.__setitem__(
+        refused("pose 1 of the trajectory is not rigid", lambda made: made._way.rows.__setitem__(
             (1, slice(1, 13)), np.diag([1, 1, -1.0, 1])[:3].ravel()))
-        refused("a column at 0.0.*the trajectory lasts from 0.05", put(0, 0, 0.05))
+        refused("measures at 0.0.*the trajectory lasts from 0.05", put(0, 0, 0.05))
         refused("elevations and azimuths must be finite", lambda made: made._angles.__setitem__(5, np.nan))
         refused("longer than its announced", lambda made: made._settings.update(poses="3"))
 
@@ -214,7 +214,7 @@ class SweepRequests(WithDaemon):
         refused("channels: 4097", say(channels="4097"))
         refused("columns: 65537", say(columns="65537"))
         refused("ask for fewer at a time", say(scans="104858"))
-        refused("needs poses and scans above 0", say(scans="0"))
+        refused("needs scans above 0", say(scans="0"))
         refused("one of each two", say(channels="0"))
         refused("one of each two", say(elevations="1,2"))
         refused("must end after it begins", say(end="-1"))

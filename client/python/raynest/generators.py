@@ -16,9 +16,10 @@ from __future__ import annotations
 
 import copy
 import dataclasses
+import functools
 import math
 import reprlib
-from typing import Any, Callable, Optional, Sequence, TypedDict, Union, cast
+from typing import Any, Callable, NamedTuple, Optional, Sequence, TypedDict, Union, cast
 
 import numpy as np
 
@@ -136,9 +137,7 @@ def pinhole(fx: float, fy: Optional[float] = None, cx: Optional[float] = None,
             **sensor: Unpack[SensorPose]) -> Generator:
     """A calibrated camera: focal lengths and principal point in pixels, by default square pixels
     and the middle. t is depth along the axis."""
-    given = {"fx": fx, "fy": fy, "cx": cx, "cy": cy}
-    return _image("pinhole", size, sensor, {name: _text(name, real(name, value))
-                                           for name, value in given.items() if value is not None})
+    return _image("pinhole", size, sensor, _lens(fx, fy, cx, cy))
 
 
 @none_is_default
@@ -203,13 +202,8 @@ def sweep(elevations: Any, azimuths: Any = (0.0, 360.0, 2048), *, trajectory: An
     With `step_error` a scene with an animation moves meanwhile, in steps: in each it stands where it is in the
     step's middle, and no part of it is further than that, in the scene's units, from where it is at the time of a
     ray. Its time is that of the trajectory; with `time` of trace() that is its time at `begin`."""
-    known, poses = known_poses(trajectory)
     heights = finite("elevations", elevations, _limits.sweep_channels_max)
-    begin, end = real("begin", begin), real("end", end)
-    if not -math.inf < begin <= end < math.inf:
-        raise UsageError(f"a sweep from {begin} to {end}: both must be finite, and it must end after it begins")
-    settings = {"poses": str(len(known)), "channels": str(len(heights)), "begin": _exact_text("begin", begin),
-                "end": _exact_text("end", end)}
+    settings = {"channels": str(len(heights))}
     if isinstance(azimuths, tuple) and len(azimuths) == 3:
         around: Array = np.empty(0)
         start, stop = real("azimuths", azimuths[0]), real("azimuths", azimuths[1])
@@ -224,51 +218,110 @@ def sweep(elevations: Any, azimuths: Any = (0.0, 360.0, 2048), *, trajectory: An
         raise UsageError(f"{scans} scans of {columns} columns: all have at most {_limits.sweep_columns_max}; ask for fewer "
                          "at a time")
     settings["scans"] = str(scans)
-    if step_error is not None:
-        if not 0 < real("step_error", step_error) < math.inf:
-            raise UsageError(f"a step_error of {step_error}: it must be finite and above 0")
-        settings["step_error"] = _exact_text("step_error", step_error)
-    times = begin + (end - begin) * np.arange(scans * columns) / columns
-    if times[0] < known[0] or times[-1] > known[-1]:
-        raise UsageError(f"the sweep lasts from {times[0]} to {times[-1]}, the trajectory from {known[0]} to {known[-1]}")
-    made = Sweep("sweep", settings, len(heights) * len(times), sensor=SensorPose(tmin=tmin, tmax=tmax),
-                 start=poses[:1, :, 3])
-    made._rows = np.column_stack([known, poses.reshape(-1, 12)])
-    made._angles = np.concatenate([heights, around])
-    made._times, made._channels, made._columns = times, len(heights), columns
+    way = _Way.of("sweep", trajectory, begin, end, step_error, columns, scans)
+    made = Sweep("sweep", {**settings, **way.settings}, len(heights) * len(way.times),
+                 sensor=SensorPose(tmin=tmin, tmax=tmax), start=way.start)
+    made._way, made._angles = way, np.concatenate([heights, around])
+    made._channels, made._columns = len(heights), columns
     return made
 
 
-class Sweep(Generator):
+@none_is_default
+def rolling_shutter(fx: float, fy: Optional[float] = None, cx: Optional[float] = None, cy: Optional[float] = None, *,
+                    size: tuple[int, int] = (960, 540), trajectory: Any, begin: float = 0.0, end: float = 0.1,
+                    step_error: Optional[float] = None, tmin: Optional[float] = None,
+                    tmax: Optional[float] = None) -> RollingShutter:
+    """A camera in motion, else as pinhole(), that reads its picture row by row: row i of H is measured, from where the
+    camera is then, at begin + (end - begin) i / H. `trajectory` is as that of sweep(), but a camera looks along -z,
+    with x to the right and y up. `time` of this object is of its rays; as one of `fields` it is a column of the
+    answer, a row per ray. With `step_error` a scene with an animation moves meanwhile, as in sweep()."""
+    message = size_message(size)
+    width, height = message["width"], message["height"]
+    way = _Way.of("rolling_shutter", trajectory, begin, end, step_error, height)
+    settings = {"size": f"{width}x{height}", **_lens(fx, fy, cx, cy), **way.settings}
+    made = RollingShutter("rolling_shutter", settings, width * height, sensor=SensorPose(tmin=tmin, tmax=tmax),
+                          start=way.start)
+    made._way, made._columns = way, width
+    return made
+
+
+def _lens(fx: float, fy: Optional[float], cx: Optional[float], cy: Optional[float]) -> dict[str, str]:
+    given = {"fx": fx, "fy": fy, "cx": cx, "cy": cy}
+    return {name: _text(name, real(name, value)) for name, value in given.items() if value is not None}
+
+
+class _Way(NamedTuple):
+    """Where a sensor is, and when it measures its lines: columns of scans, or rows of a picture."""
+
+    settings: dict[str, str]
+    rows: Array         # (K, 13): time, and pose row by row
+    start: Array        # of the first pose, as it was passed in
+    times: Array        # of each line
+
+    @classmethod
+    def of(cls, kind: str, trajectory: Any, begin: float, end: float, step_error: Optional[float], lines: int,
+           scans: int = 1) -> _Way:
+        known, poses = known_poses(trajectory)
+        begin, end = real("begin", begin), real("end", end)
+        if not -math.inf < begin <= end < math.inf:
+            raise UsageError(f"a {kind} from {begin} to {end}: both must be finite, and it must end after it begins")
+        settings = {"poses": str(len(known)), "begin": _exact_text("begin", begin), "end": _exact_text("end", end)}
+        if step_error is not None:
+            if not 0 < real("step_error", step_error) < math.inf:
+                raise UsageError(f"a step_error of {step_error}: it must be finite and above 0")
+            settings["step_error"] = _exact_text("step_error", step_error)
+        times = begin + (end - begin) * np.arange(scans * lines) / lines
+        if times[0] < known[0] or times[-1] > known[-1]:
+            raise UsageError(f"the {kind} lasts from {times[0]} to {times[-1]}, the trajectory from {known[0]} to {known[-1]}")
+        return cls(settings, np.column_stack([known, poses.reshape(-1, 12)]), poses[:1, :, 3], times)
+
+
+class Moving(Generator):
+    """The rays of a sensor in motion."""
+
+    _way: _Way
+    _angles: Array = np.empty(0)    # that follow the poses
+    _columns: int                   # rays of a row
+    _fields = ("time",)             # of this object, which the daemon does not know
+
+    @property
+    def time(self) -> Array:
+        """The time of each ray, float64."""
+        return self._way.times[self._lines(self._numbers())]
+
+    def _lines(self, of: Array) -> Array:
+        """The lines of rays, by their numbers."""
+        return of // self._columns
+
+    def _numbers(self) -> Array:
+        return self._part[0] + np.arange(self.count)
+
+    def source(self, origin: Any) -> Source:
+        rows = self._way.rows.copy()
+        if origin is not None:
+            rows[:, [4, 8, 12]] -= vector("origin", origin)
+        sent = np.concatenate([rows.ravel(), self._angles]).view(np.uint8)
+        return dataclasses.replace(super().source(origin), upload=sent,
+                                   own={name: functools.partial(getattr, self, name) for name in self._fields})
+
+
+class RollingShutter(Moving):
+    """The rays of a camera in motion, from rolling_shutter()."""
+
+
+class Sweep(Moving):
     """The rays of a lidar in motion, from sweep()."""
 
-    _rows: Array        # (K, 13): time, and pose row by row
-    _angles: Array      # elevations, and azimuths unless the settings have them
-    _times: Array       # of each column of each scan
     _channels: int
-    _columns: int
+    _fields = ("ring", "time")
 
     @property
     def ring(self) -> Array:
         """The channel of each ray, uint16."""
         return (self._numbers() // self._columns % self._channels).astype(np.uint16)
 
-    @property
-    def time(self) -> Array:
-        """The time of each ray, float64."""
-        numbers_of = self._numbers()
-        scan = numbers_of // (self._columns * self._channels)
-        return self._times[scan * self._columns + numbers_of % self._columns]
-
-    def _numbers(self) -> Array:
-        return self._part[0] + np.arange(self.count)
-
-    def source(self, origin: Any) -> Source:
-        rows = self._rows.copy()
-        if origin is not None:
-            rows[:, [4, 8, 12]] -= vector("origin", origin)
-        sent = np.concatenate([rows.ravel(), self._angles]).view(np.uint8)
-        return dataclasses.replace(super().source(origin), upload=sent, own={"ring": lambda: self.ring, "time": lambda: self.time})
+    def _lines(self, of: Array) -> Array:
+        return of // (self._columns * self._channels) * self._columns + of % self._columns
 
 
 # ---- points -------------------------------------------------------------------------------------

@@ -11,10 +11,9 @@
 namespace raynest {
 namespace {
 
-constexpr BuiltinKey forest_keys[] = {{"trees", 1000, 1, 4'000'000},
-                                      {"leaves", 14, 1, 200},
-                                      {"levels", 4, 1, 4},
-                                      {"seed", 1, 0, 1ULL << 53}};
+constexpr BuiltinKey forest_keys[] = {{"trees", 1000, 1, 4'000'000}, {"leaves", 14, 1, 200},
+                                      {"levels", 4, 1, 4},           {"wind", 0, 0, 3},
+                                      {"seconds", 6, 1, 60},         {"seed", 1, 0, 1ULL << 53}};
 constexpr BuiltinKey terrain_keys[] = {{"size", 512, 2, 8192}, {"seed", 1, 0, 1ULL << 53}};
 constexpr BuiltinKey flake_keys[] = {{"depth", 6, 1, 16}};
 constexpr BuiltinKey street_keys[] = {{"cars", 50, 0, 100'000},

@@ -24,12 +24,15 @@ struct BuiltinKey {
 /// The value of every key of a scene: the user's or the default.
 using BuiltinValues = std::map<std::string, std::uint64_t, std::less<>>;
 
-/// Describes builtin:forest[?trees=..&leaves=..&levels=1..4&seed=..], builtin:flake[?depth=..],
-/// builtin:terrain[?size=..&seed=..] or builtin:street[?cars=..&length=..&seconds=..&seed=..]. A
-/// scene_invalid error names the known keys.
+/// Describes builtin:forest[?trees=..&leaves=..&levels=1..4&wind=0..3&seconds=..&seed=..],
+/// builtin:flake[?depth=..], builtin:terrain[?size=..&seed=..] or
+/// builtin:street[?cars=..&length=..&seconds=..&seed=..]. A scene_invalid error names the known
+/// keys.
 Result<SceneDescription> describe_builtin(std::string_view source);
 
 /// Describes ground, and trees of leaf cards in nested instances. Equal values give equal bytes.
+/// With `wind` all plants sway for `seconds`; then the trees of a stand are instances of the root.
+/// scene_invalid for wind in one level, or over more than 20,000 trees.
 Result<SceneDescription> describe_forest(const BuiltinValues& values);
 /// Describes a height field of size x size cells without instances.
 Result<SceneDescription> describe_terrain(const BuiltinValues& values);

@@ -5,10 +5,17 @@
 //
 // Four levels, some twenty different objects, millions of triangles placed. The alpha of the leaf
 // cards decides what a camera sees: without the mask the trees are heaps of squares.
+//
+// With wind each tree sways by itself, so those of a stand are placed by the scene.
 #include "engine/assets/builtin/builtin.h"
 #include "engine/assets/builtin/forest_parts.h"
 #include "engine/assets/builtin/look_at.h"
+#include "engine/assets/builtin/play.h"
 
+#include <fmt/format.h>
+
+#include <algorithm>
+#include <cmath>
 #include <numbers>
 
 namespace raynest {
@@ -27,6 +34,7 @@ constexpr std::uint32_t clearing_kinds[] = {6, 0, 5, 4, 6, 1, 5, 7, 6, 4, 5, 0, 
 /// Undergrowth is placed only where a camera near the clearing can see it.
 constexpr float thicket_reach = 38;
 constexpr std::uint64_t flat_triangles_max = 20'000'000;
+constexpr std::uint64_t windy_trees_max = 20'000;  ///< each has keys of its own
 
 Vec3 clearing_eye() {
     return {0.5F, floor_height(0.5F, 13) + 1.65F, 13};
@@ -34,9 +42,10 @@ Vec3 clearing_eye() {
 
 class Planter {
 public:
-    Planter(SceneDescription& scene, std::uint64_t seed, std::uint32_t cards)
+    Planter(SceneDescription& scene, std::uint64_t seed, std::uint32_t cards, bool is_windy)
         : scene_(scene),
-          random_(seed) {
+          random_(seed),
+          is_windy_(is_windy) {
         grow(cards);
     }
 
@@ -72,8 +81,9 @@ public:
         for (std::uint64_t i = 0; i < stands; ++i) {
             const Vec3 at =
                 spiral(i) + Vec3(random_.uniform(-1.5F, 1.5F), 0, random_.uniform(-1.5F, 1.5F));
-            add(root, stands_[random_.below(stand_variants)],
-                on_floor(at, random_.uniform(0.92F, 1.1F), random_.uniform(0, 2 * pi)), "stand");
+            const std::uint32_t stand = stands_[random_.below(stand_variants)];
+            add_stand(root, stand,
+                      on_floor(at, random_.uniform(0.92F, 1.1F), random_.uniform(0, 2 * pi)));
         }
         plant_undergrowth(root, std::min(reach, thicket_reach));
         frame(root);
@@ -102,6 +112,13 @@ private:
         add(parent, trees_[kind],
             on_floor(at, random_.uniform(0.85F, 1.2F), random_.uniform(0, 2 * pi)),
             scene_.objects[trees_[kind]].name.c_str());
+    }
+
+    void add_stand(ObjectDescription& parent, std::uint32_t stand, const Transform& at) {
+        if (!is_windy_) return add(parent, stand, at, "stand");
+        for (const InstanceDescription& tree : scene_.objects[stand].instances)
+            add(parent, tree.object, compose(at, tree.transform),
+                scene_.objects[tree.object].name.c_str());
     }
 
     /// Makes every object that is placed, once.
@@ -212,15 +229,44 @@ private:
     std::vector<std::uint32_t> thickets_;
     std::uint32_t ferns_ = 0;
     std::uint32_t boulder_ = 0;
+    const bool is_windy_;
 };
+
+/// Lets all that grows sway about its foot, from left to right for the first camera. Gusts travel:
+/// what stands downwind sways later. A plant ends as it began, so that a film can be repeated.
+std::vector<std::byte> blow(const ObjectDescription& root, float strength, float seconds,
+                            Random random) {
+    constexpr float gust_length = 45;  // metres
+    Play play(seconds);
+    for (std::uint32_t i = 0; i < root.instances.size(); ++i) {
+        const InstanceDescription& plant = root.instances[i];
+        const bool is_low = plant.name.starts_with("thicket") || plant.name.starts_with("leaves");
+        if (plant.name.starts_with("floor") || plant.name.starts_with("boulder")) continue;
+        const Transform& at = plant.transform;
+        const Vec3 foot(at.m[3], at.m[7], at.m[11]);
+        const float angle = strength * random.uniform(0.008F, 0.016F) * (is_low ? 2.0F : 1.0F);
+        const float rocks = std::round(seconds / random.uniform(1.5F, 3.5F));
+        play.follow(play.add_sway(foot, {0, 0, -1}, angle, seconds / std::max(rocks, 1.0F),
+                                  random.uniform(0, 0.25F) - foot.x / gust_length),
+                    i, at);
+    }
+    return play.bytes();
+}
 
 }  // namespace
 
 Result<SceneDescription> describe_forest(const BuiltinValues& values) {
     const auto value = [&](const char* key) { return values.find(key)->second; };
     SceneDescription scene;
+    const std::uint64_t wind = value("wind");
+    if (wind != 0 && (value("levels") == 1 || value("trees") > windy_trees_max))
+        return fail(
+            ErrorCode::scene_invalid,
+            fmt::format("builtin:forest has wind in 2 to 4 levels and for at most {} trees: "
+                        "each of them sways by itself",
+                        windy_trees_max));
     forest::add_materials(scene, value("seed"));
-    Planter planter(scene, value("seed"), static_cast<std::uint32_t>(value("leaves")));
+    Planter planter(scene, value("seed"), static_cast<std::uint32_t>(value("leaves")), wind != 0);
     ObjectDescription root = planter.plant(value("trees"));
     scene.root = static_cast<std::uint32_t>(scene.objects.size());
     scene.objects.push_back(std::move(root));
@@ -232,6 +278,9 @@ Result<SceneDescription> describe_forest(const BuiltinValues& values) {
     auto flat =
         flatten_levels(scene, static_cast<std::uint32_t>(value("levels")), flat_triangles_max);
     if (!flat) return tl::unexpected<Error>(flat.error());
+    if (wind != 0)
+        scene.motion = blow(scene.objects[scene.root], static_cast<float>(wind),
+                            static_cast<float>(value("seconds")), Random(value("seed") + 1));
     return scene;
 }
 

@@ -44,7 +44,8 @@ std::uint32_t Play::add_drive(const Vec3& way) {
     return node;
 }
 
-std::uint32_t Play::add_sway(const Vec3& foot, float angle, float period, float phase) {
+std::uint32_t Play::add_sway(const Vec3& foot, const Vec3& axis, float angle, float period,
+                             float phase) {
     const std::uint32_t node = add_node();
     for (int i = 0; i < 3; ++i)
         tables_.nodes[node].trs[static_cast<std::size_t>(i)] = static_cast<double>(foot[i]);
@@ -55,7 +56,8 @@ std::uint32_t Play::add_sway(const Vec3& foot, float angle, float period, float 
         const float half =
             0.5F * angle * std::sin(2 * std::numbers::pi_v<float> * (t / period + phase));
         times.push_back(t);
-        turns.insert(turns.end(), {std::sin(half), 0, 0, std::cos(half)});
+        const Vec3 turn = std::sin(half) * axis;
+        turns.insert(turns.end(), {turn.x, turn.y, turn.z, std::cos(half)});
     }
     add_channel(node, MotionPath::rotation, times, turns);
     return node;

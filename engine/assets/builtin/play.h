@@ -17,9 +17,10 @@ public:
 
     /// Adds a node that goes straight from zero to `way` in the whole time, and returns its number.
     std::uint32_t add_drive(const Vec3& way);
-    /// Adds a node at `foot` that rocks about an axis along X, by `angle` radians at most, once in
-    /// `period` seconds; `phase` is 0 to 1.
-    std::uint32_t add_sway(const Vec3& foot, float angle, float period, float phase);
+    /// Adds a node at `foot` that rocks about an axis, a unit vector, by `angle` radians at most,
+    /// once in `period` seconds; `phase` is 0 to 1.
+    std::uint32_t add_sway(const Vec3& foot, const Vec3& axis, float angle, float period,
+                           float phase);
     /// An instance of the root follows a node; `rest` places it while the node is at zero.
     void follow(std::uint32_t node, std::uint32_t outermost, const Transform& rest);
     void follow_with_camera(std::uint32_t node, std::uint32_t camera, const Transform& rest);

@@ -281,10 +281,10 @@ public:
                 play.follow(play.add_drive({at.m[0] * random.uniform(9, 14) * seconds_, 0, 0}), i,
                             at);
             if (placed[i].name.starts_with("tree-"))
-                play.follow(
-                    play.add_sway({at.m[3], at.m[7], at.m[11]}, random.uniform(0.02F, 0.06F),
-                                  random.uniform(2, 4), random.uniform(0, 1)),
-                    i, at);
+                play.follow(play.add_sway({at.m[3], at.m[7], at.m[11]}, {1, 0, 0},
+                                          random.uniform(0.02F, 0.06F), random.uniform(2, 4),
+                                          random.uniform(0, 1)),
+                            i, at);
         }
         const std::uint32_t driver = play.add_drive({11 * seconds_, 0, 0});
         play.follow_with_camera(driver, 0, scene_.cameras[0].to_world);

@@ -130,16 +130,26 @@ Reply<Generated> make_camera(const Request& request) {
     return ready(camera_sensor(*camera, request.sensor_pose, request.size));
 }
 
-Reply<Generated> make_pinhole(const Request& request) {
+double number(const std::optional<setting::Number>& given, double otherwise) {
+    return given ? given->at(0) : otherwise;
+}
+
+Reply<Pinhole> pinhole_of(const Request& request) {
     const GeneratorSettings& given = request.settings;
-    const auto number = [](const std::optional<setting::Number>& value, double otherwise) {
-        return value ? value->at(0) : otherwise;
-    };
     const double fx = number(given.fx, 0), fy = number(given.fy, fx);
     if (!(fx > 0 && fy > 0)) return lacks(request.kind, "fx and fy above 0");
-    return ready(Pinhole{request.sensor_pose, request.size,
-                         number(given.cx, 0.5 * request.size.width),
-                         number(given.cy, 0.5 * request.size.height), 1 / fx, 1 / fy});
+    return Pinhole{request.sensor_pose,
+                   request.size,
+                   number(given.cx, 0.5 * request.size.width),
+                   number(given.cy, 0.5 * request.size.height),
+                   1 / fx,
+                   1 / fy};
+}
+
+Reply<Generated> make_pinhole(const Request& request) {
+    auto made = pinhole_of(request);
+    if (!made) return tl::unexpected(made.error());
+    return ready(std::move(*made));
 }
 
 Reply<Generated> make_orthographic(const Request& request) {
@@ -210,20 +220,40 @@ Reply<std::uint32_t> count_of(const char* name, const std::optional<setting::Who
     return static_cast<std::uint32_t>(count);
 }
 
+/// Returns what all sensors in motion have: their poses, and the times of a scan.
+Reply<SweepOrder> order_of(const Request& request) {
+    const GeneratorSettings& given = request.settings;
+    SweepOrder order;
+    order.limits = request.sensor_pose;
+    const auto poses = count_of("poses", given.poses, 0, protocol::Limits{}.trajectory_poses_max);
+    if (!poses) return tl::unexpected(poses.error());
+    if (*poses == 0) return lacks(request.kind, "poses above 0");
+    order.poses = *poses;
+    order.begin = number(given.begin, 0);
+    order.end = number(given.end, 0.1);
+    if (!(order.begin <= order.end))
+        return refuse(Code::invalid_field, "end: a scan must end after it begins");
+    if (given.step_error) {
+        order.step_error = given.step_error->at(0);
+        if (!(*order.step_error > 0))
+            return refuse(Code::invalid_field, "step_error: it must be above 0");
+    }
+    return order;
+}
+
 Reply<Generated> make_sweep(const Request& request) {
     const GeneratorSettings& given = request.settings;
     const protocol::Limits limits;
-    SweepOrder order;
-    order.limits = request.sensor_pose;
-    const auto poses = count_of("poses", given.poses, 0, limits.trajectory_poses_max);
+    auto made = order_of(request);
+    if (!made) return tl::unexpected(made.error());
+    SweepOrder& order = *made;
     const auto channels = count_of("channels", given.channels, 0, limits.sweep_channels_max);
     const auto columns = count_of("columns", given.columns, 0, limits.azimuths_max);
     const auto scans = count_of("scans", given.scans, 1, limits.sweep_columns_max);
-    for (const auto* count : {&poses, &channels, &columns, &scans})
+    for (const auto* count : {&channels, &columns, &scans})
         if (!*count) return tl::unexpected(count->error());
-    order.poses = *poses, order.channels = *channels;
-    order.columns = *columns, order.scans = *scans;
-    if (order.poses == 0 || order.scans == 0) return lacks(request.kind, "poses and scans above 0");
+    order.channels = *channels, order.columns = *columns, order.scans = *scans;
+    if (order.scans == 0) return lacks(request.kind, "scans above 0");
     if ((order.channels != 0) == given.elevations.has_value() ||
         (order.columns != 0) == given.azimuths.has_value())
         return lacks(request.kind,
@@ -236,26 +266,23 @@ Reply<Generated> make_sweep(const Request& request) {
         order.turn.emplace(sweep->start, sweep->stop);
         order.columns = sweep->count;
     }
-    if (order.all_columns() > limits.sweep_columns_max ||
+    if (order.all_lines() > limits.sweep_columns_max ||
         std::uint64_t{order.channels} * order.scans > std::numeric_limits<std::uint32_t>::max())
         return refuse(Code::limit_exceeded,
                       "scans: " + std::to_string(order.scans) + " of " +
                           std::to_string(order.columns) +
                           " columns, the limit of all is sweep_columns_max = " +
                           std::to_string(limits.sweep_columns_max) + "; ask for fewer at a time");
-    const auto time = [](const std::optional<setting::Number>& value, double otherwise) {
-        return value ? value->at(0) : otherwise;
-    };
-    order.begin = time(given.begin, 0);
-    order.end = time(given.end, 0.1);
-    if (given.step_error) {
-        order.step_error = given.step_error->at(0);
-        if (!(*order.step_error > 0))
-            return refuse(Code::invalid_field, "step_error: it must be above 0");
-    }
-    if (!(order.begin <= order.end))
-        return refuse(Code::invalid_field, "end: a scan must end after it begins");
     return std::make_shared<LateSensor>(std::make_shared<SentSweep>(std::move(order)));
+}
+
+Reply<Generated> make_rolling_shutter(const Request& request) {
+    auto order = order_of(request);
+    if (!order) return tl::unexpected(order.error());
+    auto camera = pinhole_of(request);
+    if (!camera) return tl::unexpected(camera.error());
+    order->camera = *camera;
+    return std::make_shared<LateSensor>(std::make_shared<SentSweep>(std::move(*order)));
 }
 
 /// A millionth of the scene's size, which is the diagonal of its box.

@@ -74,6 +74,9 @@ TEST_CASE("what is no key=value or no place is named") {
     }
     const std::string pose = "pose=1,0,0,0,0,1,0,0,0,0,1,0";
     CHECK(complaint({"pinhole", pose, pose}) == "pose is given twice");
+    for (const std::string word : {"fx=1", "points=a.npy", "trajectory=a.npy"})
+        CHECK(complaint({"sweep", word, word}) ==
+              word.substr(0, word.find('=')) + " is given twice");
 }
 
 TEST_CASE("the help names every kind with its keys, and every key") {

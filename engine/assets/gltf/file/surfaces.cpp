@@ -102,13 +102,10 @@ private:
 
     Vec3 colour(const char* name, const std::array<double, 3>& value, double most,
                 const Vec3& otherwise) {
-        const bool sound =
-            std::all_of(value.begin(), value.end(), [&](double x) { return x >= 0 && x <= most; });
-        if (sound) return Vec3(glm::dvec3(value[0], value[1], value[2]));
-        model_.odd.add(where_, fmt::format("{} has a number that is negative, too large or not "
-                                           "finite; the default is used",
-                                           name));
-        return otherwise;
+        Vec3 used;
+        for (int i = 0; i < 3; ++i)
+            used[i] = in_range(name, value[static_cast<std::size_t>(i)], 0, most, otherwise[i]);
+        return used;
     }
 
     /// Takes over a textureInfo.

@@ -35,26 +35,43 @@ std::string listed(const std::vector<std::string>& names) {
                        more == 0 ? "" : fmt::format(" and {} more", more));
 }
 
-/// True for a mapping that names the variant.
-bool has_variant(const tinygltf::Value& mapping, std::size_t variant) {
-    const auto* const list = member(mapping, "variants");
-    for (std::size_t i = 0; list != nullptr && list->IsArray() && i < list->ArrayLen(); ++i) {
-        const tinygltf::Value& number = list->Get(static_cast<int>(i));
-        if (number.IsInt() && number.GetNumberAsInt() == static_cast<int>(variant)) return true;
-    }
-    return false;
-}
-
-void choose_material(tinygltf::Primitive& primitive, std::size_t variant) {
+/// Calls visit(mapping, number of a variant) for all that a primitive's mappings name. A number that
+/// is none is -1.
+template <class Visit>
+void each_mapped(const tinygltf::Primitive& primitive, Visit&& visit) {
     const auto* const mappings = member(primitive.extensions, extension, "mappings");
     for (std::size_t i = 0; mappings != nullptr && mappings->IsArray() && i < mappings->ArrayLen();
          ++i) {
         const tinygltf::Value& mapping = mappings->Get(static_cast<int>(i));
-        const auto* const material = member(mapping, "material");
-        if (material == nullptr || !material->IsInt() || !has_variant(mapping, variant)) continue;
-        primitive.material = material->GetNumberAsInt();
-        return;
+        const auto* const list = member(mapping, "variants");
+        for (std::size_t k = 0; list != nullptr && list->IsArray() && k < list->ArrayLen(); ++k) {
+            const tinygltf::Value& number = list->Get(static_cast<int>(k));
+            visit(mapping, number.IsInt() ? number.GetNumberAsInt() : -1);
+        }
     }
+}
+
+/// Gives a primitive its material in a variant of `count`; the first mapping counts. Returns what is
+/// odd about its mappings, or "".
+std::string choose_material(tinygltf::Primitive& primitive, std::size_t variant,
+                            std::size_t count) {
+    std::string odd;
+    int chosen = -1;
+    bool is_mapped = false;
+    each_mapped(primitive, [&](const tinygltf::Value& mapping, int number) {
+        const auto* const material = member(mapping, "material");
+        if (number < 0 || static_cast<std::size_t>(number) >= count) {
+            odd = fmt::format("maps a variant that is not one of the file's {}", count);
+        } else if (material == nullptr || !material->IsInt()) {
+            odd = "maps variants to no material";
+        } else if (static_cast<std::size_t>(number) == variant) {
+            if (is_mapped) odd = "maps a variant twice; the first one counts";
+            if (!is_mapped) chosen = material->GetNumberAsInt();
+            is_mapped = true;
+        }
+    });
+    if (is_mapped) primitive.material = chosen;
+    return odd;
 }
 
 }  // namespace
@@ -74,8 +91,13 @@ Result<void> choose_variant(tinygltf::Model& file, const std::string& name, Mode
         return fail(ErrorCode::scene_invalid, fmt::format("has no variant '{}': it has {}",
                                                           one_line(name, 60), listed(names)));
     const auto variant = static_cast<std::size_t>(found - names.begin());
-    for (tinygltf::Mesh& mesh : file.meshes)
-        for (tinygltf::Primitive& primitive : mesh.primitives) choose_material(primitive, variant);
+    if (std::ranges::count(names, name) > 1)
+        model.warnings.push_back(fmt::format(
+            "several of its variants are named '{}': the first is chosen", one_line(name, 60)));
+    for (std::size_t i = 0; i < file.meshes.size(); ++i)
+        for (tinygltf::Primitive& primitive : file.meshes[i].primitives)
+            if (const auto odd = choose_material(primitive, variant, names.size()); !odd.empty())
+                model.odd.add(fmt::format("mesh {}", i), odd);
     model.warnings.push_back(fmt::format("its materials have variants: {}; '{}' is chosen",
                                          listed(names), one_line(name, 60)));
     return {};

@@ -1,8 +1,11 @@
 #include "engine/assets/builtin/builtin.h"
 
+#include "engine/scene/edits/pose.h"
 #include "engine/scene/snapshot.h"
 
 #include <doctest/doctest.h>
+
+#include <cmath>
 
 using namespace raynest;
 
@@ -85,6 +88,48 @@ TEST_CASE("the street has cars with four wheels each, on four lanes that lead bo
     CHECK(street->bounds().upper.x - street->bounds().lower.x < 130);
     CHECK(build_scene("builtin:street?cars=0")->statistics().instances + 5 * 50 ==
           build_scene("builtin:street")->statistics().instances);
+}
+
+TEST_CASE("wind sways the plants of the forest about their feet, and each tree by itself") {
+    const auto still = build_scene("builtin:forest?trees=100");
+    CHECK(animations_of(*still).empty());
+    const auto forest = build_scene("builtin:forest?trees=100&wind=1&seconds=4");
+    REQUIRE(animations_of(*forest).size() == 1);
+    CHECK(animations_of(*forest)[0].seconds == 4);
+    const auto at = [&](double seconds) {
+        const auto posed = pose(*forest, {0, seconds});
+        REQUIRE(posed);
+        return *posed;
+    };
+    const auto first = at(0), middle = at(1.3), last = at(4);
+    const SceneView& view = forest->view();
+    const ObjectRecord& root = view.objects[view.root];
+    std::uint32_t trees = 0;
+    for (std::uint32_t i = root.first_instance; i < root.first_instance + root.instance_count;
+         ++i) {
+        const std::string name = view.names + view.instance_infos[i].name;
+        CAPTURE(name);
+        CHECK(name.find("stand") == std::string::npos);
+        // A point ten metres above the foot, and the foot.
+        const auto points = [&](const Snapshot& scene) {
+            const Transform& to_parent = scene.view().instance_infos[i].to_parent;
+            return std::pair(to_parent.point({0, 10, 0}), to_parent.point({0, 0, 0}));
+        };
+        const auto [top, foot] = points(*first);
+        const auto [moved_top, moved_foot] = points(*middle);
+        const auto [last_top, last_foot] = points(*last);
+        CHECK(glm::distance(foot, moved_foot) < 1e-3F);
+        CHECK(glm::distance(top, last_top) < 1e-3F);
+        const float way = glm::distance(top, moved_top);
+        const bool stands = name.starts_with("floor") || name.starts_with("boulder");
+        CHECK((stands ? way == 0 : way > 0));
+        CHECK(way < 0.9F);
+        CHECK(std::abs(moved_top.z - top.z) < 1e-2F);
+        trees += name.starts_with("leaves") || name.starts_with("thicket") || stands ? 0U : 1U;
+    }
+    CHECK(trees == 100);
+    CHECK(refusal("builtin:forest?wind=1&levels=1").find("2 to 4 levels") != std::string::npos);
+    CHECK(refusal("builtin:forest?wind=1&trees=20001").find("20000") != std::string::npos);
 }
 
 TEST_CASE("the terrain is one mesh, the flake is nested spheres") {

@@ -176,6 +176,12 @@ TEST_CASE("values out of range are replaced, each with a line") {
         CHECK(warns_of(scene, warning));
         check_builds(scene);
     }
+    const auto layers = [](const char* material) {
+        return lit(material).materials[0].surface.layers;
+    };
+    CHECK(
+        layers(R"({"extensions":{"KHR_materials_sheen":{"sheenColorFactor":[0.5,2,-1]}}})").sheen ==
+        Vec3(0.5F, 1, 0));
     CHECK(lit(R"({"extras":{"raynest":{"material":"unlit"}}})").materials[0].surface.kind ==
           *material_kind("unlit"));
 }

@@ -1,0 +1,147 @@
+#!/usr/bin/env python3
+"""A camera in motion that reads its picture row by row.
+
+  rolling_shutter_test.py RAYNESTD RAYNEST FLATC
+"""
+import numpy as np
+
+import raynest
+from raynest import generators
+from with_daemon import WithDaemon, main
+
+FIELDS = ("t", "prim", "geom", "path", "position", "normal", "hit", "origin", "direction")
+STREET = "builtin:street?cars=12&length=80&seconds=2"
+WIDTH, HEIGHT = 45, 28
+LENS = {"fx": 30.0, "fy": 31.0, "cx": 21.5, "cy": 12.0, "size": (WIDTH, HEIGHT)}
+
+
+def looking(place, turn):
+    """A camera above the street that looks along it, turned by so many radians about the vertical."""
+    pose = np.eye(3, 4)
+    pose[:, 0], pose[:, 2] = (np.sin(turn), 0, np.cos(turn)), (-np.cos(turn), 0, np.sin(turn))
+    pose[:, 1], pose[:, 3] = (0, 1, 0), place
+    return pose
+
+
+def drive():
+    return [0.0, 1.0, 2.0], [looking((-30, 3, 0), 0), looking((-20, 3, 1), .3), looking((-10, 4, 0), .2)]
+
+
+class RollingShutter(WithDaemon):
+    @classmethod
+    def setUpClass(cls):
+        super().setUpClass()
+        cls.street = cls.client.load(STREET, name="street", replace=True)
+
+    def same(self, seen, wanted, fields=FIELDS):
+        for name in fields:
+            np.testing.assert_array_equal(seen[name], wanted[name], name)
+
+    def shot(self, **more):
+        return generators.rolling_shutter(**{**LENS, "trajectory": drive(), "begin": .25, "end": 1.25, **more})
+
+    def test_one_that_stands_still_is_a_pinhole(self):
+        pose = looking((-30, 3, 0), .1)
+        still = generators.rolling_shutter(**LENS, trajectory=([0.0, 1.0], [pose, pose]), tmin=.5, tmax=60)
+        self.same(self.street.trace(still, fields=FIELDS),
+                  self.street.trace(generators.pinhole(**LENS, pose=pose, tmin=.5, tmax=60), fields=FIELDS))
+
+    def test_each_row_is_that_of_a_camera_at_its_time(self):
+        made = self.shot()
+        seen = self.street.trace(made, fields=FIELDS)
+        times, (first, second, third) = .25 + np.arange(HEIGHT) / HEIGHT, drive()[1]
+        np.testing.assert_array_equal(made.time, np.repeat(times, WIDTH))
+        for row, time in enumerate(times):
+            share, before, after = (time, first, second) if time < 1 else (time - 1, second, third)
+            turn = .3 * time if time < 1 else .3 - .1 * (time - 1)
+            camera = generators.pinhole(**LENS, pose=looking((1 - share) * before[:, 3] + share * after[:, 3], turn))
+            wanted = self.street.trace(camera.part(row * WIDTH, WIDTH), fields=("origin", "direction"))
+            for name in ("origin", "direction"):
+                np.testing.assert_allclose(seen[name][row * WIDTH:(row + 1) * WIDTH], wanted[name], atol=2e-6, err_msg=name)
+        # Where the camera is at a row's time is what tells: the last rows are seen from metres ahead.
+        self.assertGreater(np.abs(seen["origin"][-1] - seen["origin"][0]).max(), 5)
+        for start, count in ((0, 1), (40, 700), (WIDTH * HEIGHT - 1, 1)):
+            self.same({name: column[start:start + count] for name, column in seen.items()},
+                      self.street.trace(made.part(start, count), fields=FIELDS))
+        with_time = self.street.trace(made.part(40, 700), fields=("t", "time"))
+        np.testing.assert_array_equal(with_time["time"], made.time[40:740])
+
+    def test_the_scene_moves_meanwhile_in_steps_of_rows(self):
+        sent = self.street.trace(self.shot(), fields=("origin", "direction"))
+        counts = []
+        for error in (4.0, 1.0, .02):
+            made = self.shot(step_error=error)
+            seen = self.street.trace(made, fields=FIELDS)
+            note = " ".join(self.client.outcome["notes"])
+            self.assertRegex(note, r"the scene moved at up to [\d.]+ per second, in \d+ steps? per picture")
+            steps = int(note.split(" step")[0].split()[-1])
+            counts.append(steps)
+            speed = float(note.split("at up to ")[1].split()[0])
+            rows = -(-HEIGHT // steps)
+            if rows > 1:
+                self.assertLessEqual(speed * rows / HEIGHT / 2, error * 1.01)
+            for first in range(0, HEIGHT, rows):
+                last = min(first + rows, HEIGHT)
+                rays = slice(first * WIDTH, last * WIDTH)
+                at = (made.time[rays.start] + made.time[rays.stop - 1]) / 2
+                self.same({name: column[rays] for name, column in seen.items()},
+                          self.street.trace(sent["origin"][rays], sent["direction"][rays], fields=FIELDS, time=at))
+            for start, count in ((0, 1), (100, 333), (WIDTH * HEIGHT - 1, 1)):
+                self.same({name: column[start:start + count] for name, column in seen.items()},
+                          self.street.trace(made.part(start, count), fields=FIELDS))
+        self.assertLess(counts[0], counts[1])
+        self.assertEqual(counts[2], HEIGHT)
+        self.assertFalse(np.array_equal(seen["t"], self.street.trace(self.shot(), fields=("t",))["t"]))
+
+    def test_on_the_command_line(self):
+        made = self.shot(step_error=1.0)
+        fields = ("t", "path", "position")
+        seen = self.street.trace(made, fields=fields)
+        times, poses = drive()
+        np.save(self.out / "drive.npy", np.column_stack([times, np.reshape(poses, (-1, 12))]))
+        words = ("query", "street", "--generate", "rolling_shutter", f"trajectory={self.out / 'drive.npy'}",
+                 f"size={WIDTH}x{HEIGHT}", "fx=30", "fy=31", "cx=21.5", "cy=12", "begin=0.25", "end=1.25")
+        more = ("--step-error", "1", "--fields", ",".join(fields) + ",time")
+
+        def read(name, wanted):
+            with np.load(self.out / name) as file:
+                self.same(file, wanted, fields)
+                np.testing.assert_array_equal(file["time"], made.time)
+        done = self.cli.run(*words, *more, "-o", self.out / "whole.npz")
+        self.assertEqual(done.returncode, 0, done.stderr)
+        read("whole.npz", seen)
+        for part in ("1/2", "2/2"):
+            done = self.cli.run(*words, *more, "--part", part, "-o", self.out / f"{part[0]}.npz")
+            self.assertEqual(done.returncode, 0, done.stderr)
+        done = self.cli.run("merge", self.out / "all.npz", self.out / "1.npz", self.out / "2.npz")
+        self.assertEqual(done.returncode, 0, done.stderr)
+        read("all.npz", seen)
+        for wrong, said in ((("--fields", "ring"), "the column ring is of --generate lidar and sweep"),
+                            (("--generate", "rolling_shutter", "fx=1"), "needs trajectory=FILE.npy")):
+            done = self.cli.run(*(words if "--generate" not in wrong else words[:2]), *wrong, "-o", self.out / "no.npz")
+            self.assertEqual(done.returncode, 2, done.stderr)
+            self.assertIn(said, done.stderr)
+
+    def test_what_is_wrong_gets_a_line(self):
+        for wrong, said in (({"fx": 0.0}, "needs fx and fy above 0"), ({"step_error": 1e-9}, None),
+                            ({"end": .2}, "end after it begins"), ({"end": 9.0}, "the trajectory from 0.0 to 2.0"),
+                            ({"step_error": -1.0}, "must be finite and above 0"), ({"size": (3, )}, "must be")):
+            with self.subTest(**wrong):
+                if said is None:
+                    # At most a step for each row.
+                    self.street.trace(self.shot(**wrong), fields=("t",))
+                    self.assertIn(f"in {HEIGHT} steps", " ".join(self.client.outcome["notes"]))
+                    continue
+                with self.assertRaisesRegex((raynest.Error, raynest.UsageError), said):
+                    self.street.trace(self.shot(**wrong))
+        for settings, said in (({"poses": "0"}, "needs poses above 0"), ({"scans": "2"}, "scans"), ({"camera": "driver"}, "camera"),
+                               ({"poses": "2"}, "longer than its announced")):
+            with self.subTest(**settings), self.assertRaisesRegex(raynest.Error, said):
+                made = self.shot()
+                made._settings.update(settings)
+                self.street.trace(made)
+        self.assertTrue(self.street.trace([[0, 9, 0, 0, -1, 0]], fields=("hit",))["hit"].all())
+
+
+if __name__ == "__main__":
+    main()
