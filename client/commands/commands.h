@@ -54,7 +54,7 @@ struct AnimateOptions : RenderOptions {
 struct EditChange {
     protocol::EditRow::What what = protocol::EditRow::move;
     std::string path;         ///< a text, '*' for any text, or inst=N; of add the name of a scene
-    std::uint32_t value = 0;  ///< of set_mask the mask, of place and move the frame
+    std::uint32_t value = 0;  ///< a mask, the frame of place and move, or a user id
     std::array<double, 12> matrix{1, 0, 0, 0, 0, 1, 0, 0, 0, 0, 1, 0};  ///< of place, move and add
 };
 struct EditOptions {

@@ -22,15 +22,17 @@ namespace {
 
 using protocol::EditRow;
 
+std::optional<std::uint32_t> parse_whole(std::string_view text) {
+    std::uint32_t number = 0;
+    const auto [end, error] = std::from_chars(text.data(), text.data() + text.size(), number);
+    if (error != std::errc{} || end != text.data() + text.size()) return std::nullopt;
+    return number;
+}
+
 /// Returns N of "inst=N".
 std::optional<std::uint32_t> instance_of(std::string_view path) {
     constexpr std::string_view key = "inst=";
-    if (!path.starts_with(key)) return std::nullopt;
-    path.remove_prefix(key.size());
-    std::uint32_t number = 0;
-    const auto [end, error] = std::from_chars(path.data(), path.data() + path.size(), number);
-    if (error != std::errc{} || end != path.data() + path.size()) return std::nullopt;
-    return number;
+    return path.starts_with(key) ? parse_whole(path.substr(key.size())) : std::nullopt;
 }
 
 /// A change that a user may name: --move on the command line, move in a file.
@@ -42,9 +44,10 @@ struct Word {
     const char* text;
 };
 constexpr std::string_view a_mask = "a mask";
+constexpr std::string_view a_uid = "a user id";
 constexpr std::string_view a_matrix = "a 3x4 matrix row by row";
 constexpr std::string_view a_move = "x,y,z or a 3x4 matrix row by row";
-constexpr std::array<Word, 8> words{{
+constexpr std::array<Word, 9> words{{
     {"move", EditRow::move, EditRow::world, a_move,
      "PATH=DX,DY,DZ, or PATH= and a 3x4 matrix row by row: moves what stands there, in the world. "
      "In "
@@ -60,6 +63,8 @@ constexpr std::array<Word, 8> words{{
     {"remove", EditRow::remove, 0, "", "PATH: removes the outermost instances there"},
     {"set-mask", EditRow::set_mask, 0, a_mask,
      "PATH=HEX: its mask from now on (see: query --mask)"},
+    {"set-uid", EditRow::set_uid, 0, a_uid,
+     "PATH=NUMBER: the user id of the outermost instances there, and of all within them"},
     {"hide", EditRow::set_mask, 0, "", "PATH: no ray meets it from now on"},
     {"show", EditRow::set_mask, ~0U, "", "PATH: every ray may meet it"},
 }};
@@ -76,6 +81,10 @@ std::string read_change(const Word& word, const std::string& text, EditOptions& 
             const auto mask = parse_mask(value);
             if (!mask) return mask.error().message;
             change.value = *mask;
+        } else if (word.wanted == a_uid) {
+            const auto uid = parse_whole(value);
+            if (!uid) return "'" + value + "' is no user id, a whole number below 4294967295";
+            change.value = *uid;
         } else {
             const auto numbers = parse_world(value, word.wanted == a_move ? 3 : 12, 12,
                                              std::string(word.wanted).c_str());
@@ -111,7 +120,7 @@ std::string read_changes(const std::string& path, EditOptions& edit) {
             word == words.end() || space == std::string::npos
                 ? "'" + line.substr(0, 60) +
                       "' does not begin with one of move, turn, place, add, remove, "
-                      "set-mask, hide, show and a space"
+                      "set-mask, set-uid, hide, show and a space"
                 : read_change(*word, line.substr(space + 1), edit);
         if (!wrong.empty()) return "line " + std::to_string(number) + " of " + path + ": " + wrong;
     }
@@ -135,10 +144,10 @@ void declare(CommandLine& line, EditOptions& edit) {
                   "it, it is then what it was before");
     add_epoch(line, edit.epoch);
     line.at_end([&edit] {
-        return edit.changes.empty()
-                   ? "--move, --turn, --place, --add, --remove, --set-mask, --hide, --show "
-                     "or --file is required"
-                   : std::string();
+        return edit.changes.empty() ? "--move, --turn, --place, --add, --remove, --set-mask, "
+                                      "--set-uid, --hide, --show "
+                                      "or --file is required"
+                                    : std::string();
     });
 }
 

@@ -14,12 +14,16 @@ inline constexpr unsigned spare_threads(unsigned threads) {
 /// own, which uses all cores. Their memory counts towards --memory.
 inline constexpr unsigned imports_max = 8;
 inline constexpr unsigned principal_imports_max = 2;
-/// Threads that read stored scenes and commit changes of the state folder.
+/// Threads that read stored scenes and commit changes of the state folder, and those of one
+/// principal: who wakes many scenes leaves one for the edits of others.
 inline constexpr unsigned disk_threads = 4;
+inline constexpr unsigned principal_disk_threads = 3;
 inline constexpr std::chrono::milliseconds drain_look{20};
 /// Time for loads and edits to end before a successor takes the state folder over; later ones are
 /// told to ask the successor.
 inline constexpr std::chrono::seconds settle_time{10};
+/// Time for a successor that has the state folder to accept connections; then it is ended.
+inline constexpr std::chrono::seconds serve_time{60};
 /// Interval of the search for connections whose client's machine or network is gone.
 inline constexpr std::chrono::seconds lost_look{5};
 /// Interval of looking for credentials that have ended: within a second nobody uses them.

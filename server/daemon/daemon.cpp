@@ -75,7 +75,7 @@ Daemon::Daemon(Options options, ReadOptions read_again, std::shared_ptr<const Re
       backends_(make_backends({options_.cuda_pack, *registry_, budget_, metrics_, limits_})),
       compute_(options_.threads, FairThreadPool::Time::processor, spare_threads(options_.threads)),
       blocking_(imports_max, FairThreadPool::Time::clock, 0, principal_imports_max),
-      disk_(state_ ? disk_threads : 0, FairThreadPool::Time::clock),
+      disk_(state_ ? disk_threads : 0, FairThreadPool::Time::clock, 0, principal_disk_threads),
       signals_(io_, SIGTERM, SIGINT, SIGHUP),
       drain_timer_(io_),
       detached_timer_(io_),
@@ -264,7 +264,7 @@ void Daemon::await_signal() {
             log(LogLevel::warn, "stopping_at_once");
             end_at_once();
         }
-        begin_to_drain();
+        begin_to_drain(handover_.is_handed());
         await_signal();
     });
 }
@@ -367,9 +367,12 @@ int run_daemon(Options options, ReadOptions read_again) {
         if (const auto fault = start_fault(options))
             return failed({ErrorCode::io_failed, "--" + fault->option + " " + fault->why});
         auto asked = Predecessor::ask(options.state);
-        if (!asked) return failed(asked.error());
-        lock = asked->take_lock();
-        predecessor = std::move(*asked);
+        if (asked) {
+            lock = asked->take_lock();
+            predecessor = std::move(*asked);
+        } else if (lock = StateLock::take(options.state); !lock) {
+            return failed(asked.error());
+        }  // else it has ended meanwhile
     }
     auto state = StateFolder::open(
         options.state, predecessor ? StateFolder::Leftovers::keep : StateFolder::Leftovers::remove);

@@ -23,7 +23,7 @@ Result<void> Handover::await_successor(int lock, Acts acts) {
         settle(asked_ + settle_time, std::move(settled));
     };
     steps.sockets = std::move(acts.sockets);
-    steps.go_on = [this] { go_on(); };
+    steps.go_on = [this](std::function<void()> done) { go_on(std::move(done)); };
     steps.give_way = [this, give_way = std::move(acts.give_way)](pid_t successor) {
         const std::chrono::duration<double> seconds = Clock::now() - asked_;
         log(LogLevel::info, "handed_over",
@@ -56,14 +56,15 @@ void Handover::settle(Clock::time_point until, std::function<void()> settled) {
     });
 }
 
-void Handover::go_on() {
-    services_.disk->submit("", Priority::high, [this] {
+void Handover::go_on(std::function<void()> done) {
+    services_.disk->submit("", Priority::high, [this, done = std::move(done)] {
         const auto opened = services_.state->reopen();
-        asio::post(io_, [this, opened] {
+        asio::post(io_, [this, opened, done] {
             log(opened ? LogLevel::warn : LogLevel::error, "takeover_failed",
                 {{"reason",
                   opened ? "the successor has ended before it served" : opened.error().message}});
             changes_.open();
+            done();
         });
     });
 }

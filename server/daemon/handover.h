@@ -29,6 +29,10 @@ public:
 
     /// Where changes of scenes wait while a successor takes the folder over.
     [[nodiscard]] ChangeGate& changes() { return changes_; }
+    /// True while a successor has the folder and the sockets, or serves already.
+    [[nodiscard]] bool is_handed() const {
+        return listening_ != nullptr && listening_->is_handed();
+    }
     /// Waits for successors in the state folder, whose lock this is. Fails with io_failed.
     Result<void> await_successor(int lock, Acts acts);
     /// Tells the predecessor that this daemon accepts connections, and clears up once that has
@@ -39,7 +43,7 @@ private:
     using Clock = std::chrono::steady_clock;
     /// Closes the state folder once no change of scenes runs, then calls `settled`.
     void settle(Clock::time_point until, std::function<void()> settled);
-    void go_on();
+    void go_on(std::function<void()> done);
 
     asio::io_context& io_;
     const Services& services_;

@@ -1,6 +1,7 @@
 #include "server/daemon/takeover.h"
 
 #include "protocol/text.h"
+#include "server/daemon/constants.h"
 #include "server/ground/log.h"
 
 #include <fcntl.h>
@@ -8,6 +9,7 @@
 #include <poll.h>
 #include <sys/socket.h>
 #include <sys/stat.h>
+#include <sys/syscall.h>
 #include <sys/un.h>
 #include <unistd.h>
 
@@ -15,6 +17,7 @@
 #include <array>
 #include <cerrno>
 #include <chrono>
+#include <csignal>
 #include <cstring>
 #include <optional>
 #include <span>
@@ -158,29 +161,49 @@ Result<std::vector<HandedSocket>> read_sockets(const nlohmann::json& answer,
 Result<std::unique_ptr<SuccessorSocket>> SuccessorSocket::open(asio::io_context& io,
                                                                const std::filesystem::path& folder,
                                                                int lock, Acts acts) {
-    const auto path = folder / socket_name;
-    const std::string doing = "cannot listen on " + path.string();
-    const SocketName name(folder);
-    Fd made = make_socket(SOCK_NONBLOCK);
-    // The lock is ours: one that is there belongs to a daemon that was killed, or gives way.
-    (void)::unlink(path.c_str());
-    if (made.get() < 0 || ::fchmod(made.get(), S_IRUSR | S_IWUSR) != 0 ||
-        ::bind(made.get(), name.address(), sizeof name.name) != 0 || ::listen(made.get(), 4) != 0)
-        return failed(doing);
-    std::unique_ptr<SuccessorSocket> opened(new SuccessorSocket(io, path, lock, std::move(acts)));
-    opened->listening_.assign(::fcntl(made.get(), F_DUPFD_CLOEXEC, 0));
-    opened->await_peer();
+    std::unique_ptr<SuccessorSocket> opened(new SuccessorSocket(io, folder, lock, std::move(acts)));
+    if (auto done = opened->listen(); !done) return tl::unexpected(done.error());
     return opened;
 }
 
+Result<void> SuccessorSocket::listen() {
+    if (listening_.is_open() && has_name()) return {};
+    const auto path = folder_ / socket_name;
+    const SocketName name(folder_);
+    Fd made = make_socket(SOCK_NONBLOCK);
+    // The lock is ours: one that is there belongs to a daemon that was killed, or gives way, or to a
+    // successor that has ended.
+    (void)::unlink(path.c_str());
+    struct stat found {};
+    if (made.get() < 0 || ::fchmod(made.get(), S_IRUSR | S_IWUSR) != 0 ||
+        ::bind(made.get(), name.address(), sizeof name.name) != 0 || ::listen(made.get(), 4) != 0 ||
+        ::lstat(path.c_str(), &found) != 0)
+        return failed("cannot listen on " + path.string());
+    inode_ = found.st_ino;
+    if (listening_.is_open()) listening_.close();
+    listening_.assign(::fcntl(made.get(), F_DUPFD_CLOEXEC, 0));
+    await_peer();
+    return {};
+}
+
+bool SuccessorSocket::has_name() const {
+    struct stat found {};
+    return ::lstat((folder_ / socket_name).c_str(), &found) == 0 && found.st_ino == inode_;
+}
+
 SuccessorSocket::~SuccessorSocket() {
-    // Once a successor serves, the name is that of its own socket.
-    if (phase_ != Phase::gone) (void)::unlink(path_.c_str());
+    // A successor has put the name of its own socket there.
+    if (inode_ != 0 && has_name()) (void)::unlink((folder_ / socket_name).c_str());
 }
 
 void SuccessorSocket::await_peer() {
     listening_.async_wait(listening_.wait_read, [this](const SystemError& error) {
         if (error) return;
+        // The next one waits until changes go on.
+        if (phase_ == Phase::returning) {
+            peer_waits_ = true;
+            return;
+        }
         accept();
         if (phase_ != Phase::gone) await_peer();
     });
@@ -201,6 +224,7 @@ void SuccessorSocket::accept() {
     if (peer_.is_open()) peer_.close();
     peer_.assign(::fcntl(stream.get(), F_DUPFD_CLOEXEC, 0));
     pid_ = peer->pid;
+    process_ = Fd(static_cast<int>(::syscall(SYS_pidfd_open, pid_, 0)));
     phase_ = Phase::greeting;
     await_word();
 }
@@ -219,6 +243,7 @@ void SuccessorSocket::hear() {
     const std::string_view word(bytes.data(), static_cast<std::size_t>(size));
     if (phase_ == Phase::handed && word == word_serving) {
         phase_ = Phase::gone;
+        timer_.cancel();
         listening_.close();
         // The stream ends with this process: the successor waits for that.
         return acts_.give_way(pid_);
@@ -236,11 +261,12 @@ void SuccessorSocket::hear() {
 }
 
 void SuccessorSocket::settled() {
-    if (phase_ == Phase::deserted) {
-        phase_ = Phase::alone;
-        return acts_.go_on();
-    }
+    if (phase_ == Phase::deserted) return return_to_work();
     phase_ = Phase::handed;
+    timer_.expires_after(serve_time);
+    timer_.async_wait([this](const SystemError& error) {
+        if (!error && phase_ == Phase::handed) end_peer();
+    });
     std::vector<int> descriptors = {lock_};
     nlohmann::json rows = nlohmann::json::array();
     const std::vector<HandedSocket> sockets = acts_.sockets();
@@ -262,9 +288,29 @@ void SuccessorSocket::lose_peer() {
         phase_ = Phase::deserted;
         return;
     }
-    const bool had_all = phase_ == Phase::handed;
+    timer_.cancel();
+    if (phase_ == Phase::handed) return return_to_work();
     phase_ = Phase::alone;
-    if (had_all) acts_.go_on();
+}
+
+void SuccessorSocket::return_to_work() {
+    phase_ = Phase::returning;
+    if (const auto done = listen(); !done)
+        log(LogLevel::error, "no_takeover", {{"reason", done.error().message}});
+    acts_.go_on([this] {
+        phase_ = Phase::alone;
+        if (std::exchange(peer_waits_, false)) await_peer();
+    });
+}
+
+void SuccessorSocket::end_peer() const {
+    log(LogLevel::warn, "successor_ended",
+        {{"pid", std::to_string(pid_)},
+         {"reason", "it has not served within " + std::to_string(serve_time.count()) + " s"}});
+    // Its end of the stream closes with it. A kernel before 5.3 knows no descriptors of processes.
+    if (process_.get() < 0 ||
+        ::syscall(SYS_pidfd_send_signal, process_.get(), SIGKILL, nullptr, 0) != 0)
+        (void)::kill(pid_, SIGKILL);
 }
 
 // ---- the successor's side -----------------------------------------------------------------------

@@ -10,7 +10,8 @@
 //   ◄──────────────────── end of the stream ──
 //
 // The sockets stay open all the time, so nobody is refused. If the successor ends before it serves,
-// the predecessor opens the manifest again and goes on.
+// the predecessor opens the manifest again and goes on; it ends one that does not serve in time, for
+// only then nobody else writes to the folder.
 #pragma once
 
 #include "engine/result.h"
@@ -21,6 +22,7 @@
 
 #include <sys/types.h>
 
+#include <cstdint>
 #include <filesystem>
 #include <functional>
 #include <memory>
@@ -38,7 +40,8 @@ public:
         /// calls the function on the io thread.
         std::function<void(std::function<void()>)> settle;
         std::function<std::vector<HandedSocket>()> sockets;
-        std::function<void()> go_on;          ///< the successor has ended before it serves
+        /// The successor has ended before it serves; calls the function once changes go on.
+        std::function<void(std::function<void()>)> go_on;
         std::function<void(pid_t)> give_way;  ///< it serves
     };
     /// Opens the socket in a state folder whose lock is `lock`. Fails with io_failed.
@@ -47,36 +50,51 @@ public:
                                                          int lock, Acts acts);
     ~SuccessorSocket();
     SuccessorSocket(const SuccessorSocket&) = delete;
+    /// True while a successor has the folder and the sockets.
+    [[nodiscard]] bool is_handed() const {
+        return phase_ == Phase::handed || phase_ == Phase::gone;
+    }
 
 private:
-    SuccessorSocket(asio::io_context& io, std::filesystem::path path, int lock, Acts acts)
-        : path_(std::move(path)),
+    SuccessorSocket(asio::io_context& io, std::filesystem::path folder, int lock, Acts acts)
+        : folder_(std::move(folder)),
           lock_(lock),
           acts_(std::move(acts)),
           listening_(io),
-          peer_(io) {}
+          peer_(io),
+          timer_(io) {}
+    /// Makes the socket and its name, unless the name is that of this socket already.
+    Result<void> listen();
+    [[nodiscard]] bool has_name() const;
     void await_peer();
     void accept();
     void await_word();
     void hear();
     void settled();
     void lose_peer();
+    void return_to_work();
+    void end_peer() const;
 
     enum class Phase {
         alone,
         greeting,  ///< a peer has connected
         settling,
-        deserted,  ///< the peer has ended meanwhile
-        handed,    ///< it has the folder
-        gone       ///< it serves
+        deserted,   ///< the peer has ended meanwhile
+        handed,     ///< it has the folder
+        returning,  ///< it has ended since
+        gone        ///< it serves
     };
-    const std::filesystem::path path_;
+    const std::filesystem::path folder_;
     const int lock_;
     const Acts acts_;
     asio::posix::stream_descriptor listening_;
     asio::posix::stream_descriptor peer_;
+    asio::steady_timer timer_;
+    std::uint64_t inode_ = 0;  ///< of the socket's name
     pid_t pid_ = 0;
+    Fd process_;  ///< that of the peer
     Phase phase_ = Phase::alone;
+    bool peer_waits_ = false;  ///< for the end of Phase::returning
 };
 
 /// The successor's side: the daemon in whose place it comes. It goes on if this is destroyed before

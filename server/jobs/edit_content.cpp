@@ -37,6 +37,8 @@ Result<void> apply(EditBatch& batch, const EditRow& row, const Matrix& matrix,
         case EditRow::set_mask:
             batch.set_mask(place, row.value);
             return {};
+        case EditRow::set_uid:
+            return batch.set_uid(place, row.value);
         case EditRow::remove:
             return batch.remove(place);
         case EditRow::place:
@@ -100,6 +102,8 @@ Reply<void> read_edit(EditBatch& batch, const Snapshot& scene, const std::string
         if (!matrix) return wrong("has a matrix with a number that is not finite");
         if (row.what == EditRow::vertices && row.value >= vertices.size())
             return wrong(fmt::format("names vertices {} of {}", row.value, vertices.size()));
+        if (row.what == EditRow::set_uid && row.value == no_id)
+            return wrong(fmt::format("gives the user id {}, which stands for none", no_id));
         if (row.what == EditRow::add) {
             if (row.target >= content.sources.size())
                 return wrong(

@@ -225,7 +225,7 @@ private:
         }
         bytes += bytes_to_unshare(before_->snapshot(), changes);
         if (bytes != 0 || !changes.removed.empty() || !changes.deformed.empty() ||
-            std::ranges::any_of(changes.moves, is_nested) ||
+            !changes.uids.empty() || std::ranges::any_of(changes.moves, is_nested) ||
             std::ranges::any_of(changes.masks, is_nested))
             bytes += before_->snapshot().bytes().size();
         if (bytes == 0) return Budget::Lease();

@@ -62,6 +62,8 @@ int make_beside(const std::filesystem::path& path, std::filesystem::path& made) 
 Result<void> check_ready_file(const std::filesystem::path& path) {
     std::error_code error;
     const auto status = std::filesystem::symlink_status(path, error);
+    if (!std::filesystem::is_directory(std::filesystem::absolute(path, error).parent_path(), error))
+        return not_written(path);
     if (status.type() == std::filesystem::file_type::not_found || pid_of(path)) return {};
     return fail(ErrorCode::io_failed,
                 path.string() +

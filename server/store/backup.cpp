@@ -136,6 +136,25 @@ Result<void> move_parts(const fs::path& from, const fs::path& to,
     return {};
 }
 
+/// The name of an open folder.
+fs::path opened(const File& folder) {
+    return "/proc/self/fd/" + std::to_string(folder.number());
+}
+
+/// The bytes of the files at and below a path; 0 for a link.
+std::uint64_t bytes_below(const fs::path& path) {
+    std::error_code error;
+    std::uint64_t bytes = 0;
+    const auto add = [&](const fs::directory_entry& file) {
+        if (file.is_regular_file(error) && !file.is_symlink(error)) bytes += file.file_size(error);
+    };
+    const fs::directory_entry top(path, error);
+    if (top.is_symlink(error)) return 0;
+    add(top);
+    for (const auto& file : fs::recursive_directory_iterator(path, error)) add(file);
+    return bytes;
+}
+
 /// Refuses two folders that are one, or of which one lies within the other: gc and restore take away
 /// what is not the state's own.
 Result<void> check_apart(const fs::path& state, const fs::path& backup) {
@@ -239,21 +258,21 @@ Result<std::uint64_t> remove_garbage(const fs::path& folder) {
         for (const StoredScene& row : *rows) used.insert(row.digest);
     }
     std::error_code error;
+    // A link in the place of a folder leads to what is somebody else's. Through its descriptor a
+    // folder stays the one that was opened.
+    const File blobs(folder / "blobs", O_RDONLY | O_DIRECTORY | O_NOFOLLOW);
+    const File damaged(folder / "damaged", O_RDONLY | O_DIRECTORY | O_NOFOLLOW);
     std::vector<fs::path> garbage = {folder / "replaced", folder / "restoring",
                                      folder / "restoring.unfinished"};
-    for (const auto& file : fs::directory_iterator(folder / "damaged", error))
-        garbage.push_back(file.path());
-    for (const auto& file : fs::directory_iterator(folder / "blobs", error))
-        if (!used.contains(file.path().filename().string())) garbage.push_back(file.path());
+    for (const File* part : {&damaged, &blobs}) {
+        if (!part->is_open()) continue;
+        for (const auto& file : fs::directory_iterator(opened(*part), error))
+            if (part == &damaged || !used.contains(file.path().filename().string()))
+                garbage.push_back(file.path());
+    }
     std::uint64_t bytes = 0;
     for (const fs::path& path : garbage) {
-        std::uint64_t here = 0;
-        const auto add = [&](const fs::directory_entry& file) {
-            if (file.is_regular_file(error) && !file.is_symlink(error))
-                here += file.file_size(error);
-        };
-        add(fs::directory_entry(path, error));
-        for (const auto& file : fs::recursive_directory_iterator(path, error)) add(file);
+        const std::uint64_t here = bytes_below(path);
         fs::remove_all(path, error);
         if (error)
             return fail(ErrorCode::io_failed,

@@ -2,22 +2,35 @@
 #pragma once
 
 #include <fcntl.h>
+#include <sys/stat.h>
 #include <sys/types.h>
 #include <unistd.h>
 
+#include <cerrno>
 #include <filesystem>
 #include <string>
 #include <system_error>
+#include <utility>
 
 namespace raynest::server {
 
+/// Stands in errno for a file that is a pipe or a device: whoever opens one may wait for ever.
+inline constexpr int not_a_file = EMEDIUMTYPE;
+
 class File {
 public:
-    /// Opens; errno tells why if that fails. Follows a symbolic link to a folder (O_DIRECTORY)
-    /// alone.
+    /// Opens a regular file or, with O_DIRECTORY, a folder; errno tells why if that fails. Follows a
+    /// symbolic link to a folder alone.
     File(const std::filesystem::path& path, int flags, mode_t mode = 0)
-        : number_(::open(path.c_str(),
-                         flags | O_CLOEXEC | ((flags & O_DIRECTORY) != 0 ? 0 : O_NOFOLLOW), mode)) {
+        : number_(
+              ::open(path.c_str(),
+                     flags | O_CLOEXEC | O_NONBLOCK | ((flags & O_DIRECTORY) != 0 ? 0 : O_NOFOLLOW),
+                     mode)) {
+        struct stat found {};
+        if (number_ < 0 || (flags & O_DIRECTORY) != 0) return;
+        if (::fstat(number_, &found) == 0 && S_ISREG(found.st_mode)) return;
+        ::close(std::exchange(number_, -1));
+        errno = not_a_file;
     }
     File(const File&) = delete;
     File& operator=(const File&) = delete;
@@ -28,12 +41,12 @@ public:
     [[nodiscard]] bool is_open() const { return number_ >= 0; }
 
 private:
-    const int number_;
+    int number_;
 };
 
 /// The system's words for an errno.
 [[nodiscard]] inline std::string reason(int error) {
-    return std::generic_category().message(error);
+    return error == not_a_file ? "it is no regular file" : std::generic_category().message(error);
 }
 
 }  // namespace raynest::server

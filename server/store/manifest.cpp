@@ -151,6 +151,10 @@ Result<void> Manifest::check() {
     Statement kind(*this, "PRAGMA application_id");
     Statement version(*this, "PRAGMA user_version");
     Statement tables(*this, "SELECT count(*) FROM sqlite_schema");
+    // Views and triggers of others would run when it is read and written.
+    Statement foreign(*this,
+                      "SELECT name FROM sqlite_schema WHERE NOT (type = 'table' AND name IN "
+                      "('scenes', 'edits', 'uses') OR type = 'index' AND sql IS NULL) LIMIT 1");
     if (kind.step() != SQLITE_ROW || version.step() != SQLITE_ROW || tables.step() != SQLITE_ROW)
         return damaged(sqlite3_errmsg(connection_.get()));
     const std::int64_t found = version.integer();
@@ -164,12 +168,17 @@ Result<void> Manifest::check() {
                         "that one, or name another --state",
                         file_, found, manifest_version));
     if (found < 1) return damaged(fmt::format("it has version {}", found));
+    if (foreign.step() != SQLITE_DONE)
+        return damaged("it has what raynestd has not put there: " + foreign.text());
     has_edits_ = found > 1;
     return {};
 }
 
 Result<Manifest> Manifest::open(const std::filesystem::path& file, bool read_only) {
     std::error_code ignored;
+    if (const auto status = std::filesystem::symlink_status(file, ignored);
+        std::filesystem::exists(status) && !std::filesystem::is_regular_file(status))
+        return fail(ErrorCode::io_failed, "the manifest " + file.string() + " is no regular file");
     if (!read_only && std::filesystem::exists(file, ignored)) {
         // A connection that may write changes a damaged file when it is closed.
         auto look = open(file, true);
@@ -186,6 +195,8 @@ Result<Manifest> Manifest::open(const std::filesystem::path& file, bool read_onl
     if (opened != SQLITE_OK) return manifest.fault("cannot open " + file.string());
     sqlite3_extended_result_codes(connection, 1);
     sqlite3_busy_timeout(connection, 2000);
+    sqlite3_db_config(connection, SQLITE_DBCONFIG_DEFENSIVE, 1, nullptr);
+    sqlite3_db_config(connection, SQLITE_DBCONFIG_TRUSTED_SCHEMA, 0, nullptr);
     if (const auto good = manifest.check(); !good) return tl::unexpected(good.error());
     if (read_only) return manifest;
     // Others may read it meanwhile (store/backup.h); the folder's lock keeps a second daemon away.

@@ -7,6 +7,7 @@ removes what no scene needs.
 import json
 import os
 import shutil
+import sqlite3
 import subprocess
 import sys
 import threading
@@ -166,6 +167,53 @@ class Backup(WithState):
         for words in ((), (self.state, self.state), ("--all", )):
             self.assertIn("raynestd gc DIR", self.raynestd_says(2, "gc", *words))
             self.assertIn("raynestd restore BACKUP DIR", self.raynestd_says(2, "restore", *words[:1]))
+
+    def test_links_pipes_and_foreign_tables_are_told_and_not_followed(self):
+        client = self.start()
+        client.run("load", WOODS, "--name", "woods")
+        self.kill()
+        digest, = os.listdir(self.blobs)
+        victim = self.folder / "victim"
+
+        def spoiled(name):
+            shutil.copytree(self.state, self.folder / name, ignore=shutil.ignore_patterns("successor"))
+            return self.folder / name
+
+        for part in ("blobs", "damaged", "replaced", "restoring"):
+            victim.mkdir(exist_ok=True)
+            (victim / "precious").write_bytes(b"x" * 1000)
+            (victim / "below").mkdir(exist_ok=True)
+            state = spoiled(f"link-{part}")
+            shutil.rmtree(state / part, ignore_errors=True)
+            (state / part).symlink_to(victim)
+            self.assertIn("0 B removed", self.raynestd_says(0, "gc", state))
+            self.assertEqual(sorted(os.listdir(victim)), ["below", "precious"], part)
+        state = spoiled("pipe")
+        (state / "blobs" / digest).unlink()
+        os.mkfifo(state / "blobs" / digest)
+        self.assertIn("it is no regular file", self.raynestd_says(1, "check", state))
+        self.assertIn("it is no regular file", self.raynestd_says(1, "backup", state, self.folder / "copy"))
+        for name, make in (("pipes", os.mkfifo), ("zeros", lambda path: path.symlink_to("/dev/zero")), ("folders", os.mkdir)):
+            state = spoiled(name)
+            for part in state.glob("manifest.sqlite*"):
+                part.unlink()
+            make(state / "manifest.sqlite")
+            for words in (("check",), ("gc",), ("backup", self.folder / "copy")):
+                with self.subTest(name, command=words[0]):
+                    self.assertRegex(self.raynestd_says(1, words[0], state, *words[1:]),
+                                     "no regular file|no state folder|missing or empty")
+        for name, change in (("view", "DROP TABLE scenes; CREATE VIEW scenes AS WITH RECURSIVE n(i) AS (SELECT 1 UNION ALL "
+                              "SELECT i + 1 FROM n) SELECT i AS number FROM n"),
+                             ("trigger", "CREATE TRIGGER gone AFTER INSERT ON scenes BEGIN DELETE FROM scenes; END")):
+            state = spoiled(name)
+            manifest = sqlite3.connect(state / "manifest.sqlite")
+            manifest.executescript(change)
+            manifest.close()
+            for command in ("check", "gc"):
+                self.assertIn("it has what raynestd has not put there", self.raynestd_says(1, command, state))
+            self.state, kept = state, self.state
+            self.assertIn("it has what raynestd has not put there", self.refused())
+            self.state = kept
 
     def test_what_cannot_be_copied_leaves_nothing(self):
         client = self.start()

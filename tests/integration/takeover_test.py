@@ -76,17 +76,22 @@ class FakeSuccessor:
         self.stream.send(word)
         return self
 
-    def answer(self):
+    def answer(self, keep=False):
         text, control, _, _ = self.stream.recvmsg(1 << 16, 4096)
         numbers = array.array("i")
         for _, _, data in control:
             numbers.frombytes(data[:len(data) - len(data) % numbers.itemsize])
-        for number in numbers:
+        self.kept = list(numbers) if keep else []
+        for number in numbers[:0] if keep else numbers:
             os.close(number)
         return text and json.loads(text), len(numbers)
 
     def close(self):
+        for number in self.kept:
+            os.close(number)
         self.stream.close()
+
+    kept = ()
 
 
 class Takeover(WithState):
@@ -276,6 +281,80 @@ class Takeover(WithState):
         self.daemon_of()
         self.assertEqual(set(self.scenes()), {"woods", "flake"})
         self.assertNotEqual(self.hits("woods"), hits)
+
+    def test_a_name_that_a_failed_successor_took_is_made_again(self):
+        daemon = self.daemon_of()
+        fake = FakeSuccessor(self.state).ask()
+        fake.answer()
+        (self.state / "successor").unlink()
+        with socket.socket(socket.AF_UNIX, socket.SOCK_SEQPACKET) as own:
+            own.bind(str(self.state / "successor"))
+        fake.close()
+        until(lambda: daemon.says("takeover_failed"), daemon.text)
+        self.assertIn("cannot write the ready file", self.refused("--takeover", "--ready-file", self.folder / "none" / "ready"))
+        after = self.successor()
+        daemon.ended()
+        after.stop()
+
+    def test_one_that_is_killed_while_it_is_asked_is_followed(self):
+        daemon = self.daemon_of()
+        self.client.json("load", WOODS, "--name", "woods")
+        daemon.process.send_signal(signal.SIGSTOP)
+        after = Running(self, "--takeover", ready=False)
+        time.sleep(1)
+        self.assertIsNone(after.process.poll(), after.text())
+        daemon.process.kill()
+        until(lambda: after.says("READY") or after.process.poll() is not None, after.text)
+        self.uri, self.local = json.loads(self.ready.read_text())["listen"]
+        self.client = Client(self.raynest, self.uri)
+        self.assertEqual(set(self.scenes()), {"woods"})
+        after.stop()
+
+    def test_the_next_successor_waits_until_changes_go_on(self):
+        daemon = self.daemon_of()
+        self.client.json("load", WOODS, "--name", "woods")
+        for _ in range(20):
+            fake = FakeSuccessor(self.state).ask()
+            self.assertEqual(fake.answer()[1], 4)
+            fake.close()
+        fake = FakeSuccessor(self.state).ask()
+        fake.answer()
+        loading = self.client.start("load", "builtin:flake?depth=2", "--name", "flake")
+        time.sleep(0.5)
+        self.assertIsNone(loading.poll(), "the gate of the one before was opened")
+        held = [os.readlink(link) for link in pathlib.Path(f"/proc/{daemon.process.pid}/fd").iterdir() if link.is_symlink()]
+        self.assertFalse([name for name in held if "manifest" in name])
+        fake.close()
+        self.assertEqual(loading.wait(PATIENCE), 0)
+        daemon.stop()
+
+    def test_one_that_ends_while_a_successor_has_the_sockets_leaves_their_names(self):
+        daemon = self.daemon_of()
+        fake = FakeSuccessor(self.state).ask()
+        self.assertEqual(fake.answer(keep=True)[1], 4)
+        daemon.process.send_signal(signal.SIGTERM)
+        self.assertEqual(daemon.process.wait(PATIENCE), 0, daemon.text())
+        with socket.socket(socket.AF_UNIX) as client:
+            client.connect(str(self.folder / "socket"))
+        self.assertIn("another daemon uses", self.refused("--ready-file", self.folder / "other"))
+        fake.close()
+
+    @unittest.skipUnless(LONG, "takes a minute: --long")
+    def test_one_that_does_not_serve_in_time_is_ended(self):
+        daemon = self.daemon_of()
+        frozen = subprocess.Popen(
+            [sys.executable, "-c", "import os, socket, sys, time; os.chdir(sys.argv[1]); "
+             "peer = socket.socket(socket.AF_UNIX, socket.SOCK_SEQPACKET); peer.connect('successor'); "
+             "peer.send(b'takeover 1'); peer.recvmsg(1 << 16, 4096); print(flush=True); time.sleep(600)", self.state],
+            stdout=subprocess.PIPE)
+        self.addCleanup(frozen.stdout.close)
+        self.addCleanup(frozen.kill)
+        frozen.stdout.readline()
+        frozen.send_signal(signal.SIGSTOP)
+        self.client.json("load", "builtin:flake?depth=2", "--name", "flake")    # waits for it
+        self.assertEqual(frozen.wait(PATIENCE), -signal.SIGKILL)
+        self.assertIn("it has not served within 60 s", daemon.text())
+        daemon.stop()
 
     def test_strangers_learn_nothing_and_hold_up_nobody(self):
         daemon = self.daemon_of()

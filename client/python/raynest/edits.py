@@ -23,7 +23,7 @@ Which = Union[int, str, Sequence[Union[int, str]], Array]
 
 _ROW = np.dtype([("what", "<u4"), ("target", "<u4"), ("by_text", "<u4"), ("value", "<u4"),
                  ("matrix", "<f8", (3, 4))])
-_PLACE, _MOVE, _MASK, _REMOVE, _ADD, _VERTICES = range(6)
+_PLACE, _MOVE, _MASK, _REMOVE, _ADD, _VERTICES, _UID = range(7)
 _FRAMES = ("world", "parent", "own")
 
 
@@ -104,6 +104,17 @@ class Edit:
         """Sets the mask of instances: rays whose own mask shares no bit with it do not meet them."""
         rows = self._targets(which)
         rows["what"], rows["value"] = _MASK, whole("a mask", mask, 2**32 - 1, 0)
+        self._rows.append(rows)
+        return self
+
+    def set_uid(self, which: Which, uid: Any) -> Edit:
+        """Gives outermost instances a user id, which all within them has then: a number for all, or one for each."""
+        rows = self._targets(which)
+        uids = numbers("uid", uid)
+        if uids.shape not in ((), (len(rows),)) or uids.dtype.kind not in "iu" or (uids < 0).any() or (uids > 2**32 - 2).any():
+            raise UsageError(f"uid of {reprlib.repr(uid)}: it must be a whole number from 0 to 4294967294, or one for each "
+                             "target")
+        rows["what"], rows["value"] = _UID, uids
         self._rows.append(rows)
         return self
 

@@ -75,6 +75,15 @@ Result<void> EditBatch::place(const InstancePlace& place, const Matrix& to, Edit
     return {};
 }
 
+Result<void> EditBatch::set_uid(const InstancePlace& place, std::uint32_t uid) {
+    if (!place.below.empty())
+        return fail(ErrorCode::field_invalid,
+                    "gives a user id to what lies within an instance: give one to the outermost "
+                    "instance, which all of it has then");
+    uids_[place.outermost] = uid;
+    return {};
+}
+
 Result<void> EditBatch::remove(const InstancePlace& place) {
     if (!place.below.empty())
         return fail(ErrorCode::field_invalid,
@@ -99,6 +108,7 @@ std::size_t EditBatch::size() const {
     for (const auto& [place, matrix] : placements_) all.insert(place);
     for (const auto& [place, mask] : masks_) all.insert(place);
     for (const auto& [place, vertices] : vertices_) all.insert(place);
+    for (const auto& [place, uid] : uids_) all.insert(place);
     for (const std::uint32_t place : removed_) all.insert(place);
     std::size_t size = all.size();
     for (const auto& [key, scene] : added_) size += scene.to_scene.size();
@@ -111,6 +121,7 @@ SceneChanges EditBatch::changes() const {
         made.moves.push_back({place, transform_of(matrix)});
     for (const auto& [place, mask] : masks_) made.masks.push_back({place, mask});
     for (const auto& [place, vertices] : vertices_) made.deformed.push_back({place, {vertices}});
+    for (const auto& [outermost, uid] : uids_) made.uids.push_back({outermost, uid});
     made.removed.assign(removed_.begin(), removed_.end());
     for (const auto& [key, scene] : added_) made.added.push_back(scene);
     return made;

@@ -12,6 +12,8 @@
 #include <algorithm>
 #include <cmath>
 #include <cstring>
+#include <functional>
+#include <iterator>
 #include <map>
 #include <set>
 #include <string>
@@ -199,13 +201,39 @@ Result<void> check_vertices(const Snapshot& scene, const std::vector<MeshVertice
     return {};
 }
 
+Result<void> check_uids(const Snapshot& scene, const std::vector<InstanceUid>& uids) {
+    const SceneView& view = scene.view();
+    const bool ascend = std::ranges::is_sorted(uids, std::less_equal(), &InstanceUid::outermost);
+    if (!ascend ||
+        (!uids.empty() && uids.back().outermost >= view.objects[view.root].instance_count))
+        return fail(ErrorCode::field_invalid,
+                    "the instances with user ids are not in order, or not in the scene");
+    if (scene.paths().node_count != 0) return {};
+    std::uint64_t nested = 0;
+    for (const InstanceUid& change : uids) {
+        nested += places_within(view, change.outermost, nested_uids_max - nested + 1).size();
+        if (nested > nested_uids_max)
+            return fail(ErrorCode::limit_exceeded,
+                        fmt::format("user ids of more than {} instances within others change: "
+                                    "change fewer at a time",
+                                    nested_uids_max));
+    }
+    return {};
+}
+
 /// Returns the ways on which shared objects change, a step longer where the last one's object does.
-std::vector<InstancePlace> shared_ways(const SceneView& view, const SceneChanges& changes) {
+std::vector<InstancePlace> shared_ways(const Snapshot& scene, const SceneChanges& changes) {
+    const SceneView& view = scene.view();
+    const bool has_nodes = scene.paths().node_count != 0;
     std::vector<InstancePlace> ways;
     for (const auto& move : changes.moves)
         if (!move.instance.below.empty()) ways.push_back(move.instance);
     for (const auto& mask : changes.masks)
         if (!mask.instance.below.empty()) ways.push_back(mask.instance);
+    if (!has_nodes)
+        for (const auto& change : changes.uids)
+            std::ranges::move(places_within(view, change.outermost, nested_uids_max),
+                              std::back_inserter(ways));
     if (ways.empty() && changes.deformed.empty()) return ways;
     std::vector<std::uint32_t> uses(view.object_count);
     for (std::uint32_t i = 0; i < view.instance_count; ++i) ++uses[view.instances[i].object];
@@ -267,13 +295,26 @@ void set_mask(EditedArena& arena, const InstanceMask& change) {
     }
 }
 
-/// Applies moves, masks and vertices in a copy of the arena.
+/// Sets the user ids of an instance and of all within it, which have objects of their own.
+void set_uid(EditedArena& arena, const InstanceUid& change) {
+    std::vector<InstancePlace> places = places_within(arena.view(), change.outermost, ~0ULL);
+    places.emplace_back(change.outermost);
+    for (const InstancePlace& place : places) {
+        InstanceInfo& info = arena.info(steps_to(arena.view(), place).back().instance);
+        info.uid = change.uid;
+        arena.touch(info);
+    }
+}
+
+/// Applies moves, masks, user ids and vertices in a copy of the arena.
 Result<std::shared_ptr<const Snapshot>> change_in_place(const Snapshot& scene,
                                                         const SceneChanges& changes,
                                                         std::shared_ptr<const Snapshot> spare) {
     EditedArena arena(Snapshot::copy_arena(scene, std::move(spare)), scene.view());
     for (const InstanceMask& change : changes.masks) set_mask(arena, change);
     for (const CameraMove& move : changes.cameras) arena.set_camera(move.camera, move.to_world);
+    if (scene.paths().node_count == 0)
+        for (const InstanceUid& change : changes.uids) set_uid(arena, change);
 
     ChangesByObject places;
     const std::uint32_t root = scene.view().root;
@@ -341,7 +382,7 @@ Result<std::shared_ptr<const Snapshot>> change_in_place(const Snapshot& scene,
 
 std::uint64_t bytes_to_unshare(const Snapshot& scene, const SceneChanges& changes) {
     const SceneView& view = scene.view();
-    std::vector<InstancePlace> ways = shared_ways(view, changes);
+    std::vector<InstancePlace> ways = shared_ways(scene, changes);
     std::ranges::sort(ways);
     std::uint64_t bytes = 0;
     for (std::size_t i = 0; i < ways.size(); ++i) {
@@ -376,6 +417,7 @@ Result<std::shared_ptr<const Snapshot>> edit_scene(const Snapshot& scene,
         return tl::unexpected(known.error());
     if (auto sound = check_vertices(scene, changes.deformed); !sound)
         return tl::unexpected(sound.error());
+    if (auto known = check_uids(scene, changes.uids); !known) return tl::unexpected(known.error());
     const std::uint32_t count = scene.view().objects[scene.view().root].instance_count;
     if (!std::ranges::is_sorted(changes.removed, std::less_equal()) ||
         (!changes.removed.empty() && changes.removed.back() >= count))
@@ -389,11 +431,13 @@ Result<std::shared_ptr<const Snapshot>> edit_scene(const Snapshot& scene,
         made = std::move(*next);
         return {};
     };
-    if (const auto ways = shared_ways(scene.view(), changes); !ways.empty())
-        if (auto done = advance(unshare(scene, ways).and_then(Snapshot::open)); !done)
+    const std::vector<InstancePlace> ways = shared_ways(scene, changes);
+    if (!ways.empty() || (!changes.uids.empty() && scene.paths().node_count != 0))
+        if (auto done = advance(unshare(scene, ways, changes.uids).and_then(Snapshot::open)); !done)
             return tl::unexpected(done.error());
     if (!changes.moves.empty() || !changes.masks.empty() || !changes.deformed.empty() ||
-        !changes.cameras.empty() || (changes.removed.empty() && changes.added.empty()))
+        !changes.cameras.empty() || !changes.uids.empty() ||
+        (changes.removed.empty() && changes.added.empty()))
         if (auto done = advance(change_in_place(now(), changes, std::move(spare))); !done)
             return tl::unexpected(done.error());
     if (!changes.removed.empty() || !changes.added.empty())

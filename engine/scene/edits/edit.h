@@ -16,6 +16,7 @@
 #include "engine/scene/edits/deform.h"
 #include "engine/scene/edits/instance_place.h"
 #include "engine/scene/edits/link.h"
+#include "engine/scene/edits/uids.h"
 #include "engine/scene/snapshot.h"
 
 #include <cstdint>
@@ -55,6 +56,7 @@ struct SceneChanges {
     std::vector<AddedScene> added = {};
     std::vector<MeshVertices> deformed = {};
     std::vector<CameraMove> cameras = {};
+    std::vector<InstanceUid> uids = {};  ///< ascending
 };
 
 /// The root's tree is built again once its expected cost is this many times that of its last build.
@@ -69,7 +71,8 @@ std::uint64_t bytes_to_unshare(const Snapshot& scene, const SceneChanges& change
 /// else refers to it, its memory becomes that of the copy, and an edit costs what it changes. Fails
 /// with field_invalid for an instance that the scene lacks or that is named twice, for a placement
 /// that is singular, not finite or reaches beyond coordinate_max, and as link_scenes() does; names
-/// the instance by its path. Thread-safe. Moves and masks cost a copy of what differs, a look at
+/// the instance by its path; and with limit_exceeded beyond nested_uids_max. User ids of a scene whose
+/// nodes name its paths cost a copy of it. Thread-safe. Moves and masks cost a copy of what differs, a look at
 /// each node of the trees above, and what moved; the rest costs what link_scenes() and unshare()
 /// cost. Throws std::bad_alloc.
 Result<std::shared_ptr<const Snapshot>> edit_scene(const Snapshot& scene,

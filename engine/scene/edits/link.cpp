@@ -185,7 +185,8 @@ Result<BuiltArena> link_scenes(const Snapshot& base, std::span<const std::uint32
     return Link(base, removed, added).link();
 }
 
-Result<BuiltArena> unshare(const Snapshot& base, std::span<const InstancePlace> ways) {
+Result<BuiltArena> unshare(const Snapshot& base, std::span<const InstancePlace> ways,
+                           std::span<const InstanceUid> uids) {
     std::vector<std::vector<std::uint32_t>> whole;
     for (const InstancePlace& way : ways) {
         auto& steps = whole.emplace_back(std::vector{way.outermost});
@@ -197,6 +198,7 @@ Result<BuiltArena> unshare(const Snapshot& base, std::span<const InstancePlace> 
     if (has_nodes) {
         const PathRange all{0, base.statistics().instances};
         link_paths(base, {&all, 1}, {}, content.content());
+        if (!uids.empty()) set_node_uids(base, uids, content.content());
     }
     auto arena = content.write(has_nodes);
     if (!arena) return tl::unexpected(arena.error());

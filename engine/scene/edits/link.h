@@ -10,6 +10,7 @@
 #include "engine/math/vec.h"
 #include "engine/result.h"
 #include "engine/scene/edits/instance_place.h"
+#include "engine/scene/edits/uids.h"
 #include "engine/scene/snapshot.h"
 
 #include <cstdint>
@@ -43,7 +44,9 @@ Result<BuiltArena> link_scenes(const Snapshot& base, std::span<const std::uint32
                                std::span<const AddedScene> added);
 
 /// Returns the same scene with objects of their own on the ways to these instances, so that a
-/// change there shows at no other place. Ids and texts of paths stay. Costs a copy of the scene.
-Result<BuiltArena> unshare(const Snapshot& base, std::span<const InstancePlace> ways);
+/// change there shows at no other place. Ids and texts of paths stay. Where nodes name the paths,
+/// they get these user ids (edits/uids.h). Costs a copy of the scene.
+Result<BuiltArena> unshare(const Snapshot& base, std::span<const InstancePlace> ways,
+                           std::span<const InstanceUid> uids = {});
 
 }  // namespace raynest

@@ -1,0 +1,135 @@
+#!/usr/bin/env python3
+"""Edits of user ids: of all that an outermost instance places, and of nothing else.
+
+  uid_edits_test.py RAYNESTD RAYNEST FLATC
+"""
+import numpy as np
+
+import raynest
+from edits_test import box
+from with_daemon import WithDaemon, main, rain
+
+RAYS = rain(4000)
+RAYS[:, 5] = -1
+COLUMNS = ("t", "prim", "inst", "path", "uid")
+NONE = 2**32 - 1
+
+
+class UidEdits(WithDaemon):
+    def seen(self, scene, rays=RAYS):
+        found = scene.trace(rays, fields=COLUMNS)
+        return found, scene.path_of(found["path"])
+
+    def follow(self, scene, before, uids, rays=RAYS):
+        """All is as before, but for the user ids of these outermost instances."""
+        (found, texts), (was, were) = self.seen(scene, rays), before
+        for name in COLUMNS[:-1]:
+            np.testing.assert_array_equal(found[name], was[name], name)
+        self.assertEqual(texts, were)
+        wanted = was["uid"].copy()
+        for inst, uid in uids.items():
+            self.assertTrue((was["inst"] == inst).any(), inst)
+            wanted[was["inst"] == inst] = uid
+        np.testing.assert_array_equal(found["uid"], wanted)
+        return found, texts
+
+    def test_of_instances_that_share_their_objects(self):
+        scene = self.client.load("builtin:forest?trees=60", "woods", replace=True)
+        before = self.seen(scene)
+        most = np.bincount(before[0]["inst"][before[0]["inst"] < NONE]).argsort()[::-1]
+        insts = before[0]["inst"].tolist()
+        stands = [int(i) for i in most if i in insts and before[1][insts.index(i)].startswith("stand")][:2]
+        first, second = stands
+        with scene.edit() as edit:
+            edit.set_uid([first, second], [70_000, 50_000])
+        self.assertEqual(edit.instances, 2)
+        after = self.follow(scene, before, {first: 70_000, second: 50_000})
+        # What shares its object with another one moves by itself still.
+        with scene.edit() as edit:
+            edit.move(first, (0, 300, 0))
+            edit.set_uid(second, 6)
+        with scene.edit() as edit:
+            edit.move(first, (0, -300, 0))
+        found = self.seen(scene)[0]
+        wanted = after[0]["uid"].copy()
+        wanted[wanted == 50_000] = 6
+        np.testing.assert_array_equal(found["uid"], wanted)
+
+    def street(self, of_file=True):
+        """Cars and posts on ground. In a scene of a file nodes name the paths, and the posts share one."""
+        wheels = [(1.3, 0.35, 1), (1.3, 0.35, -1), (-1.3, 0.35, 1), (-1.3, 0.35, -1)]
+        car = self.client.scene_of({"body": box(4, 1.5, 2), "wheel": box(0.7, 0.7, 2.4)},
+                                   {"body": ("body", (0, 1, 0)), "wheel": ("wheel", wheels)}, name="car", replace=True)
+        post = self.client.scene_of({"post": box(1, 3, 1)}, name="post", replace=True)
+        if of_file:
+            street = self.client.scene_of({"ground": box(400, 0.1, 40)}, name="street", replace=True)
+        else:
+            street = self.client.load("builtin:terrain?size=8", "street", replace=True)
+        with street.edit() as edit:
+            edit.add(car, [(10 * i, 60, 5) for i in range(6)])
+            edit.add(post, [(10 * i, 60, -5) for i in range(6)], name="post")
+        return street
+
+    def test_of_placements_that_share_a_node(self):
+        self.check_street(True, "")
+
+    def test_of_instances_without_nodes(self):
+        self.check_street(False, "/post")
+
+    def check_street(self, of_file, post):
+        street = self.street(of_file)
+        grid = np.zeros((61 * 20, 6))
+        grid[:, 0], grid[:, 2] = [at.ravel() for at in np.meshgrid(np.linspace(-4, 56, 61), np.linspace(-7, 8, 20))]
+        grid[:, 1], grid[:, 4] = 90, -1
+        before = self.seen(street, grid)
+
+        def number(text):
+            at = next(i for i, one in enumerate(before[1]) if one.split("/")[0] == text)
+            return int(before[0]["inst"][at])
+        with street.edit() as edit:
+            edit.set_uid(["car#3", "post#0", "post#2", "post#3"], [33, 100, 102, 102])
+        given = {number("car#3"): 33, number("post#0"): 100, number("post#2"): 102, number("post#3"): 102}
+        after = self.follow(street, before, given, grid)
+        self.assertIn("car#3/wheel#1", after[1])
+        self.assertEqual(street.path("post#3" + post)["steps"][-1]["uid"], 102)
+        with street.edit() as edit:
+            edit.set_uid("post*", 9)
+            edit.set_uid("post#5", 10)
+            edit.set_uid("car#3", 34)
+        posts = {number(f"post#{i}"): 9 for i in range(5)}
+        self.follow(street, before, {**posts, number("post#5"): 10, number("car#3"): 34}, grid)
+        # Texts find what they found: parts of a node that was parted move, go and come.
+        with street.edit() as edit:
+            edit.move("post#2", (0, 5, 0))
+            edit.move("car#3/wheel#1", (0, 9, 0))
+            edit.remove("post#1")
+            edit.add("post", (70, 60, -5), name="post")
+        hits, texts = self.seen(street, [[20, 90, -5, 0, -1, 0], [40, 90, -5, 0, -1, 0], [70, 90, -5, 0, -1, 0],
+                                         [31.3, 90, 4, 0, -1, 0], [10, 90, -5, 0, -1, 0]])
+        self.assertEqual(texts[:4], ["post#2" + post, "post#4" + post, "post#6" + post, "car#3/wheel#1"])
+        self.assertEqual(hits["t"][:4].tolist(), [23.5, 28.5, 28.5, np.float32(90 - 60 - 9.7)])
+        self.assertEqual(hits["uid"][[0, 1, 3]].tolist(), [9, 9, 34])
+        self.assertFalse(texts[4].startswith("post"))
+
+    def test_the_command_line_and_mistakes(self):
+        street = self.street()
+        down = [[30, 90, 5, 0, -1, 0], [20, 90, 5, 0, -1, 0]]
+        uid = street.trace(down, fields=("uid",))["uid"]
+        self.assertEqual(self.cli.json("edit", "street", "--set-uid", "car#3=4000000000")["instances"], 1)
+        self.assertEqual(street.trace(down, fields=("uid",))["uid"].tolist(), [4_000_000_000, uid[1]])
+        for text in ("-1", "x", "4294967296", "1.5", ""):
+            refused = self.cli.run("edit", "street", "--set-uid", f"car#3={text}")
+            self.assertEqual(refused.returncode, 2, refused.stderr)
+            self.assertIn("is no user id", refused.stderr)
+        refused = self.cli.run("edit", "street", "--set-uid", f"car#3={NONE}")
+        self.assertIn("stands for none", refused.stderr)
+        for wrong in (-1, NONE, 1.5, [1, 2], "x", None):
+            with self.subTest(wrong), self.assertRaises((raynest.UsageError, TypeError)), street.edit() as edit:
+                edit.set_uid("car#3", wrong)
+        with self.assertRaisesRegex(raynest.Error, "give one to the outermost instance"), street.edit() as edit:
+            edit.set_uid("car#2/body", 3)
+        self.assertEqual(street.trace(down, fields=("uid",))["uid"].tolist(), [4_000_000_000, uid[1]])
+
+
+if __name__ == "__main__":
+    main()
