@@ -44,7 +44,7 @@ class UidEdits(WithDaemon):
             edit.set_uid([first, second], [70_000, 50_000])
         self.assertEqual(edit.instances, 2)
         after = self.follow(scene, before, {first: 70_000, second: 50_000})
-        # What shares its object with another one moves by itself still.
+        # An instance that shares its object with another one still moves by itself.
         with scene.edit() as edit:
             edit.move(first, (0, 300, 0))
             edit.set_uid(second, 6)
