@@ -1,5 +1,7 @@
 #include "server/execution/selected.h"
 
+#include "engine/scene/edits/names.h"
+
 #include <chrono>
 #include <thread>
 #include <utility>
@@ -19,9 +21,8 @@ std::uint64_t Selected::least_bytes(const SceneView& scene, const SelectionWords
     const InstanceLists none;
     std::uint64_t bytes = SelectedInstances::size(scene, none.selection(), words.skips_boxes).bytes;
     // The text of each outermost instance is compared, and each may be found.
-    constexpr std::uint64_t text_bytes = 128;
     if (!words.hidden.texts.empty() || !words.only.texts.empty())
-        bytes += scene.objects[scene.root].instance_count * text_bytes;
+        bytes += scene.objects[scene.root].instance_count * InstanceFinder::bytes_per_instance;
     return bytes;
 }
 

@@ -45,15 +45,17 @@ std::string common_text(std::vector<PathStep> first, const std::vector<PathStep>
 }
 
 /// Finds the outer ones of the instances all of whose placements match, and objects of which only
-/// the own primitives do. `texts` are those of the outermost instances, as text_above() gives them.
+/// the own primitives do. `text_of` returns the text of an outermost instance, as text_above() does.
 class Search {
 public:
-    Search(const Snapshot& scene, const std::vector<std::string>& texts, std::string_view glob,
+    using TextOf = std::function<const std::string&(std::uint32_t)>;
+
+    Search(const Snapshot& scene, TextOf text_of, std::string_view glob,
            const std::function<bool()>& stopped, std::uint64_t& looked_at, std::size_t nested_max)
         : looked_at_(looked_at),
           nested_max_(nested_max),
           scene_(scene),
-          texts_(texts),
+          text_of_(std::move(text_of)),
           glob_(glob),
           beginning_(glob.substr(0, glob.find('*'))),
           stopped_(stopped) {}
@@ -69,7 +71,7 @@ public:
             const InstanceRecord& instance = view.instances[root.first_instance + i];
             const std::uint64_t placements = view.objects[instance.object].placement_count;
             if (placements == 0) continue;  // it has no path
-            const std::string& common = texts_[i];
+            const std::string& common = text_of_(i);
             if (!common.empty() && glob_matches(glob_, common)) {
                 found_.instances.emplace_back(i);
                 continue;
@@ -137,7 +139,7 @@ private:
     const std::size_t nested_max_;
     std::size_t nested_ = 0;  ///< found ones that are not outermost instances
     const Snapshot& scene_;
-    const std::vector<std::string>& texts_;
+    const TextOf text_of_;
     const std::string_view glob_;
     const std::string_view beginning_;  ///< of the glob, before its first star
     const std::function<bool()>& stopped_;
@@ -158,16 +160,34 @@ bool glob_matches(std::string_view glob, std::string_view text) {
     return matches_whole(glob, text) || matches_whole(std::string(glob) + "/*", text);
 }
 
+const std::string& InstanceFinder::text_of(std::uint32_t place) {
+    if (place < texts_.size()) return texts_[place];
+    const SceneView& view = scene_.view();
+    const InstanceRecord& instance = view.instances[view.objects[view.root].first_instance + place];
+    const std::uint64_t count = view.objects[instance.object].placement_count;
+    text_ = count == 0 ? "" : text_above(scene_, instance.path_base, count);
+    return text_;
+}
+
 Result<NamedParts> InstanceFinder::find_parts(std::string_view glob, std::size_t nested_max) {
     const SceneView& view = scene_.view();
     const ObjectRecord& root = view.objects[view.root];
-    for (std::size_t i = texts_.size(); i < root.instance_count; ++i) {
-        if (i % 256 == 0 && stopped_()) return fail(ErrorCode::limit_exceeded, "stopped");
-        const InstanceRecord& instance = view.instances[root.first_instance + i];
-        const std::uint64_t count = view.objects[instance.object].placement_count;
-        texts_.push_back(count == 0 ? "" : text_above(scene_, instance.path_base, count));
+    if (texts_.empty()) {
+        const std::uint64_t most = bytes_per_instance * root.instance_count;
+        std::uint64_t bytes = 0;
+        texts_.reserve(root.instance_count);
+        for (std::uint32_t i = 0; i < root.instance_count; ++i) {
+            if (i % 256 == 0 && stopped_()) return fail(ErrorCode::limit_exceeded, "stopped");
+            std::string text = text_of(i);
+            bytes += sizeof text + text.capacity();
+            if (bytes > most) break;
+            texts_.push_back(std::move(text));
+        }
     }
-    auto found = Search(scene_, texts_, glob, stopped_, looked_at_, nested_max).search();
+    auto found = Search(
+                     scene_, [this](std::uint32_t i) -> const std::string& { return text_of(i); },
+                     glob, stopped_, looked_at_, nested_max)
+                     .search();
     if (!found || !found->instances.empty() || !found->own.empty()) return found;
     if (glob.find('*') != std::string_view::npos)
         return fail(ErrorCode::field_invalid, fmt::format("no path is of the form '{}'", glob));

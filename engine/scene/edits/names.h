@@ -45,10 +45,18 @@ public:
     Result<NamedParts> find_parts(std::string_view glob,
                                   std::size_t nested_max = nested_placements_max);
 
+    /// Memory of a finder, per outermost instance: whoever makes one accounts for it. Texts beyond
+    /// are made anew for each search.
+    static constexpr std::uint64_t bytes_per_instance = 128;
+
 private:
+    /// The text of an outermost instance; until the next call.
+    const std::string& text_of(std::uint32_t place);
+
     const Snapshot& scene_;
     const std::function<bool()> stopped_;
-    std::vector<std::string> texts_;  ///< of the outermost instances
+    std::vector<std::string> texts_;  ///< of the first outermost instances
+    std::string text_;                ///< of a later one
     std::uint64_t looked_at_ = 0;     ///< placements, by all searches
 };
 

@@ -347,6 +347,28 @@ TEST_CASE("instances are found by the texts of their paths, and '*' stands for a
     CHECK(!InstanceFinder(*scene, [] { return true; }).find("*"));
 }
 
+TEST_CASE("texts that are longer than a finder keeps are found as others are") {
+    SceneDescription scene;
+    scene.objects.resize(2);
+    scene.objects[0].geometries.push_back(test::unit_square());
+    constexpr std::uint32_t count = 40;
+    for (std::uint32_t i = 0; i < count; ++i) {
+        scene.objects[1].instances.push_back(place(0, translation(static_cast<float>(i), 0, 0)));
+        scene.objects[1].instances.back().name = std::string(1000, 'x') + std::to_string(i % 7);
+    }
+    scene.root = 1;
+    const Scene built = build_scene(scene);
+    InstanceFinder finder(*built, [] { return false; });
+    for (int round = 0; round < 2; ++round)
+        for (std::uint32_t ending = 0; ending < 7; ++ending) {
+            const auto found = finder.find("*x" + std::to_string(ending) + "#*");
+            REQUIRE(found);
+            std::vector<InstancePlace> wanted;
+            for (std::uint32_t i = ending; i < count; i += 7) wanted.emplace_back(i);
+            CHECK(*found == wanted);
+        }
+}
+
 TEST_CASE("what cannot be edited is refused by name, and the scene stays as it is") {
     const Scene scene = build_scene(test::tree_scene());
     const std::string before = scene->digest();
