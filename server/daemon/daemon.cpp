@@ -210,13 +210,16 @@ Result<void> Daemon::run() {
     });
     repeat(credentials_timer_, credentials_look, [this] {
         if (credentials_.look(WallClock::now())) end_revoked();
+        if (waker_.is_busy()) {
+            connections_.close_deserted();
+            waker_.drop_deserted();
+        }
         page_access_.look_at_logins();
     });
     serving_ = true;
     start_loads_.start(options_.load);
     if (state_)
-        for (const AsleepScene& scene : scenes_.pinned_asleep())
-            waker_.wake(scene, scene.owner, {});
+        for (const AsleepScene& scene : scenes_.pinned_asleep()) waker_.wake(scene);
     if (!options_.ready_file.empty()) {
         // Fail without the file: programs that wait for it would wait for ever.
         if (const auto written = write_ready_file(options_.ready_file, uris, http_uri()); !written)
@@ -280,6 +283,7 @@ void Daemon::begin_to_drain(bool has_successor) {
         why_draining_ = "another raynestd has taken the place of this one: connect again";
     connections_.drain(why_draining_);
     start_loads_.stop();
+    waker_.stop();
     // The HTTP port stays open until the end: /readyz tells that the daemon drains.
     site_.drain();
     look_drained();

@@ -57,6 +57,9 @@ public:
     }
     void close() override { stream_.next_layer().close(); }
     bool is_lost() override { return peer_is_lost(stream_.next_layer().socket().native_handle()); }
+    bool has_left() override {
+        return peer_has_left(stream_.next_layer().socket().native_handle());
+    }
 
 private:
     /// The next frame of a batch as a message.

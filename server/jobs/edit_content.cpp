@@ -162,9 +162,9 @@ Reply<std::vector<std::byte>> kept_change(const EditContent& content,
 
 Reply<std::shared_ptr<const Snapshot>> replay_edits(std::shared_ptr<const Snapshot> scene,
                                                     std::uint64_t epoch,
-                                                    const std::vector<KeptEdit>& edits) {
+                                                    const std::vector<KeptEdit>& edits,
+                                                    const std::function<bool()>& stopped) {
     std::shared_ptr<const Snapshot> spare;
-    const std::function<bool()> never = [] { return false; };
     for (const KeptEdit& edit : edits) {
         const auto damaged = [&](const std::string& why) {
             return refuse(Code::scene_invalid,
@@ -193,7 +193,9 @@ Reply<std::shared_ptr<const Snapshot>> replay_edits(std::shared_ptr<const Snapsh
         // Rows begin where a float may.
         const std::vector<std::byte> bytes(rest.begin(), rest.end());
         EditBatch batch(*scene);
-        if (auto read = read_edit(batch, *scene, "kept", content, bytes, never); !read)
+        if (auto read = read_edit(batch, *scene, "kept", content, bytes, stopped); stopped())
+            return refuse(Code::cancelled, "its edits were stopped half-way");
+        else if (!read)
             return damaged("does not fit it: " + read.error().message);
         auto edited = edit_scene(*scene, batch.changes(), std::exchange(spare, nullptr));
         if (!edited) return damaged("does not fit it: " + edited.error().message);

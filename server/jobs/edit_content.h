@@ -43,9 +43,10 @@ Reply<void> read_edit(EditBatch& batch, const Snapshot& scene, const std::string
 /// Returns an edit that adds no scenes as replay_edits() reads it.
 [[nodiscard]] Reply<std::vector<std::byte>> kept_change(const EditContent& content,
                                                         std::span<const std::byte> bytes);
-/// Makes the edits of a stored scene again; fails if that gives another scene than they gave
-/// before.
+/// Makes the edits of a stored scene again. Fails with SCENE_INVALID if that gives another scene than
+/// they gave before, and with CANCELLED once `stopped` is true.
 [[nodiscard]] Reply<std::shared_ptr<const Snapshot>> replay_edits(
-    std::shared_ptr<const Snapshot> scene, std::uint64_t epoch, const std::vector<KeptEdit>& edits);
+    std::shared_ptr<const Snapshot> scene, std::uint64_t epoch, const std::vector<KeptEdit>& edits,
+    const std::function<bool()>& stopped);
 
 }  // namespace raynest::server

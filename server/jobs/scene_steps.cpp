@@ -1,12 +1,13 @@
 #include "server/jobs/scene_steps.h"
 
-#include "engine/scene/edits/speed.h"
+#include "server/scheduling/fair_thread_pool.h"
 #include "server/scheduling/peers.h"
 
 #include <fmt/format.h>
 
 #include <algorithm>
 #include <atomic>
+#include <chrono>
 #include <cmath>
 #include <thread>
 #include <utility>
@@ -66,9 +67,18 @@ Reply<void> SceneSteps::choose(const Stop& stop) {
         for (const double end : {from, to})
             if (const auto moment = find_moment(plan_.scene.snapshot(), animation, end); !moment)
                 return refuse(moment.error());
-        const double speed = fastest_speed(plan_.scene.snapshot(), motion_->animation, from, to,
-                                           [&] { return stop.requested(); });
+        if (!search_) {
+            auto search = SpeedSearch::begin(plan_.scene.snapshot(), motion_->animation, from, to);
+            if (!search) return refuse(search.error());
+            search_.emplace(std::move(*search));
+        }
+        const auto until = std::chrono::steady_clock::now() + FairThreadPool::slice;
+        const bool is_found = search_->go_on(
+            [&] { return stop.requested() || std::chrono::steady_clock::now() >= until; });
         if (stop.requested()) return refuse(Code::cancelled, "");
+        if (!is_found) return {};  // goes on in its principal's next turn
+        const double speed = search_->fastest();
+        search_.reset();
         const double error = *sweep.step_error;
         constexpr double rounding = 1e-9;  // of the speed
         const double wanted =
@@ -187,7 +197,7 @@ Reply<void> SceneSteps::make(View& view, const Stop& stop) {
 }
 
 void SceneSteps::ended(ChunkQueue& queue) {
-    if (chosen_ == Chosen::runs && order_) chosen_ = Chosen::done;
+    if (chosen_ == Chosen::runs) chosen_ = order_ ? Chosen::done : Chosen::no;
     const std::lock_guard lock(mutex_);
     for (const auto& [number, view] : views_) {
         if (view->is_queued || !view->is_made) continue;

@@ -5,6 +5,7 @@
 #pragma once
 
 #include "engine/scene/edits/pose.h"
+#include "engine/scene/edits/speed.h"
 #include "server/execution/chunk_queue.h"
 #include "server/execution/plan.h"
 #include "server/execution/step_order.h"
@@ -37,7 +38,7 @@ public:
           count_(count),
           principal_(std::move(principal)) {}
 
-    /// Returns the next task of those that make views: the first one chooses the steps. Nothing
+    /// Returns the next task of those that make views: the first ones choose the steps. Nothing
     /// while as many views are in use as may be.
     std::optional<Task> next();
     /// Called when a task has ended. Adds the places of steps whose view is made.
@@ -74,9 +75,10 @@ private:
     const std::uint64_t first_, count_;
     const std::string principal_;
     enum class Chosen { no, runs, done } chosen_ = Chosen::no;
-    std::optional<StepOrder> order_;  ///< written by the first task
-    std::string note_;                ///< likewise
-    std::size_t next_ = 0;            ///< step
+    std::optional<SpeedSearch> search_;  ///< of the first tasks, which follow each other
+    std::optional<StepOrder> order_;     ///< written by the last one of them
+    std::string note_;                   ///< likewise
+    std::size_t next_ = 0;               ///< step
     mutable std::mutex mutex_;
     std::map<std::size_t, std::shared_ptr<View>> views_;  ///< by step: those in use
 };

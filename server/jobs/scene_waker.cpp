@@ -8,6 +8,8 @@
 #include "server/scheduling/peers.h"
 #include "server/store/state_folder.h"
 
+#include <algorithm>
+#include <atomic>
 #include <chrono>
 #include <exception>
 #include <optional>
@@ -30,7 +32,8 @@ struct SceneWaker::Read {
             return;
         }
         const auto edits = state.edits(scene.row.number);
-        auto edited = edits ? replay_edits(std::move(*stored), scene.row.epoch, *edits)
+        auto edited = edits ? replay_edits(std::move(*stored), scene.row.epoch, *edits,
+                                           [this] { return is_stopped.load(); })
                             : refuse(edits.error());
         if (edited && (*edited)->digest() == scene.facts.digest)
             snapshot = std::move(*edited);
@@ -39,6 +42,7 @@ struct SceneWaker::Read {
                               edited ? "its edits are gone" : edited.error().message};
     }
 
+    std::atomic<bool> is_stopped = false;  ///< by the io thread
     Budget::Lease lease;
     std::shared_ptr<const Snapshot> snapshot;
     std::optional<BlobFault> fault;
@@ -47,9 +51,29 @@ struct SceneWaker::Read {
 
 void SceneWaker::wake(const AsleepScene& scene, const std::string& principal,
                       std::weak_ptr<Awake> awake) {
-    auto& waiting = waiting_[scene.facts.digest];
-    waiting.push_back(std::move(awake));
-    if (waiting.size() > 1) return;
+    waiting_[scene.facts.digest].who.push_back(std::move(awake));
+    add(scene, principal);
+}
+
+void SceneWaker::wake(const AsleepScene& scene) {
+    waiting_[scene.facts.digest].for_nobody = true;
+    add(scene, scene.owner);
+}
+
+void SceneWaker::drop_deserted() {
+    for (auto& [digest, waiting] : waiting_)
+        if (!waiting.for_nobody &&
+            std::ranges::all_of(waiting.who, [](const auto& each) { return each.expired(); }))
+            waiting.read->is_stopped = true;
+}
+
+void SceneWaker::stop() {
+    for (auto& [digest, waiting] : waiting_) waiting.read->is_stopped = true;
+}
+
+void SceneWaker::add(const AsleepScene& scene, const std::string& principal) {
+    Waiting& waiting = waiting_[scene.facts.digest];
+    if (waiting.read) return;
     auto read = std::make_shared<Read>();
     // Edits are made beside the scene that they change.
     const std::uint64_t bytes =
@@ -60,12 +84,13 @@ void SceneWaker::wake(const AsleepScene& scene, const std::string& principal,
         const auto full = services_.budget.refuse(
             "the scene", bytes, scene.owner,
             services_.scenes.remedy(scene.owner, "start raynestd with a larger --memory"));
-        for (const auto& each : std::exchange(waiting, {}))
+        const auto refused = waiting_.extract(scene.facts.digest);
+        for (const auto& each : refused.mapped().who)
             if (const auto waits = each.lock()) (*waits)(Reply<void>(full));
-        waiting_.erase(scene.facts.digest);
         return;
     }
     read->lease = std::move(*lease);
+    waiting.read = read;
     services_.disk->submit(principal, Priority::normal, [this, scene, read] {
         const auto began = std::chrono::steady_clock::now();
         try {
@@ -107,7 +132,7 @@ void SceneWaker::done(const AsleepScene& scene, Read& read) {
     }
     const auto waiting = waiting_.extract(scene.facts.digest);
     if (waiting.empty()) return;
-    for (const auto& each : waiting.mapped())
+    for (const auto& each : waiting.mapped().who)
         if (const auto waits = each.lock()) (*waits)(result);
 }
 

@@ -27,14 +27,27 @@ public:
     /// Reads a scene in a task of `principal`, then calls `awake` unless it has expired. A damaged
     /// scene is no error here: find() tells of it.
     void wake(const AsleepScene& scene, const std::string& principal, std::weak_ptr<Awake> awake);
+    /// Reads a scene of which no request needs to wait.
+    void wake(const AsleepScene& scene);
+    [[nodiscard]] bool is_busy() const { return !waiting_.empty(); }
+    /// Ends what nobody waits for any more: kept edits may take long.
+    void drop_deserted();
+    /// Ends all that runs.
+    void stop();
 
 private:
     struct Read;
+    struct Waiting {
+        std::vector<std::weak_ptr<Awake>> who;
+        std::shared_ptr<Read> read = nullptr;  ///< what runs
+        bool for_nobody = false;               ///< goes on though nobody waits
+    };
+    void add(const AsleepScene& scene, const std::string& principal);
     void done(const AsleepScene& scene, Read& read);
 
     const Services& services_;
     const Post post_;
-    std::map<std::string, std::vector<std::weak_ptr<Awake>>> waiting_;  ///< by digest
+    std::map<std::string, Waiting> waiting_;  ///< by digest
 };
 
 }  // namespace raynest::server

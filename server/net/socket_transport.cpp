@@ -5,6 +5,7 @@
 
 #include <netinet/in.h>
 #include <netinet/tcp.h>
+#include <poll.h>
 #include <sys/socket.h>
 #include <unistd.h>
 
@@ -92,6 +93,11 @@ bool peer_is_lost(int descriptor) {
     // answers each retransmission.
     if (info.tcpi_unacked != 0) return silence_ms > info.tcpi_rto / 1000 * 3 / 2;
     return info.tcpi_probes >= probes_max;
+}
+
+bool peer_has_left(int descriptor) {
+    pollfd look{descriptor, POLLRDHUP, 0};
+    return ::poll(&look, 1, 0) > 0;
 }
 
 SocketTransport::SocketTransport(Socket socket)

@@ -7,6 +7,8 @@ namespace raynest::server {
 
 /// True if the machine or network at the other end of a TCP socket no longer answers.
 [[nodiscard]] bool peer_is_lost(int descriptor);
+/// True if the other end of a socket is closed.
+[[nodiscard]] bool peer_has_left(int descriptor);
 
 /// A connection over TCP or a Unix socket.
 class SocketTransport final : public Transport {
@@ -21,6 +23,7 @@ public:
     asio::awaitable<void> finish_writing() override;
     void close() override;
     bool is_lost() override { return peer_is_lost(socket_.native_handle()); }
+    bool has_left() override { return peer_has_left(socket_.native_handle()); }
 
 private:
     Socket socket_;

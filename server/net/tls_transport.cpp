@@ -167,6 +167,10 @@ void TlsTransport::close() {
     tls_.socket().close(ignored);
 }
 
+bool TlsTransport::has_left() {
+    return peer_has_left(tls_.socket().native_handle());
+}
+
 bool TlsTransport::is_lost() {
     return peer_is_lost(tls_.socket().native_handle());
 }

@@ -25,6 +25,7 @@ public:
     asio::awaitable<void> finish_writing() override;
     void close() override;
     bool is_lost() override;
+    bool has_left() override;
 
 private:
     using Outcome = TlsSocket::Outcome;

@@ -64,6 +64,8 @@ public:
 
     /// True if the peer's machine or network no longer answers while bytes wait for it.
     virtual bool is_lost() { return false; }
+    /// True if the peer has closed its end; tells it also while nobody reads.
+    virtual bool has_left() { return false; }
 };
 
 }  // namespace raynest::server

@@ -174,6 +174,10 @@ void Connections::close_lost() {
     go_round([](Session& session) { session.stop_if_lost(); });
 }
 
+void Connections::close_deserted() {
+    go_round([](Session& session) { session.stop_if_deserted(); });
+}
+
 void Connections::go_round(std::function<void(Session&)> act) {
     rounds_.push_back({{sessions_.begin(), sessions_.end()}, std::move(act)});
     go_on();

@@ -45,6 +45,8 @@ public:
     void close_with_error(const protocol::Error& error);
     /// Closes connections whose machine or network is gone. Others have their turns meanwhile.
     void close_lost();
+    /// Closes connections whose peer has left while its request waits.
+    void close_deserted();
     /// Ends the connections for which `valid` returns false with this error. Others have their
     /// turns meanwhile, as one may cost the verification of a certificate: `valid` is also called
     /// later.

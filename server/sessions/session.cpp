@@ -154,6 +154,10 @@ void Session::drop(Metrics::Counter& counter, const char* why) {
     stop();
 }
 
+void Session::stop_if_deserted() {
+    if (open_ && conversation_.parked() && transport_->has_left()) stop();
+}
+
 void Session::stop_if_lost() {
     if (open_ && transport_->is_lost())
         drop(services_.metrics.peers_lost, "its machine or network does not answer");

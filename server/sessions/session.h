@@ -56,6 +56,8 @@ public:
     void stop();
     /// Closes if the peer's machine or network is gone.
     void stop_if_lost();
+    /// Stops one whose peer has left while its request waits, and so nothing is read.
+    void stop_if_deserted();
 
     [[nodiscard]] const PeerIdentity& peer() const { return transport_->peer(); }
     [[nodiscard]] std::uint64_t number() const { return conversation_.number(); }

@@ -395,6 +395,44 @@ with raynest.connect(uri) as client:
         self.again()
         self.assertEqual(self.hits("woods"), loaded)
 
+    def test_kept_edits_that_nobody_waits_for_are_stopped(self):
+        def seconds():
+            """CPU time of the daemon."""
+            fields = pathlib.Path(f"/proc/{self.daemon.process.pid}/stat").read_text().rpartition(")")[2].split()
+            return (int(fields[11]) + int(fields[12])) / os.sysconf("SC_CLK_TCK")
+
+        def rested():
+            before = seconds()
+            time.sleep(1)
+            return seconds() - before < 0.05
+
+        (self.folder / "one.obj").write_text("v 0 0 0\nv 1 0 0\nv 0 1 0\nf 1 2 3\n")
+        numpy.save(self.folder / "places.npy", numpy.random.default_rng(2).uniform(-500, 500, (50000, 3)))
+        # Long texts of many instances, two of each, which a glob in their middle has to look at.
+        objects = {"one": {"file": "one.obj"}, "of0": {"instances": [{"object": "one", "name": "a"}, {"object": "one", "name": "b"}]}}
+        for level in range(1, 17):
+            objects[f"of{level}"] = {"instances": [{"object": f"of{level - 1}", "name": "n" * 240}]}
+        (self.folder / "names.rnscene.json").write_text(json.dumps(
+            {"rnscene": 1, "objects": objects, "instances": [{"object": "of16", "name": "x", "matrices": "places.npy"}]}))
+        client = self.start()
+        client.json("load", self.folder / "names.rnscene.json", "--name", "names")
+        for i in range(8):
+            client.json("edit", "names", "--move", f"x#1*{i}=0,0,0.001", "--keep")
+        client = self.again()
+        until(rested)
+        begun = seconds()
+        waiting = client.start("query", "names", "--generate", "camera", "size=2x2", "--fields", "t")
+        until(lambda: seconds() > begun + 0.1)
+        waiting.kill()
+        waiting.communicate()
+        killed = seconds()
+        until(rested)
+        after = seconds() - killed
+        whole = seconds()
+        client.run("query", "names", "--generate", "camera", "size=2x2", "--fields", "t")
+        whole = seconds() - whole
+        self.assertLess(after, whole / 2)
+
     def test_a_load_at_the_start_takes_the_place_of_what_it_stored_before(self):
         def flake(other=None):
             found = [scene["hash"] for name, scene in self.scenes().items() if name.endswith("flake")]

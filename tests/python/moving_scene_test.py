@@ -147,6 +147,15 @@ class MovingScene(WithDaemon):
         for wrong in (0, -1, np.nan, np.inf):
             with self.assertRaises(raynest.UsageError):
                 made(wrong)
+        # Keys are counted before anything is made of them; less time has fewer.
+        gltf = Gltf()
+        box = gltf.node(name="box", mesh=gltf.mesh(CORNERS, FACES))
+        keys = np.linspace(0, 10, 140_000)
+        gltf.animate("Shake", (box, "translation", keys, np.stack([np.sin(keys), 0 * keys, 0 * keys], 1), "LINEAR"))
+        shaken = self.client.load(str(gltf.write(pathlib.Path(self.folder.name) / "shaken.glb")), name="shaken", replace=True)
+        with self.assertRaisesRegex(raynest.Error, "has more than 65536 keys; ask for less of that time at once"):
+            shaken.trace(made(end=9.9))
+        self.assertEqual(len(shaken.trace(made(end=.5))["t"]), 1000)
         # A scene without an animation stands still.
         seen, still = (self.woods.trace(generators.sweep([-5.0, 0.0], (0, 360, 300), trajectory=([0.0], [standing(0, 6, 0)]),
                                                          begin=0, end=0, step_error=error), fields=FIELDS)

@@ -2,12 +2,17 @@
 
 #include "engine/scene/motion/sampling.h"
 
+#include <fmt/format.h>
+
 #include <algorithm>
 #include <array>
 #include <cmath>
 #include <cstddef>
 #include <limits>
+#include <map>
 #include <span>
+#include <string>
+#include <utility>
 #include <vector>
 
 namespace raynest {
@@ -37,38 +42,68 @@ double stretch(const Affine& m) {
     return std::sqrt(sum);
 }
 
+}  // namespace
+
 class SpeedMeter {
 public:
-    SpeedMeter(const Snapshot& scene, std::uint32_t animation, const std::function<bool()>& stop)
+    SpeedMeter(const Snapshot& scene, std::uint32_t animation)
         : motion_(checked_motion(scene.motion_bytes())),
-          animation_(motion_.animations[animation]),
-          stop_(stop) {
+          animation_(motion_.animations[animation]) {
         const SceneView& view = scene.view();
         const std::uint32_t first = view.objects[view.root].first_instance;
         for (const MovedInstance& moved : motion_.instances) {
             const std::uint32_t object = view.instances[first + moved.outermost].object;
             follow({moved.node, moved.to_node, view.objects[object].bounds});
+            by_place_.emplace(moved.outermost, &moved);
         }
         for (const MovedMesh& mesh : motion_.meshes) add(mesh);
     }
 
-    double fastest(double from, double to) const {
-        if (!(from < to)) return 0;
-        const std::vector<double> times = moments(from, to);
-        double most = 0;
-        for (std::size_t i = 1; i < times.size() && !stop_(); ++i) {
-            // Just before the end: there a STEP channel jumps.
-            const double end = std::nextafter(times[i], times[i - 1]);
-            if (!(end > times[i - 1])) continue;
-            const double far = farthest(times[i - 1], end);
-            const double speed = far / (end - times[i - 1]);
-            if (!std::isfinite(speed)) return std::numeric_limits<double>::infinity();
-            most = std::max(most, speed);
-        }
-        return stop_() ? 0 : most;
+    Result<void> between(double from, double to) {
+        if (!(from < to)) return {};
+        const auto too_many = [&](const std::string& what) {
+            return fail(
+                ErrorCode::limit_exceeded,
+                fmt::format("between {:.6g} and {:.6g} s the animation has {}; ask for less "
+                            "of that time at once",
+                            from, to, what));
+        };
+        std::vector<double> keys{from, to};
+        if (!add_keys(from, to, keys))
+            return too_many(fmt::format("more than {} keys", SpeedSearch::keys_max));
+        const std::uint64_t looks =
+            motion_.nodes.size() + 8 * followers_.size() + motion_.places.size();
+        if (looks * keys.size() * pieces > SpeedSearch::looks_max)
+            return too_many(
+                fmt::format("{} keys of {} moving nodes", keys.size(), motion_.nodes.size()));
+        for (std::size_t i = 0; i + 1 < keys.size(); ++i)
+            for (int k = 0; k < pieces; ++k)
+                times_.push_back(keys[i] + (keys[i + 1] - keys[i]) * k / pieces);
+        times_.push_back(keys.back());
+        return {};
     }
 
+    bool go_on(const std::function<bool()>& pause) {
+        while (next_ < times_.size()) {
+            look(times_[next_ - 1], times_[next_]);
+            ++next_;
+            if (!std::isfinite(most_)) next_ = times_.size();
+            if (pause()) break;
+        }
+        return next_ >= times_.size();
+    }
+    [[nodiscard]] double fastest() const { return most_; }
+
 private:
+    void look(double begin, double until) {
+        // Just before the end: there a STEP channel jumps.
+        const double end = std::nextafter(until, begin);
+        if (!(end > begin)) return;
+        const double speed = farthest(begin, end) / (end - begin);
+        most_ =
+            std::isfinite(speed) ? std::max(most_, speed) : std::numeric_limits<double>::infinity();
+    }
+
     void follow(const Follower& follower) {
         if (!follower.box.is_empty()) followers_.push_back(follower);
     }
@@ -79,7 +114,6 @@ private:
         const float* const floats = motion_.floats.data();
         for (const MovedPart& part : motion_.parts.subspan(mesh.first_part, mesh.part_count)) {
             for (std::uint32_t v = 0; v < part.vertices; ++v) {
-                if (v % 4096 == 0 && stop_()) return;
                 const float* const p = floats + part.positions + 3 * v;
                 for (std::uint32_t i = 0; i < part.influences; ++i) {
                     const std::size_t at = std::size_t{v} * part.influences + i;
@@ -100,31 +134,26 @@ private:
         }
     }
 
-    /// Keys between two times, and some moments between those.
-    std::vector<double> moments(double from, double to) const {
-        std::vector<double> keys{from, to};
+    /// Adds the keys between two times, each once. Returns false if they are too many.
+    [[nodiscard]] bool add_keys(double from, double to, std::vector<double>& keys) const {
         const auto once = [&] {
             std::ranges::sort(keys);
             keys.erase(std::ranges::unique(keys).begin(), keys.end());
+            return keys.size() <= SpeedSearch::keys_max;
         };
-        std::size_t most = 1 << 16;  // channels mostly share their times
         for (const MotionChannel& channel :
              motion_.channels.subspan(animation_.first_channel, animation_.channel_count)) {
             const MotionSampler& sampler = motion_.samplers[channel.sampler];
             const auto times = motion_.floats.subspan(sampler.first_time, sampler.keys);
-            for (const float time : times)
-                if (double{time} > from && double{time} < to) keys.push_back(double{time});
-            if (keys.size() <= most) continue;
-            once();
-            most = std::max(most, 2 * keys.size());
+            const auto first = std::ranges::upper_bound(times, from);
+            const auto last = std::ranges::lower_bound(times, to);
+            if (first >= last) continue;
+            if (static_cast<std::uint64_t>(last - first) > SpeedSearch::keys_max) return false;
+            keys.insert(keys.end(), first, last);
+            // Channels mostly share their times.
+            if (keys.size() > 4 * SpeedSearch::keys_max && !once()) return false;
         }
-        once();
-        std::vector<double> all;
-        for (std::size_t i = 0; i + 1 < keys.size(); ++i)
-            for (int k = 0; k < pieces; ++k)
-                all.push_back(keys[i] + (keys[i + 1] - keys[i]) * k / pieces);
-        all.push_back(keys.back());
-        return all;
+        return once();
     }
 
     /// The longest way that anything takes between two moments.
@@ -162,25 +191,44 @@ private:
         double most = 0;
         for (const MotionJoint& joint : motion_.joints.subspan(mesh.first_joint, mesh.joint_count))
             most = std::max(most, stretch(multiply(nodes[joint.node], joint.bind)));
-        for (const std::uint32_t place : motion_.places.subspan(mesh.first_place, mesh.place_count))
-            for (const MovedInstance& moved : motion_.instances)
-                if (moved.outermost == place)
-                    most = std::max(most, stretch(multiply(nodes[moved.node], moved.to_node)));
+        for (const std::uint32_t place :
+             motion_.places.subspan(mesh.first_place, mesh.place_count)) {
+            const auto [first_of, end_of] = by_place_.equal_range(place);
+            for (auto at = first_of; at != end_of; ++at)
+                most =
+                    std::max(most, stretch(multiply(nodes[at->second->node], at->second->to_node)));
+        }
         return way * (most > 0 ? most : 1);
     }
 
     const Motion motion_;
     const MotionAnimation& animation_;
-    const std::function<bool()>& stop_;
     std::vector<Follower> followers_;
     std::vector<std::vector<double>> reaches_;  ///< [mesh][target]: how far it moves a vertex
+    std::multimap<std::uint32_t, const MovedInstance*> by_place_;
+    std::vector<double> times_;
+    std::size_t next_ = 1;  ///< of times_
+    double most_ = 0;
 };
 
-}  // namespace
+SpeedSearch::SpeedSearch(std::unique_ptr<SpeedMeter> meter) : meter_(std::move(meter)) {}
+SpeedSearch::SpeedSearch(SpeedSearch&&) noexcept = default;
+SpeedSearch& SpeedSearch::operator=(SpeedSearch&&) noexcept = default;
+SpeedSearch::~SpeedSearch() = default;
 
-double fastest_speed(const Snapshot& scene, std::uint32_t animation, double from, double to,
-                     const std::function<bool()>& stop) {
-    return SpeedMeter(scene, animation, stop).fastest(from, to);
+Result<SpeedSearch> SpeedSearch::begin(const Snapshot& scene, std::uint32_t animation, double from,
+                                       double to) {
+    auto meter = std::make_unique<SpeedMeter>(scene, animation);
+    if (auto begun = meter->between(from, to); !begun) return tl::unexpected(begun.error());
+    return SpeedSearch(std::move(meter));
+}
+
+bool SpeedSearch::go_on(const std::function<bool()>& pause) {
+    return meter_->go_on(pause);
+}
+
+double SpeedSearch::fastest() const {
+    return meter_->fastest();
 }
 
 }  // namespace raynest

@@ -1,19 +1,43 @@
 // How fast the parts of a scene move.
 #pragma once
 
+#include "engine/result.h"
 #include "engine/scene/edits/pose.h"
 
 #include <cstdint>
 #include <functional>
+#include <memory>
 
 namespace raynest {
 
-/// Returns the speed, in the scene's units per second, that nothing exceeds between two moments of
-/// an animation that it has: that of the corners of what moves, found from key to key and several
-/// times between. What jumps, between the keys of a STEP channel, has no speed. Infinite where it
-/// overflows. Looks at each vertex that moves, and at each node for each key; asks `stop` often,
-/// and returns 0 once that is true. Thread-safe. Throws std::bad_alloc.
-[[nodiscard]] double fastest_speed(const Snapshot& scene, std::uint32_t animation, double from,
-                                   double to, const std::function<bool()>& stop);
+class SpeedMeter;
+
+/// Finds the speed, in the scene's units per second, that nothing exceeds between two moments of an
+/// animation: that of the corners of what moves, found from key to key and several times between.
+/// What jumps, between the keys of a STEP channel, has no speed. Not thread-safe.
+class SpeedSearch {
+public:
+    /// Keys between the two moments, at most; and how often a node or a corner is looked at.
+    static constexpr std::uint64_t keys_max = 1 << 16;
+    static constexpr std::uint64_t looks_max = 1ULL << 30;
+
+    /// The scene, which outlives this, has the animation. Looks at each vertex that moves. Fails with
+    /// limit_exceeded. Throws std::bad_alloc.
+    static Result<SpeedSearch> begin(const Snapshot& scene, std::uint32_t animation, double from,
+                                     double to);
+    SpeedSearch(SpeedSearch&&) noexcept;
+    SpeedSearch& operator=(SpeedSearch&&) noexcept;
+    ~SpeedSearch();
+
+    /// Goes on until `pause` is true, which it asks after each look at all that moves. Returns true
+    /// once the speed is found.
+    bool go_on(const std::function<bool()>& pause);
+    /// Infinite where it overflows.
+    [[nodiscard]] double fastest() const;
+
+private:
+    explicit SpeedSearch(std::unique_ptr<SpeedMeter> meter);
+    std::unique_ptr<SpeedMeter> meter_;
+};
 
 }  // namespace raynest
