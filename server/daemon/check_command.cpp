@@ -55,7 +55,8 @@ constexpr const char* manifest_name = "manifest.sqlite";
 /// Returns the lock of a folder that a daemon has made.
 Result<StateLock> lock_of(const std::filesystem::path& folder) {
     std::error_code error;
-    if (std::filesystem::exists(folder / manifest_name, error)) return StateLock::take(folder);
+    if (std::filesystem::exists(folder / manifest_name, error) || is_half_restored(folder))
+        return StateLock::take(folder);
     return fail(ErrorCode::io_failed,
                 error ? "cannot look into " + folder.string() + ": " + error.message()
                       : folder.string() + " is no state folder: it has no " + manifest_name);
@@ -64,6 +65,10 @@ Result<StateLock> lock_of(const std::filesystem::path& folder) {
 Result<Findings> look(const std::filesystem::path& folder) {
     const auto lock = lock_of(folder);
     if (!lock) return tl::unexpected(lock.error());
+    if (is_half_restored(folder))
+        return fail(ErrorCode::io_failed, "a restore of " + folder.string() +
+                                              " was cut off; raynestd gc " + folder.string() +
+                                              " finishes it, and so does a start");
     auto manifest = Manifest::open(folder / manifest_name, true);
     if (!manifest) return tl::unexpected(manifest.error());
     const auto rows = manifest->rows();

@@ -1,7 +1,5 @@
 #include "server/execution/selected.h"
 
-#include "engine/scene/edits/names.h"
-
 #include <chrono>
 #include <thread>
 #include <utility>
@@ -22,7 +20,7 @@ std::uint64_t Selected::least_bytes(const SceneView& scene, const SelectionWords
     std::uint64_t bytes = SelectedInstances::size(scene, none.selection(), words.skips_boxes).bytes;
     // The text of each outermost instance is compared, and each may be found.
     if (!words.hidden.texts.empty() || !words.only.texts.empty())
-        bytes += scene.objects[scene.root].instance_count * InstanceFinder::bytes_per_instance;
+        bytes += scene.objects[scene.root].instance_count * search_bytes_per_instance;
     return bytes;
 }
 

@@ -49,6 +49,41 @@ Result<void> apply(EditBatch& batch, const EditRow& row, const Matrix& matrix,
     }
 }
 
+/// The instances that texts stand for, each text sought when it is needed. Not thread-safe.
+class NamedPlaces {
+public:
+    NamedPlaces(const Snapshot& scene, const std::vector<std::string>& texts,
+                const std::function<bool()>& stopped)
+        : texts_(texts),
+          finder_(scene, stopped),
+          most_(2ULL * scene.view().objects[scene.view().root].instance_count +
+                nested_placements_max),
+          found_(texts.size()) {}
+
+    /// Until the next call.
+    Result<const std::vector<InstancePlace>*> of(std::uint32_t text) {
+        if (!found_[text]) {
+            auto found = finder_.find(texts_[text]);
+            if (!found) return tl::unexpected(std::move(found.error()));
+            kept_ += found->size();
+            // Rows mostly name their own texts: what was found may be sought again.
+            if (kept_ > most_) {
+                for (auto& each : found_) each.reset();
+                kept_ = found->size();
+            }
+            found_[text] = std::move(*found);
+        }
+        return &*found_[text];
+    }
+
+private:
+    const std::vector<std::string>& texts_;
+    InstanceFinder finder_;
+    const std::uint64_t most_;  ///< instances that are kept
+    std::uint64_t kept_ = 0;
+    std::vector<std::optional<std::vector<InstancePlace>>> found_;
+};
+
 }  // namespace
 
 std::uint64_t EditContent::bytes() const {
@@ -70,14 +105,7 @@ Reply<void> read_edit(EditBatch& batch, const Snapshot& scene, const std::string
                 name));
     };
     if (outermost == 0 && !content.targets.empty()) return no_instances();
-    std::vector<std::vector<InstancePlace>> named;
-    InstanceFinder finder(scene, stopped);
-    for (const std::string& text : content.targets) {
-        auto found = finder.find(text);
-        if (stopped()) return refuse(Code::cancelled, "");
-        if (!found) return refuse(std::move(found.error()));
-        named.push_back(std::move(*found));
-    }
+    NamedPlaces named(scene, content.targets, stopped);
     // The rows' bytes are a multiple of 4 and begin where a vector of floats may.
     std::vector<std::span<const Vec3>> vertices;
     const auto* first =
@@ -87,6 +115,7 @@ Reply<void> read_edit(EditBatch& batch, const Snapshot& scene, const std::string
         first += count;
     }
     std::vector<InstancePlace> one(1);
+    std::uint64_t changed = 0;
     for (std::uint32_t i = 0; i < content.rows; ++i) {
         if (i % 1024 == 0 && stopped()) return refuse(Code::cancelled, "");
         EditRow row;
@@ -119,15 +148,24 @@ Reply<void> read_edit(EditBatch& batch, const Snapshot& scene, const std::string
         if (row.what == EditRow::place && row.value == EditRow::own)
             return wrong(
                 "places an instance in its own frame: place it in its parent's, or move it");
-        if (row.by_text != 0 && row.target >= named.size())
-            return wrong(fmt::format("names target {} of {}", row.target, named.size()));
+        if (row.by_text != 0 && row.target >= content.targets.size())
+            return wrong(fmt::format("names target {} of {}", row.target, content.targets.size()));
         if (row.by_text == 0 && row.target >= outermost)
             return outermost == 0
                        ? no_instances()
                        : wrong(fmt::format("names the outermost instance {}; the scene has {}",
                                            row.target, outermost));
         one.front() = row.target;
-        for (const InstancePlace& place : row.by_text != 0 ? named[row.target] : one) {
+        const std::vector<InstancePlace>* places = &one;
+        if (row.by_text != 0) {
+            const auto found = named.of(row.target);
+            if (stopped()) return refuse(Code::cancelled, "");
+            if (!found) return refuse(found.error());
+            places = *found;
+        }
+        for (const InstancePlace& place : *places) {
+            // A row may stand for a million instances.
+            if (++changed % 1024 == 0 && stopped()) return refuse(Code::cancelled, "");
             if (row.what == EditRow::vertices)
                 batch.set_vertices(place, vertices[row.value]);
             else if (auto done = apply(batch, row, *matrix, place); !done)

@@ -1,5 +1,6 @@
 #include "server/store/backup.h"
 
+#include "server/ground/log.h"
 #include "server/store/file.h"
 #include "server/store/manifest.h"
 
@@ -205,6 +206,23 @@ Result<std::uint64_t> copy_state(const fs::path& from, const fs::path& to) {
     return missing;
 }
 
+/// Puts a complete copy in the place of what a state folder holds; goes on where another attempt was
+/// cut off.
+Result<void> put_in_place(const fs::path& folder) {
+    const fs::path copy = folder / "restoring";
+    const fs::path replaced = folder / "replaced";
+    if (::mkdir(replaced.c_str(), S_IRWXU) != 0 && errno != EEXIST)
+        return refused("cannot make " + replaced.string(), errno);
+    std::error_code error;
+    // Its blobs leave the copy first: before that all parts in the folder are old ones.
+    if (fs::exists(fs::symlink_status(copy / moves_in.front(), error)))
+        if (auto moved = move_parts(folder, replaced, moves_out); !moved) return moved;
+    if (auto moved = move_parts(copy, folder, moves_in); !moved) return moved;
+    fs::remove(copy, error);
+    fs::remove(replaced, error);  // if it is empty
+    return flush(folder, O_DIRECTORY);
+}
+
 }  // namespace
 
 Result<std::uint64_t> back_up(const fs::path& from, const fs::path& to) {
@@ -213,42 +231,49 @@ Result<std::uint64_t> back_up(const fs::path& from, const fs::path& to) {
     return copy_state(from, to);
 }
 
+bool is_half_restored(const fs::path& folder) {
+    std::error_code error;
+    return fs::is_directory(fs::symlink_status(folder / "restoring", error));
+}
+
+Result<void> finish_restore(const fs::path& folder) {
+    if (!is_half_restored(folder)) return {};
+    log(LogLevel::warn, "restore_finishes", {{"folder", folder.string()}});
+    return put_in_place(folder);
+}
+
 Result<std::uint64_t> restore(const fs::path& backup, const fs::path& folder) {
     if (const auto apart = check_apart(folder, backup); !apart)
         return tl::unexpected(apart.error());
     const fs::path replaced = folder / "replaced";
     const fs::path copy = folder / "restoring";
     std::error_code error;
+    if (const auto done = finish_restore(folder); !done) return tl::unexpected(done.error());
     if (fs::exists(fs::symlink_status(replaced, error)))
         return fail(ErrorCode::io_failed,
                     replaced.string() +
                         " holds what an earlier restore has replaced; move it away, "
                         "or remove it with raynestd gc " +
                         folder.string());
-    // Another one that was cut off; nobody else is here.
-    fs::remove_all(copy, error);
+    // A copy that was cut off; nobody else is here.
     fs::remove_all(folder / "restoring.unfinished", error);
     const auto missing = copy_state(backup, copy);
     if (!missing) return missing;
-    if (::mkdir(replaced.c_str(), S_IRWXU) != 0)
-        return refused("cannot make " + replaced.string(), errno);
-    const auto put_back = [&] { (void)move_parts(replaced, folder, moves_in); };
-    if (const auto moved = move_parts(folder, replaced, moves_out); !moved) {
-        put_back();
+    if (const auto moved = put_in_place(folder); !moved) {
+        if (!fs::exists(fs::symlink_status(copy / moves_in.front(), error)))
+            (void)move_parts(folder, copy, moves_out);
+        (void)move_parts(replaced, folder, moves_in);
+        fs::remove_all(copy, error);
+        fs::remove(replaced, error);
         return tl::unexpected(moved.error());
     }
-    if (const auto moved = move_parts(copy, folder, moves_in); !moved) {
-        (void)move_parts(folder, copy, moves_out);
-        put_back();
-        return tl::unexpected(moved.error());
-    }
-    fs::remove(copy, error);
-    fs::remove(replaced, error);  // if it is empty
-    if (const auto done = flush(folder, O_DIRECTORY); !done) return tl::unexpected(done.error());
     return missing;
 }
 
 Result<std::uint64_t> remove_garbage(const fs::path& folder) {
+    // A restore that is only finished here has just replaced something: that stays until next time.
+    const bool was_half_restored = is_half_restored(folder);
+    if (const auto done = finish_restore(folder); !done) return tl::unexpected(done.error());
     std::set<std::string> used;
     {
         auto manifest = Manifest::open(folder / "manifest.sqlite", true);
@@ -262,8 +287,8 @@ Result<std::uint64_t> remove_garbage(const fs::path& folder) {
     // folder stays the one that was opened.
     const File blobs(folder / "blobs", O_RDONLY | O_DIRECTORY | O_NOFOLLOW);
     const File damaged(folder / "damaged", O_RDONLY | O_DIRECTORY | O_NOFOLLOW);
-    std::vector<fs::path> garbage = {folder / "replaced", folder / "restoring",
-                                     folder / "restoring.unfinished"};
+    std::vector<fs::path> garbage = {folder / "restoring", folder / "restoring.unfinished"};
+    if (!was_half_restored) garbage.push_back(folder / "replaced");
     for (const File* part : {&damaged, &blobs}) {
         if (!part->is_open()) continue;
         for (const auto& file : fs::directory_iterator(opened(*part), error))

@@ -22,6 +22,12 @@ namespace raynest::server {
 [[nodiscard]] Result<std::uint64_t> restore(const std::filesystem::path& backup,
                                             const std::filesystem::path& folder);
 
+/// True if a restore of the folder was cut off after its copy was complete.
+[[nodiscard]] bool is_half_restored(const std::filesystem::path& folder);
+/// Ends a restore that was cut off, if there was one. The caller has the StateLock. Fails with
+/// io_failed. Blocks.
+[[nodiscard]] Result<void> finish_restore(const std::filesystem::path& folder);
+
 /// Removes what no scene of the state folder needs: blobs without a row, damaged blobs, unfinished
 /// files, and what a restore has replaced. The caller has the StateLock. Returns their bytes. Fails
 /// with io_failed, and removes nothing if the manifest cannot be read. Blocks.

@@ -1,6 +1,7 @@
 #include "server/store/state_folder.h"
 
 #include "protocol/text.h"
+#include "server/store/backup.h"
 #include "server/store/file.h"
 
 #include <fcntl.h>
@@ -124,6 +125,7 @@ Result<std::unique_ptr<StateFolder>> StateFolder::open(const fs::path& folder,
                     folder.string() + " is on " + name +
                         ", where scenes may be lost; give --state a folder on a "
                         "disk of this machine");
+    if (const auto done = finish_restore(folder); !done) return tl::unexpected(done.error());
     for (const char* part : {"blobs", "damaged"})
         if (const auto made = make_folder(folder / part); !made)
             return tl::unexpected(made.error());

@@ -137,6 +137,48 @@ class Backup(WithState):
         self.raynestd_says(0, "restore", copy, self.folder / "new")
         self.assertFalse((self.folder / "new" / "restoring").exists())
 
+    def test_a_restore_that_was_cut_off_is_finished(self):
+        client = self.start()
+        client.run("load", WOODS, "--name", "woods")
+        hits, copy = self.hits("woods"), self.folder / "copy"
+        self.raynestd_says(0, "backup", self.state, copy)
+        client.run("unload", "woods")
+        client.run("load", "builtin:flake?depth=2", "--name", "flake")
+        self.kill()
+        # As a kill leaves it: its copy is complete, and so many renames are done.
+        parts = ["manifest.sqlite", "manifest.sqlite-wal", "manifest.sqlite-shm", "damaged", "blobs"]
+
+        def cut_off(name, renames):
+            state = self.folder / name
+            shutil.copytree(self.state, state, ignore=shutil.ignore_patterns("successor"))
+            shutil.copytree(copy, state / "restoring")
+            (state / "replaced").mkdir()
+            steps = [(state, state / "replaced", part) for part in parts if (state / part).exists()]
+            steps += [(state / "restoring", state, part) for part in reversed(parts) if (state / "restoring" / part).exists()]
+            for source, target, part in steps[:renames]:
+                (source / part).rename(target / part)
+            return state, len(steps)
+
+        count = cut_off("counted", 0)[1]
+        self.assertGreaterEqual(count, 6)
+        for renames in range(count + 1):
+            state, _ = cut_off(f"gc-{renames}", renames)
+            self.assertIn("was cut off; raynestd gc", self.raynestd_says(1, "check", state))
+            self.raynestd_says(0, "gc", state)
+            self.assertIn("1 scenes", self.raynestd_says(0, "check", state))
+            self.assertTrue((state / "replaced" / "manifest.sqlite").exists(), renames)
+            self.raynestd_says(0, "gc", state)
+            self.assertFalse((state / "replaced").exists())
+        state, _ = cut_off("started", count // 2)
+        self.state = state
+        self.start()
+        self.assertIn("restore_finishes", self.daemon.log())
+        self.assertEqual(set(self.scenes()), {"woods"})
+        self.assertEqual(self.hits("woods"), hits)
+        self.kill()
+        state, _ = cut_off("again", count - 1)
+        self.assertIn("earlier restore", self.raynestd_says(1, "restore", copy, state))
+
     def test_garbage_goes_and_scenes_stay(self):
         client = self.start()
         client.run("load", WOODS, "--name", "woods")

@@ -14,7 +14,7 @@ class SpeedMeter;
 
 /// Finds the speed, in the scene's units per second, that nothing exceeds between two moments of an
 /// animation: that of the corners of what moves, found from key to key and several times between.
-/// What jumps, between the keys of a STEP channel, has no speed. Not thread-safe.
+/// Jumps, between the keys of a STEP channel, have no speed. Not thread-safe.
 class SpeedSearch {
 public:
     /// Keys between the two moments, at most; and how often a node or a corner is looked at.

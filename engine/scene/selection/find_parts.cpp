@@ -9,6 +9,7 @@
 #include <utility>
 
 namespace raynest {
+static_assert(search_bytes_per_instance == InstanceFinder::bytes_per_instance);
 namespace {
 
 /// Adds parts to two lists: outermost instances, which may be a million, and all others.

@@ -12,6 +12,9 @@
 
 namespace raynest {
 
+/// Memory of a search for texts, per outermost instance of the scene.
+inline constexpr std::uint64_t search_bytes_per_instance = 128;
+
 /// Parts within outermost instances that one list may stand for, at most.
 inline constexpr std::size_t selected_parts_max = 1 << 16;
 
