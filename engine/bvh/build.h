@@ -4,6 +4,7 @@
 //            │ where to split: build_split (binned SAH), build_morton (of fast builds),
 //            │ build_spatial (of high builds)
 //            └ how to collapse: build_cut (cheapest cut), on the way back up
+//              (the loops of build_split: build_loops, compiled for each CPU target)
 //
 // Parallel (oneTBB, in the caller's arena) and deterministic: the same input gives the same bytes,
 // for any number of threads.

@@ -29,8 +29,9 @@ bool is_sound(const Box& box) {
 
 }  // namespace
 
-BinaryTree::BinaryTree(const TreeInput& input)
+BinaryTree::BinaryTree(const TreeInput& input, const Loops& fastest)
     : input_(input),
+      loops_(fastest),
       triangles_only_(input.record_count + input.instance_count == 0),
       splits_triangles_(input.quality == BuildQuality::high && triangles_only_ &&
                         input.corners.size() == input.triangle_count),
@@ -107,13 +108,13 @@ Halves BinaryTree::halves_of(const Range& range, const Extent& centers, std::uin
     const std::uint32_t along_curve = order_ ? order_->left_count(range) : 0;
     if (along_curve != 0) return cut_at(items_.data(), range, along_curve);
     const ObjectSplit object =
-        find_object_split(items_.data() + range.first, range.count, centers, block_items());
+        find_object_split(items_.data() + range.first, range.count, centers, block_items(), loops_);
     // Coincident centres, or areas that overflow.
     if (object.axis < 0) return halve(items_.data(), range, centers);
     if (splits_triangles_) {
         if (const auto halves = halves_in_space(range, object)) return *halves;
     }
-    return partition(items_.data(), range, object);
+    return partition(items_.data(), range, object, loops_);
 }
 
 std::optional<Halves> BinaryTree::halves_in_space(const Range& range, const ObjectSplit& object) {

@@ -9,6 +9,7 @@
 #include "engine/bvh/build.h"
 #include "engine/bvh/build_cut.h"
 #include "engine/bvh/build_items.h"
+#include "engine/bvh/build_loops.h"
 #include "engine/bvh/build_morton.h"
 #include "engine/bvh/build_split.h"
 
@@ -46,7 +47,7 @@ struct BinaryNode {
 
 class BinaryTree {
 public:
-    explicit BinaryTree(const TreeInput& input);
+    explicit BinaryTree(const TreeInput& input, const Loops& fastest = loops().back());
 
     [[nodiscard]] bool is_empty() const { return count_ == 0; }
     /// Splits everything; SAH cost of the root, times its area.
@@ -84,6 +85,7 @@ private:
     Subtree join(std::uint32_t index, const Subtree& left, const Subtree& right);
 
     const TreeInput& input_;
+    const Loops& loops_;
     bool triangles_only_;
     bool splits_triangles_;
     std::uint32_t count_ = 0;

@@ -1,8 +1,8 @@
 // The items of the builder: 32 bytes each, with boxes whose union is a single maximum.
 //
-// The loops over items are most of a build. They use four floats at a time through the compilers'
-// vector types, because the engine library is compiled for the baseline of its architecture, where
-// Highway has scalar code only.
+// The loops over items are most of a build (build_loops.h). They use the compilers' vector types,
+// because the engine library is compiled for the baseline of its architecture, where Highway has
+// scalar code only.
 #pragma once
 
 #include "engine/bvh/pages.h"
@@ -26,7 +26,7 @@ inline Float4 minimum(Float4 a, Float4 b) {
 }
 
 /// A box with its lower corner negated. Lane 3 of both halves means nothing.
-struct Extent {
+struct alignas(32) Extent {
     Float4 minus_lower, upper;
 
     /// Contains nothing: sizes and areas of it are infinite or NaN.

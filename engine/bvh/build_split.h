@@ -11,6 +11,8 @@
 
 namespace raynest::build {
 
+struct Loops;
+
 /// Sorts centres into bins; the same arithmetic for four lanes and for one axis.
 struct BinMap {
     Float4 origin, scale;
@@ -46,10 +48,10 @@ Halves share_room(const Range& range, std::uint32_t left_count, std::uint32_t ri
 
 /// `block_items`: how many items share the cost of one leaf block.
 ObjectSplit find_object_split(const Item* items, std::uint32_t count, const Extent& centers,
-                              std::uint32_t block_items);
+                              std::uint32_t block_items, const Loops& loops);
 
 /// Moves the left items to the front.
-Halves partition(Item* items, const Range& range, const ObjectSplit& split);
+Halves partition(Item* items, const Range& range, const ObjectSplit& split, const Loops& loops);
 
 /// The first `left_count` items against the rest.
 Halves cut_at(Item* items, const Range& range, std::uint32_t left_count);

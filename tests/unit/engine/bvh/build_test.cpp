@@ -1,6 +1,8 @@
 // Tests the builder: every item is in the tree once, inside its boxes, within the limits of node.h.
 #include "engine/bvh/build.h"
 
+#include "engine/bvh/build_binary.h"
+#include "engine/bvh/build_emit.h"
 #include "engine/geometry/hit.h"
 #include "tests/conformance/scenes.h"
 
@@ -26,6 +28,14 @@ std::vector<Box> random_boxes(std::uint32_t count, conformance::Random& random) 
         box.extend(box.lower + Vec3(random.unit(), random.unit(), random.unit()));
     }
     return boxes;
+}
+
+void check_same(const Tree& one, const Tree& other) {
+    REQUIRE(one.nodes.size() == other.nodes.size());
+    CHECK(std::memcmp(one.nodes.data(), other.nodes.data(), one.nodes.size() * sizeof(Node)) == 0);
+    CHECK(one.block_lanes == other.block_lanes);
+    CHECK(one.record_order == other.record_order);
+    CHECK(one.sah_cost == other.sah_cost);
 }
 
 struct Walk {
@@ -172,13 +182,35 @@ TEST_CASE("the same input gives the same bytes on 1, 2, 3 and 8 threads") {
     const Tree one = build_on(1);
     for (const std::size_t threads : {2U, 3U, 8U}) {
         CAPTURE(threads);
-        const Tree other = build_on(threads);
-        REQUIRE(one.nodes.size() == other.nodes.size());
-        CHECK(std::memcmp(one.nodes.data(), other.nodes.data(), one.nodes.size() * sizeof(Node)) ==
-              0);
-        CHECK(one.block_lanes == other.block_lanes);
-        CHECK(one.sah_cost == other.sah_cost);
+        check_same(one, build_on(threads));
     }
     const Walk walked = walk({boxes, count, 0, 0}, one);
     CHECK(walked.seen.size() == count);
+}
+
+TEST_CASE("the loops of every CPU target give the same bytes") {
+    const auto tree_of = [](const TreeInput& input, const build::Loops& loops) {
+        build::BinaryTree binary(input, loops);
+        Tree tree;
+        tree.sah_cost = static_cast<double>(binary.build());
+        build::emit(binary, tree);
+        return tree;
+    };
+    conformance::Random random(5);
+    auto boxes = random_boxes(150'000, random);
+    // Boxes of extreme size, in equal places, flat, and at zeros of both signs.
+    for (std::size_t i = 0; i < boxes.size(); i += 7) {
+        const float at = std::ldexp(1.0F, static_cast<int>(i % 250) - 125);
+        boxes[i] = {Vec3(-at, i % 2 == 0 ? 0.0F : -0.0F, at), Vec3(at, 0, at)};
+    }
+    const auto count = static_cast<std::uint32_t>(boxes.size());
+    for (const TreeInput& input :
+         {TreeInput{boxes, count, 0, 0}, TreeInput{boxes, 0, count, 0},
+          TreeInput{boxes, 0, 0, count}, TreeInput{boxes, count, 0, 0, BuildQuality::fast}}) {
+        const Tree baseline = tree_of(input, build::loops().front());
+        for (const build::Loops& loops : build::loops().subspan(1)) {
+            CAPTURE(loops.target);
+            check_same(baseline, tree_of(input, loops));
+        }
+    }
 }
