@@ -62,6 +62,11 @@ RAYNEST_INLINE bool visit(R& ray, const Instance& instance, Isect& isect, Query&
 /// vectors there is less idle time to fill: two, which give 0.97 of one over all, against 0.87.
 inline constexpr std::uint32_t nodes_together = Lanes<8>::parts == 1 ? 3 : 2;
 
+/// From so many on an object's records of instances fill a core's cache, and those of the next two
+/// are asked for before one is entered. Measured: 1.05 times as fast with 100,000 instances (camera
+/// rays as before). With 2,000 it would be 0.98 to 1.00, with 10,000 between 0.98 and 1.04.
+inline constexpr std::uint32_t many_instances = 1 << 14;
+
 /// The single traversal of one tree.
 template <class Isect, class Query>
 RAYNEST_INLINE bool traverse(BoxRay& ray, const Bvh& bvh, Isect& isect, Query& query) {
@@ -88,6 +93,13 @@ RAYNEST_INLINE bool traverse(BoxRay& ray, const Bvh& bvh, Isect& isect, Query& q
     };
     const auto waiting = [&](std::uint32_t place) RAYNEST_INLINE_LAMBDA -> const Node& {
         return arrays.node(children[top - place]);
+    };
+    /// Asks for the record of an instance that is that entry; if it is none, for one that is here.
+    const auto ask_for_instance = [&](std::uint32_t place) RAYNEST_INLINE_LAMBDA {
+        const std::uint32_t word = children[top >= place ? top - place : 0];
+        const std::uint32_t other =
+            is_leaf(word) && kind_of(word) == ChildKind::instance ? word : child;
+        __builtin_prefetch(scene.instances + object.first_instance + leaf_instance(other));
     };
     const auto push = [&](const Node& node, const auto& spans) RAYNEST_INLINE_LAMBDA {
         if constexpr (Query::ordered) {
@@ -118,6 +130,10 @@ RAYNEST_INLINE bool traverse(BoxRay& ray, const Bvh& bvh, Isect& isect, Query& q
                     break;
                 }
                 case ChildKind::instance:
+                    if (object.instance_count >= many_instances) {
+                        ask_for_instance(1);
+                        ask_for_instance(2);
+                    }
                     if (visit(ray, Instance{&scene, object.first_instance + leaf_instance(child)},
                               isect, query)) {
                         return true;

@@ -67,6 +67,7 @@ void ExplanationRecorder::add(const Step& step) {
 
 void ExplanationRecorder::count(const Step& step) {
     if (told_.levels.size() <= depth()) told_.levels.resize(depth() + 1);
+    if (step.kind == step_primitives && (step.passed | step.rejected) != 0) leave_missed();
     for (Counters* c : {&told_.totals, &told_.levels[depth()]}) {
         if (step.kind == step_node) {
             ++c->nodes;
@@ -78,8 +79,18 @@ void ExplanationRecorder::count(const Step& step) {
             c->rejects += count_of(step.rejected);
             c->prim_hits += count_of(step.passed | step.rejected);
         } else if (step.kind == step_instance) {
-            c->instances += step.outcome == outcome_accepted ? 1 : 0;
+            const std::uint32_t entered = step.outcome == outcome_accepted ? 1 : 0;
+            c->instances += entered;
+            c->instance_misses += entered;
         }
+    }
+}
+
+void ExplanationRecorder::leave_missed() {
+    for (std::uint32_t level = 1; level <= depth(); ++level) {
+        if (!std::exchange(descent_.levels()[level].missed, false)) continue;
+        --told_.totals.instance_misses;
+        --told_.levels[level - 1].instance_misses;
     }
 }
 

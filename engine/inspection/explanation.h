@@ -76,6 +76,7 @@ private:
         Transform to_world;
         Box bounds;  ///< in the world
         float near = 0;
+        bool missed = true;  ///< the instance counts as one without a hit
         std::unordered_map<std::uint32_t, Entered> entered = {};  ///< by key_of() of the child
     };
 
@@ -85,6 +86,8 @@ private:
     void add_candidate(const Step& step);
     void add_instance(const Step& step);
     void count(const Step& step);
+    /// Something is hit: the instances around it are not without a hit.
+    void leave_missed();
     /// Places an entry in the tree: its parent, box and where the ray enters it. `key` is no_id for
     /// what is no child of a node. Returns its index, or no_id where it is left out.
     std::uint32_t append(Level& level, std::uint32_t key, ExplainedEntry entry);

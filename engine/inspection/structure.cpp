@@ -3,6 +3,7 @@
 #include "engine/bvh/node.h"
 #include "engine/geometry/triangle.h"
 #include "engine/queries/triangle_place.h"
+#include "engine/scene/tree_overlap.h"
 #include "engine/scene/tree_statistics.h"
 
 #include <algorithm>
@@ -145,12 +146,13 @@ std::vector<ObjectFacts> object_facts(const Snapshot& scene, std::uint64_t first
     if (first >= view.object_count) return {};
     const std::vector<std::uint64_t> ways = count_ways(view);
     const std::vector<TreeStatistics> trees = measure_each_tree(view);
+    const std::vector<double> overlaps = measure_overlaps(view);
     const std::uint64_t last = std::min<std::uint64_t>(view.object_count, first + count);
     std::vector<ObjectFacts> all;
     for (std::uint64_t i = first; i < last; ++i) {
         const ObjectRecord& object = view.objects[i];
         all.push_back({ways[i], bytes_of(view, object), trees[i].height, trees[i].sah_cost,
-                       area_sums(view, object).share()});
+                       overlaps[i], area_sums(view, object).share()});
     }
     return all;
 }

@@ -17,6 +17,7 @@ struct ObjectFacts {
     std::uint64_t bytes = 0;       ///< its tree, triangles, records and instances
     std::uint32_t height = 0;      ///< nodes on the longest path of its tree
     double sah_cost = 0;           ///< as TreeStatistics, with the trees of its instances
+    double overlap = 0;            ///< EPO (scene/tree_overlap.h)
     double box_share = 0;          ///< area of its triangles over half that of their boxes
 };
 

@@ -6,6 +6,7 @@
 
 #include "engine/bvh/intersect_with.h"
 #include "engine/bvh/visit.h"
+#include "engine/math/mask.h"
 #include "engine/math/words.h"
 
 #include <bit>
@@ -51,6 +52,8 @@ struct Counting {
     Base& base;
     Counters* counters;        ///< of the chunk's rays, `levels` of each
     std::uint32_t levels = 1;  ///< of the scene, if ByLevel
+    /// Bit l: the instance that the ray entered last at level l counts as one without a hit.
+    std::uint32_t missed = 0;
 
     /// A node: its valid children are tested.
     RAYNEST_INLINE auto operator()(const auto& ray, const BoxLike auto& boxes) {
@@ -72,7 +75,7 @@ struct Counting {
                                                                         count_of(primitive));
         if constexpr (!Overrides<Base, R, P>) {
             auto hits = intersect(ray, primitive);
-            if (hits.mask != 0) c.prim_hits += bits(hits.mask);
+            if (hits.mask != 0) add_candidates(ray, hits.mask, hits.mask);
             return hits;
         } else if constexpr (std::is_same_v<P, Triangles8> && Overrides<Base, R, NotedTriangles8> &&
                              !NamesTriangles8<Base, R>) {
@@ -80,18 +83,20 @@ struct Counting {
             auto hits = base(ray, NotedTriangles8(primitive, ray, candidates));
             if (candidates == NotedTriangles8::not_asked)
                 candidates = intersect(ray, primitive).mask;
-            if (candidates != 0) add_candidates(c, candidates, hits.mask);
+            if (candidates != 0) add_candidates(ray, candidates, hits.mask);
             return hits;
         } else {
             auto hits = base(ray, primitive);
-            add_candidates(c, intersect(ray, primitive).mask, hits.mask);
+            add_candidates(ray, intersect(ray, primitive).mask, hits.mask);
             return hits;
         }
     }
 
     RAYNEST_INLINE bool operator()(const auto& ray, const InstanceLike auto& instance) {
         if (!enters(base, ray, instance)) return false;
-        ++of(ray).instances;
+        // Until something in it is hit, it counts as an instance without a hit.
+        add_pair<offsetof(Counters, instances), offsetof(Counters, instance_misses)>(of(ray), 1, 1);
+        missed |= 1U << ray.level;
         return true;
     }
 
@@ -108,10 +113,23 @@ private:
     RAYNEST_INLINE static std::uint32_t bits(std::uint32_t mask) {
         return static_cast<std::uint32_t>(std::popcount(mask));
     }
-    RAYNEST_INLINE static void add_candidates(Counters& c, std::uint32_t candidates,
-                                              std::uint32_t accepted) {
+    RAYNEST_INLINE void add_candidates(const auto& ray, std::uint32_t candidates,
+                                       std::uint32_t accepted) {
+        Counters& c = of(ray);
         c.rejects += bits(candidates & ~accepted);
         c.prim_hits += bits(candidates);
+        const std::uint32_t found = missed & ((1U << ray.level) - 1);
+        if (found != 0 && candidates != 0) leave_missed(ray, found);
+    }
+    /// The instances around the ray, of which `found` are counted as missed, have a hit.
+    RAYNEST_NOINLINE void leave_missed(const auto& ray, std::uint32_t found) {
+        missed &= ~found;
+        if constexpr (ByLevel) {
+            for (; found != 0; found &= found - 1)
+                --counters[std::size_t{ray.id} * levels + lowest_bit(found)].instance_misses;
+        } else {
+            counters[ray.id].instance_misses -= bits(found);
+        }
     }
     /// Adds to two neighbouring counters by one load and one store.
     template <std::size_t first, std::size_t second>

@@ -58,6 +58,7 @@ private:
                             {"bytes", facts.bytes},
                             {"height", facts.height},
                             {"sah_cost", number(static_cast<float>(facts.sah_cost))},
+                            {"epo", number(static_cast<float>(facts.overlap))},
                             {"box_share", number(static_cast<float>(facts.box_share))}});
             ++index;
         }

@@ -114,6 +114,9 @@ std::vector<Case> make_cases(std::uint32_t edge_ray_count, std::uint32_t ray_cou
     for (const std::uint32_t depth : {1U, 2U, 3U, 4U, 8U}) {
         add("nested-" + std::to_string(depth), depth, nested_scene(depth, 1), 8);
     }
+    for (const auto quality : {BuildQuality::fast, BuildQuality::medium, BuildQuality::high})
+        add("crowded-" + std::to_string(static_cast<int>(quality)), 2, crowded_scene(6, quality),
+            8);
     add("spheres-1", 1, sphere_scene(5), 8);
     for (const std::uint32_t depth : {1U, 2U}) {
         SceneDescription scene = depth == 1 ? needles(400, 5) : placed(needles(150, 6), random);

@@ -185,6 +185,48 @@ SceneDescription nested_scene(std::uint32_t depth, std::uint64_t seed) {
     return scene;
 }
 
+SceneDescription crowded_scene(std::uint64_t seed, BuildQuality build) {
+    Random random(seed);
+    SceneDescription scene;
+    scene.build = build;
+    add_materials(scene);
+    GeometryDescription cube;  // from -1 to 1
+    for (std::uint32_t corner = 0; corner < 8; ++corner) {
+        const auto side = [&](std::uint32_t axis) {
+            return (corner >> axis & 1U) != 0 ? 1.0F : -1.0F;
+        };
+        cube.positions.emplace_back(side(0), side(1), side(2));
+    }
+    cube.indices = {0, 2, 1, 1, 2, 3, 4, 5, 6, 5, 7, 6, 0, 1, 4, 1, 5, 4,
+                    2, 6, 3, 3, 6, 7, 0, 4, 2, 2, 4, 6, 1, 3, 5, 3, 7, 5};
+    scene.objects.resize(2);
+    scene.objects[0].name = "cube";
+    scene.objects[0].geometries.push_back(std::move(cube));
+    ObjectDescription& root = scene.objects[1];
+    root.name = "root";
+    root.geometries.push_back(random_geometry(12, 0, scene_half, random));
+    const auto place = [&](Transform transform, const Vec3& at) {
+        for (std::size_t row = 0; row < 3; ++row)
+            transform.m[4 * row + 3] = at[static_cast<int>(row)];
+        InstanceDescription instance;
+        instance.object = 0;
+        instance.transform = transform;
+        if (random.below(8) == 0) instance.mask = 1U << random.below(8);
+        root.instances.push_back(instance);
+    };
+    for (std::uint32_t i = 0; i < 27; ++i) {
+        const Vec3 cell(i % 3, i / 3 % 3, i / 9);
+        const Vec3 at = 2.0F * cell - 2.0F;
+        place(Transform{}, at);
+        place(Transform{{-1, 0, 0, 0, 0, 1, 0, 0, 0, 0, 1, 0}}, at);
+        place(Transform{{0, 1, 0, 0, 0, 0, 1, 0, 1, 0, 0, 0}}, at);
+        if (random.below(3) == 0) place(Transform{{1, 0.5F, 0, 0, 0, 1, 0, 0, 0, 0, 1, 0}}, at);
+    }
+    place(Transform{{3, 0, 0, 0, 0, 3, 0, 0, 0, 0, 3, 0}}, Vec3(0));
+    scene.root = 1;
+    return scene;
+}
+
 SceneDescription sphere_scene(std::uint64_t seed) {
     Random random(seed);
     SceneDescription scene;

@@ -41,6 +41,11 @@ private:
 /// and one with a mask of zero.
 SceneDescription nested_scene(std::uint32_t depth, std::uint64_t seed);
 
+/// Returns 27 cubes in a grid, which touch with whole faces, and inside a root with triangles of its
+/// own. Each is placed three times with one box, so that hits tie: as it is, mirrored, and with its
+/// axes exchanged. Others lean over their neighbours, and one is as large as the grid.
+SceneDescription crowded_scene(std::uint64_t seed, BuildQuality build);
+
 /// Returns a BVH of spheres: two hits per primitive.
 SceneDescription sphere_scene(std::uint64_t seed);
 

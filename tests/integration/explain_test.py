@@ -12,7 +12,8 @@ import numpy
 from daemon import DaemonTest
 from exr import read_exr
 
-COUNTERS = ("nodes", "boxes", "leaves", "prims", "instances", "rejects", "box_hits", "prim_hits", "total")
+COUNTERS = ("nodes", "boxes", "leaves", "prims", "instances", "instance_misses", "rejects", "box_hits", "prim_hits",
+            "total")
 
 
 class Explanations(DaemonTest):

@@ -186,8 +186,8 @@ class Limits(Heat):
 
     def test_every_metric_level_and_statistic_is_that_of_its_own_map(self):
         levels = self.client.json("info", "woods")["levels"]
-        for metric in ("nodes", "boxes", "leaves", "prims", "instances", "rejects", "box_hits", "prim_hits",
-                       "total", "prims.0", f"prims.{levels - 1}"):
+        for metric in ("nodes", "boxes", "leaves", "prims", "instances", "instance_misses", "rejects", "box_hits",
+                       "prim_hits", "total", "prims.0", f"prims.{levels - 1}"):
             told = self.client.json("heatmap", "woods", *VIEW, "--metric", metric, "-o", self.out / "a.npy")
             checks = [word for key in ("min", "mean", "p50", "p90", "p99", "max")
                       for word in ("--fail-if", f"{metric}.{key}<-1")]

@@ -61,7 +61,8 @@ class Pictures(DaemonTest):
         width, height, channels = read_exr((self.out / "h.exr").read_bytes())
         _, shape, counts = read_npy((self.out / "h.npy").read_bytes())
         self.assertEqual((height, width), shape)
-        metrics = ["nodes", "boxes", "leaves", "prims", "instances", "rejects", "box_hits", "prim_hits", "total"]
+        metrics = ["nodes", "boxes", "leaves", "prims", "instances", "instance_misses", "rejects", "box_hits",
+                   "prim_hits", "total"]
         self.assertEqual(sorted(channels), sorted(metrics + [f"L{level}.{metric}" for level in (0, 1)
                                                              for metric in metrics]))
         for metric in metrics:

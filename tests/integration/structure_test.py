@@ -64,6 +64,7 @@ class Structure(DaemonTest):
             self.assertLess(sum(row["bytes"] for row in rows), 1.05 * info["bytes"])
             for row in rows:
                 self.assertTrue(0 <= row["box_share"] <= 1)
+                self.assertGreaterEqual(row["epo"], 0)
         self.assertEqual([row["object"] for row in self.ask("objects", first=1, count=2)["rows"]], [1, 2])
         self.assertEqual(self.ask("objects", first=10**6)["rows"], [])
 

@@ -62,6 +62,7 @@ OF_RAYS: dict[str, tuple[str, int]] = {
     'leaves': ('u32', 1),
     'prims': ('u32', 1),
     'instances': ('u32', 1),
+    'instance_misses': ('u32', 1),
     'rejects': ('u32', 1),
     'box_hits': ('u32', 1),
     'prim_hits': ('u32', 1),

@@ -23,9 +23,9 @@ function objects({ model, selection }) {
   const table = sortableTable("Objects", [
     { title: "Name", value: (row) => row.name || `(${row.object})` }, number("Triangles", (row) => row.triangles),
     number("Instances", (row) => Number(row.placements)), number("Memory", (row) => row.bytes, bytesText), number("SAH", (row) => row.sah_cost ?? 0, short),
-    number("Fill", (row) => row.box_share ?? 0, short), number("Depth", (row) => row.height)],
+    number("EPO", (row) => row.epo ?? 0, short), number("Fill", (row) => row.box_share ?? 0, short), number("Depth", (row) => row.height)],
   { choose: (row) => selection.choose({ kind: "object", object: row.object, name: row.name }) },
-  { titles: { SAH: "Node visits that a ray through its box is expected to need", Fill: "Area of its triangles over half that of their boxes: 1 is good, 0 is bad",
+  { titles: { SAH: "Node visits that a ray through its box is expected to need", EPO: "Node visits where a ray ends, in trees that do not hold what it hits", Fill: "Area of its triangles over half that of their boxes: 1 is good, 0 is bad",
     Depth: "Nodes on the longest path of its tree" }, empty: WAITING });
   const show = () => { table.show(model.objects, model.info ? WAITING : NO_SCENE); mark(); };
   const mark = () => table.mark((row) => selection.hasObject(row.object));

@@ -10,6 +10,7 @@
 #include <doctest/doctest.h>
 
 #include <algorithm>
+#include <bit>
 #include <cstring>
 #include <limits>
 #include <vector>
@@ -69,9 +70,11 @@ private:
                 scene_.instances[object.first_instance + leaf_instance(word)];
             if ((instance.mask & ray.mask) == 0) return;
             ++counters_.instances;
+            const std::uint32_t hits = counters_.prim_hits;
             RayView inner = enter(ray, scene_, instance);
             this->object(inner, instance.object);
             ray.tmax = inner.tmax;
+            counters_.instance_misses += counters_.prim_hits == hits ? 1 : 0;
             return;
         }
         ++counters_.leaves;
@@ -79,6 +82,7 @@ private:
             visit_record_type(scene_, object, leaf_first(word), leaf_count(word),
                               [&](const auto& record) {
                                   ++counters_.prims;
+                                  count_hits(ray, record);
                                   Opaque opaque;
                                   visit(ray, record, opaque, query);
                                   return false;
@@ -90,10 +94,16 @@ private:
             for (int lane = 0; lane < 8; ++lane) {
                 if (block.triangle[lane] == no_id) continue;
                 ++counters_.prims;
+                count_hits(ray, TriangleRef(block, lane));
                 Opaque opaque;
                 visit(ray, TriangleRef(block, lane), opaque, query);
             }
         }
+    }
+
+    void count_hits(const RayView& ray, const auto& primitive) {
+        counters_.prim_hits +=
+            static_cast<std::uint32_t>(std::popcount(intersect(ray, primitive).mask));
     }
 
     /// Pushes the farthest child first, so that the nearest is on top.
@@ -241,6 +251,7 @@ TEST_CASE("node, box, leaf, primitive and instance counts equal those of a scala
 
         std::uint64_t boxes = 0;
         std::uint64_t instances = 0;
+        std::uint64_t misses = 0;
         int different = 0;
         for (const Ray& ray : rays) {
             Counters counted;
@@ -277,14 +288,18 @@ TEST_CASE("node, box, leaf, primitive and instance counts equal those of a scala
             different += counted.nodes != expected.nodes || counted.boxes != expected.boxes ||
                          counted.leaves != expected.leaves || counted.prims != expected.prims ||
                          counted.instances != expected.instances ||
+                         counted.instance_misses != expected.instance_misses ||
                          query.best.t != walk.query.best.t;
             most_together = std::max(most_together, walk.most_together);
             boxes += counted.boxes;
             instances += counted.instances;
+            misses += counted.instance_misses;
         }
         CHECK(different == 0);
         CHECK(boxes > rays.size());
         CHECK((instances > 0) == (description.objects.size() > 1));
+        CHECK((misses > 0) == (instances > 0));
+        CHECK((misses < instances) == (instances > 0));
     }
     CHECK(most_together == nodes_together);
 }
