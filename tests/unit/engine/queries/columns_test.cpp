@@ -285,8 +285,10 @@ TEST_CASE("a counter of one level is a column, and the levels add up to the tota
     const auto scene = test::build_scene(test::tree_scene());
     const std::vector<Ray> rays(2);
     const std::vector<HitRecord> hits(2);
-    const std::vector<Counters> counters{
-        {1, 8, 2, 11, 3, 4, 5, 6}, {10, 20, 30, 40, 50, 60, 70, 80}, {2, 3, 4, 5, 6, 7, 8, 9}, {}};
+    const std::vector<Counters> counters{{1, 8, 2, 11, 3, 1, 4, 5, 6},
+                                         {10, 20, 30, 40, 50, 2, 60, 70, 80},
+                                         {2, 3, 4, 5, 6, 3, 7, 8, 9},
+                                         {}};
     ColumnSource source{&scene->view(), rays, hits};
     source.counters = counters;
     source.counter_sets = 2;
@@ -323,7 +325,7 @@ TEST_CASE("counters are one per ray and total is boxes plus primitives") {
     const auto scene = test::build_scene(test::tree_scene());
     const std::vector<Ray> rays(2);
     const std::vector<HitRecord> hits(2);
-    const std::vector<Counters> counters{{1, 8, 2, 11, 3, 4}, {5, 6, 7, 8, 9, 10}};
+    const std::vector<Counters> counters{{1, 8, 2, 11, 3, 1, 4}, {5, 6, 7, 8, 9, 2, 10}};
     ColumnSource source{&scene->view(), rays, hits};
     source.counters = counters;
     using U32 = std::vector<std::uint32_t>;
@@ -332,6 +334,7 @@ TEST_CASE("counters are one per ray and total is boxes plus primitives") {
     CHECK(column<std::uint32_t>(Field::leaves, source, 2) == U32{2, 7});
     CHECK(column<std::uint32_t>(Field::prims, source, 2) == U32{11, 8});
     CHECK(column<std::uint32_t>(Field::instances, source, 2) == U32{3, 9});
+    CHECK(column<std::uint32_t>(Field::instance_misses, source, 2) == U32{1, 2});
     CHECK(column<std::uint32_t>(Field::rejects, source, 2) == U32{4, 10});
     CHECK(column<std::uint32_t>(Field::total, source, 2) == U32{19, 14});
 }
