@@ -218,7 +218,7 @@ Result<void> put_in_place(const fs::path& folder) {
     if (fs::exists(fs::symlink_status(copy / moves_in.front(), error)))
         if (auto moved = move_parts(folder, replaced, moves_out); !moved) return moved;
     if (auto moved = move_parts(copy, folder, moves_in); !moved) return moved;
-    fs::remove(copy, error);
+    fs::remove_all(copy, error);
     fs::remove(replaced, error);  // if it is empty
     return flush(folder, O_DIRECTORY);
 }

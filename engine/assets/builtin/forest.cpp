@@ -81,9 +81,9 @@ public:
         for (std::uint64_t i = 0; i < stands; ++i) {
             const Vec3 at =
                 spiral(i) + Vec3(random_.uniform(-1.5F, 1.5F), 0, random_.uniform(-1.5F, 1.5F));
-            const std::uint32_t stand = stands_[random_.below(stand_variants)];
-            add_stand(root, stand,
-                      on_floor(at, random_.uniform(0.92F, 1.1F), random_.uniform(0, 2 * pi)));
+            const Transform placed =
+                on_floor(at, random_.uniform(0.92F, 1.1F), random_.uniform(0, 2 * pi));
+            add_stand(root, stands_[random_.below(stand_variants)], placed);
         }
         plant_undergrowth(root, std::min(reach, thicket_reach));
         frame(root);
