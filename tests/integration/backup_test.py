@@ -169,15 +169,14 @@ class Backup(WithState):
             self.assertTrue((state / "replaced" / "manifest.sqlite").exists(), renames)
             self.raynestd_says(0, "gc", state)
             self.assertFalse((state / "replaced").exists())
-        state, _ = cut_off("started", count // 2)
-        self.state = state
+        again, _ = cut_off("again", count - 1)
+        self.assertIn("earlier restore", self.raynestd_says(1, "restore", copy, again))
+        self.state, _ = cut_off("started", count // 2)
         self.start()
         self.assertIn("restore_finishes", self.daemon.log())
         self.assertEqual(set(self.scenes()), {"woods"})
         self.assertEqual(self.hits("woods"), hits)
         self.kill()
-        state, _ = cut_off("again", count - 1)
-        self.assertIn("earlier restore", self.raynestd_says(1, "restore", copy, state))
 
     def test_garbage_goes_and_scenes_stay(self):
         client = self.start()
