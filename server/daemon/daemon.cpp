@@ -21,6 +21,7 @@
 #include <fcntl.h>
 #include <unistd.h>
 
+#include <chrono>
 #include <csignal>
 #include <cstdio>
 #include <cstdlib>
@@ -28,6 +29,7 @@
 #include <memory>
 #include <optional>
 #include <string>
+#include <thread>
 #include <utility>
 #include <vector>
 
@@ -354,6 +356,17 @@ int failed(const Error& error) {
     return 1;
 }
 
+/// Takes the lock of a folder whose daemon may just have ended: its lock goes a moment after its
+/// other end of a stream.
+Result<StateLock> lock_once_free(const std::filesystem::path& folder) {
+    constexpr int tries = 10;
+    for (int i = 1;; ++i) {
+        auto lock = StateLock::take(folder);
+        if (lock || i == tries) return lock;
+        std::this_thread::sleep_for(std::chrono::milliseconds(50));
+    }
+}
+
 }  // namespace
 
 int run_daemon(Options options, ReadOptions read_again) {
@@ -374,7 +387,7 @@ int run_daemon(Options options, ReadOptions read_again) {
         if (asked) {
             lock = asked->take_lock();
             predecessor = std::move(*asked);
-        } else if (lock = StateLock::take(options.state); !lock) {
+        } else if (lock = lock_once_free(options.state); !lock) {
             return failed(asked.error());
         }  // else it has ended meanwhile
     }

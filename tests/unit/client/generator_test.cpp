@@ -35,9 +35,9 @@ bool mentions(const std::string& text, const std::string& what) {
 }  // namespace
 
 TEST_CASE("words go to the daemon as they are") {
-    const wire::GeneratorT image = parsed({"fish", "size=8x6", "fx=5", "size=1x1"}).at({});
+    const wire::GeneratorT image = parsed({"fish", "size=8x6", "fx=5", "fin=1x1"}).at({});
     CHECK(image.kind == "fish");
-    CHECK(image.settings == Words{"size=8x6", "fx=5", "size=1x1"});
+    CHECK(image.settings == Words{"size=8x6", "fx=5", "fin=1x1"});
 }
 
 TEST_CASE("places are shifted by the scene's origin, in float64") {
