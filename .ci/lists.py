@@ -192,12 +192,13 @@ def python_module(lists):
         "REDUCED_KIND": {name: kind for name, kind, *_ in lists.reducers},
         "REDUCED_TO_POINTS": [row[0] for row in lists.reducers if row[2] == "points"],
         "GENERATORS": {name: settings.split(", ") for name, settings, _, _ in lists.generators},
+        "ACTING": [row[1] for row in lists.requests if row[5] == "once"],
     }
     types = {"ERRORS": "list[tuple[str, int]]", "OF_HITS": "dict[str, tuple[str, int]]",
              "OF_RAYS": "dict[str, tuple[str, int]]", "POINTS": "list[str]", "TRUTHS": "list[str]", "CSR": "list[str]",
              "SHOWN": "dict[str, list[str]]", "REDUCED": "dict[str, dict[str, tuple[str, int]]]",
              "REDUCED_KIND": "dict[str, str]", "REDUCED_TO_POINTS": "list[str]",
-             "GENERATORS": "dict[str, list[str]]"}
+             "GENERATORS": "dict[str, list[str]]", "ACTING": "list[str]"}
     lines = ['"""Lists that client and daemon share. Written by .ci/lists.py from the .def files of the '
              'tree."""', "from __future__ import annotations", "", "from typing import Literal", "",
              f"Worker = Literal[{', '.join(repr(name) for name, _ in lists.workers)}]", ""]

@@ -8,14 +8,24 @@ namespace raynest::protocol {
 struct EditRow {
     /// place: to where the matrix says. move: on top of where it stands. add: a placement of
     /// another scene, to the world. vertices: where those of its mesh are from now on.
-    enum What : std::uint32_t { place, move, set_mask, remove, add, vertices, set_uid, what_count };
+    enum What : std::uint32_t {
+        place,
+        move,
+        set_mask,
+        remove,
+        add,
+        vertices,
+        set_uid,
+        set_material,
+        what_count
+    };
     enum Frame : std::uint32_t { world, parent, own, frame_count };
     std::uint32_t what;
     /// An outermost instance, or an index in `targets`; of add: in `scenes`
     std::uint32_t target;
     std::uint32_t by_text;  ///< 1: in `targets`
     /// The mask of set_mask and add, the frame of place and move, the user id of set_uid; of
-    /// vertices an index in `vertex_counts`
+    /// set_material an index in `materials`, of vertices one in `vertex_counts`
     std::uint32_t value;
     double m[12];  ///< of place, move and add: a 3x4 matrix, row by row
 };

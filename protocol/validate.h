@@ -22,7 +22,7 @@ namespace raynest::protocol {
     inline Result<void> validate(const wire::Name&, const Limits&) { \
         return {};                                                   \
     }
-#define RAYNEST_REQUEST(number, Name, handler, needs, role, checks, ...) \
+#define RAYNEST_REQUEST(number, Name, handler, needs, role, repeat, checks, ...) \
     RAYNEST_VALIDATE_##checks(Name)
 #define RAYNEST_PART(number, Name, checks, ...) RAYNEST_VALIDATE_##checks(Name)
 #define RAYNEST_ANSWER(number, Name, checks) RAYNEST_VALIDATE_##checks(Name)

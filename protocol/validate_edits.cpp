@@ -14,6 +14,7 @@ Result<void> validate(const wire::Edit& message, const Limits& limits) {
         .texts("targets", message.targets())
         .names("scenes", message.scenes())
         .texts("names", message.names())
+        .texts("materials", message.materials())
         .aligned("vertex_counts", message.vertex_counts(), limits.list_items_max, "list_items_max")
         .at_most("vertex_counts", vertices, limits.edit_vertices_max, "edit_vertices_max")
         .at_least("rows", message.rows(), 1)

@@ -21,6 +21,7 @@ SOURCES = {".h", ".cpp", ".cu", ".py", ".sh"}
 # Written in pieces so that this file does not find itself.
 FORBIDDEN = {
     "an unfinished mark": re.compile(r"\b(?:TO" + r"DO|FIX" + r"ME|X" + r"XX)\b"),
+    "the mark of a merge": re.compile(r"^(?:<{7}|>{7}|\|{7})(?: .*)?$", re.MULTILINE),
     "a path of somebody's machine": re.compile(r"(?<![\w.$}])/(?:wo" + r"rk|home/\w+|root|Users)/"),
 }
 

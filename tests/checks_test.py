@@ -180,6 +180,10 @@ class House(Planted):
     def test_unfinished_marks_are_refused(self):
         self.assert_refused("engine/a.h", "// TO" + "DO later\n", "an unfinished mark")
 
+    def test_marks_of_merges_are_refused(self):
+        for mark in ("<" * 7 + " ours", ">" * 7, "|" * 7 + " base"):
+            self.assert_refused("engine/a.md", f"fine\n{mark}\nfine\n", "the mark of a merge")
+
     def test_machine_paths_are_refused(self):
         self.assert_refused("server/a.md", "see /home/" + "somebody/x\n", "somebody's machine")
 
@@ -289,8 +293,8 @@ class Lists(Planted):
                  ("protocol/PROTOCOL.md", "raynest/_lists.py")),
                 ("protocol/lists/limits.def", 'RAYNEST_LIMIT(new_max, 2ULL << 20, fixed, "new, things")',
                  ("protocol/PROTOCOL.md", "raynest/_limits.py")),
-                ("protocol/lists/requests.def", 'RAYNEST_REQUEST(99, New, fresh, plain, "Pong")',
-                 ("protocol/PROTOCOL.md", "protocol/messages.fbs", "server/web/lists.js")),
+                ("protocol/lists/requests.def", 'RAYNEST_REQUEST(99, New, fresh, nothing, user, once, plain, "Pong")',
+                 ("protocol/PROTOCOL.md", "protocol/messages.fbs", "raynest/_lists.py", "server/web/lists.js")),
                 ("engine/geometry/counters.def", 'RAYNEST_COUNTER(news, "news per ray")',
                  ("protocol/PROTOCOL.md", "python/README.md", "raynest/_lists.py",
                   "server/web/lists.js"))):

@@ -55,6 +55,7 @@ struct EditChange {
     protocol::EditRow::What what = protocol::EditRow::move;
     std::string path;         ///< a text, '*' for any text, or inst=N; of add the name of a scene
     std::uint32_t value = 0;  ///< a mask, the frame of place and move, or a user id
+    std::string material{};   ///< of set_material: its name or number
     std::array<double, 12> matrix{1, 0, 0, 0, 0, 1, 0, 0, 0, 0, 1, 0};  ///< of place, move and add
 };
 struct EditOptions {

@@ -45,14 +45,17 @@ struct Word {
 };
 constexpr std::string_view a_mask = "a mask";
 constexpr std::string_view a_uid = "a user id";
+constexpr std::string_view a_material = "a material";
 constexpr std::string_view a_matrix = "a 3x4 matrix row by row";
 constexpr std::string_view a_move = "x,y,z or a 3x4 matrix row by row";
-constexpr std::array<Word, 9> words{{
+constexpr std::array<Word, 10> words{{
     {"move", EditRow::move, EditRow::world, a_move,
      "PATH=DX,DY,DZ, or PATH= and a 3x4 matrix row by row: moves what stands there, in the world. "
      "In "
      "PATH * stands for any text, and all below a path moves with it; inst=N is the outermost "
-     "instance N. May be repeated, also the options below; they act in their order"},
+     "instance N. May be repeated, also the options below; they act in their order, --add and "
+     "--remove "
+     "last"},
     {"turn", EditRow::move, EditRow::own, a_move,
      "PATH= as for --move, in the coordinates of the object itself: a wheel about its axle"},
     {"place", EditRow::place, EditRow::world, a_matrix,
@@ -65,13 +68,17 @@ constexpr std::array<Word, 9> words{{
      "PATH=HEX: its mask from now on (see: query --mask)"},
     {"set-uid", EditRow::set_uid, 0, a_uid,
      "PATH=NUMBER: the user id of the outermost instances there, and of all within them"},
+    {"set-material", EditRow::set_material, 0, a_material,
+     "PATH=NAME: the material of the meshes there and of all within them, one that the scene has: "
+     "its "
+     "name, or its number in the column material"},
     {"hide", EditRow::set_mask, 0, "", "PATH: no ray meets it from now on"},
     {"show", EditRow::set_mask, ~0U, "", "PATH: every ray may meet it"},
 }};
 
 /// Reads what stands behind a word; returns what is wrong, or "".
 std::string read_change(const Word& word, const std::string& text, EditOptions& edit) {
-    EditChange change{word.what, text, word.value};
+    EditChange change{word.what, text, word.value, {}};
     if (!word.wanted.empty()) {
         const std::size_t equals = text.rfind('=');
         if (equals == 0 || equals == std::string::npos) return "'" + text + "' is not PATH=...";
@@ -85,6 +92,9 @@ std::string read_change(const Word& word, const std::string& text, EditOptions& 
             const auto uid = parse_whole(value);
             if (!uid) return "'" + value + "' is no user id, a whole number below 4294967295";
             change.value = *uid;
+        } else if (word.wanted == a_material) {
+            if (value.empty()) return "a material is missing";
+            change.material = value;
         } else {
             const auto numbers = parse_world(value, word.wanted == a_move ? 3 : 12, 12,
                                              std::string(word.wanted).c_str());
@@ -120,7 +130,7 @@ std::string read_changes(const std::string& path, EditOptions& edit) {
             word == words.end() || space == std::string::npos
                 ? "'" + line.substr(0, 60) +
                       "' does not begin with one of move, turn, place, add, remove, "
-                      "set-mask, set-uid, hide, show and a space"
+                      "set-mask, set-uid, set-material, hide, show and a space"
                 : read_change(*word, line.substr(space + 1), edit);
         if (!wrong.empty()) return "line " + std::to_string(number) + " of " + path + ": " + wrong;
     }
@@ -145,7 +155,7 @@ void declare(CommandLine& line, EditOptions& edit) {
     add_epoch(line, edit.epoch);
     line.at_end([&edit] {
         return edit.changes.empty() ? "--move, --turn, --place, --add, --remove, --set-mask, "
-                                      "--set-uid, --hide, --show "
+                                      "--set-uid, --set-material, --hide, --show "
                                       "or --file is required"
                                     : std::string();
     });
@@ -166,6 +176,8 @@ Result<void> run(Context& context, const EditOptions& options) {
     for (const EditChange& change : options.changes) {
         EditRow row{static_cast<std::uint32_t>(change.what), 0, 0, change.value, {}};
         std::ranges::copy(change.matrix, std::begin(row.m));
+        if (change.what == EditRow::set_material)
+            row.value = place_in(request.materials, change.material);
         if (change.what == EditRow::add) {
             row.target = place_in(request.scenes, change.path);
         } else if (const auto instance = instance_of(change.path)) {

@@ -4,11 +4,35 @@
 
 #include <filesystem>
 #include <string>
-#include <type_traits>
 #include <variant>
 
 namespace raynest::client {
 namespace {
+
+/// True if a second run of the command does more than the first.
+template <class Command>
+constexpr bool acts = false;
+constexpr bool again = false, once = true;
+}  // namespace
+
+// The command of a request has its name, if it has one.
+#define RAYNEST_REQUEST(number, Name, handler, needs, role, repeat, ...) struct Name##Options;
+#include "protocol/lists/requests.def"
+namespace {
+#define RAYNEST_REQUEST(number, Name, handler, needs, role, repeat, ...) \
+    template <>                                                          \
+    constexpr bool acts<Name##Options> = repeat;
+#include "protocol/lists/requests.def"
+template <>
+constexpr bool acts<CancelOptions> = acts<CancelJobOptions>;
+template <>
+constexpr bool acts<OpenOptions> = acts<PageOptions>;
+template <>
+constexpr bool acts<LoadTestOptions> = true;
+template <>
+constexpr bool acts<LoginOptions> = true;
+template <>
+constexpr bool acts<LogoutOptions> = true;
 
 bool is_file(const std::string& path) {
     std::error_code ignored;
@@ -33,22 +57,16 @@ bool is_safe(const QueryOptions& query, const Failure& why) {
     return is_job_safe(query.job, why) && (query.rays_file.empty() || is_file(query.rays_file)) &&
            (query.masks_file.empty() || is_file(query.masks_file));
 }
-bool is_safe(const EditOptions& /*edit*/, const Failure& /*why*/) {
-    return false;  // what has moved would move again
-}
 template <class Command>
 bool is_safe(const Command& command, const Failure& why) {
-    constexpr bool acts =
-        std::is_same_v<Command, UnloadOptions> || std::is_same_v<Command, OpenOptions> ||
-        std::is_same_v<Command, CancelOptions> || std::is_same_v<Command, LoadTestOptions> ||
-        std::is_same_v<Command, LoginOptions> || std::is_same_v<Command, LogoutOptions> ||
-        std::is_same_v<Command, AdminOptions>;
-    if constexpr (requires { command.job.detach; })
+    if constexpr (acts<Command>)
+        return false;
+    else if constexpr (requires { command.job.detach; })
         return is_job_safe(command.job, why);
     else if constexpr (requires { command.scene.size(); })
         return is_lasting(command.scene);
     else
-        return !acts;
+        return true;
 }
 
 }  // namespace

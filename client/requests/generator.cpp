@@ -32,7 +32,8 @@ constexpr std::array keys = {
 /// True for kinds with the setting `pose`, which is the identity by default.
 bool has_pose(std::string_view kind) {
     return std::any_of(kinds.begin(), kinds.end(), [&](const Row& row) {
-        return row.name == kind && row.text.find(" pose") != std::string_view::npos;
+        return row.name == kind &&
+               (", " + std::string(row.text) + ",").find(", pose,") != std::string::npos;
     });
 }
 

@@ -212,10 +212,8 @@ Result<void> Daemon::run() {
     });
     repeat(credentials_timer_, credentials_look, [this] {
         if (credentials_.look(WallClock::now())) end_revoked();
-        if (waker_.is_busy()) {
-            connections_.close_deserted();
-            waker_.drop_deserted();
-        }
+        connections_.close_deserted();
+        waker_.drop_deserted();
         page_access_.look_at_logins();
     });
     serving_ = true;
@@ -227,9 +225,7 @@ Result<void> Daemon::run() {
         if (const auto written = write_ready_file(options_.ready_file, uris, http_uri()); !written)
             return tl::unexpected(written.error());
     }
-    if (predecessor_)
-        for (const auto& listener : listeners_) listener->own_file();
-    if (predecessor_) handover_.serve_after(std::move(*std::exchange(predecessor_, {})));
+    if (predecessor_) take_place();
     notify("READY=1");
     // The io thread proves that it still handles events; jobs run on other threads.
     if (const auto interval = watchdog_interval())
@@ -312,6 +308,15 @@ void Daemon::look_drained() {
     drain_timer_.async_wait([this](const SystemError& error) {
         if (!error) look_drained();
     });
+}
+
+void Daemon::take_place() {
+    handover_.serve_after(std::move(*std::exchange(predecessor_, {})));
+    for (const auto& listener : listeners_)
+        if (const auto taken = listener->take_file(options_.socket); !taken)
+            log(LogLevel::error, "socket_access_failed",
+                {{"listen", listener->uri()}, {"reason", taken.error().message}});
+    inherited_.drop_unclaimed();
 }
 
 std::vector<HandedSocket> Daemon::handed_sockets() {

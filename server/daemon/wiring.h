@@ -75,6 +75,8 @@ private:
     void begin_to_drain(bool has_successor = false);
     void look_drained();
     [[nodiscard]] std::vector<HandedSocket> handed_sockets();
+    /// Serves in place of the daemon before, whose sockets become those that the options name.
+    void take_place();
     void look_after_detached();
     /// Does something again and again, with this pause before each time.
     void repeat(asio::steady_timer& timer, std::chrono::microseconds pause,

@@ -1,12 +1,28 @@
 // How a task learns that it shall stop.
 #pragma once
 
+#include <algorithm>
 #include <atomic>
 #include <chrono>
+#include <cstdint>
 
 namespace raynest::server {
 
 using Clock = std::chrono::steady_clock;
+
+/// Returns the deadline of what may take `milliseconds` from `now`; 0: as long as it takes.
+[[nodiscard]] inline Clock::time_point deadline_after(Clock::time_point now,
+                                                      std::uint32_t milliseconds) {
+    return milliseconds == 0 ? Clock::time_point::max()
+                             : now + std::chrono::milliseconds(milliseconds);
+}
+/// The inverse, at least 1 for a deadline.
+[[nodiscard]] inline std::uint32_t milliseconds_until(Clock::time_point deadline,
+                                                      Clock::time_point now) {
+    if (deadline == Clock::time_point::max()) return 0;
+    const auto left = std::chrono::ceil<std::chrono::milliseconds>(deadline - now).count();
+    return static_cast<std::uint32_t>(std::max<std::int64_t>(left, 1));
+}
 
 /// Tells a running task whether to stop. Tasks ask often, so requested() must be cheap.
 class Stop {

@@ -276,9 +276,15 @@ asio::awaitable<void> HttpConnection::serve() {
         if (!error && !parser.is_done() && !is_coded) {
             const HttpRequest asked = to_asked(parser.get(), true);
             const auto length = parser.content_length();
-            if (server_.site_.takes_body(asked) && length && *length <= body_bytes_max)
+            if (server_.site_.takes_body(asked) && length && *length <= body_bytes_max) {
+                if (beast::iequals(parser.get()[http::field::expect], "100-continue")) {
+                    http::response<http::empty_body> go_on(http::status::continue_, 11);
+                    co_await http::async_write(stream_, go_on,
+                                               asio::redirect_error(asio::use_awaitable, error));
+                }
                 co_await http::async_read(stream_, buffer_, parser,
                                           asio::redirect_error(asio::use_awaitable, error));
+            }
         }
         if (error) {
             const auto reply = unreadable_request(error, limits_);

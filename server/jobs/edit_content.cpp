@@ -32,13 +32,15 @@ std::optional<Matrix> matrix_of(const EditRow& row) {
 }
 
 Result<void> apply(EditBatch& batch, const EditRow& row, const Matrix& matrix,
-                   const InstancePlace& place) {
+                   std::uint32_t material, const InstancePlace& place) {
     switch (row.what) {
         case EditRow::set_mask:
             batch.set_mask(place, row.value);
             return {};
         case EditRow::set_uid:
             return batch.set_uid(place, row.value);
+        case EditRow::set_material:
+            return batch.set_material(place, material);
         case EditRow::remove:
             return batch.remove(place);
         case EditRow::place:
@@ -155,6 +157,15 @@ Reply<void> read_edit(EditBatch& batch, const Snapshot& scene, const std::string
                        ? no_instances()
                        : wrong(fmt::format("names the outermost instance {}; the scene has {}",
                                            row.target, outermost));
+        std::uint32_t material = no_id;
+        if (row.what == EditRow::set_material) {
+            if (row.value >= content.materials.size())
+                return wrong(
+                    fmt::format("names material {} of {}", row.value, content.materials.size()));
+            const auto found = find_material(scene.view(), content.materials[row.value]);
+            if (!found) return wrong(found.error().message);
+            material = *found;
+        }
         one.front() = row.target;
         const std::vector<InstancePlace>* places = &one;
         if (row.by_text != 0) {
@@ -168,7 +179,7 @@ Reply<void> read_edit(EditBatch& batch, const Snapshot& scene, const std::string
             if (++changed % 1024 == 0 && stopped()) return refuse(Code::cancelled, "");
             if (row.what == EditRow::vertices)
                 batch.set_vertices(place, vertices[row.value]);
-            else if (auto done = apply(batch, row, *matrix, place); !done)
+            else if (auto done = apply(batch, row, *matrix, material, place); !done)
                 return wrong(done.error().message);
         }
     }
@@ -185,6 +196,7 @@ Reply<std::vector<std::byte>> kept_change(const EditContent& content,
     message.targets = content.targets;
     message.rows = content.rows;
     message.vertex_counts = content.vertex_counts;
+    message.materials = content.materials;
     const auto frame = protocol::encode(0, message);
     if (!frame) return tl::unexpected(frame.error());
     const auto& control = frame->control;
@@ -224,6 +236,7 @@ Reply<std::shared_ptr<const Snapshot>> replay_edits(std::shared_ptr<const Snapsh
         EditContent content;
         content.targets = protocol::strings((*message)->targets());
         content.rows = (*message)->rows();
+        content.materials = protocol::strings((*message)->materials());
         if (const auto* counts = (*message)->vertex_counts())
             content.vertex_counts.assign(counts->begin(), counts->end());
         const auto rest = std::span(edit.change).subspan(sizeof size + size);

@@ -30,6 +30,7 @@ struct EditContent {
     std::vector<Source> sources;
     std::uint32_t rows = 0;
     std::vector<std::uint32_t> vertex_counts;   ///< of the meshes behind the rows
+    std::vector<std::string> materials;         ///< names or numbers (find_material())
     [[nodiscard]] std::uint64_t bytes() const;  ///< of the rows and vertices
 };
 

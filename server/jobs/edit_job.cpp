@@ -224,10 +224,14 @@ private:
             bytes += added.scene->bytes().size() + added.to_scene.size() * each;
         }
         bytes += bytes_to_unshare(before_->snapshot(), changes);
-        if (bytes != 0 || !changes.removed.empty() || !changes.deformed.empty() ||
-            !changes.uids.empty() || std::ranges::any_of(changes.moves, is_nested) ||
-            std::ranges::any_of(changes.masks, is_nested))
-            bytes += before_->snapshot().bytes().size();
+        const bool is_linked = bytes != 0 || !changes.removed.empty() || !changes.uids.empty();
+        const bool is_copied = is_linked || !changes.deformed.empty() ||
+                               !changes.materials.empty() ||
+                               std::ranges::any_of(changes.moves, is_nested) ||
+                               std::ranges::any_of(changes.masks, is_nested);
+        // The content of a linked scene is there until its arena is written.
+        const std::uint64_t copies = is_linked ? 2 : is_copied ? 1 : 0;
+        bytes += copies * before_->snapshot().bytes().size();
         if (bytes == 0) return Budget::Lease();
         auto lease = services_.budget.reserve(bytes, caller_.principal, Use::lasting);
         if (!lease)

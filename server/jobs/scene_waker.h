@@ -29,7 +29,6 @@ public:
     void wake(const AsleepScene& scene, const std::string& principal, std::weak_ptr<Awake> awake);
     /// Reads a scene of which no request needs to wait.
     void wake(const AsleepScene& scene);
-    [[nodiscard]] bool is_busy() const { return !waiting_.empty(); }
     /// Ends what nobody waits for any more: kept edits may take long.
     void drop_deserted();
     /// Ends all that runs.

@@ -77,9 +77,23 @@ void InheritedSockets::warn_of_unclaimed() const {
     for (const Row& socket : sockets_)
         log(LogLevel::warn, "socket_unused",
             {{"uri", to_uri(socket.address)},
-             {"reason", std::string(socket.value.empty() ? "the service manager passes it"
-                                                         : "the daemon before has handed it on") +
-                            ", and no option names it"}});
+             {"reason", std::string(socket.value.empty()
+                                        ? "the service manager passes it, and no option names it"
+                                        : "the daemon before has handed it on, and no option names "
+                                          "it; it is closed with that daemon")}});
+}
+
+void InheritedSockets::drop_unclaimed() {
+    std::erase_if(sockets_, [](const Row& socket) {
+        if (socket.value.empty()) return false;
+        if (const auto* local = std::get_if<UnixAddress>(&socket.address)) {
+            if (local->has_file) (void)::unlink(local->path.c_str());
+            (void)::close(local->descriptor);
+        } else {
+            (void)::close(std::get<TcpAddress>(socket.address).descriptor);
+        }
+        return true;
+    });
 }
 
 }  // namespace raynest::server

@@ -30,6 +30,9 @@ public:
     void claim(Address& address, const std::string& value);
     /// Logs the addresses of sockets that claim() did not take.
     void warn_of_unclaimed() const;
+    /// Closes those of a daemon before, and removes their files. Call it once that accepts no more:
+    /// whoever connects there is refused then.
+    void drop_unclaimed();
 
 private:
     struct Row {

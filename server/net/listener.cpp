@@ -127,22 +127,18 @@ Result<void> clear_path(const Place& place, const sockaddr_un& name) {
     return {};
 }
 
-/// Gives the socket that bind() has made its group, then the mode that gives the group access.
+/// Gives a socket's file its group, then the mode that gives the group access.
 /// Returns what failed, with errno. Opens the file once: where others may rename files, its path
 /// may lead elsewhere by now.
-const char* widen_access(const char* path, const SocketAccess& access) {
+const char* set_access(const char* path, const SocketAccess& access) {
     const Fd file(::open(path, O_PATH | O_NOFOLLOW | O_CLOEXEC));
     struct stat status {};
     if (file.get() < 0 || fstat(file.get(), &status) != 0) return "open";
     errno = EEXIST;
     if (!S_ISSOCK(status.st_mode)) return "open";
     if (access.group &&
-        fchownat(file.get(), "", static_cast<uid_t>(-1), *access.group, AT_EMPTY_PATH) != 0) {
-        const int why = errno;
-        unlink(path);
-        errno = why;
+        fchownat(file.get(), "", static_cast<uid_t>(-1), *access.group, AT_EMPTY_PATH) != 0)
         return "chown to --socket-group";
-    }
     // fchmod() refuses a descriptor of O_PATH.
     const std::string opened = "/proc/self/fd/" + std::to_string(file.get());
     return chmod(opened.c_str(), access.mode) == 0 ? nullptr : "chmod to --socket-mode";
@@ -157,7 +153,7 @@ Result<Bound> bind_unix(const Place& place, const SocketAccess& access) {
     const auto descriptor = make_socket(place, AF_UNIX);
     if (!descriptor) return tl::unexpected(descriptor.error());
     // Widen access last: bind() creates the file with at most the socket's mode, 0600.
-    const auto prepare = [&] { return widen_access(address.path.c_str(), access); };
+    const auto prepare = [&] { return set_access(address.path.c_str(), access); };
     if (fchmod(*descriptor, 0600) != 0) {
         close(*descriptor);
         return failed(place, "fchmod");
@@ -208,6 +204,15 @@ void Listener::close() {
     pause_.cancel();
     if (!socket_file_.empty()) unlink(socket_file_.c_str());
     socket_file_.clear();
+}
+
+Result<void> Listener::take_file(const SocketAccess& access) {
+    const auto* local = std::get_if<UnixAddress>(&address_);
+    if (local == nullptr || !local->has_file) return {};
+    socket_file_ = local->path;
+    if (const char* call = set_access(socket_file_.c_str(), access))
+        return fail(ErrorCode::io_failed, std::string(call) + ": " + std::strerror(errno));
+    return {};
 }
 
 void Listener::hand_on(Socket socket, Descriptors descriptors) {

@@ -41,11 +41,9 @@ public:
         socket_file_.clear();
         close();
     }
-    /// From now on close() removes the file of a Unix socket that a daemon before has made.
-    void own_file() {
-        const auto* local = std::get_if<UnixAddress>(&address_);
-        if (local != nullptr && local->has_file) socket_file_ = local->path;
-    }
+    /// Gives the file of a Unix socket that a daemon before has made this mode and group; close()
+    /// removes it from now on. Fails with io_failed, and the file is as it was.
+    Result<void> take_file(const SocketAccess& access);
     [[nodiscard]] int descriptor() { return acceptor_.native_handle(); }
     /// True if close() removes the file of a Unix socket.
     [[nodiscard]] bool has_file() const { return !socket_file_.empty(); }

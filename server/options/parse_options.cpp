@@ -357,14 +357,22 @@ constexpr std::array<MemoryShare, 2> memory_shares = {{
     {"--principal-result-bytes-max", &protocol::Limits::principal_result_bytes_max, 8},
 }};
 
+/// Returns the disk of a folder that may be made later: that of the nearest one above which is there.
+std::filesystem::space_info disk_of(const std::string& folder, std::error_code& error) {
+    std::filesystem::path path = std::filesystem::absolute(folder, error);
+    while (!error && path.has_relative_path() && !std::filesystem::exists(path, error))
+        path = path.parent_path();
+    return error ? std::filesystem::space_info() : std::filesystem::space(path, error);
+}
+
 void set_shares(Options& options, const CLI::App& app) {
     for (const MemoryShare& share : memory_shares)
         if (app.count(share.option) == 0)
             options.limits.*share.quota = options.memory / share.parts;
+    if (options.state.empty() || app.count("--principal-disk-bytes-max") != 0) return;
     std::error_code no_disk;
-    const auto disk = std::filesystem::space(options.state, no_disk);
-    if (!options.state.empty() && !no_disk && app.count("--principal-disk-bytes-max") == 0)
-        options.limits.principal_disk_bytes_max = disk.capacity / 2;
+    const auto disk = disk_of(options.state, no_disk);
+    if (!no_disk) options.limits.principal_disk_bytes_max = disk.capacity / 2;
 }
 
 /// Ends a command that only prints; fails if stdout could not be written.

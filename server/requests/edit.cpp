@@ -17,6 +17,7 @@ Reply<Answer> edit(const Services& services, const Caller& caller,
     order.keep = message->keep();
     order.content.targets = protocol::strings(message->targets());
     order.content.rows = message->rows();
+    order.content.materials = protocol::strings(message->materials());
     const auto scene = services.scenes.find(order.scene, order.epoch, caller);
     if (!scene) return tl::unexpected(scene.error());
     if (const auto allowed = services.scenes.may_edit(order.scene, caller); !allowed)

@@ -35,9 +35,23 @@ Reply<Answer> verified(const Services& services, const Caller& caller,
     return handle(services, caller, *message);
 }
 
+template <class Table>
+std::uint32_t deadline_ms(const protocol::Frame& frame, const protocol::Limits& limits) {
+    const auto message = protocol::open<Table>(frame, limits);
+    if (!message) return 0;
+    const Table& table = *message->table;
+    if constexpr (requires { table.job()->deadline_ms(); })
+        return table.job() == nullptr ? 0 : table.job()->deadline_ms();
+    else if constexpr (requires { table.deadline_ms(); })
+        return table.deadline_ms();
+    else
+        return 0;
+}
+
 // A request has no default role: a row without one does not compile.
 template <class Table, Typed<Table> handle, Needs needs, Role role>
-constexpr Request request{protocol::message_of<Table>, role, verified<Table, handle, needs>};
+constexpr Request request{protocol::message_of<Table>, role, verified<Table, handle, needs>,
+                          deadline_ms<Table>};
 
 /// The table of requests.
 constexpr std::array rows = {

@@ -33,6 +33,8 @@ struct Request {
     Role role;  ///< the least role of its sender; checked in one place, Conversation::start
     /// Checks Needs and answers the request.
     Reply<Answer> (*answer)(const Services&, const Caller&, const protocol::Frame&);
+    /// Returns the time from now that the client allows; 0: any, or the message cannot be read.
+    std::uint32_t (*deadline_ms)(const protocol::Frame&, const protocol::Limits&);
 };
 
 /// Returns the row of a message type; null for messages that begin no request.

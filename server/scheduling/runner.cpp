@@ -57,9 +57,7 @@ Reply<Admission::Slot> Runner::enter(JobRecord record) {
 
 Reply<std::uint64_t> Runner::start(std::uint64_t id, JobSubmission accepted) {
     const Clock::time_point now = Clock::now();
-    const Clock::time_point deadline = accepted.deadline_ms == 0
-                                           ? Clock::time_point::max()
-                                           : now + std::chrono::milliseconds(accepted.deadline_ms);
+    const Clock::time_point deadline = deadline_after(now, accepted.deadline_ms);
     JobRecord record;
     record.principal = principal_;
     record.kind = std::move(accepted.kind);

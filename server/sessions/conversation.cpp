@@ -5,6 +5,8 @@
 #include "server/ground/limited_log.h"
 #include "server/ground/refusals.h"
 #include "server/jobs/change_gate.h"
+#include "server/scheduling/dispatched_task.h"
+#include "server/scheduling/peers.h"
 #include "server/security/access.h"
 #include "server/store/scene_store.h"
 
@@ -15,6 +17,7 @@
 #include <iterator>
 #include <new>
 #include <utility>
+#include <vector>
 
 namespace raynest::server {
 namespace {
@@ -108,28 +111,31 @@ Reply<bool> Conversation::admit(const protocol::FrameHeader& header) const {
                       protocol::message_name(header.type) + " brings no bulk part; " +
                           std::to_string(header.bulk_bytes) + " bytes are announced");
     if (header.bulk_bytes > most) return false;
+    if (parked_.contains(header.request_id)) return true;
     return runner_of(header.request_id).expects(header.request_id, header.bulk_bytes);
 }
 
 void Conversation::receive(protocol::Frame frame) {
     if (closing_) return;
     services_.metrics.count<&Metrics::frames_received>(counted_as());
-    const std::uint64_t id = frame.header.request_id;
+    guard(frame.header.request_id, [&] { handle(std::move(frame)); });
+    settle();
+}
+
+void Conversation::guard(std::uint64_t id, const std::function<void()>& act) {
     const RequestScope scope({caller_.connection, id});
-    // Let an exception end only the request that caused it. A greeting that has failed half-way
-    // ends the connection.
+    // A greeting that has failed half-way ends the connection.
     const auto refuse_one = [&](const protocol::Error& error) {
         if (greeted_) return refuse_request(id, error);
         close_with_error(error);
     };
     try {
-        handle(std::move(frame));
+        act();
     } catch (const std::bad_alloc&) {
         refuse_one({Code::resource_exhausted, "", 0});
     } catch (const std::exception& error) {
         refuse_one({Code::internal, error.what(), 0});
     }
-    settle();
 }
 
 void Conversation::refuse_unreadable(const Unreadable& message) {
@@ -161,10 +167,17 @@ void Conversation::handle(protocol::Frame frame) {
         return close_with_error({Code::bad_frame,
                                  protocol::message_name(type) + " is not for a client to send now",
                                  0});
-    if (request != nullptr)
-        start(*request, std::move(frame));
-    else
-        (this->*part->act)(std::move(frame));
+    if (request != nullptr) return start(*request, std::move(frame));
+    if (const auto parked = parked_.find(frame.header.request_id); parked != parked_.end()) {
+        if (type != static_cast<std::uint16_t>(wire::Message::Cancel)) {
+            held_up_ = std::move(frame);
+            return;
+        }
+        if (const auto cancel = protocol::open<wire::Cancel>(frame, services_.limits); !cancel)
+            return refuse_parked(parked, cancel.error());
+        return refuse_parked(parked, {Code::cancelled, "", 0});
+    }
+    (this->*part->act)(std::move(frame));
 }
 
 void Conversation::greet(protocol::Frame frame) {
@@ -235,9 +248,10 @@ void Conversation::cancel(protocol::Frame frame) {
         runner_->cancel(id);
 }
 
-void Conversation::start(const Request& request, protocol::Frame frame) {
+void Conversation::start(const Request& request, protocol::Frame frame,
+                         std::optional<Clock::time_point> deadline) {
     const std::uint64_t id = frame.header.request_id;
-    if (id == 0 || runner_->knows(id) || feeding_.contains(id))
+    if (id == 0 || runner_->knows(id) || feeding_.contains(id) || parked_.contains(id))
         return refuse_request(id, {Code::invalid_field,
                                    id == 0 ? "a request needs an id other than 0"
                                            : "the request id " + std::to_string(id) +
@@ -256,16 +270,17 @@ void Conversation::start(const Request& request, protocol::Frame frame) {
     (void)services_.scenes.take_asleep();
     if (services_.poser != nullptr) (void)services_.poser->take_wanted();
     Reply<Answer> answer = request.answer(services_, caller_, frame);
+    using Awake = std::weak_ptr<SceneWaker::Awake>;
     if (!answer && services_.waker != nullptr)
-        if (const auto asleep = services_.scenes.take_asleep()) {
-            park(std::move(frame));
-            return services_.waker->wake(*asleep, caller_.principal, awake_);
-        }
+        if (const auto asleep = services_.scenes.take_asleep())
+            return park(request, std::move(frame), deadline, [&](Awake awake) {
+                services_.waker->wake(*asleep, caller_.principal, std::move(awake));
+            });
     if (!answer && services_.poser != nullptr)
-        if (const auto wanted = services_.poser->take_wanted()) {
-            park(std::move(frame));
-            return services_.poser->make(*wanted, caller_.principal, awake_);
-        }
+        if (const auto wanted = services_.poser->take_wanted())
+            return park(request, std::move(frame), deadline, [&](Awake awake) {
+                services_.poser->make(*wanted, caller_.principal, std::move(awake));
+            });
     if (!answer) return refuse_request(id, answer.error());
     if (auto* frames = std::get_if<Frames>(&*answer)) {
         for (protocol::Frame& reply : *frames) sink_.send(std::move(reply));
@@ -275,19 +290,11 @@ void Conversation::start(const Request& request, protocol::Frame frame) {
     const bool fetches = accepted.kind == "fetch";
     if (draining_ && !fetches) return refuse_request(id, {Code::draining, why_draining_, 0});
     if (services_.changes != nullptr && services_.changes->is_closed() &&
-        ChangeGate::concerns(accepted.kind)) {
-        park(std::move(frame));
-        return services_.changes->wait(awake_);
-    }
-    if (jobs() >= services_.limits.jobs_max) {
-        services_.metrics.count<&Metrics::jobs_refused>(caller_.principal);
-        return refuse_request(id, {Code::quota,
-                                   "this connection has " + std::to_string(jobs()) +
-                                       " requests in flight, the limit is jobs_max = " +
-                                       std::to_string(services_.limits.jobs_max) +
-                                       "; wait for one of them, or open another connection",
-                                   0});
-    }
+        ChangeGate::concerns(accepted.kind))
+        return park(request, std::move(frame), deadline,
+                    [&](Awake awake) { services_.changes->wait(std::move(awake)); });
+    if (const auto room = check_room(); !room) return refuse_request(id, room.error());
+    if (deadline) accepted.deadline_ms = milliseconds_until(*deadline, Clock::now());
     waited_ = !fetches && (waited_ || accepted.kind == "wait");
     if (accepted.detach) {
         if (const auto detached = detach(id, std::move(accepted)); !detached)
@@ -298,18 +305,78 @@ void Conversation::start(const Request& request, protocol::Frame frame) {
         refuse_request(id, started.error());
 }
 
-void Conversation::park(protocol::Frame frame) {
-    parked_ = std::move(frame);
-    awake_ = std::make_shared<SceneWaker::Awake>([this](const Reply<void>& read) {
-        protocol::Frame waiting = std::move(*std::exchange(parked_, std::nullopt));
-        const RequestScope scope({caller_.connection, waiting.header.request_id});
-        if (closing_) return;
-        if (read)
-            receive(std::move(waiting));
-        else
-            refuse_request(waiting.header.request_id, read.error());
-        if (resumed_) resumed_();
-    });
+Reply<void> Conversation::check_room() const {
+    const std::size_t in_flight = jobs() + parked_.size();
+    if (in_flight < services_.limits.jobs_max) return {};
+    services_.metrics.count<&Metrics::jobs_refused>(caller_.principal);
+    return refuse(Code::quota, "this connection has " + std::to_string(in_flight) +
+                                   " requests in flight, the limit is jobs_max = " +
+                                   std::to_string(services_.limits.jobs_max) +
+                                   "; wait for one of them, or open another connection");
+}
+
+void Conversation::park(const Request& request, protocol::Frame frame,
+                        std::optional<Clock::time_point> deadline,
+                        const std::function<void(std::weak_ptr<SceneWaker::Awake>)>& wait) {
+    const std::uint64_t id = frame.header.request_id;
+    if (const auto room = check_room(); !room) return refuse_request(id, room.error());
+    const std::uint64_t bytes = frame.control.size() + frame.bulk.size();
+    auto lease = services_.peers.reserve(bytes, caller_.principal);
+    if (!lease)
+        return refuse_request(
+            id,
+            services_.budget.refuse("the request", bytes, caller_.principal, "try later").value());
+    if (!deadline)
+        deadline = deadline_after(Clock::now(), request.deadline_ms(frame, services_.limits));
+    auto awake = std::make_shared<SceneWaker::Awake>(
+        [this, id](const Reply<void>& ready) { resume(id, ready); });
+    parked_.emplace(id, Parked{std::move(frame), std::move(*lease), *deadline, awake});
+    wait(std::move(awake));
+}
+
+void Conversation::resume(std::uint64_t id, const Reply<void>& ready) {
+    const auto parked = parked_.find(id);
+    if (!ready) return refuse_parked(parked, ready.error());
+    protocol::Frame frame = std::move(parked->second.frame);
+    const Clock::time_point deadline = parked->second.deadline;
+    parked_.erase(parked);
+    guard(id, [&] { start(*find_request(frame.header.type), std::move(frame), deadline); });
+    let_go_on();
+}
+
+void Conversation::refuse_parked(ParkedRequests::iterator parked, const protocol::Error& error) {
+    const std::uint64_t id = parked->first;
+    parked_.erase(parked);
+    const RequestScope scope({caller_.connection, id});
+    refuse_request(id, error);
+    let_go_on();
+}
+
+void Conversation::let_go_on() {
+    if (held_up_ && !parked_.contains(held_up_->header.request_id)) {
+        protocol::Frame frame = std::move(*std::exchange(held_up_, std::nullopt));
+        guard(frame.header.request_id, [&] { handle(std::move(frame)); });
+    }
+    settle();
+    if (resumed_) resumed_();
+}
+
+Clock::time_point Conversation::next_deadline() const {
+    Clock::time_point next = runner_->next_tick();
+    for (const auto& [id, parked] : parked_) next = std::min(next, parked.deadline);
+    return next;
+}
+
+void Conversation::expire_parked(Clock::time_point now) {
+    std::vector<std::uint64_t> late;
+    for (const auto& [id, parked] : parked_)
+        if (now >= parked.deadline) late.push_back(id);
+    // The first may end the connection, and the others with it.
+    for (const std::uint64_t id : late)
+        if (const auto parked = parked_.find(id); parked != parked_.end()) {
+            ++services_.metrics.deadlines_passed;
+            refuse_parked(parked, deadline_error());
+        }
 }
 
 void Conversation::feed(protocol::Frame frame) {
@@ -349,19 +416,20 @@ void Conversation::release_inputs() {
 
 std::uint64_t Conversation::held_bytes() const {
     std::uint64_t bytes = runner_->held_bytes();
+    for (const auto& [id, parked] : parked_) bytes += parked.lease.bytes();
     for (const auto& [id, job] : feeding_) bytes += job->runner().held_bytes() + job->bytes();
     return bytes;
 }
 
 bool Conversation::waits_for_client() const {
-    return !parked() && runner_->waits_for_client() &&
+    return parked_.empty() && runner_->waits_for_client() &&
            std::all_of(feeding_.begin(), feeding_.end(),
                        [](const auto& fed) { return fed.second->runner().waits_for_client(); });
 }
 
 void Conversation::abandon(const protocol::Error& why) {
-    parked_.reset();
-    awake_.reset();
+    parked_.clear();
+    held_up_.reset();
     runner_->abandon(why);
     services_.scenes.disconnect(caller_);
     for (const auto& [id, job] : std::exchange(feeding_, {})) {

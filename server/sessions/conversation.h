@@ -68,10 +68,14 @@ public:
     [[nodiscard]] std::size_t jobs() const { return runner_->size() + feeding_.size(); }
     /// Bytes of --memory that these requests and their answers have reserved.
     [[nodiscard]] std::uint64_t held_bytes() const;
-    /// True while a request waits for a scene to be read from the disk. Meanwhile pass no frames
+    /// True while data have come for a request that waits for its scene. Meanwhile pass no frames
     /// on; `resumed` is called, on the io thread, when they may follow.
-    [[nodiscard]] bool parked() const { return parked_.has_value(); }
+    [[nodiscard]] bool is_held_up() const { return held_up_.has_value(); }
     void set_resumed(std::function<void()> resumed) { resumed_ = std::move(resumed); }
+    /// Returns when expire_parked() has something to do.
+    [[nodiscard]] Clock::time_point next_deadline() const;
+    /// Refuses the requests that wait for their scenes beyond their deadlines.
+    void expire_parked(Clock::time_point now);
     /// True if every request waits for its client.
     [[nodiscard]] bool waits_for_client() const;
 
@@ -94,10 +98,31 @@ private:
     void feed(protocol::Frame frame);
 
     void handle(protocol::Frame frame);
-    void start(const Request& request, protocol::Frame frame);
-    /// Reads a scene, then starts the request anew.
-    /// Keeps a request until awake_ is called, which begins it once more.
-    void park(protocol::Frame frame);
+    /// `deadline`: of a request that was parked.
+    void start(const Request& request, protocol::Frame frame,
+               std::optional<Clock::time_point> deadline = std::nullopt);
+    /// Calls `act`; an exception ends the request alone.
+    void guard(std::uint64_t id, const std::function<void()>& act);
+    /// A request that waits for its scene, or for a takeover.
+    struct Parked {
+        protocol::Frame frame;
+        Budget::Lease lease;  ///< of the frame's bytes
+        Clock::time_point deadline;
+        std::shared_ptr<SceneWaker::Awake> awake;  ///< begins it once more
+    };
+    using ParkedRequests = std::map<std::uint64_t, Parked>;
+    /// Calls `wait` with what begins the request once more. `deadline`: of one that was parked
+    /// before.
+    void park(const Request& request, protocol::Frame frame,
+              std::optional<Clock::time_point> deadline,
+              const std::function<void(std::weak_ptr<SceneWaker::Awake>)>& wait);
+    void resume(std::uint64_t id, const Reply<void>& ready);
+    /// Ends a parked request with an error.
+    void refuse_parked(ParkedRequests::iterator parked, const protocol::Error& error);
+    /// Fails with QUOTA if the connection has as many requests in flight as it may have.
+    [[nodiscard]] Reply<void> check_room() const;
+    /// Handles the message that waited for a request which waits no more.
+    void let_go_on();
     /// Returns the runner that has the request of this id: a detached job's, else the connection's.
     [[nodiscard]] Runner& runner_of(std::uint64_t id) const;
     Reply<void> detach(std::uint64_t id, JobSubmission accepted);
@@ -121,8 +146,8 @@ private:
     bool waited_ = false;  ///< a Wait was sent and no Fetch since
     Clock::time_point fetch_until_ = Clock::time_point::max();
     bool closing_ = false;
-    std::optional<protocol::Frame> parked_;
-    std::shared_ptr<SceneWaker::Awake> awake_;  ///< of the parked request
+    ParkedRequests parked_;                   ///< by request id
+    std::optional<protocol::Frame> held_up_;  ///< data of a parked request
     std::function<void()> resumed_;
 };
 

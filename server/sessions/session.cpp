@@ -155,7 +155,7 @@ void Session::drop(Metrics::Counter& counter, const char* why) {
 }
 
 void Session::stop_if_deserted() {
-    if (open_ && conversation_.parked() && transport_->has_left()) stop();
+    if (open_ && conversation_.is_held_up() && transport_->has_left()) stop();
 }
 
 void Session::stop_if_lost() {
@@ -281,7 +281,7 @@ asio::awaitable<void> Session::read_some(SystemError& error) {
         write_at_once();
         settle();
         if (turn_is_over()) co_await yield();
-        while (open_ && conversation_.parked()) co_await wait(room_);
+        while (open_ && conversation_.is_held_up()) co_await wait(room_);
     } while (open_ && !conversation_.closing() && !rest.empty());
 }
 
@@ -310,7 +310,7 @@ std::span<const std::byte> Session::take_frames(std::span<const std::byte> bytes
             }
         }
         kept_ = kept_before + (Clock::now() - began);
-    } while (open_ && !conversation_.closing() && !conversation_.parked() && !bytes.empty() &&
+    } while (open_ && !conversation_.closing() && !conversation_.is_held_up() && !bytes.empty() &&
              !turn_is_over());
     return bytes;
 }
@@ -408,7 +408,7 @@ void Session::settle() {
     conversation_.settle();
     if (conversation_.closing() && close_deadline_ == never) {
         close_deadline_ = Clock::now() + flush_time;
-        room_.cancel();  // nothing is parked any more
+        room_.cancel();  // nothing is held up any more
     }
     if (next_deadline() < watchdog_.expiry()) watchdog_.cancel();
 }
@@ -420,7 +420,7 @@ bool Session::crowded() const {
 
 Clock::time_point Session::next_deadline() const {
     if (conversation_.closing()) return close_deadline_;
-    return std::min(greeting_deadline_, conversation_.runner().next_tick());
+    return std::min(greeting_deadline_, conversation_.next_deadline());
 }
 
 void Session::expire(Clock::time_point now) {
@@ -430,6 +430,7 @@ void Session::expire(Clock::time_point now) {
                    : drop(services_.metrics.peers_cut_off, "it did not read the last frames");
     if (conversation_.closing()) return;
     conversation_.runner().tick(now);
+    conversation_.expire_parked(now);
     if (now >= greeting_deadline_) {
         ++services_.metrics.timeouts;
         if (!opened_) return stop();

@@ -1,8 +1,10 @@
 #include "server/store/manifest.h"
 
+#include "engine/system/child_process.h"
 #include "protocol/hash.h"
 #include "protocol/subject.h"
 
+#include <fcntl.h>
 #include <fmt/format.h>
 #include <sqlite3.h>
 
@@ -184,6 +186,12 @@ Result<Manifest> Manifest::open(const std::filesystem::path& file, bool read_onl
         auto look = open(file, true);
         if (!look) return look;
         if (const auto rows = look->rows(); !rows) return tl::unexpected(rows.error());
+    }
+    // Names, owners and shares are for the daemon's user alone, whatever the folder's mode.
+    if (!read_only) {
+        constexpr int access = 0600;
+        (void)Fd(::open(file.c_str(), O_RDWR | O_CREAT | O_EXCL | O_CLOEXEC, access));
+        std::filesystem::permissions(file, std::filesystem::perms(access), ignored);
     }
     Manifest manifest;
     manifest.file_ = file.string();

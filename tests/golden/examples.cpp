@@ -147,6 +147,7 @@ void add_scene_requests(Collection& all) {
     edit.names = {"car"};
     edit.vertex_counts = {8};
     edit.keep = true;
+    edit.materials = {"red", "7"};
     all.add(16, edit);
     wire::PinT pin;
     pin.scene = "forest";

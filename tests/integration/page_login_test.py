@@ -19,7 +19,7 @@ import unittest
 import websocket
 from daemon import PATIENCE, Daemon, until
 from secure_daemon import Certificates, SecureClient, SecureDaemon, Tokens
-from websocket import WebSocket, get, greeted, host_of, place_of, post, raw, split, upgrade_request
+from websocket import WebSocket, connect, get, greeted, host_of, place_of, post, raw, split, upgrade_request
 
 ROOT = pathlib.Path(__file__).resolve().parents[2]
 ROLES = ("viewer", "user", "admin")
@@ -253,6 +253,15 @@ class PageTest(unittest.TestCase):
         chunked = (f"POST /v1/login HTTP/1.1\r\nHost: {host_of(self.http)}\r\nOrigin: {self.http}\r\n"
                    f"Transfer-Encoding: chunked\r\n\r\n").encode()
         self.assertEqual(split(raw(self.http, chunked))[0], 413)
+
+    def test_a_body_that_waits_to_be_asked_for_is_asked_for(self):
+        token = "token=" + self.secrets["user"]
+        with connect(self.http) as connection:
+            connection.sendall(f"POST /v1/login HTTP/1.1\r\nHost: {host_of(self.http)}\r\nOrigin: {self.http}\r\n"
+                               f"Content-Length: {len(token)}\r\nExpect: 100-continue\r\n\r\n".encode())
+            self.assertEqual(split(connection.recv(4096))[0], 100)
+            connection.sendall(token.encode())
+            self.assertIn("set-cookie", split(connection.recv(4096))[1])
 
     def test_a_code_logs_in_once_as_its_caller(self):
         local = SecureClient(self.raynest, f"unix:{self.out}/code")

@@ -49,6 +49,20 @@ class State(WithState):
         self.assertEqual({scene["state"] for scene in self.scenes().values()}, {"memory"})
         self.assertEqual(after["woods"]["epoch"], 2)
 
+    def test_the_quota_of_the_disk_is_the_same_before_the_folder_is_made(self):
+        self.assertFalse(self.state.exists())
+        disk = os.statvfs(self.folder)
+        for start in (self.start, self.again):
+            self.assertEqual(start().json("stats")["quota_disk_bytes"], disk.f_frsize * disk.f_blocks // 2)
+
+    def test_the_manifest_is_for_the_daemons_user_alone(self):
+        self.state.mkdir(mode=0o755)
+        for start in (self.start, self.again):
+            start().json("load", WOODS, "--name", "woods", "--replace")
+            for file in self.state.glob("manifest*"):
+                self.assertEqual(file.stat().st_mode & 0o77, 0, file)
+            (self.state / "manifest.sqlite").chmod(0o644)
+
     def test_many_requests_wait_for_one_read(self):
         self.start().json("load", WOODS, "--name", "woods")
         hits = self.hits("woods")

@@ -26,13 +26,13 @@ RAYS = [[x / 8 - 4, 50, y / 8 - 4, 0, -1, 0] for x in range(8) for y in range(8)
 class Running:
     """A raynestd on the folder of a test; unlike Daemon it may not become ready."""
 
-    def __init__(self, test, *arguments, ready=True):
+    def __init__(self, test, *arguments, ready=True, tcp=True):
         self.test = test
         self.log = test.folder / f"log{len(test.running)}"
         test.running.append(self)
         with open(self.log, "wb") as out:
             self.process = subprocess.Popen(
-                [test.raynestd, "--state", test.state, "--listen", "tcp://127.0.0.1:0", "--listen",
+                [test.raynestd, "--state", test.state, *(["--listen", "tcp://127.0.0.1:0"] if tcp else []), "--listen",
                  f"unix:{test.folder}/socket", "--http", "127.0.0.1:0", "--cuda", "off", "--threads", "2",
                  "--ready-file", test.ready, *map(str, arguments)],
                 stdin=subprocess.DEVNULL, stdout=out, stderr=out)
@@ -338,6 +338,24 @@ class Takeover(WithState):
             client.connect(str(self.folder / "socket"))
         self.assertIn("another daemon uses", self.refused("--ready-file", self.folder / "other"))
         fake.close()
+
+    def test_a_successor_with_other_options_keeps_what_these_name_and_no_more(self):
+        spare = self.folder / "spare"
+        first = Running(self, "--listen", f"unix:{spare}")
+        tcp, file = json.loads(self.ready.read_text())["listen"][0], self.folder / "socket"
+        port = int(tcp.rsplit(":", 1)[1])
+        self.assertEqual(file.stat().st_mode & 0o777, 0o600)
+        second = Running(self, "--takeover", "--socket-mode", "0660", tcp=False)
+        first.ended()
+        with self.assertRaises(ConnectionRefusedError):
+            socket.create_connection(("127.0.0.1", port), PATIENCE)
+        self.assertFalse(spare.exists())
+        self.assertEqual(file.stat().st_mode & 0o777, 0o660)
+        with raynest.connect(f"unix:{file}") as client:
+            client.ping()
+        self.assertIn("it is closed with that daemon", second.text())
+        second.stop()
+        self.assertFalse(file.exists())
 
     @unittest.skipUnless(LONG, "takes a minute: --long")
     def test_one_that_does_not_serve_in_time_is_ended(self):

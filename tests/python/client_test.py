@@ -108,15 +108,33 @@ class Scenes(WithDaemon):
         np.testing.assert_allclose(hits["t"], 0.5, atol=1e-4)
         self.assertEqual(scene.info["unique_triangles"], 500)
 
-    def test_a_mesh_is_called_after_its_content(self):
+    def test_a_mesh_that_is_kept_is_called_after_its_content(self):
         corners = np.eye(3)
-        a, b = (self.client.mesh(corners, [[0, 1, 2]]) for _ in range(2))
-        c = self.client.mesh(corners * 2, [[0, 1, 2]])
+        a, b = (self.client.mesh(corners, [[0, 1, 2]], keep=True) for _ in range(2))
+        c = self.client.mesh(corners * 2, [[0, 1, 2]], keep=True)
         self.assertEqual(a.name, b.name)
         self.assertNotEqual(a.name, c.name)
-        c.unload()
+        for scene in (a, c):
+            scene.unload()
         with self.assertRaises(raynest.InvalidError):
             self.client.scene(c.name)
+
+    def test_scenes_without_a_name_are_edited_apart_though_they_are_equal(self):
+        face = [[0, 0, 0], [1, 0, 0], [0, 1, 0]], [[0, 1, 2]]
+        ray = [[0.2, 0.2, 5, 0, 0, -1]]
+        with raynest.connect(self.daemon.uri) as other:
+            for make in (lambda client: client.mesh(*face), lambda client: client.scene_of({"face": face})):
+                moved, equal, theirs = make(self.client), make(self.client), make(other)
+                before = self.client.stats()["scene_bytes"]
+                with moved.edit() as edit:
+                    edit.move(0, (0, 0, 1))
+                again = make(self.client)
+                self.assertEqual([float(each.trace(ray)["t"][0]) for each in (moved, equal, theirs, again)],
+                                 [4, 5, 5, 5])
+                # Equal content is there once.
+                self.assertLess(self.client.stats()["scene_bytes"], 2.5 * before)
+                for each in (moved, equal, again):
+                    each.unload()
 
     def test_a_mesh_that_is_built_otherwise_is_another_scene(self):
         a, b = (self.client.mesh(np.eye(3), [[0, 1, 2]], build=build)
@@ -290,6 +308,8 @@ class Errors(WithDaemon):
             if isinstance(got, raynest.Client):
                 got.close()
                 return got.connection._window_bytes
+            if isinstance(got, raynest.Scene) and got.name.startswith("mesh-"):
+                return got.info["hash"]
             return repr(got) if not inspect.isgenerator(got) else repr(list(got))
         points, ray = [[1, 50, 2], [3, -9, 4]], rain(1)
         job = self.woods.trace(ray, detach=True)

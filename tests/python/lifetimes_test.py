@@ -49,8 +49,10 @@ class Lifetimes(WithDaemon):
     def test_a_mesh_without_a_name_goes_with_its_block(self):
         with self.client.mesh(CORNERS * 5, FACE) as outer:
             with self.client.mesh(CORNERS * 5, FACE) as inner:
-                self.assertEqual(inner.name, outer.name)
-            # Another object of the same scene has ended, not this one.
+                self.assertNotEqual(inner.name, outer.name)
+                with self.client.scene(outer.name):
+                    pass
+            # Another object of the same scene has ended, and another scene, not this one.
             self.assertEqual(outer.trace(RAY)["t"].shape, (1,))
         self.assertNotIn(outer.name, self.names())
         with self.client.mesh(CORNERS * 5, FACE, keep=True) as scene:

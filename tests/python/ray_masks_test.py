@@ -251,6 +251,8 @@ class RayMasks(WithDaemon):
         for wrong in ([1.5, 2], [-1, 2]):
             with self.assertRaises(raynest.UsageError):
                 self.woods.trace(rays[:2], mask=wrong)
+        with self.assertRaisesRegex(raynest.UsageError, "mask of bools"):
+            self.woods.trace(rays[:2], mask=[True, False])
         with self.assertRaisesRegex(raynest.UsageError, "makes these rays"):
             self.woods.trace(generators.camera(size=(4, 4)), mask=[1] * 16)
         with self.assertRaisesRegex(raynest.UsageError, "one number here"):

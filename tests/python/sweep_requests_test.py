@@ -150,6 +150,21 @@ class SweepRequests(WithDaemon):
         seen = self.woods.trace(made, fields=("origin",))["origin"]
         np.testing.assert_allclose(seen[:100, 0], 10 * np.sin(np.arange(100) / 100), atol=1e-6)
 
+    def test_the_command_line_sends_world_coordinates_to_a_scene_with_an_origin(self):
+        self.client.mesh(np.array([[-90, 0, -90], [90, 0, -90], [0, 0, 90]]) + SURVEY, [[0, 1, 2]], name="far", origin=SURVEY)
+        times, poses = drive(5, at=SURVEY)
+        np.save(self.out / "far.npy", np.column_stack([times, poses.reshape(-1, 12)]))
+        trajectory = f"trajectory={self.out / 'far.npy'}"
+        for made, words in (
+                (generators.sweep(ELEVATIONS, (0, 360, 64), trajectory=(times, poses)),
+                 ("sweep", "elevations=-25,-3.5,0,12.25", "azimuths=0:360:64", trajectory)),
+                (generators.rolling_shutter(16, 16, size=(32, 8), trajectory=(times, poses)),
+                 ("rolling_shutter", "size=32x8", "fx=16", "fy=16", trajectory))):
+            done = self.cli.run("query", "far", "--generate", *words, "--fields", "t,hit", "-o", self.out / "far.npz")
+            self.assertEqual(done.returncode, 0, done.stderr)
+            with np.load(self.out / "far.npz") as file:
+                self.same(dict(file), self.client.scene("far").trace(made, fields=("t", "hit")))
+
     def test_the_command_line_reads_a_trajectory_from_a_file(self):
         times, poses = drive(20)
         made = generators.sweep(ELEVATIONS, (0, 360, 600), trajectory=(times, poses), begin=0.1, end=0.2, scans=4)

@@ -98,6 +98,7 @@ class Trajectories(WithDaemon):
                 ([0, 1, np.nan], good, "finite"), ([0, 1, 2], good * 2, "pose 0 of the trajectory is not rigid"),
                 ([0, 1, 2], good * [[[1], [1], [-1]]], "not rigid"),
                 ([0, 1, 2], np.where(np.arange(3)[:, None, None] == 1, np.nan, good), "pose 1 .* is not rigid"),
+                ([0, 1, 2], np.tile(np.vstack((np.eye(4)[:3], [5, 0, 0, 1])), (3, 1, 1)), "not 0 0 0 1"),
                 ([0, 0.01, 0.02], good, "the trajectory from 0.0 to 0.02"), ([0, 1, 2], np.eye(3), "shape")):
             with self.subTest(words=words), self.assertRaisesRegex(raynest.UsageError, words):
                 sweeps.lidar([0], trajectory=(times, poses))

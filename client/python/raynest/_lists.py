@@ -113,3 +113,11 @@ GENERATORS: dict[str, list[str]] = {
     'rolling_shutter': ['size', 'fx', 'fy', 'cx', 'cy', 'trajectory', 'poses', 'begin', 'end', 'step_error', 'range'],
     'hemisphere': ['points', 'samples', 'seed', 'margin'],
 }
+
+ACTING: list[str] = [
+    'Unload',
+    'Edit',
+    'Page',
+    'CancelJob',
+    'Admin',
+]

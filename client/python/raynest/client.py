@@ -128,11 +128,10 @@ class Client(Session):
         """Loads triangles: vertices (N, 3), faces (M, 3). The column prim is a row of faces.
 
         float64 vertices become float32 after `origin` was subtracted, as in load(); a SceneWarning
-        says when they lose digits that matter, or have lost them before, being float32. Without a
-        name the scene is named after its content and `build`. Equal content is sent and built only
-        once, as in load(). Such a scene belongs to this
-        connection: it goes with its last Scene object (`with c.mesh(...) as s:`), or with the
-        connection. A name or `keep` keeps it in the daemon.
+        says when they lose digits that matter, or have lost them before, being float32. Equal content is sent and built only once,
+        as in load(). Without a name each call makes a scene of its own, whose edits change no other: it goes
+        with its Scene object (`with c.mesh(...) as s:`), or with the connection. A name keeps it in the daemon;
+        so does `keep`, under a name that its content and `build` give it.
         """
         load = load_of_mesh(vertices, faces, name, origin=origin, keep=keep, replace=replace, build=build)
         scene, info = self._load(load, progress)

@@ -23,13 +23,13 @@ Which = Union[int, str, Sequence[Union[int, str]], Array]
 
 _ROW = np.dtype([("what", "<u4"), ("target", "<u4"), ("by_text", "<u4"), ("value", "<u4"),
                  ("matrix", "<f8", (3, 4))])
-_PLACE, _MOVE, _MASK, _REMOVE, _ADD, _VERTICES, _UID = range(7)
+_PLACE, _MOVE, _MASK, _REMOVE, _ADD, _VERTICES, _UID, _MATERIAL = range(8)
 _FRAMES = ("world", "parent", "own")
 
 
 class Edit:
     """A batch of changes, made by Scene.edit() and sent when its `with` block ends. They take effect
-    together and in their order. An exception in the block sends nothing."""
+    together and in their order, but additions and removals come last. An exception in the block sends nothing."""
 
     epoch: int      # of the scene after the edit
     instances: int  # how many have changed
@@ -47,6 +47,7 @@ class Edit:
         self.epoch = whole("epoch", epoch, 2**64 - 1, 0)
         self._texts: dict[str, int] = {}
         self._added: dict[tuple[str, str], int] = {}
+        self._materials: dict[str, int] = {}
         self._rows: list[Array] = []
         self._vertices: list[Array] = []
 
@@ -118,6 +119,21 @@ class Edit:
         self._rows.append(rows)
         return self
 
+    def set_material(self, which: Which, material: Union[int, str]) -> Edit:
+        """Gives the meshes of instances, and of all within them, a material that the scene has: its name, or its
+        number in the column `material`. Of what is placed several times, the named places get meshes of their own,
+        unless all are named. Rays must not pass through either material (alpha modes MASK and BLEND)."""
+        if isinstance(material, bool) or not isinstance(material, (int, str, np.integer)):
+            raise TypeError(f"material of {reprlib.repr(material)}: it must be a name, or a number as in the column "
+                            "material")
+        text = material if isinstance(material, str) else str(whole("a material", material, 2**32 - 2, 0))
+        if not text:
+            raise UsageError("a material's name is empty: give its number")
+        rows = self._targets(which)
+        rows["what"], rows["value"] = _MATERIAL, self._materials.setdefault(text, len(self._materials))
+        self._rows.append(rows)
+        return self
+
     def hide(self, which: Which) -> Edit:
         """No ray meets these instances from now on."""
         return self.set_mask(which, 0)
@@ -136,6 +152,8 @@ class Edit:
 
     def _targets(self, which: Which) -> Array:
         """Returns a row for each of these instances or texts."""
+        if isinstance(which, (bytes, bytearray)):
+            raise _wrong(which)
         several = [which] if isinstance(which, (str, int, np.integer)) else which
         if isinstance(several, np.ndarray) and several.dtype.kind in "iu" and several.ndim == 1:
             if len(several) and (several.min() < 0 or several.max() > 2**32 - 1):
@@ -181,6 +199,7 @@ class Edit:
         message: Message = {"epoch": self.epoch, "rows": len(rows), "keep": self._keep,
                             "targets": list(self._texts), "scenes": [scene for scene, _ in self._added],
                             "names": [name for _, name in self._added],
+                            "materials": list(self._materials),
                             "vertex_counts": [len(points) for points in self._vertices]}
         if sum(message["vertex_counts"]) > _limits.edit_vertices_max:
             raise UsageError(f"{sum(message['vertex_counts'])} vertices in one edit, at most "

@@ -76,6 +76,8 @@ def known_poses(trajectory: Any) -> tuple[Array, Array]:
     if poses.ndim != 3 or poses.shape[1:] not in ((3, 4), (4, 4)) or len(poses) != len(known):
         raise UsageError(f"poses of shape {poses.shape} for {len(known)} times: they must be ({len(known)}, 3, 4) "
                          f"or ({len(known)}, 4, 4)")
+    if poses.shape[1] == 4 and not (poses[:, 3] == (0, 0, 0, 1)).all():
+        raise UsageError("the last row of a pose is not 0 0 0 1: is it transposed?")
     poses = poses[:, :3]
     if not (np.diff(known) > 0).all():
         raise UsageError("the trajectory's times must ascend")

@@ -84,6 +84,16 @@ Result<void> EditBatch::set_uid(const InstancePlace& place, std::uint32_t uid) {
     return {};
 }
 
+Result<void> EditBatch::set_material(const InstancePlace& place, std::uint32_t material) {
+    const auto meshes = meshes_of(scene_.view(), place, edited_meshes_max - materials_.size());
+    if (!meshes) return tl::unexpected(meshes.error());
+    if (meshes->empty())
+        return fail(ErrorCode::field_invalid,
+                    "gives a material to an instance without triangles of its own or within it");
+    for (const InstancePlace& mesh : *meshes) materials_[mesh] = material;
+    return {};
+}
+
 Result<void> EditBatch::remove(const InstancePlace& place) {
     if (!place.below.empty())
         return fail(ErrorCode::field_invalid,
@@ -109,6 +119,7 @@ std::size_t EditBatch::size() const {
     for (const auto& [place, mask] : masks_) all.insert(place);
     for (const auto& [place, vertices] : vertices_) all.insert(place);
     for (const auto& [place, uid] : uids_) all.insert(place);
+    for (const auto& [place, material] : materials_) all.insert(place);
     for (const std::uint32_t place : removed_) all.insert(place);
     std::size_t size = all.size();
     for (const auto& [key, scene] : added_) size += scene.to_scene.size();
@@ -122,6 +133,7 @@ SceneChanges EditBatch::changes() const {
     for (const auto& [place, mask] : masks_) made.masks.push_back({place, mask});
     for (const auto& [place, vertices] : vertices_) made.deformed.push_back({place, {vertices}});
     for (const auto& [outermost, uid] : uids_) made.uids.push_back({outermost, uid});
+    for (const auto& [place, material] : materials_) made.materials.push_back({place, material});
     made.removed.assign(removed_.begin(), removed_.end());
     for (const auto& [key, scene] : added_) made.added.push_back(scene);
     return made;

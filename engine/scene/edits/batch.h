@@ -44,6 +44,9 @@ public:
     void set_vertices(const InstancePlace& place, std::span<const Vec3> vertices) {
         vertices_[place] = vertices;
     }
+    /// Gives the triangles of an instance, and of all within it, a material of the scene. Fails as
+    /// meshes_of() does, and with field_invalid if there are none.
+    Result<void> set_material(const InstancePlace& place, std::uint32_t material);
     /// Fails with field_invalid for an instance within another one.
     Result<void> remove(const InstancePlace& place);
     /// Adds a placement of a scene, from its world to this scene's. Placements of one key share the
@@ -64,6 +67,7 @@ private:
     std::map<InstancePlace, std::uint32_t> masks_;
     std::map<InstancePlace, std::span<const Vec3>> vertices_;
     std::map<std::uint32_t, std::uint32_t> uids_;
+    std::map<InstancePlace, std::uint32_t> materials_;
     std::set<std::uint32_t> removed_;
     std::map<std::uint32_t, AddedScene> added_;
 };

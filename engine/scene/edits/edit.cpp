@@ -221,6 +221,24 @@ Result<void> check_uids(const Snapshot& scene, const std::vector<InstanceUid>& u
     return {};
 }
 
+Result<void> check_materials(const Snapshot& scene, const std::vector<MeshMaterial>& changes) {
+    const SceneView& view = scene.view();
+    for (const MeshMaterial& change : changes) {
+        if (change.material >= view.material_count)
+            return fail(ErrorCode::field_invalid,
+                        fmt::format("there is no material {}: the scene has {}", change.material,
+                                    view.material_count));
+        const std::string_view why = why_not(
+            scene.shading(), view.objects[object_of(view, change.instance)], change.material);
+        if (!why.empty())
+            return fail(
+                ErrorCode::field_invalid,
+                fmt::format("{} cannot have the material '{}': {}", label(scene, change.instance),
+                            view.names + view.materials[change.material].name, why));
+    }
+    return {};
+}
+
 /// Returns the ways on which shared objects change, a step longer where the last one's object does.
 std::vector<InstancePlace> shared_ways(const Snapshot& scene, const SceneChanges& changes) {
     const SceneView& view = scene.view();
@@ -234,7 +252,7 @@ std::vector<InstancePlace> shared_ways(const Snapshot& scene, const SceneChanges
         for (const auto& change : changes.uids)
             std::ranges::move(places_within(view, change.outermost, nested_uids_max),
                               std::back_inserter(ways));
-    if (ways.empty() && changes.deformed.empty()) return ways;
+    if (ways.empty() && changes.deformed.empty() && changes.materials.empty()) return ways;
     std::vector<std::uint32_t> uses(view.object_count);
     for (std::uint32_t i = 0; i < view.instance_count; ++i) ++uses[view.instances[i].object];
     const auto is_shared = [&](const InstancePlace& place) {
@@ -243,18 +261,23 @@ std::vector<InstancePlace> shared_ways(const Snapshot& scene, const SceneChanges
         });
     };
     std::erase_if(ways, [&](const InstancePlace& place) { return !is_shared(place); });
-    // A mesh all of whose placements deform alike stays one.
-    std::map<std::pair<std::uint32_t, const Vec3*>, std::uint32_t> alike;
-    for (const MeshVertices& mesh : changes.deformed)
-        if (!is_shared(mesh.instance))
-            ++alike[{object_of(view, mesh.instance), mesh.vertices.positions.data()}];
-    for (const MeshVertices& mesh : changes.deformed) {
-        const std::uint32_t object = object_of(view, mesh.instance);
-        const auto found = alike.find({object, mesh.vertices.positions.data()});
-        if (found != alike.end() && found->second == uses[object]) continue;
-        ways.push_back(mesh.instance);
-        ways.back().below.push_back(0);
-    }
+    // A mesh all of whose placements change alike stays one.
+    const auto part_meshes = [&](const auto& meshes, auto change_of) {
+        std::map<std::pair<std::uint32_t, decltype(change_of(meshes[0]))>, std::uint32_t> alike;
+        for (const auto& mesh : meshes)
+            if (!is_shared(mesh.instance))
+                ++alike[{object_of(view, mesh.instance), change_of(mesh)}];
+        for (const auto& mesh : meshes) {
+            const std::uint32_t object = object_of(view, mesh.instance);
+            const auto found = alike.find({object, change_of(mesh)});
+            if (found != alike.end() && found->second == uses[object]) continue;
+            ways.push_back(mesh.instance);
+            ways.back().below.push_back(0);
+        }
+    };
+    part_meshes(changes.deformed,
+                [](const MeshVertices& mesh) { return mesh.vertices.positions.data(); });
+    part_meshes(changes.materials, [](const MeshMaterial& mesh) { return mesh.material; });
     return ways;
 }
 
@@ -271,6 +294,9 @@ std::uint64_t copy_bytes(const SceneView& view, const ObjectRecord& object) {
            object.geometry_count * geometry_bytes + vertex_count(view, object) * vertex_bytes +
            object.triangle_count * triangle_bytes;
 }
+
+/// Bytes that unshare() needs at most for a way and for an object that it copies, beside the copy.
+constexpr std::uint64_t bytes_per_way = 256, bytes_per_copy = 256;
 
 std::uint32_t mask_below(const SceneView& view, std::uint32_t object) {
     const ObjectRecord& record = view.objects[object];
@@ -315,6 +341,9 @@ Result<std::shared_ptr<const Snapshot>> change_in_place(const Snapshot& scene,
     for (const CameraMove& move : changes.cameras) arena.set_camera(move.camera, move.to_world);
     if (scene.paths().node_count == 0)
         for (const InstanceUid& change : changes.uids) set_uid(arena, change);
+    for (const MeshMaterial& change : changes.materials)
+        set_material(arena, arena.object(object_of(arena.view(), change.instance)),
+                     change.material);
 
     ChangesByObject places;
     const std::uint32_t root = scene.view().root;
@@ -384,7 +413,7 @@ std::uint64_t bytes_to_unshare(const Snapshot& scene, const SceneChanges& change
     const SceneView& view = scene.view();
     std::vector<InstancePlace> ways = shared_ways(scene, changes);
     std::ranges::sort(ways);
-    std::uint64_t bytes = 0;
+    std::uint64_t bytes = 0, copies = 0;
     for (std::size_t i = 0; i < ways.size(); ++i) {
         // The steps that it shares with the way before are counted already.
         std::size_t known = 0;
@@ -393,15 +422,19 @@ std::uint64_t bytes_to_unshare(const Snapshot& scene, const SceneChanges& change
             const auto& before = ways[i - 1].below;
             known = 1 + static_cast<std::size_t>(std::ranges::mismatch(here, before).in1 -
                                                  here.begin());
+            known = std::min(known, before.size());
         }
         std::uint32_t object = view.root;
         for (std::size_t step = 0; step < ways[i].below.size(); ++step) {
             const std::uint32_t place = step == 0 ? ways[i].outermost : ways[i].below[step - 1];
             object = view.instances[view.objects[object].first_instance + place].object;
-            if (step >= known) bytes += copy_bytes(view, view.objects[object]);
+            if (step < known) continue;
+            bytes += copy_bytes(view, view.objects[object]);
+            ++copies;
         }
     }
-    return bytes;
+    // The content of the copies is there until the arena is written.
+    return 2 * bytes + ways.size() * bytes_per_way + copies * bytes_per_copy;
 }
 
 Result<std::shared_ptr<const Snapshot>> edit_scene(const Snapshot& scene,
@@ -418,6 +451,10 @@ Result<std::shared_ptr<const Snapshot>> edit_scene(const Snapshot& scene,
     if (auto sound = check_vertices(scene, changes.deformed); !sound)
         return tl::unexpected(sound.error());
     if (auto known = check_uids(scene, changes.uids); !known) return tl::unexpected(known.error());
+    if (auto known = check_places(scene, changes.materials); !known)
+        return tl::unexpected(known.error());
+    if (auto sound = check_materials(scene, changes.materials); !sound)
+        return tl::unexpected(sound.error());
     const std::uint32_t count = scene.view().objects[scene.view().root].instance_count;
     if (!std::ranges::is_sorted(changes.removed, std::less_equal()) ||
         (!changes.removed.empty() && changes.removed.back() >= count))
@@ -436,7 +473,7 @@ Result<std::shared_ptr<const Snapshot>> edit_scene(const Snapshot& scene,
         if (auto done = advance(unshare(scene, ways, changes.uids).and_then(Snapshot::open)); !done)
             return tl::unexpected(done.error());
     if (!changes.moves.empty() || !changes.masks.empty() || !changes.deformed.empty() ||
-        !changes.cameras.empty() || !changes.uids.empty() ||
+        !changes.cameras.empty() || !changes.uids.empty() || !changes.materials.empty() ||
         (changes.removed.empty() && changes.added.empty()))
         if (auto done = advance(change_in_place(now(), changes, std::move(spare))); !done)
             return tl::unexpected(done.error());

@@ -16,6 +16,7 @@
 #include "engine/scene/edits/deform.h"
 #include "engine/scene/edits/instance_place.h"
 #include "engine/scene/edits/link.h"
+#include "engine/scene/edits/materials.h"
 #include "engine/scene/edits/uids.h"
 #include "engine/scene/snapshot.h"
 
@@ -57,14 +58,15 @@ struct SceneChanges {
     std::vector<MeshVertices> deformed = {};
     std::vector<CameraMove> cameras = {};
     std::vector<InstanceUid> uids = {};  ///< ascending
+    std::vector<MeshMaterial> materials = {};
 };
 
 /// The root's tree is built again once its expected cost is this many times that of its last build.
 inline constexpr double rebuild_cost_factor = 1.2;
 
-/// Returns how many bytes an edit adds to the scene at most, because shared objects change at some
-/// of their places. The scene has the instances that the changes name. Costs a look at each
-/// instance of the scene.
+/// Returns how many bytes an edit takes at most beside a copy of the scene, while it is made, because
+/// shared objects change at some of their places. The scene has the instances that the changes
+/// name. Costs a look at each instance of the scene.
 std::uint64_t bytes_to_unshare(const Snapshot& scene, const SceneChanges& changes);
 
 /// Returns a changed copy of the scene. `spare` may be the scene before its last edit: if nobody

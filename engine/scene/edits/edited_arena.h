@@ -45,6 +45,9 @@ public:
         return {section<TriangleBlock>(format::Section::blocks) + object.first_block,
                 object.block_count};
     }
+    [[nodiscard]] GeometryRecord& geometry(std::uint32_t index) {
+        return section<GeometryRecord>(format::Section::geometries)[index];
+    }
     [[nodiscard]] const GeometryShading& geometry_shading(std::uint32_t geometry) {
         return section<GeometryShading>(format::Section::geometry_shading)[geometry];
     }

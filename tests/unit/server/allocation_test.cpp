@@ -79,6 +79,8 @@ void operator delete(void* memory, std::size_t, std::align_val_t) noexcept {
 namespace raynest::test {
 namespace {
 
+using test::frame_of;
+
 constexpr long stride = sanitized ? 7 : 1;  ///< an import child takes half a second
 /// Too long for a std::string's internal buffer.
 constexpr const char* new_scene = "a scene with a name of some length";
@@ -86,11 +88,6 @@ constexpr const char* principal = "a principal with a name of some length";
 
 /// The client's frames after its Hello; the first request has the id 5.
 using Script = std::vector<protocol::Frame>;
-
-template <class Native>
-protocol::Frame frame_of(std::uint64_t id, const Native& message) {
-    return protocol::encode(id, message).value();
-}
 
 template <class... Frames>
 Script script(Frames... frames) {

@@ -17,12 +17,9 @@ namespace raynest::server {
 namespace {
 
 using test::Client;
+using test::errors_of;
+using test::frame_of;
 using test::SmallDaemon;
-
-template <class Native>
-protocol::Frame frame_of(std::uint64_t id, const Native& message) {
-    return protocol::encode(id, message).value();
-}
 
 wire::QueryT query_of(std::uint64_t rays) {
     wire::QueryT query;
@@ -30,15 +27,6 @@ wire::QueryT query_of(std::uint64_t rays) {
     query.job->scene = "forest";
     query.ray_count = rays;
     return query;
-}
-
-/// Returns the codes of all error answers, in order.
-std::vector<Code> errors_of(const SmallDaemon& daemon) {
-    std::vector<Code> codes;
-    for (const protocol::Frame& frame : daemon.sent)
-        if (const auto error = protocol::open<wire::Error>(frame))
-            codes.push_back(static_cast<Code>((*error)->code()));
-    return codes;
 }
 
 TEST_CASE("nothing but a greeting opens a conversation") {

@@ -110,4 +110,18 @@ public:
                        }) {}
 };
 
+template <class Native>
+protocol::Frame frame_of(std::uint64_t id, const Native& message) {
+    return protocol::encode(id, message).value();
+}
+
+/// Returns the codes of all error answers, in order.
+inline std::vector<server::Code> errors_of(const SmallDaemon& daemon) {
+    std::vector<server::Code> codes;
+    for (const protocol::Frame& frame : daemon.sent)
+        if (const auto error = protocol::open<wire::Error>(frame))
+            codes.push_back(static_cast<server::Code>((*error)->code()));
+    return codes;
+}
+
 }  // namespace raynest::test

@@ -24,6 +24,7 @@ from typing import Callable, Generator, NoReturn, Optional, Sequence, TypeVar
 import numpy as np
 
 from .. import _limits, errors
+from .._lists import ACTING
 from .._version import VERSION
 from .access import Access
 from .address import connect
@@ -48,9 +49,6 @@ CUT_SHORT = " within an answer: the daemon ended, or this reader paused and gave
 
 # The beginning of what a TLS server answers to bytes that are not TLS.
 TLS_ALERT = b"\x15\x03"
-
-# Requests that change nothing in the daemon.
-HARMLESS = {"Info", "Jobs", "Parts", "Path", "Ping", "Scenes", "Stats", "Variants"}
 
 T = TypeVar("T")
 Frame = tuple[str, Message]
@@ -116,7 +114,7 @@ class Connection:
         self._opened += 1
 
     def again(self, work: Callable[[], T]) -> T:
-        """Returns work(), which sends requests that change nothing. Where the daemon goes away
+        """Returns work(), which sends requests that do the same when they are sent again. Where the daemon goes away
         meanwhile, calls it once more: its first request connects again."""
         for attempt in range(1, ATTEMPTS_MAX + 1):
             try:
@@ -222,7 +220,8 @@ class Connection:
                     if kind == answer:
                         return reply
             raise errors.ProtocolError(f"the daemon answered {name} with {kind}")
-        return self.again(once) if name in HARMLESS else once()
+        # A detached job that was begun runs on.
+        return once() if name in ACTING or answer == "Detached" else self.again(once)
 
     def queue(self, name: str, message: Message, *blocks: tuple[str, Array, int]) -> None:
         """Queues a frame of the running request. A block is (name, data, values per element): data

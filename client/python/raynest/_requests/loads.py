@@ -63,7 +63,7 @@ def load_of_mesh(vertices: Any, faces: Any = None, name: Optional[str] = None, *
                         "temporary": not name and not keep}
     if not name:
         built = "" if build == "medium" else f"-{build}"
-        message["name"] = f"mesh-{message['file_digests'][:8].hex()}{built}"
+        message["name"] = _own_name(f"mesh-{message['file_digests'][:8].hex()}{built}", message)
     # The daemon sees float32 only, and cannot tell whether that lost anything.
     return Load(message, upload.read, ROUNDING_WORDS)
 
@@ -76,8 +76,14 @@ def load_of_parts(parts: Mapping[str, Any], places: Optional[Mapping[str, Any]] 
     message: Message = {**upload.message(), **_origin_message(origin), "replace": replace, "build": build,
                         "masks": mask_rules(masks), "temporary": not name and not keep}
     if not name:
-        message["name"] = f"parts-{message['file_digests'][:8].hex()}"
+        message["name"] = _own_name(f"parts-{message['file_digests'][:8].hex()}", message)
     return Load(message, upload.read)
+
+
+def _own_name(name: str, message: Message) -> str:
+    """Each scene that goes with its Scene object is another, so that its edits are its own. The daemon finds equal
+    content under any name."""
+    return f"{name}-{os.urandom(4).hex()}" if message["temporary"] else name
 
 
 def _metres(unit: Union[str, float]) -> float:

@@ -134,6 +134,8 @@ def masked(source: Source, job: JobOptions) -> tuple[Source, JobOptions]:
         return source, job
     if source.count and not source.sent.count:
         raise UsageError("the daemon makes these rays, which have one mask: pass a number")
+    if np.asarray(given).dtype == bool:
+        raise UsageError("mask of bools: it must be the bits of each ray, as whole numbers")
     masks = whole_numbers("mask", given, 2**32 - 1)
     if masks.shape != (source.sent.count,):
         raise UsageError(f"mask of shape {masks.shape} for {source.sent.count} rays: it must be one number, or "

@@ -398,3 +398,33 @@ TEST_CASE("what cannot be edited is refused by name, and the scene stays as it i
     CHECK(there->digest() != before);
     CHECK(edit(*there, moving({{2, translation(20, 0, 0)}}))->digest() == before);
 }
+
+TEST_CASE("what user ids and materials of shared objects cost is known before") {
+    SceneDescription scene;
+    scene.objects.resize(4);
+    GeometryDescription square = test::unit_square();
+    square.material = 0;
+    scene.materials.resize(2);
+    scene.objects[0].geometries.push_back(std::move(square));
+    Random random(5);
+    for (int i = 0; i < 50; ++i)
+        scene.objects[1].instances.push_back(place(0, random_place(random, 3)));
+    scene.objects[2].instances.push_back(place(1, random_place(random, 3)));
+    for (int i = 0; i < 20; ++i)
+        scene.objects[3].instances.push_back(place(2, random_place(random, 40)));
+    scene.root = 3;
+    const Scene before = build_scene(scene);
+    constexpr std::size_t between_sections = 22 * 64;
+    SceneChanges uids, materials;
+    for (std::uint32_t i = 0; i < 20; ++i) uids.uids.push_back({i, 7 + i});
+    for (const std::uint32_t i : {3U, 4U, 17U})
+        for (std::uint32_t leaf = 0; leaf < 50; leaf += 7)
+            materials.materials.push_back({{i, {0, leaf}}, 1});
+    for (const SceneChanges& changes : {uids, materials}) {
+        const std::uint64_t more = bytes_to_unshare(*before, changes);
+        const Scene after = edit(*before, changes);
+        CHECK(after->bytes().size() > before->bytes().size());
+        // It is made of as much again.
+        CHECK(2 * (after->bytes().size() - before->bytes().size()) <= more + between_sections);
+    }
+}
