@@ -220,6 +220,7 @@ def page_module(lists):
         "MESSAGES": {name: number for number, name in messages},
         "COLUMNS": {name: [dtype, width] for name, dtype, width in columns},
         "COUNTERS": dict(lists.counters),
+        "MEASURES": dict(lists.measures),
         "PALETTES": {name: [int(colour, 16) for colour in colours]
                      for name, *colours in lists.palettes},
         "TONEMAPS": dict(lists.tonemaps),

@@ -5,9 +5,16 @@
 #include "client/ground/text.h"
 #include "client/output/output.h"
 #include "client/output/scene_text.h"
+#include "client/requests/job.h"
+#include "client/requests/picture.h"
+
+#include <chrono>
 
 namespace raynest::client {
 namespace {
+
+/// A daemon that has no time for it leaves the EPO out.
+constexpr std::chrono::milliseconds epo_wait{3000};
 
 struct Parts {
     Json json = Json::array();
@@ -57,6 +64,29 @@ Result<Parts> list_parts(Connection& connection, const std::string& scene,
     return parts;
 }
 
+/// Asks for the EPO of the scene's trees, which takes a look at all of them: null where they have
+/// none, where the scene was edited meanwhile, and on a daemon that is busy or knows no EPO.
+Result<Json> ask_epo(Context& context, const wire::SceneInfo& info) {
+    wire::StructureT request;
+    request.scene = protocol::text(info.name());
+    request.epoch = info.epoch();
+    request.kind = "tree";
+    request.count = 1;
+    request.deadline_ms = static_cast<std::uint32_t>(epo_wait.count());
+    if (auto started = context.connection.start(request, epo_wait); !started)
+        return tl::unexpected<Failure>(started.error());
+    const auto answer = receive_picture(context.connection, context.progress);
+    context.progress.clear();
+    if (!answer) {
+        if (answer.error().exit == Exit::interrupted && is_own(answer.error()))
+            return tl::unexpected<Failure>(answer.error());
+        return Json(nullptr);
+    }
+    const auto document = read_json(*answer);
+    if (!document) return tl::unexpected<Failure>(document.error());
+    return document->value("epo", Json(nullptr));
+}
+
 }  // namespace
 
 void declare(CommandLine& line, InfoOptions& info) {
@@ -85,10 +115,15 @@ Result<void> run(Context& context, const InfoOptions& options) {
     request.scene = options.scene;
     const auto info = ask<wire::SceneInfo>(context.connection, request);
     if (!info) return tl::unexpected<Failure>(info.error());
-    if (context.json)
-        print_json(scene_json(*info->message.table));
-    else
-        print_scene(*info->message.table);
+    const auto epo = ask_epo(context, *info->message.table);
+    if (!epo) return tl::unexpected<Failure>(epo.error());
+    if (context.json) {
+        Json json = scene_json(*info->message.table);
+        json["epo"] = *epo;
+        print_json(json);
+    } else {
+        print_scene(*info->message.table, *epo);
+    }
     return {};
 }
 

@@ -99,8 +99,9 @@ std::string edits_text(const wire::SceneInfo& info) {
     return text;
 }
 
-/// "medium in 0.412 s, SAH cost 17.8, height 11, 42,241 nodes, 278,468 leaf blocks, 50 B/triangle".
-std::string tree_text(const wire::SceneInfo& info) {
+/// "medium in 0.412 s, SAH cost 17.8, EPO 3.1, height 11, 42,241 nodes, 278,468 leaf blocks,
+/// 50 B/triangle".
+std::string tree_text(const wire::SceneInfo& info, const Json& epo) {
     const auto rounded = [](double value, int digits) {
         std::ostringstream text;
         text << std::fixed << std::setprecision(digits) << value;
@@ -108,10 +109,11 @@ std::string tree_text(const wire::SceneInfo& info) {
     };
     std::string text(protocol::text(info.build()));
     if (info.build_seconds() > 0) text += " in " + seconds_text(info.build_seconds());
-    return text + ", SAH cost " + rounded(info.sah_cost(), 1) + ", height " +
-           std::to_string(info.tree_height()) + ", " + counted(info.nodes(), "node") + ", " +
-           counted(info.leaf_blocks(), "leaf block") + ", " + rounded(bytes_per_triangle(info), 0) +
-           " B/triangle" + edits_text(info);
+    text += ", SAH cost " + rounded(info.sah_cost(), 1);
+    if (epo.is_number()) text += ", EPO " + rounded(epo.get<double>(), 1);
+    return text + ", height " + std::to_string(info.tree_height()) + ", " +
+           counted(info.nodes(), "node") + ", " + counted(info.leaf_blocks(), "leaf block") + ", " +
+           rounded(bytes_per_triangle(info), 0) + " B/triangle" + edits_text(info);
 }
 
 /// False for a scene that has nothing to hit.
@@ -188,7 +190,7 @@ Json scene_json(const wire::SceneInfo& info) {
     return json;
 }
 
-void print_scene(const wire::SceneInfo& info) {
+void print_scene(const wire::SceneInfo& info, const Json& epo) {
     std::vector<std::vector<std::string>> rows = {
         {"scene", std::string(protocol::text(info.name())) + " (epoch " +
                       std::to_string(info.epoch()) + ", " +
@@ -205,7 +207,7 @@ void print_scene(const wire::SceneInfo& info) {
                             ? "auto is " + std::string(protocol::text(info.intersector()))
                             : "none knows these primitives"},
         {"memory", bytes_text(info.bytes())},
-        {"tree", tree_text(info)},
+        {"tree", tree_text(info, epo)},
         {"cameras", joined(numbered(protocol::strings(info.cameras())))},
     };
     if (std::vector<std::string> names = protocol::strings(info.animations()); !names.empty()) {

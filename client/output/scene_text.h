@@ -7,6 +7,7 @@
 namespace raynest::client {
 
 [[nodiscard]] Json scene_json(const wire::SceneInfo& info);
-void print_scene(const wire::SceneInfo& info);
+/// `epo` is the EPO of the scene's trees, or null: not measured.
+void print_scene(const wire::SceneInfo& info, const Json& epo = nullptr);
 
 }  // namespace raynest::client

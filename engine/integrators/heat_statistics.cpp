@@ -160,8 +160,9 @@ Result<HeatMetric> parse_metric(const std::string& name) {
     if (!column || !field_info(column->field).counter) {
         std::string known;
         for (const FieldInfo& counter : counter_table()) known += std::string(counter.name) + ", ";
-#define RAYNEST_MEASURE(word, title) known += #word;
+#define RAYNEST_MEASURE(word, title) known += #word ", ";
 #include "engine/integrators/measures.def"
+        known.resize(known.size() - 2);
         return invalid("there is no metric '" + name + "'; known: " + known);
     }
     metric.counter = *column;

@@ -49,18 +49,25 @@ std::optional<CameraHits> measure_work(const PixelRange& pixels, const ColumnSou
 }
 
 std::optional<CameraHits> measure_time(const PixelRange& pixels, RayCaster& caster,
-                                       const PixelArrays& arrays, std::span<std::uint32_t> out,
+                                       const PixelArrays& arrays, const PixelTimes& out,
                                        double& spread) {
     const std::span<Ray> rays = arrays.rays.first(pixels.rays());
     const std::span<HitRecord> hits = arrays.hits.first(rays.size());
     generate_samples(pixels.camera, pixels.samples, pixels.first, rays, pixels.window);
     std::vector<std::uint32_t> times(rays.size());
-    const auto measured = caster.timed(rays, hits, times);
+    std::vector<std::uint32_t> noises(rays.size());
+    const auto measured = caster.timed(rays, hits, times, noises);
     if (!measured) return std::nullopt;
     spread = *measured;
     for (std::size_t i = 0; i < pixels.count; ++i) {
-        const auto first = times.begin() + static_cast<std::ptrdiff_t>(i * pixels.samples);
-        out[i] = std::accumulate(first, first + pixels.samples, 0U);
+        const std::size_t first = i * pixels.samples;
+        out.nanoseconds[i] = 0;
+        double squares = 0;
+        for (std::size_t k = first; k < first + pixels.samples; ++k) {
+            out.nanoseconds[i] += times[k];
+            squares += static_cast<double>(noises[k]) * noises[k];
+        }
+        out.noise[i] = static_cast<std::uint32_t>(std::min(std::round(std::sqrt(squares)), 4e9));
     }
     return count_hits(hits);
 }

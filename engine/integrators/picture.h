@@ -65,11 +65,15 @@ void shade_primary(const ColumnSource& source, std::span<Vec4> out);
                                                      const PixelArrays& arrays,
                                                      std::span<const Column> metrics,
                                                      bool necessary, std::span<std::uint32_t> out);
-/// Measures how long a pixel's rays take together, in nanoseconds: out[i] of pixel i. `spread` gets
-/// what RayCaster::timed() returns.
+/// The results of measure_time(), one of each pixel.
+struct PixelTimes {
+    std::span<std::uint32_t> nanoseconds;
+    std::span<std::uint32_t> noise;  ///< of the sum, as if the rays' noises had nothing in common
+};
+/// Measures how long a pixel's rays take together. `spread` gets what RayCaster::timed() returns.
 [[nodiscard]] std::optional<CameraHits> measure_time(const PixelRange& pixels, RayCaster& caster,
                                                      const PixelArrays& arrays,
-                                                     std::span<std::uint32_t> out, double& spread);
+                                                     const PixelTimes& out, double& spread);
 /// The numbers of closest hits.
 [[nodiscard]] CameraHits count_hits(std::span<const HitRecord> hits);
 

@@ -35,12 +35,13 @@ public:
                                        std::span<Counters> counters) = 0;
     /// The nearest hit of each ray by the single-ray traversal, one ray after the other, and how many
     /// nanoseconds it took: the median of `ray_time_runs` runs over all rays, less the cost of a ray
-    /// that nothing can hit. Returns by how much the runs of a ray differ: the distance of their
-    /// quartiles, as a share of the median, in the mean of all rays; nothing where there are no
-    /// answers, as of casters that measure no time.
+    /// that nothing can hit. `noise` gets by how much the runs of a ray differ: the distance of
+    /// their quartiles. Returns its mean over all rays, as a share of the median; nothing where
+    /// there are no answers, as of casters that measure no time.
     [[nodiscard]] virtual std::optional<double> timed(std::span<const Ray> /*rays*/,
                                                       std::span<HitRecord> /*hits*/,
-                                                      std::span<std::uint32_t> /*nanoseconds*/) {
+                                                      std::span<std::uint32_t> /*nanoseconds*/,
+                                                      std::span<std::uint32_t> /*noise*/) {
         return std::nullopt;
     }
     /// The nearest hit of each ray, found by the single-ray traversal, which tells the observer.

@@ -16,8 +16,13 @@
 namespace raynest {
 namespace {
 
-/// Points of one object, at most.
+/// Points of one object, at most; each has as many where the scene has few objects, so that the
+/// estimate of a small one scatters little.
 constexpr std::uint32_t points_max = 512;
+/// Points of one object, at least.
+constexpr std::uint32_t points_min = 8;
+/// Points of all objects, about, where all are small.
+constexpr std::uint32_t points_in_all = 1 << 18;
 /// Nodes and leaves that are looked at in all.
 constexpr std::uint64_t visits_max = 1 << 24;
 /// Blocks of one object whose triangles are looked at, about; the others are like them.
@@ -68,23 +73,43 @@ bool contains(const Node& node, std::uint32_t slot, const Vec3& p) {
 
 class OverlapMeasurer {
 public:
-    explicit OverlapMeasurer(const SceneView& scene) : scene_(scene) {}
+    explicit OverlapMeasurer(const SceneView& scene)
+        : scene_(scene),
+          points_each_(std::clamp(points_in_all / std::max(scene.object_count, 1U), points_min,
+                                  points_max)) {}
 
     std::vector<double> measure() {
         std::vector<double> overlaps;
-        for (std::uint32_t i = 0; i < scene_.object_count; ++i) {  // children come first
-            points_.push_back(points_of(scene_.objects[i]));
-            const Points& points = points_.back();
-            double sum = 0;
-            for (const Point& point : points.all) sum += overlap_at(i, point.at, &point);
-            if (visits_ > visits_max) sum = std::numeric_limits<double>::quiet_NaN();
-            overlaps.push_back(points.all.empty() ? 0
-                                                  : sum / static_cast<double>(points.all.size()));
+        for (std::uint32_t i = 0; i < scene_.object_count; ++i) {
+            add_points();
+            overlaps.push_back(mean_overlap(i));
         }
         return overlaps;
     }
 
+    double measure_root() {
+        while (points_.size() <= scene_.root) add_points();
+        return mean_overlap(scene_.root);
+    }
+
 private:
+    /// Draws the points of the next object; children come first.
+    void add_points() {
+        // The same numbers for each object: equal ones have equal points.
+        random_ = Random(1);
+        points_.push_back(points_of(scene_.objects[points_.size()]));
+    }
+
+    /// Returns the mean over the object's points.
+    double mean_overlap(std::uint32_t object) {
+        const Points& points = points_[object];
+        double sum = 0;
+        for (const Point& point : points.all) sum += overlap_at(object, point.at, &point);
+        if (points.all.empty() || visits_ > visits_max)
+            return std::numeric_limits<double>::quiet_NaN();
+        return sum / static_cast<double>(points.all.size());
+    }
+
     [[nodiscard]] const InstanceRecord& instance(const ObjectRecord& object,
                                                  std::uint32_t leaf) const {
         return scene_.instances[object.first_instance + leaf_instance(leaf)];
@@ -134,7 +159,7 @@ private:
         for_each_area(object, [&](auto, auto, double area, auto, auto) { points.area += area; });
         if (!(points.area > 0)) return points;
         const std::vector<std::uint32_t> parents = parents_of(object);
-        const std::uint32_t count = std::clamp(object.node_count, 8U, points_max);
+        const std::uint32_t count = std::clamp(object.node_count, points_each_, points_max);
         const double step = points.area / count;
         double next = 0.5 * step;
         double passed = 0;
@@ -217,7 +242,8 @@ private:
     }
 
     const SceneView& scene_;
-    std::vector<Points> points_;  ///< of the objects so far
+    const std::uint32_t points_each_;  ///< of an object, at least
+    std::vector<Points> points_;       ///< of the objects so far
     Random random_{1};
     std::uint64_t visits_ = 0;
 };
@@ -226,6 +252,10 @@ private:
 
 std::vector<double> measure_overlaps(const SceneView& scene) {
     return OverlapMeasurer(scene).measure();
+}
+
+double measure_overlap(const SceneView& scene) {
+    return OverlapMeasurer(scene).measure_root();
 }
 
 }  // namespace raynest

@@ -12,9 +12,11 @@
 namespace raynest {
 
 /// Returns the EPO of each object's tree, with the trees of its instances, in the costs of
-/// TreeStatistics::sah_cost. It is 0 where no triangle has an area, and NaN where overlaps are too
-/// many to be looked at. Estimated at points of triangles, the same for the same scene. Takes a look
-/// at each triangle and instance, and less than a second for the points.
+/// TreeStatistics::sah_cost. It is NaN where no triangle has an area, and where overlaps are too
+/// many to be looked at. Estimated at points of triangles, the same for the same scene, and for objects
+/// that are equal. Takes a look at each triangle and instance, and less than a second for the points.
 std::vector<double> measure_overlaps(const SceneView& scene);
+/// The same of the outermost object alone.
+double measure_overlap(const SceneView& scene);
 
 }  // namespace raynest

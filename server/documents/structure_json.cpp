@@ -3,6 +3,7 @@
 #include "engine/geometry/moved_box.h"
 #include "engine/inspection/names.h"
 #include "engine/inspection/structure.h"
+#include "engine/scene/tree_overlap.h"
 #include "protocol/text.h"
 #include "server/documents/json.h"
 #include "server/documents/scene_info.h"
@@ -34,6 +35,9 @@ public:
             case StructureRequest::Kind::paths:
                 if (auto added = add_paths(json, stop); !added)
                     return tl::unexpected(added.error());
+                break;
+            case StructureRequest::Kind::tree:
+                add_tree(json);
                 break;
         }
         return json;
@@ -118,6 +122,11 @@ private:
                              {"to_world", rows_of(tree.to_scene)},
                              {"boxes", std::move(list)}});
         }
+    }
+
+    void add_tree(Json& json) const {
+        json["sah_cost"] = number(static_cast<float>(scene_.statistics().trees.sah_cost));
+        json["epo"] = number(static_cast<float>(measure_overlap(view_)));
     }
 
     /// The transform to the world, row by row.

@@ -16,7 +16,7 @@ namespace raynest::server {
 
 /// The checked request.
 struct StructureRequest {
-    enum class Kind : std::uint8_t { objects, placements, boxes, paths } kind = Kind::objects;
+    enum class Kind : std::uint8_t { objects, placements, boxes, paths, tree } kind = Kind::objects;
     std::uint64_t first = 0;
     std::size_t count = 0;
     std::uint32_t level = 0;

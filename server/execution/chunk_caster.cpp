@@ -30,7 +30,8 @@ bool ChunkCaster::counted(std::span<const Ray> rays, std::span<HitRecord> hits,
 }
 
 std::optional<double> ChunkCaster::timed(std::span<const Ray> rays, std::span<HitRecord> hits,
-                                         std::span<std::uint32_t> nanoseconds) {
+                                         std::span<std::uint32_t> nanoseconds,
+                                         std::span<std::uint32_t> noise) {
     using Time = std::chrono::steady_clock;
     const auto run = [&](const Ray& ray, HitRecord& hit) -> std::optional<double> {
         // Kernels ask only within long rays.
@@ -69,8 +70,9 @@ std::optional<double> ChunkCaster::timed(std::span<const Ray> rays, std::span<Hi
     for (std::size_t i = 0; i < rays.size(); ++i) {
         std::ranges::sort(runs[i]);
         const float median = runs[i][ray_time_runs / 2];
-        nanoseconds[i] = static_cast<std::uint32_t>(std::min(std::round(median), 4e9F));
         const float apart = runs[i][ray_time_runs * 3 / 4] - runs[i][ray_time_runs / 4];
+        nanoseconds[i] = static_cast<std::uint32_t>(std::min(std::round(median), 4e9F));
+        noise[i] = static_cast<std::uint32_t>(std::min(std::round(apart), 4e9F));
         if (median > 0) spread += static_cast<double>(apart / median);
     }
     return spread / static_cast<double>(rays.size());

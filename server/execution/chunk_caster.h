@@ -37,7 +37,8 @@ public:
                  std::span<Counters> counters) override;
 
     std::optional<double> timed(std::span<const Ray> rays, std::span<HitRecord> hits,
-                                std::span<std::uint32_t> nanoseconds) override;
+                                std::span<std::uint32_t> nanoseconds,
+                                std::span<std::uint32_t> noise) override;
 
     bool observed(std::span<const Ray> rays, std::span<HitRecord> hits,
                   const Observer& observer) override;

@@ -16,6 +16,7 @@
 #include <mutex>
 #include <span>
 #include <utility>
+#include <vector>
 
 namespace raynest::server {
 namespace {
@@ -33,7 +34,7 @@ std::string channel_name(const HeatMetric& metric) {
         .append(field_info(counter.field).name);
 }
 
-/// Returns the counters among the metrics, which stand before a measure.
+/// Returns the counters among the metrics, which stand before the measures.
 std::vector<Column> counters_of(std::span<const HeatMetric> metrics) {
     std::vector<Column> counters;
     for (const HeatMetric& metric : metrics)
@@ -132,7 +133,7 @@ protected:
     }
 
 private:
-    /// Counts what the counters ask for, and measures the last metric where it is a measure.
+    /// Counts what the counters ask for, and measures what the metrics behind them do.
     std::optional<CameraHits> measure(const PixelRange& pixels, const ColumnSource& scene,
                                       RayCaster& caster, const PixelArrays& arrays,
                                       const HeatPlans& plans, std::span<std::uint32_t> out) {
@@ -142,7 +143,12 @@ private:
                                 plans.uncounted.has_value(), out);
         if (!plans.timed || (!counters_.empty() && !seen)) return seen;
         double spread = 0;
-        seen = measure_time(pixels, caster, arrays, out.last(pixels.count), spread);
+        std::vector<std::uint32_t> times(pixels.count);
+        std::vector<std::uint32_t> noises(pixels.count);
+        seen = measure_time(pixels, caster, arrays, {times, noises}, spread);
+        for (std::size_t m = counters_.size(); m < metrics_.size(); ++m)
+            std::ranges::copy(metrics_[m].measure == Measure::time ? times : noises,
+                              out.begin() + static_cast<std::ptrdiff_t>(m * pixels.count));
         const std::lock_guard lock(spread_mutex_);
         spread_ += spread * static_cast<double>(pixels.count);
         spread_pixels_ += pixels.count;

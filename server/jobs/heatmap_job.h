@@ -36,7 +36,7 @@ struct HeatPlans {
 };
 
 /// Makes the job. `asked.plan` counts; the other plans of the scene are in `plans`. `other` are the
-/// plans of a difference, whose counts are subtracted. A metric of measures.def is the last one.
+/// plans of a difference, whose counts are subtracted. Metrics of measures.def are the last ones.
 [[nodiscard]] std::unique_ptr<Job> heatmap_job(const Services& services, const Caller& caller,
                                                PictureRequest asked, HeatForm form,
                                                HeatOptions options, std::vector<HeatMetric> metrics,

@@ -59,7 +59,7 @@ std::uint64_t heat_bytes(std::uint32_t width, std::uint32_t height, const HeatFo
     return bytes * pixels;
 }
 
-/// Returns what a map shows: every counter in total and of each level, and a measure only if it was
+/// Returns what a map shows: every counter in total and of each level, and measures only if one was
 /// asked for; or just what was asked for.
 std::vector<HeatMetric> metrics_of(const HeatMetric& asked, const HeatForm& form,
                                    std::uint32_t levels) {
@@ -71,7 +71,10 @@ std::vector<HeatMetric> metrics_of(const HeatMetric& asked, const HeatForm& form
         for (std::uint32_t level = 0; level < levels; ++level)
             metrics.push_back({Column(field, level)});
     }
-    if (asked.measure != Measure::none) metrics.push_back(asked);
+    if (asked.measure != Measure::none) {
+#define RAYNEST_MEASURE(name, title) metrics.push_back({{}, Measure::name});
+#include "engine/integrators/measures.def"
+    }
     return metrics;
 }
 

@@ -1,5 +1,5 @@
-// STRUCTURE: how a scene is built, as a JSON document: objects, placements, boxes of trees, or the
-// texts of paths.
+// STRUCTURE: how a scene is built, as a JSON document: objects, placements, boxes of trees, the texts
+// of paths, or how good its trees are.
 #include "protocol/text.h"
 #include "server/documents/structure_json.h"
 #include "server/jobs/payload_sender.h"
@@ -76,6 +76,7 @@ std::optional<StructureRequest::Kind> parse_kind(std::string_view word) {
     if (word == "placements") return Kind::placements;
     if (word == "boxes") return Kind::boxes;
     if (word == "paths") return Kind::paths;
+    if (word == "tree") return Kind::tree;
     return std::nullopt;
 }
 
@@ -88,7 +89,7 @@ Reply<Answer> structure(const Services& services, const Caller& caller,
     if (!kind)
         return refuse(Code::invalid_field, "unknown kind '" + std::string(word) +
                                                "' of structure: use one of objects, placements, "
-                                               "boxes, paths");
+                                               "boxes, paths, tree");
     auto scene = services.scenes.find(protocol::text(message->scene()), message->epoch(), caller);
     if (!scene) return tl::unexpected(scene.error());
     const SceneView& view = scene->snapshot().view();

@@ -16,8 +16,11 @@ function parts(state, [width, height]) {
   const lookat = [...camera.eye, ...camera.at, ...camera.up].join(",");
   const range = Array.isArray(state.range) ? state.range.join(":") : state.range;
   return { view, camera, lookat, range, size: `${width}x${height}`, mask: state.mask,
-           metric: state.level === "" ? view.id : `${view.id}.${state.level}` };
+           metric: state.level === "" || view.measured ? view.id : `${view.id}.${state.level}` };
 }
+
+/** True for a picture that is a heat map of the command line. */
+const isHeatMap = (view, { kind, camera }) => camera.projection !== "orthographic" && Boolean(view.measured || (view.counter && kind === "closest"));
 
 /** The state with its camera in the world; the page's is relative to the scene's origin. */
 export const inWorld = (state, origin) => ({ ...state, camera: { ...state.camera,
@@ -55,7 +58,7 @@ export function asCommand(state, size) {
   const orthographic = p.camera.projection === "orthographic";
   const camera = [`--lookat=${p.lookat}`, "--fov", String(p.camera.fov), "--size", p.size];
   let words;
-  if (p.view.counter && !orthographic && state.kind === "closest") {
+  if (isHeatMap(p.view, state)) {
     words = ["heatmap", state.scene, "-o", "heat.png", "--metric", p.metric, "--palette", state.palette, "--range", p.range,
              "--scale", state.log ? "log" : "linear", ...camera, ...common];
     if (compares(state)) words.push("--diff", state.compare.replace(/^(intersector|mask):/, "$1=").replace(/^(scene|set):/, ""));
@@ -90,7 +93,7 @@ export function asPython(state, size) {
   if (state.skipHiddenBoxes && state.hidden.length + state.isolated.length) job.push("skip_hidden_boxes=True");
   if (state.time !== "") job.push(`time=${state.time}`, `animation="${state.animation}"`);
   let lines;
-  if (view.counter && !orthographic && state.kind === "closest") {
+  if (isHeatMap(view, state)) {
     const span = Array.isArray(state.range) ? point(state.range) : literal(range);
     lines = [`counts = scene.heatmap(${[...where, `fov=${camera.fov}`, `metric=${literal(metric)}`, `range=${span}`, ...job].join(",\n                       ")})`];
   } else if (view.lit && !orthographic) {

@@ -106,6 +106,11 @@ export const COUNTERS = {
   total: "total per ray (boxes + primitives)",
 };
 
+export const MEASURES = {
+  time: "nanoseconds per ray, measured",
+  time_noise: "noise of time, in nanoseconds",
+};
+
 export const PALETTES = {
   turbo: [3150395, 4612823, 3582713, 1762486, 7536222, 13102900, 16431673, 16149273, 13314564, 7996419],
   viridis: [4456788, 4728952, 4082313, 3238030, 2523790, 2072201, 3520377, 7195993, 11853356, 16639781],

@@ -11,6 +11,9 @@ export function valueText(value, digits = 6) {
   return (value || 0).toLocaleString("en", { maximumSignificantDigits: Math.max(digits, size >= 1 ? Math.min(Math.ceil(Math.log10(size + 1)), 15) : 1) });
 }
 
+/** As valueText(); a dash for what was not measured. */
+export const measuredText = (value, digits) => (value === null || value === undefined ? "–" : valueText(Number(value), digits));
+
 /** A point or a direction. */
 export const vectorText = (values, digits = 6) => [...values].map((value) => valueText(value, digits).replaceAll(",", "")).join(", ");
 

@@ -4,7 +4,7 @@
 import { Image } from "./image.js";
 import { pictureRequests } from "./requests.js";
 import { lightOf } from "./light.js";
-import { traceLit, traceQuery, traceRender } from "./tracer.js";
+import { traceHeat, traceLit, traceQuery, traceRender } from "./tracer.js";
 import { viewOf } from "./views.js";
 import { RAY_KEYS } from "./store.js";
 
@@ -135,8 +135,9 @@ export class Picture extends EventTarget {
       drawn = performance.now();
       show();
     };
-    const traced = await Promise.all(requests.map(({ type, message }) =>
-      (type === "Render" ? traceRender : traceQuery)(this.#daemon, message, width * height, { signal, onRows })));
+    const traced = await Promise.all(requests.map(({ type, message, normals }) =>
+      normals ? traceHeat(this.#daemon, message, normals, width * height, { signal, onRows })
+        : (type === "Render" ? traceRender : traceQuery)(this.#daemon, message, width * height, { signal, onRows })));
     if (!onRows) image.fill(traced[0].columns, 0, width * height, traced[1]?.columns);
     Object.assign(image, { started: traced[0].started, done: traced[0].done, complete: fine,
                            ms: performance.now() - begun });

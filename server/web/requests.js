@@ -43,6 +43,12 @@ export function pictureRequests(state, width, height, fine = true) {
     return [{ type: "Render", message: { job: jobOf(state), width, height, integrator: "primary",
       camera: cameraTable(camera) } }];
   }
+  if (view.measured && camera.projection !== "orthographic") {
+    const normals = { job: jobOf(state), kind: "closest", fields: ["ng"], generator: generator(camera, width, height) };
+    // The daemon subtracts: two maps that are measured at the same time would disturb each other.
+    const other = compares(state) ? { other: jobOf(state, state.compare) } : {};
+    return [{ type: "Heatmap", message: { job: jobOf(state), ...other, width, height, camera: cameraTable(camera), metric: view.id }, normals }];
+  }
   // The normal shades the surface behind a heat map; kind `any` has none.
   const needed = view.fields(state);
   const fields = state.kind === "any" && view.counter ? [...needed, "hit"] : [...new Set([...needed, "ng"])];

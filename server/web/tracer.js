@@ -39,10 +39,24 @@ export async function traceLit(daemon, message, count, { signal, onPass = () => 
 }
 
 /** As traceQuery, for a picture of four bytes per pixel. */
-export async function traceRender(daemon, message, count, { signal, onRows = () => {} } = {}) {
+export const traceRender = (daemon, message, count, options) => traceRaw(daemon, "Render", message, count, options);
+
+/**
+ * As traceQuery, for a heat map of a measured metric. `normals` is a query for the surface behind it, which runs
+ * before: it would take time from what is measured.
+ */
+export async function traceHeat(daemon, message, normals, count, { signal, onRows = () => {} } = {}) {
+  const shape = await traceQuery(daemon, normals, count, { signal });
+  const { columns: { rgba }, started, done } = await traceRaw(daemon, "Heatmap", message, count, { signal });
+  const columns = { ...shape.columns, [message.metric]: new (message.other ? Int32Array : Uint32Array)(rgba.buffer) };
+  onRows(columns, 0, count);
+  return { columns, started, done };
+}
+
+async function traceRaw(daemon, type, message, count, { signal, onRows = () => {} } = {}) {
   const columns = { rgba: new Uint8Array(4 * count) };
   let started = null, done = null;
-  for await (const frame of daemon.request("Render", { ...message, encode: "raw" }, { signal })) {
+  for await (const frame of daemon.request(type, { ...message, encode: "raw" }, { signal })) {
     if (frame.type === "Started") started = frame.message;
     if (frame.type === "Done") done = frame.message;
     if (frame.type !== "Picture") continue;

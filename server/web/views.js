@@ -1,6 +1,6 @@
 // The views of a picture. A view names the columns that it needs and turns them into values, which a palette
 // colours, or into colours. To add one, add an entry.
-import { COUNTERS } from "./lists.js";
+import { COUNTERS, MEASURES } from "./lists.js";
 import { idColour } from "./palette.js";
 
 const NONE = 0xffffffff;
@@ -11,6 +11,13 @@ const counters = Object.entries(COUNTERS).map(([name, title]) => ({
   id: name, group: "Cost", label: capital(title), counter: true,
   fields: ({ level }) => [level === "" ? name : `${name}.${level}`],
   value: (columns, i, field) => columns[field][i],
+}));
+
+/** Measures of heat maps; not a number of an orthographic camera, which they do not have. */
+const measures = Object.entries(MEASURES).map(([name, title]) => ({
+  id: name, group: "Cost", label: capital(title), measured: true,
+  fields: ({ camera }) => (camera?.projection === "orthographic" ? ["ng"] : [name]),
+  value: (columns, i) => columns[name]?.[i] ?? NaN,
 }));
 
 /** Colours hits by one column of numbers; what has none stays background. */
@@ -30,6 +37,7 @@ const SIDES = { front: [86, 156, 214], back: [230, 126, 60] };
 /** Views of colours that mean something have a `key`: pairs of a word and its colour. */
 export const VIEWS = [
   ...counters,
+  ...measures,
   { id: "picture", group: "Picture", label: "Picture (base colour)", render: true, fields: () => ["ng"],
     colour: (columns, i) => columns.rgba ? columns.rgba.subarray(4 * i, 4 * i + 3) : null },
   { id: "lit", group: "Picture", label: "Lit (lights and shadows)", lit: true, fields: () => ["ng"], colour: () => null },

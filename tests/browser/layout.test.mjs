@@ -77,6 +77,15 @@ browserTest("columns that do not fit are left out until they are asked for, and 
   await page.locator("#panel-objects .more").first().click();
   assert.deepEqual(await heads(), ["Name", "Triangles", "Instances", "Memory", "SAH", "EPO", "Fill", "Depth"]);
   assert.ok(few.length < 7);
+  // A value that was not measured is no 0.
+  const epos = () => page.evaluate(() => [...document.querySelectorAll("#panel-objects table")[0].querySelectorAll("tbody tr")].map((row) => row.cells[5].textContent));
+  assert.ok((await epos()).every((text) => /^[0-9]/.test(text)), String(await epos()));
+  await page.evaluate(() => {
+    const { model } = globalThis.raynest;
+    for (const row of model.objects) row.epo = null;
+    model.dispatchEvent(new Event("change"));
+  });
+  assert.ok((await epos()).every((text) => text === "–"), String(await epos()));
   await page.locator("#panel-objects .more").first().click();
   const before = await width(), grip = await page.locator("#panel-objects th .grip").first().boundingBox();
   await page.mouse.move(grip.x + 3, grip.y + 5);

@@ -10,6 +10,11 @@ test("percentiles are nearest ranks, as the daemon's", async () => {
   assert.deepEqual([p50, p90, p99], [75, 135, 149]);
 });
 
+test("what was not measured is a dash", async () => {
+  const { measuredText } = await import(new URL("numbers.js", web));
+  assert.deepEqual([null, undefined, 0, 0.12345].map((value) => measuredText(value, 3)), ["–", "–", "0", "0.123"]);
+});
+
 test("numbers of what is hidden stay with their scene", async () => {
   const { jobOf } = await import(new URL("requests.js", web));
   const state = { hidden: ["i3", "o1"], isolated: ["i4"], skipHiddenBoxes: true, time: "", scene: "a", intersector: "opaque",

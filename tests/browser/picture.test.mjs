@@ -74,6 +74,38 @@ browserTest("palette, range, scale and opacity send nothing", async ({ open }) =
   assert.ok(await page.evaluate(() => globalThis.sent) > 0);
 });
 
+browserTest("measured time is a view: a heat map of the daemon's, as the command that it is copied as", async ({ open }) => {
+  const page = await open(daemon, { scene: "forest", size: "160x90", view: "time", level: "1" });
+  const shown = async () => {
+    await fine(page);
+    return page.evaluate(() => {
+      const { values, done, columns, base } = globalThis.raynest.picture.image;
+      return { values: [...values], metric: done.heat.metric, notes: done.notes, normals: columns.ng.length, base: base[3] };
+    });
+  };
+  const { values, metric, notes, normals, base } = await shown();
+  assert.deepEqual([metric, normals, base], ["time", 3 * values.length, 255]);
+  assert.ok(values.every((value) => Number.isInteger(value) && value >= 0) && values.filter((value) => value > 0).length > values.length / 2);
+  assert.match(notes.join(), /median of 5 runs/);
+  await page.click("#share");
+  const texts = [await page.textContent("#command"), await page.textContent("#python")];
+  await page.keyboard.press("Escape");
+  assert.match(texts[0], /^raynest heatmap forest .*--metric time /);
+  assert.match(texts[1], /scene\.heatmap\([^]*metric="time"/);
+  // A difference is below 0 somewhere.
+  await page.selectOption("#compare", "intersector:opaque");
+  const { values: change } = await shown();
+  assert.ok(change.some((value) => value < 0) && change.every((value) => Math.abs(value) < 2 ** 30));
+  await page.selectOption("#compare", "");
+  await page.selectOption("#view", "time_noise");
+  assert.equal((await shown()).metric, "time_noise");
+  // An orthographic camera has none, and says nothing.
+  await page.focus("#frame");
+  await page.keyboard.press("p");
+  await fine(page);
+  assert.ok(await page.evaluate(() => globalThis.raynest.picture.image.values.every(Number.isNaN)));
+});
+
 browserTest("a difference has its own palette, and says so", async ({ open }) => {
   const page = await open(daemon, { scene: "forest", size: "320x180", palette: "viridis" });
   await fine(page);

@@ -63,11 +63,28 @@ class Time(Heat):
         note, = [note for note in told["notes"] if "median of 5 runs" in note]
         self.assertRegex(note, "lie within [0-9]+ %")
 
+    def test_noise_is_that_of_the_runs(self):
+        told = self.client.json("heatmap", "woods", *VIEW, "--metric", "time", "-o", self.out / "t.exr")
+        channels = read_exr((self.out / "t.exr").read_bytes())[-1]
+        time, noise = (numpy.asarray(channels[name], float).ravel() for name in ("time", "time_noise"))
+        self.assertGreater((noise > 0).mean(), 0.5)
+        # The note's share is that of the pixels; both are rounded, which tells in short times.
+        note, = [note for note in told["notes"] if "median of 5 runs" in note]
+        share = int(re.search("within ([0-9]+) %", note).group(1)) / 100
+        self.assertAlmostEqual((noise[time > 0] / time[time > 0]).sum() / time.size, share, delta=0.01 + 0.1 * share)
+        told = self.client.json("heatmap", "woods", *VIEW, "--metric", "time_noise", "-o", self.out / "n.npy")
+        alone = numpy.load(self.out / "n.npy")
+        self.assertEqual((told["metric"], alone.shape, told["max"]), ("time_noise", (36, 64), alone.max()))
+        # Both are rows of a report.
+        self.client.run("heatmap", "woods", *VIEW, "--metric", "time_noise", "-o", self.out / "n.html")
+        report = (self.out / "n.html").read_text()
+        self.assertTrue("<td>time</td>" in report and "<td>time_noise</td>" in report)
+
     def test_files_have_it_where_it_is_asked_for(self):
         for words, is_there in ((("--metric", "time"), True), ((), False)):
             self.client.json("heatmap", "woods", *VIEW, *words, "-o", self.out / "t.exr")
             channels = read_exr((self.out / "t.exr").read_bytes())[-1]
-            self.assertEqual("time" in channels, is_there)
+            self.assertEqual(["time" in channels, "time_noise" in channels], 2 * [is_there])
             self.assertIn("L1.boxes", channels)
         done = self.client.run("heatmap", "woods", *VIEW, "--metric", "time", "-o", self.out / "t.png")
         self.assertEqual(done.returncode, 0, done.stderr)

@@ -61,12 +61,41 @@ class Structure(DaemonTest):
             self.assertEqual(max(row["height"] for row in rows), info["tree_height"])
             self.assertEqual(max(row["levels"] for row in rows), info["levels"])
             self.assertAlmostEqual(rows[-1]["sah_cost"], info["sah_cost"], delta=1e-4 * info["sah_cost"])
+            tree = self.ask("tree", scene)
+            self.assertEqual((tree["hash"], tree["epo"]), (info["hash"], rows[-1]["epo"]))
+            self.assertAlmostEqual(tree["sah_cost"], info["sah_cost"], delta=1e-4 * info["sah_cost"])
+            self.assertEqual(info["epo"], tree["epo"])
+            told = self.client.run("info", scene).stdout
+            if scene == "forest":
+                self.assertGreater(info["epo"], 0)
+                self.assertIn(f", EPO {info['epo']:.1f}, ", told)
+            else:  # spheres have no triangles to look at
+                self.assertIsNone(info["epo"])
+                self.assertNotIn("EPO", told)
             self.assertLess(sum(row["bytes"] for row in rows), 1.05 * info["bytes"])
             for row in rows:
                 self.assertTrue(0 <= row["box_share"] <= 1)
-                self.assertGreaterEqual(row["epo"], 0)
+                self.assertTrue(row["epo"] is None or row["epo"] >= 0)
         self.assertEqual([row["object"] for row in self.ask("objects", first=1, count=2)["rows"]], [1, 2])
         self.assertEqual(self.ask("objects", first=10**6)["rows"], [])
+
+    def test_equal_objects_have_equal_trees(self):
+        self.client.json("load", "builtin:street", "--name", "street")
+        cars = [row for row in self.ask("objects", "street")["rows"] if row["name"] == "car"]
+        self.assertGreater(len(cars), 3)
+        self.assertEqual(len({(row["sah_cost"], row["epo"]) for row in cars}), 1, cars)
+
+    def test_info_says_no_epo_where_there_are_too_many_overlaps(self):
+        (self.out / "triangle.off").write_text("OFF\n3 1 0\n0 0 0\n1 0 0\n0 1 0\n3 0 1 2\n")
+        for levels, is_known in ((3, True), (22, False)):
+            objects = {"0": {"file": "triangle.off"}}
+            for level in range(levels):
+                objects[str(level + 1)] = {"instances": 4 * [{"object": str(level)}]}
+            file = self.out / f"{levels}.rnscene.json"
+            file.write_text(json.dumps({"rnscene": 1, "objects": objects, "instances": [{"object": str(levels)}]}))
+            self.client.json("load", file, "--name", "nested", "--replace")
+            self.assertEqual(self.client.json("info", "nested")["epo"] is not None, is_known)
+            self.assertEqual(", EPO " in self.client.run("info", "nested").stdout, is_known)
 
     def test_placements_have_their_paths(self):
         document = self.ask("placements", count=20)
@@ -213,7 +242,7 @@ class Structure(DaemonTest):
         self.assertEqual(self.ask(kind="paths")["rows"], [])
 
     def test_mistakes(self):
-        for fields, says in (({"kind": "colours"}, "objects, placements, boxes"), ({"kind": "boxes", "level": 77}, "level 77"),
+        for fields, says in (({"kind": "colours"}, "objects, placements, boxes, paths, tree"), ({"kind": "boxes", "level": 77}, "level 77"),
                              ({"kind": "boxes", "depth_min": 3}, "depth_min"), ({"kind": "objects", "count": 99999}, "structure_rows_max"),
                              ({"kind": "paths", "paths": [0, 2**60]}, "path"), ({"kind": "paths", "paths": [0] * 7681}, "7681"),
                              ({"kind": "objects", "scene": "nothing"}, "nothing"), ({"kind": "objects", "scene": ""}, "scene")):

@@ -334,9 +334,9 @@ class Scene(Renders, Paths):
         level. Statistics over all pixels are in Client.outcome["heat"].
 
         `metric` is a counter, or as "boxes.1" that of one level; "time" is measured, in nanoseconds
-        per ray on one thread of a CPU. `range` is "p99", "auto", or (low, high). `diff` is another Scene,
-        or the job options that differ, as {"intersector": "opaque"}: what the same rays cost there is
-        subtracted, and the counts are i32. Cameras, `tile` and `detach` are those of render(); a tile has no png."""
+        per ray on one thread of a CPU, and "time_noise" is by how much its runs differ. `range` is
+        "p99", "auto", or (low, high). `diff` is another Scene, or the job options that differ, as
+        {"intersector": "opaque"}: what the same rays cost there is subtracted, and the counts are i32. Cameras, `tile` and `detach` are those of render(); a tile has no png."""
         colours = {"palette": palette, "scale": scale, "range": range}
         if not isinstance(range, str):
             if np.shape(range) != (2,):

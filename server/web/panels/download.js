@@ -82,11 +82,11 @@ export async function downloadReport(app, commands) {
   if (state.camera.projection === "orthographic") return app.inform("A report needs a perspective camera: press P");
   app.inform("The report is being made");
   const { width, height } = canvas, job = jobOf(state), camera = cameraTable(state.camera);
-  const metric = view.counter ? view.fields(state)[0] : "total";
+  const costs = view.counter || view.measured, metric = costs ? view.fields(state)[0] : "total";
   const heatmap = { job, camera, width, height, metric, palette: state.palette, scale: state.log ? "log" : "linear", encode: "json+png",
-    range: view.counter ? [state.range].flat().join(":") : "p99", ...(compares(state) && view.counter ? { other: jobOf(state, state.compare) } : {}) };
+    range: costs ? [state.range].flat().join(":") : "p99", ...(compares(state) && costs ? { other: jobOf(state, state.compare) } : {}) };
   const [text, heat, ranking, shown] = await Promise.all([fetch("report.html").then((answer) => answer.text()), askDocument(daemon, "Heatmap", heatmap), rankingOf(app, { top: 0 }),
-    view.counter ? askBytes(daemon, "Render", { job, camera, width, height, integrator: "primary", encode: "png" }).then((bytes) => new Blob([bytes]))
+    costs ? askBytes(daemon, "Render", { job, camera, width, height, integrator: "primary", encode: "png" }).then((bytes) => new Blob([bytes]))
       : new Promise((resolve) => { canvas.toBlob(resolve, "image/png"); })]);
   const report = fillTemplate(text, { heat, ranking, picture: await base64(shown), limits: false, checks: [], commands, camera: captionOf(app).camera,
     version: daemon.welcome.server.split(" ").at(-1), link: location.href }, bytesText);

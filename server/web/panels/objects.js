@@ -3,7 +3,7 @@
 import { boxesSection } from "./boxes.js";
 import { askDocument, latest } from "../documents.js";
 import { element } from "../dom.js";
-import { bytesText, countText, valueText, vectorText } from "../numbers.js";
+import { bytesText, countText, measuredText, vectorText } from "../numbers.js";
 import { sortableTable } from "./tables.js";
 import { visibilityBar } from "./visibility.js";
 
@@ -11,7 +11,8 @@ export const objectsPanel = { id: "objects", title: "Scene", build };
 
 const PAGE = 200n;
 const number = (title, value, text = countText) => ({ title, number: true, value, text: (row) => text(value(row)) });
-const short = (value) => valueText(Number(value), 3);
+/** A column of numbers that are not measured everywhere; those that are not come last. */
+const measured = (title, key) => ({ title, number: true, value: (row) => row[key] ?? -1, text: (row) => measuredText(row[key], 3) });
 const WAITING = "Asking the daemon.", NO_SCENE = "No scene is shown.";
 
 function build(app, place) {
@@ -22,8 +23,8 @@ function build(app, place) {
 function objects({ model, selection }) {
   const table = sortableTable("Objects", [
     { title: "Name", value: (row) => row.name || `(${row.object})` }, number("Triangles", (row) => row.triangles),
-    number("Instances", (row) => Number(row.placements)), number("Memory", (row) => row.bytes, bytesText), number("SAH", (row) => row.sah_cost ?? 0, short),
-    number("EPO", (row) => row.epo ?? 0, short), number("Fill", (row) => row.box_share ?? 0, short), number("Depth", (row) => row.height)],
+    number("Instances", (row) => Number(row.placements)), number("Memory", (row) => row.bytes, bytesText), measured("SAH", "sah_cost"),
+    measured("EPO", "epo"), measured("Fill", "box_share"), number("Depth", (row) => row.height)],
   { choose: (row) => selection.choose({ kind: "object", object: row.object, name: row.name }) },
   { titles: { SAH: "Node visits that a ray through its box is expected to need", EPO: "Node visits where a ray ends, in trees that do not hold what it hits", Fill: "Area of its triangles over half that of their boxes: 1 is good, 0 is bad",
     Depth: "Nodes on the longest path of its tree" }, empty: WAITING });
