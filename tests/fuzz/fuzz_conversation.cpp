@@ -130,6 +130,15 @@ wire::LoadT load(Program& program) {
     return load;
 }
 
+wire::ExportT export_of(Program& program) {
+    wire::ExportT message;
+    message.scene = program.word<3>({"forest", "forest", "gone"});
+    message.format = program.word<4>({"glb", "rnscene.json", "glb", "obj"});
+    message.file = program.word<4>({"a.glb", "", "a/b.glb", "../a.glb"});
+    message.epoch = program.below(3);
+    return message;
+}
+
 protocol::Frame upload(Program& program, std::uint64_t id) {
     wire::UploadT piece;
     piece.file = static_cast<std::uint32_t>(program.below(4));
@@ -303,6 +312,8 @@ private:
             case 12:
             case 13:
                 return example(program);
+            case 14:
+                return say(export_of(program));
             default:
                 return std::nullopt;
         }
@@ -367,7 +378,8 @@ server::Role role_of(const std::uint8_t* data, std::size_t size) {
 }  // namespace
 
 std::vector<fuzz::Input> fuzz::seeds() {
-    // Hello, then: two queries with their rays; two pictures; an upload; a query without rays.
+    // Hello, then: two queries with their rays; two pictures; an upload; a query without rays; the
+    // two exports of a scene, the first one's credit in two parts.
     const Input hello = {12, 0, 0, 7};
     const std::vector<Input> programs = {
         {0, 1, 0, 0, 0, 0, 1, 0, 0, 3, 0, 1, 2, 7, 5, 2, 1, 5, 3, 3, 5, 0, 0, 0, 2, 8, 30, 0},
@@ -376,6 +388,7 @@ std::vector<fuzz::Input> fuzz::seeds() {
         {9, 3, 0, 0, 0, 0, 1, 0, 63, 31, 1, 28, 0, 3, 30, 0, 28, 0, 0, 30, 0},
         {10, 2, 0, 1, 2, 1, 2, 11, 2, 0, 0, 1, 11, 2, 1, 0, 2, 30, 0},
         {0, 1, 0, 0, 0, 0, 1, 0, 0, 0, 0, 9, 29, 0, 61, 7, 1, 31, 0, 255},
+        {14, 1, 0, 0, 0, 0, 30, 0, 6, 1, 255, 12, 30, 0, 14, 2, 0, 1, 0, 0, 30, 0},
     };
     std::vector<Input> seeds;
     for (const Input& program : programs) {

@@ -43,6 +43,11 @@ void add_bad_texts(Table& table) {
         load.source = "builtin:forest";
         load.name = text;
         add("Load", load);
+        wire::ExportT export_it;
+        export_it.scene = "forest";
+        export_it.format = "rnscene.json";
+        export_it.file = text;
+        add("Export", export_it);
         wire::QueryT query;
         query.ray_count = 1;
         query.job = std::make_unique<wire::JobT>();
@@ -57,6 +62,15 @@ void add_missing_fields(Table& table) {
     table.spoilt("Path without a scene", wire::PathT{}, Code::invalid_field);
     table.spoilt("Unload without a scene", wire::UnloadT{}, Code::invalid_field);
     table.spoilt("Load without a source", wire::LoadT{}, Code::invalid_field);
+    wire::ExportT export_it;
+    export_it.format = "glb";
+    table.spoilt("Export without a scene", export_it, Code::invalid_field);
+    export_it.scene = "forest";
+    export_it.format = std::string(257, 'g');
+    table.spoilt("Export with an overlong format", export_it, Code::limit_exceeded);
+    export_it.format = "glb";
+    export_it.scene = "two\nlines";
+    table.spoilt("Export of a scene with a line break", export_it, Code::invalid_field);
     wire::QueryT query;
     query.ray_count = 1;
     table.spoilt("Query without a job", query, Code::invalid_field);
