@@ -47,23 +47,25 @@ struct Findings {
     std::size_t scenes = 0;
     std::uint64_t bytes = 0;
     std::vector<Damaged> damaged;
+    bool is_locked = true;      ///< no daemon could change it meanwhile
     std::string replaced = {};  ///< where a restore has put what was there; empty: nowhere
 };
 
 constexpr const char* manifest_name = "manifest.sqlite";
 
-/// Returns the lock of a folder that a daemon has made.
-Result<StateLock> lock_of(const std::filesystem::path& folder) {
+/// Returns the lock of a folder that a daemon has made, as `take` takes it.
+Result<StateLock> lock_of(const std::filesystem::path& folder,
+                          Result<StateLock> (*take)(const std::filesystem::path&)) {
     std::error_code error;
     if (std::filesystem::exists(folder / manifest_name, error) || is_half_restored(folder))
-        return StateLock::take(folder);
+        return take(folder);
     return fail(ErrorCode::io_failed,
                 error ? "cannot look into " + folder.string() + ": " + error.message()
                       : folder.string() + " is no state folder: it has no " + manifest_name);
 }
 
 Result<Findings> look(const std::filesystem::path& folder) {
-    const auto lock = lock_of(folder);
+    const auto lock = lock_of(folder, StateLock::take_to_read);
     if (!lock) return tl::unexpected(lock.error());
     if (is_half_restored(folder))
         return fail(ErrorCode::io_failed, "a restore of " + folder.string() +
@@ -74,6 +76,7 @@ Result<Findings> look(const std::filesystem::path& folder) {
     const auto rows = manifest->rows();
     if (!rows) return tl::unexpected(rows.error());
     Findings found;
+    found.is_locked = lock->descriptor() >= 0;
     found.scenes = rows->size();
     for (const StoredScene& row : *rows) {
         found.bytes += row.bytes;
@@ -96,6 +99,7 @@ int tell(const Result<Findings>& found, Form form) {
                                {"reason", clean(scene.why)}});
         nlohmann::json document = {
             {"scenes", found->scenes}, {"bytes", found->bytes}, {"damaged", damaged}};
+        if (!found->is_locked) document["locked"] = false;
         if (!found->replaced.empty()) document["replaced"] = clean(found->replaced);
         std::cout << document << '\n';
     } else {
@@ -105,6 +109,9 @@ int tell(const Result<Findings>& found, Form form) {
                       << '\n';
         std::cout << found->scenes << " scenes, " << protocol::bytes_text(found->bytes) << ", "
                   << found->damaged.size() << " damaged\n";
+        if (!found->is_locked)
+            std::cout << "it was not locked, because it cannot be written: what a daemon changed "
+                         "meanwhile may be missing here\n";
         if (!found->replaced.empty())
             std::cout << "before it held what is now in " << clean(found->replaced)
                       << (found->damaged.empty() ? "" : ", where damaged scenes may be whole")
@@ -162,7 +169,7 @@ int restore_state(const std::filesystem::path& backup, const std::filesystem::pa
 }
 
 int remove_state_garbage(const std::filesystem::path& folder, Form form) {
-    const auto lock = lock_of(folder);
+    const auto lock = lock_of(folder, StateLock::take);
     if (!lock) return failed(lock.error().message, form);
     const auto bytes = remove_garbage(folder);
     if (!bytes) return failed(bytes.error().message, form);

@@ -97,6 +97,15 @@ void remove_ready_file(const std::filesystem::path& path) {
     if (pid_of(path) == getpid()) std::filesystem::remove(path, ignored);
 }
 
+namespace {
+
+tl::unexpected<Error> in_use(const std::filesystem::path& directory) {
+    return fail(ErrorCode::io_failed,
+                "another daemon uses " + directory.string() + "; stop it or name another folder");
+}
+
+}  // namespace
+
 Result<StateLock> StateLock::take(const std::filesystem::path& directory) {
     std::error_code error;
     if (std::filesystem::create_directories(directory, error))
@@ -109,10 +118,27 @@ Result<StateLock> StateLock::take(const std::filesystem::path& directory) {
                     "cannot open " + (directory / "lock").string() + ": " +
                         std::error_code(errno, std::generic_category()).message() +
                         "; name a folder that can be written");
-    if (flock(lock.descriptor(), LOCK_EX | LOCK_NB) != 0)
-        return fail(ErrorCode::io_failed, "another daemon uses " + directory.string() +
-                                              "; stop it or name another folder");
+    if (flock(lock.descriptor(), LOCK_EX | LOCK_NB) != 0) return in_use(directory);
     return lock;
+}
+
+Result<StateLock> StateLock::take_to_read(const std::filesystem::path& directory) {
+    const std::string file = (directory / "lock").string();
+    const auto is_read_only = [] { return errno == EROFS || errno == EACCES || errno == EPERM; };
+    StateLock lock;
+    lock.descriptor_ = Fd(open(file.c_str(), O_RDWR | O_CREAT | O_CLOEXEC | O_NOFOLLOW, 0600));
+    const bool can_write = lock.descriptor() >= 0;
+    if (!can_write && is_read_only())
+        lock.descriptor_ = Fd(open(file.c_str(), O_RDONLY | O_CLOEXEC | O_NOFOLLOW));
+    if (lock.descriptor() < 0) {
+        if (errno == ENOENT || is_read_only()) return lock;
+        return fail(ErrorCode::io_failed,
+                    "cannot open " + file + ": " +
+                        std::error_code(errno, std::generic_category()).message());
+    }
+    if (flock(lock.descriptor(), LOCK_EX | LOCK_NB) == 0) return lock;
+    if (can_write || errno == EWOULDBLOCK) return in_use(directory);
+    return StateLock();
 }
 
 StateLock StateLock::adopt(Fd descriptor) {

@@ -30,6 +30,10 @@ public:
     /// Takes the lock; creates the directory (mode 0700) if needed. Fails with io_failed if another
     /// daemon holds the lock.
     static Result<StateLock> take(const std::filesystem::path& directory);
+    /// As take(), for who only reads: creates no folder. Where nothing can be written, it takes the
+    /// lock of the file that is there; without one, or where the file system has no such locks, it
+    /// returns no lock (descriptor() is -1).
+    static Result<StateLock> take_to_read(const std::filesystem::path& directory);
     /// Shares the lock of a daemon that hands it on: both hold it until both have let go.
     static StateLock adopt(Fd descriptor);
     /// The locked file; -1: none.

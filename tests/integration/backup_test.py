@@ -336,6 +336,47 @@ class Backup(WithState):
         self.assertGreater(told(0, "gc", self.state)["removed_bytes"], 1000)
         self.assertEqual(told(0, "gc", self.state), {"removed_bytes": 0})
 
+    def test_a_folder_that_cannot_be_written_is_checked(self):
+        client = self.start()
+        client.run("load", WOODS, "--name", "woods")
+        view = self.folder / "view"
+        view.mkdir()
+
+        def check(code, *words):
+            """Checks the folder as a read-only mount shows it."""
+            script = 'mount --bind "$0" "$1" && mount -o remount,bind,ro "$1" && shift && exec "$@"'
+            done = subprocess.run(["unshare", "--mount", "sh", "-c", script, self.state, view, self.raynestd, "check", view,
+                                   *words], capture_output=True, text=True, timeout=PATIENCE, check=False)
+            self.assertEqual(done.returncode, code, done.stdout + done.stderr)
+            return done.stdout + done.stderr
+
+        if subprocess.run(["unshare", "--mount", "true"], check=False, capture_output=True).returncode:
+            self.skipTest("skipped: no right to mount")
+        # The lock of a daemon that runs holds there, too.
+        self.assertIn("another daemon uses", check(1))
+        self.kill()  # it leaves the manifest's journal
+        files = self.files()
+        self.assertRegex(check(0), "(?m)^1 scenes, .*, 0 damaged$")
+        self.assertNotIn("locked", check(0, "--json"))
+        # A copy on such a medium may have no lock.
+        (self.state / "lock").unlink()
+        self.assertIn("it was not locked, because it cannot be written", check(0))
+        self.assertIs(json.loads(check(0, "--json"))["locked"], False)
+        digest, = self.blob_names()
+        self.damage(digest)
+        self.assertIn("woods: its bytes have changed", check(1))
+        self.damage(digest)
+        self.assertEqual(self.files(), files)
+        # After a good end there is no journal.
+        self.start()
+        self.daemon.process.terminate()
+        self.assertEqual(self.daemon.process.wait(PATIENCE), 0)
+        (self.state / "lock").unlink()
+        self.assertIn("0 damaged", check(0))
+        self.assertFalse((self.state / "lock").exists())
+        # Where it can be written, it is locked as before.
+        self.assertNotIn("not locked", self.raynestd_says(0, "check", self.state))
+
     def test_a_full_disk_leaves_nothing(self):
         client = self.start()
         client.run("load", WOODS, "--name", "woods")
