@@ -51,11 +51,9 @@ constexpr std::string_view a_move = "x,y,z or a 3x4 matrix row by row";
 constexpr std::array<Word, 10> words{{
     {"move", EditRow::move, EditRow::world, a_move,
      "PATH=DX,DY,DZ, or PATH= and a 3x4 matrix row by row: moves what stands there, in the world. "
-     "In "
-     "PATH * stands for any text, and all below a path moves with it; inst=N is the outermost "
-     "instance N. May be repeated, also the options below; they act in their order, --add and "
-     "--remove "
-     "last"},
+     "In PATH * stands for any text, and all below a path moves with it; inst=N is the outermost "
+     "instance N. May be repeated, also the options below; they act in their order, "
+     "--add and --remove last"},
     {"turn", EditRow::move, EditRow::own, a_move,
      "PATH= as for --move, in the coordinates of the object itself: a wheel about its axle"},
     {"place", EditRow::place, EditRow::world, a_matrix,
@@ -70,8 +68,7 @@ constexpr std::array<Word, 10> words{{
      "PATH=NUMBER: the user id of the outermost instances there, and of all within them"},
     {"set-material", EditRow::set_material, 0, a_material,
      "PATH=NAME: the material of the meshes there and of all within them, one that the scene has: "
-     "its "
-     "name, or its number in the column material"},
+     "its name, or its number in the column material"},
     {"hide", EditRow::set_mask, 0, "", "PATH: no ray meets it from now on"},
     {"show", EditRow::set_mask, ~0U, "", "PATH: every ray may meet it"},
 }};
