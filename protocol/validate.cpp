@@ -23,6 +23,9 @@ void check_info(Checks& checks, const wire::SceneInfo& info) {
         .numbers("record_counts", info.record_types(), info.record_counts())
         .names("animations", info.animations())
         .numbers("animation_seconds", info.animations(), info.animation_seconds())
+        .name("up", info.up())
+        .names("variants", info.variants())
+        .name("variant", info.variant())
         .finite("origin", info.origin_x())
         .finite("origin", info.origin_y())
         .finite("origin", info.origin_z());

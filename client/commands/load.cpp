@@ -117,8 +117,9 @@ void declare(CommandLine& line, LoadOptions& load) {
             "number (m)")
         .type_name("UNIT");
     line.add_option("--up", load.up,
-                    "y | z: the axis of such a file that points up; z is turned to y, x,y,z to "
-                    "x,z,-y (y)");
+                    "y | z: the axis of a file that points up. Coordinates stay as they are; the "
+                    "camera that is chosen, the sky and its sun follow it (y, or what a .glb that "
+                    "RayNest wrote says)");
     line.add_number(
         "--radius", load.radius, 1e-9, 1e9, "a length from 1e-9 to 1e9",
         "of the points of a .ply or .las, which are loaded as spheres, in the file's unit");

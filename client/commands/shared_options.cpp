@@ -153,7 +153,7 @@ void add_camera(CommandLine& line, CameraOptions& camera) {
             camera.look_at = *numbers;
             return "";
         },
-        "a camera of your own: eye, point looked at, up (0,1,0)");
+        "a camera of your own: eye, point looked at, up (the scene's)");
     name.excludes(look_at);
     line.add_number("--fov", camera.fov_degrees, 0.001F, 179.999F,
                     "a number of degrees from 0.001 to 179.999",
@@ -303,7 +303,9 @@ void add_light(CommandLine& line, LightOptions& light, const std::string& integr
                 light.sun = {static_cast<float>(azimuth), static_cast<float>(elevation)};
                 return "";
             },
-            "the sky's sun: degrees from the north (-Z) eastwards, degrees above the horizon")
+            "the sky's sun: degrees from the north (-Z, or +Y of a scene with +Z up) eastwards, "
+            "degrees "
+            "above the horizon")
         .type_name("AZIMUTH,ELEVATION");
 }
 
@@ -336,7 +338,7 @@ void add_film(CommandLine& line, RenderOptions& render) {
     line.add_option("--exposure", render.exposure, "of .png and .npy: stops, or auto (auto; ao 0)");
     line.add_number("--env-rotate", render.environment_rotate, -360.0F, 360.0F,
                     "a number of degrees from -360 to 360",
-                    "turns the picture of --env by so many degrees from -Z towards +X (0)")
+                    "turns the picture of --env by so many degrees from the north eastwards (0)")
         .type_name("DEGREES");
     line.add_number("--noise", render.noise, 1e-6F, 1.0F, "a number from 0.000001 to 1",
                     "end parts of the picture when their error, as a share of their brightness, is "

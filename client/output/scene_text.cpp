@@ -180,11 +180,14 @@ Json scene_json(const wire::SceneInfo& info) {
     json["tree_bytes"] = info.tree_bytes();
     json["bytes_per_triangle"] = bytes_per_triangle(info);
     json["origin"] = origin_of(info);
+    json["up"] = protocol::word(info.up(), "y");
     json["box_min"] = corner(info, info.box_min());
     json["box_max"] = corner(info, info.box_max());
     json["cameras"] = protocol::strings(info.cameras());
     json["animations"] = protocol::strings(info.animations());
     json["animation_seconds"] = seconds_of(info);
+    json["variants"] = protocol::strings(info.variants());
+    json["variant"] = protocol::text(info.variant());
     json["skipped"] = skipped_json(info);
     json["warnings"] = warnings(info);
     return json;
@@ -216,6 +219,12 @@ void print_scene(const wire::SceneInfo& info, const Json& epo) {
             names[i] += " (" + Json(std::round(1000 * seconds[i]) / 1000).dump() + " s)";
         rows.push_back({"animations", joined(numbered(names))});
     }
+    if (std::vector<std::string> names = protocol::strings(info.variants()); !names.empty()) {
+        for (std::string& name : names)
+            if (name == protocol::text(info.variant())) name += " (chosen)";
+        rows.push_back({"variants", joined(names)});
+    }
+    if (protocol::text(info.up()) == "z") rows.push_back({"up", "z"});
     if (info.degenerate_triangles() != 0)
         rows.push_back({"degenerate", grouped(info.degenerate_triangles()) +
                                           " triangles without area, which nothing can hit"});

@@ -82,7 +82,8 @@ Result<void> read_number(const FilmFile& film, const char* name, Number& value,
     return fail(Exit::invalid, file + " has no valid " + name + " in its header");
 }
 
-/// Reads the camera of an EXR's header: "first", "name NAME" or "lookat" and nine numbers.
+/// Reads the camera of an EXR's header: "first", "name NAME" or "lookat" and six or nine
+/// numbers.
 Result<std::unique_ptr<wire::CameraT>> read_camera(const FilmFile& film, const std::string& file) {
     auto camera = std::make_unique<wire::CameraT>();
     if (auto read = read_number(film, "fov", camera->fov_degrees, file); !read)
@@ -94,7 +95,7 @@ Result<std::unique_ptr<wire::CameraT>> read_camera(const FilmFile& film, const s
         std::string numbers = asked.substr(7);
         for (char& letter : numbers)
             if (letter == ' ') letter = ',';
-        const auto parsed = parse_world(numbers, 9, 9, "nine numbers");
+        const auto parsed = parse_world(numbers, 6, 9, "nine numbers");
         if (!parsed) return fail(Exit::invalid, file + " has no valid camera in its header");
         const auto vector = [&](std::size_t at) {
             const auto number = [&](std::size_t i) {
@@ -105,7 +106,7 @@ Result<std::unique_ptr<wire::CameraT>> read_camera(const FilmFile& film, const s
         camera->look_at = true;
         camera->eye = vector(0);
         camera->at = vector(3);
-        camera->up = vector(6);
+        if (parsed->size() == 9) camera->up = vector(6);
     } else if (asked != "first") {
         return fail(Exit::invalid, file + " has no valid camera in its header");
     }

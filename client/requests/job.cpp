@@ -57,7 +57,7 @@ std::unique_ptr<wire::CameraT> camera_message(const CameraOptions& options,
     camera->look_at = true;
     camera->eye = vector(0, origin);
     camera->at = vector(3, origin);
-    camera->up = v.size() == 9 ? vector(6, {}) : std::make_unique<wire::Vec3>(0.0F, 1.0F, 0.0F);
+    if (v.size() == 9) camera->up = vector(6, {});
     return camera;
 }
 

@@ -56,10 +56,6 @@ Result<SceneDescription> describe_file(ReadFile read, const ImportRequest& reque
 /// The word for a .npy of heights, in the place of a primitive type.
 constexpr std::string_view heights = "heights";
 
-bool is_gltf(std::string_view source) {
-    return has_extension(source, ".glb") || has_extension(source, ".gltf");
-}
-
 double mebibytes(std::uint64_t bytes) {
     return static_cast<double>(bytes) / (1 << 20);
 }
@@ -102,10 +98,9 @@ Result<BuiltArena> build(const ImportRequest& request, const ImportLimits& limit
     return build_arena(*scene);
 }
 
-}  // namespace
-
-Result<SceneDescription> describe(const ImportRequest& request, const ImportLimits& limits,
-                                  const Registry& registry) {
+/// As describe(), but for the axis that the request says.
+Result<SceneDescription> describe_source(const ImportRequest& request, const ImportLimits& limits,
+                                         const Registry& registry) {
     const std::string_view source = request.source;
     if (!is_origin(request.origin)) {
         return fail(ErrorCode::scene_invalid, "the origin is not finite, or lies beyond 1e15");
@@ -113,10 +108,12 @@ Result<SceneDescription> describe(const ImportRequest& request, const ImportLimi
     const bool is_npy = has_extension(source, ".npy");
     const FileFormat* const format = find_format(source);
     const bool takes_options = format != nullptr || (is_npy && request.primitive == heights);
-    if (!takes_options && request.options != FileOptions{}) {
+    FileOptions others = request.options;
+    others.z_up = false;
+    if (!takes_options && others != FileOptions{}) {
         return fail(ErrorCode::scene_invalid,
-                    fmt::format("`unit`, `up`, `radius`, `spacing` and an automatic origin are for "
-                                "{} and heights: leave them out",
+                    fmt::format("`unit`, `radius`, `spacing` and an automatic origin are for {} "
+                                "and heights: leave them out",
                                 format_list()));
     }
     if (!request.variant.empty() && !is_gltf(source))
@@ -127,6 +124,10 @@ Result<SceneDescription> describe(const ImportRequest& request, const ImportLimi
             return fail(ErrorCode::scene_invalid,
                         "a built-in scene is centred on zero: only files take an origin");
         }
+        if (request.options.z_up)
+            return fail(ErrorCode::scene_invalid,
+                        "y points up in a built-in scene: leave out `up`, or place it in a "
+                        "composition with \"up\": \"z\"");
         return masked(request, check_primitives(describe_builtin(source), registry));
     }
     if (auto files = check_files(request, limits); !files) return tl::unexpected(files.error());
@@ -140,6 +141,15 @@ Result<SceneDescription> describe(const ImportRequest& request, const ImportLimi
         fmt::format("'{}' is not a scene that RayNest reads: .glb, .gltf, .rnscene.json, .npy, {}, "
                     "or builtin:forest, builtin:terrain, builtin:flake, builtin:street",
                     source.substr(0, 200), format_list()));
+}
+
+}  // namespace
+
+Result<SceneDescription> describe(const ImportRequest& request, const ImportLimits& limits,
+                                  const Registry& registry) {
+    auto scene = describe_source(request, limits, registry);
+    if (scene && request.options.z_up) scene->up = UpAxis::z;
+    return scene;
 }
 
 Result<BuiltArena> import_arena(const ImportRequest& request, const ImportLimits& limits,

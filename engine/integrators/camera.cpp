@@ -22,8 +22,9 @@ bool is_finite(const Vec3& v) {
 /// A pose that looks along `forward` from `eye`, +Y as close to `up` as it can be.
 Transform look(const glm::dvec3& eye, const glm::dvec3& forward, glm::dvec3 up) {
     const glm::dvec3 z = -glm::normalize(forward);
-    // Straight along `up` any roll would do: take the one that has -Z, or else +X, on top.
-    for (const glm::dvec3 other : {glm::dvec3(0, 0, -1), glm::dvec3(1, 0, 0)}) {
+    // Straight along `up` any roll would do: take the one that has north on top, which is -Z, or
+    // +Y where +Z is up.
+    for (const glm::dvec3 other : {glm::dvec3(0, 0, -1), glm::dvec3(0, 1, 0)}) {
         if (glm::length(glm::cross(up, z)) > 1e-6 * glm::length(up)) break;
         up = other;
     }
@@ -33,10 +34,10 @@ Transform look(const glm::dvec3& eye, const glm::dvec3& forward, glm::dvec3 up) 
 }
 
 /// "automatic": as framing() says, looking along the diagonal exactly.
-Camera framing_camera(const Box& bounds) {
-    const Framing view = framing(bounds);
-    return {look(view.eye, glm::dvec3(-1), glm::dvec3(0, 1, 0)), static_cast<float>(default_fov),
-            "automatic"};
+Camera framing_camera(const Box& bounds, UpAxis up) {
+    const Framing view = framing(bounds, up);
+    return {look(view.eye, from_y_up(up, glm::dvec3(-1)), upwards(up)),
+            static_cast<float>(default_fov), "automatic"};
 }
 
 std::string camera_list(const Snapshot& scene) {
@@ -73,19 +74,20 @@ Result<std::uint32_t> find_camera(const Snapshot& scene, const std::string& requ
 
 Result<Camera> camera_of_request(const Snapshot& scene, const CameraRequest& request) {
     if (request.look_at) {
-        if (!is_finite(request.eye) || !is_finite(request.at) || !is_finite(request.up) ||
-            request.eye == request.at || request.up == Vec3(0)) {
+        const Vec3 up = request.up.value_or(Vec3(upwards(scene.up())));
+        if (!is_finite(request.eye) || !is_finite(request.at) || !is_finite(up) ||
+            request.eye == request.at || up == Vec3(0)) {
             return fail(
                 ErrorCode::param_invalid,
                 "`look_at` needs finite numbers, two different points and an up that is not 0");
         }
-        return Camera{
-            look(glm::dvec3(request.eye), glm::dvec3(request.at) - glm::dvec3(request.eye),
-                 glm::dvec3(request.up)),
-            static_cast<float>(default_fov), "look-at"};
+        return Camera{look(glm::dvec3(request.eye),
+                           glm::dvec3(request.at) - glm::dvec3(request.eye), glm::dvec3(up)),
+                      static_cast<float>(default_fov), "look-at"};
     }
     const SceneView& view = scene.view();
-    if (request.name.empty() && view.camera_count == 0) return framing_camera(scene.bounds());
+    if (request.name.empty() && view.camera_count == 0)
+        return framing_camera(scene.bounds(), scene.up());
     const auto index =
         request.name.empty() ? Result<std::uint32_t>(0U) : find_camera(scene, request.name);
     if (!index) return tl::unexpected(index.error());
@@ -96,15 +98,15 @@ Result<Camera> camera_of_request(const Snapshot& scene, const CameraRequest& req
 
 }  // namespace
 
-Framing framing(const Box& bounds) {
+Framing framing(const Box& bounds, UpAxis up) {
     constexpr double margin = 1.05;
     const bool empty = bounds.is_empty();
     const glm::dvec3 lower = empty ? glm::dvec3(-1) : glm::dvec3(bounds.lower);
     const glm::dvec3 upper = empty ? glm::dvec3(1) : glm::dvec3(bounds.upper);
     const glm::dvec3 center = 0.5 * (lower + upper);
-    const glm::dvec3 backward = glm::normalize(glm::dvec3(1));
-    const glm::dvec3 right = glm::normalize(glm::cross(glm::dvec3(0, 1, 0), backward));
-    const glm::dvec3 up = glm::cross(backward, right);
+    const glm::dvec3 backward = from_y_up(up, glm::normalize(glm::dvec3(1)));
+    const glm::dvec3 right = glm::normalize(glm::cross(upwards(up), backward));
+    const glm::dvec3 top = glm::cross(backward, right);
 
     // Each corner asks for a distance at which it appears on the edge of the picture.
     const double tangent = std::tan(default_fov / 2);
@@ -114,7 +116,7 @@ Framing framing(const Box& bounds) {
             glm::dvec3((corner & 1) != 0 ? upper.x : lower.x, (corner & 2) != 0 ? upper.y : lower.y,
                        (corner & 4) != 0 ? upper.z : lower.z) -
             center;
-        const double aside = std::max(std::abs(glm::dot(p, right)), std::abs(glm::dot(p, up)));
+        const double aside = std::max(std::abs(glm::dot(p, right)), std::abs(glm::dot(p, top)));
         distance = std::max(distance, margin * aside / tangent + glm::dot(p, backward));
     }
     if (distance == 0) distance = std::max(1.0, 1e-3 * glm::length(center));  // a single point

@@ -5,6 +5,7 @@
 #include "engine/result.h"
 #include "engine/scene/snapshot.h"
 
+#include <optional>
 #include <string>
 
 namespace raynest {
@@ -21,19 +22,20 @@ struct Camera {
 struct CameraRequest {
     std::string name = {};  ///< a name, or a number as digits alone; "" = the first one
     bool look_at = false;
-    Vec3 eye{0}, at{0}, up{0, 1, 0};
-    float fov_degrees = 0;  ///< vertical; 0 = the camera's own, 40 for look-at
+    Vec3 eye{0}, at{0};
+    std::optional<Vec3> up = {};  ///< nothing: the scene's
+    float fov_degrees = 0;        ///< vertical; 0 = the camera's own, 40 for look-at
 };
 
 /// A look-at of 40 degrees that has a bounding box whole in any picture at least as wide as high,
-/// seen from (+x, +y, +z).
+/// seen from (+x, +y, +z), with +y up, or from (+x, -y, +z) with +z up: from the south-east.
 struct Framing {
     glm::dvec3 eye, at;
 };
-[[nodiscard]] Framing framing(const Box& bounds);
+[[nodiscard]] Framing framing(const Box& bounds, UpAxis up);
 
 /// The requested camera; scene_invalid naming the cameras there are. Without any in the file: one
-/// that frames the bounding box from (+x, +y, +z) at 40 degrees, named "automatic".
+/// of framing(), named "automatic".
 Result<Camera> choose_camera(const Snapshot& scene, const CameraRequest& request);
 
 }  // namespace raynest

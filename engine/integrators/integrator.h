@@ -51,10 +51,11 @@ struct IntegratorSettings {
         picture
     } environment = Environment::automatic;
     std::shared_ptr<const EnvironmentPicture> picture = nullptr;  ///< of Environment::picture
-    float environment_rotate = 0;  ///< degrees from -Z towards +X by which the picture is turned
-    bool sun = false;              ///< the two angles count
-    float sun_azimuth = 0;         ///< degrees from the north (-Z), eastwards
-    float sun_elevation = 0;       ///< degrees above the horizon
+    float environment_rotate =
+        0;                    ///< degrees from the north eastwards by which the picture is turned
+    bool sun = false;         ///< the two angles count
+    float sun_azimuth = 0;    ///< degrees from the north (UpAxis), eastwards
+    float sun_elevation = 0;  ///< degrees above the horizon
 };
 
 /// The scene of a job; all it points to outlives the integrator.

@@ -116,8 +116,10 @@ void Lighting::add_far(const IntegratorSettings& settings) {
         Sky sky = make_sky(settings.sun ? settings.sun_azimuth : default_azimuth,
                            settings.sun ? settings.sun_elevation : default_elevation);
         sky_.sun = sky.sun;
+        sky_.sun.direction = from_y_up(view_.up, sky.sun.direction);
         if (has_sky) sky_.environment = std::move(sky.environment);
     }
+    sky_.environment.set_up(view_.up);
     has_sun_ = !is_black(sky_.sun.radiance);
     if (empty())
         notes_.emplace_back("nothing gives light: add lights, or ask for `environment` sky");

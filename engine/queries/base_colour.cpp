@@ -1,5 +1,6 @@
 #include "engine/queries/base_colour.h"
 
+#include "engine/geometry/record_colours.h"
 #include "engine/intersectors/texture.h"
 
 #include <array>
@@ -51,7 +52,13 @@ Vec3 sample_colour(const SceneView& scene, const TextureRecord& texture, Vec2 st
 
 Vec3 base_colour(const SceneView& scene, const HitRecord& hit) {
     const ObjectRecord& object = scene.objects[hit.object];
-    if (object.triangle_count == 0) return Vec3(1);
+    if (object.triangle_count == 0) {
+        const std::uint8_t* const rgba = record_colours(scene, object);
+        if (rgba == nullptr) return Vec3(1);
+        const std::uint8_t* const own = rgba + std::size_t{4} * hit.triangle;
+        const auto& linear = srgb_table();
+        return {linear[own[0]], linear[own[1]], linear[own[2]]};
+    }
     const GeometryRecord& geometry = scene.geometry_of(object, hit.triangle);
     Vec3 colour(1);
     if (geometry.material != no_id) {

@@ -71,9 +71,12 @@ private:
                             ", this build reads version " + std::to_string(format::version) +
                             ": import the scene again");
         }
-        if (header.build > BuildQuality::high || header.unused != 0) {
+        if (header.build > BuildQuality::high) {
             return broken("its build quality does not exist");
         }
+        if (header.up > UpAxis::z) return broken("its axis that points up does not exist");
+        if (header.chosen_variant > header.variants)
+            return broken("its chosen variant does not exist");
         if (!is_origin(header.origin)) return broken("its origin is not finite or beyond 1e15");
         if (header.bytes != arena_.size()) return broken("its length is not what its header says");
         return {};
@@ -151,6 +154,9 @@ private:
             size_of(Section::cameras) > scene_cameras_max) {
             return broken("it has too many warnings, skip reasons, record types or cameras");
         }
+        if (reinterpret_cast<const format::Header*>(arena_.data())->variants >
+            size_of(Section::warnings))
+            return broken("it has fewer warnings than variants");
         const auto* skips = start_of<format::SkipRecord>(Section::skips);
         for (std::uint64_t i = 0; i < size_of(Section::skips); ++i) {
             if (!is_name(skips[i].reason) || skips[i].unused != 0) return broken("a skip reason");

@@ -13,6 +13,7 @@
 #include <chrono>
 #include <cmath>
 #include <iterator>
+#include <limits>
 #include <utility>
 
 namespace raynest {
@@ -45,6 +46,7 @@ public:
         add_cameras(description_, content_);
         add_lights(description_, content_);
         content_.motion = description_.motion;
+        content_.up = description_.up;
         for (const GraphObject& object : graph_.objects) {
             if (auto added = add_object(object); !added) return tl::unexpected(added.error());
         }
@@ -83,6 +85,7 @@ public:
                  " no area, which nothing can hit: most of the scene is missing. "
                  "Check its units, and whether corners were merged");
         }
+        add_variants();
         if (content_.skips.size() > scene_skips_max) {
             return fail(ErrorCode::limit_exceeded, "the scene has more reasons for skips than " +
                                                        std::to_string(scene_skips_max));
@@ -106,6 +109,18 @@ private:
         if (content_.warnings.size() == scene_warnings_max) content_.warnings.pop_back();
         content_.warnings.push_back(content_.names.add(text));
         std::ranges::rotate(content_.warnings, std::prev(content_.warnings.end()));
+    }
+
+    /// Puts the names of variants behind the warnings, as many as there is room for.
+    void add_variants() {
+        const std::size_t room = scene_warnings_max - content_.warnings.size();
+        const std::size_t count = std::min(description_.variants.size(), room);
+        for (std::size_t i = 0; i < count; ++i)
+            content_.warnings.push_back(content_.names.add(description_.variants[i]));
+        content_.variants = static_cast<std::uint16_t>(count);
+        constexpr std::size_t most = std::numeric_limits<std::uint8_t>::max();
+        if (const std::size_t chosen = description_.chosen_variant; chosen <= std::min(count, most))
+            content_.chosen_variant = static_cast<std::uint8_t>(chosen);
     }
 
     Result<void> add_object(const GraphObject& node) {
@@ -204,6 +219,20 @@ private:
         }
     }
 
+    /// Adds the colours of records as those of a geometry without triangles (record_colours.h).
+    void add_record_colours(const ObjectDescription& source, ObjectRecord& object) {
+        GeometryRecord record{};
+        record.positions = record.indices = record.opacity = no_offset;
+        record.texcoords[0] = record.texcoords[1] = no_offset;
+        record.colours = content_.attributes.add(source.record_colours);
+        record.vertex_count = object.record_count;
+        record.material = no_id;
+        content_.geometry_shading.push_back({no_offset, no_offset});
+        object.first_geometry = static_cast<std::uint32_t>(content_.geometries.size());
+        object.geometry_count = 1;
+        content_.geometries.push_back(record);
+    }
+
     void add_records(const ObjectDescription& source, ObjectRecord& object) {
         object.first_record = record_bytes_;
         if (source.record_bounds.empty()) return;
@@ -212,6 +241,7 @@ private:
         object.record_size =
             static_cast<std::uint32_t>(source.records.size() / object.record_count);
         record_bytes_ += records_bytes(object);
+        if (!source.record_colours.empty()) add_record_colours(source, object);
         const std::uint32_t name = content_.names.add(source.record_type);
         auto& types = content_.record_types;
         if (std::find(types.begin(), types.end(), name) == types.end()) types.push_back(name);

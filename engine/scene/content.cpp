@@ -147,11 +147,12 @@ Arena write_arena(const Content& content) {
         content.motion.size(),
     };
 
-    format::Header header{format::magic,      format::version,
-                          format::byte_order, 0,
-                          content.build,      0,
-                          content.origin,     content.degenerate_triangles,
-                          content.bounds,     {}};
+    format::Header header{format::magic,          format::version,
+                          format::byte_order,     0,
+                          content.build,          content.up,
+                          content.chosen_variant, content.variants,
+                          content.origin,         content.degenerate_triangles,
+                          content.bounds,         {}};
     std::uint64_t end = format::aligned(sizeof header);
     for (std::size_t s = 0; s < format::section_count; ++s) {
         header.sections[s] = {end, counts[s], format::element_size[s], 0};

@@ -7,6 +7,7 @@
 
 #include "engine/bvh/build.h"
 #include "engine/geometry/hit.h"
+#include "engine/geometry/up_axis.h"
 #include "engine/geometry/views.h"
 #include "engine/math/vec.h"
 #include "engine/shading/records.h"
@@ -84,6 +85,7 @@ struct ObjectDescription {
     std::string record_type;         ///< name of a primitive other than triangle, "" when none
     std::vector<std::byte> records;  ///< record_bounds.size() records of equal size
     std::vector<Box> record_bounds;
+    std::vector<std::uint8_t> record_colours = {};  ///< empty or RGBA per record, sRGB
 };
 
 struct LightDescription {
@@ -117,6 +119,7 @@ struct SceneDescription {
     std::vector<std::uint32_t> placed_nodes;
     /// The point that was subtracted from world coordinates; all others are relative to it.
     WorldPoint origin{};
+    UpAxis up = UpAxis::y;
     /// The largest distance by which rounding to float32 moved a vertex or a placement.
     double rounding = 0;
     /// The largest distance by which float32 coordinates of the file may be off from what they were
@@ -132,6 +135,9 @@ struct SceneDescription {
     /// Reason -> count, e.g. {"singular_instances", 1}; shown by `info` and `load`.
     std::map<std::string, std::uint64_t> skipped;
     std::vector<std::string> warnings;
+    /// Looks of the materials that the file offers (KHR_materials_variants).
+    std::vector<std::string> variants = {};
+    std::size_t chosen_variant = 0;  ///< its number, from 1; 0: none
 };
 
 }  // namespace raynest

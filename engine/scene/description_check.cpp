@@ -152,6 +152,10 @@ Result<void> check_object(const SceneDescription& description, std::uint32_t ind
                            : !object.record_type.empty() && object.records.size() >= records &&
                                  object.records.size() % records == 0;
     if (!sized) return invalid(name + " needs a record type and records of equal size");
+    if (!object.record_colours.empty() &&
+        (object.record_colours.size() != 4 * records || !object.geometries.empty()))
+        return invalid(name +
+                       " has colours that are not one per record, or geometries beside them");
     if (records != 0 && object.records.size() / records > record_size_max) {
         return invalid(name + " has records of more than " + std::to_string(record_size_max) +
                        " bytes");
@@ -222,6 +226,8 @@ Result<void> check_names(const SceneDescription& description) {
         longest = std::max(longest, reason.size());
     for (const std::string& warning : description.warnings)
         longest = std::max(longest, warning.size());
+    for (const std::string& variant : description.variants)
+        longest = std::max(longest, variant.size());
     if (longest > scene_name_bytes_max)
         return limit("a name or warning of more bytes", scene_name_bytes_max);
     if (description.warnings.size() > scene_warnings_max)

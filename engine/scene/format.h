@@ -8,6 +8,7 @@
 #include "engine/bvh/node.h"
 #include "engine/geometry/path.h"
 #include "engine/geometry/triangle.h"
+#include "engine/geometry/up_axis.h"
 #include "engine/geometry/views.h"
 #include "engine/shading/records.h"
 
@@ -108,7 +109,10 @@ struct Header {
     std::uint32_t byte_order;  ///< 0x01020304 in the reader's byte order
     std::uint64_t bytes;       ///< of the whole arena
     BuildQuality build;        ///< of the trees
-    std::uint32_t unused;
+    UpAxis up;
+    std::uint8_t chosen_variant;  ///< its number, from 1; 0: none
+    /// So many warnings, the last ones, are names of variants.
+    std::uint16_t variants;
     std::array<double, 3> origin;  ///< subtracted from world coordinates
     std::uint64_t degenerate_triangles;
     Box bounds;  ///< of the vertices in the scene; the trees' boxes are larger

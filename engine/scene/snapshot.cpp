@@ -113,6 +113,7 @@ Result<std::shared_ptr<const Snapshot>> Snapshot::open(BuiltArena built) {
     s.build = header.build;
     s.degenerate_triangles = header.degenerate_triangles;
     snapshot->origin_ = header.origin;
+    shading.up = header.up;
     snapshot->bounds_ = header.bounds;
     s.build_seconds = built.build_seconds;
     s.edits = built.edits;
@@ -130,6 +131,9 @@ Result<std::shared_ptr<const Snapshot>> Snapshot::open(BuiltArena built) {
         }
     };
     append_names(Section::warnings, s.warnings);
+    s.variants.assign(s.warnings.end() - header.variants, s.warnings.end());
+    s.warnings.resize(s.warnings.size() - header.variants);
+    if (header.chosen_variant != 0) s.chosen_variant = s.variants[header.chosen_variant - 1U];
     append_names(Section::record_types, snapshot->record_types_);
     for (const std::string& type : snapshot->record_types_) {
         std::uint64_t& count = snapshot->record_counts_.emplace_back(0);

@@ -41,8 +41,8 @@ inline constexpr std::uint32_t texture_side_max =
     16384;  ///< pixels; an RGBA plane stays below 2^31
 /// Limits on the contents of an arena that are copied or looked up by name.
 inline constexpr std::uint32_t scene_name_bytes_max = 8192;  ///< of any name or warning
-inline constexpr std::uint32_t scene_warnings_max = 1024;
-inline constexpr std::uint32_t scene_skips_max = 1024;  ///< reasons
+inline constexpr std::uint32_t scene_warnings_max = 1024;    ///< names of variants counted
+inline constexpr std::uint32_t scene_skips_max = 1024;       ///< reasons
 inline constexpr std::uint32_t scene_record_types_max = 256;
 inline constexpr std::uint32_t scene_cameras_max = 65536;
 inline constexpr std::uint32_t scene_lights_max = 65536;
@@ -80,6 +80,8 @@ struct SceneStatistics {
     std::vector<std::string> cameras;
     std::map<std::string, std::uint64_t> skipped;
     std::vector<std::string> warnings;
+    std::vector<std::string> variants;  ///< SceneDescription::variants
+    std::string chosen_variant;         ///< one of them, or ""
 };
 
 /// An object with primitives of its own, and how often it is placed.
@@ -153,6 +155,7 @@ public:
     [[nodiscard]] std::span<const std::byte> motion_bytes() const;
     /// World coordinates less this are those of the view, of rays and of answers.
     [[nodiscard]] const WorldPoint& origin() const { return origin_; }
+    [[nodiscard]] UpAxis up() const { return shading_.up; }
     /// The box of all vertices as they are placed, and of records' boxes; trees have larger ones.
     [[nodiscard]] const Box& bounds() const { return bounds_; }
     /// The scene's identity, as 64 hex digits (scene/digest.h).

@@ -107,8 +107,9 @@ float Environment::density_at(std::size_t column, std::size_t row, float sine) c
     return row_densities_[row] * weight / std::max(sine, 1e-6F);
 }
 
-Environment::View Environment::view(const Vec3& d) const {
+Environment::View Environment::view(const Vec3& direction) const {
     if (empty()) return {};
+    const Vec3 d = to_y_up(up_, direction);
     const float u = turn_part(0.5F + arc_tangent(d.x, -d.z) * (0.5F / pi) - middle_);
     const float v = arc_cosine(d.y) * (1.0F / pi);
     const Vec2 at(std::min(u, one_below) * static_cast<float>(width_),
@@ -130,7 +131,7 @@ Vec3 Environment::sample(const Vec2& u, View& view) const {
     const Vec2 azimuth = circle(turn_part(at.x / static_cast<float>(width_) + middle_));
     const Vec2 polar = circle(0.5F * std::min(at.y / static_cast<float>(height_), 1.0F));
     view = {radiance_at(at), density_at(x, y, polar.y)};
-    return {-polar.y * azimuth.y, polar.x, polar.y * azimuth.x};
+    return from_y_up(up_, Vec3(-polar.y * azimuth.y, polar.x, polar.y * azimuth.x));
 }
 
 void Environment::fetch_guide(const Vec2& u) const {

@@ -2,6 +2,7 @@
 // proportion to the brightness of the picture.
 #pragma once
 
+#include "engine/geometry/up_axis.h"
 #include "engine/shading/sampling.h"
 
 #include <cstdint>
@@ -18,6 +19,8 @@ public:
     /// towards +X, in turns from 0 to below 1.
     Environment(std::uint32_t width, std::uint32_t height, std::span<const Vec3> pixels,
                 float middle = 0);
+    /// Stands the picture up in a scene with this axis: directions are those of the scene.
+    void set_up(UpAxis up) { up_ = up; }
 
     /// What a direction shows.
     struct View {
@@ -70,6 +73,7 @@ private:
 
     std::uint32_t width_ = 0, height_ = 0;
     float middle_ = 0;
+    UpAxis up_ = UpAxis::y;
     /// Radiance, and the sum of weights of its row up to and with it: what one sample reads lies
     /// together.
     std::vector<Vec4> texels_;

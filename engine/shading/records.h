@@ -2,6 +2,7 @@
 // index of the material, geometry or texture that it belongs to. Kernels never read them.
 #pragma once
 
+#include "engine/geometry/up_axis.h"
 #include "engine/geometry/views.h"
 #include "engine/math/vec.h"
 
@@ -139,6 +140,7 @@ struct ShadingView {
     const TextureLevels* levels = nullptr;        ///< one per texture
     const LightRecord* lights = nullptr;
     std::uint32_t light_count = 0;
+    UpAxis up = UpAxis::y;
 };
 
 }  // namespace raynest

@@ -1,5 +1,6 @@
 #include "engine/shading/shading_point.h"
 
+#include "engine/geometry/record_colours.h"
 #include "engine/shading/types.h"
 
 #include <algorithm>
@@ -327,7 +328,14 @@ void begin_point(const ShadingView& view, const Ray& ray, const HitRecord& hit, 
     point.kind = default_material();
     if (normal == Vec3(0)) point.normal = out.viewer;
     out.n = point.front ? point.normal : -point.normal;
-    if (object.triangle_count == 0) return;
+    if (object.triangle_count == 0) {
+        if (const std::uint8_t* const rgba = record_colours(scene, object); rgba != nullptr) {
+            const std::uint8_t* const own = rgba + std::size_t{4} * hit.triangle;
+            const auto& linear = srgb_to_linear();
+            out.tint = {linear[own[0]], linear[own[1]], linear[own[2]]};
+        }
+        return;
+    }
 
     const GeometryRecord& geometry = scene.geometry_of(object, hit.triangle);
     const Corners corners(scene, geometry, hit.triangle, hit.u, hit.v);

@@ -76,6 +76,8 @@ wire::SceneInfoT scene_info(const NamedScene& scene, const Registry& registry,
     info.origin_x = snapshot.origin()[0];
     info.origin_y = snapshot.origin()[1];
     info.origin_z = snapshot.origin()[2];
+    info.up = snapshot.up() == UpAxis::z ? "z" : "y";
+    info.variant = protocol::clean_text(statistics.chosen_variant, limits.name_bytes_max);
     info.degenerate_triangles = statistics.degenerate_triangles;
     info.refits = statistics.edits.refits;
     info.rebuilds = statistics.edits.rebuilds;
@@ -94,10 +96,13 @@ wire::SceneInfoT scene_info(const NamedScene& scene, const Registry& registry,
         if (!texts.append(info.animations, animation.name, limits.name_bytes_max)) break;
         info.animation_seconds.push_back(animation.seconds);
     }
+    for (const std::string& variant : statistics.variants)
+        if (!texts.append(info.variants, variant, limits.name_bytes_max)) break;
     for (const std::string& warning : statistics.warnings)
         if (!texts.append(info.warnings, warning, limits.text_bytes_max)) break;
     const std::size_t warnings = info.warnings.size();
     note_missing(info, warnings, statistics.warnings.size(), "warnings are");
+    note_missing(info, info.variants.size(), statistics.variants.size(), "variants are");
     note_missing(info, info.cameras.size(), statistics.cameras.size(), "cameras are");
     return info;
 }

@@ -107,7 +107,7 @@ std::string PictureJob::hint(std::uint64_t rays) const {
     if (nothing && request_.camera.name == "automatic" && scene.view().camera_count == 0)
         return line("nothing, though it frames the scene: `mask` or the intersector " +
                     plan_.variant->name + " hides everything");
-    const Framing view = framing(scene.bounds());
+    const Framing view = framing(scene.bounds(), scene.up());
     const WorldPoint& origin = scene.origin();
     std::ostringstream lookat;
     lookat.precision(origin == WorldPoint{} ? 9 : 15);

@@ -57,8 +57,11 @@ std::string digest_of(const LoadOrder& order) {
     add_text(build_quality_names[static_cast<std::size_t>(order.build)]);
     add(order.origin.data(), sizeof order.origin);
     const FileOptions& options = order.options;
+    // Scenes that earlier releases turned to +Y have 1 here.
+    constexpr double z_is_up = 2;
     const std::array<double, 5> given{options.unit, options.radius, options.spacing,
-                                      options.z_up ? 1.0 : 0.0, options.auto_origin ? 1.0 : 0.0};
+                                      options.z_up ? z_is_up : 0.0,
+                                      options.auto_origin ? 1.0 : 0.0};
     add(given.data(), sizeof given);
     const std::array<std::uint64_t, 2> counts{order.masks.size(), order.files.size()};
     add(counts.data(), sizeof counts);

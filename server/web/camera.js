@@ -23,7 +23,7 @@ export function basis(camera) {
   const back = unit(sub(camera.eye, camera.at));
   let up = camera.up;
   // Straight along `up` any roll would do: take the daemon's.
-  for (const other of [[0, 0, -1], [1, 0, 0]]) {
+  for (const other of [[0, 0, -1], [0, 1, 0]]) {
     if (length(cross(up, back)) > 1e-6 * length(up)) break;
     up = other;
   }

@@ -45,6 +45,13 @@ std::vector<fuzz::Input> fuzz::seeds() {
              {"object": "a", "matrices": [[[1, 0, 0, 0], [0, 1, 0, 0], [0, 0, 1, 5]]]}],
              "cameras": [{"name": "c", "eye": [0, 1, 2], "target": [3, 4, 5], "up": [0, 0, 1], "fov": 30}]})"),
         seed(
+            R"({"rnscene": 1, "up": "z", "objects": {"a": {"file": "a.obj"}, "b": {"file": "a.obj", "up": "y"}},
+             "instances": [{"object": "a", "matrices": "m.npy"}, {"object": "b"}],
+             "lights": [{"type": "spot", "position": [0, 8, 0], "direction": [0, -1, 0], "inner": 1, "outer": 60}],
+             "edits": [{"move": "a*", "translation": [1, 2, 3], "scale": 2}, {"set-mask": "a#0", "mask": "0x2"},
+             {"turn": "b", "matrix": [0, 0, 1, 0, 0, 1, 0, 0, -1, 0, 0, 0]}, {"set-uid": "b", "uid": 7},
+             {"hide": "b"}, {"place": "a#1", "rotation": [0, 1, 0, 1]}, {"remove": "a#2"}, {"show": "*"}]})"),
+        seed(
             R"({"rnscene": 1, "objects": {"a": {"file": "x.rnscene.json"}, "b": {"instances": [{"object": "b"}]}},
              "instances": [{"object": "b"}, {"object": "a"}]})"),
     };

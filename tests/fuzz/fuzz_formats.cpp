@@ -25,6 +25,8 @@ std::vector<fuzz::Input> fuzz::seeds() {
         "end_header\n";
     std::string las = "LASF" + std::string(371, '\0') + std::string(60, '\1');
     las[24] = 1, las[25] = 2, las[94] = '\xE3', las[96] = '\xE3', las[105] = 20, las[107] = 3;
+    std::string coloured = las + std::string(30, '\2');
+    coloured[104] = 2, coloured[105] = 26;
     std::string binary(84 + 100, '\0');
     binary[80] = 2;
     const std::string npz("PK\1\2", 4);
@@ -43,6 +45,7 @@ std::vector<fuzz::Input> fuzz::seeds() {
             seed(3, "COFF\n4 1 0\n0 0 0 255 0 0 255\n1 0 0\n1 1 0\n0 1 0\n4 0 1 2 3\n"),
             seed(4, npz + std::string(60, '\0') + "PK\5\6" + std::string(18, '\0')),
             seed(5, las),
+            seed(5, coloured),
             seed(6, "newmtl a\nKd 1 0.5 0\nd 0.5\nmap_Kd -s 1 1 1 a.png\nKe 1\n")};
 }
 

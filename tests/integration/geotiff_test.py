@@ -106,6 +106,16 @@ class Geotiff(WithFiles):
                 # Chosen, so that the map's coordinates keep their digits.
                 self.assertGreater(np.abs(scene.origin).max(), 1e6)
 
+    def test_with_z_up_hits_are_in_the_maps_coordinates(self):
+        scene = self.load(tiff(), up="z")
+        east, north, height = self.middles()
+        east, north = np.broadcast_arrays(east, north)
+        rays = np.zeros((east.size, 6))
+        rays[:, 0], rays[:, 1], rays[:, 2], rays[:, 5] = east.ravel(), north.ravel(), 1000, -1
+        hit = scene.trace(rays, fields=("t",))["t"]
+        np.testing.assert_allclose(1000 - hit, height.ravel(), atol=1e-2)
+        self.assertEqual(scene.info["up"], "z")
+
     def test_a_number_may_be_a_point(self):
         self.check(self.load(tiff(keys=[(1024, 1), (1025, 2)])), *self.middles(shift=0))
 
@@ -208,7 +218,7 @@ class Geotiff(WithFiles):
                 (tiff(keys=[(1024, 3)]), (), "middle of the Earth"), (tiff(no_data="-9,999"), (), "is no number"),
                 (tiff(georeference=False, more=[(34264, (DOUBLE, [1.0] * 16))]), (), "on a line"),
                 (tiff(more=[(42112, (ASCII, b'<Item name="SCALE" role="scale">2</Item>\0'))]), (), "a scale or an offset"), (tiff(more=[(259, (SHORT, [9999]))]), (), "is damaged"),
-                (tiff(), ("--up", "z"), "point up by themselves"), (tiff(), ("--spacing", "2"), "leave out --spacing")):
+                (tiff(), ("--spacing", "2"), "leave out --spacing")):
             with self.subTest(words):
                 done = self.client.run("load", self.write("bad.tif", data), *options)
                 self.assertEqual(done.returncode, 5, done)

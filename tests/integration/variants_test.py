@@ -67,9 +67,17 @@ class Variants(DaemonTest):
         self.assertEqual(len(hashes), 5)
         self.client.run("load", self.file, "--name", "cli", "--variant", "midnight")
         self.assertEqual(self.material("cli"), "blue")
-        listed, = self.client.json("info", "cli")["warnings"]
-        self.assertEqual(listed, "its materials have variants: 'beach', 'midnight', 'street', 'bare'; "
-                                 "'midnight' is chosen")
+        told = self.client.json("info", "cli")
+        self.assertEqual((told["variants"], told["variant"], told["warnings"]),
+                         (["beach", "midnight", "street", "bare"], "midnight", []))
+        self.assertRegex(self.client.run("info", "cli").stdout,
+                         r"(?m)^variants +beach, midnight \(chosen\), street, bare$")
+        told = self.python.scene("v").info
+        self.assertEqual((told["variants"], told["variant"], told["warnings"]),
+                         (["beach", "midnight", "street", "bare"], "", []))
+        # An edit keeps them.
+        self.client.run("edit", "cli", "--set-mask", "*=1")
+        self.assertEqual(self.client.json("info", "cli")["variant"], "midnight")
 
     def test_a_composition_chooses_for_each_object(self):
         town = self.out / "town.rnscene.json"

@@ -50,8 +50,8 @@ class Renders(Exports):
         (eye, at) or (eye, at, up). `fov` is vertical, in degrees. `spp`, or `samples`, is the number
         of samples per pixel, 16 by default, with `noise` 1024. `environment` is "sky", "none", "auto" (sky, unless the
         file has lights), or an EXR or HDR file, or its bytes; the middle of its picture lies at +X, and
-        `environment_rotate` turns it by so many degrees from -Z towards +X. `sun` is (azimuth from the
-        north (-Z) eastwards, elevation) in degrees. `noise` ends parts of the picture whose relative error is
+        `environment_rotate` turns it by so many degrees from the north eastwards. `sun` is (azimuth from the
+        north eastwards, elevation) in degrees. `noise` ends parts of the picture whose relative error is
         below it. `tonemap` (agx, aces, reinhard, none) and `exposure` (stops, or "auto") are for
         Images and png. `tile` (x, y, width, height) makes these pixels of the picture alone, with the
         bytes that they have in it; an Image or png of a lit one needs `exposure` in stops. A `deadline` gives a lit picture with the samples made by then, and a warning.

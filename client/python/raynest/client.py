@@ -96,11 +96,14 @@ class Client(Session):
         subtracted before they are lost. It stays with the scene; rays, cameras and positions are in
         the world for every client. A SceneWarning says when an origin would help.
 
+        `up="z"` says that +Z points up in a file. Coordinates stay as they are; the camera that is
+        chosen, the sky and its sun follow it.
+
         Formats without a unit, which are all but glTF, take these: `unit`, "mm", "cm", "m", "in", "ft"
-        or metres as a number; `up="z"` turns (x, y, z) to (x, z, -y); `radius` makes spheres of the
+        or metres as a number; `radius` makes spheres of the
         points of a .ply or .las, in the file's unit; `spacing` lies between the heights of a grid,
-        whose rows go along z and columns along x; `origin="auto"` has the daemon choose an origin.
-        `variant` is one of a glTF file's KHR_materials_variants, which a SceneWarning lists.
+        whose rows go along z and columns along x, or with up="z" along -y and x; `origin="auto"` has the daemon choose an origin.
+        `variant` is one of a glTF file's KHR_materials_variants, which `info["variants"]` lists.
 
         The daemon is asked by the files' SHA-256 first: it publishes a scene of the same content
         that you may see under the new name, and nothing is sent.

@@ -102,7 +102,7 @@ class Generator:
             if message["name"]:
                 place["camera"] = message["name"]
             if look_at is not None:
-                place["lookat"] = _exact_text("look_at", [message[at] for at in ("eye", "at", "up")])
+                place["lookat"] = _exact_text("look_at", [message[at] for at in ("eye", "at", "up") if at in message])
             if self._fov:
                 place["fov"] = _text("fov", self._fov)
         return Source(Rays(np.empty((0, 8), np.float32)), self.count, self._message(place), stands,

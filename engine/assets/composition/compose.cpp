@@ -7,8 +7,10 @@
 #include "engine/assets/input/uploaded_files.h"
 #include "engine/geometry/moved_box.h"
 #include "engine/scene/camera_pose.h"
+#include "engine/scene/edits/edit.h"
 #include "engine/scene/edits/link.h"
 #include "engine/scene/edits/linked_paths.h"
+#include "engine/scene/edits/names.h"
 #include "engine/scene/path_table.h"
 #include "engine/scene/precision.h"
 
@@ -29,6 +31,7 @@ namespace raynest {
 namespace {
 
 using composition::Camera;
+using composition::Change;
 using composition::Composition;
 using composition::Light;
 using composition::Object;
@@ -109,7 +112,9 @@ public:
         made_.resize(composition_.objects.size());
         for (std::size_t i = 0; i < composition_.objects.size(); ++i)
             numbers_.emplace(composition_.objects[i].name, i);
-        return group(composition_.objects.back(), true);
+        auto made = group(composition_.objects.back(), true);
+        if (!made || composition_.edits.empty()) return made;
+        return edited(std::move(*made));
     }
 
 private:
@@ -152,8 +157,16 @@ private:
         if (bytes == nullptr)
             return blame(
                 {ErrorCode::scene_invalid, fmt::format("there is no file '{}'", one_line(*name))});
-        auto scene = is_composition(*name) ? nested(*bytes, object) : files_.import(*name, object);
+        auto scene = is_composition(*name) ? nested(*bytes, object)
+                                           : files_.import(*name, with_up(*name, object));
         return scene ? scene : blame(scene.error());
+    }
+
+    /// A file that does not say which of its axes points up has the composition's; glTF says it.
+    [[nodiscard]] Object with_up(const std::string& name, const Object& object) const {
+        Object made = object;
+        if (!object.has_up && !is_gltf(name)) made.options.z_up = composition_.up == UpAxis::z;
+        return made;
     }
 
     Result<Scene> nested(const NamedBytes& file, const Object& object) {
@@ -172,6 +185,11 @@ private:
         return Composer(files_, limits_, file.name, std::move(above))
             .compose(file.bytes, object.origin)
             .and_then(Snapshot::open);
+    }
+
+    /// The map from the coordinates of a part to those that are placed: in the world, and up.
+    [[nodiscard]] Matrix to_group(const Snapshot& part) const {
+        return turn_of(part.up(), composition_.up) * translation_by(part.origin());
     }
 
     Result<std::vector<Matrix>> matrices_of(const Places& places) {
@@ -219,6 +237,7 @@ private:
         base.build = files_.build();
         base.objects.push_back({object.name, {}, {}, {}, {}, {}, {}});
         if (is_scene) base.origin = composition_.origin;
+        base.up = composition_.up;
         bool has_nodes = false;
         Box bounds;
         for (const Places& places : object.instances) {
@@ -229,8 +248,7 @@ private:
             has_nodes |= (*scene)->paths().node_count != 0 || places.uid != no_id;
             AddedScene part{*scene, path_step_text(places.name), {}, {}, places.uid};
             for (const Matrix& matrix : *matrices) {
-                const Matrix placed =
-                    less(base.origin) * matrix * translation_by((*scene)->origin());
+                const Matrix placed = less(base.origin) * matrix * to_group(**scene);
                 part.to_scene.push_back(transform_of(placed));
                 part.masks.push_back(places.mask);
                 const glm::dvec3 moved = glm::dvec3(Vec3(placed[3])) - glm::dvec3(placed[3]);
@@ -261,6 +279,41 @@ private:
             if (parts.insert(part.scene.get()).second)
                 linked->build_seconds += part.scene->statistics().build_seconds;
         return linked;
+    }
+
+    /// Makes the composition's edits, one after the other, in what its instances gave.
+    Result<BuiltArena> edited(BuiltArena built) {
+        using What = Change::What;
+        const double seconds = built.build_seconds;
+        const auto scene = Snapshot::open(std::move(built));
+        if (!scene) return tl::unexpected(scene.error());
+        EditBatch batch(**scene);
+        InstanceFinder finder(**scene, [] { return false; });
+        for (std::size_t i = 0; i < composition_.edits.size(); ++i) {
+            const Change& change = composition_.edits[i];
+            const auto blame = [&](const Error& error) {
+                const bool is_limit = error.code == ErrorCode::limit_exceeded;
+                return fail(is_limit ? error.code : ErrorCode::scene_invalid,
+                            fmt::format("edits[{}]: {}", i, error.message));
+            };
+            const auto places = finder.find(change.path);
+            if (!places) return blame(places.error());
+            for (const InstancePlace& place : *places) {
+                Result<void> done;
+                if (change.what == What::move) batch.move(place, change.matrix, change.frame);
+                if (change.what == What::place)
+                    done = batch.place(place, change.matrix, change.frame);
+                if (change.what == What::set_mask) batch.set_mask(place, change.value);
+                if (change.what == What::set_uid) done = batch.set_uid(place, change.value);
+                if (change.what == What::remove) done = batch.remove(place);
+                if (!done) return blame(done.error());
+            }
+        }
+        const auto made = edit_scene(**scene, batch.changes());
+        if (!made && made.error().code == ErrorCode::field_invalid)
+            return fail(ErrorCode::scene_invalid, "its edits: " + made.error().message);
+        if (!made) return tl::unexpected(made.error());
+        return BuiltArena{Snapshot::copy_arena(**made, nullptr), seconds, {}};
     }
 
     /// Each placement of a part whose paths are named has names of its own.
@@ -299,7 +352,7 @@ private:
                                  matrices.size()));
             return;
         }
-        const Matrix placed = less(base.origin) * matrices[0] * translation_by(scene.origin());
+        const Matrix placed = less(base.origin) * matrices[0] * to_group(scene);
         for (std::uint32_t i = 0; i < view.camera_count; ++i) {
             const CameraRecord& camera = view.cameras[i];
             base.cameras.push_back({fmt::format("{}/{}", places.name, view.names + camera.name),

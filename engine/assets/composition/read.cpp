@@ -136,7 +136,7 @@ Matrix read_matrix(const Value& value) {
 }
 
 /// Translation x rotation x scale, as glTF has them.
-Matrix read_pose(const Value& place) {
+Matrix read_parts(const Value& place) {
     std::array<double, 4> rotation{0, 0, 0, 1};
     glm::dvec3 translation(0), scale(1);
     if (place.has("rotation")) {
@@ -152,6 +152,24 @@ Matrix read_pose(const Value& place) {
     return matrix_of_rows(from_trs(&translation.x, rotation.data(), &scale.x));
 }
 
+/// A matrix, or the parts of one. `more` counts other members that say the same.
+std::optional<Matrix> read_pose(const Value& value, bool more = false) {
+    const bool is_posed = value.has("translation") || value.has("rotation") || value.has("scale");
+    if (int{is_posed} + int{value.has("matrix")} + int{more} > 1)
+        value.refuse_it(
+            "says twice where it stands: give one of 'matrix', 'matrices', or 'translation' with "
+            "'rotation' and 'scale'");
+    if (is_posed) return read_parts(value);
+    if (value.has("matrix")) return read_matrix(value.at("matrix"));
+    return std::nullopt;
+}
+
+std::uint32_t read_uid(const Value& value) {
+    const std::uint32_t uid = value.bits();
+    if (uid == no_id) value.refuse_it("is 4294967295, which stands for no user id");
+    return uid;
+}
+
 Places read_places(const Value& value) {
     value.only({"object", "name", "translation", "rotation", "scale", "matrix", "matrices", "mask",
                 "uid"});
@@ -159,32 +177,75 @@ Places read_places(const Value& value) {
     places.object = value.at("object").text();
     places.name = value.has("name") ? value.at("name").text() : places.object;
     if (places.name.empty()) value.refuse_it("has an empty name");
-    const bool is_posed = value.has("translation") || value.has("rotation") || value.has("scale");
-    if (int{is_posed} + int{value.has("matrix")} + int{value.has("matrices")} > 1)
-        value.refuse_it(
-            "says twice where it stands: give one of 'matrix', 'matrices', or 'translation' with "
-            "'rotation' and 'scale'");
+    const auto pose = read_pose(value, value.has("matrices"));
     if (!value.has("matrices")) {
-        places.matrices.push_back(value.has("matrix") ? read_matrix(value.at("matrix"))
-                                                      : read_pose(value));
+        places.matrices.push_back(pose.value_or(Matrix(1)));
     } else if (const Value matrices = value.at("matrices"); matrices.is_text()) {
         places.table = matrices.text();
     } else {
         for (const Value& matrix : matrices.list()) places.matrices.push_back(read_matrix(matrix));
     }
     if (value.has("mask")) places.mask = value.at("mask").bits();
-    if (value.has("uid")) {
-        places.uid = value.at("uid").bits();
-        if (places.uid == no_id)
-            value.at("uid").refuse_it("is 4294967295, which stands for no user id");
-    }
+    if (value.has("uid")) places.uid = read_uid(value.at("uid"));
     return places;
+}
+
+/// Reads a change: one word of `raynest edit` with the path that it is about, and what it says.
+Change read_change(const Value& value) {
+    using What = Change::What;
+    struct Word {
+        const char* name;
+        What what;
+        EditFrame frame;
+        std::uint32_t value;
+        const char* wanted;  ///< a member that must be there; "": none
+    };
+    constexpr std::array words{
+        Word{"move", What::move, EditFrame::world, 0, "matrix"},
+        Word{"turn", What::move, EditFrame::own, 0, "matrix"},
+        Word{"place", What::place, EditFrame::world, 0, "matrix"},
+        Word{"remove", What::remove, EditFrame::world, 0, ""},
+        Word{"set-mask", What::set_mask, EditFrame::world, 0, "mask"},
+        Word{"set-uid", What::set_uid, EditFrame::world, 0, "uid"},
+        Word{"hide", What::set_mask, EditFrame::world, 0, ""},
+        Word{"show", What::set_mask, EditFrame::world, ~0U, ""},
+    };
+    value.only({"move", "turn", "place", "remove", "set-mask", "set-uid", "hide", "show", "matrix",
+                "translation", "rotation", "scale", "mask", "uid"});
+    const auto is_said = [&](const Word& word) { return value.has(word.name); };
+    const auto word = std::ranges::find_if(words, is_said);
+    if (word == words.end() || std::ranges::count_if(words, is_said) != 1)
+        value.refuse_it(
+            "is to have one of move, turn, place, remove, set-mask, set-uid, hide and show, with "
+            "a path");
+    Change change{word->what, value.at(word->name).text(), word->frame, Matrix(1), word->value};
+    const std::string_view wanted = word->wanted;
+    const auto pose = read_pose(value);
+    if (pose.has_value() != (wanted == "matrix") || value.has("mask") != (wanted == "mask") ||
+        value.has("uid") != (wanted == "uid"))
+        value.refuse_it(fmt::format(
+            "is to have {} beside '{}'",
+            wanted == "matrix" ? "'matrix', or 'translation' with 'rotation' and 'scale', alone"
+            : wanted == "mask" ? "'mask' alone"
+            : wanted == "uid"  ? "'uid' alone"
+                               : "nothing",
+            word->name));
+    if (pose) change.matrix = *pose;
+    if (wanted == "mask") change.value = value.at("mask").bits();
+    if (wanted == "uid") change.value = read_uid(value.at("uid"));
+    return change;
 }
 
 double positive(const Value& value) {
     const double number = value.number();
     if (!(number > 0)) value.refuse_it("is not above 0");
     return number;
+}
+
+UpAxis read_up(const Value& value) {
+    const std::string up = value.text();
+    if (up != "y" && up != "z") value.refuse_it("is neither \"y\" nor \"z\"");
+    return up == "z" ? UpAxis::z : UpAxis::y;
 }
 
 Object read_object(const std::string& name, const Value& value) {
@@ -206,11 +267,8 @@ Object read_object(const std::string& name, const Value& value) {
     if (value.has("spacing")) object.options.spacing = positive(value.at("spacing"));
     if (value.has("primitive")) object.primitive = value.at("primitive").text();
     if (value.has("variant")) object.variant = value.at("variant").text();
-    if (value.has("up")) {
-        const std::string up = value.at("up").text();
-        if (up != "y" && up != "z") value.at("up").refuse_it("is neither \"y\" nor \"z\"");
-        object.options.z_up = up == "z";
-    }
+    object.has_up = value.has("up");
+    if (object.has_up) object.options.z_up = read_up(value.at("up")) == UpAxis::z;
     if (value.has("origin")) {
         object.options.auto_origin = value.at("origin").is_text();
         if (!object.options.auto_origin)
@@ -223,13 +281,13 @@ Object read_object(const std::string& name, const Value& value) {
     return object;
 }
 
-Camera read_camera(const Value& value) {
+Camera read_camera(const Value& value, UpAxis up) {
     value.only({"name", "eye", "target", "up", "fov"});
     Camera camera;
     if (value.has("name")) camera.name = value.at("name").text();
     camera.eye = value.at("eye").vector();
     camera.target = value.at("target").vector();
-    if (value.has("up")) camera.up = value.at("up").vector();
+    camera.up = value.has("up") ? value.at("up").vector() : upwards(up);
     if (value.has("fov")) camera.fov = value.at("fov").number();
     if (!(camera.fov > 0 && camera.fov < 180))
         value.at("fov").refuse_it("is not between 0 and 180 degrees");
@@ -361,11 +419,17 @@ Result<Composition> read(std::string_view text, const ImportLimits& limits) try 
     const Value root(json, "");
     if (!json.is_object() || !json.contains("rnscene"))
         refuse("has no member 'rnscene': a composition begins with {\"rnscene\": 1, ...}");
-    root.only({"$schema", "rnscene", "origin", "objects", "instances", "cameras", "lights"});
+    if (json.contains("animations"))
+        refuse(
+            "has 'animations', which a composition cannot have: a glTF file that is loaded by "
+            "itself plays its own");
+    root.only({"$schema", "rnscene", "origin", "up", "objects", "instances", "cameras", "lights",
+               "edits"});
     if (root.at("rnscene").number() != 1)
         refuse("is of another version: this RayNest reads \"rnscene\": 1");
     Composition made;
     if (root.has("origin")) made.origin = root.at("origin").numbers<3>();
+    if (root.has("up")) made.up = read_up(root.at("up"));
     root.at("objects").each_member([&](const std::string& name, const Value& value) {
         made.objects.push_back(read_object(name, value));
     });
@@ -375,10 +439,13 @@ Result<Composition> read(std::string_view text, const ImportLimits& limits) try 
         scene.instances.push_back(read_places(places));
     if (root.has("cameras"))
         for (const Value& camera : root.at("cameras").list())
-            made.cameras.push_back(read_camera(camera));
+            made.cameras.push_back(read_camera(camera, made.up));
     if (root.has("lights"))
         for (const Value& light : root.at("lights").list())
             made.lights.push_back(read_light(light));
+    if (root.has("edits"))
+        for (const Value& change : root.at("edits").list())
+            made.edits.push_back(read_change(change));
     check_objects(made, limits);
     return made;
 } catch (const Refusal& refusal) {

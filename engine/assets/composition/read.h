@@ -6,6 +6,7 @@
 #include "engine/math/matrix.h"
 #include "engine/result.h"
 #include "engine/scene/description.h"
+#include "engine/scene/edits/batch.h"
 
 #include <cstdint>
 #include <string>
@@ -33,13 +34,14 @@ struct Object {
     WorldPoint origin{};
     std::vector<std::string> masks;
     std::string variant;            ///< of KHR_materials_variants
+    bool has_up = false;            ///< options.z_up was given
     std::vector<Places> instances;  ///< of a group
 };
 
 /// A camera in the world, before the origin is subtracted.
 struct Camera {
     std::string name;
-    glm::dvec3 eye{0}, target{0}, up{0, 1, 0};
+    glm::dvec3 eye{0}, target{0}, up{0};
     double fov = 40;  ///< degrees, vertical
 };
 
@@ -50,11 +52,23 @@ struct Light {
     LightRecord record;  ///< all but its position
 };
 
+/// A change of what the instances place, as `raynest edit` makes it.
+struct Change {
+    enum class What : std::uint8_t { move, place, set_mask, set_uid, remove };
+    What what = What::move;
+    std::string path;                    ///< as InstanceFinder::find() takes it
+    EditFrame frame = EditFrame::world;  ///< of `matrix`
+    Matrix matrix{1};                    ///< of move and place
+    std::uint32_t value = 0;             ///< of set_mask and set_uid
+};
+
 struct Composition {
     WorldPoint origin{};
+    UpAxis up = UpAxis::y;
     std::vector<Object> objects;  ///< the last one is the scene itself, a group
     std::vector<Camera> cameras;
     std::vector<Light> lights;
+    std::vector<Change> edits;
 };
 
 /// Reads the text. scene_invalid, with the place and the remedy: no JSON, nested too deeply, a

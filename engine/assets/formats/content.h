@@ -13,7 +13,7 @@
 
 namespace raynest {
 
-/// Triangles with one material, in the file's unit and axes. `rest.positions` stays empty.
+/// Triangles with one material, in the file's unit. `rest.positions` stays empty.
 struct FileGeometry {
     std::vector<glm::dvec3> positions;
     GeometryDescription rest;
@@ -28,8 +28,9 @@ struct FileObject {
 /// The contents of a file. Either objects or points.
 struct FileContent {
     std::vector<FileObject> objects;
-    std::vector<glm::dvec3> points;  ///< centres of spheres
-    std::vector<double> radii;       ///< empty or one per point
+    std::vector<glm::dvec3> points;                ///< centres of spheres
+    std::vector<double> radii;                     ///< empty or one per point
+    std::vector<std::uint8_t> point_colours = {};  ///< empty or RGBA per point, sRGB
     /// True if the file has float32 coordinates, which may have lost digits before they came here.
     bool is_float32 = false;
     /// True if coordinates are those of a map: an origin is chosen unless the request has one.

@@ -48,11 +48,12 @@ Result<FileContent> read_npz(const ImportRequest& request, const ImportLimits& l
 Result<FileContent> read_las(const ImportRequest& request, const ImportLimits& limits);
 /// Refuses LAZ with the remedy.
 Result<FileContent> read_laz(const ImportRequest& request, const ImportLimits& limits);
-/// TIFF of one band, with its place on the map if it is a GeoTIFF: east is +x, north is -z. An
-/// origin is chosen unless the request has one.
+/// TIFF of one band, with its place on the map if it is a GeoTIFF: east is +x, north is -z, or with
+/// z up the map's own +y. An origin is chosen unless the request has one.
 Result<FileContent> read_tiff(const ImportRequest& request, const ImportLimits& limits);
 /// A .npy of shape (rows, columns): heights over a grid. Column i lies at x = i * spacing, row j at
-/// z = j * spacing, and y is the height. Cells with a corner that is NaN are holes.
+/// z = j * spacing, and y is the height; with z up row j lies at y = -j * spacing. Cells with a
+/// corner that is NaN are holes.
 Result<FileContent> read_heights(const ImportRequest& request, const ImportLimits& limits);
 
 }  // namespace raynest

@@ -16,16 +16,12 @@
 namespace raynest {
 namespace {
 
-Result<void> refuse_up(const ImportRequest& request) {
-    if (!request.options.z_up) return {};
-    return fail(ErrorCode::scene_invalid, "heights point up by themselves: leave out `up`");
-}
-
-/// Returns a mesh with a vertex for each height, at position(row, column, height). Cells with a
+/// Returns a mesh with a vertex for each height, at position(row, column, height), where y is up;
+/// the mesh is turned to `up`. Cells with a
 /// corner that is NaN are holes; `hole` names such a height: "NaN". Faces look up where rows go
 /// south, or, `is_mirrored`, where they go north.
 template <class HeightAt, class Position>
-FileContent mesh_of(std::uint64_t rows, std::uint64_t columns, std::string_view hole,
+FileContent mesh_of(UpAxis up, std::uint64_t rows, std::uint64_t columns, std::string_view hole,
                     bool is_mirrored, const HeightAt& height_at, const Position& position) {
     FileContent content;
     content.objects.push_back({{}, {FileGeometry{}}});
@@ -41,7 +37,7 @@ FileContent mesh_of(std::uint64_t rows, std::uint64_t columns, std::string_view 
                 ++holes;
                 height = 0;
             }
-            geometry.positions.push_back(position(row, column, height));
+            geometry.positions.push_back(from_y_up(up, position(row, column, height)));
         }
     }
     if (holes != 0)
@@ -61,6 +57,10 @@ FileContent mesh_of(std::uint64_t rows, std::uint64_t columns, std::string_view 
     return content;
 }
 
+UpAxis up_of(const ImportRequest& request) {
+    return request.options.z_up ? UpAxis::z : UpAxis::y;
+}
+
 /// Metres of EPSG's units of length; 0 for others.
 double metres_of(std::uint32_t unit) {
     constexpr std::uint32_t metre = 9001, foot = 9002, survey_foot = 9003;
@@ -70,7 +70,6 @@ double metres_of(std::uint32_t unit) {
 }  // namespace
 
 Result<FileContent> read_heights(const ImportRequest& request, const ImportLimits& limits) {
-    if (auto up = refuse_up(request); !up) return tl::unexpected(up.error());
     const NamedBytes& file = request.files.front();
     if (request.files.size() != 1)
         return refuse_array(file.name, "holds heights, which take no file of placements");
@@ -85,7 +84,7 @@ Result<FileContent> read_heights(const ImportRequest& request, const ImportLimit
                                 grid->count, limits.triangles_max / 2));
     const double spacing = request.options.spacing == 0 ? 1 : request.options.spacing;
     return mesh_of(
-        grid->shape[0], grid->shape[1], "NaN", false,
+        up_of(request), grid->shape[0], grid->shape[1], "NaN", false,
         [&](std::uint64_t row, std::uint64_t column) { return grid->at(row, column); },
         [&](std::uint64_t row, std::uint64_t column, double height) {
             return glm::dvec3(static_cast<double>(column) * spacing, height,
@@ -94,7 +93,6 @@ Result<FileContent> read_heights(const ImportRequest& request, const ImportLimit
 }
 
 Result<FileContent> read_tiff(const ImportRequest& request, const ImportLimits& limits) {
-    if (auto up = refuse_up(request); !up) return tl::unexpected(up.error());
     const auto grid = decode_geotiff(request.files.front().bytes, limits.triangles_max / 2);
     if (!grid) return tl::unexpected(grid.error());
     if (grid->is_in_degrees)
@@ -115,13 +113,13 @@ Result<FileContent> read_tiff(const ImportRequest& request, const ImportLimits& 
     const double map_unit = request.options.unit != 0 ? request.options.unit : metres;
     const double tall = height_unit == 0 ? 1 : height_unit / map_unit;
     FileContent content = mesh_of(
-        grid->rows, grid->columns, "not known", map[1] * map[5] > map[2] * map[4],
+        up_of(request), grid->rows, grid->columns, "not known", map[1] * map[5] > map[2] * map[4],
         [&](std::uint64_t row, std::uint64_t column) {
             return tall * grid->heights[row * grid->columns + column];
         },
         [&](std::uint64_t row, std::uint64_t column, double height) {
             const auto r = static_cast<double>(row), c = static_cast<double>(column);
-            // East is +x, and north is -z.
+            // East is +x, and north is -z before the turn.
             return metres * glm::dvec3(map[0] + map[1] * c + map[2] * r, height,
                                        -(map[3] + map[4] * c + map[5] * r));
         });

@@ -3,6 +3,7 @@
 
 #include <fmt/format.h>
 
+#include <algorithm>
 #include <array>
 #include <cstring>
 
@@ -24,6 +25,34 @@ tl::unexpected<Error> refuse_laz() {
         ErrorCode::scene_unsupported,
         "is compressed (LAZ), which is not read: unpack it with laszip -i in.laz -o out.las, or "
         "with pdal translate in.laz out.las");
+}
+
+/// Returns RGBA of the points, or nothing where the format has no colours or all are black, as
+/// programs write that have none. Colours have 16 bits; files in which all are below 256 have 8.
+std::vector<std::uint8_t> read_colours(std::span<const std::byte> points, std::uint8_t format,
+                                       std::uint16_t record_bytes, std::uint64_t count,
+                                       FileContent& content) {
+    constexpr std::size_t formats = 11, none = 0;
+    constexpr std::array<std::size_t, formats> places{none, none, 20, 28,   none, 28,
+                                                      none, 30,   30, none, 30};
+    const std::size_t place = format < formats ? places[format] : none;
+    if (place == none || record_bytes < place + 3 * sizeof(std::uint16_t)) return {};
+    const auto channel = [&](std::uint64_t point, std::size_t i) {
+        return number_at<std::uint16_t>(points, point * record_bytes + place + 2 * i);
+    };
+    std::uint16_t most = 0;
+    for (std::uint64_t point = 0; point < count; ++point)
+        for (std::size_t i = 0; i < 3; ++i) most = std::max(most, channel(point, i));
+    if (most == 0) return {};
+    const bool is_short = most < 256;
+    if (is_short)
+        content.warnings.emplace_back("no colour is above 255: they are taken to have 8 bits");
+    std::vector<std::uint8_t> rgba(4 * count, 255);
+    for (std::uint64_t point = 0; point < count; ++point)
+        for (std::size_t i = 0; i < 3; ++i)
+            rgba[4 * point + i] =
+                static_cast<std::uint8_t>(channel(point, i) >> (is_short ? 0U : 8U));
+    return rgba;
 }
 
 }  // namespace
@@ -63,6 +92,8 @@ Result<FileContent> read_las(const ImportRequest& request, const ImportLimits& l
     std::memcpy(scale_offset.data(), file.data() + 131, sizeof scale_offset);
     FileContent content;
     content.points.reserve(count);
+    content.point_colours =
+        read_colours(file.subspan(data_at), format, record_bytes, count, content);
     for (std::uint64_t i = 0; i < count; ++i) {
         const std::size_t at = data_at + i * record_bytes;
         glm::dvec3 point;

@@ -1,4 +1,4 @@
-// From a file's unit and axes to float32 in the scene's space.
+// From a file's unit to float32 in the scene's space.
 #include "engine/assets/formats/content.h"
 #include "engine/assets/input/messages.h"
 #include "engine/geometry/sphere_shape.h"
@@ -28,17 +28,10 @@ class Placing {
 public:
     Placing(const ImportRequest& request, bool is_float32)
         : unit_(request.options.unit == 0 ? 1 : request.options.unit),
-          z_up_(request.options.z_up),
           is_float32_(is_float32),
           origin_(request.origin[0], request.origin[1], request.origin[2]) {}
 
-    /// Z up becomes y up as in glTF: x stays, north (+y) becomes -z.
-    [[nodiscard]] glm::dvec3 turned(const glm::dvec3& p) const {
-        return z_up_ ? glm::dvec3(p.x, p.z, -p.y) : p;
-    }
-    [[nodiscard]] glm::dvec3 to_world(const glm::dvec3& point) const {
-        return unit_ * turned(point);
-    }
+    [[nodiscard]] glm::dvec3 to_world(const glm::dvec3& point) const { return unit_ * point; }
     [[nodiscard]] double unit() const { return unit_; }
 
     /// Takes a point into account for the choice of an origin.
@@ -70,7 +63,6 @@ public:
 
 private:
     double unit_;
-    bool z_up_;
     bool is_float32_;
     glm::dvec3 origin_;
     glm::dvec3 lower_{INFINITY}, upper_{-INFINITY};
@@ -95,7 +87,6 @@ Result<ObjectDescription> place_object(FileObject& from, const Placing& placing,
                             counted(bad, "vertex", "vertices"), bad == 1 ? "that is" : "that are"));
         }
         geometry.positions = {};
-        for (Vec3& normal : geometry.rest.normals) normal = Vec3(placing.turned(normal));
         object.geometries.push_back(std::move(geometry.rest));
     }
     return object;
@@ -124,6 +115,9 @@ Result<ObjectDescription> place_points(const FileContent& content, const FileOpt
         }
         spheres.push_back({placing.round(content.points[i], scene), static_cast<float>(radius)});
         object.record_bounds.push_back(bounds(spheres.back()));
+        if (content.point_colours.empty()) continue;
+        const auto rgba = content.point_colours.begin() + static_cast<std::ptrdiff_t>(4 * i);
+        object.record_colours.insert(object.record_colours.end(), rgba, rgba + 4);
     }
     if (const auto skipped = scene.skipped.find("points_not_finite");
         skipped != scene.skipped.end())

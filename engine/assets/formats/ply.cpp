@@ -220,9 +220,7 @@ public:
         if (geometry_.rest.indices.empty() && !has_faces_) {
             content.points = std::move(geometry_.positions);
             content.radii = std::move(radii_);
-            if (!geometry_.rest.colours.empty())
-                content.warnings.emplace_back(
-                    "the points' colours are left out: spheres have no colours");
+            content.point_colours = std::move(geometry_.rest.colours);
         } else {
             content.objects.push_back({});
             content.objects.back().geometries.push_back(std::move(geometry_));

@@ -46,7 +46,10 @@ Result<SceneDescription> describe_gltf(const ImportRequest& request, const Impor
 
     SceneDescription scene;
     scene.origin = request.origin;
+    scene.up = model->up;
     scene.warnings = model->warnings;
+    scene.variants = model->variants;
+    scene.chosen_variant = model->chosen_variant;
     if (auto done = gltf::read_nodes(*model, limits, *rules, scene); !done)
         return gltf::error_of(done);
     gltf::read_lights(*model, scene);

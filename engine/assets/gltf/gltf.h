@@ -9,6 +9,9 @@ namespace raynest {
 
 /// Reads `request.files[0]`, a .glb or .gltf; the other files are those that it names. Bytes of any
 /// content give a description or an error; no file outside the request is opened.
+///
+/// glTF has +Y up. A scene with `extras.raynest.up` "z", as an export of a scene with +Z up has, is
+/// turned back to what it was.
 Result<SceneDescription> describe_gltf(const ImportRequest& request, const ImportLimits& limits);
 
 }  // namespace raynest

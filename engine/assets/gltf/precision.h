@@ -14,7 +14,8 @@
 
 namespace raynest::gltf {
 
-/// Subtracts the origin from the transform of every root and of every other node without a parent.
+/// Turns the world to model.up and subtracts the origin from it: in the transform of every root and
+/// of every other node without a parent.
 void move_world(Model& model, const WorldPoint& origin);
 
 class Placements {

@@ -25,7 +25,7 @@ struct FileOptions {
     double unit = 0;           ///< metres per unit; 0: 1
     double radius = 0;         ///< of a point that has none, in units of the file; 0: none
     double spacing = 0;        ///< units between the heights of a grid; 0: 1
-    bool z_up = false;         ///< else y points up
+    bool z_up = false;         ///< z points up in the file, and so in the scene; else y does
     bool auto_origin = false;  ///< an origin is chosen if the file lies far from zero
     friend bool operator==(const FileOptions&, const FileOptions&) = default;
 };

@@ -13,6 +13,10 @@ namespace raynest {
 
 /// True if the source's name ends in `extension`, in upper or lower case: Windows tools write both.
 [[nodiscard]] bool has_extension(std::string_view source, std::string_view extension);
+/// True for the names of glTF files.
+[[nodiscard]] inline bool is_gltf(std::string_view source) {
+    return has_extension(source, ".glb") || has_extension(source, ".gltf");
+}
 
 /// The uploaded files as a loader sees them: by exact name, and with a limit on the total bytes
 /// read, for scenes that name one file a thousand times to use up memory.

@@ -106,10 +106,10 @@ Result<void> EditBatch::remove(const InstancePlace& place) {
 void EditBatch::add(std::uint32_t key, std::shared_ptr<const Snapshot> scene,
                     const std::string& name, const Matrix& placed, std::uint32_t mask) {
     AddedScene& added = added_[key];
-    const WorldPoint origin = scene->origin();
+    const Matrix to_this = turn_of(scene->up(), scene_.up()) * to_world(scene->origin());
     added.scene = std::move(scene);
     added.name = path_step_text(name);
-    added.to_scene.push_back(transform_of(from_world(scene_.origin()) * placed * to_world(origin)));
+    added.to_scene.push_back(transform_of(from_world(scene_.origin()) * placed * to_this));
     added.masks.push_back(mask);
 }
 

@@ -71,6 +71,9 @@ LinkedContent::LinkedContent(const Snapshot& base) {
     const std::byte* const arena = base.bytes().data();
     const auto& header = *reinterpret_cast<const format::Header*>(arena);
     content_.build = header.build;
+    content_.up = header.up;
+    content_.chosen_variant = header.chosen_variant;
+    content_.variants = header.variants;
     content_.origin = header.origin;
     content_.degenerate_triangles = header.degenerate_triangles;
     content_.bounds = header.bounds;

@@ -95,10 +95,11 @@ std::vector<Attribute> request_attributes(const wire::Render& message, const Fil
         const auto* at = camera->at();
         if (camera->look_at() && eye != nullptr && at != nullptr) {
             asked = "lookat";
-            const wire::Vec3 upwards(0, 1, 0);
-            for (const wire::Vec3* v : {eye, at, camera->up() != nullptr ? camera->up() : &upwards})
+            for (const wire::Vec3* v : {eye, at, camera->up()}) {
+                if (v == nullptr) continue;  // the scene's way up
                 for (const float x : {v->x(), v->y(), v->z()})
                     asked.append(" ").append(number_text(x));
+            }
         }
     }
     std::string set;

@@ -40,9 +40,11 @@ tl::unexpected<protocol::Error> lacks(std::string_view kind, const char* what) {
     return refuse(Code::invalid_field, "generator " + std::string(kind) + " needs " + what);
 }
 
-/// The way up of a look-at: its own, or +Y.
-glm::dvec3 up_of(const setting::LookAt& look_at) {
-    return look_at.values.size() == 9 ? look_at.vector(2) : glm::dvec3(0, 1, 0);
+/// The way up of a look-at: its own, or the scene's.
+glm::dvec3 up_of(const Request& request) {
+    const auto& look_at = request.settings.lookat;
+    return look_at && look_at->values.size() == 9 ? look_at->vector(2)
+                                                  : upwards(request.scene.up());
 }
 
 Reply<Camera> camera_of(const Request& request) {
@@ -57,7 +59,7 @@ Reply<Camera> camera_of(const Request& request) {
         wanted.look_at = true;
         wanted.eye = Vec3(look_at->vector(0));
         wanted.at = Vec3(look_at->vector(1));
-        wanted.up = Vec3(up_of(*look_at));
+        wanted.up = Vec3(up_of(request));
     }
     auto camera = choose_camera(request.scene, wanted);
     if (!camera) return refuse(Code::invalid_field, camera.error().message);
@@ -200,9 +202,7 @@ Reply<Generated> make_lidar(const Request& request) {
             channels[i].origin_offset = offsets->vector(i);
     }
     SensorPose sensor_pose = request.sensor_pose;
-    if (given.camera || given.lookat)
-        sensor_pose.pose =
-            upright(sensor_pose.pose, given.lookat ? up_of(*given.lookat) : glm::dvec3(0, 1, 0));
+    if (given.camera || given.lookat) sensor_pose.pose = upright(sensor_pose.pose, up_of(request));
     const setting::Sweep sweep = *given.azimuths;
     const ImageSize grid{sweep.count, static_cast<std::uint32_t>(channels.size())};
     return std::make_shared<LateSensor>(grid, [=, channels = std::move(channels)] {
@@ -382,7 +382,7 @@ CameraRequest camera_request(const wire::Camera* camera) {
     request.look_at = camera->look_at();
     request.eye = vector(camera->eye(), request.eye);
     request.at = vector(camera->at(), request.at);
-    request.up = vector(camera->up(), request.up);
+    if (camera->up() != nullptr) request.up = vector(camera->up(), {});
     request.fov_degrees = camera->fov_degrees();
     return request;
 }

@@ -122,7 +122,8 @@ function cameraFields({ store, showCamera }) {
   const facts = element("div");
   store.on(["camera", "control", "upAxis"], ({ camera, control: kind, upAxis }) => {
     if (!camera) return;
-    [control.value, axis.value, projection.value] = [kind, upAxis, camera.projection];
+    const own = Object.keys(AXES).find((name) => AXES[name].every((x, i) => x === camera.up[i]));
+    [control.value, axis.value, projection.value] = [kind, own ?? upAxis, camera.projection];
     if (document.activeElement !== fov) fov.value = camera.fov;
     facts.replaceChildren(pairs([["Eye", vectorText(camera.eye)], ["Looks at", vectorText(camera.at)]]));
   }, true);

@@ -45,7 +45,7 @@ def camera_message(camera: Union[str, int], look_at: Optional[Sequence[Any]], fo
         named = dict(zip(("eye", "at", "up"), rows))
         if origin is not None:
             named["eye"], named["at"] = named["eye"] - origin, named["at"] - origin
-        message.update({"look_at": True, "up": (0.0, 1.0, 0.0)})
+        message["look_at"] = True
         message.update({name: tuple(value.tolist()) for name, value in named.items()})
     return message
 

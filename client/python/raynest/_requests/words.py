@@ -16,6 +16,7 @@ def scene_info(message: Message) -> dict[str, Any]:
     """Converts a SceneInfo: names with counts become dicts, points lists; boxes move to the world."""
     info = dict(message)
     info["origin"] = origin = origin_of(info)
+    info["up"] = info["up"] or "y"  # an older daemon says nothing
     info["warnings"] = [localize_message(warning) for warning in info["warnings"]]
     triangles = info["unique_triangles"]
     info["bytes_per_triangle"] = info["tree_bytes"] / triangles if triangles else 0.0

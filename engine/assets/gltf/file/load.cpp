@@ -5,6 +5,7 @@
 // used only after the checks below.
 #include "engine/assets/gltf/file/compressed.h"
 #include "engine/assets/gltf/file/convert.h"
+#include "engine/assets/gltf/file/values.h"
 #include "engine/assets/input/messages.h"
 #include "engine/assets/input/uploaded_files.h"
 
@@ -410,8 +411,10 @@ Result<void> choose_scene(tinygltf::Model& file, Model& model) {
             file.scenes.empty() ? "all nodes are shown" : "scene 0 is shown"));
     }
     if (file.scenes.empty()) return set_roots(model, nullptr);
-    return set_roots(model,
-                     &file.scenes[exists ? static_cast<std::size_t>(file.defaultScene) : 0].nodes);
+    const tinygltf::Scene& scene =
+        file.scenes[exists ? static_cast<std::size_t>(file.defaultScene) : 0];
+    if (raynest_extra(scene.extras, "up") == "z") model.up = UpAxis::z;
+    return set_roots(model, &scene.nodes);
 }
 
 void take_masks(const Prescan& prescan, Model& model) {

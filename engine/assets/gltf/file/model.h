@@ -241,7 +241,10 @@ struct Model {
     std::vector<float> key_floats;
     std::vector<Camera> cameras;
     std::vector<Light> lights;
-    std::vector<std::uint32_t> roots;    ///< root nodes of the chosen scene
+    std::vector<std::uint32_t> roots;   ///< root nodes of the chosen scene
+    UpAxis up = UpAxis::y;              ///< extras.raynest.up of the chosen scene
+    std::vector<std::string> variants;  ///< SceneDescription::variants
+    std::size_t chosen_variant = 0;
     bool quantized = false;              ///< KHR_mesh_quantization is in use
     std::uint64_t hidden_instances = 0;  ///< placements of meshes hidden by visibility
     Oddities odd;                        ///< faults that get a default

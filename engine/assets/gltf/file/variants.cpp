@@ -78,12 +78,8 @@ std::string choose_material(tinygltf::Primitive& primitive, std::size_t variant,
 
 Result<void> choose_variant(tinygltf::Model& file, const std::string& name, Model& model) {
     const std::vector<std::string> names = variant_names(file);
-    if (name.empty()) {
-        if (!names.empty())
-            model.warnings.push_back(
-                fmt::format("its materials have variants: {}; none is chosen", listed(names)));
-        return {};
-    }
+    for (const std::string& each : names) model.variants.push_back(one_line(each, 60));
+    if (name.empty()) return {};
     if (names.empty())
         return fail(ErrorCode::scene_invalid, "has no KHR_materials_variants: leave out `variant`");
     const auto found = std::ranges::find(names, name);
@@ -98,8 +94,7 @@ Result<void> choose_variant(tinygltf::Model& file, const std::string& name, Mode
         for (tinygltf::Primitive& primitive : file.meshes[i].primitives)
             if (const auto odd = choose_material(primitive, variant, names.size()); !odd.empty())
                 model.odd.add(fmt::format("mesh {}", i), odd);
-    model.warnings.push_back(fmt::format("its materials have variants: {}; '{}' is chosen",
-                                         listed(names), one_line(name, 60)));
+    model.chosen_variant = variant + 1;
     return {};
 }
 

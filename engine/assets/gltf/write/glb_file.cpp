@@ -156,10 +156,10 @@ private:
     Result<GlbFile> assemble() {
         std::string json =
             R"({"asset":{"version":"2.0","generator":"RayNest"},"scene":0,"scenes":[)";
-        if (tables_.roots.empty())
-            json += "{}]";
-        else
-            json += fmt::format(R"({{"nodes":{}}}])", Json(tables_.roots).dump());
+        Json scene = Json::object();
+        if (!tables_.roots.empty()) scene["nodes"] = tables_.roots;
+        if (scene_.up() == UpAxis::z) scene["extras"]["raynest"]["up"] = "z";
+        json += scene.dump() + ']';
         if (bin_bytes_ != 0) json += fmt::format(R"(,"buffers":[{{"byteLength":{}}}])", bin_bytes_);
         const auto table = [&json](const char* name, Rows& rows) {
             if (rows.count != 0) json += fmt::format(R"(,"{}":[{}])", name, rows.text);
@@ -263,6 +263,7 @@ std::string composition_text(const Snapshot& scene, const std::string& glb) {
         text["origin"] = origin;
         place["translation"] = origin;
     }
+    if (scene.up() == UpAxis::z) text["up"] = "z";
     const SceneView& view = scene.view();
     std::set<std::uint32_t> ids;
     for (std::uint32_t i = 0; i < view.instance_count && ids.size() < 2; ++i)

@@ -3,6 +3,7 @@
 // Several placements of one mesh in a row that have no names, one mask and no rotation become one
 // node with EXT_mesh_gpu_instancing, which says them exactly. All others are nodes with matrices.
 #include "engine/assets/gltf/write/tables.h"
+#include "engine/math/matrix.h"
 #include "engine/scene/motion/affine.h"
 
 #include <fmt/format.h>
@@ -77,10 +78,7 @@ public:
         tables_.roots.resize(roots);
         std::iota(tables_.roots.begin(), tables_.roots.end(), 0U);
         next_ = roots;
-        if (root.has_own_primitives())
-            tables_.nodes.add(mesh_of_[view_.root] == no_id
-                                  ? std::string("{}")
-                                  : fmt::format(R"({{"mesh":{}}})", mesh_of_[view_.root]));
+        if (root.has_own_primitives()) tables_.nodes.add(own_primitives_of_root());
         add_children({view_.root, 0, mask_of_all});
         for (std::size_t i = 0; i < queue_.size(); ++i) add_children(Open(queue_[i]));
         if (crossed_masks_ != 0)
@@ -91,6 +89,14 @@ public:
     }
 
 private:
+    std::string own_primitives_of_root() const {
+        const std::uint32_t mesh = mesh_of_[view_.root];
+        if (mesh == no_id) return "{}";
+        std::string node = fmt::format("{{\"mesh\":{}", mesh);
+        if (scene_.up() != UpAxis::y) node += ",\"matrix\":" + matrix_text(turned(scene_, {}));
+        return node + '}';
+    }
+
     /// A node whose children are not written yet.
     struct Open {
         std::uint32_t object;
@@ -117,11 +123,13 @@ private:
                 !name.empty())
                 member("\"name\":" + json_text(name));
             if (mesh != no_id) member(fmt::format("\"mesh\":{}", mesh));
+            Transform t;
             if (row.count > 1)
                 member(instancing(row));
-            else if (const Transform& t = view_.instance_infos[row.first].to_parent;
-                     t.m != Transform{}.m)
-                member("\"matrix\":" + matrix_text(t));
+            else
+                t = view_.instance_infos[row.first].to_parent;
+            if (open.object == view_.root) t = turned(scene_, t);
+            if (t.m != Transform{}.m) member("\"matrix\":" + matrix_text(t));
             if (mask != mask_of_all)
                 member(fmt::format(R"("extras":{{"raynest":{{"mask":{}}}}})", mask));
             if (const auto count = rows_[instance.object].size(); count != 0) {
@@ -198,7 +206,8 @@ Transform facing(const Vec3& position, const Vec3& direction) {
     return made;
 }
 
-void write_cameras(const SceneView& view, Tables& tables) {
+void write_cameras(const Snapshot& scene, Tables& tables) {
+    const SceneView& view = scene.view();
     for (std::uint32_t i = 0; i < view.camera_count; ++i) {
         const CameraRecord& camera = view.cameras[i];
         const double aspect = camera.aspect > 0 ? double{camera.aspect} : 1.0;
@@ -216,9 +225,9 @@ void write_cameras(const SceneView& view, Tables& tables) {
             if (camera.aspect > 0) row["perspective"]["aspectRatio"] = camera.aspect;
         }
         const std::uint32_t index = tables.cameras.add(row.dump());
-        tables.roots.push_back(tables.nodes.add(
-            fmt::format(R"({{"name":{},"camera":{},"matrix":{}}})",
-                        json_text(view.names + camera.name), index, matrix_text(camera.to_world))));
+        tables.roots.push_back(tables.nodes.add(fmt::format(
+            R"({{"name":{},"camera":{},"matrix":{}}})", json_text(view.names + camera.name), index,
+            matrix_text(turned(scene, camera.to_world)))));
     }
 }
 
@@ -247,7 +256,7 @@ void write_lights(const Snapshot& scene, Tables& tables) {
         tables.roots.push_back(tables.nodes.add(fmt::format(
             R"({{"name":{},"matrix":{},"extensions":{{"KHR_lights_punctual":{{"light":{}}}}}}})",
             json_text(scene.view().names + light.name),
-            matrix_text(facing(light.position, light.direction)), index)));
+            matrix_text(turned(scene, facing(light.position, light.direction))), index)));
     }
     if (unknown != 0)
         tables.warnings.push_back(
@@ -258,6 +267,12 @@ void write_lights(const Snapshot& scene, Tables& tables) {
 
 std::string json_text(std::string_view name) {
     return Json(name).dump(-1, ' ', false, Json::error_handler_t::replace);
+}
+
+Transform turned(const Snapshot& scene, const Transform& to_scene) {
+    return scene.up() == UpAxis::y
+               ? to_scene
+               : transform_of(turn_of(scene.up(), UpAxis::y) * matrix_of(to_scene));
 }
 
 std::string matrix_text(const Transform& t) {
@@ -295,7 +310,7 @@ std::uint64_t expanded_nodes(const SceneView& scene) {
 
 void write_nodes(const Snapshot& scene, std::span<const std::uint32_t> mesh_of, Tables& tables) {
     if (!write_path_nodes(scene, mesh_of, tables)) NodeWriter(scene, mesh_of, tables).write();
-    write_cameras(scene.view(), tables);
+    write_cameras(scene, tables);
     write_lights(scene, tables);
 }
 

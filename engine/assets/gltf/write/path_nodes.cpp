@@ -16,7 +16,8 @@ namespace {
 class PathNodeWriter {
 public:
     PathNodeWriter(const Snapshot& scene, std::span<const std::uint32_t> mesh_of, Tables& tables)
-        : view_(scene.view()),
+        : scene_(scene),
+          view_(scene.view()),
           paths_(scene.paths()),
           mesh_of_(mesh_of),
           tables_(tables),
@@ -58,7 +59,7 @@ private:
         const std::uint32_t mesh = mesh_of_[instance.object];
         std::string row = "{\"name\":" + json_text(name);
         if (mesh != no_id) row += fmt::format(",\"mesh\":{}", mesh);
-        row += ",\"matrix\":" + matrix_text(view_.instance_infos[index].to_parent);
+        row += ",\"matrix\":" + matrix_text(turned(scene_, view_.instance_infos[index].to_parent));
         if (instance.mask != 0xFFFFFFFFU)
             row += fmt::format(R"(,"extras":{{"raynest":{{"mask":{}}}}})", instance.mask);
         return tables_.nodes.add(row + '}');
@@ -69,6 +70,7 @@ private:
                                              nlohmann::json(children).dump()));
     }
 
+    const Snapshot& scene_;
     const SceneView& view_;
     const PathTable& paths_;
     std::span<const std::uint32_t> mesh_of_;

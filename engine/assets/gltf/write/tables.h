@@ -44,6 +44,8 @@ struct Tables {
 /// A JSON text of a name; bytes that are no UTF-8 are replaced.
 [[nodiscard]] std::string json_text(std::string_view name);
 
+/// A transform to a scene's space, to where that is with glTF's +Y up. Exact.
+[[nodiscard]] Transform turned(const Snapshot& scene, const Transform& to_scene);
 /// The members of a node's `matrix`.
 [[nodiscard]] std::string matrix_text(const Transform& transform);
 /// A step of a path text, without its percent-encoding.

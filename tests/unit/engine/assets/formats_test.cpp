@@ -2,6 +2,8 @@
 #include "engine/assets/formats/formats.h"
 
 #include "engine/assets/formats/obj_names.h"
+#include "engine/queries/base_colour.h"
+#include "engine/scene/snapshot.h"
 #include "tests/unit/engine/assets/samples.h"
 
 #include <nlohmann/json.hpp>
@@ -152,13 +154,32 @@ TEST_CASE("points that are not finite are left out with a count") {
     CHECK(refusal("a.ply", cloud).find("`radius`") != std::string::npos);
 }
 
+TEST_CASE("points have colours, those that are left out too") {
+    const std::string cloud =
+        "ply\nformat ascii 1.0\nelement vertex 3\nproperty float x\nproperty float y\n"
+        "property float z\nproperty uchar red\nproperty uchar green\nproperty uchar blue\n"
+        "end_header\n0 0 0 255 0 0\nnan 0 0 1 2 3\n5 0 0 0 0 255\n";
+    const auto scene = must_read("a.ply", cloud, {.radius = 1});
+    CHECK(scene.objects[0].record_colours ==
+          std::vector<std::uint8_t>{255, 0, 0, 255, 0, 0, 255, 255});
+    const auto built = Snapshot::build(scene);
+    REQUIRE(built.has_value());
+    HitRecord hit;
+    hit.hit = 1;
+    hit.object = (*built)->view().root;
+    hit.triangle = 0;
+    CHECK(base_colour((*built)->view(), hit) == Vec3(1, 0, 0));
+    hit.triangle = 1;
+    CHECK(base_colour((*built)->view(), hit) == Vec3(0, 0, 1));
+}
+
 TEST_CASE("unit, axes and origin apply in double before rounding") {
     const std::string far =
         "v 5000000.001 1 2\nv 5000000.002 1 2\nv 5000000.001 1.001 2\nf 1 2 3\n";
     const auto scene = must_read("a.obj", far, {.unit = 0.5, .z_up = true, .auto_origin = true});
-    CHECK(scene.origin == WorldPoint{2500000, 1, -1});
+    CHECK(scene.origin == WorldPoint{2500000, 1, 1});
     CHECK(std::abs(scene.objects[0].geometries[0].positions[1].x - 0.001F) < 1e-9F);
-    CHECK(scene.objects[0].geometries[0].positions[2].z == doctest::Approx(1 - 0.5005));
+    CHECK(scene.objects[0].geometries[0].positions[2].y == doctest::Approx(0.5005 - 1));
     CHECK(must_read("a.obj", far, {}, {5000000, 0, 0}).rounding < 1e-7);
     CHECK(must_read("a.obj", far).rounding > 1e-4);
     CHECK(must_read("a.obj", triangle + "f 1 2 3", {.auto_origin = true}).origin == WorldPoint{});

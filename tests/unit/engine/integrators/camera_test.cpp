@@ -119,7 +119,24 @@ TEST_CASE("a view direction along `up` still gives a camera") {
     CHECK(is_close(ray_of(*down, 1, 1, 0).direction, {0, -1, 0}));
     CHECK(ray_of(*down, 3, 3, 1).direction.z < 0);
     request.up = request.eye = {0, 0, 5};
-    CHECK(is_close(ray_of(*choose_camera(*scene, request), 1, 1, 0).direction, {0, 0, -1}));
+    const auto map = choose_camera(*scene, request);
+    CHECK(is_close(ray_of(*map, 1, 1, 0).direction, {0, 0, -1}));
+    CHECK(ray_of(*map, 3, 3, 1).direction.y > 0);  // north on top, as on a map
+}
+
+TEST_CASE("cameras that are chosen have the scene's axis up") {
+    SceneDescription description = test::tree_scene();
+    description.up = UpAxis::z;
+    const auto scene = test::build_scene(description);
+    CHECK(scene->up() == UpAxis::z);
+    const auto automatic = choose_camera(*scene, {});
+    REQUIRE(automatic.has_value());
+    CHECK(is_close(ray_of(*automatic, 1, 1, 0).direction, glm::normalize(Vec3(-1, 1, -1))));
+    CHECK(ray_of(*automatic, 3, 3, 1).direction.z > ray_of(*automatic, 3, 3, 7).direction.z);
+    CameraRequest request;
+    request.look_at = true;
+    request.eye = {10, 0, 0};
+    CHECK(ray_of(*choose_camera(*scene, request), 3, 3, 1).direction.z > 0);
 }
 
 TEST_CASE("unusable requests are refused") {
@@ -133,9 +150,9 @@ TEST_CASE("unusable requests are refused") {
     CHECK(refused(request));  // eye == at
     request.at = {1, 0, 0};
     CHECK_FALSE(refused(request));
-    request.up = {0, 0, 0};
+    request.up = Vec3(0);
     CHECK(refused(request));
-    request.up = {0, 1, 0};
+    request.up.reset();
     request.eye.x = std::numeric_limits<float>::quiet_NaN();
     CHECK(refused(request));
     for (const float fov : {-1.0F, 180.0F, std::numeric_limits<float>::infinity()}) {

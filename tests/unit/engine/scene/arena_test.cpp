@@ -212,6 +212,28 @@ TEST_CASE("an arena of another version is an error with a remedy") {
     CHECK(opened.error().message.find("import the scene again") != std::string::npos);
 }
 
+TEST_CASE("the axis that points up and the variants come back, and are checked") {
+    SceneDescription description = test::tree_scene();
+    description.up = UpAxis::z;
+    description.warnings = {"dusty"};
+    description.variants = {"beach", "night"};
+    description.chosen_variant = 2;
+    const auto built = test::build_scene(description);
+    CHECK(built->up() == UpAxis::z);
+    CHECK(built->statistics().warnings == std::vector<std::string>{"dusty"});
+    CHECK(built->statistics().variants == std::vector<std::string>{"beach", "night"});
+    CHECK(built->statistics().chosen_variant == "night");
+    const auto opens = [&](const auto& change) {
+        Arena arena = copy_of(built->bytes());
+        change(*reinterpret_cast<format::Header*>(arena.data()));
+        return Snapshot::open({std::move(arena)}).has_value();
+    };
+    CHECK(opens([](format::Header&) {}));
+    CHECK_FALSE(opens([](format::Header& header) { header.up = static_cast<UpAxis>(2); }));
+    CHECK_FALSE(opens([](format::Header& header) { header.variants = 4; }));
+    CHECK_FALSE(opens([](format::Header& header) { header.chosen_variant = 3; }));
+}
+
 TEST_CASE("data copied out of an arena is bounded, whoever wrote it") {
     SceneDescription scene = test::tree_scene();
     scene.warnings.assign(scene_warnings_max, std::string(scene_name_bytes_max, 'w'));

@@ -1,0 +1,139 @@
+#!/usr/bin/env python3
+"""Tests the edits of compositions: a composition with edits is hit where the same one without them is hit
+after Scene.edit() made the same changes.
+
+  composition_edits_test.py RAYNESTD RAYNEST
+"""
+import json
+import pathlib
+import sys
+import unittest
+
+import numpy as np
+
+sys.path.insert(0, str(pathlib.Path(__file__).parents[2] / "client/python"))
+
+import raynest
+from with_files import WithFiles
+
+BOX = """o {0}
+v -1 -1 -1\nv 1 -1 -1\nv -1 1 -1\nv 1 1 -1\nv -1 -1 1\nv 1 -1 1\nv -1 1 1\nv 1 1 1
+f 1 3 4 2\nf 5 6 8 7\nf 1 2 6 5\nf 3 7 8 4\nf 1 5 7 3\nf 2 4 8 6
+"""
+QUARTER = [[0, 0, 1, 0], [0, 1, 0, 0], [-1, 0, 0, 0]]
+TOWN = {
+    "rnscene": 1,
+    "objects": {"house": {"file": "house.obj"}, "tree": {"file": "tree.obj"},
+                "garden": {"instances": [{"object": "tree", "name": "oak"},
+                                         {"object": "tree", "name": "elm", "translation": [4, 0, 0]}]}},
+    "instances": [{"object": "house"}, {"object": "garden", "translation": [0, 0, 10]},
+                  {"object": "garden", "name": "park", "translation": [0, 0, 20]},
+                  {"object": "tree", "translation": [-9, 0, 0], "scale": [1, 2, 0.5]},
+                  {"object": "house", "name": "barn", "translation": [9, 0, 0]},
+                  {"object": "house", "name": "shed", "translation": [20, 0, 0]}]}
+EDITS = [
+    {"move": "garden/elm", "translation": [0, 0.5, 1]},
+    {"move": "park", "matrix": QUARTER},
+    {"turn": "tree", "matrix": QUARTER},
+    {"place": "barn", "translation": [9, 3, -9], "scale": 0.5},
+    {"set-mask": "*/oak", "mask": "0x2"},
+    {"set-uid": "house", "uid": 77},
+    {"hide": "park/elm"},
+    {"remove": "shed"},
+    {"move": "house", "translation": [1, 0, 0]},
+    {"show": "park/elm"},
+    {"hide": "barn"},
+    {"show": "barn"}]
+
+
+def matrix_of(change):
+    """The 3x4 matrix of a change."""
+    if "matrix" in change:
+        return np.array(change["matrix"], float)
+    matrix = np.eye(3, 4)
+    matrix[:, :3] *= change.get("scale", 1)
+    matrix[:, 3] = change["translation"]
+    return matrix
+
+
+class CompositionEdits(WithFiles):
+    def setUp(self):
+        super().setUp()
+        for name in ("house", "tree"):
+            self.write(f"{name}.obj", BOX.format(name))
+        random = np.random.default_rng(5)
+        aim = random.uniform([-12, -2, -12], [24, 4, 24], (6000, 3))
+        eye = aim + random.uniform(-2, 2, (6000, 3)) + [0, 9, 0]
+        self.rays = np.hstack([eye, aim - eye])
+
+    def load_town(self, name, **more):
+        return self.load(f"{name}.rnscene.json", json.dumps({**TOWN, **more}))
+
+    def answers(self, scene, **settings):
+        hit = scene.trace(self.rays, fields=("t", "path", "uid"), **settings)
+        return hit["t"], np.array([str(path) for path in scene.path_of(hit["path"])]), hit["uid"]
+
+    def test_they_are_what_an_edit_makes(self):
+        ours, theirs = self.load_town("ours", edits=EDITS), self.load_town("theirs")
+        before = self.answers(theirs)[0]
+        with theirs.edit() as edit:
+            for change in EDITS:
+                word, = set(change) & {"move", "turn", "place", "set-mask", "set-uid", "hide", "show", "remove"}
+                path = change[word]
+                if word in ("move", "place"):
+                    getattr(edit, word)(path, matrix_of(change))
+                elif word == "turn":
+                    edit.move(path, matrix_of(change), frame="own")
+                elif word == "set-mask":
+                    edit.set_mask(path, int(change["mask"], 16))
+                elif word == "set-uid":
+                    edit.set_uid(path, change["uid"])
+                elif word in ("hide", "show"):
+                    edit.set_mask(path, 0 if word == "hide" else 0xFFFFFFFF)
+                else:
+                    edit.remove(path)
+        for settings in ({}, {"mask": 1}):
+            for one, other in zip(self.answers(ours, **settings), self.answers(theirs, **settings)):
+                np.testing.assert_array_equal(one, other)
+        self.assertGreater((self.answers(ours)[0] != before).sum(), 500)
+        self.assertIn(77, self.answers(ours)[2])
+        # The same text is the same scene, and the daemon knows it.
+        self.assertEqual(self.load_town("again", edits=EDITS).info["hash"], ours.info["hash"])
+        self.assertEqual(ours.info["refits"] + ours.info["rebuilds"], 0)
+
+    def test_a_composition_that_is_placed_brings_its_own(self):
+        self.write("inner.rnscene.json", json.dumps({**TOWN, "edits": EDITS}))
+        outer = self.load("outer.rnscene.json", json.dumps({
+            "rnscene": 1, "objects": {"town": {"file": "inner.rnscene.json"}},
+            "instances": [{"object": "town"}], "edits": [{"remove": "town"}, ]}))
+        self.assertEqual(outer.info["instances"], 0)
+        outer = self.load("outer.rnscene.json", json.dumps({
+            "rnscene": 1, "objects": {"town": {"file": "inner.rnscene.json"}}, "instances": [{"object": "town"}],
+            "edits": [{"hide": "town/house"}]}))
+        inner = self.load_town("inner2", edits=[*EDITS, {"hide": "house"}])
+        np.testing.assert_allclose(self.answers(outer)[0], self.answers(inner)[0], rtol=1e-5)
+
+    def test_what_is_wrong_is_told_with_its_place(self):
+        for edits, said in (
+                ([{"move": "house"}], r"edits\[0\] is to have 'matrix', or 'translation' with 'rotation' and 'scale', alone beside 'move'"),
+                ([{"hide": "house"}, {"hide": "house", "mask": 1}], r"edits\[1\] is to have nothing beside 'hide'"),
+                ([{"set-uid": "house", "uid": 0xFFFFFFFF}], "stands for no user id"),
+                ([{"set-mask": "house", "uid": 1}], "'mask' alone beside 'set-mask'"),
+                ([{"hide": "house", "show": "house"}], "is to have one of move, turn"),
+                ([{"matrix": QUARTER}], "is to have one of move, turn"),
+                ([{"move": 3, "matrix": QUARTER}], r"edits\[0\].move is no text"),
+                ([{"fly": "house"}], "'fly', which is none of"),
+                ([{"hide": "hut"}], r"edits\[0\]: .*'hut'"),
+                ([{"remove": "garden/oak"}], r"edits\[0\]: removes what lies within"),
+                ([{"move": "house", "matrix": [[0] * 4] * 3}], "its edits: .*house"),
+                ([{"move": "house", "translation": [1e30, 0, 0]}], "its edits: .*house"),
+                ({"hide": "house"}, "edits is no list")):
+            with self.subTest(said), self.assertRaisesRegex(raynest.InvalidError, said):
+                self.load_town("wrong", edits=edits)
+        with self.assertRaisesRegex(raynest.InvalidError, "has 'animations', which a composition cannot have: a glTF"):
+            self.load_town("wrong", animations=[])
+
+
+if __name__ == "__main__":
+    WithFiles.raynestd, WithFiles.raynest = sys.argv[1:3]
+    unittest.main(argv=sys.argv[:1])

@@ -1,0 +1,174 @@
+// Compositions and the axis that points up, as an import sees them: files in, a snapshot out.
+#include "engine/assets/gltf/write/glb_file.h"
+#include "engine/assets/import.h"
+#include "tests/unit/engine/assets/samples.h"
+
+#include <map>
+#include <memory>
+#include <string>
+
+using namespace raynest;
+
+namespace {
+
+/// One unit along x, two along y, four along z.
+const std::string corner =
+    "o corner\nv 0 0 0\nv 1 0 0\nv 0 2 0\nv 0 0 4\nf 1 2 3\nf 1 2 4\nf 1 3 4\nf 2 3 4\n";
+const Box on_map{{0, 0, 0}, {1, 2, 4}};    // +Z up
+const Box upright{{0, 0, -2}, {1, 4, 0}};  // the same with +Y up
+
+using Texts = std::map<std::string, std::string>;
+
+Result<std::shared_ptr<const Snapshot>> import(const std::string& source, const Texts& texts,
+                                               FileOptions options = {}) {
+    static const auto registry = Registry::load({});
+    std::vector<test::Bytes> kept;
+    for (const auto& [name, text] : texts) kept.push_back(test::to_bytes(text));
+    ImportRequest request;
+    request.source = source;
+    request.options = options;
+    std::size_t i = 0;
+    for (const auto& [name, text] : texts) {
+        const NamedBytes file{name, kept[i++]};
+        request.files.insert(name == source ? request.files.begin() : request.files.end(), file);
+    }
+    return import_here(request, ImportLimits{}, **registry);
+}
+
+std::shared_ptr<const Snapshot> must_import(const std::string& source, const Texts& texts,
+                                            FileOptions options = {}) {
+    auto scene = import(source, texts, options);
+    REQUIRE_MESSAGE(scene.has_value(), (scene ? "" : scene.error().message));
+    return *scene;
+}
+
+/// Imports a composition beside the file "a.obj".
+std::shared_ptr<const Snapshot> compose(const std::string& members, Texts beside = {}) {
+    beside["a.obj"] = corner;
+    beside["x.rnscene.json"] = "{\"rnscene\": 1, " + members + "}";
+    return must_import("x.rnscene.json", beside);
+}
+
+bool same(const Box& a, const Box& b) {
+    return a.lower == b.lower && a.upper == b.upper;
+}
+
+std::string exported(const Snapshot& scene) {
+    const auto file = gltf::GlbFile::make(scene, [] { return false; });
+    REQUIRE(file.has_value());
+    std::string text(file->bytes(), '\0');
+    file->read(0, std::as_writable_bytes(std::span(text)));
+    return text;
+}
+
+}  // namespace
+
+TEST_CASE("a file with +Z up keeps its coordinates, and the scene says so") {
+    const auto scene = must_import("a.obj", {{"a.obj", corner}}, {.z_up = true});
+    CHECK(scene->up() == UpAxis::z);
+    CHECK(same(scene->bounds(), on_map));
+    const auto plain = must_import("a.obj", {{"a.obj", corner}});
+    CHECK(plain->up() == UpAxis::y);
+    CHECK(same(plain->bounds(), on_map));
+    CHECK(plain->digest() != scene->digest());
+    const auto builtin = import("builtin:flake?depth=1", {}, {.z_up = true});
+    REQUIRE_FALSE(builtin.has_value());
+    CHECK(builtin.error().message.find("leave out `up`") != std::string::npos);
+}
+
+TEST_CASE("an export with +Z up is upright glTF, and comes back as it was") {
+    for (const std::string name : {"o corner", "o left"}) {
+        std::string two = corner;
+        two.replace(0, 8, name);
+        const auto scene = must_import("a.obj", {{"a.obj", two}}, {.z_up = true});
+        const std::string glb = exported(*scene);
+        const auto back = must_import("b.glb", {{"b.glb", glb}});
+        CHECK(back->up() == UpAxis::z);
+        CHECK(same(back->bounds(), on_map));
+        CHECK(exported(*back) == glb);
+        std::string foreign = glb;
+        const std::size_t word = foreign.find("\"raynest\"");
+        REQUIRE(word != std::string::npos);
+        foreign.replace(word, 9, "\"strange\"");
+        const auto other = must_import("b.glb", {{"b.glb", foreign}});
+        CHECK(other->up() == UpAxis::y);
+        CHECK(same(other->bounds(), upright));
+        CHECK(gltf::composition_text(*scene, "b.glb").find("\"up\": \"z\"") != std::string::npos);
+        CHECK(gltf::composition_text(*other, "b.glb").find("\"up\"") == std::string::npos);
+    }
+}
+
+TEST_CASE("a composition turns what has another axis up") {
+    const std::string one = R"("instances": [{"object": "a"}], "objects": {"a": )";
+    const auto glb = exported(*must_import("a.obj", {{"a.obj", corner}}, {.z_up = true}));
+    const std::string inner = R"({"rnscene": 1, "up": "z", )" + one + R"({"file": "a.obj"}}})";
+    for (const auto& [members, up, box] : std::vector<std::tuple<std::string, UpAxis, Box>>{
+             {one + R"({"file": "a.obj"}}, "up": "z")", UpAxis::z, on_map},
+             {one + R"({"file": "a.obj", "up": "z"}}, "up": "z")", UpAxis::z, on_map},
+             {one + R"({"file": "a.obj", "up": "z"}})", UpAxis::y, upright},
+             {one + R"({"file": "a.obj"}})", UpAxis::y, on_map},
+             {one + R"({"file": "b.glb"}})", UpAxis::y, upright},
+             {one + R"({"file": "b.glb"}}, "up": "z")", UpAxis::z, on_map},
+             {one + R"({"file": "c.rnscene.json"}})", UpAxis::y, upright},
+             {one + R"({"file": "c.rnscene.json"}}, "up": "z")", UpAxis::z, on_map},
+             {R"("up": "z", "instances": [{"object": "g"}], "objects": {"a": {"file": "a.obj"},
+              "g": {"instances": [{"object": "a"}]}})",
+              UpAxis::z, on_map}}) {
+        CAPTURE(members);
+        const auto scene = compose(members, {{"b.glb", glb}, {"c.rnscene.json", inner}});
+        CHECK(scene->up() == up);
+        CHECK(same(scene->bounds(), box));
+    }
+}
+
+TEST_CASE("edits change what the instances of a composition placed, in their order") {
+    const std::string town =
+        R"("objects": {"a": {"file": "a.obj"}}, "instances": [{"object": "a", "name": "one"},
+        {"object": "a", "name": "two", "translation": [10, 0, 0]},
+        {"object": "a", "name": "three", "translation": [20, 0, 0]}], "edits": [)";
+    const auto plain = compose(town + "]");
+    CHECK(same(plain->bounds(), {{0, 0, 0}, {21, 2, 4}}));
+    const auto moved = compose(
+        town +
+        R"({"move": "t*", "translation": [0, 0, 5]}, {"move": "two", "translation": [0, 0, 1]},
+        {"set-mask": "*", "mask": "0xF0"}, {"hide": "one"}, {"set-uid": "three", "uid": 7},
+        {"place": "one", "translation": [-5, 0, 0], "scale": 2}])");
+    const SceneView& view = moved->view();
+    const ObjectRecord& root = view.objects[view.root];
+    REQUIRE(root.instance_count == 3);
+    const auto z = [&](std::uint32_t i) {
+        return view.instance_infos[root.first_instance + i].to_parent.m[11];
+    };
+    CHECK(z(1) == 6);
+    CHECK(z(2) == 5);
+    CHECK(view.instance_infos[root.first_instance].to_parent.m[0] == 2);
+    CHECK(view.instance_infos[root.first_instance].to_parent.m[3] == -5);
+    CHECK(view.instances[root.first_instance].mask == 0);
+    CHECK(view.instances[root.first_instance + 1].mask == 0xF0);
+    CHECK(view.instance_infos[root.first_instance + 2].uid == 7);
+    CHECK(moved->statistics().edits.refits == 0);
+    const auto fewer = compose(town + R"({"remove": "three"}])");
+    CHECK(same(fewer->bounds(), {{0, 0, 0}, {11, 2, 4}}));
+    CHECK(compose(town + R"({"remove": "three"}])")->digest() == fewer->digest());
+    for (const auto& [edit, said] :
+         Texts{{R"({"move": "one"})", "edits[0] is to have 'matrix', or 'translation'"},
+               {R"({"hide": "one", "mask": 1})", "edits[0] is to have nothing beside 'hide'"},
+               {R"({"hide": "one", "show": "one"})", "edits[0] is to have one of move"},
+               {R"({"fly": "one"})", "'fly', which is none of"},
+               {R"({"hide": "four"})", "edits[0]: "},
+               {R"({"move": "one", "matrix": [0,0,0,0, 0,0,0,0, 0,0,0,0]})", "its edits: "}}) {
+        CAPTURE(edit);
+        const auto refused = import(
+            "x.rnscene.json",
+            {{"a.obj", corner}, {"x.rnscene.json", "{\"rnscene\": 1, " + town + edit + "]}"}});
+        REQUIRE_FALSE(refused.has_value());
+        CHECK(refused.error().code == ErrorCode::scene_invalid);
+        CHECK(refused.error().message.find(said) != std::string::npos);
+    }
+    const auto animated =
+        import("x.rnscene.json",
+               {{"a.obj", corner},
+                {"x.rnscene.json", "{\"rnscene\": 1, " + town + R"(], "animations": []})"}});
+    REQUIRE_FALSE(animated.has_value());
+    CHECK(animated.error().message.find("a composition cannot have") != std::string::npos);
+}
