@@ -130,6 +130,9 @@ Result<SceneDescription> describe_source(const ImportRequest& request, const Imp
                         "composition with \"up\": \"z\"");
         return masked(request, check_primitives(describe_builtin(source), registry));
     }
+    if (format != nullptr && format->read != read_tiff && request.options.spacing != 0)
+        return fail(ErrorCode::scene_invalid,
+                    "`spacing` lies between the heights of a grid: leave it out");
     if (auto files = check_files(request, limits); !files) return tl::unexpected(files.error());
     if (is_gltf(source)) return describe_gltf(request, limits);
     if (format != nullptr) return describe_file(format->read, request, limits, registry);

@@ -143,7 +143,10 @@ void Conversation::refuse_unreadable(const Unreadable& message) {
     if (message.closes || !greeted_) return close_with_error(message.error);
     const std::uint64_t id = message.request_id;
     const RequestScope scope({caller_.connection, id});
-    if (find_part(message.type) != nullptr && runner_of(id).knows(id))
+    const bool is_part = find_part(message.type) != nullptr;
+    if (const auto parked = parked_.find(id); is_part && parked != parked_.end())
+        return refuse_parked(parked, message.error);
+    if (is_part && runner_of(id).knows(id))
         runner_of(id).fail(id, message.error);
     else
         refuse_request(id, message.error);
@@ -168,7 +171,8 @@ void Conversation::handle(protocol::Frame frame) {
                                  protocol::message_name(type) + " is not for a client to send now",
                                  0});
     if (request != nullptr) return start(*request, std::move(frame));
-    if (const auto parked = parked_.find(frame.header.request_id); parked != parked_.end()) {
+    const auto parked = parked_.find(frame.header.request_id);
+    if (parked != parked_.end() && type != static_cast<std::uint16_t>(wire::Message::Ping)) {
         if (type != static_cast<std::uint16_t>(wire::Message::Cancel)) {
             held_up_ = std::move(frame);
             return;

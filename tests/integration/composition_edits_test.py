@@ -101,6 +101,30 @@ class CompositionEdits(WithFiles):
         self.assertEqual(self.load_town("again", edits=EDITS).info["hash"], ours.info["hash"])
         self.assertEqual(ours.info["refits"] + ours.info["rebuilds"], 0)
 
+    def test_materials_are_those_of_an_edit(self):
+        self.write("paint.mtl", "newmtl red\nKd 1 0 0\nnewmtl blue\nKd 0 0 1\n")
+        self.write("house.obj", "mtllib paint.mtl\nusemtl red\n" + BOX.format("house"))
+        self.write("tree.obj", "mtllib paint.mtl\nusemtl blue\n" + BOX.format("tree"))
+        plain = self.load_town("plain")
+        named = plain.materials
+        change = {"set-material": "barn", "material": "blue"}
+        number = [row["name"] for row in named].index("blue")
+        made = [self.load_town(f"town{i}", edits=[{**change, "material": which}]) for i, which in enumerate(("blue", number))]
+        with plain.edit() as edit:
+            edit.set_material("barn", "blue")
+        hits = [scene.trace(self.rays, fields=("t", "path", "material", "base_colour")) for scene in (plain, *made)]
+        at_barn = hits[0]["path"] == plain.path_ids("barn")
+        self.assertGreater(at_barn.sum(), 20)
+        self.assertEqual(set(hits[0]["material"][at_barn]), {number})
+        for hit in hits[1:]:
+            for name, column in hit.items():
+                np.testing.assert_array_equal(column, hits[0][name], name)
+        for edit, said in (({"set-material": "barn"}, "'material' alone beside 'set-material'"),
+                           ({"set-material": "barn", "material": "green"}, r"edits\[0\]: .*'green'"),
+                           ({"set-material": "barn", "material": -1}, r"edits\[0\].material is no number from 0")):
+            with self.subTest(said), self.assertRaisesRegex(raynest.InvalidError, said):
+                self.load_town("wrong", edits=[edit])
+
     def test_a_composition_that_is_placed_brings_its_own(self):
         self.write("inner.rnscene.json", json.dumps({**TOWN, "edits": EDITS}))
         outer = self.load("outer.rnscene.json", json.dumps({

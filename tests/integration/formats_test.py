@@ -362,6 +362,10 @@ class Formats(WithFiles):
             self.load("near.ply", ply_mesh("ascii"), up="x")
         with self.assertRaisesRegex(raynest.Error, "unit"):
             self.python.load("builtin:flake?depth=2", unit="mm")
+        with self.assertWarnsRegex(raynest.SceneWarning, "radius= changes nothing: the file has no points"):
+            self.load("near.ply", ply_mesh("ascii"), radius=0.5)
+        with self.assertRaisesRegex(raynest.Error, "spacing= lies between the heights of a grid: leave it out"):
+            self.load("near.ply", ply_mesh("ascii"), spacing=2)
         for options in (("--unit", "km"), ("--up", "x"), ("--radius", "-1"), ("--origin", "auto,1,2")):
             self.assertTrue(self.refusal("near.ply", ply_mesh("ascii"), *options))
 

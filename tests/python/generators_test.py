@@ -6,6 +6,7 @@
 That the daemon's formulas are those of PROTOCOL.md is shown in tests/integration; here: that what
 is asked for in Python's words arrives.
 """
+import math
 import warnings
 
 import numpy as np
@@ -278,6 +279,8 @@ class Generators(WithDaemon):
                 ("fov of 1e-60", lambda: self.woods.trace(generators.camera(fov=1e-60))),
                 ("start, stop, count", lambda: generators.lidar([0], (0, 360))),
                 ("start, stop, count", lambda: generators.lidar([0], 360)),
+                ("sweep.. takes a list", lambda: generators.lidar([0], [0, 360, 8])),
+                ("azimuths must be finite", lambda: generators.lidar([0], (0, math.inf, 8))),
                 ("elevations must be numbers", lambda: generators.lidar("up")),
                 ("pose must be numbers", lambda: generators.pinhole(9, pose="up")),
                 ("width, height", lambda: generators.orthographic(5)),

@@ -124,6 +124,14 @@ class Inputs(WithDaemon):
         paths = self.woods.trace([[0, 1000, 0, 0, 1, 0], [8, 50, -8, 0, -1, 0]])["path"]
         self.assertEqual(self.woods.path_ids(self.woods.path_of(paths)).tolist(), paths.tolist())
 
+    def test_what_is_no_text_is_named(self):
+        for call, says in ((lambda: self.woods.path_ids(5), r"path texts of type int: .*path_of\(\)"),
+                           (lambda: self.woods.path_ids(b"stand"), "path texts of type bytes"),
+                           (lambda: self.woods.export(None), "path of type NoneType")):
+            with self.subTest(says), self.assertRaisesRegex(TypeError, says):
+                call()
+        self.assertEqual(self.woods.path_ids(iter([""])).tolist(), [2**64 - 1])
+
     def test_what_is_asked_twice_or_of_the_wrong_call_is_said(self):
         for call, says in (
                 (lambda: self.woods.trace([DOWN], fields=("t", "t")), "'t' twice"),

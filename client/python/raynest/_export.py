@@ -5,6 +5,7 @@ import os
 import pathlib
 from typing import Any, Union
 
+from ._requests.files import path_text
 from ._requests.job import Progress
 from ._requests.picture import Picture
 from ._session import Session
@@ -24,10 +25,10 @@ class Exports:
         """Writes the scene to a .glb (binary glTF 2.0), or to a .rnscene.json, which keeps the scene's
         origin, and the .glb that it places beside it, which must not be there before it. Returns scene, epoch, hash, glb (the path),
         bytes and notes: what the file lacks, which warnings say, too."""
-        text = os.fspath(path)
+        text = path_text("path", path)
         glb = text[:-len(COMPOSITION)] + ".glb" if text.endswith(COMPOSITION) else text
-        if not glb.endswith(".glb"):
-            raise UsageError(f"export to {text!r}: the name must end with .glb or {COMPOSITION}")
+        if not glb.endswith(".glb") or os.path.basename(glb) == ".glb":
+            raise UsageError(f"export to {text!r}: the name must end with .glb or {COMPOSITION}, after a name of its own")
         if glb != text and os.path.exists(glb) and not os.path.exists(text):
             raise UsageError(f"{glb!r} exists, and the composition would replace it: name another file, or move it away")
         message = {"scene": self.name, "epoch": epoch, "format": "glb"}

@@ -1,7 +1,7 @@
 """The paths of a scene: ids in the column path, and their texts."""
 from __future__ import annotations
 
-from typing import Any, Sequence, Union, overload
+from typing import Any, Iterable, Sequence, Union, overload
 
 import numpy as np
 
@@ -47,6 +47,9 @@ class Paths:
         "" is that of a miss, as path_of() gives it."""
         if isinstance(texts, str):
             return MISS if texts == "" else self.path(texts, epoch=epoch)["path"]
+        if isinstance(texts, (bytes, bytearray)) or not isinstance(texts, Iterable):
+            raise TypeError(f"path texts of type {type(texts).__name__}: pass a str, or several; path_of() takes ids")
+        texts = list(texts)
         ids = {text: self.path_ids(text, epoch=epoch) for text in dict.fromkeys(texts)}
         return np.array([ids[text] for text in texts], np.uint64)
 

@@ -126,17 +126,17 @@ class Client(Session):
 
     @none_is_default
     def mesh(self, vertices: Any, faces: Any = None, name: Optional[str] = None, *, origin: Any = None,
-             keep: bool = False, replace: bool = False, build: str = "medium",
+             keep: bool = False, replace: bool = False, build: str = "medium", up: str = "y",
              progress: Progress = None) -> Scene:
         """Loads triangles: vertices (N, 3), faces (M, 3). The column prim is a row of faces.
 
         float64 vertices become float32 after `origin` was subtracted, as in load(); a SceneWarning
         says when they lose digits that matter, or have lost them before, being float32. Equal content is sent and built only once,
-        as in load(). Without a name each call makes a scene of its own, whose edits change no other: it goes
+        as in load(), and `up` is as there. Without a name each call makes a scene of its own, whose edits change no other: it goes
         with its Scene object (`with c.mesh(...) as s:`), or with the connection. A name keeps it in the daemon;
         so does `keep`, under a name that its content and `build` give it.
         """
-        load = load_of_mesh(vertices, faces, name, origin=origin, keep=keep, replace=replace, build=build)
+        load = load_of_mesh(vertices, faces, name, origin=origin, keep=keep, replace=replace, build=build, up=up)
         scene, info = self._load(load, progress)
         lost = rounding_warning(vertices, faces, scene.origin, info["degenerate_triangles"])
         if lost:
@@ -147,7 +147,7 @@ class Client(Session):
     def scene_of(self, parts: Mapping[str, Any], places: Optional[Mapping[str, Any]] = None,
                  name: Optional[str] = None, *, origin: Any = None, keep: bool = False,
                  replace: bool = False, build: str = "medium", masks: Masks = (),
-                 progress: Progress = None) -> Scene:
+                 up: str = "y", progress: Progress = None) -> Scene:
         """Loads a scene made of parts, which Scene.edit() can move.
 
         `parts` are meshes by name: (vertices, faces), or what has both, as trimesh's. `places` says
@@ -158,7 +158,7 @@ class Client(Session):
         part is stored once, however often it is placed. All else is as in load() and mesh().
         """
         return self._load(load_of_parts(parts, places, name, origin=origin, keep=keep, replace=replace, build=build,
-                                        masks=masks), progress)[0]
+                                        masks=masks, up=up), progress)[0]
 
     def _load(self, load: Load, progress: Progress = None) -> tuple[Scene, dict[str, Any]]:
         self.drop_unused()

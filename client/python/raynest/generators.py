@@ -31,7 +31,7 @@ from ._requests.arguments import Unpack, count_of, float32, none_is_default, num
 from ._requests.picture import camera_message, size_message
 from ._requests.rays import Rays, Source, Starts, pair, vector
 from .errors import UsageError
-from .sweeps import finite, known_poses
+from .sweeps import finite, known_poses, turn_of
 
 
 class SensorPose(TypedDict, total=False):
@@ -164,12 +164,11 @@ def lidar(elevations: Any, azimuths: tuple[float, float, int] = (0.0, 360.0, 204
     """A rotating head with a channel for each of `elevations`. `azimuths` is (start, stop, count),
     counter-clockwise, without stop. `azimuth_offsets` (C,) turn channels, `origin_offsets` (C, 3)
     move them within the head. Ray c * count + j is channel c at azimuth j."""
-    try:
-        start, stop, azimuth_count = azimuths
-    except (TypeError, ValueError):
-        raise UsageError(f"azimuths of {reprlib.repr(azimuths)}: they must be (start, stop, count)"
-                         ) from None
-    columns = count_of("the count of azimuths", azimuth_count, _limits.azimuths_max)
+    turn = turn_of(azimuths)
+    if turn is None:
+        raise UsageError(f"azimuths of {reprlib.repr(azimuths)}: they must be a tuple (start, stop, count); sweep() takes "
+                         "a list of angles")
+    columns = turn[2]
     offsets = _offsets(origin_offsets)
     each = {"elevations": numbers("elevations", elevations).size,
             "azimuth_offsets": numbers("azimuth_offsets", azimuth_offsets).size,
@@ -182,8 +181,7 @@ def lidar(elevations: Any, azimuths: tuple[float, float, int] = (0.0, 360.0, 204
         if each[name] not in (0, channels):
             raise UsageError(f"{name} must be one for each of the {channels} elevations, or none")
     settings = {"elevations": _text("elevations", elevations),
-                "azimuths": f"{_exact_text('azimuths', real('azimuths', start))}:"
-                            f"{_exact_text('azimuths', real('azimuths', stop))}:{columns}",
+                "azimuths": _turn_text(turn),
                 "azimuth_offsets": _text("azimuth_offsets", azimuth_offsets),
                 "origin_offsets": _text("origin_offsets", offsets)}
     return Generator("lidar", {name: text for name, text in settings.items() if text},
@@ -204,11 +202,11 @@ def sweep(elevations: Any, azimuths: Any = (0.0, 360.0, 2048), *, trajectory: An
     ray. Its time is that of the trajectory; with `time` of trace() that is its time at `begin`."""
     heights = finite("elevations", elevations, _limits.sweep_channels_max)
     settings = {"channels": str(len(heights))}
-    if isinstance(azimuths, tuple) and len(azimuths) == 3:
+    turn = turn_of(azimuths)
+    if turn is not None:
         around: Array = np.empty(0)
-        start, stop = real("azimuths", azimuths[0]), real("azimuths", azimuths[1])
-        columns = count_of("the count of azimuths", azimuths[2], _limits.azimuths_max)
-        settings["azimuths"] = f"{_exact_text('azimuths', start)}:{_exact_text('azimuths', stop)}:{columns}"
+        columns = turn[2]
+        settings["azimuths"] = _turn_text(turn)
     else:
         around = finite("azimuths", azimuths, _limits.azimuths_max)
         columns = len(around)
@@ -420,6 +418,10 @@ def _text(what: str, value: Any) -> str:
 def _exact_text(what: str, value: Any) -> str:
     """Returns numbers with all their digits: the daemon computes in float64 and rounds the ray."""
     return ",".join(map(repr, numbers(what, value).astype(np.float64).ravel().tolist()))
+
+
+def _turn_text(turn: tuple[float, float, int]) -> str:
+    return f"{turn[0]!r}:{turn[1]!r}:{turn[2]}"
 
 
 def _offsets(value: Any) -> Array:

@@ -151,7 +151,7 @@ class Scene(Renders, Paths):
         if detach:
             if source.count == 0 or own:
                 raise UsageError("a detached job needs rays: pass some, or leave detach away" if not own else
-                                 f"a detached job has no {' and '.join(own)}: the generator has them")
+                                 f"the answer of a detached job has no {' and '.join(own)}: read that of the generator itself")
             number = query.detach()
             self._warn_of_rounding(source.starts)
             return Job(self._client, number)

@@ -8,7 +8,7 @@
 """
 from __future__ import annotations
 
-from typing import Any, NamedTuple
+from typing import Any, NamedTuple, Optional
 
 import numpy as np
 
@@ -141,11 +141,19 @@ def _turned(first: Array, second: Array, share: Array) -> Array:
     return first @ step
 
 
+def turn_of(azimuths: Any) -> Optional[tuple[float, float, int]]:
+    """Returns (start, stop, count), which a tuple of three is; None for a list of angles."""
+    if not isinstance(azimuths, tuple) or len(azimuths) != 3:
+        return None
+    columns = count_of("the count of azimuths", azimuths[2], _limits.azimuths_max)
+    start, stop = finite("azimuths", azimuths[:2], 2).tolist()
+    return start, stop, columns
+
+
 def _azimuths(azimuths: Any) -> Array:
-    if isinstance(azimuths, tuple) and len(azimuths) == 3:
-        start, stop, count = azimuths
-        columns = count_of("the count of azimuths", count, _limits.azimuths_max)
-        start, stop = real("azimuths", start), real("azimuths", stop)
+    turn = turn_of(azimuths)
+    if turn is not None:
+        start, stop, columns = turn
         return start + (stop - start) * np.arange(columns) / columns
     return finite("azimuths", azimuths, _limits.azimuths_max)
 

@@ -10,6 +10,7 @@
 #include "engine/scene/edits/edit.h"
 #include "engine/scene/edits/link.h"
 #include "engine/scene/edits/linked_paths.h"
+#include "engine/scene/edits/materials.h"
 #include "engine/scene/edits/names.h"
 #include "engine/scene/path_table.h"
 #include "engine/scene/precision.h"
@@ -298,6 +299,12 @@ private:
             };
             const auto places = finder.find(change.path);
             if (!places) return blame(places.error());
+            std::uint32_t material = no_id;
+            if (change.what == What::set_material) {
+                const auto found = find_material((*scene)->view(), change.material);
+                if (!found) return blame(found.error());
+                material = *found;
+            }
             for (const InstancePlace& place : *places) {
                 Result<void> done;
                 if (change.what == What::move) batch.move(place, change.matrix, change.frame);
@@ -305,6 +312,7 @@ private:
                     done = batch.place(place, change.matrix, change.frame);
                 if (change.what == What::set_mask) batch.set_mask(place, change.value);
                 if (change.what == What::set_uid) done = batch.set_uid(place, change.value);
+                if (change.what == What::set_material) done = batch.set_material(place, material);
                 if (change.what == What::remove) done = batch.remove(place);
                 if (!done) return blame(done.error());
             }

@@ -207,32 +207,40 @@ Change read_change(const Value& value) {
         Word{"remove", What::remove, EditFrame::world, 0, ""},
         Word{"set-mask", What::set_mask, EditFrame::world, 0, "mask"},
         Word{"set-uid", What::set_uid, EditFrame::world, 0, "uid"},
+        Word{"set-material", What::set_material, EditFrame::world, 0, "material"},
         Word{"hide", What::set_mask, EditFrame::world, 0, ""},
         Word{"show", What::set_mask, EditFrame::world, ~0U, ""},
     };
-    value.only({"move", "turn", "place", "remove", "set-mask", "set-uid", "hide", "show", "matrix",
-                "translation", "rotation", "scale", "mask", "uid"});
+    value.only({"move", "turn", "place", "remove", "set-mask", "set-uid", "set-material", "hide",
+                "show", "matrix", "translation", "rotation", "scale", "mask", "uid", "material"});
     const auto is_said = [&](const Word& word) { return value.has(word.name); };
     const auto word = std::ranges::find_if(words, is_said);
     if (word == words.end() || std::ranges::count_if(words, is_said) != 1)
         value.refuse_it(
-            "is to have one of move, turn, place, remove, set-mask, set-uid, hide and show, with "
-            "a path");
-    Change change{word->what, value.at(word->name).text(), word->frame, Matrix(1), word->value};
+            "is to have one of move, turn, place, remove, set-mask, set-uid, set-material, hide "
+            "and show, with a path");
+    Change change{word->what, value.at(word->name).text(), word->frame, Matrix(1), word->value, {}};
     const std::string_view wanted = word->wanted;
     const auto pose = read_pose(value);
-    if (pose.has_value() != (wanted == "matrix") || value.has("mask") != (wanted == "mask") ||
-        value.has("uid") != (wanted == "uid"))
+    const auto is_right = [&](const char* member) {
+        return value.has(member) == (wanted == member);
+    };
+    if (pose.has_value() != (wanted == "matrix") || !is_right("mask") || !is_right("uid") ||
+        !is_right("material"))
         value.refuse_it(fmt::format(
             "is to have {} beside '{}'",
             wanted == "matrix" ? "'matrix', or 'translation' with 'rotation' and 'scale', alone"
-            : wanted == "mask" ? "'mask' alone"
-            : wanted == "uid"  ? "'uid' alone"
-                               : "nothing",
+            : wanted.empty() ? "nothing"
+                             : fmt::format("'{}' alone", wanted),
             word->name));
     if (pose) change.matrix = *pose;
     if (wanted == "mask") change.value = value.at("mask").bits();
     if (wanted == "uid") change.value = read_uid(value.at("uid"));
+    if (wanted == "material") {
+        const Value material = value.at("material");
+        change.material =
+            material.is_text() ? material.text() : fmt::format("{}", material.bits());
+    }
     return change;
 }
 

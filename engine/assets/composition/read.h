@@ -54,12 +54,13 @@ struct Light {
 
 /// A change of what the instances place, as `raynest edit` makes it.
 struct Change {
-    enum class What : std::uint8_t { move, place, set_mask, set_uid, remove };
+    enum class What : std::uint8_t { move, place, set_mask, set_uid, set_material, remove };
     What what = What::move;
     std::string path;                    ///< as InstanceFinder::find() takes it
     EditFrame frame = EditFrame::world;  ///< of `matrix`
     Matrix matrix{1};                    ///< of move and place
     std::uint32_t value = 0;             ///< of set_mask and set_uid
+    std::string material;                ///< of set_material, as find_material() takes it
 };
 
 struct Composition {

@@ -170,6 +170,10 @@ Result<SceneDescription> place(FileContent content, const ImportRequest& request
     scene.materials = std::move(content.materials);
     scene.textures = std::move(content.textures);
     scene.images = std::move(content.images);
+    if (request.options.radius != 0 && (content.points.empty() || !content.radii.empty()))
+        scene.warnings.push_back(
+            fmt::format("`radius` changes nothing: the file has {}",
+                        content.points.empty() ? "no points" : "a radius for each of its points"));
     if (!content.points.empty()) {
         auto points = place_points(content, request.options, placing, scene);
         if (!points) return tl::unexpected<Error>(points.error());

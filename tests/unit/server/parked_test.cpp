@@ -4,6 +4,7 @@
 
 #include <doctest/doctest.h>
 
+#include <algorithm>
 #include <chrono>
 #include <vector>
 
@@ -40,8 +41,12 @@ TEST_CASE("a request that waits for a takeover holds up its own data, and keeps 
     // Others of the connection go on, but none under an id in use.
     daemon.sent.clear();
     client.receive(frame_of(9, wire::PingT{}));
+    client.receive(frame_of(2, wire::PingT{}));
     client.receive(frame_of(2, wire::InfoT{}));
-    CHECK(daemon.said(wire::Message::Pong));
+    CHECK_FALSE(client.is_held_up());
+    CHECK(std::count_if(daemon.sent.begin(), daemon.sent.end(), [](const protocol::Frame& frame) {
+              return frame.header.type == static_cast<std::uint16_t>(wire::Message::Pong);
+          }) == 2);
     CHECK(errors_of(daemon) == std::vector{Code::invalid_field});
 
     daemon.sent.clear();
@@ -66,6 +71,18 @@ TEST_CASE("a request that waits for a takeover holds up its own data, and keeps 
     gate.open();
     CHECK(resumed);
     CHECK_FALSE(client.is_held_up());
+    CHECK(daemon.said(wire::Message::Need));
+
+    // Damaged data end the request that waits for them, and no other.
+    gate.close();
+    client.receive(frame_of(4, load(0)));
+    client.receive(frame_of(5, load(0)));
+    daemon.sent.clear();
+    client.refuse_unreadable({static_cast<std::uint16_t>(wire::Message::Upload), 4,
+                              {Code::invalid_field, "damaged", 0}});
+    CHECK(errors_of(daemon) == std::vector{Code::invalid_field});
+    gate.open();
+    CHECK(errors_of(daemon).size() == 1);
     CHECK(daemon.said(wire::Message::Need));
 
     // A connection has as many as it may, and leaves nothing when it ends.

@@ -45,13 +45,13 @@ def load_of_file(source: Union[str, os.PathLike[str]], name: Optional[str] = Non
     chosen = isinstance(origin, str) and origin == "auto"
     return Load({
         **upload.message(), **_origin_message(None if chosen else origin), "replace": replace, "build": build,
-        "primitive": primitive, "origin_auto": chosen, "unit": _metres(unit), "up": "" if up == "y" else up,
+        "primitive": primitive, "origin_auto": chosen, "unit": _metres(unit), "up": _axis(up),
         "radius": radius, "spacing": spacing, "variant": variant, "masks": mask_rules(masks),
         "share": split_principals(share) if isinstance(share, str) else list(share)}, upload.read)
 
 
 def load_of_mesh(vertices: Any, faces: Any = None, name: Optional[str] = None, *, origin: Any = None,
-                 keep: bool = False, replace: bool = False, build: str = "medium") -> Load:
+                 keep: bool = False, replace: bool = False, build: str = "medium", up: str = "y") -> Load:
     """As Client.mesh() has it."""
     if faces is None and hasattr(vertices, "vertices") and hasattr(vertices, "faces"):
         raise TypeError("vertices is a mesh: pass mesh.vertices and mesh.faces")
@@ -60,7 +60,7 @@ def load_of_mesh(vertices: Any, faces: Any = None, name: Optional[str] = None, *
     shift = np.zeros(3) if origin is None else vector("origin", origin)
     upload = Upload("mesh.glb", name or "", (File("mesh.glb", mesh_glb(vertices, faces, shift)),))
     message: Message = {**upload.message(), **_origin_message(shift), "replace": replace, "build": build,
-                        "temporary": not name and not keep}
+                        "up": _axis(up), "temporary": not name and not keep}
     if not name:
         built = "" if build == "medium" else f"-{build}"
         message["name"] = _own_name(f"mesh-{message['file_digests'][:8].hex()}{built}", message)
@@ -70,11 +70,11 @@ def load_of_mesh(vertices: Any, faces: Any = None, name: Optional[str] = None, *
 
 def load_of_parts(parts: Mapping[str, Any], places: Optional[Mapping[str, Any]] = None, name: Optional[str] = None,
                   *, origin: Any = None, keep: bool = False, replace: bool = False, build: str = "medium",
-                  masks: Masks = ()) -> Load:
+                  masks: Masks = (), up: str = "y") -> Load:
     """As Client.scene_of() has it."""
     upload = Upload("parts.glb", name or "", (File("parts.glb", parts_glb(parts, places)),))
     message: Message = {**upload.message(), **_origin_message(origin), "replace": replace, "build": build,
-                        "masks": mask_rules(masks), "temporary": not name and not keep}
+                        "masks": mask_rules(masks), "up": _axis(up), "temporary": not name and not keep}
     if not name:
         message["name"] = _own_name(f"parts-{message['file_digests'][:8].hex()}", message)
     return Load(message, upload.read)
@@ -84,6 +84,11 @@ def _own_name(name: str, message: Message) -> str:
     """Each scene that goes with its Scene object is another, so that its edits are its own. The daemon finds equal
     content under any name."""
     return f"{name}-{os.urandom(4).hex()}" if message["temporary"] else name
+
+
+def _axis(up: str) -> str:
+    """Returns the axis that points up, empty for the default. The daemon refuses what is none."""
+    return "" if up == "y" else up
 
 
 def _metres(unit: Union[str, float]) -> float:

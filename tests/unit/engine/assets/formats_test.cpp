@@ -138,6 +138,10 @@ TEST_CASE("PLY: elements and properties in any order, colours of each type, big-
         "property uchar y\nproperty float z\nproperty float radius\nend_header\n";
     big += std::string("\xFF\xFE\x07\x3F\x80\0\0\x40\0\0\0", 11);
     const auto points = must_read("a.ply", big);
+    CHECK(points.warnings.empty());
+    CHECK(must_read("a.ply", big, {.radius = 9}).warnings ==
+          std::vector<std::string>{
+              "`radius` changes nothing: the file has a radius for each of its points"});
     CHECK(points.objects[0].record_type == "sphere");
     float sphere[4];
     std::memcpy(sphere, points.objects[0].records.data(), sizeof sphere);
