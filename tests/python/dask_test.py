@@ -233,10 +233,11 @@ class ManyHosts(WithCluster):
 
     def test_folders_of_killed_workers_are_taken_away(self):
         cluster = self.cluster(1)
-        folders = {name: Path(cluster.folder.name) / f"raynest-dask-{os.getuid()}-{name * 16}" for name in "abc"}
-        for folder in folders.values():
+        folders = {name: Path(cluster.folder.name) / f"raynest-dask-{os.getuid()}-{name * 16}" for name in "abcd"}
+        for name, folder in folders.items():
             folder.mkdir(0o700)
-            (folder / "lock").touch()
+            if name != "d":         # where no daemon was started
+                (folder / "lock").touch()
             os.utime(folder, (0, 0))
         os.utime(folders["b"])  # of a worker that begins
         with open(folders["c"] / "lock", "rb") as lock:

@@ -106,7 +106,6 @@ class Host:
         self._setup = setup
         name = hashlib.sha256(repr((key, setup)).encode()).hexdigest()[:NAME_LETTERS]
         self.folder = os.path.join(tempfile.gettempdir(), f"raynest-dask-{os.getuid()}-{name}")
-        self._private()
         self.uri = f"unix:{self.folder}/s"
         self._owned: Optional[int] = None       # descriptor of the lock, where this process starts the daemon
         self._process: Optional[subprocess.Popen[bytes]] = None
@@ -157,13 +156,14 @@ class Host:
                 found = os.lstat(folder)
                 if found.st_uid != os.getuid() or time.time() - found.st_mtime < LEFT_SECONDS:
                     continue
-                with open(folder + "/lock", "rb") as lock:
+                with open(folder + "/lock", "ab") as lock:      # there is none where no daemon was started
                     fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
                     shutil.rmtree(folder)
 
     def _connect(self) -> Client:
         end = time.monotonic() + START_SECONDS
         while True:
+            self._private()     # a worker that ends takes it away, and nobody else may put another in its place
             try:
                 return connect(self.uri, reconnect=0)
             except ConnectError:
@@ -175,7 +175,7 @@ class Host:
 
     def _start_if_owner(self) -> None:
         if self._owned is None:
-            self._private()     # a worker that ends takes it away
+            self._private()
             lock = os.open(self.folder + "/lock", os.O_RDWR | os.O_CREAT | os.O_CLOEXEC, 0o600)
             try:
                 fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
