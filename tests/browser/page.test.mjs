@@ -122,7 +122,7 @@ browserTest("a foreign script has no place", async ({ open, errors }) => {
   errors.length = 0;  // each refusal is reported
 });
 
-browserTest("the page outlives its daemon", async ({ open }) => {
+browserTest("the page outlives its daemon", async ({ open, errors }) => {
   const own = new TestDaemon();
   try {
     await own.start();
@@ -141,6 +141,8 @@ browserTest("the page outlives its daemon", async ({ open }) => {
     await page.selectOption("#view", "prims");
     await fine(page);
     await page.waitForFunction(() => globalThis.raynest.daemon.pending === 0);
+    // What the page asks for while its daemon ends may be refused, or cut off.
+    errors.splice(0, Infinity, ...errors.filter((text) => !text.includes("ERR_CONNECTION_RESET")));
   } finally {
     await own.end();
   }
