@@ -90,8 +90,8 @@ class Up(WithState):
         for settings in ({"integrator": "direct", "spp": 16}, {"integrator": "path", "spp": 16, "sun": (100, 20)}):
             self.check_same_picture(scene, turned, **settings)
         view = np.array([[5, -6, 4], [0, 0, 1]])
-        ours = self.picture(scene, look_at=view, integrator="direct", spp=4)
-        theirs = self.picture(turned, look_at=y_up(view), integrator="direct", spp=4)
+        ours = self.picture(scene, look_at=view, integrator="direct", spp=32)
+        theirs = self.picture(turned, look_at=y_up(view), integrator="direct", spp=32)
         self.assertLess((np.abs(ours - theirs).max(-1) > 3).mean(), 0.02)
         # A picture of the surroundings: its upper half is bright. The same scene lit from -z is not the same.
         plain = self.python.load(self.map, "plain")
@@ -154,7 +154,7 @@ class Up(WithState):
                                              ("y", {"file": "map.obj", "up": "z"}), ("y", {"file": "turned.obj"}),
                                              ("", {"file": "map.glb"}), ("", {"file": "t0.rnscene.json"}),
                                              ("z", {"file": "t5.rnscene.json"}))):
-            with self.subTest(up=up, **file):
+            with self.subTest(composition=up, file=file):
                 self.check(town(f"t{number}", up, a=file), up or "y")
         flake = town("flake", "z", a={"file": "builtin:flake?depth=1"}).info
         plain = self.python.load("builtin:flake?depth=1").info

@@ -62,7 +62,7 @@ class Words(WithDaemon):
     def test_scenes_are_described_alike(self):
         for scene in self.scenes:
             cli = self.cli.json("info", scene.name)
-            self.assertIsInstance(cli.pop("epo"), float)  # A request of its own, which `info` sends besides.
+            cli.pop("epo")      # a request of its own, which `info` sends besides
             self.equal(dict(scene.info), cli, scene.name)
             loaded = self.cli.json("info", scene.name, "--meshes", "--materials")
             self.equal({"meshes": scene.meshes, "materials": scene.materials}, loaded, scene.name)
