@@ -156,7 +156,7 @@ class Up(WithState):
                                              ("z", {"file": "t5.rnscene.json"}))):
             with self.subTest(composition=up, file=file):
                 self.check(town(f"t{number}", up, a=file), up or "y")
-        flake = town("flake", "z", a={"file": "builtin:flake?depth=1"}).info
+        flake = town("grown", "z", a={"file": "builtin:flake?depth=1"}).info
         plain = self.python.load("builtin:flake?depth=1").info
         np.testing.assert_allclose(flake["box_max"][2], plain["box_max"][1], rtol=1e-6)
         camera = self.folder / "camera.rnscene.json"
