@@ -230,16 +230,15 @@ Change read_change(const Value& value) {
         value.refuse_it(fmt::format(
             "is to have {} beside '{}'",
             wanted == "matrix" ? "'matrix', or 'translation' with 'rotation' and 'scale', alone"
-            : wanted.empty() ? "nothing"
-                             : fmt::format("'{}' alone", wanted),
+            : wanted.empty()   ? "nothing"
+                               : fmt::format("'{}' alone", wanted),
             word->name));
     if (pose) change.matrix = *pose;
     if (wanted == "mask") change.value = value.at("mask").bits();
     if (wanted == "uid") change.value = read_uid(value.at("uid"));
     if (wanted == "material") {
         const Value material = value.at("material");
-        change.material =
-            material.is_text() ? material.text() : fmt::format("{}", material.bits());
+        change.material = material.is_text() ? material.text() : fmt::format("{}", material.bits());
     }
     return change;
 }

@@ -56,7 +56,7 @@ def load_ratio(raynestd, folder, source):
 def kept_edits(raynestd, folder):
     """As many connections as EDITORS, each of which moves an instance of its own scene EDITS times and waits for each
     answer: per second, kept and not."""
-    daemon, rates = Daemon(raynestd, "--state", f"{folder}/edits", "--limit", f"connections_per_address_max={4 * EDITORS}"), {}
+    daemon, rates = Daemon(raynestd, "--state", f"{folder}/edits"), {}
     for keep in (True, False):
         with_scenes = []
         for number in range(EDITORS):

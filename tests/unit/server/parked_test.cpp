@@ -78,7 +78,8 @@ TEST_CASE("a request that waits for a takeover holds up its own data, and keeps 
     client.receive(frame_of(4, load(0)));
     client.receive(frame_of(5, load(0)));
     daemon.sent.clear();
-    client.refuse_unreadable({static_cast<std::uint16_t>(wire::Message::Upload), 4,
+    client.refuse_unreadable({static_cast<std::uint16_t>(wire::Message::Upload),
+                              4,
                               {Code::invalid_field, "damaged", 0}});
     CHECK(errors_of(daemon) == std::vector{Code::invalid_field});
     gate.open();
