@@ -78,7 +78,7 @@ class Forms(WithDaemon):
 
     def test_whole_numbers_may_be_floats_without_a_fraction(self):
         self.assertEqual(generators.hemisphere([0, 0, 0], [0, 1, 0], samples=1000.0).count, 1000)
-        self.assertEqual(generators.lidar([0.0], tuple(np.array([0, 360, 8.0]))).count, 8)
+        self.assertEqual(generators.lidar([0.0], np.array([0, 360, 8.0])).count, 8)
         for wrong in (1.5, np.nan, np.inf, "3"):
             with self.assertRaisesRegex(raynest.UsageError, "samples of .*whole number"):
                 generators.hemisphere([0, 0, 0], [0, 1, 0], samples=wrong)

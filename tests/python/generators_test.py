@@ -279,7 +279,7 @@ class Generators(WithDaemon):
                 ("fov of 1e-60", lambda: self.woods.trace(generators.camera(fov=1e-60))),
                 ("start, stop, count", lambda: generators.lidar([0], (0, 360))),
                 ("start, stop, count", lambda: generators.lidar([0], 360)),
-                ("sweep.. takes a list", lambda: generators.lidar([0], [0, 360, 8])),
+                ("as a tuple", lambda: generators.sweep([0], [0, 360, 512], trajectory=([0, 1], np.tile(np.eye(4), (2, 1, 1))))),
                 ("azimuths must be finite", lambda: generators.lidar([0], (0, math.inf, 8))),
                 ("elevations must be numbers", lambda: generators.lidar("up")),
                 ("pose must be numbers", lambda: generators.pinhole(9, pose="up")),

@@ -31,7 +31,7 @@ from ._requests.arguments import Unpack, count_of, float32, none_is_default, num
 from ._requests.picture import camera_message, size_message
 from ._requests.rays import Rays, Source, Starts, pair, vector
 from .errors import UsageError
-from .sweeps import finite, known_poses, turn_of
+from .sweeps import finite, known_poses, turn_of, turn_or_angles
 
 
 class SensorPose(TypedDict, total=False):
@@ -165,9 +165,6 @@ def lidar(elevations: Any, azimuths: tuple[float, float, int] = (0.0, 360.0, 204
     counter-clockwise, without stop. `azimuth_offsets` (C,) turn channels, `origin_offsets` (C, 3)
     move them within the head. Ray c * count + j is channel c at azimuth j."""
     turn = turn_of(azimuths)
-    if turn is None:
-        raise UsageError(f"azimuths of {reprlib.repr(azimuths)}: they must be a tuple (start, stop, count); sweep() takes "
-                         "a list of angles")
     columns = turn[2]
     offsets = _offsets(origin_offsets)
     each = {"elevations": numbers("elevations", elevations).size,
@@ -202,13 +199,11 @@ def sweep(elevations: Any, azimuths: Any = (0.0, 360.0, 2048), *, trajectory: An
     ray. Its time is that of the trajectory; with `time` of trace() that is its time at `begin`."""
     heights = finite("elevations", elevations, _limits.sweep_channels_max)
     settings = {"channels": str(len(heights))}
-    turn = turn_of(azimuths)
+    turn, around = turn_or_angles(azimuths)
     if turn is not None:
-        around: Array = np.empty(0)
         columns = turn[2]
         settings["azimuths"] = _turn_text(turn)
     else:
-        around = finite("azimuths", azimuths, _limits.azimuths_max)
         columns = len(around)
         settings["columns"] = str(columns)
     scans = count_of("scans", scans, _limits.sweep_columns_max)

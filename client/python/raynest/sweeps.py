@@ -8,6 +8,7 @@
 """
 from __future__ import annotations
 
+import reprlib
 from typing import Any, NamedTuple, Optional
 
 import numpy as np
@@ -141,21 +142,34 @@ def _turned(first: Array, second: Array, share: Array) -> Array:
     return first @ step
 
 
-def turn_of(azimuths: Any) -> Optional[tuple[float, float, int]]:
-    """Returns (start, stop, count), which a tuple of three is; None for a list of angles."""
-    if not isinstance(azimuths, tuple) or len(azimuths) != 3:
-        return None
-    columns = count_of("the count of azimuths", azimuths[2], _limits.azimuths_max)
-    start, stop = finite("azimuths", azimuths[:2], 2).tolist()
+def turn_of(azimuths: Any) -> tuple[float, float, int]:
+    """Checks (start, stop, count)."""
+    try:
+        start, stop, count = azimuths
+    except (TypeError, ValueError):
+        raise UsageError(f"azimuths of {reprlib.repr(azimuths)}: they must be (start, stop, count)") from None
+    columns = count_of("the count of azimuths", count, _limits.azimuths_max)
+    start, stop = finite("azimuths", (start, stop), 2).tolist()
     return start, stop, columns
 
 
+def turn_or_angles(azimuths: Any) -> tuple[Optional[tuple[float, float, int]], Array]:
+    """Returns (start, stop, count), which a tuple of three is, or a list of angles. Of lidar() a list of three is
+    the former too, so one that can hardly be angles is refused."""
+    if isinstance(azimuths, tuple) and len(azimuths) == 3:
+        return turn_of(azimuths), np.empty(0)
+    angles = finite("azimuths", azimuths, _limits.azimuths_max)
+    if len(angles) == 3 and angles[2] > 360:
+        raise UsageError(f"azimuths of {reprlib.repr(azimuths)}: a list has angles; write (start, stop, count) as a tuple")
+    return None, angles
+
+
 def _azimuths(azimuths: Any) -> Array:
-    turn = turn_of(azimuths)
-    if turn is not None:
-        start, stop, columns = turn
-        return start + (stop - start) * np.arange(columns) / columns
-    return finite("azimuths", azimuths, _limits.azimuths_max)
+    turn, angles = turn_or_angles(azimuths)
+    if turn is None:
+        return angles
+    start, stop, columns = turn
+    return start + (stop - start) * np.arange(columns) / columns
 
 
 def finite(what: str, values: Any, most: int) -> Array:
