@@ -51,13 +51,18 @@ Result<void> apply(EditBatch& batch, const EditRow& row, const Matrix& matrix,
     }
 }
 
+/// Memory of NamedPlaces, per outermost instance: its finder's, and the places that it keeps.
+constexpr std::uint64_t finder_bytes_each =
+    InstanceFinder::bytes_per_instance + 2 * sizeof(InstancePlace);
+
 /// The instances that texts stand for, each text sought when it is needed. Not thread-safe.
 class NamedPlaces {
 public:
     NamedPlaces(const Snapshot& scene, const std::vector<std::string>& texts,
-                const std::function<bool()>& stopped)
+                const EditGuard& guard)
         : texts_(texts),
-          finder_(scene, stopped),
+          finder_(
+              scene, guard.stopped ? guard.stopped : [] { return false; }),
           most_(2ULL * scene.view().objects[scene.view().root].instance_count +
                 nested_placements_max),
           found_(texts.size()) {}
@@ -96,7 +101,7 @@ std::uint64_t EditContent::bytes() const {
 
 Reply<void> read_edit(EditBatch& batch, const Snapshot& scene, const std::string& name,
                       const EditContent& content, std::span<const std::byte> bytes,
-                      const std::function<bool()>& stopped) {
+                      const EditGuard& guard) {
     const std::uint32_t outermost = scene.view().objects[scene.view().root].instance_count;
     const auto no_instances = [&] {
         return refuse(
@@ -107,7 +112,10 @@ Reply<void> read_edit(EditBatch& batch, const Snapshot& scene, const std::string
                 name));
     };
     if (outermost == 0 && !content.targets.empty()) return no_instances();
-    NamedPlaces named(scene, content.targets, stopped);
+    if (!content.targets.empty())
+        if (auto room = guard.allows(outermost * finder_bytes_each); !room)
+            return refuse(room.error());
+    NamedPlaces named(scene, content.targets, guard);
     // The rows' bytes are a multiple of 4 and begin where a vector of floats may.
     std::vector<std::span<const Vec3>> vertices;
     const auto* first =
@@ -119,7 +127,7 @@ Reply<void> read_edit(EditBatch& batch, const Snapshot& scene, const std::string
     std::vector<InstancePlace> one(1);
     std::uint64_t changed = 0;
     for (std::uint32_t i = 0; i < content.rows; ++i) {
-        if (i % 1024 == 0 && stopped()) return refuse(Code::cancelled, "");
+        if (i % 1024 == 0 && guard.is_stopped()) return refuse(Code::cancelled, "");
         EditRow row;
         std::memcpy(&row, bytes.data() + i * sizeof row, sizeof row);
         const auto wrong = [&](const std::string& why) {
@@ -139,6 +147,7 @@ Reply<void> read_edit(EditBatch& batch, const Snapshot& scene, const std::string
             if (row.target >= content.sources.size())
                 return wrong(
                     fmt::format("adds scene {} of {}", row.target, content.sources.size()));
+            if (auto room = batch.expect(1); !room) return refuse(room.error());
             const EditContent::Source& source = content.sources[row.target];
             batch.add(row.target, {source.held, source.held->snapshot.get()}, source.name, *matrix,
                       row.value);
@@ -170,17 +179,19 @@ Reply<void> read_edit(EditBatch& batch, const Snapshot& scene, const std::string
         const std::vector<InstancePlace>* places = &one;
         if (row.by_text != 0) {
             const auto found = named.of(row.target);
-            if (stopped()) return refuse(Code::cancelled, "");
+            if (guard.is_stopped()) return refuse(Code::cancelled, "");
             if (!found) return refuse(found.error());
             places = *found;
         }
+        if (auto room = batch.expect(places->size()); !room) return refuse(room.error());
         for (const InstancePlace& place : *places) {
             // A row may stand for a million instances.
-            if (++changed % 1024 == 0 && stopped()) return refuse(Code::cancelled, "");
+            if (++changed % 1024 == 0 && guard.is_stopped()) return refuse(Code::cancelled, "");
             if (row.what == EditRow::vertices)
                 batch.set_vertices(place, vertices[row.value]);
             else if (auto done = apply(batch, row, *matrix, material, place); !done)
-                return wrong(done.error().message);
+                return done.error().code == ErrorCode::out_of_memory ? refuse(done.error())
+                                                                     : wrong(done.error().message);
         }
     }
     return {};
@@ -213,7 +224,7 @@ Reply<std::vector<std::byte>> kept_change(const EditContent& content,
 Reply<std::shared_ptr<const Snapshot>> replay_edits(std::shared_ptr<const Snapshot> scene,
                                                     std::uint64_t epoch,
                                                     const std::vector<KeptEdit>& edits,
-                                                    const std::function<bool()>& stopped) {
+                                                    const EditGuard& guard) {
     std::shared_ptr<const Snapshot> spare;
     for (const KeptEdit& edit : edits) {
         const auto damaged = [&](const std::string& why) {
@@ -243,12 +254,20 @@ Reply<std::shared_ptr<const Snapshot>> replay_edits(std::shared_ptr<const Snapsh
         if (rest.size() != content.bytes()) return damaged("is cut");
         // Rows begin where a float may.
         const std::vector<std::byte> bytes(rest.begin(), rest.end());
-        EditBatch batch(*scene);
-        if (auto read = read_edit(batch, *scene, "kept", content, bytes, stopped); stopped())
+        EditBatch batch(*scene, guard);
+        const auto stopped = [&] {
             return refuse(Code::cancelled, "its edits were stopped half-way");
+        };
+        if (auto read = read_edit(batch, *scene, "kept", content, bytes, guard); guard.is_stopped())
+            return stopped();
+        else if (!read && read.error().code == Code::resource_exhausted)
+            return tl::unexpected(read.error());
         else if (!read)
             return damaged("does not fit it: " + read.error().message);
-        auto edited = edit_scene(*scene, batch.changes(), std::exchange(spare, nullptr));
+        auto edited = edit_scene(*scene, batch.changes(), std::exchange(spare, nullptr), guard);
+        if (guard.is_stopped()) return stopped();
+        if (!edited && edited.error().code == ErrorCode::out_of_memory)
+            return refuse(edited.error());
         if (!edited) return damaged("does not fit it: " + edited.error().message);
         spare = std::exchange(scene, std::move(*edited));
         if (scene->digest() != edit.digest) return damaged("gives another scene than before");

@@ -2,6 +2,7 @@
 #pragma once
 
 #include "engine/scene/edits/batch.h"
+#include "engine/scene/edits/edit_guard.h"
 #include "protocol/edit_row.h"
 #include "server/ground/errors.h"
 #include "server/store/manifest.h"
@@ -9,7 +10,6 @@
 
 #include <cstddef>
 #include <cstdint>
-#include <functional>
 #include <memory>
 #include <span>
 #include <string>
@@ -35,19 +35,20 @@ struct EditContent {
 };
 
 /// Reads all rows into the batch, whose scene is called `name`. `bytes` are the rows and vertices,
-/// aligned as a float is, and outlive the batch. Fails with INVALID_FIELD and the row, and with
-/// CANCELLED.
+/// aligned as a float is, and outlive the batch. Fails with INVALID_FIELD and the row, with
+/// CANCELLED, and as the guard does, which is also that of the batch.
 Reply<void> read_edit(EditBatch& batch, const Snapshot& scene, const std::string& name,
                       const EditContent& content, std::span<const std::byte> bytes,
-                      const std::function<bool()>& stopped);
+                      const EditGuard& guard);
 
 /// Returns an edit that adds no scenes as replay_edits() reads it.
 [[nodiscard]] Reply<std::vector<std::byte>> kept_change(const EditContent& content,
                                                         std::span<const std::byte> bytes);
 /// Makes the edits of a stored scene again. Fails with SCENE_INVALID if that gives another scene than
-/// they gave before, and with CANCELLED once `stopped` is true.
+/// they gave before, with CANCELLED once the guard stops, and with RESOURCE_EXHAUSTED where it
+/// grants no memory.
 [[nodiscard]] Reply<std::shared_ptr<const Snapshot>> replay_edits(
     std::shared_ptr<const Snapshot> scene, std::uint64_t epoch, const std::vector<KeptEdit>& edits,
-    const std::function<bool()>& stopped);
+    const EditGuard& guard);
 
 }  // namespace raynest::server

@@ -9,6 +9,7 @@
 #include "server/jobs/change_gate.h"
 #include "server/jobs/received_file.h"
 #include "server/scheduling/peers.h"
+#include "server/store/edit_memory.h"
 #include "server/store/scene_store.h"
 #include "server/store/state_folder.h"
 
@@ -145,18 +146,23 @@ private:
     /// Makes the changed scene. On a thread of the blocking pool.
     Reply<std::shared_ptr<const Snapshot>> edit(const Stop& stop) {
         const Snapshot& scene = before_->snapshot();
-        EditBatch batch(scene);
-        if (auto read = read_edit(batch, scene, before_->name, order_.content, rows_.bytes(),
-                                  [&] { return stop.requested(); });
+        EditMemory memory(services_.budget, caller_.principal, Use::lasting);
+        const EditGuard guard = memory.guard([&] { return stop.requested(); });
+        const auto failed = [&](protocol::Error error) -> tl::unexpected<protocol::Error> {
+            if (stop.requested()) return refuse(Code::cancelled, "");
+            if (memory.refused() == 0) return tl::unexpected(std::move(error));
+            return services_.budget.refuse(
+                "the changed scene", memory.refused(), caller_.principal,
+                "unload scenes, or start raynestd with a larger --memory");
+        };
+        EditBatch batch(scene, guard);
+        if (auto read =
+                read_edit(batch, scene, before_->name, order_.content, rows_.bytes(), guard);
             !read)
-            return tl::unexpected(read.error());
+            return failed(std::move(read.error()));
         instances_ = static_cast<std::uint32_t>(batch.size());
-        const SceneChanges changes = batch.changes();
-        if (stop.requested()) return refuse(Code::cancelled, "");
-        const auto more = reserve_for(changes);
-        if (!more) return tl::unexpected(more.error());
-        auto edited = edit_scene(scene, changes, std::move(spare_));
-        if (!edited) return refuse(std::move(edited.error()));
+        auto edited = edit_scene(scene, batch.changes(), std::move(spare_), guard);
+        if (!edited) return failed(refuse(std::move(edited.error())).value());
         return std::move(*edited);
     }
 
@@ -209,36 +215,6 @@ private:
         return refuse(Code::resource_exhausted,
                       fmt::format("the edit was made, epoch {}, but is not kept: {}", after_->epoch,
                                   outcome_.error().message));
-    }
-
-    /// Reserves what an edit needs that does not only move outermost instances: the new scene
-    /// besides the copy, with what comes to it.
-    Reply<Budget::Lease> reserve_for(const SceneChanges& changes) const {
-        const auto is_nested = [](const auto& change) { return !change.instance.below.empty(); };
-        std::uint64_t bytes = 0;
-        for (const AddedScene& added : changes.added) {
-            const PathTable& paths = added.scene->paths();
-            const std::uint64_t each = sizeof(InstanceRecord) + sizeof(InstanceInfo) +
-                                       sizeof(Node) + 2 * paths.node_count * sizeof(PathNode) +
-                                       paths.run_count * sizeof(PathRun);
-            bytes += added.scene->bytes().size() + added.to_scene.size() * each;
-        }
-        bytes += bytes_to_unshare(before_->snapshot(), changes);
-        const bool is_linked = bytes != 0 || !changes.removed.empty() || !changes.uids.empty();
-        const bool is_copied = is_linked || !changes.deformed.empty() ||
-                               !changes.materials.empty() ||
-                               std::ranges::any_of(changes.moves, is_nested) ||
-                               std::ranges::any_of(changes.masks, is_nested);
-        // The content of a linked scene is there until its arena is written.
-        const std::uint64_t copies = is_linked ? 2 : is_copied ? 1 : 0;
-        bytes += copies * before_->snapshot().bytes().size();
-        if (bytes == 0) return Budget::Lease();
-        auto lease = services_.budget.reserve(bytes, caller_.principal, Use::lasting);
-        if (!lease)
-            return services_.budget.refuse(
-                "the changed scene", bytes, caller_.principal,
-                "unload scenes, or start raynestd with a larger --memory");
-        return std::move(*lease);
     }
 
     const Services& services_;

@@ -2,6 +2,7 @@
 
 #include "server/scheduling/fair_thread_pool.h"
 #include "server/scheduling/peers.h"
+#include "server/store/edit_memory.h"
 
 #include <algorithm>
 #include <exception>
@@ -11,7 +12,7 @@ namespace raynest::server {
 
 /// The result of a task.
 struct ScenePoser::Made {
-    Budget::Lease lease;
+    Budget::Lease lease;  ///< of the result and of one copy
     Reply<std::shared_ptr<const Snapshot>> snapshot = nullptr;
 };
 
@@ -61,17 +62,17 @@ void ScenePoser::make(const Wanted& wanted, const std::string& principal,
     made->lease = std::move(*lease);
     kept_.push_back({principal, scene.digest(), wanted.moment, nullptr});
     kept_.back().waiting.push_back(std::move(ready));
-    services_.blocking.submit(
-        principal, Priority::normal,
-        [this, principal, held = wanted.base.held, moment = wanted.moment, made,
-         posed = std::prev(kept_.end())] {
-            try {
-                made->snapshot = posed_scene(*held->snapshot, moment, principal);
-            } catch (const std::exception& error) {
-                made->snapshot = refuse(Code::resource_exhausted, error.what());
-            }
-            post_([this, posed, made] { done(posed, *made); });
-        });
+    services_.blocking.submit(principal, Priority::normal,
+                              [this, principal, held = wanted.base.held, moment = wanted.moment,
+                               made, posed = std::prev(kept_.end())] {
+                                  try {
+                                      pose_scene(*held->snapshot, moment, principal, *made);
+                                  } catch (const std::exception& error) {
+                                      made->snapshot =
+                                          refuse(Code::resource_exhausted, error.what());
+                                  }
+                                  post_([this, posed, made] { done(posed, *made); });
+                              });
 }
 
 tl::unexpected<protocol::Error> ScenePoser::no_room(std::uint64_t bytes,
@@ -80,15 +81,17 @@ tl::unexpected<protocol::Error> ScenePoser::no_room(std::uint64_t bytes,
                                    "start raynestd with a larger --memory");
 }
 
-Reply<std::shared_ptr<const Snapshot>> ScenePoser::posed_scene(const Snapshot& scene,
-                                                               const Moment& moment,
-                                                               const std::string& principal) const {
-    const std::uint64_t bytes = bytes_to_pose(scene);
-    const auto lease = services_.budget.reserve(bytes, principal);
-    if (!lease) return no_room(bytes, principal);
-    auto snapshot = pose(scene, moment);
-    if (!snapshot) return refuse(std::move(snapshot.error()));
-    return std::move(*snapshot);
+void ScenePoser::pose_scene(const Snapshot& scene, const Moment& moment,
+                            const std::string& principal, Made& made) const {
+    EditMemory memory(services_.budget, principal, Use::passing, scene.bytes().size());
+    auto snapshot = pose(scene, moment, memory.guard({}));
+    made.lease.merge(memory.take());
+    if (snapshot)
+        made.snapshot = std::move(*snapshot);
+    else if (memory.refused() != 0)
+        made.snapshot = no_room(memory.refused(), principal);
+    else
+        made.snapshot = refuse(std::move(snapshot.error()));
 }
 
 void ScenePoser::done(Kept::iterator posed, Made& made) {

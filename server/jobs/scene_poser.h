@@ -73,8 +73,8 @@ private:
     [[nodiscard]] tl::unexpected<protocol::Error> no_room(std::uint64_t bytes,
                                                           const std::string& principal) const;
     /// On any thread: its work grows with what moves.
-    [[nodiscard]] Reply<std::shared_ptr<const Snapshot>> posed_scene(
-        const Snapshot& scene, const Moment& moment, const std::string& principal) const;
+    void pose_scene(const Snapshot& scene, const Moment& moment, const std::string& principal,
+                    Made& made) const;
     void done(Kept::iterator posed, Made& made);
 
     const Services& services_;

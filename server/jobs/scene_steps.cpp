@@ -2,6 +2,7 @@
 
 #include "server/scheduling/fair_thread_pool.h"
 #include "server/scheduling/peers.h"
+#include "server/store/edit_memory.h"
 
 #include <fmt/format.h>
 
@@ -179,12 +180,14 @@ Reply<void> SceneSteps::make(View& view, const Stop& stop) {
     const StepOrder::Step& step = order_->steps()[view.step];
     const auto [begin, end] = lines_of(step);
     const double seconds = (seconds_at(begin) + seconds_at(end - 1)) / 2;
-    const std::uint64_t bytes = bytes_to_pose(scene);
-    const auto room = services_.budget.reserve(bytes, principal_);
-    if (!room)
-        return services_.budget.refuse("the scene at another time", bytes, principal_,
+    EditMemory memory(services_.budget, principal_, Use::passing, scene.bytes().size());
+    auto posed =
+        pose(scene, {motion_->animation, seconds}, memory.guard([&] { return stop.requested(); }));
+    view.lease.merge(memory.take());
+    if (!posed && stop.requested()) return refuse(Code::cancelled, "");
+    if (!posed && memory.refused() != 0)
+        return services_.budget.refuse("the scene at another time", memory.refused(), principal_,
                                        "start raynestd with a larger --memory");
-    auto posed = pose(scene, {motion_->animation, seconds});
     if (!posed) return refuse(std::move(posed.error()));
     view.lease.shrink(std::min<std::uint64_t>(view.lease.bytes(), (*posed)->bytes().size()));
     view.plan->scene.held =

@@ -6,6 +6,7 @@
 #include "server/jobs/edit_content.h"
 #include "server/scheduling/fair_thread_pool.h"
 #include "server/scheduling/peers.h"
+#include "server/store/edit_memory.h"
 #include "server/store/state_folder.h"
 
 #include <algorithm>
@@ -20,7 +21,7 @@ namespace raynest::server {
 /// The result of a task.
 struct SceneWaker::Read {
     /// Reads the blob, then makes the edits again that were kept since. Blocks.
-    void read(StateFolder& state, const AsleepScene& scene) {
+    void read(StateFolder& state, Budget& budget, const AsleepScene& scene) {
         auto stored = read_stored(state.path(), scene.row.digest, scene.row.bytes);
         if (!stored) {
             fault = std::move(stored.error());
@@ -32,8 +33,9 @@ struct SceneWaker::Read {
             return;
         }
         const auto edits = state.edits(scene.row.number);
+        EditMemory memory(budget, scene.owner, Use::lasting);
         auto edited = edits ? replay_edits(std::move(*stored), scene.row.epoch, *edits,
-                                           [this] { return is_stopped.load(); })
+                                           memory.guard([this] { return is_stopped.load(); }))
                             : refuse(edits.error());
         if (edited && (*edited)->digest() == scene.facts.digest)
             snapshot = std::move(*edited);
@@ -94,7 +96,7 @@ void SceneWaker::add(const AsleepScene& scene, const std::string& principal) {
     services_.disk->submit(principal, Priority::normal, [this, scene, read] {
         const auto began = std::chrono::steady_clock::now();
         try {
-            read->read(*services_.state, scene);
+            read->read(*services_.state, services_.budget, scene);
         } catch (const std::exception& error) {
             read->fault = BlobFault{false, error.what()};
         }

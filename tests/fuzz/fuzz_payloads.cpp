@@ -51,7 +51,7 @@ void read_rows(std::span<const std::uint8_t> bytes) {
         std::memcpy(payload.data() + all.size() * sizeof(EditRow), vertices.data(),
                     vertices.size() * sizeof(Vec3));
     EditBatch batch(scene());
-    if (!server::read_edit(batch, scene(), "scene", content, payload, [] { return false; })) return;
+    if (!server::read_edit(batch, scene(), "scene", content, payload, {})) return;
     const auto edited = edit_scene(scene(), batch.changes());
     // An edited scene opens as a loaded one does.
     if (edited) fuzz::require((*edited)->view().object_count != 0);

@@ -1,5 +1,10 @@
 #include "engine/scene/edits/batch.h"
 
+#include "engine/scene/edits/shared_ways.h"
+
+#include <fmt/format.h>
+
+#include <algorithm>
 #include <utility>
 
 namespace raynest {
@@ -85,12 +90,19 @@ Result<void> EditBatch::set_uid(const InstancePlace& place, std::uint32_t uid) {
 }
 
 Result<void> EditBatch::set_material(const InstancePlace& place, std::uint32_t material) {
-    const auto meshes = meshes_of(scene_.view(), place, edited_meshes_max - materials_.size());
-    if (!meshes) return tl::unexpected(meshes.error());
-    if (meshes->empty())
+    const SceneView& view = scene_.view();
+    if (mesh_counts_.empty()) mesh_counts_ = count_meshes(view);
+    const std::uint64_t count = mesh_counts_[object_of(view, place)];
+    if (count == 0)
         return fail(ErrorCode::field_invalid,
                     "gives a material to an instance without triangles of its own or within it");
-    for (const InstancePlace& mesh : *meshes) materials_[mesh] = material;
+    if (count > edited_meshes_max - materials_.size())
+        return fail(ErrorCode::limit_exceeded,
+                    fmt::format("gives more than {} meshes a material: change fewer at a time",
+                                edited_meshes_max));
+    if (auto room = expect(count); !room) return room;
+    for (const InstancePlace& mesh : meshes_of(view, place, mesh_counts_))
+        materials_[mesh] = material;
     return {};
 }
 
@@ -111,6 +123,19 @@ void EditBatch::add(std::uint32_t key, std::shared_ptr<const Snapshot> scene,
     added.name = path_step_text(name);
     added.to_scene.push_back(transform_of(from_world(scene_.origin()) * placed * to_this));
     added.masks.push_back(mask);
+}
+
+Result<void> EditBatch::expect(std::uint64_t more) {
+    // In the maps, in the set of size() and in changes().
+    constexpr std::uint64_t bytes_each = 512, at_once = 4096;
+    std::uint64_t all = placements_.size() + masks_.size() + vertices_.size() + uids_.size() +
+                        materials_.size() + removed_.size() + more;
+    for (const auto& [key, scene] : added_) all += scene.to_scene.size();
+    if (all <= expected_) return {};
+    const std::uint64_t asked = std::max(all - expected_, at_once);
+    if (auto room = guard_.allows(asked * bytes_each); !room) return room;
+    expected_ += asked;
+    return {};
 }
 
 std::size_t EditBatch::size() const {

@@ -5,6 +5,7 @@
 #include "engine/math/matrix.h"
 #include "engine/result.h"
 #include "engine/scene/edits/edit.h"
+#include "engine/scene/edits/edit_guard.h"
 #include "engine/scene/snapshot.h"
 
 #include <cstdint>
@@ -13,6 +14,8 @@
 #include <set>
 #include <span>
 #include <string>
+#include <utility>
+#include <vector>
 
 namespace raynest {
 
@@ -26,7 +29,13 @@ enum class EditFrame : std::uint32_t {
 /// Not thread-safe. `scene` must outlive it.
 class EditBatch {
 public:
-    explicit EditBatch(const Snapshot& scene) : scene_(scene) {}
+    explicit EditBatch(const Snapshot& scene, EditGuard guard = {})
+        : scene_(scene),
+          guard_(std::move(guard)) {}
+
+    /// Asks the guard for the memory of so many more changes, and of changes() of all of them. To be
+    /// called before them. Fails as the guard does.
+    Result<void> expect(std::uint64_t more);
 
     /// Moves an instance that the scene has, on top of what has been said of it and of those above
     /// it.
@@ -44,8 +53,9 @@ public:
     void set_vertices(const InstancePlace& place, std::span<const Vec3> vertices) {
         vertices_[place] = vertices;
     }
-    /// Gives the triangles of an instance, and of all within it, a material of the scene. Fails as
-    /// meshes_of() does, and with field_invalid if there are none.
+    /// Gives the triangles of an instance, and of all within it, a material of the scene. Fails with
+    /// field_invalid if there are none, with limit_exceeded beyond edited_meshes_max, and as
+    /// expect().
     Result<void> set_material(const InstancePlace& place, std::uint32_t material);
     /// Fails with field_invalid for an instance within another one.
     Result<void> remove(const InstancePlace& place);
@@ -63,6 +73,9 @@ private:
     [[nodiscard]] Matrix above(const InstancePlace& place) const;
 
     const Snapshot& scene_;
+    const EditGuard guard_;
+    std::uint64_t expected_ = 0;              ///< changes that the guard has granted
+    std::vector<std::uint64_t> mesh_counts_;  ///< count_meshes(), once it is needed
     std::map<InstancePlace, Matrix> placements_;
     std::map<InstancePlace, std::uint32_t> masks_;
     std::map<InstancePlace, std::span<const Vec3>> vertices_;

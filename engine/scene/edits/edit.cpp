@@ -4,6 +4,7 @@
 #include "engine/scene/edits/edited_arena.h"
 #include "engine/scene/edits/names.h"
 #include "engine/scene/edits/refit.h"
+#include "engine/scene/edits/shared_ways.h"
 #include "engine/scene/edits/view_trees.h"
 
 #include <fmt/format.h>
@@ -87,32 +88,6 @@ Result<std::shared_ptr<const Snapshot>> rebuild(const Snapshot& scene) {
 bool is_inside(const Box& box, const Box& of) {
     return box.is_empty() || (glm::all(glm::greaterThan(box.lower, of.lower)) &&
                               glm::all(glm::lessThan(box.upper, of.upper)));
-}
-
-/// The objects and instances on a way down: indices in SceneView::objects and SceneView::instances.
-struct WayStep {
-    std::uint32_t object;
-    std::uint32_t instance;
-};
-
-/// Returns the steps to an instance; empty if the scene lacks it.
-std::vector<WayStep> steps_to(const SceneView& view, const InstancePlace& place) {
-    std::vector<WayStep> steps;
-    std::uint32_t object = view.root;
-    const auto enter = [&](std::uint32_t at) {
-        const ObjectRecord& record = view.objects[object];
-        if (at >= record.instance_count) return false;
-        steps.push_back({object, record.first_instance + at});
-        object = view.instances[record.first_instance + at].object;
-        return true;
-    };
-    if (!enter(place.outermost) || !std::ranges::all_of(place.below, enter)) steps.clear();
-    return steps;
-}
-
-/// Returns the object of an instance that the scene has.
-std::uint32_t object_of(const SceneView& view, const InstancePlace& place) {
-    return view.instances[steps_to(view, place).back().instance].object;
 }
 
 /// Returns the name of an instance for messages.
@@ -208,16 +183,12 @@ Result<void> check_uids(const Snapshot& scene, const std::vector<InstanceUid>& u
         (!uids.empty() && uids.back().outermost >= view.objects[view.root].instance_count))
         return fail(ErrorCode::field_invalid,
                     "the instances with user ids are not in order, or not in the scene");
-    if (scene.paths().node_count != 0) return {};
-    std::uint64_t nested = 0;
-    for (const InstanceUid& change : uids) {
-        nested += places_within(view, change.outermost, nested_uids_max - nested + 1).size();
-        if (nested > nested_uids_max)
-            return fail(ErrorCode::limit_exceeded,
-                        fmt::format("user ids of more than {} instances within others change: "
-                                    "change fewer at a time",
-                                    nested_uids_max));
-    }
+    if (scene.paths().node_count != 0 || uids.empty()) return {};
+    if (nested_instances(view, uids) > nested_uids_max)
+        return fail(ErrorCode::limit_exceeded,
+                    fmt::format("user ids of more than {} instances within others change: "
+                                "change fewer at a time",
+                                nested_uids_max));
     return {};
 }
 
@@ -238,65 +209,6 @@ Result<void> check_materials(const Snapshot& scene, const std::vector<MeshMateri
     }
     return {};
 }
-
-/// Returns the ways on which shared objects change, a step longer where the last one's object does.
-std::vector<InstancePlace> shared_ways(const Snapshot& scene, const SceneChanges& changes) {
-    const SceneView& view = scene.view();
-    const bool has_nodes = scene.paths().node_count != 0;
-    std::vector<InstancePlace> ways;
-    for (const auto& move : changes.moves)
-        if (!move.instance.below.empty()) ways.push_back(move.instance);
-    for (const auto& mask : changes.masks)
-        if (!mask.instance.below.empty()) ways.push_back(mask.instance);
-    if (!has_nodes)
-        for (const auto& change : changes.uids)
-            std::ranges::move(places_within(view, change.outermost, nested_uids_max),
-                              std::back_inserter(ways));
-    if (ways.empty() && changes.deformed.empty() && changes.materials.empty()) return ways;
-    std::vector<std::uint32_t> uses(view.object_count);
-    for (std::uint32_t i = 0; i < view.instance_count; ++i) ++uses[view.instances[i].object];
-    const auto is_shared = [&](const InstancePlace& place) {
-        return std::ranges::any_of(steps_to(view, place), [&](const WayStep& step) {
-            return step.object != view.root && uses[step.object] > 1;
-        });
-    };
-    std::erase_if(ways, [&](const InstancePlace& place) { return !is_shared(place); });
-    // A mesh all of whose placements change alike stays one.
-    const auto part_meshes = [&](const auto& meshes, auto change_of) {
-        std::map<std::pair<std::uint32_t, decltype(change_of(meshes[0]))>, std::uint32_t> alike;
-        for (const auto& mesh : meshes)
-            if (!is_shared(mesh.instance))
-                ++alike[{object_of(view, mesh.instance), change_of(mesh)}];
-        for (const auto& mesh : meshes) {
-            const std::uint32_t object = object_of(view, mesh.instance);
-            const auto found = alike.find({object, change_of(mesh)});
-            if (found != alike.end() && found->second == uses[object]) continue;
-            ways.push_back(mesh.instance);
-            ways.back().below.push_back(0);
-        }
-    };
-    part_meshes(changes.deformed,
-                [](const MeshVertices& mesh) { return mesh.vertices.positions.data(); });
-    part_meshes(changes.materials, [](const MeshMaterial& mesh) { return mesh.material; });
-    return ways;
-}
-
-/// Returns the bytes of a copy of an object, without those below it, at most.
-std::uint64_t copy_bytes(const SceneView& view, const ObjectRecord& object) {
-    constexpr std::uint64_t vertex_bytes = 2 * sizeof(Vec3) + 2 * sizeof(Vec2) + sizeof(Vec4) + 4;
-    constexpr std::uint64_t triangle_bytes = 3 * sizeof(std::uint32_t) + sizeof(Opacity);
-    constexpr std::uint64_t instance_bytes = sizeof(InstanceRecord) + sizeof(InstanceInfo) + 4;
-    constexpr std::uint64_t geometry_bytes =
-        sizeof(GeometryRecord) + sizeof(GeometryShading) + 8 * format::alignment;
-    return sizeof object + object.node_count * sizeof(Node) +
-           object.block_count * (sizeof(TriangleBlock) + sizeof(TexcoordBlock)) +
-           records_bytes(object) + object.instance_count * instance_bytes +
-           object.geometry_count * geometry_bytes + vertex_count(view, object) * vertex_bytes +
-           object.triangle_count * triangle_bytes;
-}
-
-/// Bytes that unshare() needs at most for a way and for an object that it copies, beside the copy.
-constexpr std::uint64_t bytes_per_way = 256, bytes_per_copy = 256;
 
 std::uint32_t mask_below(const SceneView& view, std::uint32_t object) {
     const ObjectRecord& record = view.objects[object];
@@ -409,37 +321,10 @@ Result<std::shared_ptr<const Snapshot>> change_in_place(const Snapshot& scene,
 
 }  // namespace
 
-std::uint64_t bytes_to_unshare(const Snapshot& scene, const SceneChanges& changes) {
-    const SceneView& view = scene.view();
-    std::vector<InstancePlace> ways = shared_ways(scene, changes);
-    std::ranges::sort(ways);
-    std::uint64_t bytes = 0, copies = 0;
-    for (std::size_t i = 0; i < ways.size(); ++i) {
-        // The steps that it shares with the way before are counted already.
-        std::size_t known = 0;
-        if (i != 0 && ways[i].outermost == ways[i - 1].outermost) {
-            const auto& here = ways[i].below;
-            const auto& before = ways[i - 1].below;
-            known = 1 + static_cast<std::size_t>(std::ranges::mismatch(here, before).in1 -
-                                                 here.begin());
-            known = std::min(known, before.size());
-        }
-        std::uint32_t object = view.root;
-        for (std::size_t step = 0; step < ways[i].below.size(); ++step) {
-            const std::uint32_t place = step == 0 ? ways[i].outermost : ways[i].below[step - 1];
-            object = view.instances[view.objects[object].first_instance + place].object;
-            if (step < known) continue;
-            bytes += copy_bytes(view, view.objects[object]);
-            ++copies;
-        }
-    }
-    // The content of the copies is there until the arena is written.
-    return 2 * bytes + ways.size() * bytes_per_way + copies * bytes_per_copy;
-}
-
 Result<std::shared_ptr<const Snapshot>> edit_scene(const Snapshot& scene,
                                                    const SceneChanges& changes,
-                                                   std::shared_ptr<const Snapshot> spare) {
+                                                   std::shared_ptr<const Snapshot> spare,
+                                                   const EditGuard& guard) {
     if (auto known = check_places(scene, changes.moves); !known)
         return tl::unexpected(known.error());
     if (auto known = check_places(scene, changes.masks); !known)
@@ -468,10 +353,15 @@ Result<std::shared_ptr<const Snapshot>> edit_scene(const Snapshot& scene,
         made = std::move(*next);
         return {};
     };
-    const std::vector<InstancePlace> ways = shared_ways(scene, changes);
-    if (!ways.empty() || (!changes.uids.empty() && scene.paths().node_count != 0))
-        if (auto done = advance(unshare(scene, ways, changes.uids).and_then(Snapshot::open)); !done)
+    const auto ways = shared_ways(scene, changes, guard);
+    if (!ways) return tl::unexpected(ways.error());
+    if (auto room = guard.allows(bytes_beside(scene, changes, *ways)); !room)
+        return tl::unexpected(room.error());
+    if (!ways->empty() || (!changes.uids.empty() && scene.paths().node_count != 0))
+        if (auto done = advance(unshare(scene, *ways, changes.uids).and_then(Snapshot::open));
+            !done)
             return tl::unexpected(done.error());
+    if (auto on = guard.allows(0); !on) return tl::unexpected(on.error());
     if (!changes.moves.empty() || !changes.masks.empty() || !changes.deformed.empty() ||
         !changes.cameras.empty() || !changes.uids.empty() || !changes.materials.empty() ||
         (changes.removed.empty() && changes.added.empty()))
@@ -479,7 +369,7 @@ Result<std::shared_ptr<const Snapshot>> edit_scene(const Snapshot& scene,
             return tl::unexpected(done.error());
     if (!changes.removed.empty() || !changes.added.empty())
         if (auto done = advance(
-                link_scenes(now(), changes.removed, changes.added).and_then(Snapshot::open));
+                link_scenes(now(), changes.removed, changes.added, guard).and_then(Snapshot::open));
             !done)
             return tl::unexpected(done.error());
     return made;

@@ -14,6 +14,7 @@
 #include "engine/math/vec.h"
 #include "engine/result.h"
 #include "engine/scene/edits/deform.h"
+#include "engine/scene/edits/edit_guard.h"
 #include "engine/scene/edits/instance_place.h"
 #include "engine/scene/edits/link.h"
 #include "engine/scene/edits/materials.h"
@@ -64,21 +65,18 @@ struct SceneChanges {
 /// The root's tree is built again once its expected cost is this many times that of its last build.
 inline constexpr double rebuild_cost_factor = 1.2;
 
-/// Returns how many bytes an edit takes at most beside a copy of the scene, while it is made, because
-/// shared objects change at some of their places. The scene has the instances that the changes
-/// name. Costs a look at each instance of the scene.
-std::uint64_t bytes_to_unshare(const Snapshot& scene, const SceneChanges& changes);
-
 /// Returns a changed copy of the scene. `spare` may be the scene before its last edit: if nobody
 /// else refers to it, its memory becomes that of the copy, and an edit costs what it changes. Fails
 /// with field_invalid for an instance that the scene lacks or that is named twice, for a placement
 /// that is singular, not finite or reaches beyond coordinate_max, and as link_scenes() does; names
-/// the instance by its path; and with limit_exceeded beyond nested_uids_max. User ids of a scene whose
+/// the instance by its path; and with limit_exceeded beyond nested_uids_max. Asks the guard for all that
+/// it takes beside an edited copy of the scene (shared_ways.h), and fails as that does. User ids of a scene whose
 /// nodes name its paths cost a copy of it. Thread-safe. Moves and masks cost a copy of what differs, a look at
 /// each node of the trees above, and what moved; the rest costs what link_scenes() and unshare()
 /// cost. Throws std::bad_alloc.
 Result<std::shared_ptr<const Snapshot>> edit_scene(const Snapshot& scene,
                                                    const SceneChanges& changes,
-                                                   std::shared_ptr<const Snapshot> spare = nullptr);
+                                                   std::shared_ptr<const Snapshot> spare = nullptr,
+                                                   const EditGuard& guard = {});
 
 }  // namespace raynest

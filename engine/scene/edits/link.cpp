@@ -54,8 +54,9 @@ Result<void> check_placements(const AddedScene& added) {
 class Link {
 public:
     Link(const Snapshot& base, std::span<const std::uint32_t> removed,
-         std::span<const AddedScene> added)
+         std::span<const AddedScene> added, const EditGuard& guard)
         : base_(base),
+          guard_(guard),
           removed_(removed),
           added_(added),
           content_(base) {}
@@ -68,7 +69,12 @@ public:
         const std::uint32_t name = content_.name(base_, view.objects[view.root].name);
         if (auto root = content_.add_root(name, std::move(instances_)); !root)
             return tl::unexpected(root.error());
-        if (has_nodes()) link_paths(base_, paths_, added_paths_, content_.content());
+        if (has_nodes()) {
+            if (auto fits = check_nodes(); !fits) return tl::unexpected(fits.error());
+            if (auto done = link_paths(base_, paths_, added_paths_, content_.content(), guard_);
+                !done)
+                return tl::unexpected(done.error());
+        }
         auto arena = content_.write(has_nodes());
         if (!arena) return tl::unexpected(arena.error());
         return BuiltArena{std::move(*arena),
@@ -154,6 +160,23 @@ private:
         return {};
     }
 
+    /// Each copy of a scene has nodes of its own, unless one stands for all.
+    Result<void> check_nodes() const {
+        std::map<const Snapshot*, std::uint64_t> known;
+        std::uint64_t nodes = base_.paths().node_count;
+        for (const AddedScene& added : added_) {
+            const auto [each, is_new] = known.try_emplace(added.scene.get(), 0);
+            if (is_new) each->second = nodes_of_copy(*added.scene);
+            nodes += std::max<std::uint64_t>(each->second * added.to_scene.size(), 1);
+            if (nodes > path_nodes_max)
+                return fail(ErrorCode::limit_exceeded,
+                            fmt::format("the scene would have over {} nodes that name its paths, "
+                                        "{} in each copy of '{}': add it less often",
+                                        path_nodes_max, each->second, added.name));
+        }
+        return {};
+    }
+
     /// Returns the next free number of an outermost step, or no_id if there is none of that name.
     std::uint32_t next_of(std::uint32_t name) {
         if (const auto known = next_.find(name); known != next_.end()) return known->second;
@@ -168,6 +191,7 @@ private:
     }
 
     const Snapshot& base_;
+    const EditGuard& guard_;
     const std::span<const std::uint32_t> removed_;
     const std::span<const AddedScene> added_;
     LinkedContent content_;
@@ -181,8 +205,8 @@ private:
 }  // namespace
 
 Result<BuiltArena> link_scenes(const Snapshot& base, std::span<const std::uint32_t> removed,
-                               std::span<const AddedScene> added) {
-    return Link(base, removed, added).link();
+                               std::span<const AddedScene> added, const EditGuard& guard) {
+    return Link(base, removed, added, guard).link();
 }
 
 Result<BuiltArena> unshare(const Snapshot& base, std::span<const InstancePlace> ways,
@@ -197,7 +221,8 @@ Result<BuiltArena> unshare(const Snapshot& base, std::span<const InstancePlace> 
     const bool has_nodes = base.paths().node_count != 0;
     if (has_nodes) {
         const PathRange all{0, base.statistics().instances};
-        link_paths(base, {&all, 1}, {}, content.content());
+        if (auto done = link_paths(base, {&all, 1}, {}, content.content()); !done)
+            return tl::unexpected(done.error());
         if (!uids.empty()) set_node_uids(base, uids, content.content());
     }
     auto arena = content.write(has_nodes);

@@ -9,6 +9,7 @@
 
 #include "engine/math/vec.h"
 #include "engine/result.h"
+#include "engine/scene/edits/edit_guard.h"
 #include "engine/scene/edits/instance_place.h"
 #include "engine/scene/edits/uids.h"
 #include "engine/scene/snapshot.h"
@@ -38,10 +39,10 @@ struct AddedScene {
 /// removed ones change. A base with primitives of its own becomes an instance of the new root.
 /// Costs a copy of the scenes and a build of the root's tree. Fails with field_invalid if an added
 /// placement is singular, not finite or reaches beyond coordinate_max, or if own primitives and
-/// instances of the root would have to be parted; with limit_exceeded beyond the limits of a scene.
-/// Thread-safe. Throws std::bad_alloc.
+/// instances of the root would have to be parted; with limit_exceeded beyond the limits of a scene,
+/// path_nodes_max among them; and once the guard stops. Thread-safe. Throws std::bad_alloc.
 Result<BuiltArena> link_scenes(const Snapshot& base, std::span<const std::uint32_t> removed,
-                               std::span<const AddedScene> added);
+                               std::span<const AddedScene> added, const EditGuard& guard = {});
 
 /// Returns the same scene with objects of their own on the ways to these instances, so that a
 /// change there shows at no other place. Ids and texts of paths stay. Where nodes name the paths,

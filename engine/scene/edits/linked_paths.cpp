@@ -117,8 +117,9 @@ std::uint32_t next_number(const Snapshot& base, std::uint32_t name) {
     return next;
 }
 
-void link_paths(const Snapshot& base, std::span<const PathRange> kept,
-                std::span<const AddedPaths> added, Content& content) {
+Result<void> link_paths(const Snapshot& base, std::span<const PathRange> kept,
+                        std::span<const AddedPaths> added, Content& content,
+                        const EditGuard& guard) {
     const PathTable& paths = base.paths();
     const SceneView& view = base.view();
     std::vector<PathNode>& nodes = content.path_nodes;
@@ -190,6 +191,7 @@ void link_paths(const Snapshot& base, std::span<const PathRange> kept,
                 continue;
             }
             for (Nodes& copy : copies[a]) {
+                if (auto on = guard.allows(0); !on) return on;
                 if (level >= levels[a].size()) continue;
                 for (std::uint32_t i = levels[a][level - 1]; i < levels[a][level]; ++i) {
                     PathNode node = tables[a]->nodes[i];
@@ -220,6 +222,7 @@ void link_paths(const Snapshot& base, std::span<const PathRange> kept,
     }
     for (std::uint32_t i = static_cast<std::uint32_t>(runs.size()); i-- > 0;)
         nodes[runs[i].node].first_run = i;
+    return {};
 }
 
 }  // namespace raynest

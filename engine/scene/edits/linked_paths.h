@@ -1,7 +1,9 @@
 // The tree of nodes that names the paths of a scene out of parts (FORMAT.md, sections 15 and 16).
 #pragma once
 
+#include "engine/result.h"
 #include "engine/scene/content.h"
+#include "engine/scene/edits/edit_guard.h"
 #include "engine/scene/snapshot.h"
 
 #include <cstdint>
@@ -28,9 +30,13 @@ struct AddedPaths {
 /// placements, and a node for each copy, with the nodes of its scene below it; a scene without nodes
 /// gets one for each instance on the way to a placement. Copies of scenes with one placement share a
 /// node, and so do those of scenes without nodes and over named_placements_max placements, which are
-/// numbered through. `kept` is ascending. The base has nodes.
-void link_paths(const Snapshot& base, std::span<const PathRange> kept,
-                std::span<const AddedPaths> added, Content& content);
+/// numbered through. `kept` is ascending. The base has nodes. Fails once the guard stops.
+Result<void> link_paths(const Snapshot& base, std::span<const PathRange> kept,
+                        std::span<const AddedPaths> added, Content& content,
+                        const EditGuard& guard = {});
+
+/// Nodes that name the paths of a scene out of parts, at most.
+inline constexpr std::uint64_t path_nodes_max = 1 << 24;
 
 /// Placements of a scene without nodes that get nodes of their own: names cost memory.
 inline constexpr std::uint64_t named_placements_max = 65536;

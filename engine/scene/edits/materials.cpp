@@ -1,5 +1,8 @@
 #include "engine/scene/edits/materials.h"
 
+#include "engine/scene/edits/placed_sums.h"
+#include "engine/scene/edits/shared_ways.h"
+
 #include <fmt/format.h>
 
 #include <charconv>
@@ -42,28 +45,27 @@ Result<std::uint32_t> find_material(const SceneView& view, std::string_view text
                             text, view.material_count));
 }
 
-Result<std::vector<InstancePlace>> meshes_of(const SceneView& view, const InstancePlace& place,
-                                             std::uint64_t most) {
+std::vector<std::uint64_t> count_meshes(const SceneView& view) {
+    return placed_sums(view, [](const ObjectRecord& object) -> std::uint64_t {
+        return object.triangle_count != 0;
+    });
+}
+
+std::vector<InstancePlace> meshes_of(const SceneView& view, const InstancePlace& place,
+                                     const std::vector<std::uint64_t>& counts) {
     std::vector<InstancePlace> meshes;
     InstancePlace at = place;
-    const auto look = [&](const auto& self, std::uint32_t index) -> bool {
-        const ObjectRecord& object = view.objects[view.instances[index].object];
+    const auto look = [&](const auto& self, std::uint32_t number) -> void {
+        if (counts[number] == 0) return;
+        const ObjectRecord& object = view.objects[number];
         if (object.triangle_count != 0) meshes.push_back(at);
-        if (meshes.size() > most) return false;
         for (std::uint32_t i = 0; i < object.instance_count; ++i) {
             at.below.push_back(i);
-            if (!self(self, object.first_instance + i)) return false;
+            self(self, view.instances[object.first_instance + i].object);
             at.below.pop_back();
         }
-        return true;
     };
-    std::uint32_t index = view.objects[view.root].first_instance + place.outermost;
-    for (const std::uint32_t below : place.below)
-        index = view.objects[view.instances[index].object].first_instance + below;
-    if (!look(look, index))
-        return fail(ErrorCode::limit_exceeded,
-                    fmt::format("gives more than {} meshes a material: change fewer at a time",
-                                edited_meshes_max));
+    look(look, object_of(view, place));
     return meshes;
 }
 

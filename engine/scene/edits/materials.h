@@ -25,10 +25,14 @@ inline constexpr std::uint64_t edited_meshes_max = 1 << 20;
 /// with field_invalid if the scene has none, or several of the name.
 Result<std::uint32_t> find_material(const SceneView& view, std::string_view text);
 
+/// Returns how many meshes each object places, on all ways, itself included if it has triangles.
+std::vector<std::uint64_t> count_meshes(const SceneView& view);
+
 /// Returns an instance and all instances within it whose objects have triangles. The scene has the
-/// instance. Fails with limit_exceeded beyond `most`.
-Result<std::vector<InstancePlace>> meshes_of(const SceneView& view, const InstancePlace& place,
-                                             std::uint64_t most);
+/// instance, and `counts` are those of count_meshes(): the meshes cost a look at what lies above
+/// them, however much else is placed beside them.
+std::vector<InstancePlace> meshes_of(const SceneView& view, const InstancePlace& place,
+                                     const std::vector<std::uint64_t>& counts);
 
 /// Returns why an object's triangles cannot have the material; "" if they can. What of a material
 /// the tree holds cannot change: whether rays may pass through.

@@ -198,9 +198,11 @@ std::uint64_t bytes_to_pose(const Snapshot& scene) {
     return bytes;
 }
 
-Result<std::shared_ptr<const Snapshot>> pose(const Snapshot& scene, const Moment& moment) {
+Result<std::shared_ptr<const Snapshot>> pose(const Snapshot& scene, const Moment& moment,
+                                             const EditGuard& guard) {
+    if (auto room = guard.allows(bytes_to_pose(scene)); !room) return tl::unexpected(room.error());
     Poser poser(scene, moment);
-    return edit_scene(scene, poser.changes());
+    return edit_scene(scene, poser.changes(), nullptr, guard);
 }
 
 }  // namespace raynest

@@ -45,7 +45,8 @@ std::uint64_t bytes_to_pose(const Snapshot& scene);
 /// scene was loaded with them, whatever edits have done to what follows them. Keys are met exactly;
 /// what lies between is computed in double. An instance whose scale becomes 0 is hidden. Rays hit
 /// what they would hit in a scene loaded in this pose, bit for bit. Costs what edit_scene() costs,
-/// and the vertices that move. Thread-safe. Fails as edit_scene() does. Throws std::bad_alloc.
-Result<std::shared_ptr<const Snapshot>> pose(const Snapshot& scene, const Moment& moment);
+/// and the vertices that move. Asks the guard for all of that. Thread-safe. Fails as edit_scene() does. Throws std::bad_alloc.
+Result<std::shared_ptr<const Snapshot>> pose(const Snapshot& scene, const Moment& moment,
+                                             const EditGuard& guard = {});
 
 }  // namespace raynest

@@ -1,5 +1,7 @@
 #include "engine/scene/edits/uids.h"
 
+#include "engine/scene/edits/placed_sums.h"
+
 #include <algorithm>
 #include <optional>
 #include <utility>
@@ -43,6 +45,16 @@ private:
 };
 
 }  // namespace
+
+std::uint64_t nested_instances(const SceneView& view, std::span<const InstanceUid> uids) {
+    const auto sums = placed_sums(view, [](const ObjectRecord&) { return std::uint64_t{1}; });
+    const std::uint32_t first = view.objects[view.root].first_instance;
+    std::uint64_t nested = 0;
+    for (const InstanceUid& change : uids)
+        nested = std::min<std::uint64_t>(
+            1ULL << 62, nested + sums[view.instances[first + change.outermost].object] - 1);
+    return nested;
+}
 
 std::vector<InstancePlace> places_within(const SceneView& view, std::uint32_t outermost,
                                          std::uint64_t most) {

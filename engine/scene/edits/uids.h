@@ -20,6 +20,10 @@ struct InstanceUid {
 /// Instances within the outermost ones of one edit that get a user id, at most.
 inline constexpr std::uint64_t nested_uids_max = 1 << 20;
 
+/// Returns how many instances lie within these outermost ones, on all ways; above 2^62 as that.
+[[nodiscard]] std::uint64_t nested_instances(const SceneView& view,
+                                             std::span<const InstanceUid> uids);
+
 /// Returns the places of all instances within an outermost one that the scene has, from above; more
 /// than `most` of them are cut.
 [[nodiscard]] std::vector<InstancePlace> places_within(const SceneView& view,

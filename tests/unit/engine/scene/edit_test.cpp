@@ -3,6 +3,7 @@
 
 #include "engine/packs/registry.h"
 #include "engine/scene/edits/names.h"
+#include "engine/scene/edits/shared_ways.h"
 #include "tests/conformance/answers.h"
 #include "tests/conformance/scenes.h"
 #include "tests/unit/engine/small_scenes.h"
@@ -198,11 +199,11 @@ TEST_CASE("what is placed several times moves and hides at the one place that is
                 changes.moves.push_back({5, outer.transform});
             }
             const std::size_t before = scene->bytes().size();
-            const std::uint64_t more = bytes_to_unshare(*scene, changes);
+            const std::uint64_t more = bytes_to_unshare(*scene, *shared_ways(*scene, changes));
             scene = edit(*scene, changes);
             constexpr std::size_t between_sections = 22 * 64;
             CHECK(scene->bytes().size() <= before + more + between_sections);
-            CHECK(bytes_to_unshare(*scene, changes) == 0);
+            CHECK(bytes_to_unshare(*scene, *shared_ways(*scene, changes)) == 0);
             const Scene fresh = build_scene(description);
             check_same_answers(*scene, *fresh, random);
             CHECK(scene->bounds().lower == fresh->bounds().lower);
@@ -421,7 +422,7 @@ TEST_CASE("what user ids and materials of shared objects cost is known before") 
         for (std::uint32_t leaf = 0; leaf < 50; leaf += 7)
             materials.materials.push_back({{i, {0, leaf}}, 1});
     for (const SceneChanges& changes : {uids, materials}) {
-        const std::uint64_t more = bytes_to_unshare(*before, changes);
+        const std::uint64_t more = bytes_to_unshare(*before, *shared_ways(*before, changes));
         const Scene after = edit(*before, changes);
         CHECK(after->bytes().size() > before->bytes().size());
         // It is made of as much again.
