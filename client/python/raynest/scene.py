@@ -484,7 +484,7 @@ class Scene(Renders, Paths):
                 for row in zip(*(page[plural.get(key, key)] for key in keys))]
 
     def pin(self, on: bool = True) -> None:
-        """Keeps the scene in memory until the daemon ends, whatever is loaded; or no longer."""
+        """Keeps the scene in memory, whatever is loaded, also after a restart; `on=False` ends that."""
         self._client.connection.ask("Pin", {"scene": self.name, "off": not on}, "Pinned")
 
     def unload(self) -> list[str]:
