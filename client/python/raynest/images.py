@@ -40,7 +40,7 @@ class Image(_Pixels):
 
 
 class Heatmap(_Pixels):
-    """What the ray of each pixel costs: (height, width) of u32, for a difference i32. Otherwise a numpy
+    """The cost of the ray of each pixel: (height, width) of u32, for a difference i32. Otherwise a numpy
     array. Slices of it are plain counts: they have no png(), top() or explain()."""
 
     _view: Optional[HeatView]
