@@ -40,16 +40,16 @@ void declare(CommandLine& line, AdminOptions& admin) {
     line.add_option("ACT", admin.act,
                     "connections: list them; drain: end when all jobs have ended; reload: read "
                     "certificates, tokens and configuration again; kick: end connections; quota: "
-                    "tell or change what a principal may have")
+                    "show or change what a principal may have")
         .required()
         .one_of({"connections", "drain", "reload", "kick", "quota"});
     line.add_option("TARGET", admin.target,
-                    "of kick: a connection's number or a principal; of quota: a principal");
+                    "for kick: a connection's number or a principal; for quota: a principal");
     line.add_options("QUOTA", admin.quota,
-                     "of quota:"
+                     "for quota:"
 #define RAYNEST_QUOTA(key, least) " " #key "=N"
 #include "protocol/lists/quotas.def"
-                     "; bytes also as 20G; without any, what the principal uses is told");
+                     "; bytes also as 20G. Without any, it shows what the principal uses");
     line.at_end([&admin]() -> std::string {
         const bool needs_target = admin.act == "kick" || admin.act == "quota";
         if (needs_target && admin.target.empty()) return "TARGET is required";

@@ -50,27 +50,27 @@ constexpr std::string_view a_matrix = "a 3x4 matrix row by row";
 constexpr std::string_view a_move = "x,y,z or a 3x4 matrix row by row";
 constexpr std::array<Word, 10> words{{
     {"move", EditRow::move, EditRow::world, a_move,
-     "PATH=DX,DY,DZ, or PATH= and a 3x4 matrix row by row: moves what stands there, in the world. "
+     "PATH=DX,DY,DZ, or PATH= and a 3x4 matrix row by row: moves what is at PATH, in the world. "
      "In PATH * stands for any text, and all below a path moves with it; inst=N is the outermost "
-     "instance N. May be repeated, also the options below; they act in their order, "
-     "--add and --remove last"},
+     "instance N. This option and those below may be repeated; they act in the order given, "
+     "except that --add and --remove act last"},
     {"turn", EditRow::move, EditRow::own, a_move,
      "PATH= as for --move, in the coordinates of the object itself: a wheel about its axle"},
     {"place", EditRow::place, EditRow::world, a_matrix,
      "PATH= and a 3x4 matrix row by row: from the object's own coordinates to the world's"},
     {"add", EditRow::add, ~0U, a_move,
-     "SCENE=X,Y,Z, or SCENE= and a 3x4 matrix: adds the loaded scene SCENE, there. Its path "
-     "begins with its name, and where there are several, with a number"},
-    {"remove", EditRow::remove, 0, "", "PATH: removes the outermost instances there"},
+     "SCENE=X,Y,Z, or SCENE= and a 3x4 matrix: adds the loaded scene SCENE at that place. Its "
+     "paths begin with its name; several of one name have numbers, as SCENE#0"},
+    {"remove", EditRow::remove, 0, "", "PATH: removes the outermost instances at PATH"},
     {"set-mask", EditRow::set_mask, 0, a_mask,
-     "PATH=HEX: its mask from now on (see: query --mask)"},
+     "PATH=HEX: sets the mask of what is at PATH (see: query --mask)"},
     {"set-uid", EditRow::set_uid, 0, a_uid,
-     "PATH=NUMBER: the user id of the outermost instances there, and of all within them"},
+     "PATH=NUMBER: sets the user id of the outermost instances at PATH, and of all within them"},
     {"set-material", EditRow::set_material, 0, a_material,
-     "PATH=NAME: the material of the meshes there and of all within them, one that the scene has: "
-     "its name, or its number in the column material"},
-    {"hide", EditRow::set_mask, 0, "", "PATH: no ray meets it from now on"},
-    {"show", EditRow::set_mask, ~0U, "", "PATH: every ray may meet it"},
+     "PATH=NAME: gives the meshes at PATH, and all within them, a material of the scene: its "
+     "name, or its number in the column material"},
+    {"hide", EditRow::set_mask, 0, "", "PATH: hides what is at PATH from all rays"},
+    {"show", EditRow::set_mask, ~0U, "", "PATH: shows what is at PATH to all rays"},
 }};
 
 /// Reads what stands behind a word; returns what is wrong, or "".
@@ -147,8 +147,8 @@ void declare(CommandLine& line, EditOptions& edit) {
         "--file", [&edit](const std::string& path) { return read_changes(path, edit); },
         "File of changes, one a line, as these options without their dashes: move PATH=DX,DY,DZ");
     line.add_flag("--keep", edit.keep,
-                  "the scene is like this after a restart, too: for a daemon with --state. Without "
-                  "it, it is then what it was before");
+                  "keep the edited scene through a restart, in a daemon with --state. Without this "
+                  "option a restart brings back what was loaded or kept last");
     add_epoch(line, edit.epoch);
     line.at_end([&edit] {
         return edit.changes.empty() ? "--move, --turn, --place, --add, --remove, --set-mask, "

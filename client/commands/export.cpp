@@ -38,7 +38,7 @@ Result<ReceivedPicture> receive_file(Context& context, const ExportOptions& opti
 void declare(CommandLine& line, ExportOptions& options) {
     add_scene(line, options.scene);
     add_output(line, options.output, {".glb", std::string(composition_ending)},
-               "binary glTF 2.0; or a composition, which keeps the scene's origin, and the .glb "
+               "binary glTF 2.0; or a composition, which keeps the scene's origin, with the .glb "
                "that it places beside it")
         .required();
     add_epoch(line, options.epoch);

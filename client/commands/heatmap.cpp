@@ -175,9 +175,9 @@ void declare(CommandLine& line, HeatmapOptions& heatmap) {
     line.add_option("--palette", heatmap.palette, alternatives(palette_words));
     line.add_option("--scale", heatmap.scale, "linear | log");
     const Option range = line.add_option("--range", heatmap.range,
-                                         "p99 | auto | LOW:HIGH; of a difference -HIGH:HIGH");
+                                         "p99 | auto | LOW:HIGH; for a difference -HIGH:HIGH");
     line.add_option("--range-from", heatmap.range_from,
-                    "FILE.exr of a heat map whose range this one takes")
+                    "FILE.exr of a heat map: take the same range")
         .excludes(range);
     line.add_option("--count", heatmap.count, "traversed | necessary");
     line.add_each(
@@ -187,8 +187,8 @@ void declare(CommandLine& line, HeatmapOptions& heatmap) {
             return read_difference(text, *heatmap.difference);
         },
         "subtract what the same rays cost in OTHER_SCENE, or with KEY=VALUE: intersector, mask, "
-        "epoch, or a parameter of the intersector; may be repeated. Red costs more than that, blue "
-        "less");
+        "epoch, or a parameter of the intersector; may be repeated. Red pixels cost more here, "
+        "blue ones less");
     line.add_each(
         "--fail-if",
         [&heatmap](const std::string& text) -> Result<void> {
@@ -198,14 +198,14 @@ void declare(CommandLine& line, HeatmapOptions& heatmap) {
             return {};
         },
         "'METRIC[.LEVEL].STATISTIC OP NUMBER', as 'total.p99>120', or 'levels|bytes|triangles OP "
-        "NUMBER': end with exit code 9 where that is true; may be repeated. Statistics: min mean "
+        "NUMBER': end with exit code 9 if that is true; may be repeated. Statistics: min mean "
         "p50 p90 p99 max; OP: > >= < <=. With it no -o is needed");
     const Option top = line.add_whole(
         "--top", heatmap.top, 1U, static_cast<std::uint32_t>(protocol::Limits{}.list_items_max),
-        "print so many of the instances, meshes and materials that most work is spent in, by "
-        "counts whatever --metric is, and a diagnosis; with it no -o is needed");
+        "print this many of the instances, meshes and materials in which most work is done, and a "
+        "diagnosis. Work is counted, whatever --metric is. With it no -o is needed");
     line.add_whole("--level", heatmap.level, 1U, 31U,
-                   "of --top: group by the instances of that level, 1 for those of the root (the "
+                   "for --top: group by the instances of this level, 1 for those of the root (the "
                    "innermost)")
         .needs(top);
     line.at_end([&heatmap]() -> std::string {

@@ -112,19 +112,18 @@ void declare(CommandLine& line, LoadOptions& load) {
     add_origin(line, load);
     line.add_parsed(
             "--unit", [&load](const std::string& text) { return read_unit(text, load.unit); },
-            "unit of a file that has none, which is not glTF: mm | cm | m | in | ft, or metres as "
-            "a "
-            "number (m)")
+            "unit of a file whose format has none (all but glTF): mm | cm | m | in | ft, or a "
+            "number of metres (m)")
         .type_name("UNIT");
     line.add_option("--up", load.up,
                     "y | z: the axis of a file that points up. Coordinates stay as they are; the "
-                    "camera that is chosen, the sky and its sun follow it (y, or what a .glb that "
-                    "RayNest wrote says)");
+                    "default camera, the sky and its sun follow it (y, or what a .glb that RayNest "
+                    "wrote says)");
     line.add_number(
         "--radius", load.radius, 1e-9, 1e9, "a length from 1e-9 to 1e9",
-        "of the points of a .ply or .las, which are loaded as spheres, in the file's unit");
+        "radius of the points of a .ply or .las, which become spheres, in the file's unit");
     line.add_number("--spacing", load.spacing, 1e-9, 1e9, "a length from 1e-9 to 1e9",
-                    "between the heights of a grid, in its unit (1)");
+                    "distance between the heights of a grid, in the file's unit (1)");
     line.add_option("--variant", load.variant,
                     "name of a variant of a glTF file's materials (KHR_materials_variants), as "
                     "info lists them");

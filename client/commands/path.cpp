@@ -10,7 +10,8 @@ namespace raynest::client {
 
 void declare(CommandLine& line, PathOptions& path) {
     add_scene(line, path.scene);
-    line.add_option("PATH", path.path, "the path of a hit: its id, or its text as birch-17/leaves")
+    line.add_option("PATH", path.path,
+                    "the path of a hit: its id, or its text such as birch-17/leaves")
         .required();
     add_epoch(line, path.epoch);
 }

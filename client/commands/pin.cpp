@@ -8,9 +8,10 @@
 namespace raynest::client {
 
 void declare(CommandLine& line, PinOptions& pin) {
-    line.add_options("SCENE", pin.scenes,
-                     "names of loaded scenes of yours. They stay in memory until the daemon ends, "
-                     "where others without use go to the disk of --state as --memory demands")
+    line.add_options(
+            "SCENE", pin.scenes,
+            "names of loaded scenes of yours. They stay in memory, also after a restart, while "
+            "unused scenes go to the disk of --state when --memory runs short")
         .required();
     line.add_flag("--off", pin.off, "they may go to the disk again");
 }

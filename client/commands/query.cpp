@@ -149,15 +149,16 @@ void declare(CommandLine& line, QueryOptions& query) {
         },
         "KIND key=value...: the daemon makes them, as listed below");
     line.add_option("--step-error", query.step_error,
-                    "METRES: the scene moves while a sweep is measured, in steps; what moves is at "
-                    "most so far from where it is (step_error= of --generate sweep)");
+                    "METRES: an animated scene moves while the sensor measures, in steps; no part "
+                    "is further than this from where it should be (step_error= of --generate "
+                    "sweep and rolling_shutter)");
     add_point(line, "--from", "start of all rays; --rays then holds their directions",
               [&query](const WorldPoint& point) { query.from = point; })
         .needs(file);
     line.add_option(
         "--masks", query.masks_file,
-        "FILE.npy of shape (N,): a mask for each ray, or point, that is sent, as --mask "
-        "is for all; at most 64 different ones");
+        "FILE.npy of shape (N,): a mask for each ray or point that is sent; bits that --mask lacks "
+        "do not count; at most 64 different ones");
     line.add_parsed(
             "--origin",
             [](const std::string&) -> std::string {

@@ -13,15 +13,16 @@ void declare(CommandLine& line, ResumeOptions& resume) {
     line.add_option("FILE", resume.file, "FILE.exr that render has written").required();
     line.add_whole("--spp,--samples", resume.samples, 1U,
                    static_cast<std::uint32_t>(limits.samples_max),
-                   "samples per pixel in the end; the file has the bytes of render with as many")
+                   "samples per pixel in the end; the file then has the same bytes as one that "
+                   "render makes with that many")
         .required();
     add_output(line, resume.output, {".exr"}, "FILE.exr (the file itself is replaced)");
     line.add_option(
         "--scene", resume.scene,
-        "FILE or scene that the picture was made of, where it is not loaded under its name");
+        "FILE or scene that the picture was made of, if it is not loaded under its name");
     add_environment(line, resume.environment);
     add_progressive(line, resume.progressive);
-    add_deadline(line, resume.deadline, "take the picture as it is after so many seconds");
+    add_deadline(line, resume.deadline, "take the picture as it is after this many seconds");
 }
 
 Result<void> run(Context& context, const ResumeOptions& options) {

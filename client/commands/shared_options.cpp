@@ -70,7 +70,7 @@ void add_job(CommandLine& line, JobOptions& job) {
                 job.settings = settings;
                 return check_settings(settings);
             },
-            "a parameter of the intersector, @FILE of one that is a table (.npy, or numbers as "
+            "a parameter of the intersector; for a table VALUE is @FILE (.npy, or numbers as "
             "text); may be repeated")
         .type_name("NAME=VALUE");
     // An old option without effect; it has no group, so that help does not list it.
@@ -110,11 +110,10 @@ void add_job(CommandLine& line, JobOptions& job) {
             job.only.push_back(text);
             return check_selection(text);
         },
-        "leave out all else; may be repeated");
+        "leave out everything else; may be repeated");
     line.add_flag(
         "--skip-hidden-boxes", job.skip_hidden_boxes,
-        "leave boxes out of tests and counts that lead to nothing but what --hide and --only "
-        "leave out");
+        "neither test nor count boxes that lead only to what --hide and --only leave out");
 }
 
 void add_animation(CommandLine& line, JobOptions& job) {
@@ -214,8 +213,9 @@ void add_kind(CommandLine& line, std::string& kind, std::uint32_t& max_hits,
                     alternatives(kind_words) + " (canonical misses, nothing is traced)");
     constexpr protocol::Limits limits;
     line.add_whole("--max-hits", max_hits, 1U, static_cast<std::uint32_t>(limits.all_hits_max),
-                   "hits per ray: of kind multi (8, at most " + std::to_string(limits.hits_max) +
-                       "), and of kind all, which keeps the nearest (4096)");
+                   "most hits per ray: for kind multi (8, up to " +
+                       std::to_string(limits.hits_max) +
+                       "), and for kind all, which keeps the nearest (4096)");
     line.at_end([&kind, &max_hits]() -> std::string {
         if (max_hits != 0 && !has_splits(kind))
             return "--max-hits: belongs to --kind multi and --kind all";
@@ -285,9 +285,9 @@ void add_light(CommandLine& line, LightOptions& light, const std::string& integr
     line.add_whole("--seed", light.seed, std::uint64_t{0}, any_whole,
                    "seed of the random numbers (0)");
     line.add_whole("--depth", light.depth, 1U, static_cast<std::uint32_t>(limits.bounces_max),
-                   "of path: bounces at most (8)");
+                   "for path: most bounces of a path (8)");
     line.add_number("--ao-distance", light.ao_distance, 1e-9F, 1e15F, "a length from 1e-9 to 1e15",
-                    "of ao: as far as things hide the sky (a tenth of the scene)");
+                    "for ao: distance within which surfaces hide the sky (a tenth of the scene)");
     add_environment(line, light.environment);
     line.add_parsed(
             "--sun",
@@ -303,9 +303,8 @@ void add_light(CommandLine& line, LightOptions& light, const std::string& integr
                 light.sun = {static_cast<float>(azimuth), static_cast<float>(elevation)};
                 return "";
             },
-            "the sky's sun: degrees from the north (-Z, or +Y of a scene with +Z up) eastwards, "
-            "degrees "
-            "above the horizon")
+            "the sky's sun: degrees from north (-Z, or +Y in a scene with +Z up) eastwards, and "
+            "degrees above the horizon")
         .type_name("AZIMUTH,ELEVATION");
 }
 
@@ -334,11 +333,12 @@ void add_film(CommandLine& line, RenderOptions& render) {
                    static_cast<std::uint32_t>(limits.samples_max),
                    "samples per pixel (16, with --noise 1024; primary has 1)");
     line.add_option("--tonemap", render.tonemap,
-                    "of .png and .npy: agx | aces | reinhard | none (agx; ao none)");
-    line.add_option("--exposure", render.exposure, "of .png and .npy: stops, or auto (auto; ao 0)");
+                    "for .png and .npy: agx | aces | reinhard | none (agx; for ao none)");
+    line.add_option("--exposure", render.exposure,
+                    "for .png and .npy: stops, or auto (auto; for ao 0)");
     line.add_number("--env-rotate", render.environment_rotate, -360.0F, 360.0F,
                     "a number of degrees from -360 to 360",
-                    "turns the picture of --env by so many degrees from the north eastwards (0)")
+                    "turns the picture of --env by this angle from north eastwards (0)")
         .type_name("DEGREES");
     line.add_number("--noise", render.noise, 1e-6F, 1.0F, "a number from 0.000001 to 1",
                     "end parts of the picture when their error, as a share of their brightness, is "

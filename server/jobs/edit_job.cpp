@@ -7,9 +7,9 @@
 #include "server/ground/limited_log.h"
 #include "server/ground/metrics.h"
 #include "server/jobs/change_gate.h"
+#include "server/jobs/edit_memory.h"
 #include "server/jobs/received_file.h"
 #include "server/scheduling/peers.h"
-#include "server/store/edit_memory.h"
 #include "server/store/scene_store.h"
 #include "server/store/state_folder.h"
 

@@ -1,8 +1,8 @@
 #include "server/jobs/scene_poser.h"
 
+#include "server/jobs/edit_memory.h"
 #include "server/scheduling/fair_thread_pool.h"
 #include "server/scheduling/peers.h"
-#include "server/store/edit_memory.h"
 
 #include <algorithm>
 #include <exception>

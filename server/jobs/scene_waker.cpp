@@ -4,9 +4,9 @@
 #include "server/ground/limited_log.h"
 #include "server/ground/metrics.h"
 #include "server/jobs/edit_content.h"
+#include "server/jobs/edit_memory.h"
 #include "server/scheduling/fair_thread_pool.h"
 #include "server/scheduling/peers.h"
-#include "server/store/edit_memory.h"
 #include "server/store/state_folder.h"
 
 #include <algorithm>

@@ -22,9 +22,9 @@ class Exports:
 
     def export(self, path: Union[str, os.PathLike[str]], *, epoch: int = 0,
                progress: Progress = None) -> dict[str, Any]:
-        """Writes the scene to a .glb (binary glTF 2.0), or to a .rnscene.json, which keeps the scene's
-        origin, and the .glb that it places beside it, which must not be there before it. Returns scene, epoch, hash, glb (the path),
-        bytes and notes: what the file lacks, which warnings say, too."""
+        """Writes the scene to a .glb (binary glTF 2.0), or to a .rnscene.json, which keeps the scene's origin,
+        with a .glb beside it. If there is no such .rnscene.json yet, that .glb must not exist either. Returns
+        scene, epoch, hash, glb (its path), bytes and notes: what the file lacks. Warnings say that, too."""
         text = path_text("path", path)
         glb = text[:-len(COMPOSITION)] + ".glb" if text.endswith(COMPOSITION) else text
         if not glb.endswith(".glb") or os.path.basename(glb) == ".glb":

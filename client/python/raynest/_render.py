@@ -40,21 +40,24 @@ class Renders(Exports):
                sun: Optional[Sequence[float]] = None, noise: float = 0.0, tonemap: str = "",
                exposure: Union[str, float] = "", tile: Optional[Sequence[int]] = None,
                **job: Unpack[JobOptions]) -> Any:
-        """Renders a picture. `integrator` "primary" gives base colours, darker where a surface turns
-        away: (height, width, 4) of u8, sRGB and alpha, row 0 on top, an Image, which also has png(). "ao", "direct" and "path" give a lit
-        picture as Layers: a dict of arrays, rgba linear. `encode` "raw" gives an Image of either, "png"
-        and "exr" the bytes of such a file, and with `detach` the answer is a Job whose fetch() does,
-        for which "layers" is "exr".
+        """Renders a picture. `integrator` "primary" gives base colours, darker where a surface turns away,
+        as an Image: (height, width, 4) of u8, sRGB and alpha, row 0 on top, with png(). "ao", "direct" and
+        "path" give a lit picture as Layers, a dict of arrays with linear rgba. `encode` "raw" gives an
+        Image in both cases, "png" and "exr" the bytes of such a file. With `detach` the answer is a Job,
+        whose fetch() returns the picture, and the bytes of an EXR in place of Layers.
 
         `camera` is a camera of the scene, by name or index, by default the first; or `look_at` is
         (eye, at) or (eye, at, up). `fov` is vertical, in degrees. `spp`, or `samples`, is the number
-        of samples per pixel, 16 by default, with `noise` 1024. `environment` is "sky", "none", "auto" (sky, unless the
-        file has lights), or an EXR or HDR file, or its bytes; the middle of its picture lies at +X, and
-        `environment_rotate` turns it by so many degrees from the north eastwards. `sun` is (azimuth from the
-        north eastwards, elevation) in degrees. `noise` ends parts of the picture whose relative error is
-        below it. `tonemap` (agx, aces, reinhard, none) and `exposure` (stops, or "auto") are for
-        Images and png. `tile` (x, y, width, height) makes these pixels of the picture alone, with the
-        bytes that they have in it; an Image or png of a lit one needs `exposure` in stops. A `deadline` gives a lit picture with the samples made by then, and a warning.
+        of samples per pixel, by default 16, or 1024 with `noise`, which ends parts of the picture whose
+        relative error is below it. `environment` is "sky", "none", "auto" (sky, unless the file has
+        lights), or an EXR or HDR file, or its bytes. The middle of its picture lies at +X, and
+        `environment_rotate` turns it by degrees from the north eastwards. `sun` is (azimuth from the north
+        eastwards, elevation) in degrees. `tonemap` (agx, aces, reinhard, none) and `exposure` (stops, or
+        "auto") are for Images and png.
+
+        `tile` (x, y, width, height) makes only these pixels of the picture, with the bytes that they have
+        in the whole; an Image or png of a lit tile needs `exposure` in stops. When a `deadline` passes, a
+        lit picture comes with the samples that were made by then, and a warning.
         """
         film = _Film(self, camera, look_at, fov, size, encode, detach, job, {
             "integrator": integrator, "spp": spp if samples is None else samples, "seed": seed,
@@ -82,7 +85,7 @@ class Renders(Exports):
                       tonemap: str = "", exposure: Union[str, float] = "",
                       **job: Unpack[JobOptions]) -> Iterator[Any]:
         """Yields a lit picture again and again while it is refined: with 1, 2, 4, ... and at last `spp`
-        samples per pixel. Arguments and pictures are those of render(). While it is open, the
+        samples per pixel. Arguments and pictures are those of render(). Until the loop ends, the
         connection takes no other request; leaving the loop cancels the job."""
         film = _Film(self, camera, look_at, fov, size, encode, False, job, {
             "integrator": integrator, "spp": spp, "seed": seed, "depth": depth,
@@ -172,7 +175,7 @@ class _Film:
 
 
 def read_layers(file: bytes) -> Layers:
-    """The layers of a lit picture's EXR, such as a detached job's; P is relative to the scene's
-    origin."""
+    """Returns the layers of a lit picture's EXR, such as that of a detached job. P is relative to the
+    scene's origin."""
     return layers_of(file, Outcome(), True)
 

@@ -32,19 +32,19 @@ def connect(uri: Optional[str] = None, *, token: Optional[str] = None, ca: Optio
             cert: Optional[str] = None, key: Optional[str] = None, verify: bool = True,
             window_bytes: int = _limits.window_bytes,
             reconnect: Optional[float] = None) -> Client:
-    """Connects to the daemon at tls://HOST:PORT, tcp://HOST:PORT, unix:PATH or ssh://HOST, over your
-    own ssh to /run/raynest/socket there; by default at RAYNEST_SERVER, else at tcp://127.0.0.1:31060. The daemon sends at most `window_bytes` ahead; 0 is
-    the default.
+    """Connects to the daemon at tls://HOST:PORT, tcp://HOST:PORT, unix:PATH or ssh://HOST, by default at
+    RAYNEST_SERVER, else at tcp://127.0.0.1:31060. ssh:// uses your own ssh, and /run/raynest/socket on
+    that machine. The daemon sends at most `window_bytes` before the client reads; 0 is the default.
 
     `token` is by default RAYNEST_TOKEN, else the one that `raynest login` keeps for this daemon; do
     not write it into programs. `ca` is the file of the CA to trust with tls://, by default RAYNEST_CA,
     else the system's store; `cert` and `key` are files of a client certificate. `verify=False`
     accepts any certificate, and warns.
 
-    Where a daemon goes away, as in a restart, the client looks for it for `reconnect` seconds, by
-    default RAYNEST_RECONNECT or 10, and asks again where that is safe: traces, pictures, lists and
-    loads, not streams and detached jobs. 0 raises at once. Scenes do not survive a restart:
-    InvalidError, SCENE_UNKNOWN, then says so.
+    If the daemon goes away, as in a restart, the client looks for it for `reconnect` seconds, by
+    default RAYNEST_RECONNECT or 10, and repeats what is safe to repeat: traces, pictures, lists and
+    loads, not streams and detached jobs. 0 raises at once. Without --state scenes do not survive a
+    restart; then you get InvalidError with the name SCENE_UNKNOWN.
     """
     if not isinstance(uri, (str, type(None))):
         raise TypeError(f"uri of {uri!r}: it must be a text, as 'tcp://127.0.0.1:31060' or "
@@ -55,15 +55,15 @@ def connect(uri: Optional[str] = None, *, token: Optional[str] = None, ca: Optio
 
 
 def logout(uri: Optional[str] = None) -> bool:
-    """Removes what `raynest login` kept of a daemon, by default of RAYNEST_SERVER, else of
-    tcp://127.0.0.1:31060: token and certificates. Returns False where nothing was kept. The token itself is
-    valid until the daemon's administrator revokes it."""
+    """Removes what `raynest login` kept of a daemon, token and certificates: by default of RAYNEST_SERVER,
+    else of tcp://127.0.0.1:31060. Returns False if nothing was kept. The token itself stays valid until the
+    daemon's administrator revokes it."""
     return forget_host(uri or os.environ.get("RAYNEST_SERVER") or DEFAULT_URI)
 
 
 class Client(Session):
-    """A connection, which runs one request at a time: threads take turns, but for an open stream, during
-    which all others are told. For concurrent requests, open several. As a context manager it closes itself."""
+    """A connection, which runs one request at a time. Threads take turns; while a stream is open, all other
+    calls raise UsageError. For concurrent requests, open several. As a context manager it closes itself."""
 
     def __enter__(self) -> Client:
         return self
@@ -84,9 +84,11 @@ class Client(Session):
              instances: Union[str, os.PathLike[str]] = "", masks: Masks = (),
              unit: Union[str, float] = 1, up: str = "y", radius: float = 0, spacing: float = 0,
              variant: str = "", share: Union[str, Sequence[str]] = (), progress: Progress = None) -> Scene:
-        """Uploads a .glb, .gltf or .obj with the files that it names, a .ply, .stl, .off or .las, a .npz
-        of the arrays vertices and faces, or a .npy of `primitive` records or "heights"; or loads "builtin:forest?trees=9" or "root:PATH", which the daemon has. A pipe, or "-" for
-        stdin, may bring any of these files; it then needs a `name`.
+        """Uploads a .glb, .gltf, .obj or .rnscene.json with the files that it names; a .ply, .stl, .off,
+        .las or .tif; a .npz of the arrays vertices and faces; or a .npy of `primitive` records or
+        "heights", with `instances` a .npy of matrices that place the records. Or it loads
+        "builtin:forest?trees=9" or "root:PATH", which the daemon has. A file may also come from a pipe, or
+        with "-" from stdin; it then needs a `name`.
 
         The scene is called `name`, by default the file's stem. If other content has that name, the
         load fails unless `replace`, which begins a new epoch. `build` is "fast", "medium" or
@@ -96,17 +98,18 @@ class Client(Session):
         subtracted before they are lost. It stays with the scene; rays, cameras and positions are in
         the world for every client. A SceneWarning says when an origin would help.
 
-        `up="z"` says that +Z points up in a file. Coordinates stay as they are; the camera that is
-        chosen, the sky and its sun follow it.
+        `up="z"` says that +Z points up in a file. Coordinates stay as they are; the default camera, the
+        sky and its sun follow it.
 
-        Formats without a unit, which are all but glTF, take these: `unit`, "mm", "cm", "m", "in", "ft"
-        or metres as a number; `radius` makes spheres of the
-        points of a .ply or .las, in the file's unit; `spacing` lies between the heights of a grid,
-        whose rows go along z and columns along x, or with up="z" along -y and x; `origin="auto"` has the daemon choose an origin.
-        `variant` is one of a glTF file's KHR_materials_variants, which `info["variants"]` lists.
+        These are for formats without a unit, which are all but glTF, compositions and records: `unit` is
+        "mm", "cm", "m", "in", "ft" or a number of metres. `radius` makes spheres of the points of a .ply or
+        .las, and `spacing` is the distance between the heights of a grid, both in the file's unit. Rows of
+        a grid go along z and columns along x, with up="z" along -y and x. With `origin="auto"` the daemon
+        chooses an origin. `variant` is one of a glTF file's KHR_materials_variants, which
+        `info["variants"]` lists.
 
-        The daemon is asked by the files' SHA-256 first: it publishes a scene of the same content
-        that you may see under the new name, and nothing is sent.
+        The client first sends the files' SHA-256. If the daemon has a scene of the same content that you
+        may see, it publishes that scene under the new name, and nothing else is sent.
 
         `masks` sets what trace(mask=) sees: {"stand-*": 0x1} gives placements whose path matches,
         or lies below a match, this mask instead of 0xFFFFFFFF. "*" stands for any text. If several
@@ -130,11 +133,12 @@ class Client(Session):
              progress: Progress = None) -> Scene:
         """Loads triangles: vertices (N, 3), faces (M, 3). The column prim is a row of faces.
 
-        float64 vertices become float32 after `origin` was subtracted, as in load(); a SceneWarning
-        says when they lose digits that matter, or have lost them before, being float32. Equal content is sent and built only once,
-        as in load(), and `up` is as there. Without a name each call makes a scene of its own, whose edits change no other: it goes
-        with its Scene object (`with c.mesh(...) as s:`), or with the connection. A name keeps it in the daemon;
-        so does `keep`, under a name that its content and `build` give it.
+        float64 vertices become float32 after `origin` was subtracted, as in load(). A SceneWarning says
+        when they lose digits that matter, or, if they are float32, have lost them before. Equal content is
+        sent and built only once, as in load(), whose `up` it takes, too. Without a name each call makes a
+        scene of its own, whose edits change no other. It goes with its Scene object (`with c.mesh(...) as s:`), or with the
+        connection. A name keeps it in the daemon; so does `keep`, under a name that its content and `build`
+        give it.
         """
         load = load_of_mesh(vertices, faces, name, origin=origin, keep=keep, replace=replace, build=build, up=up)
         scene, info = self._load(load, progress)
@@ -150,12 +154,13 @@ class Client(Session):
                  up: str = "y", progress: Progress = None) -> Scene:
         """Loads a scene made of parts, which Scene.edit() can move.
 
-        `parts` are meshes by name: (vertices, faces), or what has both, as trimesh's. `places` says
-        where they stand, by names of their own: {"ground": "ground", "car": ("car", matrices)}. A place
-        is a part, or a part and an offset (3,) or a matrix (3, 4) or (4, 4); or several of these, (N, 3),
-        (N, 3, 4), (N, 4, 4), whose paths are "car#0", "car#1", ... Without `places` each part stands
-        once where its vertices are. Places are the outermost instances, numbered in their order. Each
-        part is stored once, however often it is placed. All else is as in load() and mesh().
+        `parts` are meshes by name: (vertices, faces), or an object that has both, such as a mesh of
+        trimesh. `places` says where they stand, by names of their own: {"ground": "ground", "car": ("car",
+        matrices)}. A place is the name of a part, alone or with an offset (3,) or a matrix (3, 4) or (4, 4);
+        or with several of these, (N, 3), (N, 3, 4) or (N, 4, 4), whose paths are "car#0", "car#1", ...
+        Without `places` each part stands once where its vertices are. Places are the outermost instances,
+        numbered in their order. Each part is stored once, however often it is placed. Everything else is as
+        in load() and mesh().
         """
         return self._load(load_of_parts(parts, places, name, origin=origin, keep=keep, replace=replace, build=build,
                                         masks=masks, up=up), progress)[0]
@@ -204,7 +209,7 @@ class Client(Session):
         """Lists the loaded scenes: name, hash, epoch, instanced_triangles, bytes, owner,
         age_seconds, idle_seconds (since a request last used it), holders (the open connections
         that loaded or opened it), share ("", "public" or principals joined by commas) and state
-        (memory; disk: the next request reads it; damaged: load it again)."""
+        (memory; pinned: it stays there; disk: the next request reads it; damaged: load it again)."""
         columns = {"name": "names", "hash": "hashes", "epoch": "epochs",
                    "instanced_triangles": "instanced_triangles", "bytes": "bytes",
                    "owner": "owners", "age_seconds": "age_ms", "idle_seconds": "idle_ms",
@@ -238,7 +243,7 @@ class Client(Session):
         return Job(self, job.info["job"])
 
     def jobs(self) -> list[dict[str, Any]]:
-        """Lists running jobs of all clients, and detached jobs with kept answers: job (its number),
+        """Lists running jobs of all clients, and detached jobs whose answers are kept: job (its number),
         owner, kind, scene, state, done, total, age_seconds, left_seconds, bytes, ..."""
         return list(job_infos(self.connection))
 

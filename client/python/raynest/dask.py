@@ -1,4 +1,4 @@
-"""Rays and pictures on many hosts: a thin layer over Dask distributed, which deals out the work.
+"""Rays and pictures on many hosts: a thin layer over Dask distributed, which distributes the work.
 
     import raynest.dask, raynest.generators
     from distributed import Client
@@ -8,9 +8,10 @@
     seen = raynest.dask.trace(cluster, "forest.glb", rays, fields=("t", "prim"))
 
 Each host of the cluster gets one raynestd, which listens on a private Unix socket and ends with its worker. A
-request is cut into items, parts of its rays or tiles of its picture. An item gives the same bytes wherever and
-however often it is made, so what is lost or silent is dealt again, and what no worker finishes is made here.
-Whoever reaches a Dask scheduler runs code on its workers: one cluster per user, or Dask's TLS.
+request is cut into items, which are parts of its rays or tiles of its picture. An item gives the same bytes
+wherever and however often it is made. So items that are lost or silent are sent out again, and this machine makes
+those that no worker finishes. Whoever reaches a Dask scheduler can run code on its workers: have one cluster per
+user, or use Dask's TLS.
 """
 from __future__ import annotations
 
@@ -39,10 +40,10 @@ ITEM_SAMPLES = 1 << 16     # of a lit picture's item
 
 
 def prepare(scene: Any, faces: Any = None, **load: Any) -> Prepared:
-    """A scene that only this machine has, for the functions here: it is read and hashed once, and its files stay on
-    the workers for late ones as long as the object lives. `scene` is a file, its bytes, (vertices, faces) or what has
-    both, parts as Client.scene_of() takes, a Scene that load() made, or "builtin:..."; `load` are more arguments of
-    load(), mesh() or scene_of(). Its edit() changes it as Scene.edit() does."""
+    """Returns a scene for the functions here. It is read and hashed once, on this machine, and its files stay on the
+    workers as long as the object lives, for workers that join late. `scene` is a file, its bytes, (vertices, faces)
+    or an object that has both, parts as for Client.scene_of(), a Scene that load() made, or "builtin:...". `load`
+    are more arguments of load(), mesh() or scene_of(). Its edit() changes it as Scene.edit() does."""
     if isinstance(scene, Prepared):
         return scene
     return Prepared(scene if faces is None else (scene, faces), load)
@@ -58,7 +59,7 @@ def trace(cluster: Any, scene: Any, rays: Any, *, fields: Union[str, Sequence[st
           item_rays: int = ITEM_RAYS, patience: float = PATIENCE, progress: Any = None, **job: Any) -> Columns:
     """As Scene.trace(), on all workers of a cluster: the same columns, in every byte. `scene` is what prepare() takes
     or returns, or a path that only the hosts see; `load` are more arguments of prepare(). `rays` is a generator, or an
-    array (N, 6) or (N, 8). Items have `item_rays` rays; after `patience` seconds of silence they are dealt again."""
+    array (N, 6) or (N, 8). Items have `item_rays` rays; after `patience` seconds of silence they are sent out again."""
     known = _known(cluster, scene, setup, load, patience, progress)
     parts = list(_parts_of(rays, item_rays, {**job, "fields": fields, "kind": kind, "reduce": reduce}))
     found = [columns for _, columns in sorted(Deal(cluster, setup, known, "trace", parts, patience, progress).answers(),
@@ -69,8 +70,8 @@ def trace(cluster: Any, scene: Any, rays: Any, *, fields: Union[str, Sequence[st
 def arrays(cluster: Any, scene: Any, rays: Any, *, fields: Union[str, Sequence[str]] = ("t", "prim"), kind: str = "closest",
            load: Optional[dict[str, Any]] = None, setup: Setup = Setup(), item_rays: int = ITEM_RAYS,
            patience: float = PATIENCE, **job: Any) -> dict[str, Any]:
-    """The columns of trace() as dask arrays, whose blocks stay on the workers that made them: to reduce them there,
-    or to write them from there, as with to_zarr(). Of kinds with a row per ray. A block that is lost is made again."""
+    """Returns the columns of trace() as dask arrays, whose blocks stay on the workers that made them, to be reduced or
+    written there, as by to_zarr(). For kinds "closest" and "any". A block that is lost is made again."""
     import dask.array
 
     if kind not in ("closest", "any"):
@@ -96,8 +97,8 @@ def arrays(cluster: Any, scene: Any, rays: Any, *, fields: Union[str, Sequence[s
 def sweep(cluster: Any, scene: Prepared, scans: Iterable[tuple[int, Any]], *,
           fields: Union[str, Sequence[str], None] = None, kind: Optional[str] = None, reduce: str = "",
           setup: Setup = Setup(), patience: float = PATIENCE, progress: Any = None, **job: Any) -> list[Columns]:
-    """As trace(), of many scans while the scene moves. A scan is (epoch, rays): what scene.epoch was after the edits
-    that it follows, and a generator or an array. Each is one item, so that a host makes each change once. Returns
+    """As trace(), for many scans while the scene moves. A scan is (epoch, rays): scene.epoch after the edits that the
+    scan is to see, and a generator or an array. Each scan is one item, so that a host makes each change once. Returns
     the columns of each scan."""
     options = {**job, "fields": fields, "kind": kind, "reduce": reduce}
     known = _known(cluster, scene, setup, None, patience, progress)
@@ -163,8 +164,8 @@ def _parts_of(rays: Any, item_rays: int, options: dict[str, Any]) -> Iterator[Pa
 def render(cluster: Any, scene: Any, *, size: tuple[int, int] = (960, 540), integrator: str = "primary",
            spp: int = 0, encode: str = "", load: Optional[dict[str, Any]] = None, setup: Setup = Setup(),
            patience: float = PATIENCE, progress: Any = None, item_samples: int = ITEM_SAMPLES, **options: Any) -> Any:
-    """As Scene.render(), in tiles: an Image, or of a lit picture its Layers. `encode` "raw" makes an Image of
-    a lit picture too, which needs `exposure` in stops."""
+    """As Scene.render(), in tiles: returns an Image, or for a lit picture its Layers. With `encode` "raw" a lit picture
+    is an Image too, and needs `exposure` in stops."""
     encode = encode or ("layers" if is_lit(integrator) else "raw")
     if encode not in ("layers", "raw"):
         raise UsageError(f"encode {encode}: a picture of tiles is 'raw' or 'layers'; write raw as a file with its png()")
@@ -183,7 +184,7 @@ def render(cluster: Any, scene: Any, *, size: tuple[int, int] = (960, 540), inte
 def heatmap(cluster: Any, scene: Any, *, size: tuple[int, int] = (960, 540),
             load: Optional[dict[str, Any]] = None, setup: Setup = Setup(), patience: float = PATIENCE,
             progress: Any = None, item_samples: int = ITEM_SAMPLES, **options: Any) -> Array:
-    """As Scene.heatmap(), in tiles: the counts, (height, width)."""
+    """As Scene.heatmap(), in tiles: returns the counts, (height, width)."""
     known = _known(cluster, scene, setup, load, patience, progress)
     pieces = _tiles(cluster, known, "heatmap", size, 1, item_samples, options, setup, patience, progress)
     return _mosaic(size, pieces)[""]

@@ -1,4 +1,4 @@
-"""Edits of a scene: parts of it move, hide, go and come, and the result is its next epoch."""
+"""Edits of a scene: parts of it move, are hidden, removed and added. The result is the scene's next epoch."""
 from __future__ import annotations
 
 import contextlib
@@ -17,8 +17,8 @@ from ._requests.parts import matrices_of
 from ._requests.upload import FileSender
 from .errors import ProtocolError, UsageError
 
-# The number of an outermost instance, as in the column inst; the text of a path at any depth, in which '*' stands
-# for any text, and all below a path is meant with it; or several of them.
+# The number of an outermost instance, as in the column inst; the text of a path at any depth, which includes all
+# below it and in which '*' stands for any text; or several of these.
 Which = Union[int, str, Sequence[Union[int, str]], Array]
 
 _ROW = np.dtype([("what", "<u4"), ("target", "<u4"), ("by_text", "<u4"), ("value", "<u4"),
@@ -28,8 +28,8 @@ _FRAMES = ("world", "parent", "own")
 
 
 class Edit:
-    """A batch of changes, made by Scene.edit() and sent when its `with` block ends. They take effect
-    together and in their order, but additions and removals come last. An exception in the block sends nothing."""
+    """A batch of changes, made by Scene.edit() and sent when its `with` block ends. They take effect together,
+    in their order, except that additions and removals come last. If the block raises, nothing is sent."""
 
     epoch: int      # of the scene after the edit
     instances: int  # how many have changed
@@ -53,20 +53,20 @@ class Edit:
 
     def move(self, which: Which, by: Any, frame: str = "world") -> Edit:
         """Moves instances from where they stand. `by` is an offset (3,), a matrix (3, 4) or (4, 4), or one of
-        these for each of several instances: (N, 3), (N, 3, 4), (N, 4, 4). `frame` says in which space:
-        "world", "parent" (of what the instance is part of) or "own" (a wheel about its axle)."""
+        these for each of several instances: (N, 3), (N, 3, 4), (N, 4, 4). `frame` says in which space `by` is:
+        "world", "parent" (the object that the instance is part of) or "own" (to turn a wheel about its axle)."""
         return self._add(self._targets(which), _MOVE, matrices_of("by", by), frame)
 
     def place(self, which: Which, matrices: Any, frame: str = "world") -> Edit:
         """Places instances: `matrices` maps the object's own coordinates to those of the world, or of the
-        "parent", as (3, 4) or (4, 4), or one for each of several instances: (N, 3, 4) or (N, 4, 4). Not for a
-        scene with an origin, whose objects have coordinates of their own: move() those."""
+        "parent". It is (3, 4) or (4, 4), or has one matrix for each of several instances: (N, 3, 4) or
+        (N, 4, 4). Not for a scene with an origin, whose objects have coordinates of their own: move() those."""
         return self._add(self._targets(which), _PLACE, matrices_of("matrices", matrices), frame)
 
     def add(self, scene: Any, matrices: Any = (0, 0, 0), name: str = "", mask: int = 2**32 - 1) -> Edit:
-        """Adds placements of another loaded scene, by its name or as a Scene: its geometry and materials, which
-        are stored once however often it is placed. `matrices` are as for move(). The paths begin with `name`,
-        or else the scene's; where there are several, with numbers: "taxi#0"."""
+        """Adds placements of another loaded scene, given by its name or as a Scene: its geometry and materials,
+        which are stored once however often it is placed. `matrices` are as for move(). Their paths begin with
+        `name`, by default the scene's name; several placements have numbers: "taxi#0"."""
         if not isinstance(name, str):
             raise TypeError(f"{reprlib.repr(name)} is no name: it must be a text")
         text = self._name_of(scene, name)
@@ -89,8 +89,8 @@ class Edit:
 
     def set_vertices(self, which: Which, vertices: Any) -> Edit:
         """Moves the vertices of meshes: (N, 3) in the object's own coordinates, as many as the mesh has and in
-        their order. A mesh with several placements deforms at those that `which` names. Normals are made
-        anew where it has some. Not for a scene with an origin."""
+        the same order. A mesh with several placements changes only at those that `which` names. If the mesh
+        has normals, they are computed anew. Not for a scene with an origin."""
         with np.errstate(over="ignore", invalid="ignore"):
             points = numbers("vertices", vertices).astype("<f4")
         if points.ndim != 2 or points.shape[1] != 3 or not len(points):
@@ -102,14 +102,14 @@ class Edit:
         return self
 
     def set_mask(self, which: Which, mask: int) -> Edit:
-        """Sets the mask of instances: rays whose own mask shares no bit with it do not meet them."""
+        """Sets the mask of instances: rays whose own mask shares no bit with it do not enter them."""
         rows = self._targets(which)
         rows["what"], rows["value"] = _MASK, whole("a mask", mask, 2**32 - 1, 0)
         self._rows.append(rows)
         return self
 
     def set_uid(self, which: Which, uid: Any) -> Edit:
-        """Gives outermost instances a user id, which all within them has then: a number for all, or one for each."""
+        """Gives outermost instances, and everything in them, a user id: one number for all, or one for each."""
         rows = self._targets(which)
         uids = numbers("uid", uid)
         if uids.shape not in ((), (len(rows),)) or uids.dtype.kind not in "iu" or (uids < 0).any() or (uids > 2**32 - 2).any():
@@ -120,9 +120,9 @@ class Edit:
         return self
 
     def set_material(self, which: Which, material: Union[int, str]) -> Edit:
-        """Gives the meshes of instances, and of all within them, a material that the scene has: its name, or its
-        number in the column `material`. Of what is placed several times, the named places get meshes of their own,
-        unless all are named. Rays must not pass through either material (alpha modes MASK and BLEND)."""
+        """Gives the meshes of instances, and of all within them, a material of the scene: its name, or its number
+        in the column `material`. If a mesh is placed several times, the named places get a mesh of their own, unless
+        all are named. Neither the old nor the new material may let rays through (alpha modes MASK and BLEND)."""
         if isinstance(material, bool) or not isinstance(material, (int, str, np.integer)):
             raise TypeError(f"material of {reprlib.repr(material)}: it must be a name, or a number as in the column "
                             "material")
@@ -135,11 +135,11 @@ class Edit:
         return self
 
     def hide(self, which: Which) -> Edit:
-        """No ray meets these instances from now on."""
+        """Hides instances: no ray enters them from now on."""
         return self.set_mask(which, 0)
 
     def show(self, which: Which) -> Edit:
-        """Every ray may meet these instances."""
+        """Shows instances: every ray may enter them from now on."""
         return self.set_mask(which, 2**32 - 1)
 
     def __enter__(self) -> Edit:
@@ -189,7 +189,7 @@ class Edit:
         return self
 
     def change(self) -> Change:
-        """Returns all that was asked for so far."""
+        """Returns all changes that were asked for so far."""
         rows = np.concatenate(self._rows)
         if len(rows) > _limits.edit_rows_max:
             raise UsageError(f"{len(rows)} rows in one edit, at most {_limits.edit_rows_max} are taken")

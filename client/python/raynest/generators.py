@@ -1,4 +1,4 @@
-"""Rays that the daemon makes, so that none are sent: pass a generator to trace() or stream().
+"""Rays that the daemon makes, so that none need be sent: pass a generator to trace() or stream().
 
     from raynest import generators
 
@@ -7,10 +7,10 @@
 
 Images go row by row from the top; the centre of pixel (x, y) is at (x + 0.5, y + 0.5). A sensor
 looks along -Z with +X to the right and +Y up; a lidar has x ahead, y left, z up. A pose maps that
-frame to the world, turned and moved only; without a pose, camera or look_at it is the identity. With
-a camera or look_at a lidar stands upright, whatever the pitch of that view, and faces where it does.
-Angles are in degrees. PROTOCOL.md, 6 has the
-formulas; the columns `origin` and `direction` show the rays.
+frame to the world, and may only turn and move it; without a pose, camera or look_at it is the
+identity. With a camera or look_at a lidar faces where that view does, but stands upright, whatever
+the view's pitch. Angles are in degrees. Section 6 of PROTOCOL.md has the formulas; the columns
+`origin` and `direction` show the rays.
 """
 from __future__ import annotations
 
@@ -65,8 +65,8 @@ class Generator:
         self._part = (0, 0)
 
     def part(self, first: int, count: int) -> Generator:
-        """Rays [first, first + count) of these, of hemisphere() its points: rows of the answer are those of
-        all rays in every byte. Parts of a part count from its own first one."""
+        """Returns rays [first, first + count) of these; for hemisphere() it counts points. Rows of the answer
+        have the same bytes as in the answer for all rays. Parts of a part count from the part's first ray."""
         all_of = self.count if self._points is None else len(self._points)
         first, count = whole("first", first, all_of - 1, 0), whole("count", count, all_of)
         if first + count > all_of:
@@ -135,8 +135,8 @@ def camera(*, fov: float = 0.0, size: tuple[int, int] = (960, 540),
 def pinhole(fx: float, fy: Optional[float] = None, cx: Optional[float] = None,
             cy: Optional[float] = None, *, size: tuple[int, int] = (960, 540),
             **sensor: Unpack[SensorPose]) -> Generator:
-    """A calibrated camera: focal lengths and principal point in pixels, by default square pixels
-    and the middle. t is depth along the axis."""
+    """A calibrated camera, with focal lengths and principal point in pixels. By default pixels are
+    square, and the principal point is the middle. t is depth along the axis."""
     return _image("pinhole", size, sensor, _lens(fx, fy, cx, cy))
 
 
@@ -154,7 +154,7 @@ def orthographic(window: tuple[float, float], *, size: tuple[int, int] = (960, 5
 
 @none_is_default
 def equirectangular(*, size: tuple[int, int] = (960, 480), **sensor: Unpack[SensorPose]) -> Generator:
-    """All directions: 360 degrees wide, ahead in the middle, 180 high."""
+    """All directions: 360 degrees wide with ahead in the middle, and 180 degrees high."""
     return _image("equirectangular", size, sensor, {})
 
 
@@ -162,8 +162,8 @@ def equirectangular(*, size: tuple[int, int] = (960, 480), **sensor: Unpack[Sens
 def lidar(elevations: Any, azimuths: tuple[float, float, int] = (0.0, 360.0, 2048), *,
           azimuth_offsets: Any = (), origin_offsets: Any = (), **sensor: Unpack[SensorPose]) -> Generator:
     """A rotating head with a channel for each of `elevations`. `azimuths` is (start, stop, count),
-    counter-clockwise, without stop. `azimuth_offsets` (C,) turn channels, `origin_offsets` (C, 3)
-    move them within the head. Ray c * count + j is channel c at azimuth j."""
+    counter-clockwise; stop itself is left out. `azimuth_offsets` (C,) turn channels, `origin_offsets`
+    (C, 3) move them within the head. Ray c * count + j is channel c at azimuth j."""
     turn = turn_of(azimuths)
     columns = turn[2]
     offsets = _offsets(origin_offsets)
@@ -189,14 +189,15 @@ def lidar(elevations: Any, azimuths: tuple[float, float, int] = (0.0, 360.0, 204
 def sweep(elevations: Any, azimuths: Any = (0.0, 360.0, 2048), *, trajectory: Any, begin: float = 0.0,
           end: float = 0.1, scans: int = 1, step_error: Optional[float] = None, tmin: Optional[float] = None,
           tmax: Optional[float] = None) -> Sweep:
-    """A lidar in motion, as sweeps.lidar(), whose rays the daemon makes: each column leaves from where the sensor is
-    at its time. `scans` follow each other, and time goes on: column j of A of scan n is measured at
-    begin + (end - begin) (n A + j) / A. Ray (n C + c) A + j is channel c of C there. `ring` and `time` of this
-    object are of its rays; as `fields` they are columns of the answer, a row per ray.
+    """A lidar in motion, like sweeps.lidar(), but the daemon makes its rays: those of each column start where the
+    sensor is at the column's time. Scans follow each other in time: column j of A of scan n is measured at
+    begin + (end - begin) (n A + j) / A, and ray (n C + c) A + j is channel c of C there. `ring` and `time` of this
+    object have a row per ray; as `fields` they are columns of the answer.
 
-    With `step_error` a scene with an animation moves meanwhile, in steps: in each it stands where it is in the
-    step's middle, and no part of it is further than that, in the scene's units, from where it is at the time of a
-    ray. Its time is that of the trajectory; with `time` of trace() that is its time at `begin`."""
+    With `step_error` an animated scene moves during the sweep, in steps. In each step the scene stands where it is
+    in the middle of the step, so that no part is further than `step_error`, in the scene's units, from where it is
+    at the time of a ray. The trajectory's times are those of the animation, or, with `time` of trace(), that is the
+    animation's time at `begin`."""
     heights = finite("elevations", elevations, _limits.sweep_channels_max)
     settings = {"channels": str(len(heights))}
     turn, around = turn_or_angles(azimuths)
@@ -224,10 +225,10 @@ def rolling_shutter(fx: float, fy: Optional[float] = None, cx: Optional[float] =
                     size: tuple[int, int] = (960, 540), trajectory: Any, begin: float = 0.0, end: float = 0.1,
                     step_error: Optional[float] = None, tmin: Optional[float] = None,
                     tmax: Optional[float] = None) -> RollingShutter:
-    """A camera in motion, else as pinhole(), that reads its picture row by row: row i of H is measured, from where the
-    camera is then, at begin + (end - begin) i / H. `trajectory` is as that of sweep(), but a camera looks along -z,
-    with x to the right and y up. `time` of this object is of its rays; as one of `fields` it is a column of the
-    answer, a row per ray. With `step_error` a scene with an animation moves meanwhile, as in sweep()."""
+    """A camera like pinhole(), but in motion while it reads its picture row by row: row i of H is measured at
+    begin + (end - begin) i / H, from where the camera is then. `trajectory` is like that of sweep(), but a camera
+    looks along -z, with x to the right and y up. `time` of this object has a row per ray; as one of `fields` it is
+    a column of the answer. With `step_error` an animated scene moves meanwhile, as in sweep()."""
     message = size_message(size)
     width, height = message["width"], message["height"]
     way = _Way.of("rolling_shutter", trajectory, begin, end, step_error, height)
@@ -323,9 +324,9 @@ class Sweep(Moving):
 def hemisphere(points: Any, normals: Any, *, samples: int = 64, seed: int = 0, tmin: float = 0.0,
                tmax: float = math.inf, margin: Optional[float] = None) -> Generator:
     """`samples` cosine-weighted rays from each point (N, 3), around its normal. Average them with
-    trace(..., reduce="hit_fraction"). Ray p * samples + s is sample s of point p. Rays start
-    `margin` along the normal, so that the surface on which a point lies does not hide it: by
-    default a millionth of the scene's size, or what float32 tells apart there if that is more."""
+    trace(..., reduce="hit_fraction"). Ray p * samples + s is sample s of point p. Rays start at a
+    distance of `margin` along the normal, so that the surface on which a point lies does not hide it:
+    by default a millionth of the scene's size, or the step of float32 there if that is more."""
     low, high = _range(tmin, tmax)
     places, ways = pair(points, normals)
     rows = np.empty((len(places), 8), np.result_type(places, ways, np.float32))

@@ -26,8 +26,8 @@ class _Pixels(NDArray):
 
 
 class Image(_Pixels):
-    """A picture: (height, width, 4) of u8, sRGB and straight alpha, row 0 on top. In all else an
-    array of numpy."""
+    """A picture: (height, width, 4) of u8, sRGB and straight alpha, row 0 on top. Otherwise a numpy
+    array."""
 
     def png(self) -> bytes:
         """The bytes of a PNG file of the picture."""
@@ -40,8 +40,8 @@ class Image(_Pixels):
 
 
 class Heatmap(_Pixels):
-    """The cost of each pixel's ray: (height, width) of u32, of a difference i32. In all else an
-    array of numpy; parts of it are counts alone, without the view that they are of."""
+    """The cost of the ray of each pixel: (height, width) of u32, for a difference i32. Otherwise a numpy
+    array. Slices of it are plain counts: they have no png(), top() or explain()."""
 
     _view: Optional[HeatView]
 
@@ -70,7 +70,7 @@ class Heatmap(_Pixels):
         return answer
 
     def explain(self, x: int, y: int, *, steps: int = 0) -> dict[str, Any]:
-        """How the ray of pixel (x, y) finds its hit, step by step: Scene.explain()."""
+        """Returns how the ray of pixel (x, y) finds its hit, step by step: Scene.explain()."""
         answer: dict[str, Any] = self._whole().ask("explain", pixel=(x, y), steps=steps)
         return answer
 

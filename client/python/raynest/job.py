@@ -1,7 +1,7 @@
 """A detached job: a trace(), render() or heatmap() that goes on in the daemon without its client.
 
-The daemon keeps the answer in memory for an hour, until cancel(), or, once it was fetched, until
-newer answers need the memory.
+The daemon keeps the answer in memory for an hour (--result-ms-max). It drops the answer earlier after
+cancel(), or, once it was fetched, when newer answers need the memory.
 """
 from __future__ import annotations
 
@@ -33,7 +33,7 @@ class Job:
 
     @property
     def info(self) -> dict[str, Any]:
-        """The job's entry in Client.jobs(); InvalidError if the daemon does not know it, or no longer."""
+        """The job's entry in Client.jobs(). Raises InvalidError if the daemon does not know the job (any more)."""
         for info in job_infos(self._client.connection, self.number - 1):
             if info["job"] == self.number:
                 return info
@@ -43,8 +43,8 @@ class Job:
 
     @none_is_default
     def wait(self, *, deadline: float = 0.0, progress: Progress = None) -> Job:
-        """Waits for the job's end and returns the job; raises its error if it failed. Raises
-        DeadlineError after `deadline` seconds (0: no limit). That, like Ctrl-C, ends the wait and
+        """Waits for the job's end and returns the job; raises the job's error if it failed. After
+        `deadline` seconds (0: no limit) it raises DeadlineError. That, like Ctrl-C, ends the wait and
         not the job. After cancel() it raises CancelledError."""
         self._check_cancelled()
         return self._client.connection.again(lambda: self._wait(deadline, progress))
@@ -68,8 +68,8 @@ class Job:
         return self
 
     def fetch(self, *, progress: Progress = None) -> Any:
-        """Returns the answer of the original call, any number of times; BusyError until wait() returns.
-        An answer that was fetched gives way when the daemon needs its room."""
+        """Returns the answer of the original call, any number of times. Raises BusyError while the job runs.
+        An answer that was fetched is dropped when the daemon needs its room."""
         self._check_cancelled()
         return self._client.connection.again(lambda: self._fetch(progress))
 

@@ -43,8 +43,8 @@ class Part(NamedTuple):
 
 
 def merge(out: str, paths: Sequence[str]) -> str:
-    """Writes the whole as `out`; returns a line that says what it is. InvalidError names a part that is missing,
-    there twice, or of another request."""
+    """Joins parts into `out`; returns a line that says what it is. Raises InvalidError, which names the part, if one
+    is missing, is there twice, or is of another request."""
     ending = os.path.splitext(out)[1].lower()
     kinds = {".npz": (_read_npz, _join_npz, "rows"), ".png": (_read_png, _join_png, "rows of pixels"),
              ".exr": (_read_exr, _join_exr, "rows of pixels")}

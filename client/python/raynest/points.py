@@ -22,10 +22,10 @@ _LAS_POINT = np.dtype([("x", "<i4"), ("y", "<i4"), ("z", "<i4"), ("intensity", "
 
 
 def save(path: Union[str, os.PathLike[str]], position: Any, /, *, where: Any = None, **columns: Any) -> int:
-    """Writes points (N, 3) to a .ply, .pcd or .las, with columns of their own: (N,), or (N, k), which become
-    name_0, name_1, ... `where` (N,) chooses the points, as the column hit does; points that are not finite are
-    left out. LAS has room for the columns time (GPS time), intensity (0 to 1), return (from 0, at most 4), returns (of
-    the same pulse) and ring (as user data), and refuses others. Returns the number of points."""
+    """Writes points (N, 3) to a .ply, .pcd or .las, with columns beside them: (N,), or (N, k), which become name_0,
+    name_1, ... `where` (N,) chooses the points, such as the column hit. Points that are not finite are left out. LAS
+    has room for the columns time (GPS time), intensity (0 to 1), return (from 0, at most 4), returns (of the same
+    pulse) and ring (as user data); other columns are refused for it. Returns the number of points."""
     name = os.fspath(path)
     write = {".ply": _write_ply, ".pcd": _write_pcd, ".las": _write_las}.get(os.path.splitext(name)[1].lower())
     if write is None:

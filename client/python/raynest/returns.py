@@ -32,19 +32,22 @@ def measure(scene: Scene, sweep: Sweep, *, divergence: float = 0.0, footprint: i
             velocities: Optional[Mapping[str, Any]] = None, **job: Any) -> dict[str, Array]:
     """Measures a sweep and returns columns with a row per return, beam by beam, near ones first.
 
-    A beam spreads by `divergence` (radians, the full angle in which its power falls to 1/e^2) and is traced by
-    `footprint` rays, which end at the first surface. Those whose distances differ by less than `resolution` from
-    the next make one return; of a beam, at most `returns` are kept, the `prefer`red ones, of those with a share of
-    the beam of at least `threshold`. `range` is what the sensor measures at all. Distances get Gaussian noise
-    with the deviation `noise`, the same for the same `seed`; the order of a beam's returns is that before the noise.
+    A beam spreads by `divergence` (radians, the full angle in which its power falls to 1/e^2). It is traced by
+    `footprint` rays, each of which ends at the first surface. Rays whose distances differ by less than `resolution`
+    from the next make one return. Of the returns with a share of the beam of at least `threshold`, a beam keeps at
+    most `returns`, and those that `prefer` names. `range` is the range in which the sensor measures. Distances get
+    Gaussian noise with the standard deviation `noise`, the same for the same `seed`; the returns of a beam are in the
+    order that they have without noise.
 
     Columns: beam (row of the sweep), ring, time, return (from 0) and returns (how many the beam has); t and position,
     along the beam's middle, with noise; share (of the beam's power that met this surface) and intensity (share times
     the base colour's luminance times the cosine to the surface's normal: 1 is a white wall seen at right angles);
-    prim, geom, path and uid of what reflected most; radial_velocity (away from the sensor is positive).
-    `velocities` says what moves, by the texts of paths, with * as in edits: {"car-*": v}, for all that is part of it,
-    too; where several match, the first. It is a velocity (3,), or (3, 3): the velocity, the angular velocity in radians, and a point of the axis at the
-    sweep's first time. All else stands still. `job` is what Scene.trace takes: epoch, time, hide, origin ..."""
+    prim, geom, path and uid of the hit that reflected most; radial_velocity (away from the sensor is positive).
+
+    `velocities` says what moves, by texts of paths, with * as in edits: {"car-*": v} moves the cars and all their
+    parts. If several texts match, the first counts. v is a velocity (3,), or (3, 3): the velocity, the angular
+    velocity in radians, and a point of the axis at the sweep's first time. Everything else stands still. `job` has
+    options of Scene.trace(): epoch, time, hide, origin, ..."""
     offsets, power = _footprint(divergence, footprint)
     returns = count_of("returns", returns, _RETURNS_MAX)
     resolution, threshold, noise = real("resolution", resolution), real("threshold", threshold), real("noise", noise)

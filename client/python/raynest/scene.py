@@ -106,20 +106,20 @@ class Scene(Renders, Paths):
         length: t is in units of theirs. float32 arrays of the first two forms, and directions with
         one common origin, are sent without a copy; all others are converted while they are sent. A
         generator of raynest.generators in place of `rays` makes them in the daemon. `mask` may be an
-        array (N,) of a mask for each ray that is sent, of 64 different ones at most: a ray enters the
-        instances that share a bit with its own.
+        array (N,) with a mask for each ray that is sent, at most 64 different ones: a ray enters the
+        instances that share a bit with its mask.
 
-        If the scene has an origin, that is subtracted first, in float64. `origin` replaces it for
-        this call: with (0, 0, 0), rays and answers are relative to the scene's. A detached job
-        takes none.
+        If the scene has an origin, it is subtracted first, in float64. `origin` replaces it for
+        this call: with (0, 0, 0), rays and answers are relative to the scene's origin. A detached job
+        takes no `origin`.
 
         kind "closest", the default, gives the nearest hit; "any" only whether there is one (column
         hit); "multi" the nearest `max_hits` (8); "all" every hit. A ray with more than `max_hits`
         (4096) in "all" keeps the nearest, has flag 2, and counts in Client.outcome["truncated"]. In
         "multi" and "all" the hits of ray i are rows ray_splits[i] to ray_splits[i + 1] of the hit
         columns; a ray through an edge that triangles share hits each of them, at one t. "null"
-        traces nothing and answers misses. `fields` are the columns, by default t prim geom path uv
-        (any: hit). A miss has t = inf and ids of all ones.
+        traces nothing and answers misses. `fields` are the columns, by default t prim geom path uv,
+        and for "any" hit. A miss has t = inf and ids of all ones.
 
         `reduce` "hit_fraction", for generators.hemisphere(), gives one column of that name: the
         share of each point's rays that hit, and 0 for an invalid point or normal. "visible_pixels"
@@ -175,15 +175,15 @@ class Scene(Renders, Paths):
                origin: Any = None,
                **job: Unpack[JobOptions]) -> Generator[tuple[int, Columns], None, None]:
         """Like trace(), but yields (first_ray, columns) for some thousand rays at a time as they are
-        traced, in any order. Leaving the loop cancels the rest. While it is open the client takes no
-        other request: calls from this and from other threads raise UsageError. connect() once more
-        for those.
+        traced, in any order. Leaving the loop cancels the rest. While the stream is open the client
+        takes no other request: calls from this and from other threads raise UsageError. connect()
+        once more for those.
 
         `rays` may be an iterator of arrays or generators. Each item is a query; all see the same
         epoch, and first_ray counts on. If the scene is replaced meanwhile, the next query fails
         with InvalidError, SCENE_UNKNOWN. A query starts when the one before is answered, so items
-        should have 100,000 rays or more to keep the daemon busy. Masks of single rays are an iterator of
-        arrays then.
+        should have 100,000 rays or more to keep the daemon busy. Masks of single rays must then be an
+        iterator of arrays, too.
         """
         if isinstance(rays, (list, tuple)) and rays and (
                 isinstance(rays[0], RayGenerator) or np.ndim(rays[0]) > 1):
@@ -234,14 +234,13 @@ class Scene(Renders, Paths):
                  margin_distance: Optional[float] = None, origin: Any = None,
                  progress: Progress = None, **job: Unpack[JobOptions]) -> Array:
         """Returns, as bool, whether anything lies between points a and b: (N, 3) each, or any two
-        shapes (..., 3) that broadcast, so that a[:, None], b[None] asks for all pairs. Both ends of
-        each segment are left out, so that points on a surface do not hide themselves: by default
-        four steps of float32 at that end's coordinates, the scene's size and, at b, the segment's
-        length, 0.3 mm in a scene of 500 m; else a share `margin` of the segment, or
-        `margin_distance` in the scene's units, metres in glTF. The answer is False for a segment no
-        longer than both margins, and for one with an end
-        that is masked or not finite; a RayWarning counts the latter. `mask` is one, or broadcasts to
-        the shape of the answer."""
+        shapes (..., 3) that broadcast, so that a[:, None], b[None] asks for all pairs. A margin at
+        both ends of each segment is left out, so that points on a surface do not hide themselves. It
+        is `margin`, a share of the segment, or `margin_distance`, in the scene's units (metres in glTF).
+        By default it is four steps of float32 at that end's coordinates, the scene's size and, at b,
+        the segment's length: 0.3 mm in a scene of 500 m. The answer is False for a segment no longer
+        than both margins, and for one with an end that is masked or not finite; a RayWarning counts
+        the latter. `mask` is one number, or broadcasts to the shape of the answer."""
         a, b, shape = flat_pairs(a, b)
         if len(shape) > 1 and np.ndim(job.get("mask")):
             job["mask"] = spread("mask", job["mask"], shape)
@@ -328,15 +327,16 @@ class Scene(Renders, Paths):
                 count: str = "traversed", diff: Union[Scene, Mapping[str, Any], None] = None,
                 encode: str = "raw", tile: Optional[Sequence[int]] = None, progress: Progress = None,
                 detach: bool = False, **job: Unpack[JobOptions]) -> Any:
-        """Returns the cost of a ray through each pixel, a Heatmap: counts, (height, width) of u32,
-        which also has png(), top() and explain(x, y). With `encode` "png" or "exr" it is the bytes
-        of such a file, the former with a legend, the latter with a channel for every metric and
-        level. Statistics over all pixels are in Client.outcome["heat"].
+        """Returns a Heatmap: what the ray of each pixel costs, (height, width) of u32, with png(), top()
+        and explain(x, y). With `encode` "png" or "exr" it returns the bytes of such a file: a PNG with
+        a legend, or an EXR with a channel for every metric and level. Statistics over all pixels are in
+        Client.outcome["heat"].
 
-        `metric` is a counter, or as "boxes.1" that of one level; "time" is measured, in nanoseconds
-        per ray on one thread of a CPU, and "time_noise" is by how much its runs differ. `range` is
-        "p99", "auto", or (low, high). `diff` is another Scene, or the job options that differ, as
-        {"intersector": "opaque"}: what the same rays cost there is subtracted, and the counts are i32. Cameras, `tile` and `detach` are those of render(); a tile has no png."""
+        `metric` is a counter, or the counter of one level, such as "boxes.1". "time" is measured, in
+        nanoseconds per ray on one thread of a CPU, and "time_noise" is how far its runs lie apart.
+        `range` is "p99", "auto" or (low, high). `diff` is another Scene, or the job options that differ,
+        such as {"intersector": "opaque"}: what the same rays cost there is subtracted, and counts are
+        i32. Cameras, `tile` and `detach` are those of render(); a tile has no png."""
         colours = {"palette": palette, "scale": scale, "range": range}
         if not isinstance(range, str):
             if np.shape(range) != (2,):
@@ -393,10 +393,10 @@ class Scene(Renders, Paths):
                 ao_distance: float = 0.0, environment: str = "",
                 sun: Optional[Sequence[float]] = None, progress: Progress = None,
                 **job: Unpack[JobOptions]) -> dict[str, Any]:
-        """How one ray finds its hit, step by step: the document of client/EXPLAIN.md. `ray` is
+        """Returns how one ray finds its hit, step by step: the document of client/EXPLAIN.md. `ray` is
         [ox oy oz dx dy dz] or [ox oy oz tmin dx dy dz tmax]; or `pixel` is (x, y) of the picture that
-        render() makes with these arguments. `steps` is how many are told at most, 256 by default.
-        With an `integrator` other than primary, it is the rays of the path of a `sample` there."""
+        render() makes with these arguments. The document has at most `steps` steps, 256 by default.
+        With the `integrator` "ao", "direct" or "path" it has the rays of one `sample` of the pixel."""
         light = {"sample": sample, "seed": seed, "environment": environment, "depth": depth,
                  "ao_distance": ao_distance, "sun": sun}
         check_explain(ray, pixel, integrator, {"camera": camera, "look_at": look_at, "fov": fov}, light, steps)
@@ -453,10 +453,10 @@ class Scene(Renders, Paths):
                 edit.move("car#3", (0.5, 0, 0))
                 edit.hide("tree-1*")
 
-        Requests that run keep the epoch they began with; later ones see the new one. Only the scene's
-        owner may edit it. With `epoch` the edit fails unless the scene is at that epoch. With `keep` the block
-        ends when the scene, as it is then, outlives the daemon, which needs --state; without it, the scene is
-        after a restart what it was before."""
+        Requests that run keep the epoch that they began with; later ones see the new one. Only the scene's
+        owner and administrators may edit it. With `epoch` the edit fails unless the scene is at that epoch.
+        With `keep` the block ends when the changed scene is on the disk of a daemon with --state; without it,
+        a restart brings back what was loaded or kept last."""
         return Edit(lambda change: change.apply(self._client.connection, self.name), epoch, keep)
 
     # ---- what it is -----------------------------------------------------------------------------
@@ -484,12 +484,12 @@ class Scene(Renders, Paths):
                 for row in zip(*(page[plural.get(key, key)] for key in keys))]
 
     def pin(self, on: bool = True) -> None:
-        """Keeps the scene in memory until the daemon ends, whatever is loaded; or no longer."""
+        """Keeps the scene in memory, whatever is loaded, also after a restart; `on=False` ends that."""
         self._client.connection.ask("Pin", {"scene": self.name, "off": not on}, "Pinned")
 
     def unload(self) -> list[str]:
         """Releases the name's hold of the scene, and this connection's. Returns the remaining
-        holders, such as "uid:1000 (2 connections)": for them the name still works, for others it is
+        holders, such as "uid:1000 (2 connections)": they can keep using the name, for others it is
         free. The daemon frees the scene when nobody holds it and no job uses it."""
         reply = self._client.connection.ask("Unload", {"scene": self.name}, "Unloaded")
         self._client.handles.unloaded(self.name)

@@ -1,4 +1,4 @@
-"""Sweeps of a sensor in motion: each column of a lidar's rays leaves from where the sensor is at its time.
+"""Sweeps of a sensor in motion: the rays of each column of a lidar start where the sensor is at the column's time.
 
     times, poses = ...                              # (K,), (K, 3, 4): from the sensor's space to the world
     sweep = raynest.sweeps.lidar(np.linspace(-25, 15, 64), (0, 360, 1800), begin=0.0, end=0.1,
@@ -37,10 +37,10 @@ class Sweep(NamedTuple):
 
 def lidar(elevations: Any, azimuths: Any = (0.0, 360.0, 2048), *, begin: float = 0.0, end: float = 0.1,
           trajectory: Any) -> Sweep:
-    """A rotating head that moves while it turns. `elevations` (C,) and azimuths are in degrees; `azimuths` is
-    (start, stop, count), without stop, or an array (A,) in any order, clockwise too. Column j is measured at
-    begin + (end - begin) * j / A. `trajectory` is (times, poses): ascending times (K,) and rigid poses (K, 3, 4)
-    or (K, 4, 4) from the sensor's space (x ahead, y left, z up) to the world. Between them positions are
+    """A rotating head that moves while it turns. `elevations` (C,) and azimuths are in degrees. `azimuths` is
+    (start, stop, count), where stop itself is left out, or an array (A,) in any order, also clockwise. Column j is
+    measured at begin + (end - begin) * j / A. `trajectory` is (times, poses): ascending times (K,), and rigid poses
+    (K, 3, 4) or (K, 4, 4) from the sensor's space (x ahead, y left, z up) to the world. Between them positions are
     interpolated along lines and rotations along the shortest arc, in float64."""
     up = np.radians(finite("elevations", elevations, _limits.sweep_channels_max))
     around = np.radians(_azimuths(azimuths))
@@ -112,8 +112,8 @@ def poses_at(trajectory: Any, times: Any) -> Array:
 
 
 def steps(speed: float, period: float, error: float) -> int:
-    """Returns into how many equal steps a period is to be cut, so that what moves at `speed` is off by at most
-    `error`, if it stands at each step where it is in its middle."""
+    """Returns the number of equal steps of a period in which something that moves at `speed` is off by at most
+    `error`, if it stands in each step where it is in the step's middle."""
     speed, period, error = real("speed", speed), real("period", period), real("error", error)
     if not (0 <= speed < np.inf and 0 <= period < np.inf and error > 0):
         raise UsageError("speed and period must be finite and not negative, and error above 0")

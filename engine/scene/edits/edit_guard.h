@@ -1,4 +1,4 @@
-// What whoever asks for an edit allows it: memory and time. All that a request can make large asks
+// Memory and time that an edit may take. All that a request can make large asks
 // first, so that no edit takes what nobody counted, or goes on for nobody.
 #pragma once
 

@@ -1,4 +1,4 @@
-// What an edit copies because it lies in several places and changes at one, and what that takes.
+// The objects that an edit copies, for they lie in several places and change at one, and their bytes.
 #pragma once
 
 #include "engine/result.h"
