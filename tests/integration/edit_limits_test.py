@@ -1,0 +1,128 @@
+#!/usr/bin/env python3
+"""Edits and poses that stand for more than the daemon may take: refused before they are made, whatever few bytes ask
+for them.
+
+  edit_limits_test.py RAYNESTD RAYNEST
+"""
+import json
+import pathlib
+import struct
+import sys
+import tempfile
+import unittest
+
+import numpy as np
+
+sys.path.insert(0, str(pathlib.Path(__file__).parents[2] / "client/python"))
+
+import raynest
+from daemon import DaemonTest, IMPORTS_GROW, skip_sanitized
+
+MEMORY = 512 << 20
+TRIANGLE = [[0, 0, 0], [1, 0, 0], [0, 1, 0]], [[0, 1, 2]]
+
+
+def skinned(side, nodes):
+    """A glTF of a grid of side x side vertices, placed by so many nodes, whose one joint moves for a second."""
+    x, y = np.meshgrid(np.arange(side), np.arange(side))
+    corner = np.arange(side * side).reshape(side, side)
+    a, b, c, d = (corner[i:i + side - 1, j:j + side - 1].ravel() for i in (0, 1) for j in (0, 1))
+    weights = np.zeros((side * side, 4))
+    weights[:, 0] = 1
+    arrays = ((np.stack([x.ravel(), y.ravel(), 0 * x.ravel()], 1).astype("<f4"), 5126, "VEC3"),
+              (np.concatenate([np.stack([a, b, c], 1), np.stack([d, c, b], 1)]).ravel().astype("<u4"), 5125, "SCALAR"),
+              (np.zeros((side * side, 4), "u1"), 5121, "VEC4"), (weights.astype("<f4"), 5126, "VEC4"),
+              (np.array([0, 1], "<f4"), 5126, "SCALAR"), (np.array([[0, 0, 0], [0, 0, 5]], "<f4"), 5126, "VEC3"))
+    blob, views, accessors = b"", [], []
+    for number, (array, kind, shape) in enumerate(arrays):
+        views.append({"buffer": 0, "byteOffset": len(blob), "byteLength": array.nbytes})
+        bounds = {"min": np.atleast_1d(array.min(0)).tolist(), "max": np.atleast_1d(array.max(0)).tolist()}
+        accessors.append({"bufferView": number, "componentType": kind, "count": len(array), "type": shape, **bounds})
+        blob += array.tobytes() + bytes(-array.nbytes % 4)
+    text = json.dumps({
+        "asset": {"version": "2.0"}, "scene": 0, "scenes": [{"nodes": list(range(nodes + 1))}],
+        "nodes": [{"name": "joint"}, *({"name": f"n{i}", "mesh": 0, "skin": 0} for i in range(nodes))],
+        "skins": [{"joints": [0]}],
+        "meshes": [{"primitives": [{"attributes": {"POSITION": 0, "JOINTS_0": 2, "WEIGHTS_0": 3}, "indices": 1}]}],
+        "animations": [{"channels": [{"sampler": 0, "target": {"node": 0, "path": "translation"}}],
+                        "samplers": [{"input": 4, "output": 5}]}],
+        "accessors": accessors, "bufferViews": views, "buffers": [{"byteLength": len(blob)}]}).encode()
+    text += b" " * (-len(text) % 4)
+    return (struct.pack("<4sII", b"glTF", 2, 28 + len(text) + len(blob)) + struct.pack("<I4s", len(text), b"JSON") + text
+            + struct.pack("<I4s", len(blob), b"BIN\0") + blob)
+
+
+class EditLimits(DaemonTest):
+    arguments = ("--memory", "512M")
+
+    def setUp(self):
+        skip_sanitized(self, self.raynestd, IMPORTS_GROW)
+        self.python = raynest.connect(self.daemon.uri)
+        self.addCleanup(self.python.close)
+
+    def check_refused(self, scene, says, change):
+        before = scene.info["epoch"]
+        with self.assertRaisesRegex(raynest.Error, says), scene.edit() as edit:
+            change(edit)
+        self.assertEqual(self.python.scene(scene.name).info["epoch"], before)
+        self.check_memory()
+
+    def check_memory(self):
+        self.assertLess(self.daemon.resident_bytes("VmHWM"), MEMORY)
+        self.assertLess(self.client.json("stats")["memory_used_bytes"], MEMORY)
+
+    def test_user_ids_of_all_that_a_forest_places(self):
+        forest = self.python.load("builtin:forest?trees=500000", "large")
+        self.check_refused(forest, "user ids of more than 1048576", lambda edit: edit.set_uid("*", 5))
+
+    def test_names_of_what_is_added(self):
+        forest = self.python.load("builtin:forest?trees=360", "forest")
+        base = self.python.scene_of({"t": TRIANGLE}, name="base")
+        self.check_refused(base, "over 16777216 nodes that name its paths",
+                           lambda edit: edit.add(forest, np.zeros((500, 3)), "f"))
+        # Fewer are made, and counted: 65,289 names of each take about 4 MiB.
+        with base.edit() as edit:
+            edit.add(forest, np.zeros((3, 3)), "f")
+        self.check_memory()
+        self.assertEqual(base.path_of(base.path_ids("f#2/stand-3/birch-17/leaves")), "f#2/stand-3/birch-17/leaves")
+        self.check_refused(base, "the changed scene", lambda edit: edit.add(forest, np.zeros((240, 3)), "g"))
+
+    def test_a_material_of_countless_spheres(self):
+        flake = self.python.load("builtin:flake?depth=16", "flake")
+        base = self.python.scene_of({"t": TRIANGLE, "u": TRIANGLE}, name="few")
+        with base.edit() as edit:
+            edit.add(flake, name="f")
+        self.check_refused(base, "without triangles", lambda edit: edit.set_material("f", 0))
+        with base.edit() as edit:
+            edit.set_material("t", 0)
+
+    def test_many_changes_of_many_instances(self):
+        parts = self.python.scene_of({"t": TRIANGLE}, {"t": ("t", np.random.default_rng(1).random((100_000, 3)))}, name="many")
+
+        def change(edit):
+            for _ in range(20):
+                edit.move("*", (1, 0, 0))
+                edit.set_mask("*", 3)
+
+        with parts.edit() as edit:
+            change(edit)
+        self.check_memory()
+        self.assertEqual(edit.instances, 100_000)
+
+    def test_a_pose_that_parts_a_mesh_at_each_of_its_places(self):
+        with tempfile.TemporaryDirectory() as folder:
+            path = pathlib.Path(folder) / "skin.glb"
+            path.write_bytes(skinned(300, 40))
+            scene = self.python.load(path)
+        rays = [[1, 1, 9, 0, 0, -1]]
+        np.testing.assert_allclose(scene.trace(rays, time=0.5)["t"], [6.5])
+        with scene.edit() as edit:
+            edit.add(scene, (50, 0, 0), "again")
+        with self.assertRaisesRegex(raynest.Error, "the scene at another time"):
+            scene.trace(rays, time=0.25)
+        self.check_memory()
+
+
+if __name__ == "__main__":
+    EditLimits.raynestd, EditLimits.raynest = sys.argv[1:3]
+    unittest.main(argv=sys.argv[:1])
