@@ -188,7 +188,7 @@ Result<void> run(Context& context, const QueryOptions& options) {
     // A detached job does not tell which epoch it found, so name it.
     if (options.job.detach && options.job.epoch == 0) request.job->epoch = scene->epoch;
     if (options.generate.empty() && !options.step_error.empty())
-        return fail(Exit::usage, "--step-error is of --generate sweep");
+        return fail(Exit::usage, "--step-error is for --generate sweep and rolling_shutter");
     std::string points;
     std::vector<std::byte> trajectory;
     if (!options.generate.empty()) {

@@ -43,7 +43,7 @@ void print(Context& context, const UnloadOptions& options, const std::vector<Unl
         std::cout << "  still held by ";
         for (std::size_t i = 0; i < scene.holders.size(); ++i)
             std::cout << (i == 0 ? "" : ", ") << scene.holders[i];
-        std::cout << ", for whom the name works on\n";
+        std::cout << ", who can keep using the name\n";
     }
     if (done.empty() && options.scenes.empty())
         std::cout << "nothing to unload: no scene that you named is left"

@@ -113,7 +113,7 @@ Result<SceneDescription> describe_source(const ImportRequest& request, const Imp
     if (!takes_options && others != FileOptions{}) {
         return fail(ErrorCode::scene_invalid,
                     fmt::format("`unit`, `radius`, `spacing` and an automatic origin are for {} "
-                                "and heights: leave them out",
+                                "and a .npy of heights: leave them out",
                                 format_list()));
     }
     if (!request.variant.empty() && !is_gltf(source))

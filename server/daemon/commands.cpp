@@ -89,10 +89,10 @@ int tls_init(const fs::path& folder, const std::vector<std::string>& hosts) {
     const auto path = [&](const char* name) { return (folder / name).string(); };
     std::cout << "certificate of";
     for (const std::string& name : names) std::cout << ' ' << name;
-    std::cout << "\n\nServe:   raynestd --listen tls://0.0.0.0:31060 --tls-cert "
+    std::cout << "\n\nServe:   raynestd --listen tls://0.0.0.0:31062 --tls-cert "
               << path(Files::server) << " --tls-key " << path(Files::server_key)
               << " --tokens FILE\nClients: raynest --ca " << path(Files::ca)
-              << " --server tls://HOST:31060 scenes\nGive clients " << Files::ca
+              << " --server tls://HOST:31062 scenes\nGive clients " << Files::ca
               << " alone. Let the daemon's user read " << Files::server << " and "
               << Files::server_key << ", but never " << Files::ca_key << ". Keep " << Files::ca_key
               << " off the network; `raynestd tls renew " << folder.string()
@@ -333,7 +333,7 @@ void declare_token(CLI::App& app, std::function<int()>& action) {
     add_file(list);
     list->callback([&action, words] { action = [words] { return token_list(*words); }; });
     CLI::App* revoke =
-        token->add_subcommand("revoke", "Take access away; ends the connections of a daemon");
+        token->add_subcommand("revoke", "Take access away, and end the connections that have it");
     add_name(revoke, [](std::string_view text) { return !text.empty(); });
     add_file(revoke);
     revoke->add_flag("--unlisted", words->unlisted,

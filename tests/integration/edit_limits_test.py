@@ -84,7 +84,7 @@ class EditLimits(DaemonTest):
         with base.edit() as edit:
             edit.add(forest, np.zeros((3, 3)), "f")
         self.check_memory()
-        self.assertEqual(base.path_of(base.path_ids("f#2/birch-1/leaves")), "f#2/birch-1/leaves")
+        self.assertEqual(base.path_of(base.path_ids("f#2/birch-1/leaves#0")), "f#2/birch-1/leaves#0")
 
     def test_a_material_of_countless_spheres(self):
         flake = self.python.load("builtin:flake?depth=16", "flake")
