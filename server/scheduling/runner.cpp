@@ -93,7 +93,7 @@ Reply<std::uint64_t> Runner::start(std::uint64_t id, JobSubmission accepted) {
     const std::uint64_t number = slot->number();
     auto active = std::make_shared<Active>(id, std::move(accepted.job), deadline);
     active->slot = std::move(*slot);
-    active->input = std::move(*input);
+    active->input = std::make_shared<Budget::Lease>(std::move(*input));
     active->priority = accepted.priority;
     active->started = now;
     active->next_progress = now + tick_period;
@@ -117,9 +117,26 @@ void Runner::greet(Active& active) {
     for (protocol::Frame& frame : active.job->greeting()) sink_->send(std::move(frame));
 }
 
-bool Runner::expects(std::uint64_t id, std::uint64_t bytes) const {
+std::shared_ptr<Budget::Lease> Runner::admit(std::uint64_t id, std::uint64_t bytes) {
     const ActivePointer active = find(id);
-    return active != nullptr && !active->error && bytes <= active->input_credit;
+    if (active == nullptr || active->error || bytes > active->input_credit) return nullptr;
+    // The credit is a whole window, while less was reserved for a request that announced less.
+    const std::uint64_t window = context_.limits.window_bytes;
+    const std::uint64_t unread = window - std::min(window, active->input_credit + active->returned);
+    Budget::Lease& input = *active->input;
+    if (unread + bytes <= input.bytes()) return active->input;
+    const std::uint64_t more = unread + bytes - input.bytes();
+    auto lease = context_.peers.reserve(more, principal_);
+    if (!lease) {
+        stop(*active, context_.budget
+                          .refuse("a frame beyond the data that the request announced", more,
+                                  principal_, "try later")
+                          .value());
+        pump(active);
+        return nullptr;
+    }
+    input.merge(std::move(*lease));
+    return active->input;
 }
 
 void Runner::feed(protocol::Frame frame) {
@@ -241,7 +258,7 @@ bool Runner::waits_for_client() const {
 std::uint64_t Runner::held_bytes() const {
     std::uint64_t bytes = answers_.bytes();
     for (const ActivePointer& active : jobs_)
-        bytes += active->input.bytes() + active->job->held_bytes();
+        bytes += active->input->bytes() + active->job->held_bytes();
     return bytes;
 }
 
@@ -405,7 +422,7 @@ void Runner::leave(Active& active, Frames last) {
     const RequestScope scope(active.tag);
     active.slot = {};
     active.job.reset();
-    active.input = {};
+    active.input.reset();
     if (sink_ != nullptr && !active.error)
         guarded(active, [&] {
             for (protocol::Frame& frame : last) sink_->send(std::move(frame));

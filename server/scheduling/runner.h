@@ -71,8 +71,10 @@ public:
     /// paused peers give way if needed. Fails with QUOTA (of the principal; the conversation checks
     /// jobs_max), BUSY or RESOURCE_EXHAUSTED. Returns the job's number, unique in the daemon.
     Reply<std::uint64_t> start(std::uint64_t id, JobSubmission accepted);
-    /// True if the job is in flight and its input credit covers `bytes` of bulk data.
-    [[nodiscard]] bool expects(std::uint64_t id, std::uint64_t bytes) const;
+    /// Returns the memory that covers `bytes` of bulk data on their way to a job; null if the job is
+    /// not in flight, its input credit does not cover them, or memory is short for them, which ends
+    /// the job. It is the job's own, and stays reserved after the job while the caller keeps it.
+    [[nodiscard]] std::shared_ptr<Budget::Lease> admit(std::uint64_t id, std::uint64_t bytes);
     /// Passes bulk data to a job; drops them if the job has ended, which the client cannot know
     /// yet.
     void feed(protocol::Frame frame);
@@ -121,7 +123,7 @@ private:
         const RequestTag tag = RequestScope::current();  ///< for the log
         StopFlag stop;
         Admission::Slot slot;
-        Budget::Lease input;  ///< for data that the client may send
+        std::shared_ptr<Budget::Lease> input;  ///< for data that the client may send
         Priority priority = Priority::normal;
         Clock::time_point started;
         Clock::time_point next_progress;

@@ -102,7 +102,7 @@ Conversation::Conversation(const Services& services, const JobContext& context, 
     caller_.connection = services_.scenes.connect();
 }
 
-Reply<bool> Conversation::admit(const protocol::FrameHeader& header) const {
+Reply<bool> Conversation::admit(const protocol::FrameHeader& header) {
     if (!protocol::message_known(header.type)) return false;
     const Part* part = find_part(header.type);
     const std::uint64_t most = part == nullptr ? 0 : part->bulk_bytes_max(services_.limits);
@@ -110,15 +110,14 @@ Reply<bool> Conversation::admit(const protocol::FrameHeader& header) const {
         return refuse(Code::limit_exceeded,
                       protocol::message_name(header.type) + " brings no bulk part; " +
                           std::to_string(header.bulk_bytes) + " bytes are announced");
-    if (header.bulk_bytes > most) return false;
-    if (parked_.contains(header.request_id)) return true;
-    return runner_of(header.request_id).expects(header.request_id, header.bulk_bytes);
+    return header.bulk_bytes <= most && cover(header);
 }
 
 void Conversation::receive(protocol::Frame frame) {
     if (closing_) return;
     services_.metrics.count<&Metrics::frames_received>(counted_as());
     guard(frame.header.request_id, [&] { handle(std::move(frame)); });
+    if (!held_up_) arriving_ = {};
     settle();
 }
 
@@ -360,6 +359,7 @@ void Conversation::let_go_on() {
     if (held_up_ && !parked_.contains(held_up_->header.request_id)) {
         protocol::Frame frame = std::move(*std::exchange(held_up_, std::nullopt));
         guard(frame.header.request_id, [&] { handle(std::move(frame)); });
+        if (!held_up_) arriving_ = {};
     }
     settle();
     if (resumed_) resumed_();
@@ -418,13 +418,6 @@ void Conversation::release_inputs() {
     }
 }
 
-std::uint64_t Conversation::held_bytes() const {
-    std::uint64_t bytes = runner_->held_bytes();
-    for (const auto& [id, parked] : parked_) bytes += parked.lease.bytes();
-    for (const auto& [id, job] : feeding_) bytes += job->runner().held_bytes() + job->bytes();
-    return bytes;
-}
-
 bool Conversation::waits_for_client() const {
     return parked_.empty() && runner_->waits_for_client() &&
            std::all_of(feeding_.begin(), feeding_.end(),
@@ -433,6 +426,8 @@ bool Conversation::waits_for_client() const {
 
 void Conversation::abandon(const protocol::Error& why) {
     parked_.clear();
+    // The decoder keeps a frame that is half here until the last error is sent.
+    if (held_up_ || !closing_) arriving_ = {};
     held_up_.reset();
     runner_->abandon(why);
     services_.scenes.disconnect(caller_);
@@ -477,6 +472,7 @@ void Conversation::drain(const std::string& why) {
 
 void Conversation::settle() {
     release_inputs();
+    arriving_.settle();
     if (jobs() != 0) return;
     if (!draining_) {
         waited_ = false;

@@ -13,6 +13,7 @@
 #include "server/requests/request.h"
 #include "server/scheduling/detached.h"
 #include "server/scheduling/runner.h"
+#include "server/sessions/arriving_frame.h"
 
 #include <cstdint>
 #include <functional>
@@ -34,9 +35,9 @@ public:
     ~Conversation() { abandon(); }
     Conversation(const Conversation&) = delete;
 
-    /// Decides from a frame's header whether to read its bulk part. False: skip the bulk part. An
-    /// error ends the connection.
-    [[nodiscard]] Reply<bool> admit(const protocol::FrameHeader& header) const;
+    /// Decides from a frame's header whether to read its bulk part, and covers that with memory.
+    /// False: skip the bulk part. An error ends the connection.
+    [[nodiscard]] Reply<bool> admit(const protocol::FrameHeader& header);
 
     /// Handles a frame, which admit() let in.
     void receive(protocol::Frame frame);
@@ -66,7 +67,7 @@ public:
 
     /// Number of requests in flight, including detached ones whose data are still arriving.
     [[nodiscard]] std::size_t jobs() const { return runner_->size() + feeding_.size(); }
-    /// Bytes of --memory that these requests and their answers have reserved.
+    /// Bytes of --memory that these requests, their answers and the frame on its way have reserved.
     [[nodiscard]] std::uint64_t held_bytes() const;
     /// True while data have come for a request that waits for its scene. Meanwhile pass no frames
     /// on; `resumed` is called, on the io thread, when they may follow.
@@ -97,6 +98,8 @@ private:
     void cancel(protocol::Frame frame);
     void feed(protocol::Frame frame);
 
+    /// Covers a bulk part with memory; false if its request wants none, or memory is short.
+    bool cover(const protocol::FrameHeader& header);
     void handle(protocol::Frame frame);
     /// `deadline`: of a request that was parked.
     void start(const Request& request, protocol::Frame frame,
@@ -148,6 +151,7 @@ private:
     bool closing_ = false;
     ParkedRequests parked_;                   ///< by request id
     std::optional<protocol::Frame> held_up_;  ///< data of a parked request
+    ArrivingFrame arriving_;                  ///< or the held up one
     std::function<void()> resumed_;
 };
 

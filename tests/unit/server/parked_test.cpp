@@ -95,5 +95,78 @@ TEST_CASE("a request that waits for a takeover holds up its own data, and keeps 
     gate.open();
 }
 
+TEST_CASE("data on their way to a parked request have memory, or end it where memory is full") {
+    SmallDaemon daemon;
+    const std::uint64_t idle = daemon.used_bytes();
+    ChangeGate gate;
+    daemon.services.changes = &gate;
+    Client client(daemon);
+    client.receive(frame_of(0, wire::HelloT{}));
+    constexpr std::uint64_t size = 1 << 20;
+    const auto load = [] {
+        wire::LoadT message;
+        message.source = "a.gltf";
+        message.file_names = {"a.gltf"};
+        message.file_hashes = {1};
+        message.file_bytes = {2 * size};
+        return message;
+    };
+    const auto piece = [](std::uint64_t id) {
+        protocol::Bulk bulk;
+        bulk.add("data", wire::Dtype::u8, 1, size);
+        bulk.allocate();
+        std::fill_n(bulk.block(0).data(), size, std::byte{0});
+        return protocol::encode(id, wire::UploadT{}, std::move(bulk)).value();
+    };
+    gate.close();
+    client.receive(frame_of(1, load()));
+    const std::uint64_t parked = client.held_bytes();
+    CHECK(client.admit(piece(1).header) == true);
+    CHECK(client.held_bytes() == parked + size);
+    CHECK(daemon.budget.used() == idle + client.held_bytes());
+
+    SUBCASE("held up, they keep it until their request has begun and taken them") {
+        client.receive(piece(1));
+        CHECK(client.is_held_up());
+        CHECK(client.held_bytes() == parked + size);
+        gate.open();
+        CHECK_FALSE(client.is_held_up());
+        CHECK(client.held_bytes() == 3 * size);  // all data of the job, and its file so far
+        client.receive(frame_of(1, wire::CancelT{}));
+        daemon.settle();
+        CHECK(client.held_bytes() == 0);
+    }
+    SUBCASE("half here, they keep it when their request has ended") {
+        client.expire_parked(client.next_deadline());
+        CHECK(errors_of(daemon) == std::vector{Code::deadline});
+        CHECK(client.held_bytes() == size);
+        CHECK(client.waits_for_client());
+        client.receive(piece(1));
+        CHECK(client.held_bytes() == 0);
+    }
+    SUBCASE("refused, they cost their request alone") {
+        client.receive(piece(1));
+        gate.open();
+        client.receive(frame_of(1, wire::CancelT{}));
+        daemon.settle();
+        gate.close();
+        client.receive(frame_of(2, load()));
+        const auto rest =
+            daemon.budget.reserve(daemon.budget.limit() - daemon.budget.used() - size / 2);
+        REQUIRE(rest);
+        daemon.sent.clear();
+        protocol::Frame skipped = piece(2);
+        CHECK(client.admit(skipped.header) == false);
+        CHECK(errors_of(daemon) == std::vector{Code::resource_exhausted});
+        CHECK(client.held_bytes() == 0);
+        skipped.bulk = {};
+        client.receive(std::move(skipped));
+        CHECK(errors_of(daemon).size() == 1);
+        CHECK_FALSE(client.closing());
+    }
+    CHECK(daemon.used_bytes() == idle);
+    gate.open();
+}
+
 }  // namespace
 }  // namespace raynest::server

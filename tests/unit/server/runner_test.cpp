@@ -468,16 +468,16 @@ TEST_CASE("memory for a client's input is reserved before it sends, and returns 
 
 TEST_CASE("only a job that waits for data gets memory for it") {
     Bench bench;
-    CHECK_FALSE(bench.runner->expects(1, 0));
+    CHECK_FALSE(bench.runner->admit(1, 0));
     REQUIRE(bench.runner->start(1, accept(std::make_unique<Sponge>())));
-    CHECK(bench.runner->expects(1, bench.limits.window_bytes));
-    CHECK_FALSE(bench.runner->expects(1, bench.limits.window_bytes + 1));
+    CHECK(bench.runner->admit(1, bench.limits.window_bytes));
+    CHECK_FALSE(bench.runner->admit(1, bench.limits.window_bytes + 1));
     // A bulk part that was skipped for lack of credit stays beyond the credit.
     protocol::Frame passed = chunk_of(1000);
     passed.bulk = {};
     bench.runner->feed(std::move(passed));
     CHECK(bench.error() == Code::limit_exceeded);
-    CHECK_FALSE(bench.runner->expects(1, 0));
+    CHECK_FALSE(bench.runner->admit(1, 0));
 }
 
 TEST_CASE("input beyond the credit ends the job, input within it is granted again") {
