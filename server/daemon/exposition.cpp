@@ -108,7 +108,8 @@ void add_durations(const DurationHistogram& durations, const char* name, const c
     families.family(name, MetricType::Histogram, help).metric.push_back(std::move(metric));
 }
 
-void add_principal(const Services& services, const std::string& principal, Families& families) {
+void add_principal(const Services& services, const std::string& principal, const QuotaUses& uses,
+                   Families& families) {
     const auto add = [&](const char* name, MetricType type, std::string_view help,
                          ClientMetric::Label label, std::uint64_t value) {
         ClientMetric metric;
@@ -130,7 +131,7 @@ void add_principal(const Services& services, const std::string& principal, Famil
     count("raynest_principal_bytes_total", bytes, {"direction", "received"},
           &Metrics::bytes_received);
     count("raynest_principal_bytes_total", bytes, {"direction", "sent"}, &Metrics::bytes_sent);
-    for (const QuotaUse& use : quota_uses(services, principal)) {
+    for (const QuotaUse& use : uses) {
         const ClientMetric::Label label{"resource", std::string(use.resource)};
         add("raynest_principal_used", MetricType::Gauge, "what a principal uses of its quotas",
             label, use.used);
@@ -142,7 +143,9 @@ void add_principal(const Services& services, const std::string& principal, Famil
 void add_principals(const Services& services, const Principal& reader, Families& families) {
     const auto shown = reader.role == Role::admin ? services.metrics.own.latest(principals_max)
                                                   : std::vector<std::string>{reader.id};
-    for (const std::string& principal : shown) add_principal(services, principal, families);
+    const auto uses = quota_uses(services, shown);
+    for (const std::string& principal : shown)
+        add_principal(services, principal, uses.at(principal), families);
 }
 
 /// The names that Prometheus' client libraries give to these.

@@ -1,13 +1,12 @@
 // Changes of scenes wait here while another daemon takes the state folder over.
 #pragma once
 
-#include "server/jobs/scene_waker.h"
+#include "server/ground/waiters.h"
 #include "server/store/state_folder.h"
 
 #include <memory>
 #include <string_view>
 #include <utility>
-#include <vector>
 
 namespace raynest::server {
 
@@ -22,7 +21,7 @@ namespace raynest::server {
 /// Io thread only.
 class ChangeGate {
 public:
-    using Awake = SceneWaker::Awake;
+    using Awake = Waiters::Awake;
 
     /// True for jobs that change stored scenes.
     [[nodiscard]] static bool concerns(std::string_view kind) {
@@ -33,15 +32,14 @@ public:
     /// Those who wait go on.
     void open() {
         closed_ = false;
-        for (const auto& each : std::exchange(waiting_, {}))
-            if (const auto waits = each.lock()) (*waits)(Reply<void>());
+        waiting_.wake_all({});
     }
     /// Calls `awake` once the gate is open, unless it has expired.
-    void wait(std::weak_ptr<Awake> awake) { waiting_.push_back(std::move(awake)); }
+    void wait(std::weak_ptr<Awake> awake) { waiting_.add(std::move(awake)); }
 
 private:
     bool closed_ = false;
-    std::vector<std::weak_ptr<Awake>> waiting_;
+    Waiters waiting_;
 };
 
 }  // namespace raynest::server

@@ -16,19 +16,28 @@ struct ScenePoser::Made {
     Reply<std::shared_ptr<const Snapshot>> snapshot = nullptr;
 };
 
-ScenePoser::Kept::iterator ScenePoser::place_of(const std::string& principal,
-                                                const std::string& digest, const Moment& moment) {
-    return std::ranges::find_if(kept_, [&](const Posed& posed) {
-        return posed.principal == principal && posed.digest == digest && posed.moment == moment;
+ScenePoser::Posed* ScenePoser::place_of(const std::string& principal, const std::string& digest,
+                                        const Moment& moment) {
+    const auto own = own_.find(principal);
+    if (own == own_.end()) return nullptr;
+    const auto posed = std::ranges::find_if(own->second.kept, [&](const Posed& each) {
+        return each.digest == digest && each.moment == moment;
     });
+    return posed == own->second.kept.end() ? nullptr : &*posed;
+}
+
+std::size_t ScenePoser::under_way(const std::string& principal) const {
+    const auto own = own_.find(principal);
+    if (own == own_.end()) return 0;
+    return static_cast<std::size_t>(std::ranges::count(own->second.kept, nullptr, &Posed::held));
 }
 
 Reply<NamedScene> ScenePoser::find(const NamedScene& base, std::string_view animation,
                                    double seconds, const Caller& caller) {
     const auto moment = find_moment(base.snapshot(), animation, seconds);
     if (!moment) return refuse(moment.error());
-    const auto posed = place_of(caller.principal, base.snapshot().digest(), *moment);
-    if (posed == kept_.end() || posed->held == nullptr) {
+    Posed* const posed = place_of(caller.principal, base.snapshot().digest(), *moment);
+    if (posed == nullptr || posed->held == nullptr) {
         wanted_ = Wanted{base, *moment};
         return refuse(Code::busy, "the scene is being posed; ask again");
     }
@@ -41,13 +50,17 @@ Reply<NamedScene> ScenePoser::find(const NamedScene& base, std::string_view anim
 void ScenePoser::make(const Wanted& wanted, const std::string& principal,
                       std::weak_ptr<Ready> ready) {
     const Snapshot& scene = wanted.base.snapshot();
-    if (const auto under_way = place_of(principal, scene.digest(), wanted.moment);
-        under_way != kept_.end()) {
-        under_way->waiting.push_back(std::move(ready));
+    if (Posed* const same = place_of(principal, scene.digest(), wanted.moment)) {
+        same->waiting.add(std::move(ready));
+        return;
+    }
+    const std::size_t others = under_way(principal);
+    if (others == kept_max) {
+        own_[principal].queue.add(std::move(ready));
         return;
     }
     drop_idle();
-    drop_all_but(kept_max - 1, principal);
+    drop_all_but(kept_max - 1 - others, principal);
     auto made = std::make_shared<Made>();
     const std::uint64_t bytes = 2 * scene.bytes().size();
     auto lease = services_.peers.reserve(bytes, principal);
@@ -60,11 +73,12 @@ void ScenePoser::make(const Wanted& wanted, const std::string& principal,
         return;
     }
     made->lease = std::move(*lease);
-    kept_.push_back({principal, scene.digest(), wanted.moment, nullptr});
-    kept_.back().waiting.push_back(std::move(ready));
+    Kept& kept = own_[principal].kept;
+    kept.push_back({principal, scene.digest(), wanted.moment, nullptr});
+    kept.back().waiting.add(std::move(ready));
     services_.blocking.submit(principal, Priority::normal,
                               [this, principal, held = wanted.base.held, moment = wanted.moment,
-                               made, posed = std::prev(kept_.end())] {
+                               made, posed = std::prev(kept.end())] {
                                   try {
                                       pose_scene(*held->snapshot, moment, principal, *made);
                                   } catch (const std::exception& error) {
@@ -95,7 +109,8 @@ void ScenePoser::pose_scene(const Snapshot& scene, const Moment& moment,
 }
 
 void ScenePoser::done(Kept::iterator posed, Made& made) {
-    const auto waiting = std::exchange(posed->waiting, {});
+    const std::string principal = posed->principal;
+    Waiters waiting = std::exchange(posed->waiting, {});
     Reply<void> result;
     if (made.snapshot) {
         made.lease.shrink(std::min(made.lease.bytes(), (*made.snapshot)->bytes().size()));
@@ -103,41 +118,49 @@ void ScenePoser::done(Kept::iterator posed, Made& made) {
             services_.scenes.with_memory(std::move(*made.snapshot), std::move(made.lease));
         posed->used = Clock::now();
     } else {
-        kept_.erase(posed);
+        own_[principal].kept.erase(posed);
         result = tl::unexpected(std::move(made.snapshot.error()));
     }
-    for (const auto& each : waiting)
-        if (const auto waits = each.lock()) (*waits)(result);
+    waiting.wake_all(result);
+    // Each begins another, unless what it wants is there meanwhile.
+    for (auto own = own_.find(principal);
+         own != own_.end() && !own->second.queue.empty() && under_way(principal) < kept_max;
+         own = own_.find(principal))
+        own->second.queue.wake_first({});
 }
 
 void ScenePoser::drop_all_but(std::size_t most, const std::string& principal) {
-    const auto is_idle = [&](const Posed& posed) {
-        return posed.principal == principal && posed.held != nullptr;
-    };
-    auto idle = static_cast<std::size_t>(std::ranges::count_if(kept_, is_idle));
-    for (auto at = kept_.begin(); at != kept_.end() && idle > most;) {
-        if (!is_idle(*at)) {
+    const auto own = own_.find(principal);
+    if (own == own_.end()) return;
+    Kept& kept = own->second.kept;
+    std::size_t idle = kept.size() - under_way(principal);
+    for (auto at = kept.begin(); at != kept.end() && idle > most;) {
+        if (at->held == nullptr) {
             ++at;
             continue;
         }
-        at = kept_.erase(at);
+        at = kept.erase(at);
         --idle;
     }
 }
 
 std::uint64_t ScenePoser::held_by(const std::string& principal) const {
     std::uint64_t bytes = 0;
-    for (const Posed& posed : kept_)
-        if (posed.principal == principal && posed.held != nullptr)
-            bytes += posed.held->lease.bytes();
+    if (const auto own = own_.find(principal); own != own_.end())
+        for (const Posed& posed : own->second.kept)
+            if (posed.held != nullptr) bytes += posed.held->lease.bytes();
     return bytes;
 }
 
 void ScenePoser::drop_idle() {
     const auto now = Clock::now();
-    std::erase_if(kept_, [&](const Posed& posed) {
-        return posed.held != nullptr && now - posed.used > kept_time;
-    });
+    for (auto own = own_.begin(); own != own_.end();) {
+        std::erase_if(own->second.kept, [&](const Posed& posed) {
+            return posed.held != nullptr && now - posed.used > kept_time;
+        });
+        const bool is_over = own->second.kept.empty() && own->second.queue.empty();
+        own = is_over ? own_.erase(own) : std::next(own);
+    }
 }
 
 }  // namespace raynest::server

@@ -10,6 +10,7 @@
 #include <cstdint>
 #include <functional>
 #include <list>
+#include <map>
 #include <memory>
 #include <optional>
 #include <string>
@@ -26,7 +27,7 @@ public:
     using Post = SceneWaker::Post;
     using Ready = SceneWaker::Awake;
 
-    /// Of each principal.
+    /// Kept and being made, of each principal.
     static constexpr std::size_t kept_max = 4;
     static constexpr std::chrono::seconds kept_time{20};
 
@@ -48,7 +49,9 @@ public:
     [[nodiscard]] std::optional<Wanted> take_wanted() {
         return std::exchange(wanted_, std::nullopt);
     }
-    /// Makes it in a task of `principal`, then calls `ready` unless that has expired.
+    /// Makes it in a task of `principal`, then calls `ready` unless that has expired. While the
+    /// principal has kept_max under way, it makes nothing and calls `ready` when one of them is
+    /// done: to ask again.
     void make(const Wanted& wanted, const std::string& principal, std::weak_ptr<Ready> ready);
     /// Returns how many bytes of --memory are kept for a principal.
     [[nodiscard]] std::uint64_t held_by(const std::string& principal) const;
@@ -61,14 +64,19 @@ private:
         std::string digest;  ///< of the scene that it is made of
         Moment moment;
         std::shared_ptr<const HeldScene> held;  ///< null: it is being made
-        std::vector<std::weak_ptr<Ready>> waiting = {};
+        Waiters waiting = {};
         Clock::time_point used = Clock::now();
     };
     struct Made;
     using Kept = std::list<Posed>;
+    struct Own {
+        Kept kept;
+        Waiters queue = {};  ///< empty unless kept_max are under way
+    };
 
-    Kept::iterator place_of(const std::string& principal, const std::string& digest,
-                            const Moment& moment);
+    /// Returns null if there is none.
+    Posed* place_of(const std::string& principal, const std::string& digest, const Moment& moment);
+    [[nodiscard]] std::size_t under_way(const std::string& principal) const;
     void drop_all_but(std::size_t most, const std::string& principal);
     [[nodiscard]] tl::unexpected<protocol::Error> no_room(std::uint64_t bytes,
                                                           const std::string& principal) const;
@@ -79,7 +87,7 @@ private:
 
     const Services& services_;
     const Post post_;
-    Kept kept_;
+    std::map<std::string, Own> own_;  ///< by principal
     std::optional<Wanted> wanted_;
 };
 

@@ -9,7 +9,6 @@
 #include "server/scheduling/peers.h"
 #include "server/store/state_folder.h"
 
-#include <algorithm>
 #include <atomic>
 #include <chrono>
 #include <exception>
@@ -53,7 +52,7 @@ struct SceneWaker::Read {
 
 void SceneWaker::wake(const AsleepScene& scene, const std::string& principal,
                       std::weak_ptr<Awake> awake) {
-    waiting_[scene.facts.digest].who.push_back(std::move(awake));
+    waiting_[scene.facts.digest].who.add(std::move(awake));
     add(scene, principal);
 }
 
@@ -64,9 +63,7 @@ void SceneWaker::wake(const AsleepScene& scene) {
 
 void SceneWaker::drop_deserted() {
     for (auto& [digest, waiting] : waiting_)
-        if (!waiting.for_nobody &&
-            std::ranges::all_of(waiting.who, [](const auto& each) { return each.expired(); }))
-            waiting.read->is_stopped = true;
+        if (!waiting.for_nobody && waiting.who.all_expired()) waiting.read->is_stopped = true;
 }
 
 void SceneWaker::stop() {
@@ -86,9 +83,7 @@ void SceneWaker::add(const AsleepScene& scene, const std::string& principal) {
         const auto full = services_.budget.refuse(
             "the scene", bytes, scene.owner,
             services_.scenes.remedy(scene.owner, "start raynestd with a larger --memory"));
-        const auto refused = waiting_.extract(scene.facts.digest);
-        for (const auto& each : refused.mapped().who)
-            if (const auto waits = each.lock()) (*waits)(Reply<void>(full));
+        waiting_.extract(scene.facts.digest).mapped().who.wake_all(Reply<void>(full));
         return;
     }
     read->lease = std::move(*lease);
@@ -132,10 +127,8 @@ void SceneWaker::done(const AsleepScene& scene, Read& read) {
         result = refuse(Code::resource_exhausted,
                         "the stored scene could not be read: " + read.fault->why + "; try again");
     }
-    const auto waiting = waiting_.extract(scene.facts.digest);
-    if (waiting.empty()) return;
-    for (const auto& each : waiting.mapped().who)
-        if (const auto waits = each.lock()) (*waits)(result);
+    auto waiting = waiting_.extract(scene.facts.digest);
+    if (!waiting.empty()) waiting.mapped().who.wake_all(result);
 }
 
 }  // namespace raynest::server

@@ -1,7 +1,7 @@
 // Brings scenes that are on the disk alone back into memory, for the requests that need them.
 #pragma once
 
-#include "server/ground/errors.h"
+#include "server/ground/waiters.h"
 #include "server/jobs/services.h"
 #include "server/store/scene_store.h"
 
@@ -9,7 +9,6 @@
 #include <map>
 #include <memory>
 #include <string>
-#include <vector>
 
 namespace raynest::server {
 
@@ -17,7 +16,7 @@ namespace raynest::server {
 class SceneWaker {
 public:
     /// Gets the error of a scene that could not be read, or nothing.
-    using Awake = std::function<void(const Reply<void>&)>;
+    using Awake = Waiters::Awake;
     using Post = std::function<void(std::function<void()>)>;
 
     /// `post` runs a function on the io thread. `services` outlives this.
@@ -37,7 +36,7 @@ public:
 private:
     struct Read;
     struct Waiting {
-        std::vector<std::weak_ptr<Awake>> who;
+        Waiters who;
         std::shared_ptr<Read> read = nullptr;  ///< what runs
         bool for_nobody = false;               ///< goes on though nobody waits
     };

@@ -28,14 +28,14 @@ Reply<Answer> edit(const Services& services, const Caller& caller,
             !kept)
             return tl::unexpected(kept.error());
     const std::vector<std::string> names = protocol::strings(message->names());
-    for (const std::string& source : protocol::strings(message->scenes())) {
-        const auto added = services.scenes.find(source, 0, caller);
-        if (!added) return tl::unexpected(added.error());
-        const std::string name =
-            names.size() > order.content.sources.size() ? names[order.content.sources.size()] : "";
+    const std::vector<std::string> sources = protocol::strings(message->scenes());
+    const auto added = services.scenes.find_each(sources, caller);
+    if (!added) return tl::unexpected(added.error());
+    for (std::size_t i = 0; i < sources.size(); ++i) {
+        const std::string name = i < names.size() ? names[i] : "";
         // Another owner's scene is "OWNER/NAME".
         order.content.sources.push_back(
-            {added->held, name.empty() ? source.substr(source.rfind('/') + 1) : name});
+            {(*added)[i].held, name.empty() ? sources[i].substr(sources[i].rfind('/') + 1) : name});
     }
     if (message->vertex_counts() != nullptr)
         order.content.vertex_counts.assign(message->vertex_counts()->begin(),

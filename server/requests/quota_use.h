@@ -6,8 +6,10 @@
 
 #include <array>
 #include <cstdint>
+#include <map>
 #include <string>
 #include <string_view>
+#include <vector>
 
 namespace raynest::server {
 
@@ -17,9 +19,13 @@ struct QuotaUse {
     std::uint64_t quota = 0;
 };
 
-/// Returns what a principal has in flight, holds and has open. `second_bytes`, a rate, is not among
-/// them. Io thread only.
-[[nodiscard]] std::array<QuotaUse, 6> quota_uses(const Services& services,
-                                                 const std::string& principal);
+using QuotaUses = std::array<QuotaUse, 6>;
+
+/// Returns what each of these principals has in flight, holds and has open. `second_bytes`, a rate,
+/// is not among them. Passes over all scenes and jobs once. Io thread only.
+[[nodiscard]] std::map<std::string, QuotaUses> quota_uses(
+    const Services& services, const std::vector<std::string>& principals);
+/// Returns the same of one principal.
+[[nodiscard]] QuotaUses quota_uses(const Services& services, const std::string& principal);
 
 }  // namespace raynest::server

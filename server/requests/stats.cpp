@@ -10,7 +10,6 @@
 #include "server/scheduling/peers.h"
 #include "server/store/scene_store.h"
 
-#include <algorithm>
 #include <string_view>
 
 namespace raynest::server {
@@ -32,18 +31,12 @@ struct OwnPart {
         if (gauge == "scenes_unlisted") return scenes(false).scenes;
         if (gauge == "scene_bytes") return scenes(true).bytes + scenes(false).bytes;
         if (gauge == "scenes_unlisted_bytes") return scenes(false).bytes;
-        if (gauge == "scenes_on_disk") return on_disk();
+        if (gauge == "scenes_on_disk") return services.scenes.asleep_of(principal);
         if (gauge == "memory_used_bytes") return memory();
         return whole;
     }
 
 private:
-    [[nodiscard]] std::uint64_t on_disk() const {
-        const auto listed = services.scenes.list({principal, 0, Role::user});
-        return static_cast<std::uint64_t>(std::ranges::count_if(listed, [&](const auto& scene) {
-            return scene.owner == principal && !scene.scene.held;
-        }));
-    }
     [[nodiscard]] std::uint64_t memory() const {
         std::uint64_t bytes =
             of("scene_bytes", 0) + services.peers.held_by(principal, Resource::memory) +

@@ -75,24 +75,15 @@ bool SceneStore::Entry::release(const ConnectionId& caller) noexcept {
     return !kept && holders.empty();
 }
 
-template <class AnyEntries>
-auto SceneStore::resolve(AnyEntries& entries, std::string_view name, const ConnectionId& caller) {
-    // The order of preference: own scenes before others', held ones before listed ones. A name
-    // without owner means another's scene only if there is one of it.
-    enum Rank { none, shared, held, own, own_and_held };
-    auto found = entries.end();
-    Rank best = none;
-    std::size_t shared_count = 0;
-    for (auto at = entries.begin(); at != entries.end(); ++at) {
+/// The entry that a name means, of those looked at.
+template <class Place>
+struct SceneStore::Choice {
+    explicit Choice(Place end) : none(end) {}
+    /// Looks at an entry of this name; `is_qualified`: with its owner.
+    void look_at(Place at, bool is_qualified, const ConnectionId& caller) {
         const Entry& entry = at->second;
-        const std::string& bare = at->first;
-        const bool is_bare = bare == name;
-        const bool is_qualified = name.size() == entry.owner.size() + 1 + bare.size() &&
-                                  name.starts_with(entry.owner) && name.ends_with(bare) &&
-                                  name[entry.owner.size()] == '/';
         const bool holds = entry.held_by(caller);
-        if (!(is_bare || is_qualified) || !entry.visible_to(caller) || !(entry.listed || holds))
-            continue;
+        if (!entry.visible_to(caller) || !(entry.listed || holds)) return;
         const bool is_own = entry.owner == caller.principal;
         const Rank rank = is_own                  ? (holds ? own_and_held : Rank::own)
                           : holds || is_qualified ? held
@@ -103,7 +94,30 @@ auto SceneStore::resolve(AnyEntries& entries, std::string_view name, const Conne
             found = at;
         }
     }
-    return best == shared && shared_count > 1 ? entries.end() : found;
+    [[nodiscard]] Place result() const { return best == shared && shared_count > 1 ? none : found; }
+
+private:
+    // The order of preference: own scenes before others', held ones before listed ones. A name
+    // without owner means another's scene only if there is one of it.
+    enum Rank { unknown, shared, held, own, own_and_held };
+    const Place none;  ///< the end
+    Place found = none;
+    Rank best = unknown;
+    std::size_t shared_count = 0;
+};
+
+template <class AnyEntries>
+auto SceneStore::resolve(AnyEntries& entries, std::string_view name, const ConnectionId& caller) {
+    Choice<decltype(entries.begin())> choice(entries.end());
+    for (auto at = entries.begin(); at != entries.end(); ++at) {
+        const std::string& owner = at->second.owner;
+        const std::string& bare = at->first;
+        const bool is_qualified = name.size() == owner.size() + 1 + bare.size() &&
+                                  name.starts_with(owner) && name.ends_with(bare) &&
+                                  name[owner.size()] == '/';
+        if (bare == name || is_qualified) choice.look_at(at, is_qualified, caller);
+    }
+    return choice.result();
 }
 
 template <class AnyEntries>
@@ -356,7 +370,32 @@ protocol::Error SceneStore::not_found(std::string_view name, const ConnectionId&
 
 Reply<NamedScene> SceneStore::find(std::string_view name, std::uint64_t epoch,
                                    const ConnectionId& caller) const {
-    const auto found = resolve(entries_, name, caller);
+    return found_at(resolve(entries_, name, caller), name, epoch, caller);
+}
+
+Reply<std::vector<NamedScene>> SceneStore::find_each(const std::vector<std::string>& names,
+                                                     const ConnectionId& caller) const {
+    std::vector<NamedScene> scenes;
+    if (names.empty()) return scenes;
+    std::map<std::string_view, Choice<Entries::const_iterator>> choices;
+    for (const std::string& name : names) choices.try_emplace(name, entries_.end());
+    for (auto at = entries_.begin(); at != entries_.end(); ++at) {
+        const std::string qualified = at->second.owner + '/' + at->first;
+        if (const auto choice = choices.find(at->first); choice != choices.end())
+            choice->second.look_at(at, false, caller);
+        if (const auto choice = choices.find(qualified); choice != choices.end())
+            choice->second.look_at(at, true, caller);
+    }
+    for (const std::string& name : names) {
+        auto scene = found_at(choices.at(name).result(), name, 0, caller);
+        if (!scene) return tl::unexpected(scene.error());
+        scenes.push_back(std::move(*scene));
+    }
+    return scenes;
+}
+
+Reply<NamedScene> SceneStore::found_at(Entries::const_iterator found, std::string_view name,
+                                       std::uint64_t epoch, const ConnectionId& caller) const {
     if (found == entries_.end()) return tl::unexpected(not_found(name, caller));
     const NamedScene& scene = found->second.scene;
     if (epoch != 0 && epoch != scene.epoch)

@@ -198,6 +198,10 @@ public:
     /// remedy, in the same words and time for a scene of another owner as for none.
     [[nodiscard]] Reply<NamedScene> find(std::string_view name, std::uint64_t epoch,
                                          const ConnectionId& caller) const;
+    /// Finds several scenes at their current epochs, in one pass over all. Fails as find() does for
+    /// the first of them that it does not return.
+    [[nodiscard]] Reply<std::vector<NamedScene>> find_each(const std::vector<std::string>& names,
+                                                           const ConnectionId& caller) const;
 
     /// Finds a scene as find() does, and gives the caller's connection a reference to it. Fails
     /// with QUOTA as publish() does.
@@ -250,6 +254,8 @@ public:
     [[nodiscard]] std::uint64_t bytes() const;
     /// Returns number and bytes of the scenes on the disk alone.
     [[nodiscard]] Total asleep() const;
+    /// Returns how many of a principal's names have their scene on the disk alone.
+    [[nodiscard]] std::size_t asleep_of(const std::string& owner) const;
     /// Returns when each stored scene was used and whether it is pinned, as far as that differs from
     /// what was returned before.
     [[nodiscard]] std::vector<SceneUse> take_uses();
@@ -260,11 +266,16 @@ public:
     /// Returns number and bytes of the scenes that count towards the quotas of a principal, listed
     /// or unlisted ones.
     [[nodiscard]] Total charged_to(const std::string& principal, bool listed) const;
-    /// Returns the bytes of a principal's scenes in the state folder, kept edits among them.
-    /// Two names of one content count once.
-    [[nodiscard]] std::uint64_t on_disk_of(const std::string& principal) const {
-        return disk_use(principal, nullptr).bytes;
-    }
+    /// How much of its quotas a principal has in scenes.
+    struct Usage {
+        std::size_t scenes = 0;
+        std::uint64_t bytes = 0;
+        /// In the state folder, kept edits among them. Two names of one content count once.
+        std::uint64_t disk_bytes = 0;
+    };
+    /// Returns that of each of these principals, in one pass over all scenes.
+    [[nodiscard]] std::map<std::string, Usage> usage_of(
+        const std::vector<std::string>& principals) const;
     /// Returns advice on how to make room for scenes: to unload the principal's least recently used
     /// ones, if any, or what raises the limit, `larger`.
     [[nodiscard]] std::string remedy(const std::string& principal, const std::string& larger) const;
@@ -326,6 +337,8 @@ private:
     /// holds at most one.
     using Entries = std::multimap<std::string, Entry, std::less<>>;
 
+    template <class Place>
+    struct Choice;
     /// Returns the entry that the caller means by this name, or the end. Looks at every entry, so
     /// that the time does not tell whether there is one that the caller may not see. `entries` may
     /// be const.
@@ -337,6 +350,9 @@ private:
     /// Returns what resolve() does; null in place of the end.
     Entry* meant(std::string_view name, const ConnectionId& caller);
     [[nodiscard]] const Entry* own_entry(std::string_view name, const ConnectionId& caller) const;
+    /// Returns what find() does for the entry that resolve() has returned.
+    [[nodiscard]] Reply<NamedScene> found_at(Entries::const_iterator found, std::string_view name,
+                                             std::uint64_t epoch, const ConnectionId& caller) const;
     /// Returns the error for a name that resolve() does not find: it means several scenes, or none.
     [[nodiscard]] protocol::Error not_found(std::string_view name,
                                             const ConnectionId& caller) const;
@@ -347,6 +363,8 @@ private:
     struct DiskUse {
         std::uint64_t bytes = 0;
         std::set<std::string> blobs;
+
+        void add(const Entry& entry);
     };
     /// Returns what the scenes of a principal but `without` have on the disk.
     [[nodiscard]] DiskUse disk_use(const std::string& principal, const Entry* without) const;
@@ -355,9 +373,17 @@ private:
     /// Charges the memory of a scene to another principal if the one that it is charged to holds
     /// the scene no more.
     void settle_charge(const HeldScene& held) const noexcept;
-    /// Frees the memory of the least recently used stored scene that nobody uses; with `principal`,
-    /// of those charged to it. False if there is none.
-    bool let_go_of_oldest(const std::string* principal);
+    /// A scene in memory that can be read from the disk again.
+    struct Droppable {
+        Clock::time_point used = Clock::time_point::min();  ///< under any of its names
+        std::uint64_t charged_bytes = 0;  ///< that count towards the principal's quota
+        std::vector<Entry*> entries;
+
+        /// Frees the memory, once; false if somebody uses it.
+        bool let_go();
+    };
+    /// Returns all such scenes, the least recently used first.
+    std::vector<Droppable> droppable(const std::string& principal);
     [[nodiscard]] static AsleepScene asleep_scene(const Entry& entry);
     /// Returns the error for a scene on the disk alone, and remembers it for take_asleep().
     protocol::Error asleep(const Entry& entry) const;

@@ -78,15 +78,16 @@ Reply<SceneStore::Stored> SceneStore::prepare_to_store(const std::string& name,
     return stored;
 }
 
+void SceneStore::DiskUse::add(const Entry& entry) {
+    bytes += entry.edit_bytes;
+    SceneFacts blob = entry.on_disk();
+    if (!blob.digest.empty() && blobs.insert(std::move(blob.digest)).second) bytes += blob.bytes;
+}
+
 SceneStore::DiskUse SceneStore::disk_use(const std::string& principal, const Entry* without) const {
     DiskUse use;
-    for (const auto& [name, entry] : entries_) {
-        if (entry.owner != principal || &entry == without) continue;
-        use.bytes += entry.edit_bytes;
-        SceneFacts blob = entry.on_disk();
-        if (!blob.digest.empty() && use.blobs.insert(std::move(blob.digest)).second)
-            use.bytes += blob.bytes;
-    }
+    for (const auto& [name, entry] : entries_)
+        if (entry.owner == principal && &entry != without) use.add(entry);
     return use;
 }
 
@@ -227,46 +228,44 @@ std::vector<std::string> SceneStore::quarantine(const std::string& digest, const
 
 void SceneStore::make_room(std::uint64_t bytes, const std::string& principal) {
     const std::uint64_t bytes_max = quotas_.of(principal).scene_bytes;
-    const auto beyond_quota = [&] {
-        const std::uint64_t held =
-            charged_to(principal, true).bytes + charged_to(principal, false).bytes;
-        return bytes <= bytes_max && held > bytes_max - bytes;
-    };
+    std::uint64_t held = charged_to(principal, true).bytes + charged_to(principal, false).bytes;
+    const auto beyond_quota = [&] { return bytes <= bytes_max && held > bytes_max - bytes; };
     const auto beyond_budget = [&] { return budget_.room(principal, Use::lasting) < bytes; };
+    if (!beyond_quota() && !beyond_budget()) return;
+    std::vector<Droppable> scenes = droppable(principal);
     // The principal's own scenes first: others' do not help it beyond its quota.
-    while (beyond_quota() && let_go_of_oldest(&principal)) {
+    for (Droppable& scene : scenes) {
+        if (!beyond_quota()) break;
+        if (scene.charged_bytes != 0 && scene.let_go()) held -= scene.charged_bytes;
     }
-    while (beyond_budget() && let_go_of_oldest(nullptr)) {
+    for (Droppable& scene : scenes) {
+        if (!beyond_budget()) break;
+        scene.let_go();
     }
 }
 
-bool SceneStore::let_go_of_oldest(const std::string* principal) {
-    struct Candidate {
-        Clock::time_point used;
-        long references = 0;  ///< by entries that may let go of the memory
-        bool charged = false;
-    };
-    std::map<const HeldScene*, Candidate> candidates;
-    for (const auto& [name, entry] : entries_) {
+std::vector<SceneStore::Droppable> SceneStore::droppable(const std::string& principal) {
+    std::vector<Droppable> scenes;
+    std::map<const HeldScene*, std::size_t> places;
+    for (auto& [name, entry] : entries_) {
         if (entry.scene.held == nullptr || entry.blob == nullptr || entry.pinned) continue;
-        Candidate& candidate = candidates[entry.scene.held.get()];
-        candidate.used = std::max(candidate.used, entry.used);
-        candidate.charged |= principal == nullptr || entry.charged_to(*principal);
-        ++candidate.references;
+        const auto [place, is_new] = places.emplace(entry.scene.held.get(), scenes.size());
+        if (is_new) scenes.emplace_back();
+        Droppable& scene = scenes[place->second];
+        scene.used = std::max(scene.used, entry.used);
+        if (entry.charged_to(principal)) scene.charged_bytes += entry.facts.bytes;
+        scene.entries.push_back(&entry);
     }
-    const HeldScene* oldest = nullptr;
-    for (const auto& [name, entry] : entries_) {
-        const auto found = candidates.find(entry.scene.held.get());
-        // Jobs, other names, and edits that may take the memory refer to it, too.
-        if (found == candidates.end() || !found->second.charged ||
-            found->second.references != entry.scene.held.use_count())
-            continue;
-        if (oldest == nullptr || found->second.used < candidates.at(oldest).used)
-            oldest = found->first;
-    }
-    if (oldest == nullptr) return false;
-    for (auto& [name, entry] : entries_)
-        if (entry.scene.held.get() == oldest) entry.scene.held.reset();
+    std::ranges::stable_sort(scenes, {}, &Droppable::used);
+    return scenes;
+}
+
+bool SceneStore::Droppable::let_go() {
+    // Jobs, other names, and edits that may take the memory refer to it, too.
+    if (entries.empty() ||
+        entries.front()->scene.held.use_count() != static_cast<long>(entries.size()))
+        return false;
+    for (Entry* const entry : std::exchange(entries, {})) entry->scene.held.reset();
     return true;
 }
 
@@ -278,6 +277,13 @@ SceneStore::Total SceneStore::asleep() const {
         total.bytes += entry.facts.bytes;
     }
     return total;
+}
+
+std::size_t SceneStore::asleep_of(const std::string& owner) const {
+    return static_cast<std::size_t>(std::ranges::count_if(entries_, [&](const auto& known) {
+        const Entry& entry = known.second;
+        return entry.listed && entry.owner == owner && !entry.scene.held;
+    }));
 }
 
 std::uint64_t SceneStore::bytes() const {
@@ -295,6 +301,27 @@ SceneStore::Total SceneStore::charged_to(const std::string& principal, bool list
         if (entry.scene.held) total.bytes += entry.facts.bytes;
     }
     return total;
+}
+
+std::map<std::string, SceneStore::Usage> SceneStore::usage_of(
+    const std::vector<std::string>& principals) const {
+    std::map<std::string, Usage> all;
+    for (const std::string& principal : principals) all[principal] = {};
+    std::map<std::string_view, DiskUse> disk;
+    for (const auto& [name, entry] : entries_) {
+        const auto charge = [&all, &entry = entry](const std::string& principal) {
+            const auto usage = all.find(principal);
+            if (usage == all.end()) return;
+            ++usage->second.scenes;
+            if (entry.scene.held) usage->second.bytes += entry.facts.bytes;
+        };
+        if (entry.kept) charge(entry.owner);
+        for (const auto& [holder, connections] : entry.holders)
+            if (!entry.kept || holder != entry.owner) charge(holder);
+        if (all.contains(entry.owner)) disk[entry.owner].add(entry);
+    }
+    for (const auto& [owner, use] : disk) all[std::string(owner)].disk_bytes = use.bytes;
+    return all;
 }
 
 SceneStore::Total SceneStore::unlisted() const {

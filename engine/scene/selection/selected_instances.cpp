@@ -114,11 +114,10 @@ bool has_parts(const InstanceSelection& selection) {
     return !selection.hidden_parts.empty() || selection.only_named;
 }
 
+/// Objects have their nodes one behind the other, without gaps.
 std::uint64_t node_count(const SceneView& scene) {
-    std::uint64_t count = 0;
-    for (std::uint32_t i = 0; i < scene.object_count; ++i)
-        count = std::max(count, scene.objects[i].first_node + scene.objects[i].node_count);
-    return count;
+    const ObjectRecord& last = scene.objects[scene.object_count - 1];
+    return last.first_node + last.node_count;
 }
 
 /// How often each object is placed.

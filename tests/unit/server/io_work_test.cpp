@@ -287,6 +287,9 @@ TEST_CASE("no turn of the io thread does more for a large request and a large sc
 
     check("Query", asks(query("")));
     check("Query that hides", asks(query("", true)));
+    wire::QueryT skips = query("", true);
+    skips.job->skip_hidden_boxes = true;
+    check("Query that skips hidden boxes", asks(skips));
     wire::QueryT hides = query("");
     hides.job->hidden_paths = {"*"};
     hides.job->only_path_ids = {7};
