@@ -14,9 +14,7 @@ HERE = pathlib.Path(__file__).parent
 
 class Planted(unittest.TestCase):
     def setUp(self):
-        folder = tempfile.TemporaryDirectory()
-        self.addCleanup(folder.cleanup)
-        self.root = pathlib.Path(folder.name)
+        self.root = pathlib.Path(self.enterContext(tempfile.TemporaryDirectory()))
 
     def plant(self, files):
         for name, text in files.items():

@@ -21,9 +21,7 @@ class Demo(unittest.TestCase):
     build = None
 
     def setUp(self):
-        folder = tempfile.TemporaryDirectory(prefix="a demo ")
-        self.addCleanup(folder.cleanup)
-        self.folder = pathlib.Path(folder.name)
+        self.folder = pathlib.Path(self.enterContext(tempfile.TemporaryDirectory(prefix="a demo ")))
         (self.folder / "tmp").mkdir()
 
     def start(self, *arguments):

@@ -27,11 +27,10 @@ class Scripts(unittest.TestCase):
     def setUp(self):
         if not shutil.which("deb-systemd-helper"):
             self.skipTest("skipped: there is no deb-systemd-helper (Debian: init-system-helpers)")
-        folder = tempfile.TemporaryDirectory(prefix="raynest-package-")
-        self.addCleanup(folder.cleanup)
-        self.root = pathlib.Path(folder.name) / "root"
-        self.calls = pathlib.Path(folder.name) / "calls"
-        stubs = pathlib.Path(folder.name) / "stubs"
+        folder = pathlib.Path(self.enterContext(tempfile.TemporaryDirectory(prefix="raynest-package-")))
+        self.root = folder / "root"
+        self.calls = folder / "calls"
+        stubs = folder / "stubs"
         stubs.mkdir()
         for name, act in STUBS.items():
             (stubs / name).write_text(f'#!/bin/sh\necho {name} "$@" >>"{self.calls}"\n{act}\n')
@@ -109,9 +108,7 @@ class Packages(unittest.TestCase):
         for program in ("cpack", "dpkg-shlibdeps", "dpkg-parsechangelog"):
             if not shutil.which(program):
                 self.skipTest(f"skipped: there is no {program}")
-        folder = tempfile.TemporaryDirectory(prefix="raynest-package-")
-        self.addCleanup(folder.cleanup)
-        self.folder = pathlib.Path(folder.name)
+        self.folder = pathlib.Path(self.enterContext(tempfile.TemporaryDirectory(prefix="raynest-package-")))
 
     def test_two_runs_give_the_same_bytes(self):
         sums = set()

@@ -1,6 +1,6 @@
 // The lit view: its pixels are those of `raynest render`, it refines while the camera rests, and a click shows the path of light.
 import assert from "node:assert/strict";
-import { browserTest, daemonWith, fine, until, windowPoint } from "./harness.mjs";
+import { browserTest, countSent, daemonWith, fine, until, windowPoint } from "./harness.mjs";
 import { differences, runCommand } from "./images.mjs";
 
 const daemon = await daemonWith("builtin:forest?trees=40");
@@ -66,11 +66,7 @@ browserTest("it refines while the camera rests: noise falls, and a move cancels"
 browserTest("exposure and tone map send nothing, and are in the link", async ({ open }) => {
   const page = await open(daemon, { ...VIEW, samples: "2" });
   await fine(page);
-  await page.evaluate(() => {
-    globalThis.sent = 0;
-    const { send } = WebSocket.prototype;
-    WebSocket.prototype.send = function count(data) { if (!String(data).startsWith("Info ")) ++globalThis.sent; send.call(this, data); };
-  });
+  await countSent(page);
   const light = () => page.evaluate(() => {
     const gl = document.getElementById("picture").getContext("webgl2"), bytes = new Uint8Array(4 * 160 * 90);
     gl.readPixels(0, 0, 160, 90, gl.RGBA, gl.UNSIGNED_BYTE, bytes);

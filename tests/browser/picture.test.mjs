@@ -1,7 +1,7 @@
 // Pictures: their pixels, palette, legend and histogram, and that changing those asks the daemon for nothing.
 import assert from "node:assert/strict";
 import { readdirSync } from "node:fs";
-import { browserTest, daemonWith, fine, pixel, until, windowPoint } from "./harness.mjs";
+import { browserTest, countSent, daemonWith, fine, pixel, until, windowPoint } from "./harness.mjs";
 import { differences, runCommand } from "./images.mjs";
 
 const SQUARES = { camera: "0,0,4,0,0,0,0,1,0,45", size: "320x180" };
@@ -50,12 +50,7 @@ browserTest("palette, range, scale and opacity send nothing", async ({ open }) =
   // Chromium may fetch the icon again when the address changes; it is no request of the page.
   page.on("request", (request) => { if (!request.url().endsWith("/icon.svg")) sent.push(request.url()); });
   await fine(page);
-  await page.evaluate(() => {
-    globalThis.sent = 0;
-    const { send } = WebSocket.prototype;
-    // The page asks in the background whether the scene is still the same: message Info.
-    WebSocket.prototype.send = function count(data) { if (!String(data).startsWith("Info ")) ++globalThis.sent; send.call(this, data); };
-  });
+  await countSent(page);
   sent.length = 0;
   const before = await pixel(page, 160, 90);
   const seen = new Set([String(before)]);

@@ -48,9 +48,7 @@ OUTPUTS = """struct Outputs { std::uint32_t seen = 0; };
 
 class Mistakes(unittest.TestCase):
     def setUp(self):
-        folder = tempfile.TemporaryDirectory(prefix="raynest mistakes ")
-        self.addCleanup(folder.cleanup)
-        self.folder = pathlib.Path(folder.name)
+        self.folder = pathlib.Path(self.enterContext(tempfile.TemporaryDirectory(prefix="raynest mistakes ")))
 
     def compiled(self, name, text, *flags):
         """Compiles a file, or if `text` is None one of the tree; returns the errors."""

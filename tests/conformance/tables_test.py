@@ -31,9 +31,7 @@ def write_npy(path, kind, values, shape):
 class Tables(unittest.TestCase):
     @classmethod
     def setUpClass(cls):
-        folder = tempfile.TemporaryDirectory(prefix="raynest tables ")
-        cls.addClassCleanup(folder.cleanup)
-        cls.scratch = pathlib.Path(folder.name)
+        cls.scratch = pathlib.Path(cls.enterClassContext(tempfile.TemporaryDirectory(prefix="raynest tables ")))
         ready = cls.scratch / "ready.json"
         cls.daemon = subprocess.Popen(
             [str(BIN / "raynestd"), "--listen", "tcp://127.0.0.1:0", "--http", "off", "--ready-file", str(ready),

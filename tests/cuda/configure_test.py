@@ -16,9 +16,7 @@ SOURCE, CMAKE, OPTIONS = "", "", []
 
 class Configured(unittest.TestCase):
     def setUp(self):
-        folder = tempfile.TemporaryDirectory(prefix="raynest configure ")
-        self.addCleanup(folder.cleanup)
-        self.folder = pathlib.Path(folder.name)
+        self.folder = pathlib.Path(self.enterContext(tempfile.TemporaryDirectory(prefix="raynest configure ")))
 
     def configure(self, *options, source=None, **environment):
         return subprocess.run([CMAKE, "-G", "Ninja", "-S", source or SOURCE, "-B", self.folder / "build",

@@ -60,23 +60,18 @@ class CudaTest(unittest.TestCase):
 
     @classmethod
     def setUpClass(cls):
-        cls.folder = tempfile.TemporaryDirectory(prefix="raynest test ")
-        cls.out = pathlib.Path(cls.folder.name)
+        cls.out = pathlib.Path(cls.enterClassContext(tempfile.TemporaryDirectory(prefix="raynest test ")))
         cls.fault = cls.out / "fault"
         raynestd, raynest, pack = PROGRAMS
         words = [f"{key}={value}" for key, value in cls.environment.items()]
         cls.daemon = Daemon(raynestd, "--threads", "2", "--cuda", pack, *cls.arguments,
                             under=("env", f"RAYNEST_FAKE_CUDA={cls.fault}", *words))
+        cls.addClassCleanup(cls.daemon.stop)
         cls.client = Client(raynest, cls.daemon.uri)
         for source, name in cls.scenes:
             cls.client.json("load", source, "--name", name, "--share", "public")
         cls.rays = cls.out / "rays.npy"
         write_rays(cls.rays)
-
-    @classmethod
-    def tearDownClass(cls):
-        cls.daemon.stop()
-        cls.folder.cleanup()
 
     def metric(self, name):
         return self.client.json("stats")[name]

@@ -39,9 +39,8 @@ class EveryKernel(unittest.TestCase):
     SCENES = {"woods": "builtin:forest?trees=20", "hills": "builtin:terrain?size=256", "flake": "builtin:flake?depth=5"}
 
     def setUp(self):
-        folder = tempfile.TemporaryDirectory()
-        self.addCleanup(folder.cleanup)
-        self.rays = pathlib.Path(folder.name) / "rays.npy"
+        folder = pathlib.Path(self.enterContext(tempfile.TemporaryDirectory()))
+        self.rays = folder / "rays.npy"
         self.rays.write_bytes(rays_around(RAYS))
         for name, source in self.SCENES.items():
             CLIENT.json("load", source, "--name", name)

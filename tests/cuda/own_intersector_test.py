@@ -63,9 +63,8 @@ def start(*command):
 class OwnIntersector(unittest.TestCase):
     @classmethod
     def setUpClass(cls):
-        folder = tempfile.TemporaryDirectory(prefix="raynest own ")  # a space on purpose
-        cls.addClassCleanup(folder.cleanup)
-        cls.tree, cls.build = pathlib.Path(folder.name) / "tree", pathlib.Path(folder.name) / "build"
+        folder = pathlib.Path(cls.enterClassContext(tempfile.TemporaryDirectory(prefix="raynest own ")))  # a space on purpose
+        cls.tree, cls.build = folder / "tree", folder / "build"
         cls.tree.mkdir()
         for entry in ("CMakeLists.txt", ".ci", "protocol", "server", "client"):
             (cls.tree / entry).symlink_to(SOURCE / entry)

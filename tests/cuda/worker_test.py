@@ -13,7 +13,7 @@ import tempfile
 import unittest
 
 import cuda_daemon
-from cuda_daemon import PATIENCE, PROGRAMS, Client, CudaTest, Daemon, device_workers, until, why_no_worker, write_rays
+from cuda_daemon import PROGRAMS, Client, CudaTest, Daemon, device_workers, until, why_no_worker, write_rays
 
 RAYS_ON_GPU = 1_250_000  # rays of each of eight
 
@@ -266,9 +266,8 @@ class WrongAnswers(NeverUp):
 
 class WrongPack(unittest.TestCase):
     def setUp(self):
-        folder = tempfile.TemporaryDirectory()
-        self.addCleanup(folder.cleanup)
-        self.pack = pathlib.Path(folder.name) / "pack.so"
+        folder = pathlib.Path(self.enterContext(tempfile.TemporaryDirectory()))
+        self.pack = folder / "pack.so"
 
     def render(self, cuda, *options):
         """Returns a daemon with this pack, and the result of a client's command."""

@@ -11,27 +11,33 @@ import signal
 import socket
 import stat
 import subprocess
-import sys
 import tempfile
-import unittest
 
-from daemon import Client, Daemon, PATIENCE, until
+from daemon import Client, Daemon, PATIENCE, Programs, main, until
 
 RAY = "0,50,0,0,-1,0"
 
 
-class Administration(unittest.TestCase):
-    raynestd = raynest = None
-
+class Administration(Programs):
     def setUp(self):
-        folder = tempfile.TemporaryDirectory(prefix="raynest test ")
-        self.addCleanup(folder.cleanup)
-        self.folder = pathlib.Path(folder.name)
+        self.folder = pathlib.Path(self.enterContext(tempfile.TemporaryDirectory(prefix="raynest test ")))
 
     def daemon(self, *arguments):
         daemon = Daemon(self.raynestd, *arguments)
         self.addCleanup(daemon.stop)
         return daemon
+
+    def busy(self, *arguments):
+        """Returns a daemon and a client for which it renders."""
+        daemon = Daemon(self.raynestd, *arguments)
+        self.addCleanup(daemon.folder.cleanup)
+        self.addCleanup(daemon.process.kill)
+        client = Client(self.raynest, daemon.uri)
+        self.assertEqual(client.run("load", "builtin:forest?trees=2000").returncode, 0)
+        busy = client.start("render", "forest", "--size", "4096x4096", "--traversal", "reference",
+                            "-o", self.folder / "a.png")
+        until(lambda: client.json("jobs")["jobs"])
+        return daemon, busy
 
     def refused(self, *arguments):
         """Returns the error output of a daemon that does not start."""
@@ -141,14 +147,7 @@ class Administration(unittest.TestCase):
         self.assertEqual(refused["message"], "`scene` is not printable UTF-8")
 
     def test_jobs_that_the_drain_cuts_off_are_not_blamed_on_their_clients(self):
-        daemon = Daemon(self.raynestd, "--drain-ms-max", "200")
-        self.addCleanup(daemon.folder.cleanup)
-        self.addCleanup(daemon.process.kill)
-        client = Client(self.raynest, daemon.uri)
-        self.assertEqual(client.run("load", "builtin:forest?trees=2000").returncode, 0)
-        busy = client.start("render", "forest", "--size", "4096x4096", "--traversal", "reference",
-                            "-o", self.folder / "a.png")
-        until(lambda: client.json("jobs")["jobs"])
+        daemon, busy = self.busy("--drain-ms-max", "200")
         daemon.process.terminate()
         daemon.process.wait(PATIENCE)
         _, errors = busy.communicate(timeout=PATIENCE)
@@ -229,14 +228,7 @@ class Administration(unittest.TestCase):
         self.assertIn("raise LimitNOFILE or ulimit -n", done.stderr)
 
     def test_a_forced_end_takes_the_ready_file_along(self):
-        daemon = Daemon(self.raynestd)
-        self.addCleanup(daemon.folder.cleanup)
-        self.addCleanup(daemon.process.kill)
-        client = Client(self.raynest, daemon.uri)
-        self.assertEqual(client.run("load", "builtin:forest?trees=2000").returncode, 0)
-        busy = client.start("render", "forest", "--size", "4096x4096", "--traversal", "reference",
-                            "-o", self.folder / "a.png")
-        until(lambda: client.json("jobs")["jobs"])
+        daemon, busy = self.busy()
         ready = pathlib.Path(daemon.folder.name) / "ready.json"
         self.assertTrue(ready.exists())
         daemon.process.send_signal(signal.SIGTERM)
@@ -363,5 +355,4 @@ class Administration(unittest.TestCase):
 
 
 if __name__ == "__main__":
-    Administration.raynestd, Administration.raynest = sys.argv[1:3]
-    unittest.main(argv=sys.argv[:1])
+    main()

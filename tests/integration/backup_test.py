@@ -9,10 +9,9 @@ import os
 import shutil
 import sqlite3
 import subprocess
-import sys
 import threading
 
-from daemon import PATIENCE, Client, Daemon, run_tests
+from daemon import PATIENCE, Client, Daemon, main
 from with_state import WOODS, WithState
 
 
@@ -390,6 +389,4 @@ class Backup(WithState):
 
 
 if __name__ == "__main__":
-    Backup.raynestd, Backup.raynest = sys.argv[1:3]
-    del sys.argv[1:3]
-    run_tests()
+    main()

@@ -10,11 +10,9 @@ import math
 import os
 import struct
 import subprocess
-import sys
-import unittest
 import zlib
 
-from daemon import DaemonTest, PATIENCE, until
+from daemon import DaemonTest, PATIENCE, main, until
 from exr import read_exr
 
 VIEW = ("--size", "48x32", "--lookat", "0,0,4,0,0,0")
@@ -83,10 +81,7 @@ class BadLight(DaemonTest):
         return layers, json.loads(done.stdout)
 
     def refused(self, code, says, *words):
-        done = self.client.run(*words)
-        self.assertEqual(done.returncode, code, f"{words}: {done.stderr}")
-        self.assertEqual(done.stderr.count("\n"), 1, done.stderr)
-        self.assertIn(says, done.stderr)
+        self.client.fails(code, says, *words)
         self.assertTrue(self.daemon.alive())
 
     def test_textures_that_cannot_be_used_are_left_out_with_a_line_each(self):
@@ -296,10 +291,7 @@ class BadLight(DaemonTest):
         for name in ("png", "exr"):
             full = self.out / f"full.{name}"
             full.symlink_to("/dev/full")
-            done = self.client.run("render", "bad", *PATH, "-o", full)
-            self.assertEqual(done.returncode, 1, done.stderr)
-            self.assertEqual(done.stderr.count("\n"), 1, done.stderr)
-            self.assertIn("No space left on device", done.stderr)
+            self.client.fails(1, "No space left on device", "render", "bad", *PATH, "-o", full)
         with open("/dev/full", "wb") as device:
             done = subprocess.run([self.raynest, "render", "bad", *PATH, "-o", "-"], stdout=device, stderr=subprocess.PIPE, text=True,
                                   env=dict(os.environ, RAYNEST_SERVER=self.daemon.uri), timeout=PATIENCE, check=False)
@@ -323,5 +315,4 @@ class BadLight(DaemonTest):
 
 
 if __name__ == "__main__":
-    BadLight.raynestd, BadLight.raynest = sys.argv[1:3]
-    unittest.main(argv=sys.argv[:1])
+    main()

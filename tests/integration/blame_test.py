@@ -7,32 +7,23 @@ import base64
 import json
 import re
 import struct
-import sys
-import unittest
 
 import numpy
 
-from daemon import DaemonTest
+from daemon import DaemonTest, main
 from picture_test import coloured_square
 
 VIEW = ("--size", "96x54", "--lookat", "0,6,18,0,4,0")
 
 
 class Rankings(DaemonTest):
-    @classmethod
-    def setUpClass(cls):
-        super().setUpClass()
-        cls.client.json("load", "builtin:forest?trees=20", "--name", "woods")
-        cls.client.json("load", "builtin:terrain?size=16", "--name", "hills")
+    loads = {"woods": "builtin:forest?trees=20", "hills": "builtin:terrain?size=16"}
 
     def rank(self, *arguments, scene="woods"):
         return self.client.json("heatmap", scene, *VIEW, *arguments)
 
     def refused(self, *arguments, code=2, says=""):
-        done = self.client.run("heatmap", *arguments)
-        self.assertEqual(done.returncode, code, done.stderr)
-        self.assertEqual(done.stderr.count("\n"), 1, done.stderr)
-        self.assertIn(says, done.stderr)
+        self.client.fails(code, says, "heatmap", *arguments)
 
     def test_shares_and_remainder_are_all_of_the_heat_map_s_work(self):
         self.client.json("heatmap", "woods", *VIEW, "-o", self.out / "h.npy")
@@ -143,5 +134,4 @@ class Rankings(DaemonTest):
 
 
 if __name__ == "__main__":
-    DaemonTest.raynestd, DaemonTest.raynest = sys.argv.pop(1), sys.argv.pop(1)
-    unittest.main()
+    main()

@@ -7,11 +7,9 @@ import json
 import shutil
 import signal
 import struct
-import sys
-import unittest
 import zipfile
 
-from daemon import Client, Daemon, DaemonTest, PATIENCE, closed_port, until
+from daemon import Client, Daemon, DaemonTest, PATIENCE, closed_port, main, until
 from npy import npy, read_npy
 
 DOWN = "0.3,1000,0.4,0,-1,0"
@@ -19,11 +17,7 @@ UP = "0.3,1000,0.4,0,1,0"
 
 
 class Cli(DaemonTest):
-    @classmethod
-    def setUpClass(cls):
-        super().setUpClass()
-        cls.client.json("load", "builtin:terrain?size=32", "--name", "hills")
-        cls.client.json("load", "builtin:forest?trees=20", "--name", "woods")
+    loads = {"hills": "builtin:terrain?size=32", "woods": "builtin:forest?trees=20"}
 
     def expect(self, code, *arguments, says=""):
         done = self.client.run(*arguments)
@@ -291,5 +285,4 @@ class Cli(DaemonTest):
 
 
 if __name__ == "__main__":
-    Cli.raynestd, Cli.raynest = sys.argv[1:3]
-    unittest.main(argv=sys.argv[:1])
+    main()

@@ -7,13 +7,13 @@ after Scene.edit() made the same changes.
 import json
 import pathlib
 import sys
-import unittest
 
 import numpy as np
 
 sys.path.insert(0, str(pathlib.Path(__file__).parents[2] / "client/python"))
 
 import raynest
+from daemon import main
 from with_files import WithFiles
 
 BOX = """o {0}
@@ -159,5 +159,4 @@ class CompositionEdits(WithFiles):
 
 
 if __name__ == "__main__":
-    WithFiles.raynestd, WithFiles.raynest = sys.argv[1:3]
-    unittest.main(argv=sys.argv[:1])
+    main()

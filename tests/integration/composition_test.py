@@ -8,7 +8,6 @@ import json
 import pathlib
 import subprocess
 import sys
-import unittest
 import warnings
 
 import numpy as np
@@ -16,6 +15,7 @@ import numpy as np
 sys.path.insert(0, str(pathlib.Path(__file__).parents[2] / "client/python"))
 
 import raynest
+from daemon import main
 from with_files import WithFiles
 
 RANDOM = np.random.default_rng(7)
@@ -410,5 +410,4 @@ class Compositions(WithFiles):
 
 
 if __name__ == "__main__":
-    WithFiles.raynestd, WithFiles.raynest = sys.argv[1:3]
-    unittest.main(argv=sys.argv[:1])
+    main()

@@ -11,9 +11,8 @@ import struct
 import sys
 import tempfile
 import time
-import unittest
 
-from daemon import Client, Daemon, IMPORTS_GROW, PATIENCE, is_sanitized, skip_sanitized, until
+from daemon import Client, Daemon, IMPORTS_GROW, PATIENCE, Programs, is_sanitized, main, skip_sanitized, until
 
 IDLE = 1000
 IDLE_BYTES_MAX = 16 << 10
@@ -55,10 +54,7 @@ def read_frame(connection):
     return kind
 
 
-class Connections(unittest.TestCase):
-    raynestd = None
-    raynest = None
-
+class Connections(Programs):
     def connect(self, daemon):
         host, port = daemon.uri.removeprefix("tcp://").rsplit(":", 1)
         connection = socket.create_connection((host, int(port)), timeout=PATIENCE)
@@ -242,5 +238,4 @@ class Connections(unittest.TestCase):
 
 
 if __name__ == "__main__":
-    Connections.raynestd, Connections.raynest = sys.argv[1:3]
-    unittest.main(argv=sys.argv[:1])
+    main()

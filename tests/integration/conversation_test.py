@@ -11,11 +11,9 @@ import pathlib
 import re
 import socket
 import struct
-import sys
-import unittest
 import urllib.parse
 
-from daemon import PATIENCE, Daemon, run_tests
+from daemon import PATIENCE, Daemon, Programs, main
 
 ROOT = pathlib.Path(__file__).resolve().parents[2]
 HEADER = struct.Struct("<4sHHIIQQ")  # magic, type, flags, control, blocks, bulk, request id
@@ -41,9 +39,7 @@ def number(frame, field):
     return struct.unpack_from("<Q", frame, table + offset)[0] if offset else 0
 
 
-class Conversation(unittest.TestCase):
-    raynestd = None
-
+class Conversation(Programs):
     def setUp(self):
         page = (ROOT / "protocol" / "PROTOCOL.md").read_text(encoding="utf-8")
         section = page[page.index("## 2. "):page.index("## 3. ")]
@@ -111,5 +107,4 @@ class Conversation(unittest.TestCase):
 
 
 if __name__ == "__main__":
-    Conversation.raynestd, _ = sys.argv.pop(1), sys.argv.pop(1)
-    run_tests()
+    main()

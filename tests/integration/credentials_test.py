@@ -10,25 +10,20 @@ import shutil
 import signal
 import stat
 import subprocess
-import sys
 import tempfile
 import unittest
 
-from daemon import PATIENCE, until
-from secure_daemon import Certificates, SecureClient, SecureDaemon, Tokens, command
+from daemon import PATIENCE, Programs, main, until
+from secure_daemon import Certificates, SecureClient, SecureDaemon, Tokens
 from tls_test import openssl
 
 DAY = 86400
 OTHER = 12345  # a user that this machine need not have
 
 
-class Credentials(unittest.TestCase):
-    raynestd = raynest = None
-
+class Credentials(Programs):
     def setUp(self):
-        folder = tempfile.TemporaryDirectory(prefix="raynest test ")
-        self.addCleanup(folder.cleanup)
-        self.out = pathlib.Path(folder.name)
+        self.out = pathlib.Path(self.enterContext(tempfile.TemporaryDirectory(prefix="raynest test ")))
         self.tokens = Tokens(self.raynestd, self.out / "tokens")
 
     def certificates(self, name="tls"):
@@ -445,7 +440,4 @@ class Credentials(unittest.TestCase):
 
 
 if __name__ == "__main__":
-    Credentials.raynestd, Credentials.raynest = sys.argv[1:3]
-    del sys.argv[1:]
-    os.umask(0o022)
-    unittest.main()
+    main()

@@ -157,6 +157,13 @@ class Client:
             raise AssertionError(f"{arguments}: {done.returncode}: {done.stderr}")
         return json.loads(done.stdout)
 
+    def fails(self, code, says, *arguments):
+        """Runs a command that must end with `code` and one line, which has `says` in it."""
+        done = self.run(*arguments)
+        if done.returncode != code or done.stderr.count("\n") != 1 or says not in done.stderr:
+            raise AssertionError(f"{arguments}: {done.returncode}, not {code} and {says!r}: {done.stderr}")
+        return done
+
 
 def second_principal(raynestd, cleanup):
     """Returns a daemon's options and a token: clients with it belong to `bob`, others to their
@@ -179,25 +186,33 @@ def run_tests():
     sys.exit(77 if all_skipped else not result.wasSuccessful())
 
 
-class DaemonTest(unittest.TestCase):
-    """The tests of a class share a daemon, a client of it and a folder. Both programs are set
-    before they run."""
-    raynestd = None
-    raynest = None
+class Programs(unittest.TestCase):
+    """Tests of both programs, which main() sets."""
+    raynestd = raynest = None
+
+
+def main():
+    """Runs the tests of a file that was called with RAYNESTD RAYNEST, and perhaps names of tests."""
+    Programs.raynestd, Programs.raynest = sys.argv[1:3]
+    del sys.argv[1:3]
+    os.umask(0o022)
+    run_tests()
+
+
+class DaemonTest(Programs):
+    """The tests of a class share a daemon, a client of it and a folder."""
     arguments = ()  # the daemon's arguments
+    loads = {}  # scenes that it has: names and sources
 
     @classmethod
     def setUpClass(cls):
-        cls.folder = tempfile.TemporaryDirectory(prefix="raynest test ")
-        cls.out = pathlib.Path(cls.folder.name)
+        cls.out = pathlib.Path(cls.enterClassContext(tempfile.TemporaryDirectory(prefix="raynest test ")))
         cls.socket = f"unix:{cls.out}/socket"
         cls.daemon = Daemon(cls.raynestd, "--listen", cls.socket, *cls.arguments)
+        cls.addClassCleanup(cls.daemon.stop)
         cls.client = Client(cls.raynest, cls.daemon.uri)
-
-    @classmethod
-    def tearDownClass(cls):
-        cls.daemon.stop()
-        cls.folder.cleanup()
+        for name, source in cls.loads.items():
+            cls.client.json("load", source, "--name", name)
 
     def fed(self, name, data):
         """Returns a pipe to which `data` is written once it is read."""

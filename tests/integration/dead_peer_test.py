@@ -13,7 +13,7 @@ import tempfile
 import time
 import unittest
 
-from daemon import PATIENCE, run_tests, until
+from daemon import PATIENCE, Programs, main, until
 from secure_daemon import Certificates, SecureClient, SecureDaemon
 
 HERE = pathlib.Path(__file__).resolve().parent
@@ -42,13 +42,9 @@ def has_namespaces():
 
 
 @unittest.skipUnless(has_namespaces(), "no network namespaces here")
-class DeadPeer(unittest.TestCase):
-    raynestd = raynest = None
-
+class DeadPeer(Programs):
     def test_a_dead_network_is_found_and_a_pause_is_none(self):
-        folder = tempfile.TemporaryDirectory(prefix="raynest test ")
-        self.addCleanup(folder.cleanup)
-        out = pathlib.Path(folder.name)
+        out = pathlib.Path(self.enterContext(tempfile.TemporaryDirectory(prefix="raynest test ")))
         certificates = Certificates(self.raynestd, out / "tls")
         daemon = SecureDaemon(self.raynestd, certificates, "--listen", f"unix:{out}/socket",
                               "--give-way-ms", "600000", under=ALONE)
@@ -80,7 +76,4 @@ class DeadPeer(unittest.TestCase):
 
 
 if __name__ == "__main__":
-    DeadPeer.raynestd, DeadPeer.raynest = sys.argv[1:3]
-    del sys.argv[1:]
-    os.umask(0o022)
-    run_tests()
+    main()

@@ -5,10 +5,8 @@
 """
 import signal
 import struct
-import sys
-import unittest
 
-from daemon import Client, Daemon, DaemonTest, PATIENCE, second_principal, until
+from daemon import Client, Daemon, DaemonTest, PATIENCE, main, second_principal, until
 from npy import npy
 
 DOWN = "0.3,1000,0.4,0,-1,0"
@@ -216,5 +214,4 @@ class Detach(DaemonTest):
 
 
 if __name__ == "__main__":
-    Detach.raynestd, Detach.raynest = sys.argv[1:3]
-    unittest.main(argv=sys.argv[:1])
+    main()

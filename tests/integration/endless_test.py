@@ -6,10 +6,8 @@ another. A client that waits for them may stop waiting, and no other client is d
 """
 import signal
 import struct
-import sys
-import unittest
 
-from daemon import Client, Daemon, DaemonTest, PATIENCE, until
+from daemon import Client, Daemon, DaemonTest, PATIENCE, main, until
 from npy import npy
 
 ENDLESS = "5,5,5,-1e-45,-1e-45,-1e-45"
@@ -167,5 +165,4 @@ class Endless(DaemonTest):
 
 
 if __name__ == "__main__":
-    DaemonTest.raynestd, DaemonTest.raynest = sys.argv[1:3]
-    unittest.main(argv=sys.argv[:1])
+    main()

@@ -4,12 +4,10 @@
   explain_test.py RAYNESTD RAYNEST
 """
 import json
-import sys
-import unittest
 
 import numpy
 
-from daemon import DaemonTest
+from daemon import DaemonTest, main
 from exr import read_exr
 
 COUNTERS = ("nodes", "boxes", "leaves", "prims", "instances", "instance_misses", "rejects", "box_hits", "prim_hits",
@@ -17,18 +15,10 @@ COUNTERS = ("nodes", "boxes", "leaves", "prims", "instances", "instance_misses",
 
 
 class Explanations(DaemonTest):
-    @classmethod
-    def setUpClass(cls):
-        super().setUpClass()
-        cls.client.json("load", "builtin:forest?trees=20", "--name", "woods")
-        cls.client.json("load", "builtin:flake?depth=3", "--name", "flake")
+    loads = {"woods": "builtin:forest?trees=20", "flake": "builtin:flake?depth=3"}
 
     def refused(self, *arguments, code=2, says=""):
-        done = self.client.run("explain", *arguments)
-        self.assertEqual(done.returncode, code, done.stderr)
-        self.assertEqual(done.stderr.count("\n"), 1, done.stderr)
-        self.assertIn(says, done.stderr)
-        self.assertEqual(done.stdout, "")
+        self.assertEqual(self.client.fails(code, says, "explain", *arguments).stdout, "")
 
     def rays(self, count):
         random = numpy.random.default_rng(5)
@@ -146,16 +136,10 @@ class Paths(DaemonTest):
 
     VIEW = ("--lookat", "0,6,18,0,4,0", "--size", "60x40", "--seed", "5")
 
-    @classmethod
-    def setUpClass(cls):
-        super().setUpClass()
-        cls.client.json("load", "builtin:forest?trees=20", "--name", "woods")
+    loads = {"woods": "builtin:forest?trees=20"}
 
     def refused(self, *arguments, code=2, says=""):
-        done = self.client.run("explain", *arguments)
-        self.assertEqual(done.returncode, code, done.stderr)
-        self.assertEqual(done.stderr.count("\n"), 1, done.stderr)
-        self.assertIn(says, done.stderr)
+        self.client.fails(code, says, "explain", *arguments)
 
     def path(self, *arguments):
         return self.client.json("explain", "woods", *self.VIEW, *arguments)
@@ -222,5 +206,4 @@ class Paths(DaemonTest):
 
 
 if __name__ == "__main__":
-    DaemonTest.raynestd, DaemonTest.raynest = sys.argv.pop(1), sys.argv.pop(1)
-    unittest.main()
+    main()

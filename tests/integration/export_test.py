@@ -9,7 +9,6 @@ import json
 import pathlib
 import struct
 import sys
-import unittest
 import warnings
 
 import numpy as np
@@ -17,6 +16,7 @@ import numpy as np
 sys.path.insert(0, str(pathlib.Path(__file__).parents[2] / "client/python"))
 
 import raynest
+from daemon import main
 from with_files import WithFiles
 
 HITS = ["t", "prim", "path", "uv"]
@@ -177,5 +177,4 @@ class Export(WithFiles):
 
 
 if __name__ == "__main__":
-    WithFiles.raynestd, WithFiles.raynest = sys.argv[1:3]
-    unittest.main(argv=sys.argv[:1])
+    main()

@@ -14,12 +14,10 @@ import shutil
 import signal
 import stat
 import subprocess
-import sys
-import unittest
 
 import numpy
 
-from daemon import Client, DaemonTest, PATIENCE
+from daemon import DaemonTest, PATIENCE, main
 
 DOWN = [0.3, 1000, 0.4, 0, -1, 0]
 TRIANGLE = json.dumps({
@@ -312,5 +310,4 @@ class Files(DaemonTest):
 
 
 if __name__ == "__main__":
-    Files.raynestd, Files.raynest = sys.argv[1:3]
-    unittest.main(argv=sys.argv[:1])
+    main()

@@ -10,10 +10,8 @@ import os
 import shutil
 import struct
 import subprocess
-import sys
-import unittest
 
-from daemon import Client, Daemon, DaemonTest, PATIENCE, until
+from daemon import Client, Daemon, DaemonTest, PATIENCE, main, until
 from exr import read_exr, read_texts
 from npy import read_npy
 
@@ -50,10 +48,7 @@ for name in ("Combined", "albedo", "N", "Depth"):
 
 
 class Films(DaemonTest):
-    @classmethod
-    def setUpClass(cls):
-        super().setUpClass()
-        cls.client.json("load", "builtin:forest?trees=30", "--name", "woods")
+    loads = {"woods": "builtin:forest?trees=30"}
 
     def render(self, name, *words, code=0):
         """Runs `raynest render woods`; returns the file's bytes and what was told."""
@@ -62,12 +57,6 @@ class Films(DaemonTest):
         self.assertEqual(done.returncode, code, done.stderr)
         told = json.loads(done.stdout) if done.stdout else None
         return path.read_bytes() if path.exists() else b"", told
-
-    def refused(self, code, says, *words):
-        done = self.client.run(*words)
-        self.assertEqual(done.returncode, code, f"{words}: {done.stderr}")
-        self.assertEqual(done.stderr.count("\n"), 1, done.stderr)
-        self.assertIn(says, done.stderr)
 
     def test_an_exr_has_all_layers_and_what_made_it(self):
         for integrator in ("ao", "path"):
@@ -146,8 +135,8 @@ class Films(DaemonTest):
         automatic, _ = self.render("t.npy", *PATH)
         brightness = sum(read_npy(automatic)[2]) / (150 * 70 * 4)
         self.assertTrue(60 < brightness < 220, brightness)
-        self.refused(2, "unknown tonemap 'film'", "render", "woods", "-o", self.out / "x.png", *PATH, "--tonemap", "film")
-        self.refused(2, "stops", "render", "woods", "-o", self.out / "x.png", *PATH, "--exposure", "bright")
+        self.client.fails(2, "unknown tonemap 'film'", "render", "woods", "-o", self.out / "x.png", *PATH, "--tonemap", "film")
+        self.client.fails(2, "stops", "render", "woods", "-o", self.out / "x.png", *PATH, "--exposure", "bright")
         png, _ = self.render("p.png", *PATH)
         for text in (b"raynest:hash", b"raynest:integrator", b"raynest:seed"):
             self.assertIn(text, png)
@@ -227,18 +216,18 @@ class Films(DaemonTest):
         files = [(self.out / f"cam.{i}.png").read_bytes() for i in range(3)]
         self.assertEqual(len(set(files)), 3)
         self.client.json("load", "builtin:flake?depth=2", "--name", "flake")
-        self.refused(5, "no cameras", "render", "flake", *AO, "--cameras", "all", "-o", self.out / "cam.png")
+        self.client.fails(5, "no cameras", "render", "flake", *AO, "--cameras", "all", "-o", self.out / "cam.png")
 
     def test_bad_requests_are_refused_in_a_line(self):
         to = ("-o", self.out / "x.png")
-        self.refused(2, "use one of primary, ao", "render", "woods", *to, "--integrator", "magic")
-        self.refused(2, "", "render", "woods", *to, *AO, "--spp", "0")
-        self.refused(2, "", "render", "woods", *to, *AO, "--spp", "100000")
-        self.refused(2, "", "render", "woods", *to, *PATH, "--sun", "10")
-        self.refused(2, "", "render", "woods", *to, *PATH, "--sun", "0,100")
-        self.refused(5, "missing.exr", "render", "woods", *to, *PATH, "--env", self.out / "missing.exr")
+        self.client.fails(2, "use one of primary, ao", "render", "woods", *to, "--integrator", "magic")
+        self.client.fails(2, "", "render", "woods", *to, *AO, "--spp", "0")
+        self.client.fails(2, "", "render", "woods", *to, *AO, "--spp", "100000")
+        self.client.fails(2, "", "render", "woods", *to, *PATH, "--sun", "10")
+        self.client.fails(2, "", "render", "woods", *to, *PATH, "--sun", "0,100")
+        self.client.fails(5, "missing.exr", "render", "woods", *to, *PATH, "--env", self.out / "missing.exr")
         (self.out / "not.exr").write_bytes(b"not a picture")
-        self.refused(2, "not.exr is neither an EXR nor an HDR", "render", "woods", *to, *PATH, "--env", self.out / "not.exr")
+        self.client.fails(2, "not.exr is neither an EXR nor an HDR", "render", "woods", *to, *PATH, "--env", self.out / "not.exr")
         self.assertTrue(self.daemon.alive())
 
     def test_hostile_pictures_of_the_surroundings_are_refused_in_a_line(self):
@@ -252,7 +241,7 @@ class Films(DaemonTest):
                                  ("noise.exr", good[:200] + bytes(i * 37 % 251 for i in range(5000)), "")):
             with self.subTest(name=name):
                 (self.out / name).write_bytes(data)
-                self.refused(2, says, "render", "woods", "-o", self.out / "x.png", *PATH, "--env", self.out / name)
+                self.client.fails(2, says, "render", "woods", "-o", self.out / "x.png", *PATH, "--env", self.out / name)
                 self.assertFalse((self.out / "x.png").exists())
                 self.assertTrue(self.daemon.alive())
 
@@ -269,8 +258,8 @@ class Films(DaemonTest):
         self.assertEqual(sum(layers["G"]), 0)
         self.client.json("resume", self.out / "red.exr", "--spp", "20", "--env", self.out / "red.hdr")
         (self.out / "green.hdr").write_bytes(hdr(0, 1, 0))
-        self.refused(2, "was lit by another picture than --env", "resume", self.out / "red.exr", "--spp", "24", "--env", self.out / "green.hdr")
-        self.refused(2, "--env", "resume", self.out / "red.exr", "--spp", "24")
+        self.client.fails(2, "was lit by another picture than --env", "resume", self.out / "red.exr", "--spp", "24", "--env", self.out / "green.hdr")
+        self.client.fails(2, "--env", "resume", self.out / "red.exr", "--spp", "24")
 
     def test_a_full_disk_leaves_the_old_file(self):
         if os.geteuid() != 0 or shutil.which("mount") is None:
@@ -282,7 +271,7 @@ class Films(DaemonTest):
             self.skipTest("needs a small file system")
         self.addCleanup(subprocess.run, ["umount", small], check=False)
         (small / "a.exr").write_bytes(b"old")
-        self.refused(1, "", "render", "woods", *AO, "-o", small / "a.exr")
+        self.client.fails(1, "", "render", "woods", *AO, "-o", small / "a.exr")
         self.assertEqual(sorted(entry.name for entry in small.iterdir()), ["a.exr"])
         self.assertEqual((small / "a.exr").read_bytes(), b"old")
 
@@ -309,5 +298,4 @@ class Films(DaemonTest):
 
 
 if __name__ == "__main__":
-    Films.raynestd, Films.raynest = sys.argv[1:3]
-    unittest.main(argv=sys.argv[:1])
+    main()

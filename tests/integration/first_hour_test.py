@@ -15,11 +15,10 @@ import signal
 import subprocess
 import sys
 import time
-import unittest
 
 import numpy
 
-from daemon import Client, Daemon, DaemonTest, PATIENCE, closed_port, until
+from daemon import Client, Daemon, DaemonTest, PATIENCE, closed_port, main, until
 
 ROOT = pathlib.Path(__file__).resolve().parents[2]
 
@@ -37,10 +36,7 @@ def children(pid):
 
 
 class FirstHour(DaemonTest):
-    @classmethod
-    def setUpClass(cls):
-        super().setUpClass()
-        cls.client.json("load", "builtin:terrain?size=32", "--name", "hills")
+    loads = {"hills": "builtin:terrain?size=32"}
 
     def says(self, code, words, *arguments):
         done = self.client.run(*arguments)
@@ -259,5 +255,4 @@ class FirstHour(DaemonTest):
 
 
 if __name__ == "__main__":
-    FirstHour.raynestd, FirstHour.raynest = sys.argv[1:3]
-    unittest.main(argv=sys.argv[:1])
+    main()

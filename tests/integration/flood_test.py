@@ -5,14 +5,12 @@
 """
 import pathlib
 import re
-import sys
 import tempfile
 import time
-import unittest
 
 import websocket
 from connections_test import ERROR, HELLO, WELCOME, read_frame
-from daemon import run_tests, until
+from daemon import Programs, main, until
 from secure_daemon import Certificates, SecureDaemon, Tokens
 from websocket import HEADER, Closed, greeted, host_of, post
 
@@ -22,14 +20,10 @@ DAMAGED_MAX = 64      # of a connection in a minute
 PING = 2
 
 
-class Flood(unittest.TestCase):
-    raynestd = raynest = None
-
+class Flood(Programs):
     @classmethod
     def setUpClass(cls):
-        cls.folder = tempfile.TemporaryDirectory(prefix="raynest-test-")
-        cls.addClassCleanup(cls.folder.cleanup)
-        cls.out = pathlib.Path(cls.folder.name)
+        cls.out = pathlib.Path(cls.enterClassContext(tempfile.TemporaryDirectory(prefix="raynest-test-")))
         cls.certificates = Certificates(cls.raynestd, cls.out / "tls")
         websocket.trusted.load_verify_locations(cls.certificates.ca)
         cls.tokens = Tokens(cls.raynestd, cls.out / "tokens")
@@ -181,6 +175,4 @@ class Flood(unittest.TestCase):
 
 
 if __name__ == "__main__":
-    Flood.raynestd, Flood.raynest = sys.argv[1:3]
-    del sys.argv[1:3]
-    run_tests()
+    main()

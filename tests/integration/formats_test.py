@@ -10,7 +10,6 @@ import pathlib
 import struct
 import subprocess
 import sys
-import unittest
 import warnings
 import zipfile
 import zlib
@@ -20,6 +19,7 @@ import numpy as np
 sys.path.insert(0, str(pathlib.Path(__file__).parents[2] / "client/python"))
 
 import raynest
+from daemon import main
 from with_files import WithFiles
 
 NONE = 0xFFFFFFFF
@@ -439,5 +439,4 @@ class Formats(WithFiles):
 
 
 if __name__ == "__main__":
-    WithFiles.raynestd, WithFiles.raynest = sys.argv[1:3]
-    unittest.main(argv=sys.argv[:1])
+    main()

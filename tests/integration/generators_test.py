@@ -3,12 +3,10 @@
 
   generators_test.py RAYNESTD RAYNEST
 """
-import sys
-import unittest
 
 import numpy
 
-from daemon import DaemonTest
+from daemon import DaemonTest, main
 
 WIDTH, HEIGHT = 61, 43
 SIZE = f"size={WIDTH}x{HEIGHT}"
@@ -44,10 +42,7 @@ def placed(pose, directions, offsets=None):
 
 
 class Generators(DaemonTest):
-    @classmethod
-    def setUpClass(cls):
-        super().setUpClass()
-        cls.client.json("load", "builtin:terrain?size=8", "--name", "hills")
+    loads = {"hills": "builtin:terrain?size=8"}
 
     def generated(self, *generator):
         """Returns the daemon's origins and directions; no ray is traced."""
@@ -199,12 +194,8 @@ class Generators(DaemonTest):
                 (["hemisphere"], "needs points"),
                 (["equirectangular", "pose=1,2,3"], "12 numbers"),
         ):
-            done = self.client.run("query", "hills", "--generate", *generator)
-            self.assertEqual(done.returncode, 2, f"{generator}: {done.stderr}")
-            self.assertEqual(done.stderr.count("\n"), 1, done.stderr)
-            self.assertIn(says, done.stderr)
+            self.client.fails(2, says, "query", "hills", "--generate", *generator)
 
 
 if __name__ == "__main__":
-    Generators.raynestd, Generators.raynest = sys.argv[1:3]
-    unittest.main(argv=sys.argv[:1])
+    main()

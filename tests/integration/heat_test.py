@@ -7,15 +7,12 @@ import html.parser
 import json
 import os
 import re
-import sys
-import unittest
 from unittest import mock
 
 import numpy
 
-from daemon import Client, Daemon, DaemonTest
+from daemon import Client, Daemon, DaemonTest, main
 from exr import read_exr, read_texts
-from npy import read_npy
 from picture_test import coloured_square
 
 VIEW = ("--size", "64x36", "--lookat", "0,6,18,0,4,0")
@@ -38,11 +35,7 @@ class Heat(DaemonTest):
         return numpy.load(self.out / "c.npy")
 
     def refused(self, *arguments, code=2, says=""):
-        done = self.client.run("heatmap", *arguments)
-        self.assertEqual(done.returncode, code, done.stderr)
-        self.assertEqual(done.stderr.count("\n"), 1, done.stderr)
-        self.assertIn(says, done.stderr)
-        self.assertEqual(done.stdout, "")
+        self.assertEqual(self.client.fails(code, says, "heatmap", *arguments).stdout, "")
 
 
 class Time(Heat):
@@ -433,5 +426,4 @@ class Watching(DaemonTest):
 
 
 if __name__ == "__main__":
-    DaemonTest.raynestd, DaemonTest.raynest = sys.argv.pop(1), sys.argv.pop(1)
-    unittest.main()
+    main()

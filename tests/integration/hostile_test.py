@@ -13,9 +13,8 @@ import sys
 import tempfile
 import threading
 import time
-import unittest
 
-from daemon import PATIENCE, SHARED_SCENES, Client, Daemon, run_tests
+from daemon import PATIENCE, SHARED_SCENES, Client, Daemon, Programs, main
 
 RESIDENT_GROWTH_MAX = 512 << 20
 # Limit for another client's wait for one answer, with the start of its process; usually some
@@ -24,10 +23,7 @@ WAIT_MAX = PATIENCE / 15
 CUTS = 200
 
 
-class Hostile(unittest.TestCase):
-    raynestd = None
-    raynest = None
-
+class Hostile(Programs):
     def setUp(self):
         if not SHARED_SCENES.is_dir():
             self.skipTest(f"skipped: {SHARED_SCENES} is not there")
@@ -113,6 +109,4 @@ class Hostile(unittest.TestCase):
 
 
 if __name__ == "__main__":
-    Hostile.raynestd, Hostile.raynest = sys.argv[1:3]
-    del sys.argv[1:3]
-    run_tests()
+    main()

@@ -9,11 +9,10 @@ import random
 import re
 import socket
 import subprocess
-import sys
 import time
 
 import websocket
-from daemon import PATIENCE, Daemon, DaemonTest, run_tests, until
+from daemon import PATIENCE, Daemon, DaemonTest, main, until
 from secure_daemon import Certificates
 from websocket import get, host_of, place_of, raw, split, upgrade_request
 
@@ -351,6 +350,4 @@ class Address(DaemonTest):
 
 
 if __name__ == "__main__":
-    Http.raynestd = Address.raynestd = sys.argv.pop(1)
-    Http.raynest = Address.raynest = sys.argv.pop(1)
-    run_tests()
+    main()

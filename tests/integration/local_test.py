@@ -9,11 +9,9 @@ import pathlib
 import shutil
 import signal
 import subprocess
-import sys
 import tempfile
-import unittest
 
-from daemon import DaemonTest, PATIENCE, until
+from daemon import DaemonTest, PATIENCE, Programs, main, until
 from picture_test import coloured_square
 
 AT_SQUARE = ("--ray", "0.5,0.2,5,0,0,-1")
@@ -64,20 +62,12 @@ class Files(DaemonTest):
     def test_a_file_that_is_no_scene_is_named(self):
         (self.out / "broken.glb").write_bytes(b"glTF\0\0\0\0")
         for file in ("broken.glb", "missing.glb"):
-            done = self.client.run("info", self.out / file)
-            self.assertEqual(done.returncode, 5, done.stderr)
-            self.assertIn(file, done.stderr)
-            self.assertEqual(done.stderr.count("\n"), 1, done.stderr)
+            self.client.fails(5, file, "info", self.out / file)
 
 
-class Local(unittest.TestCase):
-    raynestd = None
-    raynest = None
-
+class Local(Programs):
     def setUp(self):
-        folder = tempfile.TemporaryDirectory(prefix="raynest-local-")
-        self.addCleanup(folder.cleanup)
-        self.out = pathlib.Path(folder.name)
+        self.out = pathlib.Path(self.enterContext(tempfile.TemporaryDirectory(prefix="raynest-local-")))
         self.temporary = self.out / "tmp"
         self.temporary.mkdir()
         (self.out / "square.gltf").write_text(coloured_square())
@@ -204,6 +194,4 @@ class Browser(DaemonTest):
 
 
 if __name__ == "__main__":
-    Browser.raynestd, Browser.raynest = sys.argv[1:3]
-    Files.raynestd, Files.raynest = Local.raynestd, Local.raynest = sys.argv[1:3]
-    unittest.main(argv=sys.argv[:1])
+    main()

@@ -7,13 +7,11 @@ import contextlib
 import ctypes
 import socket
 import struct
-import sys
 import tempfile
 import time
-import unittest
 
 from connections_test import ERROR, HELLO, WELCOME, read_frame
-from daemon import Client, Daemon, PATIENCE, run_tests, second_principal, until
+from daemon import Client, Daemon, PATIENCE, Programs, main, second_principal, until
 from metrics_test import scrape
 from secure_daemon import Certificates, command
 from websocket import WebSocket, get, greeted, host_of, place_of
@@ -23,10 +21,7 @@ ENDED = "raynest_connections_ended_total{{cause=\"{}\"}}".format
 REJECTED = "raynest_rejected_total{{reason=\"{}\"}}".format
 
 
-class Kills(unittest.TestCase):
-    raynestd = None
-    raynest = None
-
+class Kills(Programs):
     @classmethod
     def setUpClass(cls):
         """Lets a client vanish, which the daemon finds out while the other tests run."""
@@ -221,6 +216,4 @@ class Kills(unittest.TestCase):
 
 
 if __name__ == "__main__":
-    Kills.raynestd, Kills.raynest = sys.argv[1:3]
-    del sys.argv[1:3]
-    run_tests()
+    main()

@@ -7,9 +7,8 @@ import re
 import shutil
 import socket
 import subprocess
-import sys
 
-from daemon import PATIENCE, Daemon, DaemonTest, run_tests, until
+from daemon import PATIENCE, Daemon, DaemonTest, main, until
 from websocket import get, greeted, place_of, raw, upgrade_request
 
 LINE = re.compile(r"^([a-z_]+)(\{[^}]*\})? (\S+)$")
@@ -31,10 +30,7 @@ class Metrics(DaemonTest):
     arguments = ("--http", "127.0.0.1:0", "--principal-jobs-max", "6", "--total-jobs-max", "7", "--memory", "256M",
                  "--principal-scenes-max", "4")
 
-    @classmethod
-    def setUpClass(cls):
-        super().setUpClass()
-        cls.client.json("load", "builtin:forest?trees=30", "--name", "forest")
+    loads = {"forest": "builtin:forest?trees=30"}
 
     def setUp(self):
         self.http = self.daemon.http
@@ -219,7 +215,4 @@ class Drain(DaemonTest):
 
 
 if __name__ == "__main__":
-    for case in (Metrics, Drain):
-        case.raynestd, case.raynest = sys.argv[1], sys.argv[2]
-    del sys.argv[1:3]
-    run_tests()
+    main()

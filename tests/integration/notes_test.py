@@ -8,12 +8,10 @@ import base64
 import json
 import signal
 import struct
-import sys
-import unittest
 
 import numpy
 
-from daemon import Client, Daemon, DaemonTest, PATIENCE, until
+from daemon import Client, Daemon, DaemonTest, PATIENCE, main, until
 from exr import read_exr, read_texts
 
 VIEW = ("--size", "64x36", "--lookat", "0,6,18,0,4,0")
@@ -254,5 +252,4 @@ class Endings(DaemonTest):
 
 
 if __name__ == "__main__":
-    DaemonTest.raynestd, DaemonTest.raynest = sys.argv[1:3]
-    unittest.main(argv=sys.argv[:1])
+    main()

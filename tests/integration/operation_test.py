@@ -10,35 +10,25 @@ import re
 import signal
 import socket
 import subprocess
-import sys
 import tempfile
 import time
 import tomllib
-import unittest
 from urllib.request import urlopen
 
-from daemon import PATIENCE, Client, Daemon, until
+from daemon import PATIENCE, Client, Daemon, Programs, main, until
 from secure_daemon import Certificates, SecureClient, SecureDaemon, Tokens
 
 SCENE = "builtin:terrain?size=8"
 
 
-class Operation(unittest.TestCase):
-    raynestd = raynest = None
-
+class Operation(Programs):
     @classmethod
     def setUpClass(cls):
-        cls.shared = tempfile.TemporaryDirectory(prefix="raynest operation ")
-        cls.certificates = Certificates(cls.raynestd, pathlib.Path(cls.shared.name) / "tls")
-
-    @classmethod
-    def tearDownClass(cls):
-        cls.shared.cleanup()
+        shared = cls.enterClassContext(tempfile.TemporaryDirectory(prefix="raynest operation "))
+        cls.certificates = Certificates(cls.raynestd, f"{shared}/tls")
 
     def setUp(self):
-        folder = tempfile.TemporaryDirectory(prefix="raynest test ")
-        self.addCleanup(folder.cleanup)
-        self.folder = pathlib.Path(folder.name)
+        self.folder = pathlib.Path(self.enterContext(tempfile.TemporaryDirectory(prefix="raynest test ")))
         self.config = self.folder / "raynestd.toml"
 
     def daemon(self, *arguments, **options):
@@ -353,5 +343,4 @@ class Operation(unittest.TestCase):
 
 
 if __name__ == "__main__":
-    Operation.raynestd, Operation.raynest = sys.argv[1:3]
-    unittest.main(argv=sys.argv[:1])
+    main()

@@ -8,7 +8,6 @@ import json
 import pathlib
 import re
 import sys
-import unittest
 import warnings
 
 import numpy as np
@@ -18,7 +17,7 @@ sys.path.insert(0, str(pathlib.Path(__file__).parents[2] / "client/python"))
 import raynest
 from raynest import generators
 from raynest._requests.gltf import mesh_glb
-from daemon import DaemonTest
+from daemon import DaemonTest, main
 
 FAR = np.array([5e5, 4.5e6, 100.0])
 # A square of 20 cm, with corners that float32 cannot distinguish at that distance.
@@ -314,10 +313,7 @@ class InvalidRays(DaemonTest):
     RAYS = np.array([[0, 50, 0, 0, -1, 0], [0, 50, 0, 0, 0, 0], [np.nan, 0, 0, 0, -1, 0],
                      [1, 50, 0, 0, 1, 0]])
 
-    @classmethod
-    def setUpClass(cls):
-        super().setUpClass()
-        cls.client.json("load", "builtin:terrain?size=8", "--name", "hills")
+    loads = {"hills": "builtin:terrain?size=8"}
 
     def test_the_command_line_says_how_many_and_which_is_first(self):
         rays = [word for ray in ("0,50,0,0,-1,0", "0,50,0,0,0,0", "1,50,0,0,1,0",
@@ -381,5 +377,4 @@ class InvalidRays(DaemonTest):
 
 
 if __name__ == "__main__":
-    DaemonTest.raynestd, DaemonTest.raynest = sys.argv[1:3]
-    unittest.main(argv=sys.argv[:1])
+    main()

@@ -14,10 +14,9 @@ import ssl
 import sys
 import tempfile
 import time
-import unittest
 
 import websocket
-from daemon import PATIENCE, Daemon, until
+from daemon import PATIENCE, Daemon, Programs, main, until
 from secure_daemon import Certificates, SecureClient, SecureDaemon, Tokens
 from websocket import WebSocket, connect, get, greeted, host_of, place_of, post, raw, split, upgrade_request
 
@@ -33,14 +32,10 @@ OPEN = ("/healthz", "/readyz", "/login.html", "/login.js", "/session.js", "/dom.
 CLOSED = ("/", "/index.html", "/main.js", "/raynest.js", "/metrics", "/v1/login")
 
 
-class PageTest(unittest.TestCase):
-    raynestd = raynest = None
-
+class PageTest(Programs):
     @classmethod
     def setUpClass(cls):
-        cls.folder = tempfile.TemporaryDirectory(prefix="raynest test ")
-        cls.addClassCleanup(cls.folder.cleanup)
-        cls.out = pathlib.Path(cls.folder.name)
+        cls.out = pathlib.Path(cls.enterClassContext(tempfile.TemporaryDirectory(prefix="raynest test ")))
         cls.certificates = Certificates(cls.raynestd, cls.out / "tls", "gpu.example.org")
         websocket.trusted.load_verify_locations(cls.certificates.ca)
         cls.tokens = Tokens(cls.raynestd, cls.out / "tokens")
@@ -489,7 +484,4 @@ class PageTest(unittest.TestCase):
 
 
 if __name__ == "__main__":
-    PageTest.raynestd, PageTest.raynest = sys.argv[1:3]
-    del sys.argv[1:]
-    os.umask(0o022)
-    unittest.main()
+    main()

@@ -3,16 +3,14 @@
 
   parts_test.py RAYNESTD RAYNEST
 """
-import os
 import pathlib
 import struct
 import sys
-import unittest
 import zlib
 
 import numpy
 
-from daemon import DaemonTest, run_tests
+from daemon import DaemonTest, main
 
 PACKAGE = pathlib.Path(__file__).resolve().parents[2] / "client/python"
 LOOK = "lookat=0,6,20,0,2,0"
@@ -161,6 +159,4 @@ class Parts(DaemonTest):
 
 
 if __name__ == "__main__":
-    Parts.raynestd, Parts.raynest = sys.argv[1:3]
-    del sys.argv[1:3]
-    run_tests()
+    main()

@@ -11,12 +11,11 @@ import shutil
 import signal
 import socket
 import subprocess
-import sys
 import tempfile
 import unittest
 
 import websocket
-from daemon import PATIENCE, Daemon, until
+from daemon import PATIENCE, Daemon, Programs, main, until
 from secure_daemon import Certificates, Tokens
 from websocket import WebSocket, get, greeted, host_of, place_of, post, raw, split, upgrade_request
 
@@ -34,14 +33,10 @@ def exchange(http, *lines, body=b""):
     return [int(status) for status in re.findall(rb"HTTP/1\.[01] (\d+) ", answers)]
 
 
-class ProxyTest(unittest.TestCase):
-    raynestd = None
-
+class ProxyTest(Programs):
     @classmethod
     def setUpClass(cls):
-        cls.folder = tempfile.TemporaryDirectory(prefix="raynest-test-")
-        cls.addClassCleanup(cls.folder.cleanup)
-        cls.out = pathlib.Path(cls.folder.name)
+        cls.out = pathlib.Path(cls.enterClassContext(tempfile.TemporaryDirectory(prefix="raynest-test-")))
         cls.tokens = Tokens(cls.raynestd, cls.out / "tokens")
         cls.bearer = ["Authorization: Bearer " + cls.tokens.add("alice")]
         cls.secret = cls.bearer[0].rpartition(" ")[2]
@@ -259,15 +254,11 @@ class ProxyTest(unittest.TestCase):
 
 
 @unittest.skipUnless(NGINX, "nginx is not installed")
-class Nginx(unittest.TestCase):
+class Nginx(Programs):
     """A real nginx that ends TLS, with the server block of OPERATING.md."""
-    raynestd = None
-
     @classmethod
     def setUpClass(cls):
-        cls.folder = tempfile.TemporaryDirectory(prefix="raynest-test-")
-        cls.addClassCleanup(cls.folder.cleanup)
-        cls.out = pathlib.Path(cls.folder.name)
+        cls.out = pathlib.Path(cls.enterClassContext(tempfile.TemporaryDirectory(prefix="raynest-test-")))
         cls.out.chmod(0o755)
         cls.certificates = Certificates(cls.raynestd, cls.out / "tls", NAME)
         cls.tokens = Tokens(cls.raynestd, cls.out / "tokens")
@@ -354,7 +345,4 @@ class Nginx(unittest.TestCase):
 
 
 if __name__ == "__main__":
-    ProxyTest.raynestd = Nginx.raynestd = sys.argv[1]
-    del sys.argv[1:]
-    os.umask(0o022)
-    unittest.main()
+    main()

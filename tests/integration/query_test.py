@@ -4,12 +4,10 @@
   query_test.py RAYNESTD RAYNEST
 """
 import json
-import sys
-import unittest
 
 import numpy
 
-from daemon import DaemonTest
+from daemon import DaemonTest, main
 
 ALL_FIELDS = "t,prim,geom,path,uv,hit,flags"
 
@@ -211,5 +209,4 @@ class Queries(DaemonTest):
 
 
 if __name__ == "__main__":
-    Queries.raynestd, Queries.raynest = sys.argv[1:3]
-    unittest.main(argv=sys.argv[:1])
+    main()

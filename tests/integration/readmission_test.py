@@ -5,7 +5,6 @@ change of tokens, certificates, roles and options.
   readmission_test.py RAYNESTD RAYNEST
 """
 import json
-import os
 import pathlib
 import signal
 import socket
@@ -14,11 +13,10 @@ import subprocess
 import sys
 import tempfile
 import time
-import unittest
 
 import websocket
 from connections_test import ERROR, HELLO, PING, PONG, WELCOME, read_frame
-from daemon import PATIENCE, until
+from daemon import PATIENCE, Programs, main, until
 from secure_daemon import Certificates, SecureClient, Tokens, command
 from websocket import Closed, WebSocket, get, post
 
@@ -84,14 +82,10 @@ class Plain:
         self.socket.close()
 
 
-class Readmission(unittest.TestCase):
-    raynestd = raynest = None
-
+class Readmission(Programs):
     @classmethod
     def setUpClass(cls):
-        folder = tempfile.TemporaryDirectory(prefix="raynest test ")
-        cls.addClassCleanup(folder.cleanup)
-        cls.out = pathlib.Path(folder.name)
+        cls.out = pathlib.Path(cls.enterClassContext(tempfile.TemporaryDirectory(prefix="raynest test ")))
         cls.certificates = Certificates(cls.raynestd, cls.out / "tls")
         cls.others = Certificates(cls.raynestd, cls.out / "others")
         robot = cls.certificates.sign("robot", "/CN=robot")
@@ -100,9 +94,7 @@ class Readmission(unittest.TestCase):
         cls.robot.load_cert_chain(robot[1], robot[3])
 
     def setUp(self):
-        folder = tempfile.TemporaryDirectory(prefix="raynest test ")
-        self.addCleanup(folder.cleanup)
-        self.folder = pathlib.Path(folder.name)
+        self.folder = pathlib.Path(self.enterContext(tempfile.TemporaryDirectory(prefix="raynest test ")))
         self.tokens = Tokens(self.raynestd, self.folder / "tokens")
         self.secret = self.tokens.add("alice")
         self.config = self.folder / "raynestd.toml"
@@ -271,7 +263,4 @@ class Readmission(unittest.TestCase):
 
 
 if __name__ == "__main__":
-    Readmission.raynestd, Readmission.raynest = sys.argv[1:3]
-    del sys.argv[1:]
-    os.umask(0o022)
-    unittest.main()
+    main()

@@ -12,19 +12,15 @@ import sys
 import tempfile
 import unittest
 
-from daemon import run_tests
+from daemon import Programs, main
 
 ROOT = pathlib.Path(__file__).resolve().parents[2]
 SCENE = "builtin:forest?trees=20"
 
 
-class Recipes(unittest.TestCase):
-    raynestd = raynest = None
-
+class Recipes(Programs):
     def setUp(self):
-        folder = tempfile.TemporaryDirectory(prefix="raynest recipes ")
-        self.addCleanup(folder.cleanup)
-        self.folder = pathlib.Path(folder.name)
+        self.folder = pathlib.Path(self.enterContext(tempfile.TemporaryDirectory(prefix="raynest recipes ")))
         text = (ROOT / "server/OPERATING.md").read_text()
         self.blocks = re.findall(r"^```(\w+)\n(.*?)^```$", text, re.MULTILINE | re.DOTALL)
         self.environment = {
@@ -77,6 +73,4 @@ class Recipes(unittest.TestCase):
 
 
 if __name__ == "__main__":
-    Recipes.raynestd, Recipes.raynest = sys.argv[1:3]
-    del sys.argv[1:3]
-    run_tests()
+    main()

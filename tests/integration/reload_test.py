@@ -3,41 +3,31 @@
 
   reload_test.py RAYNESTD RAYNEST
 """
-import contextlib
 import json
-import os
 import pathlib
 import re
 import signal
 import subprocess
-import sys
 import tempfile
-import time
-import unittest
 
 import websocket
-from daemon import PATIENCE, until
+from daemon import PATIENCE, Programs, main, until
 from secure_daemon import Certificates, SecureClient, Tokens
 from websocket import get, post
 
 ROOT = pathlib.Path(__file__).resolve().parents[2]
 
 
-class Reloads(unittest.TestCase):
-    raynestd = raynest = None
-
+class Reloads(Programs):
     @classmethod
     def setUpClass(cls):
-        folder = tempfile.TemporaryDirectory(prefix="raynest test ")
-        cls.addClassCleanup(folder.cleanup)
-        cls.certificates = Certificates(cls.raynestd, pathlib.Path(folder.name) / "tls")
+        folder = pathlib.Path(cls.enterClassContext(tempfile.TemporaryDirectory(prefix="raynest test ")))
+        cls.certificates = Certificates(cls.raynestd, folder / "tls")
         cls.ca = cls.certificates.ca
         websocket.trusted.load_verify_locations(cls.ca)
 
     def setUp(self):
-        folder = tempfile.TemporaryDirectory(prefix="raynest test ")
-        self.addCleanup(folder.cleanup)
-        self.folder = pathlib.Path(folder.name)
+        self.folder = pathlib.Path(self.enterContext(tempfile.TemporaryDirectory(prefix="raynest test ")))
         self.tokens = Tokens(self.raynestd, self.folder / "tokens")
         self.secret = self.tokens.add("alice")
         self.config = self.folder / "raynestd.toml"
@@ -254,7 +244,4 @@ class Reloads(unittest.TestCase):
 
 
 if __name__ == "__main__":
-    Reloads.raynestd, Reloads.raynest = sys.argv[1:3]
-    del sys.argv[1:]
-    os.umask(0o022)
-    unittest.main()
+    main()

@@ -14,11 +14,10 @@ import sys
 import tempfile
 import threading
 import time
-import unittest
 
 sys.path.insert(0, str(pathlib.Path(__file__).resolve().parents[2] / "client" / "python"))
 import raynest  # noqa: E402
-from daemon import LONG, PATIENCE, Client, until  # noqa: E402
+from daemon import LONG, PATIENCE, Client, Programs, main, until  # noqa: E402
 
 SCENE = "builtin:terrain?size=16"
 RAYS = [[x / 8 - 4, 50, y / 8 - 4, 0, -1, 0] for x in range(8) for y in range(8)]
@@ -98,9 +97,7 @@ class Cut:
         self.ends = []
 
 
-class Restart(unittest.TestCase):
-    raynestd = raynest = None
-
+class Restart(Programs):
     def keeper(self, *arguments):
         keeper = Keeper(self.raynestd, *arguments)
         self.addCleanup(keeper.close)
@@ -353,5 +350,4 @@ class Restart(unittest.TestCase):
 
 
 if __name__ == "__main__":
-    Restart.raynestd, Restart.raynest = sys.argv[1:3]
-    unittest.main(argv=sys.argv[:1])
+    main()

@@ -8,10 +8,8 @@ import pathlib
 import shutil
 import struct
 import subprocess
-import sys
-import unittest
 
-from daemon import DaemonTest, skip_sanitized
+from daemon import DaemonTest, main, skip_sanitized
 from exr import read_exr, with_values
 
 AO = ("--integrator", "ao", "--size", "150x70")
@@ -19,21 +17,12 @@ PATH = ("--integrator", "path", "--size", "150x70")
 
 
 class Resumed(DaemonTest):
-    @classmethod
-    def setUpClass(cls):
-        super().setUpClass()
-        cls.client.json("load", "builtin:forest?trees=30", "--name", "woods")
+    loads = {"woods": "builtin:forest?trees=30"}
 
     def render(self, name, *words):
         """Runs `raynest render woods`; returns the file's bytes."""
         self.client.json("render", "woods", "-o", self.out / name, *words)
         return (self.out / name).read_bytes()
-
-    def refused(self, code, says, *words):
-        done = self.client.run(*words)
-        self.assertEqual(done.returncode, code, f"{words}: {done.stderr}")
-        self.assertEqual(done.stderr.count("\n"), 1, done.stderr)
-        self.assertIn(says, done.stderr)
 
     def decoders_work(self):
         """Page faults of the daemon's children that have ended: of processes that decode."""
@@ -58,24 +47,24 @@ class Resumed(DaemonTest):
 
     def test_what_cannot_be_resumed_is_refused(self):
         part = self.render("good.exr", *AO, "--spp", "4")
-        self.refused(2, "ask for more than that", "resume", self.out / "good.exr", "--spp", "3")
+        self.client.fails(2, "ask for more than that", "resume", self.out / "good.exr", "--spp", "3")
         bad = self.out / "bad.exr"
         bad.write_bytes(part[:-200])
-        self.refused(2, "damaged", "resume", bad, "--spp", "8")
+        self.client.fails(2, "damaged", "resume", bad, "--spp", "8")
         bad.write_bytes(part[:300])
-        self.refused(5, "header", "resume", bad, "--spp", "8")
+        self.client.fails(5, "header", "resume", bad, "--spp", "8")
         bad.write_bytes(b"no picture")
-        self.refused(5, "no EXR", "resume", bad, "--spp", "8")
+        self.client.fails(5, "no EXR", "resume", bad, "--spp", "8")
         changed = part.replace(b"raynest:integrator\0string\0\2\0\0\0ao", b"raynest:integrator\0string\0\2\0\0\0xo")
         self.assertNotEqual(changed, part)
         bad.write_bytes(changed)
-        self.refused(2, "unknown integrator 'xo'", "resume", bad, "--spp", "8")
+        self.client.fails(2, "unknown integrator 'xo'", "resume", bad, "--spp", "8")
         hash_at = part.index(b"raynest:hash\0string\0") + 24
         bad.write_bytes(part[:hash_at] + bytes(64) + part[hash_at + 64:])
-        self.refused(2, "hash", "resume", bad, "--spp", "8")
+        self.client.fails(2, "hash", "resume", bad, "--spp", "8")
         self.client.json("render", "woods", "-o", self.out / "primary.exr", "--size", "150x70")
-        self.refused(5, "no lit picture", "resume", self.out / "primary.exr", "--spp", "8")
-        self.refused(5, "nowhere", "resume", self.out / "good.exr", "--spp", "8", "--scene", "nowhere")
+        self.client.fails(5, "no lit picture", "resume", self.out / "primary.exr", "--spp", "8")
+        self.client.fails(5, "nowhere", "resume", self.out / "good.exr", "--spp", "8", "--scene", "nowhere")
         self.assertTrue(self.daemon.alive())
 
     def test_hostile_files_end_in_a_line_and_the_daemon_goes_on(self):
@@ -147,11 +136,10 @@ class Resumed(DaemonTest):
         with self.assertRaises(OSError), open(small / "other", "wb", buffering=0) as other:
             while True:
                 other.write(bytes(4096))
-        self.refused(1, "a.exr: No space left on device", "resume", small / "a.exr", "--spp", "4")
+        self.client.fails(1, "a.exr: No space left on device", "resume", small / "a.exr", "--spp", "4")
         self.assertEqual(sorted(entry.name for entry in small.iterdir()), ["a.exr", "other"])
         self.assertEqual((small / "a.exr").read_bytes(), before)
 
 
 if __name__ == "__main__":
-    Resumed.raynestd, Resumed.raynest = sys.argv[1:3]
-    unittest.main(argv=sys.argv[:1])
+    main()

@@ -12,14 +12,12 @@ import shutil
 import signal
 import socket
 import subprocess
-import sys
 import tempfile
 import time
-import unittest
 from urllib.error import HTTPError
 from urllib.request import Request, urlopen
 
-from daemon import PATIENCE, Client, Daemon, until
+from daemon import PATIENCE, Client, Daemon, Programs, main, until
 from secure_daemon import Tokens
 
 PACKAGE = pathlib.Path(__file__).resolve().parents[2] / "server" / "package"
@@ -42,13 +40,9 @@ def read(url, token=None):
         return refused.code, refused.read().decode()
 
 
-class Running(unittest.TestCase):
-    raynestd = raynest = None
-
+class Running(Programs):
     def setUp(self):
-        folder = tempfile.TemporaryDirectory(prefix="raynest running ")
-        self.addCleanup(folder.cleanup)
-        self.folder = pathlib.Path(folder.name)
+        self.folder = pathlib.Path(self.enterContext(tempfile.TemporaryDirectory(prefix="raynest running ")))
 
     def daemon(self, *arguments, **options):
         daemon = Daemon(self.raynestd, *arguments, **options)
@@ -272,5 +266,4 @@ class Running(unittest.TestCase):
 
 
 if __name__ == "__main__":
-    Running.raynestd, Running.raynest = sys.argv[1:3]
-    unittest.main(argv=sys.argv[:1])
+    main()

@@ -13,9 +13,8 @@ import subprocess
 import sys
 import tempfile
 import tomllib
-import unittest
 
-from daemon import PATIENCE, Client, Daemon, run_tests, skip_sanitized, until
+from daemon import PATIENCE, Client, Daemon, Programs, main, skip_sanitized, until
 from running_test import CORNERS, TRIANGLE
 
 PACKAGE = pathlib.Path(__file__).resolve().parents[2] / "server" / "package"
@@ -48,13 +47,11 @@ def allowed_calls():
     return calls
 
 
-class Service(unittest.TestCase):
-    raynestd = raynest = confine = import_child = None
+class Service(Programs):
+    confine = import_child = None
 
     def setUp(self):
-        folder = tempfile.TemporaryDirectory(prefix="raynest-service-")
-        self.addCleanup(folder.cleanup)
-        self.folder = pathlib.Path(folder.name)
+        self.folder = pathlib.Path(self.enterContext(tempfile.TemporaryDirectory(prefix="raynest-service-")))
         if not shutil.which("systemd-analyze"):
             self.skipTest("skipped: there is no systemd-analyze (Debian: systemd)")
 
@@ -266,6 +263,6 @@ class ConfinedDaemon:
 
 
 if __name__ == "__main__":
-    Service.raynestd, Service.raynest, Service.confine, Service.import_child = sys.argv[1:5]
-    del sys.argv[1:5]
-    run_tests()
+    Service.confine, Service.import_child = sys.argv[3:5]
+    del sys.argv[3:5]
+    main()

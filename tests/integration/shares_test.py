@@ -5,13 +5,10 @@ server/SHARES.md lists them; those that need sockets and processes are here.
 import contextlib
 import pathlib
 import socket
-import sys
 import tempfile
 import threading
-import time
-import unittest
 
-from daemon import IMPORTS_GROW, PATIENCE, skip_sanitized, until
+from daemon import IMPORTS_GROW, PATIENCE, Programs, main, skip_sanitized, until
 from secure_daemon import Certificates, SecureClient, SecureDaemon, Tokens
 
 HEAVY = "builtin:terrain?size=3000"  # many seconds, and more than a GiB, for an import
@@ -37,12 +34,10 @@ def private_bytes(pid):
     return 0
 
 
-class SharesTest(unittest.TestCase):
+class SharesTest(Programs):
     @classmethod
     def setUpClass(cls):
-        cls.folder = tempfile.TemporaryDirectory(prefix="raynest-shares-")
-        cls.addClassCleanup(cls.folder.cleanup)
-        out = pathlib.Path(cls.folder.name)
+        out = pathlib.Path(cls.enterClassContext(tempfile.TemporaryDirectory(prefix="raynest-shares-")))
         cls.certificates = Certificates(cls.raynestd, out / "tls")
         cls.tokens = Tokens(cls.raynestd, out / "tokens")
         cls.secrets = {name: cls.tokens.add(name) for name in ("eve", "mallory", "alice")}
@@ -141,5 +136,4 @@ class SharesTest(unittest.TestCase):
 
 
 if __name__ == "__main__":
-    SharesTest.raynestd, SharesTest.raynest = sys.argv[1:3]
-    unittest.main(argv=sys.argv[:1])
+    main()

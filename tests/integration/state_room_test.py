@@ -5,10 +5,9 @@
 """
 import sqlite3
 import subprocess
-import sys
 import time
 
-from daemon import IMPORTS_GROW, PATIENCE, Client, run_tests, second_principal, skip_sanitized, until
+from daemon import IMPORTS_GROW, PATIENCE, Client, main, second_principal, skip_sanitized, until
 from with_state import WOODS, WithState
 
 
@@ -152,6 +151,4 @@ class Room(WithState):
 
 
 if __name__ == "__main__":
-    Room.raynestd, Room.raynest = sys.argv[1:3]
-    del sys.argv[1:3]
-    run_tests()
+    main()

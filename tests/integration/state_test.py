@@ -14,8 +14,7 @@ import time
 
 import numpy
 
-from daemon import (IMPORTS_GROW, LONG, PATIENCE, Client, Daemon, run_tests, second_principal, skip_sanitized,
-                    until)
+from daemon import IMPORTS_GROW, LONG, PATIENCE, Client, Daemon, main, second_principal, skip_sanitized, until
 from with_state import WOODS, WithState
 
 ROUNDS = 60 if LONG else 20
@@ -140,8 +139,8 @@ class State(WithState):
         self.assertEqual((code, said.splitlines()[-1].split(", ")[-1]), (1, "2 damaged"))
         client = self.start()
         for _ in range(2):
-            self.fails(5, "the stored copy of scene 'woods' is damaged", "info", "woods")
-        self.fails(5, "has 4096 bytes", "info", "cut")
+            self.client.fails(5, "the stored copy of scene 'woods' is damaged", "info", "woods")
+        self.client.fails(5, "has 4096 bytes", "info", "cut")
         self.hits("flake")
         self.assertEqual({name: scene["state"] for name, scene in self.scenes().items()},
                          {"woods": "damaged", "flake": "memory", "cut": "damaged"})
@@ -149,8 +148,8 @@ class State(WithState):
         self.assertEqual(client.json("stats")["scenes_damaged"], 2)
         self.assertEqual({file.name for file in (self.state / "damaged").iterdir()}, {digest, cut})
         client = self.again()
-        self.fails(5, "is damaged", "info", "woods")
-        self.fails(5, "its file is gone", "info", "cut")
+        self.client.fails(5, "is damaged", "info", "woods")
+        self.client.fails(5, "its file is gone", "info", "cut")
         self.assertEqual(client.json("load", WOODS, "--name", "woods")["hash"], digest)
         # Another content needs no --replace there.
         client.json("load", "builtin:flake?depth=3", "--name", "cut")
@@ -166,7 +165,7 @@ class State(WithState):
         whole = blob.read_bytes()
         blob.write_bytes(whole[:8] + (1).to_bytes(4, "little") + whole[12:])
         self.start()
-        self.fails(5, "has version 1, this build reads version", "info", "woods")
+        self.client.fails(5, "has version 1, this build reads version", "info", "woods")
         self.assertEqual(os.listdir(self.blobs), [digest])
         self.kill()
         blob.write_bytes(whole)     # the other release again
@@ -175,7 +174,7 @@ class State(WithState):
         self.kill()
         blob.write_bytes(whole[:8] + (1).to_bytes(4, "little") + whole[12:])
         client = self.start()
-        self.fails(5, "has version 1, this build reads version", "info", "woods")
+        self.client.fails(5, "has version 1, this build reads version", "info", "woods")
         self.assertEqual(client.json("load", WOODS, "--name", "woods")["hash"], digest)
         self.again()
         self.hits("woods")
@@ -219,7 +218,7 @@ class State(WithState):
         client = self.start("--principal-disk-bytes-max", "1G")
         self.addCleanup(self.kill)
         small = client.json("load", "builtin:flake?depth=2", "--name", "small")["hash"]
-        self.fails(6, "has no room for the scene", "load", "builtin:forest?trees=300", "--name", "big")
+        self.client.fails(6, "has no room for the scene", "load", "builtin:forest?trees=300", "--name", "big")
         self.assertEqual(self.blob_names(), {small})
         self.assertEqual(set(self.scenes()), {"small"})
         # The blob fits, the row does not.
@@ -387,7 +386,7 @@ with raynest.connect(uri) as client:
         database.close()
         self.assertEqual(self.check()[0], 1)
         client = self.start()
-        self.fails(5, "its edit of epoch 2 is not as it was written", "info", "woods")
+        self.client.fails(5, "its edit of epoch 2 is not as it was written", "info", "woods")
         self.assertEqual(self.hits("other"), hits)
         client.json("load", WOODS, "--name", "woods")
         self.again()
@@ -398,7 +397,7 @@ with raynest.connect(uri) as client:
         self.addCleanup(daemon.stop)
         self.client = Client(self.raynest, daemon.uri)
         self.client.json("load", WOODS, "--name", "woods")
-        self.fails(2, "--state", "edit", "woods", "--hide", "*", "--keep")
+        self.client.fails(2, "--state", "edit", "woods", "--hide", "*", "--keep")
 
     def test_an_edit_lasts_until_the_restart(self):
         client = self.start()
@@ -460,6 +459,4 @@ with raynest.connect(uri) as client:
 
 
 if __name__ == "__main__":
-    State.raynestd, State.raynest = sys.argv[1:3]
-    del sys.argv[1:3]
-    run_tests()
+    main()

@@ -5,11 +5,10 @@
 """
 import collections
 import json
-import sys
 
 import numpy
 
-from daemon import DaemonTest, run_tests
+from daemon import DaemonTest, main
 from exr import read_texts
 from websocket import greeted
 
@@ -21,11 +20,7 @@ TYPES = {"u8": "u1", "u32": "<u4", "u64": "<u8", "f32": "<f4", 0: "u1", 1: "<u4"
 class Structure(DaemonTest):
     arguments = ("--http", "127.0.0.1:0")
 
-    @classmethod
-    def setUpClass(cls):
-        super().setUpClass()
-        cls.client.json("load", "builtin:forest?trees=30", "--name", "forest")
-        cls.client.json("load", "builtin:flake?depth=3", "--name", "flake")
+    loads = {"forest": "builtin:forest?trees=30", "flake": "builtin:flake?depth=3"}
 
     def setUp(self):
         self.ws = greeted(self.daemon.http)
@@ -256,5 +251,4 @@ class Structure(DaemonTest):
 
 
 if __name__ == "__main__":
-    Structure.raynestd, Structure.raynest = sys.argv.pop(1), sys.argv.pop(1)
-    run_tests()
+    main()

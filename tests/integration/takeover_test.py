@@ -17,7 +17,7 @@ import unittest
 
 sys.path.insert(0, str(pathlib.Path(__file__).resolve().parents[2] / "client" / "python"))
 import raynest  # noqa: E402
-from daemon import LONG, PATIENCE, Client, until  # noqa: E402
+from daemon import LONG, PATIENCE, Client, main, until  # noqa: E402
 from with_state import WOODS, WithState  # noqa: E402
 
 RAYS = [[x / 8 - 4, 50, y / 8 - 4, 0, -1, 0] for x in range(8) for y in range(8)]
@@ -399,5 +399,4 @@ class Takeover(WithState):
 
 
 if __name__ == "__main__":
-    Takeover.raynestd, Takeover.raynest = sys.argv[1:3]
-    unittest.main(argv=sys.argv[:1] + sys.argv[3:])
+    main()

@@ -10,22 +10,17 @@ import pathlib
 import random
 import sys
 import tempfile
-import unittest
 
-from daemon import is_sanitized, until
+from daemon import Programs, is_sanitized, main, until
 from link import DOWN, HARMLESS, HARMS, UP, Harm, Link
 from secure_daemon import Certificates, SecureClient, SecureDaemon, Tokens
 
 SEEDS = int(os.environ.get("RAYNEST_CHAOS_SEEDS", "60"))
 
 
-class TlsChaos(unittest.TestCase):
-    raynestd = raynest = None
-
+class TlsChaos(Programs):
     def setUp(self):
-        folder = tempfile.TemporaryDirectory(prefix="raynest test ")
-        self.addCleanup(folder.cleanup)
-        self.out = pathlib.Path(folder.name)
+        self.out = pathlib.Path(self.enterContext(tempfile.TemporaryDirectory(prefix="raynest test ")))
         self.certificates = Certificates(self.raynestd, self.out / "tls")
         self.tokens = Tokens(self.raynestd, self.out / "tokens")
         self.token = self.tokens.add("alice", "--role", "admin")
@@ -90,7 +85,4 @@ class TlsChaos(unittest.TestCase):
 
 
 if __name__ == "__main__":
-    TlsChaos.raynestd, TlsChaos.raynest = sys.argv[1:3]
-    del sys.argv[1:]
-    os.umask(0o022)
-    unittest.main()
+    main()

@@ -4,21 +4,19 @@
   tls_test.py RAYNESTD RAYNEST
 """
 import array
-import os
+import contextlib
 import pathlib
 import signal
 import socket
 import ssl
 import stat
 import subprocess
-import sys
 import tempfile
 import threading
 import time
-import unittest
 import warnings
 
-from daemon import Daemon, PATIENCE, closed_port, until
+from daemon import Daemon, PATIENCE, Programs, closed_port, main, until
 from link import Link
 from npy import npy
 from secure_daemon import Certificates, SecureClient, SecureDaemon, Tokens, command
@@ -33,14 +31,10 @@ def openssl(*arguments, **options):
                           stderr=subprocess.STDOUT, timeout=PATIENCE, **options)
 
 
-class Tls(unittest.TestCase):
-    raynestd = raynest = None
-
+class Tls(Programs):
     @classmethod
     def setUpClass(cls):
-        cls.folder = tempfile.TemporaryDirectory(prefix="raynest test ")
-        cls.addClassCleanup(cls.folder.cleanup)
-        cls.out = pathlib.Path(cls.folder.name)
+        cls.out = pathlib.Path(cls.enterClassContext(tempfile.TemporaryDirectory(prefix="raynest test ")))
         cls.certificates = Certificates(cls.raynestd, cls.out / "tls", "gpu.example.org")
         cls.tokens = Tokens(cls.raynestd, cls.out / "tokens")
         cls.token = cls.tokens.add("alice")
@@ -50,10 +44,7 @@ class Tls(unittest.TestCase):
         cls.client = SecureClient(cls.raynest, cls.daemon.tls, cls.certificates.ca, cls.token)
 
     def refused(self, client, code, says, *arguments):
-        done = client.run(*(arguments or ("scenes",)))
-        self.assertEqual(done.returncode, code, done.stderr)
-        self.assertIn(says, done.stderr)
-        self.assertEqual(done.stderr.count("\n"), 1, done.stderr)
+        client.fails(code, says, *(arguments or ("scenes",)))
 
     def not_started(self, code, says, *arguments):
         done = subprocess.run([self.raynestd, "--cuda", "off", "--http", "off",
@@ -62,6 +53,29 @@ class Tls(unittest.TestCase):
         self.assertEqual(done.returncode, code, done.stderr)
         self.assertIn(says, done.stderr)
         self.assertEqual(done.stderr.count("\n"), 1, done.stderr)
+
+    def signed(self, name, subject, extension, key="key.pem", days="9"):
+        """Returns a certificate that the CA makes for a key of its folder."""
+        folder, made = self.certificates.folder, self.out / f"{name}.pem"
+        for words in (("req", "-new", "-key", folder / key, "-subj", subject, "-addext", extension, "-out",
+                       self.out / f"{name}.csr"),
+                      ("x509", "-req", "-in", self.out / f"{name}.csr", "-CA", folder / "ca.pem", "-CAkey",
+                       folder / "ca-key.pem", "-days", days, "-copy_extensions", "copy", "-out", made)):
+            done = openssl(*words)
+            self.assertEqual(done.returncode, 0, done.stdout)
+        return made
+
+    def refuses_server(self, context, says):
+        """A client refuses a server that greets with `context`."""
+        with socket.create_server(("127.0.0.1", 0)) as server:
+            def serve():
+                with server.accept()[0] as plain, contextlib.suppress(OSError):
+                    context.wrap_socket(plain, server_side=True)
+            thread = threading.Thread(target=serve)
+            thread.start()
+            self.addCleanup(thread.join)
+            uri = f"tls://127.0.0.1:{server.getsockname()[1]}"
+            self.refused(SecureClient(self.raynest, uri, self.certificates.ca), 3, says)
 
     # ---- certificates
 
@@ -146,14 +160,8 @@ class Tls(unittest.TestCase):
         # localhost leads to this daemon, whose certificate here has another name.
         folder = self.certificates.folder
         for name, code in (("gpu.example.org", 3), ("localhost", 0)):
-            request = openssl("req", "-new", "-key", folder / "key.pem", "-subj", "/CN=localhost", "-addext",
-                              f"subjectAltName=DNS:{name}", "-out", self.out / "named.csr")
-            self.assertEqual(request.returncode, 0, request.stdout)
-            made = openssl("x509", "-req", "-in", self.out / "named.csr", "-CA", folder / "ca.pem", "-CAkey",
-                           folder / "ca-key.pem", "-days", "9", "-copy_extensions", "copy", "-out",
-                           self.out / "named.pem")
-            self.assertEqual(made.returncode, 0, made.stdout)
-            named = Daemon(self.raynestd, "--listen", "tls://127.0.0.1:0", "--tls-cert", self.out / "named.pem",
+            made = self.signed("named", "/CN=localhost", f"subjectAltName=DNS:{name}")
+            named = Daemon(self.raynestd, "--listen", "tls://127.0.0.1:0", "--tls-cert", made,
                            "--tls-key", folder / "key.pem", "--http", "off")
             self.addCleanup(named.stop)
             port = next(uri for uri in named.listen if uri.startswith("tls://")).rsplit(":", 1)[1]
@@ -167,30 +175,12 @@ class Tls(unittest.TestCase):
 
     def test_an_expired_certificate_is_refused_by_both_ends(self):
         folder = self.certificates.folder
-        expired = self.out / "expired.pem"
-        request = openssl("req", "-new", "-key", folder / "key.pem", "-subj", "/CN=old", "-addext",
-                          "subjectAltName=IP:127.0.0.1", "-out", self.out / "old.csr")
-        self.assertEqual(request.returncode, 0, request.stdout)
-        made = openssl("x509", "-req", "-in", self.out / "old.csr", "-CA", folder / "ca.pem",
-                       "-CAkey", folder / "ca-key.pem", "-days", "-1", "-copy_extensions", "copy",
-                       "-out", expired)
-        self.assertEqual(made.returncode, 0, made.stdout)
+        expired = self.signed("old", "/CN=old", "subjectAltName=IP:127.0.0.1", days="-1")
         self.not_started(1, "has expired", "--listen", "tls://127.0.0.1:0", "--tls-cert", expired,
                          "--tls-key", folder / "key.pem")
         context = ssl.SSLContext(ssl.PROTOCOL_TLS_SERVER)
         context.load_cert_chain(expired, folder / "key.pem")
-        with socket.create_server(("127.0.0.1", 0)) as server:
-            def serve():
-                with server.accept()[0] as plain:
-                    try:
-                        context.wrap_socket(plain, server_side=True)
-                    except OSError:
-                        pass
-            thread = threading.Thread(target=serve)
-            thread.start()
-            self.addCleanup(thread.join)
-            uri = f"tls://127.0.0.1:{server.getsockname()[1]}"
-            self.refused(SecureClient(self.raynest, uri, self.certificates.ca), 3, "has expired")
+        self.refuses_server(context, "has expired")
 
     def test_a_key_must_be_private_and_fit_its_certificate(self):
         other = Certificates(self.raynestd, self.out / "unfit")
@@ -315,18 +305,7 @@ class Tls(unittest.TestCase):
         with warnings.catch_warnings():
             warnings.simplefilter("ignore")
             context.minimum_version = context.maximum_version = ssl.TLSVersion.TLSv1_1
-        with socket.create_server(("127.0.0.1", 0)) as server:
-            def serve():
-                with server.accept()[0] as plain:
-                    try:
-                        context.wrap_socket(plain, server_side=True)
-                    except OSError:
-                        pass
-            thread = threading.Thread(target=serve)
-            thread.start()
-            self.addCleanup(thread.join)
-            uri = f"tls://127.0.0.1:{server.getsockname()[1]}"
-            self.refused(SecureClient(self.raynest, uri, self.certificates.ca), 3, "TLS")
+        self.refuses_server(context, "TLS")
 
     def test_a_handshake_that_stops_ends_in_time(self):
         hello = bytes.fromhex("160301020001")  # of a ClientHello that never comes whole
@@ -414,15 +393,8 @@ class Tls(unittest.TestCase):
 
     def expired_client(self):
         """Options for a certificate of a client whose time is over."""
-        folder = self.certificates.folder
-        made = openssl("req", "-new", "-key", folder / "client-key.pem", "-subj", "/CN=late", "-addext",
-                       "extendedKeyUsage=clientAuth", "-out", self.out / "late.csr")
-        self.assertEqual(made.returncode, 0, made.stdout)
-        made = openssl("x509", "-req", "-in", self.out / "late.csr", "-CA", folder / "ca.pem", "-CAkey",
-                       folder / "ca-key.pem", "-days", "-1", "-copy_extensions", "copy", "-out",
-                       self.out / "late.pem")
-        self.assertEqual(made.returncode, 0, made.stdout)
-        return "--cert", self.out / "late.pem", "--key", folder / "client-key.pem"
+        made = self.signed("late", "/CN=late", "extendedKeyUsage=clientAuth", "client-key.pem", "-1")
+        return "--cert", made, "--key", self.certificates.folder / "client-key.pem"
 
     def test_a_certificate_gets_its_role_from_the_token_file(self):
         tokens = Tokens(self.raynestd, self.out / "roles of certificates")
@@ -437,7 +409,4 @@ class Tls(unittest.TestCase):
 
 
 if __name__ == "__main__":
-    Tls.raynestd, Tls.raynest = sys.argv[1:3]
-    del sys.argv[1:]
-    os.umask(0o022)
-    unittest.main()
+    main()

@@ -14,20 +14,17 @@ import subprocess
 import sys
 import tempfile
 import time
-import unittest
 import urllib.error
 import urllib.request
 
 from connections_test import HELLO, WELCOME, read_frame
-from daemon import LONG, PATIENCE, until
+from daemon import LONG, PATIENCE, Programs, main, until
 from secure_daemon import Certificates, SecureClient, SecureDaemon, Tokens, command, fake_ssh
 
 RAY = "0,50,0,0,-1,0"
 
 
-class TokensTest(unittest.TestCase):
-    raynestd = raynest = None
-
+class TokensTest(Programs):
     @classmethod
     def setUpClass(cls):
         cls.folder = tempfile.TemporaryDirectory(prefix="raynest test ")
@@ -465,7 +462,4 @@ class TokensTest(unittest.TestCase):
 
 
 if __name__ == "__main__":
-    TokensTest.raynestd, TokensTest.raynest = sys.argv[1:3]
-    del sys.argv[1:]
-    os.umask(0o022)
-    unittest.main()
+    main()

@@ -15,7 +15,7 @@ import numpy as np
 sys.path.insert(0, str(pathlib.Path(__file__).parents[2] / "client/python"))
 
 import raynest
-from daemon import run_tests
+from daemon import main
 from with_state import WithState
 
 # A ground of 8 x 8 with a tall box on it, z up: east is +x and north is +y.
@@ -189,6 +189,4 @@ class Up(WithState):
 
 
 if __name__ == "__main__":
-    Up.raynestd, Up.raynest = sys.argv[1:3]
-    del sys.argv[1:3]
-    run_tests()
+    main()

@@ -8,7 +8,6 @@ import base64
 import json
 import pathlib
 import sys
-import unittest
 import warnings
 
 import numpy as np
@@ -16,7 +15,7 @@ import numpy as np
 sys.path.insert(0, str(pathlib.Path(__file__).parents[2] / "client/python"))
 
 import raynest
-from daemon import DaemonTest
+from daemon import DaemonTest, main
 
 CORNERS = np.array([[-1, -1, 0], [1, -1, 0], [0, 1, 0]], "<f4").tobytes()
 RAY = [[0, 0, 1, 0, 0, -1]]
@@ -130,5 +129,4 @@ class Variants(DaemonTest):
 
 
 if __name__ == "__main__":
-    DaemonTest.raynestd, DaemonTest.raynest = sys.argv[1:3]
-    unittest.main(argv=sys.argv[:1])
+    main()

@@ -10,7 +10,7 @@ import struct
 import sys
 import time
 
-from daemon import PATIENCE, Daemon, DaemonTest, run_tests, until
+from daemon import PATIENCE, Daemon, DaemonTest, main, until
 from exr import read_exr
 from websocket import BINARY, CLOSE, HEADER, PING, PONG, TEXT, Closed, WebSocket, get, greeted, place_of, raw, split, \
     upgrade_request
@@ -24,10 +24,7 @@ RAYS = [(x * 0.25 - 8, 30.0, y * 0.25 - 8, 0.0, 0.1, -1.0, 0.05, float("inf"))
 class Transport(DaemonTest):
     arguments = ("--http", "127.0.0.1:0")
 
-    @classmethod
-    def setUpClass(cls):
-        super().setUpClass()
-        cls.client.json("load", "builtin:forest?trees=30", "--name", "forest")
+    loads = {"forest": "builtin:forest?trees=30"}
 
     def setUp(self):
         self.ws = greeted(self.daemon.http)
@@ -379,6 +376,4 @@ class Ends(DaemonTest):
 
 
 if __name__ == "__main__":
-    Transport.raynestd = Ends.raynestd = sys.argv.pop(1)
-    Transport.raynest = Ends.raynest = sys.argv.pop(1)
-    run_tests()
+    main()

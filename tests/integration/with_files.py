@@ -9,9 +9,8 @@ from daemon import DaemonTest
 class WithFiles(DaemonTest):
     @classmethod
     def setUpClass(cls):
-        folder = tempfile.TemporaryDirectory(prefix="raynest files ")
-        cls.addClassCleanup(folder.cleanup)
-        cls.scenes = pathlib.Path(folder.name) / "scenes"
+        folder = pathlib.Path(cls.enterClassContext(tempfile.TemporaryDirectory(prefix="raynest files ")))
+        cls.scenes = folder / "scenes"
         cls.scenes.mkdir()
         cls.arguments = ("--scene-root", cls.scenes)
         super().setUpClass()

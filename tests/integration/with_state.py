@@ -3,22 +3,17 @@ import os
 import pathlib
 import subprocess
 import tempfile
-import unittest
 
 import numpy
 
-from daemon import PATIENCE, Client, Daemon
+from daemon import PATIENCE, Client, Daemon, Programs
 
 WOODS = "builtin:forest?trees=40"
 
 
-class WithState(unittest.TestCase):
-    raynestd = raynest = None
-
+class WithState(Programs):
     def setUp(self):
-        folder = tempfile.TemporaryDirectory(prefix="raynest test ")
-        self.addCleanup(folder.cleanup)
-        self.folder = pathlib.Path(folder.name)
+        self.folder = pathlib.Path(self.enterContext(tempfile.TemporaryDirectory(prefix="raynest test ")))
         self.state = self.folder / "state"
         self.blobs = self.state / "blobs"
         self.daemon = None
@@ -62,12 +57,6 @@ class WithState(unittest.TestCase):
         self.assertEqual(done.returncode, 0, done.stderr)
         with numpy.load(file) as columns:
             return {name: columns[name].tobytes() for name in columns}
-
-    def fails(self, code, says, *arguments):
-        done = self.client.run(*arguments)
-        self.assertEqual(done.returncode, code, done.stderr)
-        self.assertEqual(done.stderr.count("\n"), 1, done.stderr)
-        self.assertIn(says, done.stderr)
 
     def files(self):
         return {file.relative_to(self.state).as_posix(): file.read_bytes()

@@ -14,16 +14,16 @@ import subprocess
 import sys
 import tempfile
 import threading
-import unittest
 from unittest import mock
 
 import numpy as np
 
 import raynest
 from both_clients import BothClients
-from daemon import PATIENCE
-from secure_daemon import Certificates, SecureDaemon, Tokens, command
+from daemon import PATIENCE, Programs
+from secure_daemon import Certificates, SecureDaemon, Tokens
 from with_fake import WithFake, frame
+from with_daemon import main
 
 SECRET = "rnt_" + "5" * 64
 # Colours a terminal, rings, deletes, and begins a control sequence of 8 bits.
@@ -32,13 +32,9 @@ SHOWN = "a?[31mb?c?d?e"
 CONTROLS = tuple(chr(code) for code in (*range(10), *range(11, 32), *range(127, 160)))
 
 
-class WithConfig(unittest.TestCase):
-    raynestd = raynest = None
-
+class WithConfig(Programs):
     def setUp(self):
-        folder = tempfile.TemporaryDirectory(prefix="raynest test ")
-        self.addCleanup(folder.cleanup)
-        self.out = pathlib.Path(folder.name)
+        self.out = pathlib.Path(self.enterContext(tempfile.TemporaryDirectory(prefix="raynest test ")))
         self.config = self.out / "config"
         self.hosts = self.config / "raynest" / "hosts.toml"
         self.hosts.parent.mkdir(parents=True)
@@ -120,10 +116,9 @@ class Secrets(WithConfig):
 class Hosts(WithConfig):
     @classmethod
     def setUpClass(cls):
-        folder = tempfile.TemporaryDirectory(prefix="raynest test ")
-        cls.addClassCleanup(folder.cleanup)
-        cls.certificates = Certificates(cls.raynestd, pathlib.Path(folder.name) / "tls", "localhost")
-        tokens = Tokens(cls.raynestd, pathlib.Path(folder.name) / "tokens")
+        folder = pathlib.Path(cls.enterClassContext(tempfile.TemporaryDirectory(prefix="raynest test ")))
+        cls.certificates = Certificates(cls.raynestd, folder / "tls", "localhost")
+        tokens = Tokens(cls.raynestd, folder / "tokens")
         cls.secret = tokens.add("alice")
         cls.daemon = SecureDaemon(cls.raynestd, cls.certificates, "--tokens", tokens.file, "--client-ca",
                                   cls.certificates.ca, host="localhost")
@@ -332,6 +327,4 @@ class Documents(WithFake):
 
 
 if __name__ == "__main__":
-    WithConfig.raynestd, WithConfig.raynest = sys.argv[1:3]
-    del sys.argv[1:4]
-    unittest.main()
+    main()

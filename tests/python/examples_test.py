@@ -9,12 +9,12 @@ import pathlib
 import re
 import subprocess
 import sys
-import unittest
 
 import numpy as np
 
 import raynest
 from daemon import Daemon, DaemonTest, PATIENCE, closed_port
+from with_daemon import main
 
 CLIENT = pathlib.Path(__file__).resolve().parents[2] / "client" / "python"
 sys.path.insert(0, str(CLIENT / "examples"))
@@ -277,6 +277,4 @@ class Examples(DaemonTest):
 
 
 if __name__ == "__main__":
-    Examples.raynestd, Examples.raynest = sys.argv[1:3]
-    del sys.argv[1:4]
-    unittest.main()
+    main()

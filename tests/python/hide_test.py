@@ -4,7 +4,6 @@
   hide_test.py RAYNESTD RAYNEST FLATC
 """
 import json
-import shutil
 import tempfile
 from pathlib import Path
 
@@ -63,16 +62,11 @@ class Hide(WithDaemon):
     @classmethod
     def setUpClass(cls):
         super().setUpClass()
-        cls.files = Path(tempfile.mkdtemp())
+        cls.files = Path(cls.enterClassContext(tempfile.TemporaryDirectory()))
         cls.cars = cls.load("cars")
         cls.rays = rain(4000)
         texts = cls.cars.path_of(np.arange(cls.cars.info["instances"]))
         cls.ids = {text: path for path, text in enumerate(texts)}
-
-    @classmethod
-    def tearDownClass(cls):
-        shutil.rmtree(cls.files)
-        super().tearDownClass()
 
     @classmethod
     def load(cls, name, origin=None, **made):

@@ -6,7 +6,6 @@
 import gc
 import os
 import time
-import unittest
 
 import numpy as np
 

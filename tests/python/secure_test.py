@@ -7,30 +7,25 @@ import pathlib
 import shutil
 import socket
 import ssl
-import sys
 import tempfile
 import threading
-import unittest
 import warnings
 from unittest import mock
 
 import numpy as np
 
 import raynest
-from daemon import until
+from daemon import Programs, until
 from secure_daemon import Certificates, SecureDaemon, Tokens, fake_ssh
+from with_daemon import main
 
 RAYS = np.tile(np.float32([0, 50, 0, 0, -1, 0]), (200_000, 1))
 
 
-class Secure(unittest.TestCase):
-    raynestd = raynest = None
-
+class Secure(Programs):
     @classmethod
     def setUpClass(cls):
-        cls.folder = tempfile.TemporaryDirectory(prefix="raynest test ")
-        cls.addClassCleanup(cls.folder.cleanup)
-        cls.out = pathlib.Path(cls.folder.name)
+        cls.out = pathlib.Path(cls.enterClassContext(tempfile.TemporaryDirectory(prefix="raynest test ")))
         os.environ["XDG_CONFIG_HOME"] = str(cls.out / "config")
         cls.certificates = Certificates(cls.raynestd, cls.out / "tls")
         cls.tokens = Tokens(cls.raynestd, cls.out / "tokens")
@@ -245,6 +240,4 @@ class Secure(unittest.TestCase):
 
 
 if __name__ == "__main__":
-    Secure.raynestd, Secure.raynest = sys.argv[1:3]
-    del sys.argv[1:]
-    unittest.main()
+    main()

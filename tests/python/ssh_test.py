@@ -11,11 +11,11 @@ import signal
 import subprocess
 import sys
 import tempfile
-import unittest
 
 from both_clients import BothClients
-from daemon import PATIENCE, Daemon, until
+from daemon import PATIENCE, Daemon, Programs, until
 from secure_daemon import fake_ssh
+from with_daemon import main
 
 # The program of the Python client: it says "ready", and ends as its second argument says.
 PROGRAM = """
@@ -73,14 +73,10 @@ def lives(process):
         return False
 
 
-class Ssh(unittest.TestCase):
-    raynestd = raynest = None
-
+class Ssh(Programs):
     @classmethod
     def setUpClass(cls):
-        folder = tempfile.TemporaryDirectory(prefix="raynest test ")
-        cls.addClassCleanup(folder.cleanup)
-        cls.out = pathlib.Path(folder.name)
+        cls.out = pathlib.Path(cls.enterClassContext(tempfile.TemporaryDirectory(prefix="raynest test ")))
         cls.daemon = Daemon(cls.raynestd, "--listen", f"unix:{cls.out}/socket")
         cls.addClassCleanup(cls.daemon.stop)
         cls.programs = fake_ssh(cls.out / "bin", "me@gpu", "2222")
@@ -196,6 +192,4 @@ class Ssh(unittest.TestCase):
 
 
 if __name__ == "__main__":
-    Ssh.raynestd, Ssh.raynest = sys.argv[1:3]
-    del sys.argv[1:4]
-    unittest.main()
+    main()

@@ -9,14 +9,14 @@ import dataclasses
 import pickle
 import sys
 import types
-import unittest
 import warnings
 
 import numpy as np
 
 import raynest
-from daemon import Daemon
+from daemon import Daemon, Programs
 from raynest.compat.trimesh import RayMeshIntersector
+from with_daemon import main
 
 
 class Mesh:
@@ -87,18 +87,12 @@ def unit(count, seed=1):
     return directions / np.linalg.norm(directions, axis=1, keepdims=True)
 
 
-class Trimesh(unittest.TestCase):
-    raynestd = None
-
+class Trimesh(Programs):
     @classmethod
     def setUpClass(cls):
         cls.daemon = Daemon(cls.raynestd)
-        cls.client = raynest.connect(cls.daemon.uri)
-
-    @classmethod
-    def tearDownClass(cls):
-        cls.client.close()
-        cls.daemon.stop()
+        cls.addClassCleanup(cls.daemon.stop)
+        cls.client = cls.enterClassContext(raynest.connect(cls.daemon.uri))
 
     def rays(self, mesh, **options):
         return RayMeshIntersector(mesh, connection=self.client, **options)
@@ -351,6 +345,4 @@ class Trimesh(unittest.TestCase):
 
 
 if __name__ == "__main__":
-    Trimesh.raynestd = sys.argv[1]
-    del sys.argv[1:4]
-    unittest.main()
+    main()

@@ -3,8 +3,9 @@ import sys
 
 import numpy as np
 
+import daemon
 import raynest
-from daemon import DaemonTest, run_tests
+from daemon import DaemonTest
 
 MISS = {"t": np.inf, "prim": 2**32 - 1, "geom": 2**32 - 1, "path": 2**64 - 1, "inst": 2**32 - 1,
         "uid": 2**32 - 1, "material": 2**32 - 1, "uv": 0, "ng": 0, "front": 0, "position": 0,
@@ -31,13 +32,8 @@ class WithDaemon(DaemonTest):
     def setUpClass(cls):
         super().setUpClass()
         cls.cli = cls.client
-        cls.client = raynest.connect(cls.daemon.uri)
+        cls.client = cls.enterClassContext(raynest.connect(cls.daemon.uri))
         cls.woods = cls.client.load("builtin:forest?trees=20", "woods")
-
-    @classmethod
-    def tearDownClass(cls):
-        cls.client.close()
-        super().tearDownClass()
 
     def same(self, a, b):
         self.assertEqual(a.keys(), b.keys())
@@ -48,6 +44,5 @@ class WithDaemon(DaemonTest):
 
 def main():
     """Runs the tests of a file that was called with RAYNESTD RAYNEST FLATC."""
-    WithDaemon.raynestd, WithDaemon.raynest = sys.argv[1:3]
-    del sys.argv[1:4]
-    run_tests()
+    del sys.argv[3:4]
+    daemon.main()

@@ -77,9 +77,8 @@ def t(count):
 class WithFake(unittest.TestCase):
     def fake(self, script, welcome=WELCOME):
         """The URI of a daemon that greets, then plays `script(peer)`, for one connection."""
-        folder = tempfile.TemporaryDirectory(prefix="raynest-fake-")
-        self.addCleanup(folder.cleanup)
-        path = str(pathlib.Path(folder.name) / "socket")
+        folder = pathlib.Path(self.enterContext(tempfile.TemporaryDirectory(prefix="raynest-fake-")))
+        path = str(folder / "socket")
         listener = socket.socket(socket.AF_UNIX)
         listener.bind(path)
         listener.listen(1)

@@ -9,7 +9,7 @@ import sys
 import tempfile
 import threading
 import warnings
-from typing import Any, Optional, Sequence, Union
+from typing import Any, Sequence, Union
 
 import numpy as np
 

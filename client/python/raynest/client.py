@@ -7,7 +7,6 @@ import time
 from types import TracebackType
 from typing import Any, Mapping, Optional, Sequence, Union
 
-import numpy as np
 
 from . import _limits
 from ._net.access import find_access
@@ -22,7 +21,7 @@ from ._requests.precision import rounding_warning
 from ._requests.upload import Sender
 from ._requests.words import scene_info, variant_info
 from ._session import Session
-from .errors import ProtocolError, SceneWarning, UsageError, warn
+from .errors import ProtocolError, SceneWarning, warn
 from .job import Job, job_infos
 from .scene import Scene, scene_info
 

@@ -17,7 +17,7 @@ from ._requests.arguments import Unpack, none_is_default, numbers, whole
 from ._requests.columns import Columns, Whole, anywhere, as_usual
 from ._requests.explain import check_explain, path_message, pixel_message, ray_message, receive_document
 from ._requests.film import warn_of_options
-from ._requests.job import JobOptions, Outcome, Progress, SceneMoved, job_message, origin_of, other_message
+from ._requests.job import JobOptions, Outcome, Progress, SceneMoved, job_message, other_message
 from ._requests.picture import Picture, camera_message, size_message, tile_message
 from ._requests.precision import ray_warning
 from ._requests.query import Query, query_message

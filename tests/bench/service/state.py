@@ -10,7 +10,6 @@ tells the scenes apart: "builtin:forest?trees=400&seed={}" has 10 MB.
 import json
 import pathlib
 import statistics
-import subprocess
 import sys
 import tempfile
 import threading
