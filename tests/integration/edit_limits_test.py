@@ -9,14 +9,13 @@ import pathlib
 import struct
 import sys
 import tempfile
-import unittest
 
 import numpy as np
 
 sys.path.insert(0, str(pathlib.Path(__file__).parents[2] / "client/python"))
 
 import raynest
-from daemon import DaemonTest, IMPORTS_GROW, skip_sanitized
+from daemon import DaemonTest, IMPORTS_GROW, main, skip_sanitized
 
 MEMORY = 512 << 20
 TRIANGLE = [[0, 0, 0], [1, 0, 0], [0, 1, 0]], [[0, 1, 2]]
@@ -126,5 +125,4 @@ class EditLimits(DaemonTest):
 
 
 if __name__ == "__main__":
-    EditLimits.raynestd, EditLimits.raynest = sys.argv[1:3]
-    unittest.main(argv=sys.argv[:1])
+    main()

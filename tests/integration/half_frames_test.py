@@ -5,9 +5,8 @@
 """
 import json
 import struct
-import sys
 
-from daemon import DaemonTest, run_tests, until
+from daemon import DaemonTest, main, until
 from websocket import BINARY, HEADER, Closed, greeted
 
 UPLOAD = 9
@@ -65,6 +64,4 @@ class HalfFrames(DaemonTest):
 
 
 if __name__ == "__main__":
-    HalfFrames.raynestd, HalfFrames.raynest = sys.argv[1:3]
-    del sys.argv[1:3]
-    run_tests()
+    main()
