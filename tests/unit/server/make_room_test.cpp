@@ -44,7 +44,8 @@ struct Store {
     [[nodiscard]] Names in_memory() const {
         Names names;
         for (const auto& listed : scenes.list({"root", 9, Role::admin}))
-            if (listed.scene.held) names.insert(listed.scene.name);
+            if (const std::string& name = listed.scene.name; listed.scene.held)
+                names.insert(name.substr(name.rfind('/') + 1));
         return names;
     }
 
