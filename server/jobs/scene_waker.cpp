@@ -74,10 +74,12 @@ void SceneWaker::add(const AsleepScene& scene, const std::string& principal) {
     Waiting& waiting = waiting_[scene.facts.digest];
     if (waiting.read) return;
     auto read = std::make_shared<Read>();
-    // Edits are made beside the scene that they change.
-    const std::uint64_t bytes =
-        scene.facts.bytes + (scene.facts.digest == scene.row.digest ? 0 : scene.row.bytes);
+    // Edits are made beside the scene that they change. Those that change what lies within an instance
+    // ask for up to two copies more once they are read.
+    const bool has_edits = scene.facts.digest != scene.row.digest;
+    const std::uint64_t bytes = scene.facts.bytes + (has_edits ? scene.row.bytes : 0);
     services_.scenes.make_room(bytes, scene.owner);
+    if (has_edits) services_.scenes.make_room(bytes + 2 * scene.facts.bytes, scene.owner);
     auto lease = services_.peers.reserve(bytes, scene.owner, Use::lasting);
     if (!lease) {
         const auto full = services_.budget.refuse(

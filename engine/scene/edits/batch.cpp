@@ -127,7 +127,7 @@ void EditBatch::add(std::uint32_t key, std::shared_ptr<const Snapshot> scene,
 
 Result<void> EditBatch::expect(std::uint64_t more) {
     // In the maps, in the set of size() and in changes().
-    constexpr std::uint64_t bytes_each = 512, at_once = 4096;
+    constexpr std::uint64_t bytes_each = 512, at_once = 256;
     std::uint64_t all = placements_.size() + masks_.size() + vertices_.size() + uids_.size() +
                         materials_.size() + removed_.size() + more;
     for (const auto& [key, scene] : added_) all += scene.to_scene.size();
