@@ -60,7 +60,7 @@ def kept_edits(raynestd, folder):
         with_scenes = []
         for number in range(EDITORS):
             client = raynest.connect(daemon.uri)
-            with_scenes.append((client, client.load(FOREST.format(number), name=f"e{number}")))
+            with_scenes.append((client, client.load(FOREST.format(number + EDITORS * keep), name=f"e{number}{keep}")))
         start = threading.Barrier(EDITORS + 1)
 
         def act(scene):
