@@ -38,6 +38,10 @@ public:
             complain(Code::invalid_field, field, "is missing");
         return *this;
     }
+    /// A name that must be there.
+    Checks& named(const char* field, const String* value) {
+        return name(field, value).needs(field, value);
+    }
     Checks& names(const char* field, const Strings* list) {
         items(field, list);
         if (!error_ && list != nullptr)
@@ -67,7 +71,7 @@ public:
         if (error_ || list == nullptr) return *this;
         std::uint64_t values = 0;  // of lists in one message: cannot wrap
         for (const wire::ParamTable* table : *list) {
-            name(field, table->name()).needs(field, table->name());
+            named(field, table->name());
             if (table->values() != nullptr) values += table->values()->size();
         }
         return at_most(field, values, limits_.table_values_max, "table_values_max");

@@ -5,8 +5,6 @@
 #include <cstring>
 #include <new>
 #include <string>
-#include <type_traits>
-#include <utility>
 
 namespace raynest::protocol {
 namespace {

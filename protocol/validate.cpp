@@ -2,10 +2,7 @@
 
 #include "protocol/checks.h"
 
-#include <cstddef>
 #include <cstdint>
-#include <string_view>
-#include <utility>
 
 namespace raynest::protocol {
 namespace {
@@ -32,23 +29,18 @@ void check_info(Checks& checks, const wire::SceneInfo& info) {
 }
 
 void check_param(Checks& checks, const wire::Param& param) {
-    checks.name("param", param.name())
-        .needs("param", param.name())
+    checks.named("param", param.name())
         .text("text", param.text())
         .name("type", param.type())
         .names("choices", param.choices());
 }
 
 void check_output(Checks& checks, const wire::Output& output) {
-    checks.name("output", output.name())
-        .needs("output", output.name())
-        .text("text", output.text())
-        .name("type", output.type());
+    checks.named("output", output.name()).text("text", output.text()).name("type", output.type());
 }
 
 void check_variant(Checks& checks, const wire::Variant& variant) {
-    checks.name("variant", variant.name())
-        .needs("variant", variant.name())
+    checks.named("variant", variant.name())
         .text("text", variant.text())
         .name("target", variant.target())
         .names("targets", variant.targets())
@@ -193,15 +185,11 @@ Result<void> validate(const wire::SceneList& message, const Limits& limits) {
 }
 
 Result<void> validate(const wire::Info& message, const Limits& limits) {
-    return Checks(limits).name("scene", message.scene()).needs("scene", message.scene()).result();
+    return Checks(limits).named("scene", message.scene()).result();
 }
 
 Result<void> validate(const wire::Parts& message, const Limits& limits) {
-    return Checks(limits)
-        .name("scene", message.scene())
-        .needs("scene", message.scene())
-        .name("kind", message.kind())
-        .result();
+    return Checks(limits).named("scene", message.scene()).name("kind", message.kind()).result();
 }
 
 Result<void> validate(const wire::PartList& message, const Limits& limits) {
@@ -217,8 +205,7 @@ Result<void> validate(const wire::PartList& message, const Limits& limits) {
 
 Result<void> validate(const wire::Structure& message, const Limits& limits) {
     return Checks(limits)
-        .name("scene", message.scene())
-        .needs("scene", message.scene())
+        .named("scene", message.scene())
         .name("kind", message.kind())
         .at_most("count", message.count(), limits.structure_rows_max, "structure_rows_max")
         .aligned("paths", message.paths(), limits.structure_paths_max, "structure_paths_max")
@@ -228,19 +215,14 @@ Result<void> validate(const wire::Structure& message, const Limits& limits) {
 
 Result<void> validate(const wire::Export& message, const Limits& limits) {
     return Checks(limits)
-        .name("scene", message.scene())
-        .needs("scene", message.scene())
+        .named("scene", message.scene())
         .name("format", message.format())
         .name("file", message.file())
         .result();
 }
 
 Result<void> validate(const wire::Path& message, const Limits& limits) {
-    return Checks(limits)
-        .name("scene", message.scene())
-        .needs("scene", message.scene())
-        .text("text", message.text())
-        .result();
+    return Checks(limits).named("scene", message.scene()).text("text", message.text()).result();
 }
 
 Result<void> validate(const wire::PathName& message, const Limits& limits) {

@@ -6,8 +6,7 @@ namespace raynest::protocol {
 
 Result<void> validate(const wire::Admin& message, const Limits& limits) {
     return Checks(limits)
-        .name("act", message.act())
-        .needs("act", message.act())
+        .named("act", message.act())
         .name("principal", message.principal())
         .settings("quota", message.quota(), limits.name_bytes_max, "name_bytes_max")
         .result();

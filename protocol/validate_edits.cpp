@@ -9,8 +9,7 @@ Result<void> validate(const wire::Edit& message, const Limits& limits) {
     if (message.vertex_counts() != nullptr)
         for (const std::uint32_t count : *message.vertex_counts()) vertices += count;
     return Checks(limits)
-        .name("scene", message.scene())
-        .needs("scene", message.scene())
+        .named("scene", message.scene())
         .texts("targets", message.targets())
         .names("scenes", message.scenes())
         .texts("names", message.names())
@@ -27,7 +26,7 @@ Result<void> validate(const wire::Edited& message, const Limits& limits) {
 }
 
 Result<void> validate(const wire::Pin& message, const Limits& limits) {
-    return Checks(limits).name("scene", message.scene()).needs("scene", message.scene()).result();
+    return Checks(limits).named("scene", message.scene()).result();
 }
 
 Result<void> validate(const wire::Pinned& message, const Limits& limits) {

@@ -2,7 +2,6 @@
 #include "protocol/checks.h"
 #include "protocol/validate.h"
 
-#include <cstddef>
 #include <cstdint>
 #include <string_view>
 
@@ -12,8 +11,7 @@ namespace {
 using flatbuffers::String;
 
 void check_job(Checks& checks, const wire::Job& job) {
-    checks.name("scene", job.scene())
-        .needs("scene", job.scene())
+    checks.named("scene", job.scene())
         .name("intersector", job.intersector())
         .settings("settings", job.settings(), checks.limits().name_bytes_max, "name_bytes_max")
         .name("traversal", job.traversal())
@@ -71,8 +69,7 @@ bool is_word(const String* word, std::string_view value) {
 
 /// The daemon's generators read what the settings say.
 void check_generator(Checks& checks, const wire::Generator& generator) {
-    checks.name("generator", generator.kind())
-        .needs("generator", generator.kind())
+    checks.named("generator", generator.kind())
         .settings("settings", generator.settings(), checks.limits().control_bytes_max,
                   "control_bytes_max");
 }

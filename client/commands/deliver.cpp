@@ -2,7 +2,6 @@
 
 #include "client/files/files.h"
 #include "client/files/points.h"
-#include "client/ground/json.h"
 #include "client/ground/text.h"
 #include "client/output/columns.h"
 #include "client/output/outcome_text.h"

@@ -17,8 +17,6 @@
 #include <iostream>
 #include <memory>
 #include <string>
-#include <string_view>
-#include <utility>
 
 namespace raynest::client {
 namespace {

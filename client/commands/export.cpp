@@ -9,7 +9,6 @@
 #include "client/requests/picture.h"
 
 #include <filesystem>
-#include <iostream>
 #include <string>
 #include <string_view>
 #include <system_error>

@@ -12,7 +12,6 @@
 #include "client/requests/scene_origin.h"
 
 #include <algorithm>
-#include <optional>
 
 namespace raynest::client {
 namespace {

@@ -16,7 +16,6 @@
 #include <cstring>
 #include <filesystem>
 #include <new>
-#include <string_view>
 #include <utility>
 
 namespace raynest::client {

@@ -4,7 +4,6 @@
 #include "client/files/gltf_names.h"
 
 #include <algorithm>
-#include <optional>
 
 namespace raynest::client {
 namespace {

@@ -5,7 +5,6 @@
 #include <cstdint>
 #include <cstring>
 #include <limits>
-#include <string>
 
 namespace raynest::client {
 namespace {

@@ -1,7 +1,6 @@
 #include "client/ground/numbers.h"
 
 #include <algorithm>
-#include <array>
 #include <charconv>
 #include <cmath>
 #include <limits>

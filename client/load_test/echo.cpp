@@ -7,7 +7,6 @@
 #include <boost/asio/write.hpp>
 #include <sys/socket.h>
 
-#include <functional>
 #include <span>
 #include <thread>
 #include <utility>  // before Asio: Boost 1.74 needs std::exchange in C++20

@@ -14,15 +14,11 @@
 #include <poll.h>
 #include <sys/socket.h>
 
-#include <algorithm>
 #include <array>
 #include <cerrno>
-#include <charconv>
-#include <cstdint>
 #include <cstring>
 #include <filesystem>
 #include <iterator>
-#include <optional>
 #include <utility>  // before Asio: Boost 1.74 needs std::exchange in C++20
 #include <vector>
 

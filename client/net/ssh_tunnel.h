@@ -5,7 +5,6 @@
 
 #include "client/ground/child_process.h"
 
-#include <optional>
 #include <string>
 
 namespace raynest::client {

@@ -14,7 +14,6 @@
 #include <filesystem>
 #include <iostream>
 #include <optional>
-#include <string_view>
 #include <system_error>
 
 namespace raynest::client {

@@ -9,7 +9,6 @@
 #include <array>
 #include <cmath>
 #include <iomanip>
-#include <iostream>
 #include <sstream>
 #include <string>
 #include <vector>
@@ -17,13 +16,13 @@
 namespace raynest::client {
 namespace {
 
-/// Returns {reason: n}; validate() has checked that both lists have the same length.
-Json skipped_json(const wire::SceneInfo& info) {
-    Json skipped = Json::object();
-    const std::vector<std::string> reasons = protocol::strings(info.skipped_reasons());
-    for (std::size_t i = 0; i < reasons.size(); ++i)
-        skipped[reasons[i]] = info.skipped_counts()->Get(static_cast<flatbuffers::uoffset_t>(i));
-    return skipped;
+/// Returns {name: n}; validate() has checked that both lists have the same length.
+template <class Names, class Counts>
+Json counts_json(const Names* names, const Counts* counts) {
+    Json json = Json::object();
+    flatbuffers::uoffset_t i = 0;
+    for (const std::string& name : protocol::strings(names)) json[name] = counts->Get(i++);
+    return json;
 }
 
 /// How long each animation is.
@@ -31,15 +30,6 @@ std::vector<double> seconds_of(const wire::SceneInfo& info) {
     const auto* const seconds = info.animation_seconds();
     return seconds == nullptr ? std::vector<double>()
                               : std::vector(seconds->begin(), seconds->end());
-}
-
-/// Returns {type: n} for primitives other than triangles.
-Json records_json(const wire::SceneInfo& info) {
-    Json records = Json::object();
-    const std::vector<std::string> types = protocol::strings(info.record_types());
-    for (std::size_t i = 0; i < types.size(); ++i)
-        records[types[i]] = info.record_counts()->Get(static_cast<flatbuffers::uoffset_t>(i));
-    return records;
 }
 
 std::vector<std::string> warnings(const wire::SceneInfo& info) {
@@ -165,7 +155,7 @@ Json scene_json(const wire::SceneInfo& info) {
     json["mask_materials"] = info.mask_materials();
     json["blend_materials"] = info.blend_materials();
     json["meshes"] = info.meshes();
-    json["records"] = records_json(info);
+    json["records"] = counts_json(info.record_types(), info.record_counts());
     json["intersector"] = protocol::text(info.intersector());
     json["bytes"] = info.bytes();
     json["build"] = protocol::text(info.build());
@@ -188,7 +178,7 @@ Json scene_json(const wire::SceneInfo& info) {
     json["animation_seconds"] = seconds_of(info);
     json["variants"] = protocol::strings(info.variants());
     json["variant"] = protocol::text(info.variant());
-    json["skipped"] = skipped_json(info);
+    json["skipped"] = counts_json(info.skipped_reasons(), info.skipped_counts());
     json["warnings"] = warnings(info);
     return json;
 }
@@ -231,13 +221,13 @@ void print_scene(const wire::SceneInfo& info, const Json& epo) {
     if (const WorldPoint origin = origin_of(info); origin != WorldPoint{})
         rows.push_back({"origin", joined({Json(origin[0]).dump(), Json(origin[1]).dump(),
                                           Json(origin[2]).dump()})});
-    const Json records = records_json(info);
+    const Json records = counts_json(info.record_types(), info.record_counts());
     for (const auto& [type, count] : records.items())
         rows.insert(rows.begin() + 2,
                     {"records", grouped(count.get<std::uint64_t>()) + " " + type});
     // Leave out triangles for a scene of other primitives.
     if (!records.empty() && info.unique_triangles() == 0) rows.erase(rows.begin() + 1);
-    const Json skipped = skipped_json(info);
+    const Json skipped = counts_json(info.skipped_reasons(), info.skipped_counts());
     for (const auto& [reason, count] : skipped.items()) {
         rows.push_back({"skipped", skipped_text(reason, count.get<std::uint64_t>())});
     }

@@ -5,7 +5,6 @@
 #include "client/ground/numbers.h"
 #include "client/requests/send_file.h"
 
-#include <array>
 #include <charconv>
 #include <map>
 #include <span>
@@ -247,20 +246,9 @@ Result<ReceivedPicture> run_film(Connection& connection, Progress& progress,
 Result<ReceivedPicture> ask_film(Connection& connection, Progress& progress,
                                  const PictureOptions& options, wire::RenderT request,
                                  const FilmFiles& files, const PassConsumer& consume_pass) {
-    SceneOrigin origin;
-    if (!options.camera.look_at.empty()) {
-        const auto asked = ask_origin(connection, options.job.scene);
-        if (!asked) return tl::unexpected<Failure>(asked.error());
-        origin = *asked;
-    }
-    request.camera = camera_message(options.camera, origin.point);
-    auto picture = run_film(connection, progress, request, files, consume_pass);
-    progress.clear();
-    if (picture && picture->outcome.detached == 0 && !options.camera.look_at.empty()) {
-        if (auto same = check_origin(origin.point, picture->outcome.origin); !same)
-            return tl::unexpected<Failure>(same.error());
-    }
-    return picture;
+    return with_camera(connection, progress, options, request, [&] {
+        return run_film(connection, progress, request, files, consume_pass);
+    });
 }
 
 }  // namespace raynest::client

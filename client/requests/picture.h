@@ -54,9 +54,10 @@ Result<ReceivedPicture> receive_picture(Connection& connection, Progress& progre
                                         ReceivedPicture picture = {},
                                         const PassConsumer& consume_pass = {});
 
-template <class Request>
-Result<ReceivedPicture> ask_picture(Connection& connection, Progress& progress,
-                                    const PictureOptions& options, Request request) {
+/// Places the camera of a request, which `run` then asks for, in the scene's world.
+template <class Request, class Run>
+Result<ReceivedPicture> with_camera(Connection& connection, Progress& progress,
+                                    const PictureOptions& options, Request& request, Run&& run) {
     SceneOrigin origin;
     if (!options.camera.look_at.empty()) {
         const auto asked = ask_origin(connection, options.job.scene);
@@ -64,15 +65,23 @@ Result<ReceivedPicture> ask_picture(Connection& connection, Progress& progress,
         origin = *asked;
     }
     request.camera = camera_message(options.camera, origin.point);
-    if (auto started = connection.start(request, deadline_of(options.job.deadline)); !started)
-        return tl::unexpected<Failure>(started.error());
-    auto picture = receive_picture(connection, progress);
+    auto picture = run();
     progress.clear();
     if (picture && picture->outcome.detached == 0 && !options.camera.look_at.empty()) {
         if (auto same = check_origin(origin.point, picture->outcome.origin); !same)
             return tl::unexpected<Failure>(same.error());
     }
     return picture;
+}
+
+template <class Request>
+Result<ReceivedPicture> ask_picture(Connection& connection, Progress& progress,
+                                    const PictureOptions& options, Request request) {
+    return with_camera(connection, progress, options, request, [&]() -> Result<ReceivedPicture> {
+        if (auto started = connection.start(request, deadline_of(options.job.deadline)); !started)
+            return tl::unexpected<Failure>(started.error());
+        return receive_picture(connection, progress);
+    });
 }
 
 /// Returns a raw picture, of four bytes per pixel, as a .npy.

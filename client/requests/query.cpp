@@ -2,9 +2,7 @@
 
 #include "client/requests/scene_origin.h"
 
-#include <algorithm>
 #include <chrono>
-#include <cstring>
 #include <map>
 #include <optional>
 #include <utility>

@@ -8,12 +8,9 @@
 #include "protocol/text.h"
 
 #include <algorithm>
-#include <array>
-#include <cstring>
 #include <filesystem>
 #include <fstream>
 #include <set>
-#include <string_view>
 #include <utility>
 
 namespace raynest::client {

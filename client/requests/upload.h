@@ -21,7 +21,6 @@
 #include "protocol/openssl.h"
 
 #include <array>
-#include <cstdint>
 #include <string>
 #include <string_view>
 #include <vector>

@@ -3,7 +3,6 @@
 #include "engine/math/mask.h"
 
 #include <bit>
-#include <cstdint>
 #include <limits>
 
 // Other compilers take the baseline alone: the pragma below is GCC's.

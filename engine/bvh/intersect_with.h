@@ -10,8 +10,6 @@
 #include "engine/geometry/concepts.h"
 #include "engine/math/lanes.h"
 
-#include <utility>
-
 namespace raynest {
 
 template <class Isect, class R, class P>

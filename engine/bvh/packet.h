@@ -7,7 +7,6 @@
 
 #include "engine/bvh/visit.h"
 
-#include <bit>
 #include <cstdint>
 
 namespace raynest {

@@ -29,7 +29,6 @@
 #include <new>
 #include <optional>
 #include <type_traits>
-#include <utility>
 
 namespace raynest {
 

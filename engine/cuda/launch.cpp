@@ -5,7 +5,6 @@
 #include "engine/cuda/slot.h"
 #include "engine/cuda/status.h"
 
-#include <cstddef>
 #include <new>
 
 namespace raynest::cuda {

@@ -4,7 +4,6 @@
 #include "engine/geometry/views.h"
 #include "engine/packs/observer.h"
 
-#include <cstdint>
 #include <utility>
 #include <vector>
 

@@ -1,7 +1,6 @@
 #include "engine/inspection/names.h"
 
 #include <algorithm>
-#include <vector>
 
 namespace raynest {
 

@@ -4,7 +4,6 @@
 #include "engine/scene/camera_pose.h"
 
 #include <algorithm>
-#include <array>
 #include <charconv>
 #include <cmath>
 #include <numbers>

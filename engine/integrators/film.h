@@ -12,7 +12,6 @@
 #include "engine/integrators/generators.h"
 #include "engine/math/vec.h"
 
-#include <array>
 #include <cstdint>
 #include <cstdlib>
 #include <functional>

@@ -3,7 +3,6 @@
 #include "engine/integrators/picture.h"
 
 #include <algorithm>
-#include <array>
 #include <charconv>
 #include <cmath>
 #include <cstdlib>

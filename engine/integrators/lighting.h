@@ -11,7 +11,6 @@
 #include "engine/shading/sky.h"
 
 #include <cstdint>
-#include <optional>
 #include <string>
 #include <vector>
 

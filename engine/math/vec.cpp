@@ -1,6 +1,5 @@
 #include "engine/math/vec.h"
 
-#include <algorithm>
 #include <cstddef>
 #include <limits>
 

@@ -6,7 +6,6 @@
 #include "engine/packs/registry.h"
 
 #include <array>
-#include <cstdint>
 #include <span>
 
 namespace raynest {

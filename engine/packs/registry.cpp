@@ -4,7 +4,6 @@
 #include "engine/packs/declarations.h"
 #include "engine/packs/load.h"
 
-#include <algorithm>
 #include <cstdlib>
 #include <iterator>
 #include <map>

@@ -73,7 +73,6 @@ Result<T> parse_name(std::string_view what, std::string_view name,
                                               std::string(name) + "': use one of " + names);
 }
 
-/// The place of a parameter among the variant's.
 Result<std::size_t> place_of(const Variant& variant, std::string_view name) {
     const auto params = variant.params();
     const auto found = std::find_if(params.begin(), params.end(),

@@ -1,6 +1,5 @@
 #include "engine/queries/columns.h"
 
-#include "engine/geometry/path.h"
 #include "engine/intersectors/texture.h"
 #include "engine/queries/base_colour.h"
 #include "engine/queries/triangle_place.h"
@@ -9,9 +8,7 @@
 #include <algorithm>
 #include <array>
 #include <charconv>
-#include <cmath>
 #include <cstring>
-#include <string>
 #include <utility>
 
 namespace raynest {

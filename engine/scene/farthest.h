@@ -77,7 +77,6 @@ private:
     double start_;
 };
 
-/// The tree of an object.
 struct ObjectTree {
     const Node* nodes;
     std::uint32_t root;  ///< child word

@@ -7,9 +7,7 @@
 
 #include <algorithm>
 #include <charconv>
-#include <cstring>
 #include <optional>
-#include <span>
 
 namespace raynest {
 namespace {

@@ -2,7 +2,6 @@
 
 #include "engine/geometry/hit.h"
 #include "engine/scene/arena_check.h"
-#include "engine/scene/digest.h"
 #include "engine/scene/format.h"
 
 #include <tbb/parallel_for.h>

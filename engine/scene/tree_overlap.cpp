@@ -11,7 +11,6 @@
 #include <cstdint>
 #include <iterator>
 #include <limits>
-#include <span>
 
 namespace raynest {
 namespace {
@@ -100,7 +99,6 @@ private:
         points_.push_back(points_of(scene_.objects[points_.size()]));
     }
 
-    /// Returns the mean over the object's points.
     double mean_overlap(std::uint32_t object) {
         const Points& points = points_[object];
         double sum = 0;

@@ -114,7 +114,6 @@ const GlassTables& glass_tables() {
     return tables;
 }
 
-/// Tables of sheen by angle and roughness.
 struct SheenTables {
     static constexpr std::size_t angles = 32, roughnesses = 16;
     static constexpr std::uint32_t samples = 4096;

@@ -4,7 +4,6 @@
 #include "engine/shading/types.h"
 
 #include <algorithm>
-#include <array>
 #include <cmath>
 
 namespace raynest {

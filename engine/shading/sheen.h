@@ -5,7 +5,6 @@
 #include "engine/shading/sampling.h"
 
 #include <algorithm>
-#include <cmath>
 
 namespace raynest {
 

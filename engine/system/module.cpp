@@ -6,7 +6,6 @@
 #include <fmt/format.h>
 #include <sys/mman.h>
 
-#include <cstddef>
 #include <filesystem>
 #include <string>
 #include <system_error>

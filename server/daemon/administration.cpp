@@ -3,8 +3,6 @@
 #include "server/daemon/wiring.h"
 #include "server/options/reload.h"
 
-#include <utility>
-
 namespace raynest::server {
 
 void Daemon::end_revoked(bool is_site_smaller) {

@@ -13,7 +13,6 @@
 #include <iostream>
 #include <string>
 #include <system_error>
-#include <utility>
 #include <vector>
 
 namespace raynest::server {

@@ -1,10 +1,8 @@
 #include "server/daemon/daemon.h"
 
-#include "engine/packs/load.h"
 #include "protocol/text.h"
 #include "server/daemon/constants.h"
 #include "server/daemon/exposition.h"
-#include "server/daemon/health.h"
 #include "server/daemon/import_command.h"
 #include "server/daemon/notify.h"
 #include "server/daemon/wiring.h"
@@ -25,7 +23,6 @@
 #include <csignal>
 #include <cstdio>
 #include <cstdlib>
-#include <functional>
 #include <memory>
 #include <optional>
 #include <string>
@@ -34,6 +31,24 @@
 #include <vector>
 
 namespace raynest::server {
+namespace {
+
+/// Time beyond chunk_ms_max after which the task of a compute thread counts as stuck.
+constexpr std::chrono::milliseconds stuck_grace{5000};
+
+/// Returns why a daemon that lives takes no work, for /readyz: scenes are being loaded, file
+/// descriptors are short, or a thread of `compute` is stuck. Empty if there is no reason.
+std::string unready_reason(const StartLoads& loads, FairThreadPool& compute,
+                           const protocol::Limits& limits) {
+    if (std::string loading = loads.unready(); !loading.empty()) return loading;
+    if (std::string shortage = descriptors_fault(); !shortage.empty()) return shortage;
+    const auto most = std::chrono::milliseconds(limits.chunk_ms_max) + stuck_grace;
+    if (compute.longest_task() <= most) return {};
+    return "a worker thread is stuck: its task has run for more than " +
+           std::to_string(most.count()) + " ms";
+}
+
+}  // namespace
 
 Daemon::Daemon(Options options, ReadOptions read_again, std::shared_ptr<const Registry> registry,
                std::unique_ptr<StateFolder> state)

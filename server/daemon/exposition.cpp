@@ -18,7 +18,6 @@
 #include <fstream>
 #include <limits>
 #include <sstream>
-#include <string>
 #include <string_view>
 #include <vector>
 

@@ -14,7 +14,6 @@
 #include <cstdio>
 #include <exception>
 #include <iostream>
-#include <new>
 #include <sstream>
 #include <utility>
 

@@ -4,7 +4,6 @@
 #include "server/ground/log.h"
 #include "server/options/load_sources.h"
 #include "server/requests/load_at_start.h"
-#include "server/scheduling/detached.h"
 #include "server/store/scene_store.h"
 
 #include <unistd.h>

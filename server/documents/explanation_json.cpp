@@ -2,7 +2,6 @@
 
 #include "server/documents/named_hit.h"
 
-#include <array>
 #include <cstddef>
 #include <cstdio>
 

@@ -6,8 +6,6 @@
 #include "server/documents/plan_text.h"
 #include "server/documents/scene_info.h"
 
-#include <string>
-
 namespace raynest::server {
 namespace {
 

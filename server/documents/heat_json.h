@@ -39,7 +39,6 @@ struct HeatDocument {
     const protocol::Limits& limits;
 };
 
-/// Returns the text of the document.
 [[nodiscard]] std::string heat_json(const HeatDocument& document);
 /// Returns the most bytes of such a text with so many metrics and a file of so many bytes.
 [[nodiscard]] std::uint64_t heat_json_bytes_max(std::size_t metrics, std::uint64_t file_bytes);

@@ -7,7 +7,6 @@
 
 #include <nlohmann/json.hpp>
 
-#include <span>
 #include <string>
 
 namespace raynest::server {

@@ -5,8 +5,6 @@
 #include "engine/scene/edits/pose.h"
 #include "protocol/text.h"
 
-#include <algorithm>
-
 namespace raynest::server {
 namespace {
 

@@ -2,8 +2,6 @@
 
 #include "protocol/control.h"
 
-#include <string>
-
 namespace raynest::server {
 namespace {
 

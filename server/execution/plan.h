@@ -12,7 +12,6 @@
 #include "server/store/named_scene.h"
 
 #include <memory>
-#include <optional>
 #include <string>
 #include <vector>
 

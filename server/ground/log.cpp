@@ -13,8 +13,6 @@
 #include <cerrno>
 #include <memory>
 #include <mutex>
-#include <string>
-#include <utility>
 
 namespace raynest::server {
 namespace {

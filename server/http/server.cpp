@@ -17,7 +17,6 @@
 #include <map>
 #include <new>
 #include <optional>
-#include <utility>
 #include <vector>
 
 namespace raynest::server {

@@ -17,7 +17,6 @@
 #include <functional>
 #include <list>
 #include <memory>
-#include <string>
 #include <utility>
 
 namespace raynest::server {

@@ -11,7 +11,6 @@
 #include "protocol/frame.h"
 #include "server/net/unreadable.h"
 
-#include <cstdint>
 #include <span>
 #include <string>
 #include <string_view>

@@ -3,7 +3,6 @@
 #include "protocol/frame.h"
 #include "protocol/text.h"
 #include "protocol/wire.h"
-#include "server/http/stream.h"
 #include "server/http/websocket_messages.h"
 #include "server/net/socket_transport.h"
 

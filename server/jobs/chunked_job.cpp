@@ -1,8 +1,6 @@
 #include "server/jobs/chunked_job.h"
 
 #include "server/ground/metrics.h"
-#include "server/jobs/services.h"
-#include "server/security/caller.h"
 
 #include <utility>
 

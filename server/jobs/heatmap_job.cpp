@@ -16,7 +16,6 @@
 #include <mutex>
 #include <span>
 #include <utility>
-#include <vector>
 
 namespace raynest::server {
 namespace {

@@ -1,6 +1,5 @@
 #include "server/jobs/picture_job.h"
 
-#include "engine/assets/images/image.h"
 #include "protocol/hash.h"
 #include "protocol/text.h"
 #include "server/documents/plan_text.h"
@@ -11,8 +10,6 @@
 #include <algorithm>
 #include <array>
 #include <charconv>
-#include <cstdio>
-#include <span>
 #include <sstream>
 #include <utility>
 

@@ -1,10 +1,6 @@
 #include "server/jobs/ray_source.h"
 
-#include <algorithm>
 #include <cstddef>
-#include <string>
-#include <string_view>
-#include <vector>
 
 namespace raynest::server {
 namespace {

@@ -14,7 +14,6 @@
 #include <span>
 #include <utility>
 #include <variant>
-#include <vector>
 
 namespace raynest::server {
 

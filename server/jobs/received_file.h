@@ -50,7 +50,6 @@ public:
         };
         return task;
     }
-    /// Called when a task has ended.
     void ended() { running_.clear(); }
     /// Returns the bulk bytes that tasks have freed since the last call.
     [[nodiscard]] std::uint64_t take_freed() { return freed_.exchange(0); }

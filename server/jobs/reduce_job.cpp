@@ -1,12 +1,10 @@
 #include "server/jobs/reduce_job.h"
 
 #include "protocol/text.h"
-#include "server/jobs/query_job.h"
 #include "server/jobs/services.h"
 #include "server/scheduling/peers.h"
 
 #include <algorithm>
-#include <array>
 #include <atomic>
 #include <map>
 #include <string>

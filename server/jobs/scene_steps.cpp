@@ -11,7 +11,6 @@
 #include <chrono>
 #include <cmath>
 #include <thread>
-#include <utility>
 
 namespace raynest::server {
 namespace {

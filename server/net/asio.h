@@ -6,8 +6,6 @@
 // twice (name it and std::move it); do not cancel a coroutine of another executor.
 #pragma once
 
-#include <utility>
-
 #if defined(__clang__)
 #define BOOST_ASIO_HAS_CO_AWAIT
 #define BOOST_ASIO_HAS_STD_COROUTINE

@@ -15,7 +15,6 @@
 #include <cerrno>
 #include <cstring>
 #include <new>
-#include <string>
 #include <variant>
 
 namespace raynest::server {

@@ -31,7 +31,6 @@ public:
     ~Listener() { close(); }
     Listener(const Listener&) = delete;
 
-    /// Starts accepting.
     void start() { accept_next(); }
     /// Stops accepting and removes a Unix socket's file, if the socket was made here; idempotent.
     void close();

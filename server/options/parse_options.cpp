@@ -19,8 +19,6 @@
 #include <iostream>
 #include <iterator>
 #include <memory>
-#include <sstream>
-#include <string_view>
 #include <system_error>
 #include <thread>
 

@@ -1,7 +1,5 @@
 #include "server/options/ready_file.h"
 
-#include "engine/system/child_process.h"
-
 #include <fcntl.h>
 #include <nlohmann/json.hpp>
 #include <sys/file.h>
@@ -11,7 +9,6 @@
 #include <cerrno>
 #include <cstdint>
 #include <optional>
-#include <string>
 #include <system_error>
 
 namespace raynest::server {

@@ -18,11 +18,8 @@
 #include <array>
 #include <cerrno>
 #include <cstring>
-#include <filesystem>
-#include <string>
 #include <utility>
 #include <variant>
-#include <vector>
 
 namespace raynest::server {
 namespace {

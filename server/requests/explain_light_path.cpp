@@ -21,7 +21,6 @@
 #include <cstddef>
 #include <memory>
 #include <string>
-#include <string_view>
 #include <system_error>
 #include <utility>
 

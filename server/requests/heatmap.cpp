@@ -16,9 +16,6 @@
 #include <algorithm>
 #include <array>
 #include <charconv>
-#include <cstring>
-#include <limits>
-#include <memory>
 #include <optional>
 #include <string>
 #include <vector>

@@ -4,7 +4,6 @@
 #include "server/requests/request.h"
 
 #include <memory>
-#include <utility>
 
 namespace raynest::server {
 namespace {

@@ -4,10 +4,8 @@
 #include "server/scheduling/detached.h"
 #include "server/security/access.h"
 
-#include <algorithm>
 #include <array>
 #include <cstddef>
-#include <utility>
 
 namespace raynest::server {
 namespace {

@@ -2,8 +2,6 @@
 
 #include "server/ground/fair_share.h"
 
-#include <algorithm>
-
 namespace raynest::server {
 
 Reply<Admission::Slot> Admission::enter(JobRecord&& record) {

@@ -15,8 +15,6 @@
 #include "server/scheduling/dispatched_task.h"
 #include "server/scheduling/fair_thread_pool.h"
 
-#include <cstdint>
-#include <functional>
 #include <memory>
 #include <string>
 #include <vector>

@@ -3,8 +3,6 @@
 #include "server/scheduling/fair_thread_pool.h"
 
 #include <chrono>
-#include <new>
-#include <string>
 #include <thread>
 
 namespace raynest::server {

@@ -8,10 +8,8 @@
 #include "server/scheduling/job_log.h"
 
 #include <algorithm>
-#include <exception>
 #include <iterator>
 #include <new>
-#include <thread>
 #include <utility>
 
 namespace raynest::server {

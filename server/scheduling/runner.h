@@ -17,7 +17,6 @@
 #include "server/scheduling/job.h"
 #include "server/scheduling/peers.h"
 
-#include <functional>
 #include <list>
 #include <memory>
 #include <string>

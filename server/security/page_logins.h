@@ -10,7 +10,6 @@
 #include "server/security/principal.h"
 #include "server/security/tokens.h"
 
-#include <chrono>
 #include <cstdint>
 #include <map>
 #include <optional>

@@ -2,8 +2,6 @@
 
 #include <openssl/pem.h>
 
-#include <utility>
-
 namespace raynest::server {
 namespace {
 

@@ -6,7 +6,6 @@
 #include "server/sessions/connections.h"
 
 #include <algorithm>
-#include <array>
 #include <exception>
 #include <utility>
 

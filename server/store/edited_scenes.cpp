@@ -3,7 +3,6 @@
 #include "server/store/scene_store.h"
 
 #include <algorithm>
-#include <ctime>
 #include <utility>
 
 namespace raynest::server {

@@ -8,10 +8,8 @@
 #include <fmt/format.h>
 #include <sqlite3.h>
 
-#include <array>
 #include <bit>
 #include <span>
-#include <string_view>
 #include <utility>
 
 namespace raynest::server {

@@ -85,7 +85,6 @@ public:
     /// Commits all that `changes` does, or nothing if that fails.
     [[nodiscard]] Result<void> together(const std::function<Result<void>()>& changes);
     [[nodiscard]] Result<void> put(const KeptEdit& edit);
-    /// Removes the edits of a row.
     [[nodiscard]] Result<void> remove_edits(std::uint64_t number);
     /// Removes the edits and uses of all rows that are gone.
     [[nodiscard]] Result<void> remove_orphans();

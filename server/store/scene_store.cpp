@@ -4,7 +4,6 @@
 #include "protocol/text.h"
 #include "server/security/access.h"
 
-#include <algorithm>
 #include <new>
 #include <utility>
 

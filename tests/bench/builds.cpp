@@ -12,11 +12,9 @@
 #include <oneapi/tbb/parallel_for.h>
 #include <time.h>
 
-#include <algorithm>
 #include <array>
 #include <functional>
 #include <span>
-#include <string>
 #include <utility>
 #include <vector>
 

@@ -1,7 +1,6 @@
 #include "tests/bench/files.h"
 
 #include <array>
-#include <cmath>
 #include <cstring>
 #include <fstream>
 #include <span>

@@ -3,10 +3,7 @@
 #include <dlfcn.h>
 
 #include <array>
-#include <string>
-#include <string_view>
 #include <utility>
-#include <vector>
 
 namespace raynest::bench {
 namespace {

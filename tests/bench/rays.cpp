@@ -1,7 +1,6 @@
 #include "tests/bench/rays.h"
 
 #include "engine/integrators/generators.h"
-#include "engine/math/random.h"
 #include "engine/queries/columns.h"
 
 #include <algorithm>

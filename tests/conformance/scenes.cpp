@@ -3,9 +3,7 @@
 #include "engine/geometry/sphere_shape.h"
 
 #include <algorithm>
-#include <array>
 #include <cmath>
-#include <cstring>
 #include <limits>
 
 namespace raynest::conformance {

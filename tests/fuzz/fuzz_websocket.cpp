@@ -5,8 +5,6 @@
 #include "tests/fuzz/target.h"
 #include "tests/golden/examples.h"
 
-#include <algorithm>
-#include <cstring>
 #include <span>
 #include <string>
 

@@ -4,7 +4,6 @@
 #include "engine/math/vec.h"
 #include "engine/scene/motion/motion.h"
 
-#include <array>
 #include <cstddef>
 #include <cstdint>
 #include <vector>

@@ -11,7 +11,6 @@
 #include <cmath>
 #include <set>
 #include <span>
-#include <string>
 #include <string_view>
 
 namespace raynest {

@@ -1,7 +1,5 @@
 #include "engine/assets/formats/content.h"
 
-#include <cmath>
-
 namespace raynest {
 namespace {
 

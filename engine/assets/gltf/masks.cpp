@@ -2,7 +2,6 @@
 // rules of the load override it.
 #include "engine/assets/gltf/masks.h"
 
-#include "engine/assets/input/mask_rules.h"
 #include "engine/scene/path_table.h"
 
 #include <algorithm>

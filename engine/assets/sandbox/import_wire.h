@@ -13,8 +13,6 @@
 
 #include <cstddef>
 #include <span>
-#include <string>
-#include <vector>
 
 namespace raynest::wire {
 

@@ -9,7 +9,6 @@
 #include "engine/assets/sandbox/import_child.h"
 
 #include <cstdint>
-#include <functional>
 #include <span>
 #include <string>
 #include <vector>

@@ -1,6 +1,5 @@
 #include "engine/scene/edits/edit.h"
 
-#include "engine/scene/edits/deform.h"
 #include "engine/scene/edits/edited_arena.h"
 #include "engine/scene/edits/names.h"
 #include "engine/scene/edits/refit.h"
@@ -19,7 +18,6 @@
 #include <set>
 #include <string>
 #include <utility>
-#include <vector>
 
 namespace raynest {
 namespace {

@@ -2,7 +2,6 @@
 
 #include <algorithm>
 #include <deque>
-#include <string_view>
 #include <vector>
 
 namespace raynest {

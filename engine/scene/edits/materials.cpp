@@ -7,7 +7,6 @@
 
 #include <charconv>
 #include <span>
-#include <string>
 
 namespace raynest {
 namespace {

@@ -10,11 +10,7 @@
 
 #include <algorithm>
 #include <charconv>
-#include <cmath>
 #include <deque>
-#include <optional>
-#include <string>
-#include <vector>
 
 namespace raynest {
 namespace {

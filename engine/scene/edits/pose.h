@@ -24,7 +24,6 @@ struct SceneAnimation {
 [[nodiscard]] std::vector<SceneAnimation> animations_of(const Snapshot& scene,
                                                         std::size_t most = motion_animations_max);
 
-/// A moment of an animation.
 struct Moment {
     std::uint32_t animation = 0;  ///< its index
     double seconds = 0;

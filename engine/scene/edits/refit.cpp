@@ -1,7 +1,6 @@
 #include "engine/scene/edits/refit.h"
 
 #include "engine/bvh/build_emit.h"
-#include "engine/scene/edits/deform.h"
 #include "engine/scene/edits/view_trees.h"
 #include "engine/scene/tree_statistics.h"
 
@@ -11,7 +10,6 @@
 #include <bit>
 #include <functional>
 #include <set>
-#include <utility>
 
 namespace raynest {
 namespace {

@@ -1,6 +1,5 @@
 #include "engine/scene/motion/motion.h"
 
-#include <algorithm>
 #include <cmath>
 #include <cstring>
 #include <type_traits>

@@ -7,7 +7,6 @@
 
 #include <functional>
 #include <span>
-#include <string>
 
 namespace raynest::server::device {
 

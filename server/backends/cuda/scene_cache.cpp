@@ -1,7 +1,6 @@
 #include "server/backends/cuda/scene_cache.h"
 
 #include <algorithm>
-#include <utility>
 
 namespace raynest::server::device {
 

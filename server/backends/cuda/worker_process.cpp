@@ -9,7 +9,6 @@
 #include <unistd.h>
 
 #include <algorithm>
-#include <new>
 #include <span>
 #include <string>
 #include <thread>

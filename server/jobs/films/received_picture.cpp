@@ -10,11 +10,9 @@
 #include <cmath>
 #include <cstddef>
 #include <functional>
-#include <string>
 #include <string_view>
 #include <type_traits>
 #include <utility>
-#include <vector>
 
 namespace raynest::server {
 namespace {

@@ -10,10 +10,7 @@
 
 #include <algorithm>
 #include <array>
-#include <charconv>
 #include <cmath>
-#include <cstring>
-#include <thread>
 #include <utility>
 
 namespace raynest::server {

@@ -1,6 +1,5 @@
 #include "server/requests/words/generator.h"
 
-#include "engine/integrators/camera.h"
 #include "protocol/control.h"
 #include "protocol/text.h"
 #include "server/requests/words/setting_types.h"

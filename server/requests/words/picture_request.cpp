@@ -3,7 +3,6 @@
 #include "engine/assets/images/image.h"
 #include "protocol/control.h"
 #include "protocol/text.h"
-#include "server/jobs/services.h"
 #include "server/requests/words/generator.h"
 #include "server/scheduling/peers.h"
 

@@ -3,9 +3,7 @@
 #include "tests/bench/embree/filters.h"
 
 #include <algorithm>
-#include <limits>
 #include <utility>
-#include <vector>
 
 namespace raynest::bench {
 namespace {

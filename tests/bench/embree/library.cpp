@@ -13,7 +13,6 @@
 #include <cstdio>
 #include <fstream>
 #include <string>
-#include <utility>
 
 namespace raynest::bench {
 namespace {

@@ -21,7 +21,6 @@
 #include <sys/socket.h>
 
 #include <algorithm>
-#include <cstring>
 #include <functional>
 #include <iostream>
 #include <limits>

@@ -20,6 +20,8 @@
 namespace raynest::server {
 namespace {
 
+using test::from_above;
+
 using Does = ScriptedBackend::Does;
 using Script = std::function<Does(std::uint64_t call)>;
 
@@ -29,15 +31,6 @@ protocol::Limits small_chunks() {
     protocol::Limits limits;
     limits.chunk_rays_max = chunk_rays;
     return limits;
-}
-
-std::unique_ptr<wire::CameraT> from_above() {
-    auto camera = std::make_unique<wire::CameraT>();
-    camera->look_at = true;
-    camera->eye = std::make_unique<wire::Vec3>(0.5F, 0.5F, 3.0F);
-    camera->at = std::make_unique<wire::Vec3>(0.5F, 0.5F, 0.0F);
-    camera->up = std::make_unique<wire::Vec3>(0.0F, 1.0F, 0.0F);
-    return camera;
 }
 
 std::unique_ptr<wire::JobT> job_of(const std::string& worker) {

@@ -5,7 +5,6 @@
 #include "server/scheduling/runner.h"
 #include "tests/patience.h"
 
-#include <chrono>
 #include <condition_variable>
 #include <deque>
 #include <functional>

@@ -19,6 +19,7 @@ namespace {
 using test::Client;
 using test::errors_of;
 using test::frame_of;
+using test::piece_of;
 using test::SmallDaemon;
 
 wire::QueryT query_of(std::uint64_t rays) {
@@ -45,10 +46,7 @@ TEST_CASE("a draining conversation answers requests, refuses jobs and ends with 
     SmallDaemon daemon;
     Client conversation(daemon);
     conversation.receive(frame_of(0, wire::HelloT{}));
-    wire::QueryT query;
-    query.job = std::make_unique<wire::JobT>();
-    query.job->scene = "forest";
-    query.ray_count = 1;
+    const wire::QueryT query = query_of(1);
     conversation.receive(frame_of(1, query));
     CHECK(daemon.said(wire::Message::Started));
     conversation.drain();
@@ -64,11 +62,8 @@ TEST_CASE("a draining conversation answers requests, refuses jobs and ends with 
 TEST_CASE(
     "a detached query runs on when its rays have come, and ends with its client before that") {
     SmallDaemon daemon;
-    wire::QueryT query;
-    query.job = std::make_unique<wire::JobT>();
-    query.job->scene = "forest";
+    wire::QueryT query = query_of(2);
     query.job->detach = true;
-    query.ray_count = 2;
     const auto rays = [](std::uint64_t first) {
         protocol::Bulk bulk;
         bulk.add("rays", wire::Dtype::f32, 8, 1);
@@ -142,13 +137,6 @@ TEST_CASE("data that is too large, and bulk of an unknown type, cost their reque
         bulk.allocate();
         std::fill_n(bulk.block(0).data(), bulk.block(0).size(), std::byte{0});
         return protocol::encode(1, wire::QueryRaysT{}, std::move(bulk)).value();
-    };
-    const auto piece_of = [](std::uint64_t bytes) {
-        protocol::Bulk bulk;
-        bulk.add("data", wire::Dtype::u8, 1, bytes);
-        bulk.allocate();
-        std::fill_n(bulk.block(0).data(), bytes, std::byte{0});
-        return protocol::encode(1, wire::UploadT{}, std::move(bulk)).value();
     };
     protocol::Frame unknown = piece_of(1000);
     unknown.header.type = 99;
@@ -396,11 +384,8 @@ TEST_CASE("a detached query that fails while its rays come tells its client") {
     SmallDaemon daemon;
     Client conversation(daemon);
     conversation.receive(frame_of(0, wire::HelloT{}));
-    wire::QueryT query;
-    query.job = std::make_unique<wire::JobT>();
-    query.job->scene = "forest";
+    wire::QueryT query = query_of(2);
     query.job->detach = true;
-    query.ray_count = 2;
     conversation.receive(frame_of(1, query));
     conversation.receive(frame_of(1, wire::QueryRaysT{}));  // without its block
     CHECK(daemon.said(wire::Message::Error));

@@ -16,6 +16,7 @@
 namespace raynest::server {
 namespace {
 
+using test::piece_of;
 using test::SmallDaemon;
 
 Reply<Answer> ask(SmallDaemon& daemon, const wire::LoadT& message,
@@ -49,14 +50,6 @@ wire::LoadT upload_of(std::uint64_t bytes) {
     message.file_hashes = {protocol::upload_checksum(zeros)};
     message.file_bytes = {bytes};
     return message;
-}
-
-protocol::Frame piece_of(std::uint64_t bytes) {
-    protocol::Bulk bulk;
-    bulk.add("data", wire::Dtype::u8, 1, bytes);
-    bulk.allocate();
-    std::fill_n(bulk.block(0).data(), bytes, std::byte{0});
-    return protocol::encode(1, wire::UploadT{}, std::move(bulk)).value();
 }
 
 TEST_CASE("an upload reserves the bytes that have come, not those that it announces") {

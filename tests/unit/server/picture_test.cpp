@@ -19,17 +19,8 @@
 namespace raynest::server {
 namespace {
 
+using test::from_above;
 using test::SmallDaemon;
-
-/// From above a square, which does not fill the picture.
-std::unique_ptr<wire::CameraT> from_above() {
-    auto camera = std::make_unique<wire::CameraT>();
-    camera->look_at = true;
-    camera->eye = std::make_unique<wire::Vec3>(0.5F, 0.5F, 3.0F);
-    camera->at = std::make_unique<wire::Vec3>(0.5F, 0.5F, 0.0F);
-    camera->up = std::make_unique<wire::Vec3>(0.0F, 1.0F, 0.0F);
-    return camera;
-}
 
 JobSubmission ask(SmallDaemon& daemon, std::uint32_t width, std::uint32_t height,
                   const std::string& encode) {

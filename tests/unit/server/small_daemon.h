@@ -124,4 +124,23 @@ inline std::vector<server::Code> errors_of(const SmallDaemon& daemon) {
     return codes;
 }
 
+/// Zeros as a piece of request 1's upload.
+inline protocol::Frame piece_of(std::uint64_t bytes) {
+    protocol::Bulk bulk;
+    bulk.add("data", wire::Dtype::u8, 1, bytes);
+    bulk.allocate();
+    std::fill_n(bulk.block(0).data(), bytes, std::byte{0});
+    return protocol::encode(1, wire::UploadT{}, std::move(bulk)).value();
+}
+
+/// A camera above a square, which does not fill the picture.
+inline std::unique_ptr<wire::CameraT> from_above() {
+    auto camera = std::make_unique<wire::CameraT>();
+    camera->look_at = true;
+    camera->eye = std::make_unique<wire::Vec3>(0.5F, 0.5F, 3.0F);
+    camera->at = std::make_unique<wire::Vec3>(0.5F, 0.5F, 0.0F);
+    camera->up = std::make_unique<wire::Vec3>(0.0F, 1.0F, 0.0F);
+    return camera;
+}
+
 }  // namespace raynest::test

@@ -15,7 +15,6 @@
 #include <array>
 #include <cmath>
 #include <unordered_set>
-#include <vector>
 
 namespace raynest::gltf {
 namespace {

@@ -1,13 +1,11 @@
 #include "engine/assets/gltf/write/tables.h"
 #include "engine/assets/images/image.h"
-#include "engine/shading/types.h"
 
 #include <fmt/format.h>
 
 #include <algorithm>
 #include <cmath>
 #include <map>
-#include <numbers>
 #include <utility>
 
 namespace raynest::gltf {

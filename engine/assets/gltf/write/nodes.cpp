@@ -4,12 +4,10 @@
 // node with EXT_mesh_gpu_instancing, which says them exactly. All others are nodes with matrices.
 #include "engine/assets/gltf/write/tables.h"
 #include "engine/math/matrix.h"
-#include "engine/scene/motion/affine.h"
 
 #include <fmt/format.h>
 
 #include <algorithm>
-#include <array>
 #include <cmath>
 #include <cstring>
 #include <iterator>

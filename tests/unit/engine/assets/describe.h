@@ -5,7 +5,6 @@
 #include "tests/unit/engine/assets/samples.h"
 
 #include <string>
-#include <utility>
 
 namespace raynest::test {
 

@@ -5,7 +5,6 @@
 #include "tests/unit/engine/assets/describe.h"
 
 #include <cmath>
-#include <numbers>
 
 using namespace raynest;
 using test::contains;

@@ -1,8 +1,6 @@
 // Morph targets with the weights of the node, else of the mesh.
 #include "tests/unit/engine/assets/describe.h"
 
-#include <cmath>
-
 using namespace raynest;
 using test::contains;
 using test::GlbWriter;

@@ -2,9 +2,6 @@
 #include "engine/scene/snapshot.h"
 #include "tests/unit/engine/assets/describe.h"
 
-#include <cmath>
-#include <set>
-
 using namespace raynest;
 using test::contains;
 using test::describe;

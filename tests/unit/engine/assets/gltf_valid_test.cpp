@@ -2,8 +2,6 @@
 #include "engine/assets/import.h"
 #include "tests/unit/engine/assets/samples.h"
 
-#include <map>
-
 using namespace raynest;
 namespace fs = std::filesystem;
 

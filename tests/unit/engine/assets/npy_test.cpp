@@ -1,5 +1,3 @@
-#include "engine/assets/formats/npy.h"
-
 #include "engine/assets/import.h"
 #include "tests/unit/engine/assets/samples.h"
 

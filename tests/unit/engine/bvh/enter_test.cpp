@@ -6,7 +6,6 @@
 #include <doctest/doctest.h>
 
 #include <array>
-#include <cstdint>
 
 using namespace raynest;
 

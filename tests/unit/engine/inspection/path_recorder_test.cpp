@@ -8,7 +8,6 @@
 
 #include <doctest/doctest.h>
 
-#include <cstring>
 #include <vector>
 
 using namespace raynest;

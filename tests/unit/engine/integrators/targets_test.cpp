@@ -8,7 +8,6 @@
 #include <doctest/doctest.h>
 
 #include <cstring>
-#include <numbers>
 
 using namespace raynest;
 

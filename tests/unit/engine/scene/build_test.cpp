@@ -6,7 +6,6 @@
 #include <doctest/doctest.h>
 
 #include <limits>
-#include <set>
 
 using namespace raynest;
 using test::build_scene;

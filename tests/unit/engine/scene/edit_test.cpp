@@ -103,6 +103,14 @@ void check_same_answers(const Snapshot& edited, const Snapshot& fresh, Random& r
     }
 }
 
+/// An edited scene has the answers and bounds of one that is built afresh.
+void check_as_fresh(const Snapshot& edited, const SceneDescription& description, Random& random) {
+    const Scene fresh = build_scene(description);
+    check_same_answers(edited, *fresh, random);
+    CHECK(edited.bounds().lower == fresh->bounds().lower);
+    CHECK(edited.bounds().upper == fresh->bounds().upper);
+}
+
 }  // namespace
 
 TEST_CASE("edited scenes answer as those that are built afresh") {
@@ -132,10 +140,7 @@ TEST_CASE("edited scenes answer as those that are built afresh") {
             Scene next =
                 edit(*scene, {moves, masks, {}, {}}, seed % 2 == 0 ? std::move(spare) : nullptr);
             spare = std::exchange(scene, std::move(next));
-            const Scene fresh = build_scene(description);
-            check_same_answers(*scene, *fresh, random);
-            CHECK(scene->bounds().lower == fresh->bounds().lower);
-            CHECK(scene->bounds().upper == fresh->bounds().upper);
+            check_as_fresh(*scene, description, random);
         }
     }
 }
@@ -162,10 +167,7 @@ TEST_CASE("few moves among many instances look at the nodes above them alone") {
               doctest::Approx(measure_trees(scene->view()).sah_cost).epsilon(1e-9));
     }
     CHECK(scene->statistics().edits.rebuilds == 0);
-    const Scene fresh = build_scene(description);
-    check_same_answers(*scene, *fresh, random);
-    CHECK(scene->bounds().lower == fresh->bounds().lower);
-    CHECK(scene->bounds().upper == fresh->bounds().upper);
+    check_as_fresh(*scene, description, random);
 }
 
 TEST_CASE("what is placed several times moves and hides at the one place that is named") {
@@ -204,10 +206,7 @@ TEST_CASE("what is placed several times moves and hides at the one place that is
             constexpr std::size_t between_sections = 22 * 64;
             CHECK(scene->bytes().size() <= before + more + between_sections);
             CHECK(bytes_to_unshare(*scene, *shared_ways(*scene, changes)) == 0);
-            const Scene fresh = build_scene(description);
-            check_same_answers(*scene, *fresh, random);
-            CHECK(scene->bounds().lower == fresh->bounds().lower);
-            CHECK(scene->bounds().upper == fresh->bounds().upper);
+            check_as_fresh(*scene, description, random);
         }
         // Each place has a group of its own by now: such an edit copies no object any more.
         const std::size_t bytes = scene->bytes().size();
