@@ -32,6 +32,11 @@ bool flush_folder(const fs::path& folder) {
     return file.is_open() && ::fsync(file.number()) == 0;
 }
 
+std::string disk_failed(const std::string& why = {}) {
+    return "the disk of the state folder has failed" + (why.empty() ? why : " (" + why + ")") +
+           ": scenes there can be read, none can be stored. See to the disk, then restart raynestd";
+}
+
 Result<void> make_folder(const fs::path& folder) {
     if (::mkdir(folder.c_str(), S_IRWXU) == 0 || errno == EEXIST) return {};
     return fail(ErrorCode::io_failed, "cannot make " + folder.string() + ": " + reason(errno) +
@@ -223,10 +228,7 @@ Result<void> StateFolder::usable() const {
         return fail(ErrorCode::io_failed,
                     "another raynestd has taken the state folder over: connect again");
     if (!failed_ && !manifest_->failed()) return {};
-    return fail(
-        ErrorCode::io_failed,
-        "the disk of the state folder has failed: scenes there can be read, none can be stored. "
-        "See to the disk, then restart raynestd");
+    return fail(ErrorCode::io_failed, disk_failed());
 }
 
 BlobPin StateFolder::pin(const std::string& digest) {
@@ -280,6 +282,13 @@ Result<void> StateFolder::write_blob(const std::string& digest, std::span<const 
                  : "the scene could not be stored in the state folder: " + reason(error) +
                        "; see to its disk");
     };
+    const auto flush_failed = [&](int error) {
+        // The system forgets a failed flush: the next one would succeed without the bytes. Whatever
+        // the reason is, making room mends nothing.
+        failed_ = true;
+        ::unlink(temporary.c_str());
+        return fail(ErrorCode::io_failed, disk_failed(reason(error)));
+    };
     {
         const File file(temporary, O_WRONLY | O_CREAT | O_EXCL, S_IRUSR | S_IWUSR);
         if (!file.is_open()) return refused(errno);
@@ -294,17 +303,10 @@ Result<void> StateFolder::write_blob(const std::string& digest, std::span<const 
             if (done < 0) return refused(errno);
             rest = rest.subspan(static_cast<std::size_t>(done));
         }
-        if (::fsync(file.number()) != 0) {
-            // The system forgets a failed flush: the next one would succeed without the bytes.
-            failed_ = true;
-            return refused(errno);
-        }
+        if (::fsync(file.number()) != 0) return flush_failed(errno);
     }
     if (::rename(temporary.c_str(), blob(digest).c_str()) != 0) return refused(errno);
-    if (!flush_folder(folder)) {
-        failed_ = true;
-        return refused(errno);
-    }
+    if (!flush_folder(folder)) return flush_failed(errno);
     return {};
 }
 

@@ -284,24 +284,6 @@ with raynest.connect(uri) as owner, raynest.connect(uri) as other:
         self.kill()
         self.assertEqual(self.check()[0], 0)
 
-    def edits(self, name, keep, limit):
-        """Starts a client that makes the same edit again and again, and prints epoch and hash of each."""
-        script = """
-import sys, raynest
-uri, name, keep, limit = sys.argv[1:]
-with raynest.connect(uri) as client:
-    scene = client.scene(name)
-    for _ in range(int(limit)):
-        with scene.edit(keep=keep == "True") as edit:
-            edit.move(0, (0.01, 0, 0)).move(1, (0, 0, 0.01))
-        assert str(edit.kept) == keep
-        print(edit.epoch, edit.hash, flush=True)
-"""
-        package = pathlib.Path(__file__).parents[2] / "client" / "python"
-        return subprocess.Popen([sys.executable, "-c", script, self.daemon.uri, name, str(keep), str(limit)],
-                                stdout=subprocess.PIPE, stderr=subprocess.DEVNULL, text=True,
-                                env={**os.environ, "PYTHONPATH": str(package)})
-
     def test_kept_edits_are_there_after_every_kill_and_none_is_half(self):
         chance = random.Random(int(os.environ.get("RAYNEST_SEED", time.time())))
         client = self.start()
