@@ -15,10 +15,11 @@ structs None.
 from __future__ import annotations
 
 import functools
+import itertools
 import re
 import reprlib
 import struct
-from typing import Any, Mapping
+from typing import Any, Mapping, NamedTuple
 
 from .. import _limits
 from ..errors import ProtocolError, UsageError
@@ -43,34 +44,47 @@ def encode(name: str, values: Mapping[str, Any]) -> bytes:
     return bytes(out)
 
 
-def _write_table(out: bytearray, name: str, values: Mapping[str, Any]) -> int:
-    """Appends the table and everything it refers to; returns its place."""
+class _Layout(NamedTuple):
+    """A table with certain fields, as it is written."""
+
+    vtable: bytes
+    table: bytes  # zeros but for the way back to the vtable
+    places: tuple[tuple[Field, int, struct.Struct], ...]
+
+
+@functools.lru_cache(maxsize=1024)
+def _layout(name: str, present: tuple[str, ...]) -> _Layout:
     fields = SCHEMA.tables[name]
-    unknown = values.keys() - {field.name for field in fields}
+    unknown = set(present) - {field.name for field in fields}
     if unknown:
         raise KeyError(f"{name} has no field {sorted(unknown)}")
-    present = [(slot, field, _format(field)) for slot, field in enumerate(fields)
-               if values.get(field.name) is not None]
+    slots = [(slot, field, _format(field)) for slot, field in enumerate(fields) if field.name in present]
     # Large fields first: if the first one, 4 bytes into the table, is aligned, so are all others.
-    present.sort(key=lambda item: -_alignment(item[2]))
-    offsets, end = [0] * len(fields), 4
-    for slot, _, form in present:
+    slots.sort(key=lambda item: -_alignment(item[2]))
+    offsets, end, places = [0] * len(fields), 4, []
+    for slot, field, form in slots:
         offsets[slot] = end
-        end += struct.calcsize(form)
+        places.append((field, end, struct.Struct(form)))
+        end += places[-1][2].size
     vtable = struct.pack(f"<{2 + len(fields)}H", 4 + 2 * len(fields), end, *offsets)
-    _align(out, 8, len(vtable) + 4)
-    out += vtable
+    return _Layout(vtable, struct.pack("<i", len(vtable)) + bytes(end - 4), tuple(places))
+
+
+def _write_table(out: bytearray, name: str, values: Mapping[str, Any]) -> int:
+    """Appends the table and everything it refers to; returns its place."""
+    layout = _layout(name, tuple([key for key, value in values.items() if value is not None]))
+    _align(out, 8, len(layout.vtable) + 4)
+    out += layout.vtable
     at = len(out)
-    out += struct.pack("<i", len(vtable)) + bytes(end - 4)
-    for slot, field, form in present:
-        place, value = at + offsets[slot], values[field.name]
+    out += layout.table
+    for field, offset, form in layout.places:
+        place, value = at + offset, values[field.name]
         try:
             if field.type in SCHEMA.structs and not field.many:
-                struct.pack_into(form, out, place, *value)
+                form.pack_into(out, place, *value)
             else:
                 inline = field.type in SCALARS and not field.many
-                struct.pack_into(form, out, place,
-                                 value if inline else _write_outside(out, field, value) - place)
+                form.pack_into(out, place, value if inline else _write_outside(out, field, value) - place)
         except UsageError:  # of a table within
             raise
         except (struct.error, AttributeError, OverflowError, TypeError, ValueError):
@@ -164,11 +178,12 @@ class _Reader:
         if depth > _limits.control_depth_max or self._tables > _limits.control_tables_max:
             raise ProtocolError("the daemon sent a message with too many tables")
         vtable = at - self._number("i", at)
-        vtable_bytes, table_bytes = self._number("H", vtable), self._number("H", vtable + 2)
+        vtable_bytes, table_bytes = self._numbers("<HH", vtable)
+        fields = SCHEMA.tables[name]
+        slots = min(max(vtable_bytes // 2 - 2, 0), len(fields))
+        offsets = self._numbers(f"<{slots}H", vtable + 4)
         message: Message = {}
-        for index, field in enumerate(SCHEMA.tables[name]):
-            slot = 4 + 2 * index
-            offset = self._number("H", vtable + slot) if slot + 2 <= vtable_bytes else 0
+        for field, offset in itertools.zip_longest(fields, offsets, fillvalue=0):
             if offset >= max(table_bytes, 1):
                 raise ProtocolError(f"the daemon sent {name}.{field.name} outside of its table")
             message[field.name] = (self._value(field, at + offset, depth) if offset
@@ -225,9 +240,16 @@ class _Reader:
         return self._numbers("<" + letter, at)[0]
 
     def _numbers(self, letters: str, at: int) -> tuple[Any, ...]:
-        self._check(at, struct.calcsize(letters))
-        return struct.unpack_from(letters, self._data, at)
+        self._check(at, 0)
+        try:
+            return struct.unpack_from(letters, self._data, at)
+        except struct.error:
+            raise _outside() from None
 
     def _check(self, at: int, size: int) -> None:
         if at < 0 or at + size > len(self._data):
-            raise ProtocolError("the daemon sent a message that points outside of itself")
+            raise _outside()
+
+
+def _outside() -> ProtocolError:
+    return ProtocolError("the daemon sent a message that points outside of itself")
