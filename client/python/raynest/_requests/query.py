@@ -73,6 +73,7 @@ class Answer:
                     for column in hidden:
                         chunk.columns.pop(column, None)
                     yield chunk
+        self.outcome.check_started()
         if self.answered != (self.outcome.get("rows") if self.rows is None else self.rows):
             raise ProtocolError("the daemon ended a query before its last answer")
 
