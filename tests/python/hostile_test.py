@@ -281,6 +281,14 @@ class Lies(WithFake):
         with self.assertRaisesRegex(raynest.ProtocolError, "had not started"):
             self.scene(script).trace(np.ones((9, 8), np.float32))
 
+    def test_a_column_that_was_asked_for_is_not_hidden(self):
+        def script(peer):
+            peer.until("QueryRays")
+            peer.send("Started", {"hidden": ["hit"]})
+            peer.send("Chunk", {"count": 9}, hit=np.ones(9, np.uint8))
+            peer.send("Done", {})
+        self.assertTrue(self.scene(script).trace(np.ones((9, 8), np.float32), kind="any")["hit"].all())
+
     def answered(self, request, answer, message):
         """A client whose request gets this answer."""
         def script(peer):

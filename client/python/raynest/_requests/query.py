@@ -70,7 +70,7 @@ class Answer:
                     if chunk.csr:
                         chunk.check_splits()
                     chunk.to_world(np.zeros(3) if self.origin is None else self.origin)
-                    for column in hidden:
+                    for column in set(hidden).difference(self.fields):
                         chunk.columns.pop(column, None)
                     yield chunk
         self.outcome.check_started()
