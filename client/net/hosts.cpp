@@ -4,6 +4,7 @@
 #include "client/net/address.h"
 
 #include <fcntl.h>
+#include <sys/file.h>
 #include <sys/stat.h>
 #include <unistd.h>
 
@@ -64,11 +65,20 @@ Result<std::string> read_regular(const std::string& file, std::size_t bytes_max,
     return fail(Exit::usage, file + " is over " + std::to_string(bytes_max) + " bytes");
 }
 
-/// Writes a file of mode 0600 in one step: it is there whole or not at all.
-Result<void> write_private(const fs::path& file, const std::string& content) {
+/// Holds the folder of hosts.toml while it lives: who reads that file and writes it again would lose
+/// what another process wrote meanwhile.
+Descriptor hold_folder() {
+    const fs::path path = fs::path(hosts_file()).parent_path();
+    Descriptor folder(::open(path.c_str(), O_RDONLY | O_DIRECTORY | O_CLOEXEC));
+    if (folder) (void)::flock(folder.number(), LOCK_EX);
+    return folder;
+}
+
+/// Writes a file of mode 0600 in one step: it is there whole or not at all. A link stays one.
+Result<void> write_private(const fs::path& link, const std::string& content) {
     std::error_code error;
-    if (fs::create_directories(file.parent_path(), error))
-        fs::permissions(file.parent_path(), fs::perms::owner_all, error);
+    const fs::path end = fs::canonical(link, error);
+    const fs::path& file = error ? link : end;
     std::string pattern = file.string() + ".XXXXXX";
     const Descriptor made(::mkostemp(pattern.data(), O_CLOEXEC));  // mode 0600
     if (!made) return cannot("write", file.string(), errno);
@@ -195,6 +205,11 @@ Result<KeptHost> find_host(const std::string& uri) {
 }
 
 Result<void> keep_host(const std::string& uri, const KeptHost& host) {
+    std::error_code ignored;
+    const fs::path folder = fs::path(hosts_file()).parent_path();
+    if (fs::create_directories(folder, ignored))
+        fs::permissions(folder, fs::perms::owner_all, ignored);
+    const Descriptor held = hold_folder();
     auto hosts = read_hosts();
     if (!hosts) return tl::unexpected<Failure>(hosts.error());
     const std::string name = comparable(uri);
@@ -212,7 +227,6 @@ Result<void> keep_host(const std::string& uri, const KeptHost& host) {
     std::ostringstream text;
     text << text_of(*hosts) << toml::table{{{name, entry}}} << '\n';
     if (auto written = write_private(hosts_file(), text.str()); !written) return written;
-    std::error_code ignored;
     for (const auto& [key, value] : files)
         if (const std::string old = item(*hosts, name, key); is_copy(old) && !entry.contains(key))
             fs::remove(beside(old), ignored);
@@ -220,6 +234,7 @@ Result<void> keep_host(const std::string& uri, const KeptHost& host) {
 }
 
 Result<bool> forget_host(const std::string& uri) {
+    const Descriptor held = hold_folder();
     auto hosts = read_hosts();
     if (!hosts) return tl::unexpected<Failure>(hosts.error());
     const std::string name = comparable(uri);

@@ -5,16 +5,26 @@ them costs memory first.
   hostile_test.py RAYNESTD RAYNEST FLATC      (uses none of them)
 """
 import contextlib
+import io
+import json
+import os
+import pathlib
 import resource
 import struct
+import subprocess
 import sys
+import tempfile
 import time
 import unittest
+import zipfile
+import zlib
 
 import numpy as np
 
 import raynest
+from raynest._net.control import decode, encode
 from raynest._net.frame import HEADER, MAGIC, Header, write_header
+from raynest.merge import merge
 from daemon import PATIENCE
 from with_fake import WELCOME, WithFake, frame, t
 
@@ -262,6 +272,156 @@ class Lies(WithFake):
         with self.assertRaisesRegex(raynest.ProtocolError, "not offered"):
             client.mesh(np.eye(3), [[0, 1, 2]])
         client.close()
+
+    def test_a_request_that_ends_before_it_began(self):
+        def script(peer):
+            peer.until("QueryRays")
+            peer.started = peer.id
+            peer.send("Done", {})
+        with self.assertRaisesRegex(raynest.ProtocolError, "had not started"):
+            self.scene(script).trace(np.ones((9, 8), np.float32))
+
+    def test_a_column_that_was_asked_for_is_not_hidden(self):
+        def script(peer):
+            peer.until("QueryRays")
+            peer.send("Started", {"hidden": ["hit"]})
+            peer.send("Chunk", {"count": 9}, hit=np.ones(9, np.uint8))
+            peer.send("Done", {})
+        self.assertTrue(self.scene(script).trace(np.ones((9, 8), np.float32), kind="any")["hit"].all())
+
+    def answered(self, request, answer, message):
+        """A client whose request gets this answer."""
+        def script(peer):
+            peer.until(request)
+            peer.send(answer, message)
+        client = raynest.connect(self.fake(script))
+        self.addCleanup(client.close)
+        return client
+
+    def test_lists_of_different_lengths(self):
+        scenes = {"names": ["a", "b"], "total": 2, "hashes": ["", ""], "owners": ["", ""],
+                  **{key: [1, 2] for key in ("epochs", "instanced_triangles", "bytes", "age_ms", "idle_ms", "holders")}}
+        older = self.answered("Scenes", "SceneList", scenes).scenes()
+        self.assertEqual([(each["name"], each["epoch"], each["share"]) for each in older], [("a", 1, ""), ("b", 2, "")])
+        for lie in ({"age_ms": []}, {"hashes": ["x"]}, {"shares": ["public"]}):
+            with self.assertRaisesRegex(raynest.ProtocolError, "different lengths"):
+                self.answered("Scenes", "SceneList", {**scenes, **lie}).scenes()
+        with self.assertRaisesRegex(raynest.ProtocolError, "different lengths"):
+            self.answered("Stats", "Statistics", {"names": ["a", "b"], "values": [1.0]}).stats()
+
+    def test_places_that_are_not_finite(self):
+        for lie in ({"origin_x": np.nan}, {"box_min": (0, 0, 0), "box_max": (1, np.inf, 1)}):
+            with self.assertRaisesRegex(raynest.ProtocolError, "finite"):
+                self.answered("Info", "SceneInfo", lie).scene("fake")
+
+    def test_a_text_that_a_small_message_names_many_times(self):
+        """Each name of a list costs memory, but all offsets may lead to one text."""
+        data = bytearray(encode("SceneList", {"names": ["x" * 1000, *["y"] * 100]}))
+        at = data.index(struct.pack("<I", 101)) + 4
+        first = at + struct.unpack_from("<I", data, at)[0]
+        for place in range(at, at + 4 * 101, 4):
+            struct.pack_into("<I", data, place, first - place)
+        self.assertLess(len(data), 8 << 10)
+        with self.assertRaisesRegex(raynest.ProtocolError, "repeats"):
+            decode("SceneList", bytes(data))
+
+    def test_a_picture_larger_than_was_asked_for(self):
+        def exr(width, channels):
+            def attribute(name, kind, value):
+                return name + b"\0" + kind + b"\0" + struct.pack("<I", len(value)) + value
+            named = b"".join(b"c%d\0" % i + struct.pack("<I", 2) + bytes(12) for i in range(channels))
+            head = (struct.pack("<II", 20000630, 2) + attribute(b"channels", b"chlist", named + b"\0")
+                    + attribute(b"compression", b"compression", b"\3")
+                    + attribute(b"dataWindow", b"box2i", struct.pack("<4i", 0, 0, width - 1, 7)) + b"\0")
+            block = zlib.compress(bytes(8 * width * 4 * channels))
+            return head + struct.pack("<QiI", len(head) + 8, 0, len(block)) + block
+
+        def picture(file):
+            def script(peer):
+                peer.until("Render")
+                peer.send("Picture", {"total": len(file), "last": True}, data=np.frombuffer(file, np.uint8))
+                peer.send("Done", {})
+            return self.scene(script).render(size=(8, 8), integrator="path")
+        self.assertEqual(picture(exr(8, 3))["c0"].shape, (8, 8))
+        for width, channels in ((8192, 3), (8, 400)):
+            with self.assertRaisesRegex(raynest.ProtocolError, "cannot be read"):
+                picture(exr(width, channels))
+
+
+class Parts(unittest.TestCase):
+    """Files that `raynest merge` is given: each is refused by its name, or its rows are there."""
+
+    def merged(self, *parts):
+        with tempfile.TemporaryDirectory(prefix="raynest-parts-") as folder:
+            paths = [pathlib.Path(folder) / f"{i}.npz" for i in range(len(parts))]
+            for path, (said, columns) in zip(paths, parts):
+                with zipfile.ZipFile(path, "w") as file:
+                    said = said if isinstance(said, bytes) else json.dumps(said).encode()
+                    for name, column in {"part": np.frombuffer(said, np.uint8), **columns}.items():
+                        data = io.BytesIO()
+                        np.save(data, column, allow_pickle=True)
+                        file.writestr(name + ".npy", data.getvalue())
+            whole = pathlib.Path(folder) / "whole.npz"
+            merge(str(whole), list(map(str, paths)))
+            with np.load(whole) as file:
+                return {name: file[name] for name in file.files}
+
+    def test_parts(self):
+        def part(first, **more):
+            return {"first": first, "count": 3, "of": 6, **more}
+        ends = np.array([0, 2, 2, 5], np.uint64)
+        hits = self.merged((part(0), {"file": t(3)}), (part(3), {"file": t(3)}))
+        np.testing.assert_array_equal(hits["file"], [0, 1, 2, 0, 1, 2])
+        hits = self.merged(*[(part(i), {"ray_splits": ends, "t": t(5)}) for i in (0, 3)])
+        np.testing.assert_array_equal(hits["ray_splits"], [0, 2, 2, 5, 7, 7, 10])
+        for name, said, columns in (
+                ("few rows", part(3), {"t": t(2)}), ("no rows", part(3), {"t": np.float32(1)}),
+                ("other rows of each", part(3), {"t": t(6)}), ("another width", part(3), {"t": np.zeros((3, 2), np.float32)}),
+                ("another type", part(3), {"t": np.zeros(3, np.uint32)}),
+                ("objects", part(3), {"t": np.array([{}, {}, {}], object)}), ("texts", part(3), {"t": np.array(["a", "b", "c"])}),
+                ("splits", part(3), {"t": t(5), "ray_splits": ends[::-1]}),
+                ("no columns of a reducer", part(3, reduce="visible_pixels"), {"t": t(3)}),
+                ("a huge number", b'{"first": 1e999, "count": 3, "of": 6}', {"t": t(3)}), ("depth", b"[" * 100000, {"t": t(3)})):
+            with self.subTest(name), self.assertRaisesRegex(raynest.InvalidError, "1.npz"):
+                self.merged((part(0), {"t": t(3)}), (said, columns))
+
+
+    def test_a_whole_that_cannot_be_written(self):
+        with self.assertRaisesRegex(raynest.UsageError, "cannot write /nowhere/a.npz: No such file"):
+            with tempfile.NamedTemporaryFile(suffix=".npz") as part:
+                said = np.frombuffer(b'{"first": 0, "count": 3, "of": 3}', np.uint8)
+                np.savez(part, part=said, t=t(3))
+                part.flush()
+                merge("/nowhere/a.npz", [part.name])
+
+
+class Hosts(unittest.TestCase):
+    def test_who_logs_out_at_the_same_time_loses_nothing(self):
+        """hosts.toml is read and written again; it is also a link, which stays one."""
+        count, turns = 80, 8
+        program = ("import sys; from raynest import logout\n"
+                   f"for i in range(int(sys.argv[1]), {count}, {turns}): logout(f'tcp://h{{i}}:1')")
+        with tempfile.TemporaryDirectory(prefix="raynest-hosts-") as folder:
+            real, link = pathlib.Path(folder) / "real.toml", pathlib.Path(folder) / "raynest/hosts.toml"
+            real.touch(0o600)
+            real.write_text("# kept\n" + "".join(f'["tcp://h{i}:1"]\ntoken = "t{i}"\n' for i in range(count)))
+            link.parent.mkdir()
+            link.symlink_to(real)
+            running = [subprocess.Popen([sys.executable, "-c", program, str(turn)],
+                                        env={**os.environ, "XDG_CONFIG_HOME": folder}) for turn in range(turns)]
+            self.assertEqual([each.wait(PATIENCE) for each in running], [0] * turns)
+            self.assertEqual((real.read_text(), link.is_symlink()), ("# kept\n", True))
+
+
+class Lines(WithFake):
+    def test_errors_are_one_line(self):
+        scene = self.scene(lambda peer: peer.until("Bye"))
+        for wrong in (np.zeros((3, 3, 3)), [[1, 2], [3]], "a\x1b[2J\nb"):
+            for ask in (lambda: scene.render(size=wrong), lambda: scene.explain(pixel=wrong),
+                        lambda: scene.render(tile=wrong), lambda: scene.render(sun=wrong, integrator="path")):
+                with self.assertRaises(raynest.UsageError) as caught:
+                    ask()
+                self.assertRegex(str(caught.exception), "^[^\x00-\x1f]* must be [^\x00-\x1f]*$")
 
 
 if __name__ == "__main__":

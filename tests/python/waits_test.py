@@ -125,7 +125,7 @@ class Waits(WithFake):
         self.assertEqual(early, [(2000, 32000)])
 
     def test_answers_in_drips(self):
-        whole = b"".join([frame("Chunk", {"count": 10}, 1, t=t(10)), frame("Done", {}, 1)])
+        whole = b"".join([frame("Started", {}, 1), frame("Chunk", {"count": 10}, 1, t=t(10)), frame("Done", {}, 1)])
 
         def script(peer):
             peer.until("QueryRays")

@@ -42,6 +42,7 @@ class Peer:
     def __init__(self, accepted):
         self.socket = accepted
         self.id = 0
+        self.started = None     # the request
 
     def read(self):
         """(name, message, bulk) of the next frame."""
@@ -67,6 +68,11 @@ class Peer:
                 return message, bulk
 
     def send(self, name, message, **columns):
+        """Sends a message. A request ends after it was started, as the client demands."""
+        if name == "Done" and self.started != self.id:
+            self.send("Started", {})
+        if name == "Started":
+            self.started = self.id
         self.socket.sendall(frame(name, message, self.id, **columns))
 
 

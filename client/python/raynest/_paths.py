@@ -75,7 +75,7 @@ class Paths:
             document, _ = connection.again(lambda: receive_document(connection, "Structure", message,
                                                                     None, 0.0, None))
             rows = document.get("rows", rows)
-        if len(rows) != len(asked):
+        if not isinstance(rows, list) or len(rows) != len(asked) or not all(isinstance(row, str) for row in rows):
             raise ProtocolError("the daemon named other paths than it was asked for")
         texts = dict(zip(asked, rows))
         return [texts.get(path, "") for path in unique.tolist()]

@@ -171,7 +171,7 @@ class _Film:
     def _shown(self, result: Any, picture: Picture, last: bool) -> Any:
         if not self._layers:
             return result
-        return layers_of(result, picture.outcome, last)
+        return layers_of(result, picture.outcome, last, self._payload["width"] * self._payload["height"])
 
 
 def read_layers(file: bytes) -> Layers:

@@ -19,7 +19,7 @@ from ._requests.job import Progress
 from ._requests.loads import Load, load_of_file, load_of_mesh, load_of_parts
 from ._requests.precision import rounding_warning
 from ._requests.upload import Sender
-from ._requests.words import scene_info, variant_info
+from ._requests.words import rows_of, scene_info, variant_info
 from ._session import Session
 from .errors import ProtocolError, SceneWarning, warn
 from .job import Job, job_infos
@@ -213,9 +213,10 @@ class Client(Session):
                    "instanced_triangles": "instanced_triangles", "bytes": "bytes",
                    "owner": "owners", "age_seconds": "age_ms", "idle_seconds": "idle_ms",
                    "holders": "holders", "share": "shares", "state": "states"}
-        scenes = [dict(zip(columns, row)) for page in self.pages("Scenes", "SceneList", "names")
-                  for row in zip(*(page[plural] or [""] * len(page["names"])
-                                   for plural in columns.values()))]
+        newer = list(columns).index("share")  # than some daemons
+        scenes = [dict(zip(columns, row + late[1:])) for page in self.pages("Scenes", "SceneList", "names")
+                  for row, late in zip(rows_of(page, *list(columns.values())[:newer]),
+                                       rows_of(page, "names", "shares", "states", absent=""))]
         for scene in scenes:
             scene["age_seconds"] /= 1000
             scene["idle_seconds"] /= 1000
@@ -256,7 +257,7 @@ class Client(Session):
     def stats(self) -> dict[str, float]:
         """Returns the daemon's metrics."""
         message = self.connection.ask("Stats", {}, "Statistics")
-        return dict(zip(message["names"], message["values"]))
+        return dict(rows_of(message, "names", "values"))
 
     def ping(self) -> float:
         """Measures a round trip in seconds."""

@@ -161,7 +161,7 @@ class Edit:
             rows = np.zeros(len(several), _ROW)
             rows["target"] = several
         else:
-            if not isinstance(several, (Sequence, np.ndarray)):
+            if not isinstance(several, (Sequence, np.ndarray)) or not np.ndim(several):
                 raise _wrong(which)
             rows = np.zeros(len(several), _ROW)
             for row, item in zip(rows, several):

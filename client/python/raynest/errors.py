@@ -35,6 +35,8 @@ class Error(Exception):
 
     def __init__(self, message: str, name: str = "", code: int = 0, retry_after: float = 0.0,
                  request: str = "", lost: bool = False, silent: bool = False):
+        # Values of users are quoted, and an array's text has lines.
+        message = shown_text(re.sub(r"\s*\n\s*", " ", message))
         super().__init__(message + (f" [request {request}]" if request else ""))
         self.name = name
         self.code = code

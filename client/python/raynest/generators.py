@@ -60,7 +60,7 @@ class Generator:
         if self._pose is not None:
             self._start = self._pose[None, :, 3]
         elif "look_at" in self._sensor:
-            self._start = numbers("look_at", self._sensor["look_at"])[:1]
+            self._start = np.atleast_1d(numbers("look_at", self._sensor["look_at"]))[:1]
         self._fov = fov
         self._part = (0, 0)
 

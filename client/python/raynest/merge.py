@@ -19,7 +19,7 @@ from typing import Any, NamedTuple, Optional, Sequence
 
 import numpy as np
 
-from ._requests.columns import REDUCED
+from ._requests.columns import OF_HITS, REDUCED
 from ._requests.exr import read_exr
 from .errors import Error, InvalidError, ProtocolError, UsageError
 
@@ -28,6 +28,7 @@ PNG = b"\x89PNG\r\n\x1a\n"
 EXR = struct.pack("<II", 20000630, 2)
 SIDE_MAX = 1 << 20
 PIXELS_MAX = 1 << 30
+_FILTERS = range(5)          # of a PNG's row
 TILE = re.compile(r"(\d{1,7}) (\d{1,7}) (\d{1,7}) (\d{1,7}) of (\d{1,7})x(\d{1,7})\Z")
 
 
@@ -60,22 +61,27 @@ def merge(out: str, paths: Sequence[str]) -> str:
                 parts.append(read(path, file.read()))
         except OSError as error:
             raise InvalidError(f"{path}: {error.strerror}", "FILE_INVALID") from None
+        except MemoryError:
+            raise InvalidError(f"{path}: has more than fits into memory", "FILE_INVALID") from None
         except (struct.error, zlib.error, zipfile.BadZipFile, EOFError, ValueError, LookupError, TypeError,
-                AttributeError) as error:
+                AttributeError, ArithmeticError, RuntimeError) as error:
             raise InvalidError(f"{path}: is no part, made with --part: {error}", "FILE_INVALID") from None
     parts.sort(key=lambda part: part.first)
     _check(parts, rows)
     folder, name = os.path.split(os.path.abspath(out))
     whole = join(parts)
-    with tempfile.NamedTemporaryFile(dir=folder, prefix="." + name, delete=False) as file:
-        try:
-            whole(file) if callable(whole) else file.write(whole)
-            file.flush()
-            os.chmod(file.name, 0o666 & ~_umask())
-            os.replace(file.name, out)
-        except BaseException:
-            os.unlink(file.name)
-            raise
+    try:
+        with tempfile.NamedTemporaryFile(dir=folder, prefix="." + name, delete=False) as file:
+            try:
+                whole(file) if callable(whole) else file.write(whole)
+                file.flush()
+                os.chmod(file.name, 0o666 & ~_umask())
+                os.replace(file.name, out)
+            except BaseException:
+                os.unlink(file.name)
+                raise
+    except OSError as error:
+        raise UsageError(f"cannot write {out}: {error.strerror}") from None
     return f"{out}: {parts[0].of} {rows} of {len(parts)} parts"
 
 
@@ -121,13 +127,51 @@ def _read_npz(path: str, data: bytes) -> Part:
     first, count, of = (int(said.pop(key)) for key in ("first", "count", "of"))
     if not 0 <= first <= first + count <= of:
         raise ValueError("its range is none")
-    return Part(path, first, count, of, said, columns)
+    if said.get("reduce") == "visible_pixels":
+        if set(columns) != set(REDUCED["visible_pixels"]):
+            raise ValueError(f"its columns are not {' and '.join(REDUCED['visible_pixels'])}")
+        each = _check_rows(columns, columns["path"].size)
+    else:
+        each = _check_rows(columns, count)
+    return Part(path, first, count, of, said, (columns, each if count else None))
+
+
+def _check_rows(columns: dict[str, Any], count: int) -> int:
+    """Returns how many rows there are for each of so many rays, or points with several rays. A part that was cut or
+    altered would move the rows of all parts behind it."""
+    splits = columns.get("ray_splits")
+    if splits is not None and (splits.ndim != 1 or splits.dtype.kind not in "iu" or not splits.size or splits[0] != 0
+                               or (splits[1:] < splits[:-1]).any()):
+        raise ValueError("its ray_splits do not rise")
+    if not columns:
+        raise ValueError("it has no columns")
+    rows = len(next(iter(columns.values()))) if splits is None else len(splits) - 1
+    if rows % max(1, count) or (rows and not count):
+        raise ValueError(f"it has {rows} rows for {count} rays or points")
+    for name, column in columns.items():
+        most = rows + 1 if name == "ray_splits" else rows if splits is None or name not in OF_HITS else int(splits[-1])
+        if column.shape[:1] != (most,) or column.dtype.kind not in "fiub":
+            raise ValueError(f"its column {name} has not {most} rows of numbers")
+    return rows // max(1, count)
 
 
 def _join_npz(parts: Sequence[Part]) -> Any:
-    found = [part.body for part in parts]
+    found = [part.body[0] for part in parts]
+    forms = [{name: (column.dtype, column.shape[1:]) for name, column in columns.items()} for columns in found]
+    rows = next((part.body[1] for part in parts if part.rows), None)
+    for part, form in zip(parts, forms):
+        if form != forms[0] or part.body[1] not in (None, rows) and parts[0].request.get("reduce") != "visible_pixels":
+            raise InvalidError(f"{part.path} has other columns than {parts[0].path}", "FILE_INVALID")
     columns = joined(found, str(parts[0].request.get("reduce", "")))
-    return lambda file: np.savez(file, **columns)
+    return lambda file: _write_npz(file, columns)
+
+
+def _write_npz(file: Any, columns: dict[str, Any]) -> None:
+    """As numpy.savez(), in which no column may be called "file"."""
+    with zipfile.ZipFile(file, "w") as whole:
+        for name, column in columns.items():
+            with whole.open(name + ".npy", "w", force_zip64=True) as member:
+                np.lib.format.write_array(member, column, allow_pickle=False)
 
 
 def joined(found: Sequence[dict[str, Any]], reduce: str = "") -> dict[str, Any]:
@@ -203,6 +247,8 @@ def _read_png(path: str, data: bytes) -> Part:
     rows = zlib.decompressobj().decompress(b"".join(packed), size)
     if len(rows) != size:
         raise ValueError("it is too short")
+    if rows[0] not in _FILTERS:
+        raise ValueError("a row has an unknown filter")
     return _placed(path, texts, width, height, (head, keep, rows))
 
 
@@ -228,13 +274,11 @@ def _unfiltered(row: bytes) -> bytes:
         plain = values
     elif kind in (1, 4):
         plain = np.cumsum(values, axis=0, dtype=np.uint8)
-    elif kind == 3:
+    else:
         plain = np.empty_like(values)
         before = np.zeros(4, np.uint8)
         for i, value in enumerate(values):
             before = plain[i] = value + before // 2
-    else:
-        raise ValueError("a row has an unknown filter")
     return b"\0" + plain.tobytes()
 
 

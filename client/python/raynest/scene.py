@@ -13,7 +13,7 @@ from ._net.control import Message
 from ._net.frame import Array
 from ._paths import Paths
 from ._render import Renders
-from ._requests.arguments import Unpack, none_is_default, numbers, whole
+from ._requests.arguments import Unpack, has_shape, none_is_default, numbers, whole
 from ._requests.columns import Columns, Whole, anywhere, as_usual
 from ._requests.explain import check_explain, path_message, pixel_message, ray_message, receive_document
 from ._requests.film import warn_of_options
@@ -22,7 +22,7 @@ from ._requests.picture import Picture, camera_message, size_message, tile_messa
 from ._requests.precision import ray_warning
 from ._requests.query import Query, query_message
 from ._requests.rays import Rays, Source, Starts, flat_pairs, masked, segments, spread, vector
-from ._requests.words import scene_info
+from ._requests.words import rows_of, scene_info
 from ._session import Session
 from .edits import Edit
 from .errors import InvalidError, RayWarning, UsageError, warn
@@ -339,7 +339,7 @@ class Scene(Renders, Paths):
         i32. Cameras, `tile` and `detach` are those of render(); a tile has no png."""
         colours = {"palette": palette, "scale": scale, "range": range}
         if not isinstance(range, str):
-            if np.shape(range) != (2,):
+            if not has_shape(range, 2):
                 raise UsageError(f"range of {range!r}: it must be 'p99', 'auto' or (low, high)")
             range = f"{float(range[0])!r}:{float(range[1])!r}"
         answer = self._picture("Heatmap", camera, look_at, fov, size, progress, detach, job, {
@@ -481,7 +481,7 @@ class Scene(Renders, Paths):
         plural = {"name": "names", "alpha_mode": "alpha_modes"}
         pages = self._client.pages("Parts", "PartList", "names", scene=self.name, kind=kind)
         return [dict(zip(keys, row)) for page in pages
-                for row in zip(*(page[plural.get(key, key)] for key in keys))]
+                for row in rows_of(page, *(plural.get(key, key) for key in keys))]
 
     def pin(self, on: bool = True) -> None:
         """Keeps the scene in memory, whatever is loaded, also after a restart; `on=False` ends that."""

@@ -172,6 +172,7 @@ class _Reader:
     def __init__(self, data: bytes) -> None:
         self._data = data
         self._tables = 0
+        self._left = _limits.control_bytes_max  # of texts and lists
 
     def table(self, name: str, at: int, depth: int) -> Message:
         self._tables += 1
@@ -213,7 +214,7 @@ class _Reader:
         count = self._number("I", at)
         form = _item_format(field.type)
         size = struct.calcsize(form)
-        self._check(at + 4, count * size)
+        self._take(at + 4, count * size)
         if field.type in SCALARS:
             return list(struct.unpack_from(f"<{count}{form[1:]}", self._data, at + 4))
         if field.type in SCHEMA.structs:
@@ -224,7 +225,7 @@ class _Reader:
         if kind != "string":
             return self.table(kind, at, depth + 1)
         count = self._number("I", at)
-        self._check(at + 4, count)
+        self._take(at + 4, count)
         try:
             text = self._data[at + 4:at + 4 + count].decode("utf-8")
         except UnicodeDecodeError:
@@ -232,6 +233,13 @@ class _Reader:
         if _CONTROL_CHARACTER.search(text):
             raise ProtocolError("the daemon sent a text with control characters")
         return text
+
+    def _take(self, at: int, size: int) -> None:
+        """Checks a text or list. Offsets may name one many times, each of which costs memory here."""
+        self._check(at, size)
+        self._left -= size
+        if self._left < 0:
+            raise ProtocolError("the daemon sent a message that repeats its texts or lists")
 
     def follow(self, at: int) -> int:
         return at + int(self._number("I", at))

@@ -2,12 +2,13 @@
 from __future__ import annotations
 
 import contextlib
+import fcntl
 import os
 import pathlib
 import re
 import stat
 import tempfile
-from typing import Any, NamedTuple
+from typing import Any, Iterator, NamedTuple
 
 from .. import errors
 from .uri import comparable
@@ -42,16 +43,37 @@ def find_host(uri: str) -> dict[str, str]:
 
 def forget_host(uri: str) -> bool:
     """Removes all that is kept of a daemon. Returns False where nothing was."""
+    with _alone():
+        return _forget(uri)
+
+
+@contextlib.contextmanager
+def _alone() -> Iterator[None]:
+    """Holds the folder: who reads hosts.toml and writes it again would lose what another wrote meanwhile."""
+    try:
+        folder = os.open(hosts_file().parent, os.O_RDONLY | os.O_DIRECTORY | os.O_CLOEXEC)
+    except OSError:
+        yield  # there is nothing to change, or _read() says why not
+        return
+    try:
+        fcntl.flock(folder, fcntl.LOCK_EX)
+        yield
+    finally:
+        os.close(folder)
+
+
+def _forget(uri: str) -> bool:
     hosts, name = _read(), comparable(uri)
     kept = [text for text, about in hosts.lines if about != name or text.startswith("#")]
     if len(kept) == len(hosts.lines):
         return False
     file = hosts_file()
+    there = os.path.realpath(file)  # it may be a link into a folder of its own
     try:
-        descriptor, made = tempfile.mkstemp(prefix="hosts.toml.", dir=file.parent)  # mode 0600
+        descriptor, made = tempfile.mkstemp(prefix="hosts.toml.", dir=os.path.dirname(there))  # mode 0600
         with open(descriptor, "wb") as opened:
             opened.write("".join(text + "\n" for text in kept).encode("utf-8", "surrogateescape"))
-        os.replace(made, file)
+        os.replace(made, there)
     except OSError as error:
         raise errors.UsageError(f"cannot write {file}: {error.strerror}") from None
     for key in FILES:
@@ -66,7 +88,7 @@ def forget_host(uri: str) -> bool:
 def _read() -> Hosts:
     file = hosts_file()
     try:
-        with open(file, "rb") as opened:
+        with open(os.open(file, os.O_RDONLY | os.O_CLOEXEC | os.O_NONBLOCK), "rb") as opened:
             mode = os.fstat(opened.fileno()).st_mode
             if not stat.S_ISREG(mode) or mode & 0o077:
                 raise errors.UsageError(f"other users may read {file}, and it holds a token; chmod 600 "

@@ -108,6 +108,14 @@ def numbers(what: str, value: Any) -> Array:
     return out
 
 
+def has_shape(value: Any, *shape: int) -> bool:
+    """False also for rows of several lengths, which have no shape."""
+    try:
+        return np.shape(value) == shape
+    except ValueError:
+        return False
+
+
 def real(what: str, value: Any) -> float:
     number = numbers(what, value)
     if number.ndim:

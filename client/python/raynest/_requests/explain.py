@@ -13,7 +13,7 @@ from .._net.connection import Connection
 from .._net.control import Message
 from .._net.frame import Array
 from ..errors import ProtocolError, UsageError, shown_text
-from .arguments import float32, numbers, whole
+from .arguments import float32, has_shape, numbers, whole
 from .film import film_message, given_of, is_lit
 from .job import Outcome, Progress
 from .picture import Picture
@@ -50,7 +50,7 @@ def ray_message(ray: Any, origin: Array) -> Message:
 
 
 def pixel_message(pixel: Sequence[int]) -> Message:
-    if np.shape(pixel) != (2,):
+    if not has_shape(pixel, 2):
         raise UsageError(f"pixel of {reprlib.repr(pixel)}: it must be (x, y), from the upper left corner")
     x, y = (whole("a pixel's place", place, _limits.picture_side_max, 0) for place in pixel)
     return {"pixel_x": x, "pixel_y": y}

@@ -15,13 +15,15 @@ from ..errors import ProtocolError, shown_text
 MAGIC = 20000630
 LINES = 16  # of a block
 ZIP = 3
+CHANNELS_MAX = 512  # every counter of every level
 DTYPES = {0: np.dtype("<u4"), 2: np.dtype("<f4")}
 
 
-def read_exr(data: bytes, pixels_max: int) -> tuple[dict[str, Array], dict[str, str]]:
-    """Returns (channels by name, each (height, width), and the texts of the header)."""
+def read_exr(data: bytes, pixels_max: int, channels_max: int = CHANNELS_MAX) -> tuple[dict[str, Array], dict[str, str]]:
+    """Returns (channels by name, each (height, width), and the texts of the header). What it makes is larger than the
+    file: the limits are those of what was asked for."""
     try:
-        return _read(memoryview(data), pixels_max)
+        return _read(memoryview(data), pixels_max, channels_max)
     except (struct.error, zlib.error, ValueError, IndexError, KeyError) as error:
         raise ProtocolError(f"the daemon sent an EXR that cannot be read: {error}") from None
 
@@ -31,7 +33,7 @@ def _word(data: memoryview, at: int) -> tuple[str, int]:
     return shown_text(bytes(data[at:at + end]).decode()), at + end + 1
 
 
-def _read(data: memoryview, pixels_max: int) -> tuple[dict[str, Array], dict[str, str]]:
+def _read(data: memoryview, pixels_max: int, channels_max: int) -> tuple[dict[str, Array], dict[str, str]]:
     if struct.unpack_from("<I", data)[0] != MAGIC or struct.unpack_from("<I", data, 4)[0] & 0xFF != 2:
         raise ValueError("it is none")
     header: dict[str, memoryview] = {}
@@ -55,6 +57,8 @@ def _read(data: memoryview, pixels_max: int) -> tuple[dict[str, Array], dict[str
         name, place = _word(rest, place)
         names.append((name, DTYPES[struct.unpack_from("<I", rest, place)[0]]))
         place += 16
+    if len(names) > channels_max:
+        raise ValueError(f"it has {len(names)} channels")
     planes = {name: np.empty((height, width), dtype) for name, dtype in names}
     for number, offset in enumerate(struct.unpack_from(f"<{-(-height // LINES)}Q", data, at)):
         first, packed = struct.unpack_from("<iI", data, offset)

@@ -10,14 +10,15 @@ from .. import _limits
 from .._net.control import Message
 from .._net.frame import Array
 from ..errors import InvalidError, RayWarning, UsageError, warn
-from .arguments import count_of, numbers, real, whole
+from .arguments import count_of, has_shape, numbers, real, whole
 from .exr import read_exr
-from .files import read_file
+from .files import path_text, read_file
 from .job import Outcome
 from .upload import FileSender
 
 ENVIRONMENT_BYTES_MAX = 512 << 20
 LIT_SAMPLES = 16
+LIT_CHANNELS_MAX = 64
 # At most, of a picture that ends where its error is small enough.
 NOISE_SAMPLES = 1024
 # Layers of several channels, by the name under which they are returned.
@@ -73,7 +74,7 @@ def film_message(integrator: str, spp: int, seed: int, fields: dict[str, Any]) -
 
 
 def sun_angles(sun: Any) -> tuple[float, float]:
-    if isinstance(sun, str) or np.shape(sun) != (2,):
+    if isinstance(sun, str) or not has_shape(sun, 2):
         raise UsageError(f"sun of {sun!r}: it must be (azimuth, elevation) in degrees")
     azimuth, elevation = numbers("sun", sun).astype(np.float64).tolist()
     if not abs(elevation) <= 90:
@@ -90,9 +91,8 @@ class EnvironmentFile(FileSender):
         if environment is None or environment in ("", "auto", "sky", "none"):
             self.message = {"environment": environment or ""}
             return
-        data = environment if isinstance(environment, bytes) else \
-            read_file(os.fspath(environment), ENVIRONMENT_BYTES_MAX)
-        name = "the environment" if isinstance(environment, bytes) else os.fspath(environment)
+        name = "the environment" if isinstance(environment, bytes) else path_text("environment", environment)
+        data = environment if isinstance(environment, bytes) else read_file(name, ENVIRONMENT_BYTES_MAX)
         if not data:
             raise InvalidError(f"{name} is empty", "FILE_INVALID")
         if not data.startswith((b"\x76\x2f\x31\x01", b"#?RADIANCE", b"#?RGBE")):
@@ -101,8 +101,8 @@ class EnvironmentFile(FileSender):
         self.message = {"environment": "picture", "environment_bytes": len(data)}
 
 
-def layers_of(file: bytes, outcome: Outcome, last: bool) -> Layers:
-    channels, texts = read_exr(file, _limits.picture_pixels_max)
+def layers_of(file: bytes, outcome: Outcome, last: bool, pixels_max: int = _limits.picture_pixels_max) -> Layers:
+    channels, texts = read_exr(file, pixels_max, LIT_CHANNELS_MAX)
     layers = Layers()
     for name, members in GROUPS.items():
         if all(member in channels for member in members):

@@ -12,7 +12,7 @@ from .._lists import Worker
 from .._net.control import Message
 from .._net.frame import Array
 from .._wording import localize_message
-from ..errors import RayWarning, UsageError, warn
+from ..errors import ProtocolError, RayWarning, UsageError, warn
 from .arguments import milliseconds
 from .selection import selection_lists
 
@@ -66,6 +66,11 @@ class Outcome(dict[str, Any]):
         if name == "Started":
             self["origin"] = origin_of(self)
             del self["hidden"]
+
+    def check_started(self) -> None:
+        """What a job is answered with begins with what runs."""
+        if "origin" not in self:
+            raise ProtocolError("the daemon ended a request that it had not started")
 
     rays_per_point = 0
     """Rays per point of a generator that starts from points, else 0."""
@@ -126,7 +131,10 @@ class SceneMoved(Exception):
 
 def origin_of(message: dict[str, Any]) -> list[float]:
     """Replaces the message's three origin fields by one list, which it returns."""
-    return [message.pop(f"origin_{axis}") for axis in "xyz"]
+    origin = [message.pop(f"origin_{axis}") for axis in "xyz"]
+    if not np.isfinite(origin).all():
+        raise ProtocolError("the daemon sent an origin that is not finite")
+    return origin
 
 
 def job_message(scene: str, options: JobOptions) -> Message:

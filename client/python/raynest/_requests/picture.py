@@ -12,7 +12,7 @@ from .._net.control import Message
 from .._net.frame import DTYPES, Array, Block
 from ..errors import ProtocolError, UsageError
 from ..images import Image, with_view
-from .arguments import float32, numbers, real, whole
+from .arguments import float32, has_shape, numbers, real, whole
 from .job import Outcome, Progress, SceneMoved
 
 # Maximum bytes of an encoded pixel: an EXR of four floats. Legend and header come on top.
@@ -93,6 +93,8 @@ class Picture:
                 if kind == "Picture" and not self._last and self._is_whole() \
                         and self._part == self._size():
                     yield
+        if self._kind != "json":
+            self.outcome.check_started()
         if not self._is_whole():
             raise ProtocolError("the daemon ended a picture before its last piece")
 
@@ -152,7 +154,7 @@ def tile_message(tile: Optional[Sequence[int]], shape: Message) -> tuple[Message
     """The fields of a tile (x, y, width, height) of the picture, and the shape of its payload."""
     if tile is None:
         return {}, shape
-    if np.shape(tile) != (4,):
+    if not has_shape(tile, 4):
         raise UsageError(f"tile of {tile!r}: it must be (x, y, width, height)")
     x, y, width, height = (whole("a number of tile", each, _limits.picture_side_max, 0) for each in tile)
     if not (0 < width <= shape["width"] - x and 0 < height <= shape["height"] - y):
@@ -162,7 +164,7 @@ def tile_message(tile: Optional[Sequence[int]], shape: Message) -> tuple[Message
 
 
 def size_message(size: tuple[int, int]) -> Message:
-    if np.shape(size) != (2,):
+    if not has_shape(size, 2):
         raise UsageError(f"size of {size!r}: it must be (width, height)")
     width, height = (whole("a side of size", side, _limits.picture_side_max) for side in size)
     if width * height > _limits.picture_pixels_max:

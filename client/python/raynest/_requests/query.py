@@ -70,9 +70,10 @@ class Answer:
                     if chunk.csr:
                         chunk.check_splits()
                     chunk.to_world(np.zeros(3) if self.origin is None else self.origin)
-                    for column in hidden:
+                    for column in set(hidden).difference(self.fields):
                         chunk.columns.pop(column, None)
                     yield chunk
+        self.outcome.check_started()
         if self.answered != (self.outcome.get("rows") if self.rows is None else self.rows):
             raise ProtocolError("the daemon ended a query before its last answer")
 

@@ -7,9 +7,19 @@ import numpy as np
 
 from .._net.control import Message
 from .._wording import localize_message
+from ..errors import ProtocolError
 from .job import origin_of
 
 _NO_NODE = 2**32 - 1
+
+
+def rows_of(message: Message, *names: str, absent: Any = None) -> list[tuple[Any, ...]]:
+    """The rows of a message's lists, which are equally long. An older daemon leaves out those that have an `absent`."""
+    count = len(message[names[0]])
+    lists = [message[name] or [absent] * count if absent is not None else message[name] for name in names]
+    if any(len(each) != count for each in lists):
+        raise ProtocolError(f"the daemon sent lists of different lengths: {', '.join(names)}")
+    return list(zip(*lists))
 
 
 def scene_info(message: Message) -> dict[str, Any]:
@@ -20,9 +30,13 @@ def scene_info(message: Message) -> dict[str, Any]:
     info["warnings"] = [localize_message(warning) for warning in info["warnings"]]
     triangles = info["unique_triangles"]
     info["bytes_per_triangle"] = info["tree_bytes"] / triangles if triangles else 0.0
-    info["skipped"] = dict(zip(info.pop("skipped_reasons"), info.pop("skipped_counts")))
-    info["records"] = dict(zip(info.pop("record_types"), info.pop("record_counts")))
+    for key, names, counts in (("skipped", "skipped_reasons", "skipped_counts"),
+                               ("records", "record_types", "record_counts")):
+        info[key] = dict(rows_of(info, names, counts))
+        del info[names], info[counts]
     lower, upper = info["box_min"], info["box_max"]
+    if not all(map(np.isfinite, (*(lower or ()), *(upper or ())))) and not (lower and upper and lower[0] > upper[0]):
+        raise ProtocolError("the daemon sent a scene without finite bounds")
     is_empty = not lower or not upper or not lower[0] <= upper[0]
     for corner in ("box_min", "box_max"):
         info[corner] = None if is_empty else [_world(*place) for place in zip(info[corner], origin)]
@@ -35,7 +49,7 @@ def _world(relative: float, origin: float) -> float:
 
 
 def path_info(message: Message) -> dict[str, Any]:
-    columns = zip(message["steps"], message["instances"], message["uids"], message["nodes"])
+    columns = rows_of(message, "steps", "instances", "uids", "nodes")
     return {"path": message["path"], "name": message["name"], "steps": [
         {"name": name, "instance": instance, "uid": uid, "node": None if node == _NO_NODE else node}
         for name, instance, uid, node in columns]}
