@@ -16,6 +16,10 @@ struct Corner {
     std::uint32_t position = no_id, texcoord = no_id, normal = no_id;
 };
 
+/// So many vertices at a position are looked through for one that is the same. Without a bound, a
+/// position with a hundred thousand texture coordinates took minutes.
+constexpr int vertices_at_position_max = 64;
+
 /// The triangles of one object with one material, three corners each.
 struct Patch {
     std::uint32_t material = no_id;
@@ -209,9 +213,10 @@ private:
             if (!has_texcoords) corner.texcoord = no_id;
             std::uint32_t& first = first_use_[corner.position];
             std::uint32_t vertex = first;
+            int looked_at = 0;
             while (vertex != no_id && (vertices[vertex].corner.texcoord != corner.texcoord ||
                                        vertices[vertex].corner.normal != corner.normal))
-                vertex = vertices[vertex].next;
+                vertex = ++looked_at < vertices_at_position_max ? vertices[vertex].next : no_id;
             if (vertex == no_id) {
                 vertex = static_cast<std::uint32_t>(vertices.size());
                 vertices.push_back({corner, std::exchange(first, vertex)});
