@@ -333,6 +333,18 @@ class Formats(WithFiles):
         black = self.load("black.las", las_of(0 * colours), radius=1)
         np.testing.assert_array_equal(black.trace(rays, fields=("base_colour",))["base_colour"], 1)
 
+    def test_colours_of_text_files_go_to_1_or_to_255_in_the_whole_file(self):
+        # The first triangle is dark: alone it would look like one of shades up to 1.
+        points = [[0, 0, 0], [1, 0, 0], [0, 1, 0], [5, 0, 0], [6, 0, 0], [5, 1, 0]]
+        for colours in ([[1, 1, 0]] * 3 + [[200, 100, 50]] * 3, [[1, 0.5, 0]] * 3 + [[1.01, 0.2, 0]] * 3):
+            rows = [" ".join(map(str, [*point, *colour])) for point, colour in zip(points, colours)]
+            share = np.minimum(np.round(np.array(colours) * (1 if np.max(colours) > 2 else 255)), 255) / 255
+            linear = np.where(share <= 0.04045, share / 12.92, ((share + 0.055) / 1.055) ** 2.4)
+            for name, text in (("shades.obj", "".join(f"v {row}\n" for row in rows) + "f 1 2 3\nf 4 5 6\n"),
+                               ("shades.off", "COFF\n6 2 0\n" + "\n".join(rows) + "\n3 0 1 2\n3 3 4 5\n")):
+                hit = self.load(name, text).trace([[0.2, 0.2, 1, 0, 0, -1], [5.2, 0.2, 1, 0, 0, -1]], fields=("base_colour",))
+                np.testing.assert_allclose(hit["base_colour"][:, :3], linear[[0, 3]], atol=2e-3, err_msg=name)
+
     def test_heights(self):
         heights = RANDOM.uniform(0, 3, (9, 12))
         heights[4, 4] = np.nan
