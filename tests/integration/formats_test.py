@@ -135,7 +135,8 @@ def las(points, minor=2, scale=0.001, offset=(0, 0, 0), more=0):
     if minor == 4:
         struct.pack_into("<Q", head, 247, len(points) + more)
     rows = np.zeros(len(points), [("p", "<i4", 3), ("rest", "u1", size - 12)])
-    rows["p"] = np.round((points - offset) / scale)
+    with np.errstate(all="ignore"):
+        rows["p"] = np.round((points - offset) / scale)
     return bytes(head) + rows.tobytes()
 
 
@@ -270,9 +271,14 @@ class Formats(WithFiles):
                           + np.hstack([points, radii[:, None]]).astype("<f4").tobytes(), radius=0.25)
         survey = self.load("survey.las", las(np.round(points, 3)), radius=0.25)
         newer = self.load("newer.las", las(np.round(points, 3), minor=4), radius=0.25)
+        older = bytearray(las(np.round(points, 3), minor=4))  # with the count of LAS 1.3 alone
+        struct.pack_into("<I", older, 107, len(points))
+        struct.pack_into("<Q", older, 247, 0)
+        older = self.load("older.las", bytes(older), radius=0.25)
         rays = rays_at(points)
         for scene, centres, radius in ((cloud, points, radii), (fixed, points, 0.25),
-                                       (survey, np.round(points, 3), 0.25), (newer, np.round(points, 3), 0.25)):
+                                       (survey, np.round(points, 3), 0.25), (newer, np.round(points, 3), 0.25),
+                                       (older, np.round(points, 3), 0.25)):
             off_centre = rays[:, None, :3] - centres
             b = (off_centre * rays[:, None, 3:]).sum(2)
             root = b * b - (off_centre ** 2).sum(2) + np.asarray(radius, np.float64) ** 2
@@ -461,6 +467,10 @@ class Formats(WithFiles):
                 ("j.npz", bytes(flipped), "checksum"),
                 ("a.las", b"LASF" + bytes(100), "cut short"), ("b.las", las(np.eye(3), more=5) , "cut short"),
                 ("c.las", las(np.eye(3), minor=4, more=1 << 60), "cut short"),
+                ("e.las", las(np.eye(3), scale=0), "scale"), ("f.las", las(np.eye(3), scale=np.nan), "scale"),
+                ("g.las", las(np.eye(3), offset=(np.inf, 0, 0)), "scale"),
+                ("h.las", las(np.eye(3))[:104] + b"\x0b" + las(np.eye(3))[105:], "format 11"),
+                ("i.las", las(np.eye(3))[:104] + b"\x01" + las(np.eye(3))[105:], "too short"),
                 ("d.las", las(np.eye(3))[:104] + b"\x83" + las(np.eye(3))[105:], "LAZ"), ("a.laz", b"LASF", "laszip"),
                 ("a.ply", b"", "empty")):
             with self.subTest(name + " " + words):
