@@ -69,7 +69,9 @@ std::vector<std::string> obj_names(std::string_view file, std::span<const std::b
     const std::string ending = extension_of(std::string(file));
     if (ending != ".obj" && ending != ".mtl") return names;
     const std::string_view wanted = ending == ".obj" ? "mtllib" : "map_Kd";
-    const std::string_view text(reinterpret_cast<const char*>(bytes.data()), bytes.size());
+    std::string_view text(reinterpret_cast<const char*>(bytes.data()), bytes.size());
+    // The mark that Windows programs write before UTF-8 is no part of the text.
+    if (text.starts_with("\xEF\xBB\xBF")) text.remove_prefix(3);
     for (std::size_t at = text.find(wanted); at != std::string_view::npos;
          at = text.find(wanted, at + 1)) {
         const std::size_t before = text.substr(0, at).find_last_not_of(blanks);

@@ -135,9 +135,13 @@ def las(points, minor=2, scale=0.001, offset=(0, 0, 0), more=0):
     if minor == 4:
         struct.pack_into("<Q", head, 247, len(points) + more)
     rows = np.zeros(len(points), [("p", "<i4", 3), ("rest", "u1", size - 12)])
-    rows["p"] = np.round((points - offset) / scale)
+    with np.errstate(all="ignore"):
+        rows["p"] = np.round((points - offset) / scale)
     return bytes(head) + rows.tobytes()
 
+
+# Windows programs write it before UTF-8.
+MARK = b"\xef\xbb\xbf"
 
 MESHES = {
     "ascii.ply": ply_mesh("ascii"), "little.ply": ply_mesh("binary_little_endian"),
@@ -150,6 +154,9 @@ MESHES = {
     "joined.obj": obj().replace(b"f ", b"f \\\n"),
     "plain.off": off(), "colours.off": off(colours=True), "windows.off": off().replace(b"\n", b"\r\n"),
     "plain.npz": npz(vertices=VERTICES, faces=FACES),
+    "loud.stl": stl_ascii().upper().replace(b"NORMAL 0 0 0", b"NORMAL -1.#IND 1.#QNAN -NAN(IND)"),
+    "marked.stl": MARK + stl_ascii(), "marked.off": MARK + off(), "marked.ply": MARK + ply_mesh("ascii"),
+    "marked.obj": MARK + obj(),
     "packed.npz": npz(compressed=True, vertices=VERTICES.astype(np.float32), faces=FACES.astype(np.uint16)),
     "short.npz": npz(v=np.asfortranarray(VERTICES), f=FACES.astype(np.int32)),
 }
@@ -230,6 +237,30 @@ class Formats(WithFiles):
             self.assertEqual(scene.info["unique_triangles"], 8)
             np.testing.assert_array_equal(scene.trace(rays, fields=("prim",))["prim"] != NONE, inside)
 
+    def test_a_polygon_of_many_corners_that_is_not_convex(self):
+        # A gear: 1500 corners on two radii, so that a fan would cover what lies between its teeth.
+        turn = np.arange(1500) * 2 * np.pi / 1500
+        gear = np.stack([np.cos(turn), np.sin(turn), 0 * turn], 1) * np.where(np.arange(1500) % 2, 0.5, 1)[:, None]
+        scene = self.load("gear.obj", "".join("v {!r} {!r} {!r}\n".format(*p) for p in gear.tolist())
+                          + "f " + " ".join(str(i + 1) for i in range(1500)))
+        between = (np.arange(1, 1500, 2)) * 2 * np.pi / 1500
+        for radius, is_hit in ((0.49, True), (0.51, False), (0.99, False)):
+            rays = np.zeros((750, 6))
+            rays[:, 0], rays[:, 1], rays[:, 2], rays[:, 5] = radius * np.cos(between), radius * np.sin(between), 1, -1
+            hit = scene.trace(rays, fields=("prim",))["prim"] != NONE
+            self.assertEqual(hit.mean(), float(is_hit), radius)
+
+    def test_time_grows_with_the_file(self):
+        """Each of these took minutes: a position with many texture coordinates, an MTL named again and again."""
+        corner = "v 0 0 0\nv 1 0 0\nv 0 1 0\n"
+        count = 60_000
+        chain = self.load("chain.obj", corner + "".join(f"vt {i} 0\n" for i in range(count))
+                          + "".join(f"f 1/{i} 2/{i} 3/{i}\n" for i in range(1, count + 1)))
+        self.assertEqual(chain.info["unique_triangles"], count)
+        self.write("many.mtl", "".join(f"newmtl m{i}\nKd 1 0 0\n" for i in range(20_000)))
+        many = self.load("many.obj", "mtllib many.mtl\n" * 3000 + corner + "usemtl m7\nf 1 2 3\n")
+        self.assertEqual(many.info["unique_triangles"], 1)
+
     def test_points_are_spheres(self):
         points = RANDOM.uniform(-5, 5, (300, 3)).astype(np.float32).astype(np.float64)
         radii = RANDOM.uniform(0.1, 0.4, 300).astype(np.float32)
@@ -240,9 +271,14 @@ class Formats(WithFiles):
                           + np.hstack([points, radii[:, None]]).astype("<f4").tobytes(), radius=0.25)
         survey = self.load("survey.las", las(np.round(points, 3)), radius=0.25)
         newer = self.load("newer.las", las(np.round(points, 3), minor=4), radius=0.25)
+        older = bytearray(las(np.round(points, 3), minor=4))  # with the count of LAS 1.3 alone
+        struct.pack_into("<I", older, 107, len(points))
+        struct.pack_into("<Q", older, 247, 0)
+        older = self.load("older.las", bytes(older), radius=0.25)
         rays = rays_at(points)
         for scene, centres, radius in ((cloud, points, radii), (fixed, points, 0.25),
-                                       (survey, np.round(points, 3), 0.25), (newer, np.round(points, 3), 0.25)):
+                                       (survey, np.round(points, 3), 0.25), (newer, np.round(points, 3), 0.25),
+                                       (older, np.round(points, 3), 0.25)):
             off_centre = rays[:, None, :3] - centres
             b = (off_centre * rays[:, None, 3:]).sum(2)
             root = b * b - (off_centre ** 2).sum(2) + np.asarray(radius, np.float64) ** 2
@@ -302,6 +338,18 @@ class Formats(WithFiles):
         np.testing.assert_allclose(town.trace(rays, fields=("base_colour",))["base_colour"], linear[there], atol=1e-6)
         black = self.load("black.las", las_of(0 * colours), radius=1)
         np.testing.assert_array_equal(black.trace(rays, fields=("base_colour",))["base_colour"], 1)
+
+    def test_colours_of_text_files_go_to_1_or_to_255_in_the_whole_file(self):
+        # The first triangle is dark: alone it would look like one of shades up to 1.
+        points = [[0, 0, 0], [1, 0, 0], [0, 1, 0], [5, 0, 0], [6, 0, 0], [5, 1, 0]]
+        for colours in ([[1, 1, 0]] * 3 + [[200, 100, 50]] * 3, [[1, 0.5, 0]] * 3 + [[1.01, 0.2, 0]] * 3):
+            rows = [" ".join(map(str, [*point, *colour])) for point, colour in zip(points, colours)]
+            share = np.minimum(np.round(np.array(colours) * (1 if np.max(colours) > 2 else 255)), 255) / 255
+            linear = np.where(share <= 0.04045, share / 12.92, ((share + 0.055) / 1.055) ** 2.4)
+            for name, text in (("shades.obj", "".join(f"v {row}\n" for row in rows) + "f 1 2 3\nf 4 5 6\n"),
+                               ("shades.off", "COFF\n6 2 0\n" + "\n".join(rows) + "\n3 0 1 2\n3 3 4 5\n")):
+                hit = self.load(name, text).trace([[0.2, 0.2, 1, 0, 0, -1], [5.2, 0.2, 1, 0, 0, -1]], fields=("base_colour",))
+                np.testing.assert_allclose(hit["base_colour"][:, :3], linear[[0, 3]], atol=2e-3, err_msg=name)
 
     def test_heights(self):
         heights = RANDOM.uniform(0, 3, (9, 12))
@@ -383,6 +431,8 @@ class Formats(WithFiles):
                 for _ in range(1200):
                     member.write(bytes(1 << 20))
         at = square.index(b"PK\1\2") + 24
+        flipped = bytearray(square)
+        flipped[square.index(struct.pack("<d", 1)) + 5] ^= 0x10
         lying = square[:at] + b"\xff\xff\xff\x7f" + square[at + 4:]
         for name, data, words in (
                 ("a.ply", "plx\n", "does not begin"), ("b.ply", "ply\nformat ascii 1.0\n", "end_header"),
@@ -414,8 +464,13 @@ class Formats(WithFiles):
                 ("f.npz", npz(vertices=np.eye(4), faces=np.array([[0, 1, 2]])), "(N, 3)"),
                 ("g.npz", npz(vertices=np.eye(3), faces=np.eye(3)), "whole numbers"),
                 ("h.npz", bomb.getvalue(), "unpacks to over 1024 MiB"), ("i.npz", lying, "limit|longer|MiB|beyond"),
+                ("j.npz", bytes(flipped), "checksum"),
                 ("a.las", b"LASF" + bytes(100), "cut short"), ("b.las", las(np.eye(3), more=5) , "cut short"),
                 ("c.las", las(np.eye(3), minor=4, more=1 << 60), "cut short"),
+                ("e.las", las(np.eye(3), scale=0), "scale"), ("f.las", las(np.eye(3), scale=np.nan), "scale"),
+                ("g.las", las(np.eye(3), offset=(np.inf, 0, 0)), "scale"),
+                ("h.las", las(np.eye(3))[:104] + b"\x0b" + las(np.eye(3))[105:], "format 11"),
+                ("i.las", las(np.eye(3))[:104] + b"\x01" + las(np.eye(3))[105:], "too short"),
                 ("d.las", las(np.eye(3))[:104] + b"\x83" + las(np.eye(3))[105:], "LAZ"), ("a.laz", b"LASF", "laszip"),
                 ("a.ply", b"", "empty")):
             with self.subTest(name + " " + words):

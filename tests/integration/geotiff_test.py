@@ -8,6 +8,7 @@ import pathlib
 import struct
 import subprocess
 import sys
+import warnings
 import zlib
 
 import numpy as np
@@ -105,6 +106,22 @@ class Geotiff(WithFiles):
                 self.assertEqual(scene.info["unique_triangles"], 2 * 36 * 28)
                 # Chosen, so that the map's coordinates keep their digits.
                 self.assertGreater(np.abs(scene.origin).max(), 1e6)
+
+    def test_tiles_that_are_left_out(self):
+        """GDAL's SPARSE_OK: tiles without bytes have no known heights, or 0 in a file that knows no holes."""
+        for no_data, is_hole in (("-9999", True), ("nan", True), (None, False)):
+            data = bytearray(tiff(tile=16, no_data=no_data))
+            table, = struct.unpack_from("<I", data, 4)
+            for slot in range(table + 2, table + 2 + 12 * struct.unpack_from("<H", data, table)[0], 12):
+                tag, _, _, at = struct.unpack_from("<HHII", data, slot)
+                if tag in (324, 325):
+                    struct.pack_into("<I", data, at, 0)  # of the first tile
+            with warnings.catch_warnings(record=True) as told:
+                warnings.simplefilter("always")
+                scene = self.load(bytes(data))
+            self.assertEqual(any("256 heights are not known" in str(warning.message) for warning in told), is_hole)
+            hit = scene.trace(down(TIE[3] + 10.2, TIE[4] - 15.4), fields=("t",))["t"]
+            self.assertEqual([bool(np.isfinite(t) and abs(t - 1000) < 0.01) for t in hit], [not is_hole])
 
     def test_with_z_up_hits_are_in_the_maps_coordinates(self):
         scene = self.load(tiff(), up="z")

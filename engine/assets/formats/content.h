@@ -51,8 +51,8 @@ Result<SceneDescription> place(FileContent content, const ImportRequest& request
                                const ImportLimits& limits);
 
 /// Appends the triangles of a polygon of three or more corners: a fan where it is convex, else by
-/// cutting ears. A polygon of over 1000 corners is a fan in any case, so that the time stays
-/// linear. `corners` are numbers of `positions`, `out` gets places in `corners`.
+/// cutting ears. A polygon of over 10,000 corners is a fan in any case, so that its time stays
+/// below some seconds. `corners` are numbers of `positions`, `out` gets places in `corners`.
 void triangulate(const std::vector<glm::dvec3>& positions,
                  const std::vector<std::uint32_t>& corners, std::vector<std::uint32_t>& out);
 

@@ -208,6 +208,7 @@ public:
         std::uint32_t number = 0;
         for (std::uint64_t row = 0; row < grid_.rows; row += height) {
             for (std::uint64_t column = 0; column < grid_.columns; column += width, ++number) {
+                if (is_left_out(number)) continue;
                 const auto size = static_cast<tmsize_t>(bytes);
                 const tmsize_t got = is_tiled
                                          ? TIFFReadEncodedTile(tiff_, number, part.data(), size)
@@ -222,6 +223,11 @@ public:
     }
 
 private:
+    [[nodiscard]] bool is_left_out(std::uint32_t number) const {
+        int failed = 0;
+        return TIFFGetStrileOffsetWithErr(tiff_, number, &failed) == 0 && failed == 0 &&
+               TIFFGetStrileByteCountWithErr(tiff_, number, &failed) == 0 && failed == 0;
+    }
     void take(const unsigned char* part, std::uint64_t row, std::uint64_t column,
               std::uint64_t rows, std::uint64_t width) {
         const std::uint64_t columns = std::min(width, grid_.columns - column);
@@ -301,7 +307,11 @@ Result<HeightGrid> decode(std::span<const std::byte> file, std::uint64_t heights
     auto map = map_of(tiff.get(), geo_key(keys, raster_type_key) == 2);
     if (!map) return tl::unexpected(map.error());
     grid.to_map = *map;
-    grid.heights.resize(std::size_t{columns} * rows);
+    // GDAL leaves out tiles of which no height is known, or else those that are 0 throughout.
+    const auto no_data_text = text_of(tiff.get(), no_data_tag);
+    const bool knows_holes = no_data_text && !no_data_text->empty();
+    grid.heights.assign(std::size_t{columns} * rows,
+                        knows_holes ? std::numeric_limits<double>::quiet_NaN() : 0);
     if (auto done = Reader(tiff.get(), grid, sample, *no_data).read(); !done)
         return tl::unexpected(done.error());
     return grid;

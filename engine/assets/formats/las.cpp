@@ -5,6 +5,7 @@
 
 #include <algorithm>
 #include <array>
+#include <cmath>
 #include <cstring>
 
 namespace raynest {
@@ -12,6 +13,10 @@ namespace {
 
 constexpr std::size_t header_bytes_min = 227;  ///< of LAS 1.0 to 1.2
 constexpr std::size_t header_bytes_14 = 375;
+constexpr std::size_t formats = 11;
+/// The least bytes of a point in each format; more are a file's own.
+constexpr std::array<std::uint16_t, formats> point_bytes{20, 28, 26, 34, 57, 63,
+                                                         30, 36, 38, 59, 67};
 
 template <class Number>
 Number number_at(std::span<const std::byte> bytes, std::size_t at) {
@@ -32,11 +37,11 @@ tl::unexpected<Error> refuse_laz() {
 std::vector<std::uint8_t> read_colours(std::span<const std::byte> points, std::uint8_t format,
                                        std::uint16_t record_bytes, std::uint64_t count,
                                        FileContent& content) {
-    constexpr std::size_t formats = 11, none = 0;
+    constexpr std::size_t none = 0;
     constexpr std::array<std::size_t, formats> places{none, none, 20, 28,   none, 28,
                                                       none, 30,   30, none, 30};
-    const std::size_t place = format < formats ? places[format] : none;
-    if (place == none || record_bytes < place + 3 * sizeof(std::uint16_t)) return {};
+    const std::size_t place = places[format];
+    if (place == none) return {};
     const auto channel = [&](std::uint64_t point, std::size_t i) {
         return number_at<std::uint16_t>(points, point * record_bytes + place + 2 * i);
     };
@@ -75,9 +80,13 @@ Result<FileContent> read_las(const ImportRequest& request, const ImportLimits& l
     const auto data_at = number_at<std::uint32_t>(file, 96);
     const auto record_bytes = number_at<std::uint16_t>(file, 105);
     std::uint64_t count = number_at<std::uint32_t>(file, 107);
-    if (minor == 4 && file.size() >= header_bytes_14) count = number_at<std::uint64_t>(file, 247);
-    constexpr std::uint16_t record_bytes_min = 20;  // of format 0
-    if (record_bytes < record_bytes_min || data_at < header_bytes_min || data_at > file.size())
+    // Some programs fill in the older count alone.
+    if (minor == 4 && file.size() >= header_bytes_14)
+        if (const auto wide = number_at<std::uint64_t>(file, 247); wide != 0) count = wide;
+    if (format >= formats)
+        return fail(ErrorCode::scene_unsupported,
+                    fmt::format("has points of format {}; 0 to 10 are read", format));
+    if (record_bytes < point_bytes[format] || data_at < header_bytes_min || data_at > file.size())
         return fail(ErrorCode::scene_invalid,
                     "has a damaged header: its points lie outside the file or are too short");
     const std::uint64_t there = (file.size() - data_at) / record_bytes;
@@ -90,6 +99,11 @@ Result<FileContent> read_las(const ImportRequest& request, const ImportLimits& l
                                                            count, limits.triangles_max));
     std::array<double, 6> scale_offset{};  // of x, y, z each
     std::memcpy(scale_offset.data(), file.data() + 131, sizeof scale_offset);
+    for (std::size_t i = 0; i < scale_offset.size(); ++i)
+        if (!std::isfinite(scale_offset[i]) || (i < 3 && scale_offset[i] == 0))
+            return fail(
+                ErrorCode::scene_invalid,
+                "has a damaged header: a scale is 0, or a scale or an offset is not finite");
     FileContent content;
     content.points.reserve(count);
     content.point_colours =

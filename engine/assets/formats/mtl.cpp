@@ -30,6 +30,7 @@ Result<void> MtlReader::read(std::string_view name) {
                         shown));
         return {};
     }
+    if (!read_.insert(*file).second) return {};  // some programs name it for each object
     const auto bytes = files_.read(*file);
     if (!bytes) return tl::unexpected<Error>(bytes.error());
     if (bytes->data() == nullptr) {

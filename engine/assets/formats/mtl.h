@@ -5,6 +5,7 @@
 #include "engine/assets/input/uploaded_files.h"
 
 #include <map>
+#include <set>
 #include <span>
 #include <string>
 #include <string_view>
@@ -36,6 +37,7 @@ private:
     std::string obj_;
     FileContent& content_;
     std::uint64_t image_bytes_left_;
+    std::set<std::string> read_;  ///< names of files
     std::map<std::string, std::uint32_t, std::less<>> materials_;
     std::map<std::string, std::uint32_t, std::less<>> textures_;
 };

@@ -21,6 +21,7 @@ using Bytes = std::span<const std::byte>;
 
 struct Entry {
     std::uint16_t method = 0;
+    std::uint32_t checksum = 0;  ///< CRC-32 of the unpacked bytes
     std::uint64_t packed_bytes = 0, bytes = 0, header_at = 0;
 };
 using Entries = std::map<std::string, Entry, std::less<>>;
@@ -61,10 +62,11 @@ Result<Entries> read_directory(Bytes file) {
         if (*end - at - entry_bytes < more) return damaged("its directory is damaged");
         const std::string name(reinterpret_cast<const char*>(file.data()) + at + entry_bytes,
                                name_bytes);
-        entries.emplace(name, Entry{number_at<std::uint16_t>(file, at + 10),
-                                    number_at<std::uint32_t>(file, at + 20),
-                                    number_at<std::uint32_t>(file, at + 24),
-                                    number_at<std::uint32_t>(file, at + 42)});
+        entries.emplace(
+            name,
+            Entry{number_at<std::uint16_t>(file, at + 10), number_at<std::uint32_t>(file, at + 16),
+                  number_at<std::uint32_t>(file, at + 20), number_at<std::uint32_t>(file, at + 24),
+                  number_at<std::uint32_t>(file, at + 42)});
         at += entry_bytes + more;
     }
     return entries;
@@ -124,6 +126,9 @@ public:
                     ErrorCode::scene_unsupported,
                     "is packed by other means than deflate: save it with numpy.savez_compressed");
             }
+            if (crc32_z(0, reinterpret_cast<const Bytef*>(all.data()), all.size()) !=
+                entry.checksum)
+                return damaged("an array has another checksum than when it was saved");
             return parse_npy({std::string(name), all}, limits_);
         }
         std::string there;

@@ -4,6 +4,7 @@
 #include "engine/assets/formats/formats.h"
 #include "engine/assets/formats/mtl.h"
 #include "engine/assets/formats/obj_names.h"
+#include "engine/assets/formats/shades.h"
 #include "engine/assets/formats/text_reader.h"
 
 #include <map>
@@ -15,6 +16,10 @@ namespace {
 struct Corner {
     std::uint32_t position = no_id, texcoord = no_id, normal = no_id;
 };
+
+/// So many vertices at a position are looked through for one that is the same. Without a bound, a
+/// position with a hundred thousand texture coordinates took minutes.
+constexpr int vertices_at_position_max = 64;
 
 /// The triangles of one object with one material, three corners each.
 struct Patch {
@@ -43,6 +48,8 @@ public:
                 fmt::format("{} left out; only faces can be hit",
                             counted(count, std::string("line of '") + what + "' is",
                                     std::string("lines of '") + what + "' are")));
+        if (!shades_.empty()) shades_.resize(4 * positions_.size(), no_shade);
+        colours_ = bytes_of_shades(shades_);
         first_use_.assign(positions_.size(), no_id);
         for (ObjObject& object : objects_) {
             FileObject& to = content_.objects.emplace_back();
@@ -82,10 +89,10 @@ private:
         glm::dvec3 colour;
         if (!text_.number(colour.x) || !text_.number(colour.y) || !text_.number(colour.z))
             return {};
-        colours_.resize(4 * (positions_.size() - 1), 255);
-        for (const double shade : {colour.x, colour.y, colour.z, 1.0})
-            colours_.push_back(
-                static_cast<std::uint8_t>(shade > 0 ? std::min(shade, 1.0) * 255 + 0.5 : 0));
+        shades_.resize(4 * (positions_.size() - 1), no_shade);
+        for (const double shade : {colour.x, colour.y, colour.z})
+            shades_.push_back(static_cast<float>(shade));
+        shades_.push_back(no_shade);
         return {};
     }
 
@@ -209,9 +216,10 @@ private:
             if (!has_texcoords) corner.texcoord = no_id;
             std::uint32_t& first = first_use_[corner.position];
             std::uint32_t vertex = first;
+            int looked_at = 0;
             while (vertex != no_id && (vertices[vertex].corner.texcoord != corner.texcoord ||
                                        vertices[vertex].corner.normal != corner.normal))
-                vertex = vertices[vertex].next;
+                vertex = ++looked_at < vertices_at_position_max ? vertices[vertex].next : no_id;
             if (vertex == no_id) {
                 vertex = static_cast<std::uint32_t>(vertices.size());
                 vertices.push_back({corner, std::exchange(first, vertex)});
@@ -219,7 +227,6 @@ private:
                 if (has_normals) rest.normals.push_back(normals_[corner.normal]);
                 if (has_texcoords) rest.texcoords[0].push_back(texcoords_[corner.texcoord]);
                 if (!colours_.empty()) {
-                    colours_.resize(4 * positions_.size(), 255);
                     const auto from =
                         colours_.begin() + 4 * static_cast<std::ptrdiff_t>(corner.position);
                     rest.colours.insert(rest.colours.end(), from, from + 4);
@@ -239,7 +246,8 @@ private:
     std::vector<glm::dvec3> positions_;
     std::vector<Vec3> normals_;
     std::vector<Vec2> texcoords_;
-    std::vector<std::uint8_t> colours_;  ///< empty, or RGBA of the first positions
+    std::vector<float> shades_;          ///< empty, or RGBA of the first positions
+    std::vector<std::uint8_t> colours_;  ///< empty, or RGBA of all positions
     std::vector<ObjObject> objects_;
     std::map<std::string, std::uint32_t, std::less<>> object_of_;
     std::map<std::string, std::uint64_t> left_out_;

@@ -1,26 +1,8 @@
 #include "engine/assets/formats/formats.h"
+#include "engine/assets/formats/shades.h"
 #include "engine/assets/formats/text_reader.h"
 
-#include <algorithm>
-#include <cmath>
-
 namespace raynest {
-namespace {
-
-/// Appends the colour of a vertex: three or four numbers up to 1, or up to 255 where one
-/// is above 1.
-void add_colour(std::span<const double> colour, std::vector<std::uint8_t>& colours) {
-    const bool is_byte = *std::max_element(colour.begin(), colour.end()) > 1;
-    for (std::size_t channel = 0; channel < 4; ++channel) {
-        const double most = is_byte ? 255 : 1;
-        const double value = channel < colour.size() ? colour[channel] : most;
-        const double share = value > 0 ? std::min(value / most, 1.0) : 0;
-        colours.push_back(static_cast<std::uint8_t>(std::lround(share * 255)));
-    }
-}
-
-}  // namespace
-
 Result<FileContent> read_off(const ImportRequest& request, const ImportLimits&) {
     const std::span<const std::byte> bytes = request.files.front().bytes;
     TextReader text(bytes);
@@ -59,6 +41,7 @@ Result<FileContent> read_off(const ImportRequest& request, const ImportLimits&) 
     FileGeometry& geometry = content.objects.back().geometries.back();
     geometry.positions.reserve(static_cast<std::size_t>(vertices));
     std::vector<double> row;
+    std::vector<float> shades;
     for (std::int64_t i = 0; i < vertices; ++i) {
         text.skip_comments('#');
         row.clear();
@@ -75,13 +58,13 @@ Result<FileContent> read_off(const ImportRequest& request, const ImportLimits&) 
         geometry.positions.emplace_back(row[0], row[1], row[2]);
         if (has_normals) geometry.rest.normals.push_back(Vec3(glm::dvec3(row[3], row[4], row[5])));
         if (row.size() < colour_at + 3) continue;
-        geometry.rest.colours.resize(4 * static_cast<std::size_t>(i), 255);
-        add_colour(
-            std::span(row).subspan(colour_at, std::min<std::size_t>(row.size() - colour_at, 4)),
-            geometry.rest.colours);
+        shades.resize(4 * static_cast<std::size_t>(i), no_shade);
+        row.resize(colour_at + 4, double{no_shade});
+        for (std::size_t channel = 0; channel < 4; ++channel)
+            shades.push_back(static_cast<float>(row[colour_at + channel]));
     }
-    if (!geometry.rest.colours.empty())
-        geometry.rest.colours.resize(4 * geometry.positions.size(), 255);
+    if (!shades.empty()) shades.resize(4 * geometry.positions.size(), no_shade);
+    geometry.rest.colours = bytes_of_shades(shades);
     std::vector<std::uint32_t> corners, triangles;
     for (std::int64_t i = 0; i < faces; ++i) {
         text.skip_comments('#');

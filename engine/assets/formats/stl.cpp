@@ -14,6 +14,14 @@ void add_facet(FileGeometry& geometry) {
     geometry.rest.indices.insert(geometry.rest.indices.end(), {end - 3, end - 2, end - 1});
 }
 
+/// Some programs write an ASCII file in upper case.
+std::string lower(std::string_view word) {
+    std::string made(word);
+    for (char& letter : made)
+        if (letter >= 'A' && letter <= 'Z') letter = static_cast<char>(letter - 'A' + 'a');
+    return made;
+}
+
 FileContent read_binary(std::span<const std::byte> facets, std::uint64_t count) {
     FileContent content;
     content.is_float32 = true;
@@ -37,7 +45,7 @@ Result<FileContent> read_text(std::span<const std::byte> bytes, const ImportLimi
     TextReader text(bytes);
     std::size_t corners = 0;  // of the current facet
     while (!text.at_end()) {
-        const std::string_view key = text.word();
+        const std::string key = lower(text.word());
         if (key == "solid") {
             if (content.objects.size() >= limits.nodes_max)
                 return text.refuse(fmt::format("the file has over {} solids", limits.nodes_max));
@@ -57,10 +65,8 @@ Result<FileContent> read_text(std::span<const std::byte> bytes, const ImportLimi
             add_facet(content.objects.back().geometries.back());
             corners = 0;
         } else if (key == "facet") {
-            glm::dvec3 unused;
-            text.word();  // "normal"; many programs leave it 0
-            static_cast<void>(text.number(unused.x) && text.number(unused.y) &&
-                              text.number(unused.z));
+            // The normal is unused: many programs leave it 0, or write "-1.#IND" for none.
+            for (int i = 0; i < 4 && !text.is_line_end(); ++i) text.word();
         } else if (key != "outer" && key != "loop" && key != "endloop" && key != "endsolid" &&
                    !key.empty()) {
             return text.refuse(fmt::format("'{}' is no line of an STL file", one_line(key, 40)));
@@ -83,8 +89,8 @@ Result<FileContent> read_stl(const ImportRequest& request, const ImportLimits& l
     const std::uint64_t whole = header_bytes + std::uint64_t{count} * facet_bytes;
     // Binary files may begin with "solid" too: the length tells them apart.
     const bool is_binary = bytes.size() >= header_bytes && bytes.size() == whole;
-    const std::size_t first = text.find_first_not_of(" \t\r\n");
-    if (!is_binary && first != std::string_view::npos && text.substr(first).starts_with("solid") &&
+    const std::size_t first = text.find_first_not_of(" \t\r\n\xEF\xBB\xBF");  // the mark of UTF-8
+    if (!is_binary && first != std::string_view::npos && lower(text.substr(first, 5)) == "solid" &&
         text.substr(0, 1024).find('\0') == std::string_view::npos)
         return read_text(bytes, limits);
     if (bytes.size() < whole || bytes.size() < header_bytes) {

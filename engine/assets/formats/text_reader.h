@@ -17,13 +17,16 @@
 namespace raynest {
 
 /// A place in a text. Lines end with LF, CR LF or CR; a backslash at a line's end joins the next
-/// one.
+/// one. The mark that Windows programs write before UTF-8 is no part of the text.
 class TextReader {
 public:
     explicit TextReader(std::span<const std::byte> bytes)
         : begin_(reinterpret_cast<const char*>(bytes.data())),
           at_(begin_),
-          end_(begin_ + bytes.size()) {}
+          end_(begin_ + bytes.size()) {
+        constexpr std::string_view mark = "\xEF\xBB\xBF";
+        if (std::string_view(begin_, bytes.size()).starts_with(mark)) at_ += mark.size();
+    }
 
     [[nodiscard]] bool at_end() const { return at_ == end_; }
     [[nodiscard]] std::size_t offset() const { return static_cast<std::size_t>(at_ - begin_); }

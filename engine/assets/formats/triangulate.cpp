@@ -38,46 +38,78 @@ bool is_convex(const std::vector<glm::dvec2>& flat) {
     return true;
 }
 
-/// True if the corner at `at` of the remaining ones can be cut off: it turns to the left, and no
-/// other corner lies in its triangle.
-bool is_ear(const std::vector<glm::dvec2>& flat, const Places& rest, std::size_t at) {
-    const std::uint32_t before = rest[(at + rest.size() - 1) % rest.size()];
-    const std::uint32_t after = rest[(at + 1) % rest.size()];
-    const glm::dvec2 a = flat[before];
-    const glm::dvec2 b = flat[rest[at]];
-    const glm::dvec2 c = flat[after];
-    if (!(area_of(a, b, c) > 0)) return false;
-    for (const std::uint32_t other : rest) {
-        const glm::dvec2 p = flat[other];
-        if (p == a || p == b || p == c) continue;
-        if (area_of(a, b, p) >= 0 && area_of(b, c, p) >= 0 && area_of(c, a, p) >= 0) return false;
+/// Cuts ears off a polygon that turns to the left: corners that turn to the left, with no other
+/// corner in their triangle.
+class EarCutter {
+public:
+    explicit EarCutter(const std::vector<glm::dvec2>& flat)
+        : flat_(flat),
+          before_(flat.size()),
+          after_(flat.size()) {
+        const auto count = static_cast<std::uint32_t>(flat.size());
+        for (std::uint32_t i = 0; i < count; ++i) {
+            before_[i] = (i + count - 1) % count;
+            after_[i] = (i + 1) % count;
+        }
     }
-    return true;
-}
+
+    /// Appends the triangles of the ears to `out`, and returns what remains: three corners, or more
+    /// where the polygon crosses itself or has no area.
+    Places cut(Places& out) {
+        std::size_t left = flat_.size();
+        std::uint32_t at = 0;
+        for (std::size_t tried = 0; left > 3 && tried < left;) {
+            if (!is_ear(at)) {
+                at = after_[at];
+                ++tried;
+                continue;
+            }
+            out.insert(out.end(), {before_[at], at, after_[at]});
+            after_[before_[at]] = after_[at];
+            before_[after_[at]] = before_[at];
+            --left;
+            at = before_[at];
+            tried = 0;
+        }
+        Places rest;
+        for (; left > 0; --left, at = after_[at]) rest.push_back(at);
+        return rest;
+    }
+
+private:
+    [[nodiscard]] bool is_ear(std::uint32_t at) const {
+        const glm::dvec2 a = flat_[before_[at]], b = flat_[at], c = flat_[after_[at]];
+        if (!(area_of(a, b, c) > 0)) return false;
+        for (std::uint32_t other = after_[after_[at]]; other != before_[at];
+             other = after_[other]) {
+            const glm::dvec2 p = flat_[other];
+            if (p == a || p == b || p == c) continue;
+            if (area_of(a, b, p) >= 0 && area_of(b, c, p) >= 0 && area_of(c, a, p) >= 0)
+                return false;
+        }
+        return true;
+    }
+
+    const std::vector<glm::dvec2>& flat_;
+    Places before_, after_;  ///< of the corners that remain
+};
 
 }  // namespace
 
 void triangulate(const std::vector<glm::dvec3>& positions, const Places& corners, Places& out) {
-    constexpr std::size_t ears_max = 1000;
+    constexpr std::size_t ears_max = 10'000;
     const std::size_t count = corners.size();
     const auto fan = [&](const Places& rest) {
         for (std::uint32_t i = 1; i + 1 < rest.size(); ++i)
             out.insert(out.end(), {rest[0], rest[i], rest[i + 1]});
     };
-    Places rest(count);
-    for (std::uint32_t i = 0; i < count; ++i) rest[i] = i;
-    if (count == 3 || count > ears_max) return fan(rest);
-    const std::vector<glm::dvec2> flat = flatten(positions, corners);
-    if (is_convex(flat)) return fan(rest);
-    while (rest.size() > 3) {
-        std::size_t at = 0;
-        while (at < rest.size() && !is_ear(flat, rest, at)) ++at;
-        if (at == rest.size()) break;  // it crosses itself or has no area
-        out.insert(out.end(), {rest[(at + rest.size() - 1) % rest.size()], rest[at],
-                               rest[(at + 1) % rest.size()]});
-        rest.erase(rest.begin() + static_cast<std::ptrdiff_t>(at));
+    if (count > 3 && count <= ears_max) {
+        const std::vector<glm::dvec2> flat = flatten(positions, corners);
+        if (!is_convex(flat)) return fan(EarCutter(flat).cut(out));
     }
-    fan(rest);
+    Places all(count);
+    for (std::uint32_t i = 0; i < count; ++i) all[i] = i;
+    fan(all);
 }
 
 }  // namespace raynest

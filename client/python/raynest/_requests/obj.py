@@ -11,8 +11,9 @@ _NUMBER = rb"[-+.0-9eE]+"
 _OPTION = re.compile(rb"-mm(?:[ \t]+" + _NUMBER + rb"){0,2}[ \t]+"
                      rb"|-[sot](?:[ \t]+" + _NUMBER + rb"){0,3}[ \t]+"
                      rb"|-[a-z]+[ \t]+[^ \t]+[ \t]+")
-_LINES = {".obj": re.compile(rb"^[ \t]*mtllib[ \t]+([^\r\n]+)", re.M),
-          ".mtl": re.compile(rb"^[ \t]*map_Kd[ \t]+([^\r\n]+)", re.M)}
+# Windows programs write a mark of three bytes before UTF-8.
+_LINES = {".obj": re.compile(rb"^(?:\xef\xbb\xbf)?[ \t]*mtllib[ \t]+([^\r\n]+)", re.M),
+          ".mtl": re.compile(rb"^(?:\xef\xbb\xbf)?[ \t]*map_Kd[ \t]+([^\r\n]+)", re.M)}
 
 
 def names_in(file: str, data: bytes) -> list[str]:
