@@ -160,10 +160,11 @@ requires(requires { T::lanes; }) RAYNEST_INLINE auto intersect(const R& ray, con
     F depth = fused(n.x * inverse, x, fused(n.y * inverse, y, n.z * inverse * a.z));
     hits.u = fused(e2.z, turn, e2.x * a.y - e2.y * a.x) * inverse;
     hits.v = (e1.y * a.x - e1.x * a.y - e1.z * turn) * inverse;
-    // A ray along the plane may have lost the sign of n d, or n d itself has vanished.
+    // n d may vanish. Otherwise it also tells the side: where it differs from det, a long triangle is
+    // met far from its corners, and det consists of their rounding errors.
+    F side = facing;
     const F most = F::splat(std::numeric_limits<float>::max());
-    const std::uint32_t usable =
-        less(zero, flip_sign(facing, det)) & less_equal(flip_sign(inverse, inverse), most);
+    const std::uint32_t usable = less_equal(flip_sign(inverse, inverse), most);
     if ((mask & ~usable) != 0) [[unlikely]] {
         const F share = F::splat(1) / scale;
         const F w = flip_sign(at_a, det) * share;
@@ -173,6 +174,7 @@ requires(requires { T::lanes; }) RAYNEST_INLINE auto intersect(const R& ray, con
         hits.v = select(usable, hits.v, v);
         const F mean = fused(w, a.z, fused(u, b.z, v * c.z));
         depth = select(usable, depth, mean);
+        side = select(usable, facing, det);
     }
     hits.u = minimum(maximum(hits.u, zero), F::splat(1));
     hits.v = minimum(maximum(hits.v, zero), F::splat(1) - hits.u);
@@ -180,7 +182,7 @@ requires(requires { T::lanes; }) RAYNEST_INLINE auto intersect(const R& ray, con
     hits.t = minimum(maximum(t, own.near), own.far);
     hits.mask = mask & less_equal(own.near, own.far) & less(in_lanes<N>(ray.tmin), hits.t) &
                 less_equal(hits.t, in_lanes<N>(ray.tmax));
-    hits.front = less(zero, det * in_lanes<N>(shear.scale));
+    hits.front = less(zero, side * in_lanes<N>(shear.scale));
     return hits;
 }
 

@@ -219,6 +219,11 @@ class Edits(WithDaemon):
                 (lambda edit: edit.hide([]), raynest.UsageError, "no instances"),
                 (lambda edit: edit.hide(1.5), TypeError, "names no instance"),
                 (lambda edit: edit.move(0, (1, 2)), raynest.UsageError, "has shape"),
+                (lambda edit: edit.place("birch-*", np.zeros((3, 3, 4))), raynest.UsageError,
+                 r"3 matrices for 1 target: .* list those, as \['row#0'"),
+                (lambda edit: edit.set_uid("birch-*", [1, 2]), raynest.UsageError, "2 uids for 1 target: .* list those"),
+                (lambda edit: edit.set_uid([0, 1], [1, 2, 3]), raynest.UsageError,
+                 "3 uids for 2 targets: give one, or one for each$"),
                 (lambda edit: edit.move([0, 1], np.zeros((3, 3, 4))), raynest.UsageError, "3 matrices for 2"),
                 (lambda edit: edit.set_mask(0, -1), raynest.UsageError, "whole number")):
             with self.subTest(words=words), self.assertRaisesRegex(kind, words):

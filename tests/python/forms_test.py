@@ -4,6 +4,7 @@
   forms_test.py RAYNESTD RAYNEST FLATC
 """
 import copy
+import io
 
 import numpy as np
 
@@ -43,6 +44,13 @@ class Forms(WithDaemon):
                 self.same(dict(self.woods.trace(DOWN, fields=("inst", "t", "path"), only=part)), dict(plain))
         for nothing in (None, [], (), np.array([], int)):
             self.assertEqual(self.woods.trace(DOWN, fields=("inst",), hide=nothing)["inst"][0], number)
+
+    def test_a_list_that_came_out_empty_does_not_show_everything(self):
+        for nothing in ([], (), set(), np.array([], int)):
+            for call in (lambda: self.woods.trace(DOWN, only=nothing), lambda: self.woods.heatmap(size=(8, 8), only=nothing),
+                         lambda: self.woods.heatmap(size=(8, 8), diff={"only": nothing})):
+                with self.assertRaisesRegex(raynest.UsageError, "only names no part"):
+                    call()
 
     def test_the_number_0_is_an_instance(self):
         ground = [[30, 50, 30, 0, -1, 0]]
@@ -87,10 +95,12 @@ class Forms(WithDaemon):
         sweep = generators.lidar([0.0], (0, 360, 4))
         for call, kind, says in (
                 (lambda: self.woods.trace(sweep, tmax=5), TypeError, "a generator takes tmin= and tmax="),
-                (lambda: self.woods.trace(DOWN, feilds=("t",)), TypeError, r"did you mean fields=\?"),
+                (lambda: self.woods.trace(DOWN, feilds=("t",)), TypeError, r"did you mean fields=\? Besides its own"),
                 (lambda: self.woods.trace(DOWN, intersecter="opaque"), TypeError, "did you mean intersector"),
                 (lambda: self.client.load("builtin:forest", "x", masks=3), raynest.UsageError, "dict of patterns"),
                 (lambda: self.client.load(b"glTF\2\0\0\0"), TypeError, "write these bytes to a file"),
+                (lambda: self.client.load(io.BytesIO(b"glTF")), TypeError, "write what it holds to a file"),
+                (lambda: self.client.load(3), TypeError, "type int: it must be a str or a path$"),
                 (lambda: self.client.load(b"woods.glb"), TypeError, r"os.fsdecode\(\)"),
                 (lambda: self.client.load("scan.laz"), raynest.InvalidError, "laszip"),
                 (lambda: self.client.load("SCAN.E57"), raynest.InvalidError, "points have no surface"),

@@ -11,7 +11,7 @@ from pathlib import Path
 import numpy as np
 
 import raynest
-from raynest import points, returns, sweeps
+from raynest import generators, points, returns, sweeps
 from with_daemon import WithDaemon, main, rain
 
 
@@ -124,6 +124,11 @@ class Returns(WithDaemon):
     def test_a_beam_without_width_measures_what_its_ray_meets(self):
         wall = self.client.mesh(*plate(50), name="plain")
         sweep = still([-10, 0, 12], (-80, 80, 300))
+        for wrong in (generators.sweep([0], (0, 360, 4), trajectory=([0, 1], [np.eye(4)] * 2)), sweep.rays, None):
+            with self.assertRaisesRegex(TypeError, "needs the rays themselves, as raynest.sweeps.lidar"):
+                returns.measure(wall, wrong)
+        with self.assertRaisesRegex(TypeError, "rays is a sweep: pass sweep.rays"):
+            wall.trace(sweep)
         made = returns.measure(wall, sweep, returns=3)
         hits = wall.trace(sweep.rays, fields=("t", "hit", "prim", "base_colour"))
         self.assertEqual(made["beam"].tolist(), np.flatnonzero(hits["hit"]).tolist())

@@ -112,7 +112,9 @@ class Edit:
         """Gives outermost instances, and everything in them, a user id: one number for all, or one for each."""
         rows = self._targets(which)
         uids = numbers("uid", uid)
-        if uids.shape not in ((), (len(rows),)) or uids.dtype.kind not in "iu" or (uids < 0).any() or (uids > 2**32 - 2).any():
+        if uids.ndim == 1 and len(uids) != len(rows):
+            raise _uneven(f"{len(uids)} uids", rows)
+        if uids.ndim > 1 or uids.dtype.kind not in "iu" or (uids < 0).any() or (uids > 2**32 - 2).any():
             raise UsageError(f"uid of {reprlib.repr(uid)}: it must be a whole number from 0 to 4294967294, or one for each "
                              "target")
         rows["what"], rows["value"] = _UID, uids
@@ -181,8 +183,7 @@ class Edit:
             raise UsageError(f"frame is {frame!r}: it must be "
                              + ("'world', 'parent' or 'own'" if what == _MOVE else "'world' or 'parent'"))
         if matrices.ndim == 3 and len(matrices) != len(rows):
-            raise UsageError(f"{len(matrices)} matrices for {len(rows)} "
-                             f"{'target' if len(rows) == 1 else 'targets'}: give one, or one for each")
+            raise _uneven(f"{len(matrices)} matrices", rows)
         rows["what"], rows["matrix"] = what, matrices[..., :3, :]
         rows["value"] = _FRAMES.index(frame)
         self._rows.append(rows)
@@ -234,6 +235,14 @@ def _name_of(scene: Any, _: str) -> str:
     if not isinstance(text, str) or not text:
         raise TypeError(f"{reprlib.repr(scene)} is no scene: give a loaded one, or its name")
     return text
+
+
+def _uneven(given: str, rows: Array) -> UsageError:
+    """What is said when there is neither one value for all targets nor one for each."""
+    texts = (", and a text counts as one, also where it stands for several: list those, as "
+             "['row#0', 'row#1']" if rows["by_text"].any() else "")
+    return UsageError(f"{given} for {len(rows)} {'target' if len(rows) == 1 else 'targets'}: give one, or one for "
+                      f"each{texts}")
 
 
 def _wrong(which: Any) -> TypeError:

@@ -48,6 +48,9 @@ def measure(scene: Scene, sweep: Sweep, *, divergence: float = 0.0, footprint: i
     parts. If several texts match, the first counts. v is a velocity (3,), or (3, 3): the velocity, the angular
     velocity in radians, and a point of the axis at the sweep's first time. Everything else stands still. `job` has
     options of Scene.trace(): epoch, time, hide, origin, ..."""
+    if not isinstance(sweep, Sweep):
+        raise TypeError(f"sweep of type {type(sweep).__module__}.{type(sweep).__name__}: measure() needs the rays "
+                        "themselves, as raynest.sweeps.lidar() makes them from the same arguments")
     offsets, power = _footprint(divergence, footprint)
     returns = count_of("returns", returns, _RETURNS_MAX)
     resolution, threshold, noise = real("resolution", resolution), real("threshold", threshold), real("noise", noise)

@@ -96,6 +96,8 @@ def whole_numbers(what: str, values: Any, most: int = 2**64 - 1) -> Array:
 
 def numbers(what: str, value: Any) -> Array:
     """Returns the value as an array. Masked elements become NaN, so that their values are not used."""
+    if hasattr(value, "rays"):
+        raise TypeError(f"{what} is a sweep: pass sweep.rays")
     try:
         if isinstance(value, np.ma.MaskedArray) and np.ma.is_masked(value):
             value = value.astype(np.promote_types(value.dtype, np.float32)).filled(np.nan)

@@ -30,10 +30,14 @@ def path_text(what: str, path: Any) -> str:
     """Returns a str or os.PathLike as a str. Bytes are refused: their encoding would be a guess."""
     text = os.fspath(path) if isinstance(path, os.PathLike) else path
     if not isinstance(text, str):
-        content = isinstance(path, (bytes, bytearray, memoryview)) and bytes(path[:4]) in (b"glTF", b"\x93NUM")
-        raise TypeError(f"{what} of type {type(path).__name__}: it must be a str or a path"
-                        + ("; write these bytes to a file and pass its name" if content else
-                           ", and os.fsdecode() makes one of bytes"))
+        if hasattr(path, "read"):
+            hint = "; write what it holds to a file and pass its name"
+        elif isinstance(path, (bytes, bytearray, memoryview)):
+            hint = ("; write these bytes to a file and pass its name" if bytes(path[:4]) in (b"glTF", b"\x93NUM") else
+                    ", and os.fsdecode() makes one of bytes")
+        else:
+            hint = ""
+        raise TypeError(f"{what} of type {type(path).__name__}: it must be a str or a path{hint}")
     return text
 
 

@@ -198,8 +198,8 @@ _MEANT = {"env": "render() has environment=", "samples": "render() has spp=",
 def _no_option(name: str) -> str:
     near = _MEANT.get(name) or next(iter(difflib.get_close_matches(
         name, [*JobOptions.__annotations__, *_OWN], 1)), "")
-    meant = f": {near}" if name in _MEANT else f": did you mean {near}=?" if near not in ("", name) else ""
-    return (f"this call has no option {name}{meant}. Besides its own, which help() shows, it has "
+    meant = f": {near}." if name in _MEANT else f": did you mean {near}=?" if near not in ("", name) else "."
+    return (f"this call has no option {name}{meant} Besides its own, which help() shows, it has "
             f"{', '.join(JobOptions.__annotations__)}")
 
 

@@ -22,6 +22,9 @@ def selection_lists(key: str, prefix: str, chosen: Any) -> Message:
     for item in _items(key, chosen):
         name, value = _entry(key, item)
         lists[f"{prefix}_{name}"].append(value)
+    # The daemon takes an empty list for "everything", which a list that came out empty does not mean.
+    if key == "only" and chosen is not None and not any(lists.values()):
+        raise UsageError("only names no part, so that nothing is left to hit: name some, or pass None for all")
     return lists
 
 
