@@ -78,14 +78,19 @@ void SceneWaker::add(const AsleepScene& scene, const std::string& principal) {
     // ask for up to two copies more once they are read.
     const bool has_edits = scene.facts.digest != scene.row.digest;
     const std::uint64_t bytes = scene.facts.bytes + (has_edits ? scene.row.bytes : 0);
-    services_.scenes.make_room(bytes, scene.owner);
-    if (has_edits) services_.scenes.make_room(bytes + 2 * scene.facts.bytes, scene.owner);
+    // Each call looks at all scenes. Pinned ones are read at the start, when none is in memory yet.
+    if (!waiting.for_nobody) {
+        services_.scenes.make_room(bytes, scene.owner);
+        if (has_edits) services_.scenes.make_room(bytes + 2 * scene.facts.bytes, scene.owner);
+    }
     auto lease = services_.peers.reserve(bytes, scene.owner, Use::lasting);
     if (!lease) {
+        Waiters who = waiting_.extract(scene.facts.digest).mapped().who;
+        if (who.empty()) return;
         const auto full = services_.budget.refuse(
             "the scene", bytes, scene.owner,
             services_.scenes.remedy(scene.owner, "start raynestd with a larger --memory"));
-        waiting_.extract(scene.facts.digest).mapped().who.wake_all(Reply<void>(full));
+        who.wake_all(Reply<void>(full));
         return;
     }
     read->lease = std::move(*lease);
