@@ -67,6 +67,7 @@ void SceneWaker::drop_deserted() {
 }
 
 void SceneWaker::stop() {
+    is_ending_ = true;
     for (auto& [digest, waiting] : waiting_) waiting.read->is_stopped = true;
 }
 
@@ -130,10 +131,11 @@ void SceneWaker::done(const AsleepScene& scene, Read& read) {
                       ? "load it again, or start that release"
                       : "load it again; the bytes are in the folder damaged of --state"}});
         }
-    } else {
+    } else if (!read.is_stopped || is_ending_) {
         result = refuse(Code::resource_exhausted,
                         "the stored scene could not be read: " + read.fault->why + "; try again");
     }
+    // Whoever has come since nobody waited any more asks again.
     auto waiting = waiting_.extract(scene.facts.digest);
     if (!waiting.empty()) waiting.mapped().who.wake_all(result);
 }

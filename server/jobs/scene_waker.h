@@ -46,6 +46,7 @@ private:
     const Services& services_;
     const Post post_;
     std::map<std::string, Waiting> waiting_;  ///< by digest
+    bool is_ending_ = false;                  ///< stop() was called
 };
 
 }  // namespace raynest::server
