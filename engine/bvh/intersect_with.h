@@ -1,4 +1,4 @@
-// The only door between kernels and intersectors: intersect_with(intersector, ray, thing).
+// The only way between kernels and intersectors: intersect_with(intersector, ray, thing).
 //
 // An intersector is any type with call operators; what it does not overload is plain intersect().
 // There is no base class to derive from (the paper's basic_intersector): traversal recurses

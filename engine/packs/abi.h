@@ -1,4 +1,4 @@
-// The door of a kernel pack: C types only, so that a pack can be built outside this tree.
+// The interface of a kernel pack: C types only, so that a pack can be built outside this tree.
 //
 // A pack is one loadable module per target (x86-64-v2, -v3, -v4, cuda) that exports one symbol,
 // raynest_pack(). Two reasons: the same template compiled with two -march flags in one binary is
@@ -105,7 +105,7 @@ struct TraceCall {
 
     const Observer* observer = nullptr;  ///< of PackVariant::observe; else not read
 
-    const void* device = nullptr;  ///< set behind the door of packs/device.h only
+    const void* device = nullptr;  ///< set behind the interface of packs/device.h only
 };
 
 using TraceFunction = TraceStatus (*)(const TraceCall*) noexcept;
@@ -133,7 +133,7 @@ struct PackPrimitive {
     void (*normal)(const void* record, const float point[3], float normal[3]) noexcept;
 };
 
-/// A type that both sides of the door know, and a hash of its layout (packs/layout.h).
+/// A type that both sides of the interface know, and a hash of its layout (packs/layout.h).
 struct TypeLayout {
     const char* name;
     std::uint64_t hash;

@@ -73,7 +73,7 @@ struct Shape<R (*)(Arguments...) noexcept> {
 /// `whole` with its members in order, and their names.
 template <class T, class... Members>
 std::uint64_t hash_of(std::string_view names, const T& whole, const Members&... members) {
-    static_assert(std::is_standard_layout_v<T>, "types of the door are C types");
+    static_assert(std::is_standard_layout_v<T>, "types of the interface are C types");
     Hash hash;
     hash.add(sizeof(T));
     hash.add(alignof(T));

@@ -1,4 +1,4 @@
-// The steps of the single traversal as an observer is told them: C types, a part of a pack's door.
+// The steps of the single traversal as an observer is told them: C types, a part of the pack's ABI.
 //
 // A pack compiles that traversal once more per intersector, with each question told as it is
 // answered (packs/observe.h). So what an observer sees is what counters count.

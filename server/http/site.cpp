@@ -182,11 +182,16 @@ HttpReply HttpSite::answer(const HttpRequest& request) const {
         return refuse(400, "a request needs exactly one Host header");
     if (!is_probe && !is_own_host(request)) {
         const std::string host = protocol::clean_text(request.hosts.front(), quoted_bytes_max);
-        return refuse_foreign(
-            421, Foreign::host,
-            "the host " + quoted(std::string_view(host)) + " is not one of this daemon; open " +
-                address_.scheme + "://127.0.0.1:" + std::to_string(address_.port) +
-                "/, or start it with --http-host " + std::string(split_host(host).name));
+        const std::string name(split_host(host).name);
+        const std::string page =
+            address_.scheme + "://127.0.0.1:" + std::to_string(address_.port) + "/";
+        return refuse_foreign(421, Foreign::host,
+                              name.empty()
+                                  ? "the request's host is empty; open " + page +
+                                        ", or have the proxy name a host that --http-host allows"
+                                  : "the host " + quoted(std::string_view(host)) +
+                                        " is not one of this daemon; open " + page +
+                                        ", or start it with --http-host " + name);
     }
     if (!request.target.starts_with('/'))
         return refuse(400, "a request's target must begin with '/' or http://");

@@ -9,6 +9,7 @@
 #include "server/jobs/change_gate.h"
 #include "server/jobs/received_file.h"
 #include "server/jobs/services.h"
+#include "server/scheduling/admission.h"
 #include "server/scheduling/peers.h"
 #include "server/store/import_memory.h"
 #include "server/store/scene_files.h"
@@ -203,8 +204,13 @@ public:
 
 private:
     [[nodiscard]] std::string memory_remedy() const {
-        return services_.scenes.remedy(order_.caller.principal,
-                                       "start raynestd with a larger --memory");
+        const std::string& principal = order_.caller.principal;
+        // This one is among them.
+        const auto loads = std::ranges::count_if(services_.admission.jobs(), [&](const auto& job) {
+            return job.second.principal == principal && job.second.kind == "load";
+        });
+        return (loads > 1 ? "wait until your other loads have ended, or " : "") +
+               services_.scenes.remedy(principal, "start raynestd with a larger --memory");
     }
 
     /// Closes paused connections, and lets go of stored scenes, until there is room for a scene of

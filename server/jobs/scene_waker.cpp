@@ -67,6 +67,7 @@ void SceneWaker::drop_deserted() {
 }
 
 void SceneWaker::stop() {
+    is_ending_ = true;
     for (auto& [digest, waiting] : waiting_) waiting.read->is_stopped = true;
 }
 
@@ -78,14 +79,19 @@ void SceneWaker::add(const AsleepScene& scene, const std::string& principal) {
     // ask for up to two copies more once they are read.
     const bool has_edits = scene.facts.digest != scene.row.digest;
     const std::uint64_t bytes = scene.facts.bytes + (has_edits ? scene.row.bytes : 0);
-    services_.scenes.make_room(bytes, scene.owner);
-    if (has_edits) services_.scenes.make_room(bytes + 2 * scene.facts.bytes, scene.owner);
+    // Each call looks at all scenes. Pinned ones are read at the start, when none is in memory yet.
+    if (!waiting.for_nobody) {
+        services_.scenes.make_room(bytes, scene.owner);
+        if (has_edits) services_.scenes.make_room(bytes + 2 * scene.facts.bytes, scene.owner);
+    }
     auto lease = services_.peers.reserve(bytes, scene.owner, Use::lasting);
     if (!lease) {
+        Waiters who = waiting_.extract(scene.facts.digest).mapped().who;
+        if (who.empty()) return;
         const auto full = services_.budget.refuse(
             "the scene", bytes, scene.owner,
             services_.scenes.remedy(scene.owner, "start raynestd with a larger --memory"));
-        waiting_.extract(scene.facts.digest).mapped().who.wake_all(Reply<void>(full));
+        who.wake_all(Reply<void>(full));
         return;
     }
     read->lease = std::move(*lease);
@@ -125,10 +131,11 @@ void SceneWaker::done(const AsleepScene& scene, Read& read) {
                       ? "load it again, or start that release"
                       : "load it again; the bytes are in the folder damaged of --state"}});
         }
-    } else {
+    } else if (!read.is_stopped || is_ending_) {
         result = refuse(Code::resource_exhausted,
                         "the stored scene could not be read: " + read.fault->why + "; try again");
     }
+    // Whoever has come since nobody waited any more asks again.
     auto waiting = waiting_.extract(scene.facts.digest);
     if (!waiting.empty()) waiting.mapped().who.wake_all(result);
 }

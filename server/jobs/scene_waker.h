@@ -26,7 +26,7 @@ public:
     /// Reads a scene in a task of `principal`, then calls `awake` unless it has expired. A damaged
     /// scene is no error here: find() tells of it.
     void wake(const AsleepScene& scene, const std::string& principal, std::weak_ptr<Awake> awake);
-    /// Reads a scene of which no request needs to wait.
+    /// Reads a scene at the start. No request waits for it, and no other scene leaves the memory.
     void wake(const AsleepScene& scene);
     /// Ends what nobody waits for any more: kept edits may take long.
     void drop_deserted();
@@ -46,6 +46,7 @@ private:
     const Services& services_;
     const Post post_;
     std::map<std::string, Waiting> waiting_;  ///< by digest
+    bool is_ending_ = false;                  ///< stop() was called
 };
 
 }  // namespace raynest::server

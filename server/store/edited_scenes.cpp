@@ -100,7 +100,7 @@ Reply<std::optional<NamedScene>> SceneStore::publish_edit(const NamedScene& befo
     }
     entry.used = entry.loaded = now_();
     entry.made_of.clear();
-    settle_charge(*replaced);
+    settle_charges();
     entry.spare = replaced;
     return std::optional(entry.scene_for(caller));
 }

@@ -14,6 +14,7 @@ namespace raynest::server {
 struct HeldScene {
     std::shared_ptr<const Snapshot> snapshot;
     mutable Budget::Lease lease;  ///< charged to one of those who hold the scene; io thread only
+    mutable std::uint64_t settled = 0;  ///< the last settling of charges that has looked at it
 };
 
 /// Known of a scene also while it is on the disk alone.

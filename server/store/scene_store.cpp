@@ -5,6 +5,7 @@
 #include "server/security/access.h"
 
 #include <new>
+#include <ranges>
 #include <utility>
 
 namespace raynest::server {
@@ -139,39 +140,43 @@ SceneStore::Entry* SceneStore::meant(std::string_view name, const ConnectionId& 
     return found == entries_.end() ? nullptr : &found->second;
 }
 
-bool SceneStore::found_by(const Entry& entry, const ConnectionId& caller) const {
-    if (!entry.visible_to(caller)) return false;
-    if (entry.held_by(caller)) return true;
-    const auto [first, last] = entries_.equal_range(entry.scene.name);
-    return entry.listed && std::none_of(first, last, [&](const auto& other) {
-               return other.second.owner == entry.owner && other.second.held_by(caller);
-           });
+template <class Range>
+SceneStore::HeldNames SceneStore::held_names(const Range& entries, const ConnectionId& caller) {
+    HeldNames held;
+    for (const auto& [name, entry] : entries)
+        if (entry.held_by(caller)) held.emplace(name, entry.owner);
+    return held;
+}
+
+bool SceneStore::found_by(const Entry& entry, const ConnectionId& caller, const HeldNames& held) {
+    return entry.visible_to(caller) &&
+           (entry.held_by(caller) ||
+            (entry.listed && !held.contains({entry.scene.name, entry.owner})));
 }
 
 void SceneStore::disconnect(const ConnectionId& caller) noexcept {
     for (auto entry = entries_.begin(); entry != entries_.end();) {
         const auto next = std::next(entry);
-        if (entry->second.held_by(caller)) {
-            const auto held = entry->second.scene.held;
-            if (entry->second.release(caller)) entries_.erase(entry);
-            if (held) settle_charge(*held);
-        }
+        if (entry->second.held_by(caller) && entry->second.release(caller)) entries_.erase(entry);
         entry = next;
     }
+    settle_charges();
 }
 
-void SceneStore::settle_charge(const HeldScene& held) const noexcept {
-    const Entry* heir = nullptr;
+void SceneStore::settle_charges() noexcept {
+    const std::uint64_t settled = ++last_settling_;
+    for (const auto& [name, entry] : entries_)
+        if (const auto& held = entry.scene.held; held && entry.charged_to(held->lease.principal()))
+            held->settled = settled;
     for (const auto& [name, entry] : entries_) {
-        if (entry.scene.held.get() != &held) continue;
-        if (entry.charged_to(held.lease.principal())) return;
-        heir = &entry;
-    }
-    if (heir == nullptr) return;  // running jobs alone use it
-    try {
-        held.lease.charge(heir->kept ? heir->owner : heir->holders.begin()->first);
-    } catch (const std::bad_alloc&) {
-        // It stays as it is until the next holder leaves.
+        const auto& held = entry.scene.held;
+        if (!held || held->settled == settled) continue;
+        try {
+            held->lease.charge(entry.kept ? entry.owner : entry.holders.begin()->first);
+        } catch (const std::bad_alloc&) {
+            // It stays as it is until the next holder leaves.
+        }
+        held->settled = settled;
     }
 }
 
@@ -309,9 +314,8 @@ Reply<NamedScene> SceneStore::publish(const std::string& name,
                known.second.held_by(caller);
     });
     if (before != last) {
-        const auto held = before->second.scene.held;
         if (before->second.release(caller)) entries_.erase(before);
-        if (held) settle_charge(*held);
+        settle_charges();
     }
     return scene;
 }
@@ -358,8 +362,9 @@ std::shared_ptr<const HeldScene> SceneStore::find_made_of(const std::string& dig
 protocol::Error SceneStore::not_found(std::string_view name, const ConnectionId& caller) const {
     std::string several;
     const auto [first, last] = entries_.equal_range(name);
+    const HeldNames held = held_names(std::ranges::subrange(first, last), caller);
     for (auto at = first; at != last; ++at)
-        if (found_by(at->second, caller))
+        if (found_by(at->second, caller, held))
             several += (several.empty() ? "" : ", ") + at->second.name_for(caller);
     if (several.empty()) return unknown(name);
     const char* what = caller.role == Role::admin ? "several owners have a scene '"
@@ -428,6 +433,14 @@ Reply<std::vector<std::string>> SceneStore::unload(std::string_view name,
         !allowed)
         return tl::unexpected(allowed.error());
 
+    auto holders = drop(found, caller);
+    settle_charges();
+    return holders;
+}
+
+std::vector<std::string> SceneStore::drop(Entries::iterator found, const ConnectionId& caller) {
+    Entry& entry = found->second;
+    const bool may_drop_name = entry.owner == caller.principal || caller.role == Role::admin;
     if (may_drop_name && !entry.temporary_of(caller)) {
         if (entry.stored.number != 0) dropped_.push_back(entry.stored);
         entry.stored = {};
@@ -435,40 +448,39 @@ Reply<std::vector<std::string>> SceneStore::unload(std::string_view name,
         if (entry.scene.held != nullptr) entry.blob.reset();
         entry.kept = entry.listed = false;
     }
-    const auto held = entry.scene.held;
     const bool last = entry.release(caller);
     std::vector<std::string> holders;
     if (entry.kept) holders.push_back(entry.owner + " (by its name)");
     for (const auto& [principal, connections] : entry.holders)
         holders.push_back(principal + " (" + counted(connections.size(), "connection") + ")");
     if (last) entries_.erase(found);
-    if (held) settle_charge(*held);
     return holders;
 }
 
 std::vector<SceneStore::Unloaded> SceneStore::unload_idle(Clock::duration idle, std::size_t most,
                                                           const ConnectionId& caller) {
     const Clock::time_point now = now_();
-    std::vector<std::string> names;
-    for (const auto& [name, entry] : entries_) {
-        if (names.size() == most) break;
+    const HeldNames held = held_names(entries_, caller);
+    std::vector<Entries::iterator> found;
+    for (auto at = entries_.begin(); at != entries_.end() && found.size() < most; ++at) {
+        const Entry& entry = at->second;
         const bool mine = entry.held_by(caller) ||
                           (entry.listed && entry.kept && entry.owner == caller.principal);
-        if (mine && now - entry.used >= idle && found_by(entry, caller))
-            names.push_back(entry.name_for(caller));
+        if (mine && now - entry.used >= idle && found_by(entry, caller, held)) found.push_back(at);
     }
     std::vector<Unloaded> unloaded;
-    for (const std::string& name : names)
-        if (auto holders = unload(name, caller)) unloaded.push_back({name, std::move(*holders)});
+    for (const auto at : found) unloaded.push_back({at->second.name_for(caller), drop(at, caller)});
+    settle_charges();
     return unloaded;
 }
 
 SceneStore::Page SceneStore::page(const ConnectionId& caller, std::size_t first,
                                   std::size_t most) const {
     const Clock::time_point now = now_();
+    const HeldNames held = held_names(entries_, caller);
     Page page;
     for (const auto& [name, known] : entries_) {
-        if (!found_by(known, caller)) continue;
+        if (!found_by(known, caller, held)) continue;
         if (page.total++ < first || page.scenes.size() == most) continue;
         std::string share;
         for (const std::string& principal : known.share)

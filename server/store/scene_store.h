@@ -356,8 +356,15 @@ private:
     /// Returns the error for a name that resolve() does not find: it means several scenes, or none.
     [[nodiscard]] protocol::Error not_found(std::string_view name,
                                             const ConnectionId& caller) const;
+    /// Names and owners of what a caller holds; they hide listed scenes. Valid until an entry goes.
+    using HeldNames = std::set<std::pair<std::string_view, std::string_view>>;
+    template <class Range>
+    [[nodiscard]] static HeldNames held_names(const Range& entries, const ConnectionId& caller);
     /// True if the caller finds this entry by its name: none that it holds hides it.
-    [[nodiscard]] bool found_by(const Entry& entry, const ConnectionId& caller) const;
+    [[nodiscard]] static bool found_by(const Entry& entry, const ConnectionId& caller,
+                                       const HeldNames& held);
+    /// Does the work of unload() but to settle the charges.
+    std::vector<std::string> drop(Entries::iterator found, const ConnectionId& caller);
     Reply<void> check_quota(const Entry* changed, const ConnectionId& caller,
                             std::uint64_t bytes) const;
     struct DiskUse {
@@ -370,9 +377,9 @@ private:
     [[nodiscard]] DiskUse disk_use(const std::string& principal, const Entry* without) const;
     /// Returns what `owner` may store in the place of `changed`.
     [[nodiscard]] DiskRoom room_for(const Entry* changed, const std::string& owner) const;
-    /// Charges the memory of a scene to another principal if the one that it is charged to holds
-    /// the scene no more.
-    void settle_charge(const HeldScene& held) const noexcept;
+    /// Charges the memory of each scene to another principal if the one that it is charged to holds
+    /// the scene no more. In one pass over all, however many scenes somebody has let go of.
+    void settle_charges() noexcept;
     /// A scene in memory that can be read from the disk again.
     struct Droppable {
         Clock::time_point used = Clock::time_point::min();  ///< under any of its names
@@ -404,6 +411,7 @@ private:
     std::map<std::string, std::weak_ptr<const HeldScene>> by_digest_;
     Claims claims_;
     std::uint64_t last_connection_ = 0;
+    std::uint64_t last_settling_ = 0;
     mutable std::optional<AsleepScene> asleep_;
     std::vector<StoredScene> dropped_;
 };

@@ -212,7 +212,7 @@ Reply<void> SceneStore::wake(std::shared_ptr<const Snapshot> snapshot, const Asl
         entry.damage.clear();
         if (entry.stored.number == 0) entry.blob.reset();
     }
-    settle_charge(**held);
+    settle_charges();
     return {};
 }
 

@@ -125,6 +125,9 @@ class ProxyTest(Programs):
         # Its host is judged like Host, and the tail of its list is its own.
         foreign = told[:2] + ["X-Forwarded-Host: evil.example"]
         self.assertEqual(get(daemon.http, "/login.html", headers=foreign)[0], 421)
+        for empty in ("", f"{NAME},", ":443"):
+            status, _, said = get(daemon.http, "/login.html", headers=[*told[:2], f"X-Forwarded-Host: {empty}"])
+            self.assertEqual((status, b"host is empty" in said), (421, True), said)
         with greeted(daemon.http, headers=login, origin=origin):
             with WebSocket(daemon.http, headers=login, origin=origin):
                 until(lambda: "login peer=203.0.113.5 transport=http principal=alice" in daemon.log())

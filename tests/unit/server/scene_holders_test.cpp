@@ -4,6 +4,8 @@
 
 #include <doctest/doctest.h>
 
+#include <ctime>
+#include <memory>
 #include <string>
 #include <vector>
 
@@ -223,6 +225,67 @@ TEST_CASE("the memory of a scene is charged to one of those who hold it") {
     CHECK(store.budget.held_by("me") == square_bytes);
     REQUIRE(scenes.unload("village", store.b));
     CHECK(store.budget.used() == 0);
+}
+
+TEST_CASE(
+    "the memory of all scenes that a connection held is charged to those who still hold them") {
+    Store store;
+    SceneStore& scenes = store.scenes;
+    const auto square_bytes = square(1)->bytes().size();
+    for (const char* name : {"a", "b", "c"})
+        REQUIRE(scenes.publish(name, square(1 + static_cast<float>(name[0])),
+                               {.temporary = true, .share = {"public"}}, store.a));
+    REQUIRE(scenes.open("a", store.stranger));
+    REQUIRE(scenes.open("c", store.stranger));
+    REQUIRE(scenes.publish("kept", square(1 + static_cast<float>('c')), {}, store.b));
+    CHECK(store.budget.held_by("me") == 3 * square_bytes);
+    scenes.disconnect(store.a);
+    CHECK(store.budget.held_by("me") == square_bytes);
+    CHECK(store.budget.held_by("you") == square_bytes);
+    CHECK(scenes.unload_idle({}, 128, store.b).size() == 1);
+    CHECK(store.budget.held_by("me") == 0);
+    CHECK(store.budget.held_by("you") == 2 * square_bytes);
+}
+
+double processor_seconds() {
+    timespec now{};
+    clock_gettime(CLOCK_THREAD_CPUTIME_ID, &now);
+    return static_cast<double>(now.tv_sec) + 1e-9 * static_cast<double>(now.tv_nsec);
+}
+
+TEST_CASE("letting go of many scenes looks at all scenes as often as letting go of one") {
+    constexpr int others = 2000;
+    constexpr int many = 200;
+    Budget budget(1 << 30);
+    protocol::Limits limits;
+    limits.principal_scenes_max = 2 * others;
+    SceneStore scenes(budget, limits);
+    const auto content = square(1);
+    const ConnectionId stranger{"you", scenes.connect()};
+    for (int i = 0; i < others; ++i)
+        REQUIRE(scenes.publish("other " + std::to_string(i), content, {}, stranger));
+    // Returns the time to let go of so many.
+    const auto time_of = [&](int count, const auto& let_go) {
+        const ConnectionId me{"me", scenes.connect()};
+        std::vector<std::shared_ptr<const HeldScene>> used;  // their memory stays
+        for (int i = 0; i < count; ++i) {
+            const auto scene = scenes.publish(std::to_string(i), square(2 + static_cast<float>(i)),
+                                              {.temporary = true}, me);
+            REQUIRE(scene);
+            used.push_back(scene->held);
+        }
+        const double began = processor_seconds();
+        let_go(me);
+        const double seconds = processor_seconds() - began;
+        CHECK(scenes.size() == others);
+        return seconds;
+    };
+    const auto disconnect = [&](const ConnectionId& me) { scenes.disconnect(me); };
+    const auto unload = [&](const ConnectionId& me) {
+        CHECK(scenes.unload_idle({}, many, me).size() != 0);
+    };
+    CHECK(time_of(many, disconnect) < 20 * time_of(1, disconnect));
+    CHECK(time_of(many, unload) < 20 * time_of(1, unload));
 }
 
 }  // namespace
