@@ -18,7 +18,7 @@ STEP_BYTES = 64 << 10
 
 
 class Harm:
-    """What happens to the byte at `offset` of a direction, once."""
+    """Changes the byte at `offset` of a direction, once."""
 
     def __init__(self, kind, direction, offset):
         self.kind, self.direction, self.offset = kind, direction, offset

@@ -238,7 +238,7 @@ def _name_of(scene: Any, _: str) -> str:
 
 
 def _uneven(given: str, rows: Array) -> UsageError:
-    """What is said when there is neither one value for all targets nor one for each."""
+    """The error where there is neither one value for all targets nor one for each."""
     texts = (", and a text counts as one, also where it stands for several: list those, as "
              "['row#0', 'row#1']" if rows["by_text"].any() else "")
     return UsageError(f"{given} for {len(rows)} {'target' if len(rows) == 1 else 'targets'}: give one, or one for "

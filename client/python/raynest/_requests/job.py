@@ -68,7 +68,7 @@ class Outcome(dict[str, Any]):
             del self["hidden"]
 
     def check_started(self) -> None:
-        """What a job is answered with begins with what runs."""
+        """The answers to a job begin with one that says what runs."""
         if "origin" not in self:
             raise ProtocolError("the daemon ended a request that it had not started")
 
