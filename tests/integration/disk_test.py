@@ -166,7 +166,7 @@ class Disk(WithState):
             lost[what] = row and self.client.run("info", "second").returncode != 0
             if row:
                 self.client.json("load", "builtin:flake?depth=2", "--name", "second", "--replace")
-            self.client.json("unload", "second") if row else None
+                self.client.json("unload", "second")
             self.daemon.stop()
         self.assertEqual(lost, {"/blobs/": True, "/manifest.sqlite": None})
 
