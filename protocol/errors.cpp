@@ -6,7 +6,7 @@
 namespace raynest::protocol {
 namespace {
 
-constexpr std::array table = {
+constexpr std::array errors = {
 #define RAYNEST_ERROR(number, NAME, name, exit, remedy) \
     ErrorInfo{Code::name, #NAME, Exit::exit, remedy},
 #include "protocol/lists/errors.def"
@@ -19,8 +19,8 @@ constexpr std::array exits = {
 
 // error_info() indexes by number.
 constexpr bool in_order() {
-    for (std::size_t i = 0; i < table.size(); ++i)
-        if (static_cast<std::size_t>(table[i].code) != i + 1) return false;
+    for (std::size_t i = 0; i < errors.size(); ++i)
+        if (static_cast<std::size_t>(errors[i].code) != i + 1) return false;
     return true;
 }
 static_assert(in_order());
@@ -28,7 +28,7 @@ static_assert(in_order());
 }  // namespace
 
 std::span<const ErrorInfo> error_table() {
-    return table;
+    return errors;
 }
 
 std::span<const ExitInfo> exit_table() {
@@ -37,8 +37,8 @@ std::span<const ExitInfo> exit_table() {
 
 const ErrorInfo& error_info(Code code) {
     const auto number = static_cast<std::size_t>(code);
-    const bool known = number >= 1 && number <= table.size();
-    return table[(known ? number : static_cast<std::size_t>(Code::internal)) - 1];
+    const bool known = number >= 1 && number <= errors.size();
+    return errors[(known ? number : static_cast<std::size_t>(Code::internal)) - 1];
 }
 
 }  // namespace raynest::protocol

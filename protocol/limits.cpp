@@ -8,7 +8,7 @@ namespace {
 constexpr bool fixed = false;
 constexpr bool policy = true;
 
-constexpr std::array table = {
+constexpr std::array limits = {
 #define RAYNEST_LIMIT(name, value, kind, text) LimitInfo{#name, &Limits::name, text, kind},
 #include "protocol/lists/limits.def"
 };
@@ -16,7 +16,7 @@ constexpr std::array table = {
 }  // namespace
 
 std::span<const LimitInfo> limit_table() {
-    return table;
+    return limits;
 }
 
 }  // namespace raynest::protocol

@@ -12,7 +12,7 @@ namespace {
 
 constexpr std::uint32_t exr_magic = 20000630;
 /// The first pixels come after the header; a header of raynest is far smaller.
-constexpr std::size_t header_bytes_max = 1 << 20;
+constexpr std::size_t exr_header_bytes_max = 1 << 20;
 /// Longest name of an attribute or a type that OpenEXR allows.
 constexpr std::size_t word_bytes_max = 255;
 constexpr std::uint64_t file_bytes_max = 4ULL << 30;
@@ -49,7 +49,7 @@ private:
 }  // namespace
 
 Result<std::map<std::string, std::string>> read_exr_texts(std::span<const std::byte> file) {
-    const std::size_t size = std::min(file.size(), header_bytes_max);
+    const std::size_t size = std::min(file.size(), exr_header_bytes_max);
     Reader reader({reinterpret_cast<const char*>(file.data()), size});
     std::map<std::string, std::string> texts;
     std::uint32_t magic = 0, version = 0, bytes = 0;

@@ -13,7 +13,7 @@ namespace {
 
 constexpr std::string_view magic = "\x93NUMPY";
 constexpr std::size_t dimensions_max = 8;
-constexpr std::size_t header_bytes_max = 64 << 10;
+constexpr std::size_t npy_header_bytes_max = 64 << 10;
 
 std::string_view as_text(std::span<const std::byte> bytes) {
     return {reinterpret_cast<const char*>(bytes.data()), bytes.size()};
@@ -225,9 +225,9 @@ Result<std::optional<NpyHeader>> read_npy_header(std::span<const std::byte> begi
     const std::size_t length_bytes = version == 1 ? 2 : 4;
     if (version < 1 || version > 3) return refuse("has an unknown .npy version");
     std::memcpy(&header_bytes, begin.data() + 8, length_bytes);
-    if (header_bytes > header_bytes_max)
+    if (header_bytes > npy_header_bytes_max)
         return refuse("has a header of " + std::to_string(header_bytes) + " bytes; at most " +
-                      std::to_string(header_bytes_max) + " are read");
+                      std::to_string(npy_header_bytes_max) + " are read");
     if (header_bytes > begin.size() - 8 - length_bytes) return std::nullopt;
 
     const std::string_view dict = as_text(begin.subspan(8 + length_bytes, header_bytes));

@@ -4,6 +4,7 @@
 #include <charconv>
 #include <cmath>
 #include <cstdio>
+#include <cstdlib>
 #include <utility>
 
 namespace raynest::client {
@@ -58,6 +59,11 @@ std::string double_text(double value) {
 
 std::string world_text(float relative, double origin) {
     return origin == 0 ? float_text(relative) : shortest_text(double{relative} + origin);
+}
+
+std::string environment_variable(const char* name) {
+    const char* value = std::getenv(name);
+    return value == nullptr ? "" : value;
 }
 
 }  // namespace raynest::client

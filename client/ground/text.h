@@ -1,4 +1,4 @@
-// Texts of numbers for people, and texts of others as a terminal may show them.
+// Texts of numbers for people, texts of others as a terminal may show them, and variables of the environment.
 #pragma once
 
 #include "protocol/text.h"
@@ -24,5 +24,7 @@ using protocol::bytes_text;
 [[nodiscard]] std::string double_text(double value);
 /// The same for a coordinate in the world, given relative to the scene's origin.
 [[nodiscard]] std::string world_text(float relative, double origin);
+/// Returns the value of a variable of the environment; empty if there is none.
+[[nodiscard]] std::string environment_variable(const char* name);
 
 }  // namespace raynest::client

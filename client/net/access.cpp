@@ -1,5 +1,6 @@
 #include "client/net/access.h"
 
+#include "client/ground/text.h"
 #include "client/net/address.h"
 #include "client/net/hosts.h"
 
@@ -11,11 +12,6 @@ namespace raynest::client {
 namespace {
 
 constexpr std::size_t token_bytes_max = 256;
-
-std::string variable(const char* name) {
-    const char* value = std::getenv(name);
-    return value == nullptr ? "" : value;
-}
 
 /// Takes blanks and line ends off both ends. Fails if the rest is not one word.
 Result<std::string> to_token(const std::string& text, const std::string& where) {
@@ -35,7 +31,7 @@ Result<std::string> to_token(const std::string& text, const std::string& where) 
 Result<Access> find_access(const std::string& uri, const AccessOptions& options) {
     Access access{"", options.tls};
     const auto fall_back = [](std::string& value, const char* name) {
-        if (value.empty()) value = variable(name);
+        if (value.empty()) value = environment_variable(name);
     };
     fall_back(access.tls.ca, "RAYNEST_CA");
     fall_back(access.tls.certificate, "RAYNEST_CERT");
@@ -46,7 +42,7 @@ Result<Access> find_access(const std::string& uri, const AccessOptions& options)
         auto token = to_token(*content, options.token_file);
         if (!token) return tl::unexpected<Failure>(token.error());
         access.token = std::move(*token);
-    } else if (const std::string given = variable("RAYNEST_TOKEN"); !given.empty()) {
+    } else if (const std::string given = environment_variable("RAYNEST_TOKEN"); !given.empty()) {
         auto token = to_token(given, "RAYNEST_TOKEN");
         if (!token) return tl::unexpected<Failure>(token.error());
         access.token = std::move(*token);

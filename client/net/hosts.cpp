@@ -1,6 +1,7 @@
 #include "client/net/hosts.h"
 
 #include "client/ground/descriptor.h"
+#include "client/ground/text.h"
 #include "client/net/address.h"
 
 #include <fcntl.h>
@@ -35,11 +36,6 @@ struct Item {
 /// The items of an entry that are files.
 constexpr std::array files = {Item{"ca", &KeptHost::ca}, Item{"cert", &KeptHost::certificate},
                               Item{"key", &KeptHost::key}};
-
-std::string variable(const char* name) {
-    const char* value = std::getenv(name);
-    return value == nullptr ? "" : value;
-}
 
 tl::unexpected<Failure> cannot(const char* act, const std::string& file, int why) {
     return fail(Exit::usage, std::string("cannot ") + act + " " + file + ": " + std::strerror(why));
@@ -182,9 +178,9 @@ std::string item(const HostsText& hosts, const std::string& uri, const char* key
 }  // namespace
 
 std::string hosts_file() {
-    const std::string config = variable("XDG_CONFIG_HOME");
+    const std::string config = environment_variable("XDG_CONFIG_HOME");
     if (config.starts_with('/')) return config + "/raynest/hosts.toml";
-    return variable("HOME") + "/.config/raynest/hosts.toml";
+    return environment_variable("HOME") + "/.config/raynest/hosts.toml";
 }
 
 Result<std::string> read_secret(const std::string& file, std::size_t bytes_max) {

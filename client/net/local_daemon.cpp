@@ -18,7 +18,7 @@ namespace {
 using Clock = std::chrono::steady_clock;
 namespace fs = std::filesystem;
 
-constexpr std::chrono::seconds start_time{30};
+constexpr std::chrono::seconds daemon_start_time{30};
 
 bool is_program(const fs::path& path) {
     std::error_code ignored;
@@ -65,7 +65,7 @@ Result<LocalDaemon> LocalDaemon::start() {
 }
 
 Result<void> LocalDaemon::await_ready() {
-    const Clock::time_point end = Clock::now() + start_time;
+    const Clock::time_point end = Clock::now() + daemon_start_time;
     std::error_code ignored;
     while (!fs::exists(folder_.path() / "ready", ignored)) {
         if (interrupted()) return fail(Exit::interrupted, "interrupted");

@@ -21,7 +21,7 @@ using Clock = std::chrono::steady_clock;
 namespace fs = std::filesystem;
 
 /// Long enough to type a password.
-constexpr std::chrono::seconds start_time{60};
+constexpr std::chrono::seconds tunnel_start_time{60};
 
 }  // namespace
 
@@ -58,7 +58,7 @@ Result<SshTunnel> SshTunnel::open(const std::string& uri) {
     if (!ssh) return fail(Exit::cannot_connect, "cannot start ssh: " + ssh.error().message);
     SshTunnel tunnel(std::move(*ssh), host);
 
-    const Clock::time_point end = Clock::now() + start_time;
+    const Clock::time_point end = Clock::now() + tunnel_start_time;
     std::error_code ignored;
     while (!fs::exists(socket, ignored)) {
         if (interrupted()) return fail(Exit::interrupted, "interrupted");

@@ -84,8 +84,8 @@ Result<void> check_files(const ImportRequest& request, const ImportLimits& limit
     return {};
 }
 
-Result<BuiltArena> build(const ImportRequest& request, const ImportLimits& limits,
-                         const Registry& registry) {
+Result<BuiltArena> build_request(const ImportRequest& request, const ImportLimits& limits,
+                                 const Registry& registry) {
     if (is_composition(request.source)) {
         if (auto files = check_files(request, limits); !files) return tl::unexpected(files.error());
         return compose(request, limits, [&](const ImportRequest& file) {
@@ -157,7 +157,7 @@ Result<SceneDescription> describe(const ImportRequest& request, const ImportLimi
 
 Result<BuiltArena> import_arena(const ImportRequest& request, const ImportLimits& limits,
                                 const Registry& registry) try {
-    auto built = build(request, limits, registry);
+    auto built = build_request(request, limits, registry);
     if (!built) return tl::unexpected<Error>(named(request, std::move(built.error())));
     if (const std::uint64_t bytes = built->arena.size(); bytes > limits.scene_bytes_max) {
         return fail(ErrorCode::out_of_memory,

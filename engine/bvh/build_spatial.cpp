@@ -64,14 +64,14 @@ Parts chop(const Corners& corners, const Extent& box, int axis, float plane) {
     return parts;
 }
 
-struct Bins {
+struct SpatialBins {
     Extent box[3][bin_count];
     std::uint32_t begin[3][bin_count] = {}, end[3][bin_count] = {};
 
-    Bins() {
+    SpatialBins() {
         for (auto& row : box) std::fill(std::begin(row), std::end(row), Extent::none());
     }
-    void join(const Bins& other) {
+    void join(const SpatialBins& other) {
         for (int axis = 0; axis < 3; ++axis) {
             for (int b = 0; b < bin_count; ++b) {
                 box[axis][b].extend(other.box[axis][b]);
@@ -103,7 +103,8 @@ struct Planes {
     }
 };
 
-void add(Bins& bins, const Item& item, const Planes& planes, std::span<const Corners> corners) {
+void add(SpatialBins& bins, const Item& item, const Planes& planes,
+         std::span<const Corners> corners) {
     for (int axis = 0; axis < 3; ++axis) {
         if (planes.scale[axis] == 0) continue;
         const int first = planes.bin_of(axis, -lane_of(item.extent.minus_lower, axis));
@@ -120,18 +121,18 @@ void add(Bins& bins, const Item& item, const Planes& planes, std::span<const Cor
     }
 }
 
-Bins fill(const Item* items, std::uint32_t count, const Planes& planes,
-          std::span<const Corners> corners) {
+SpatialBins fill(const Item* items, std::uint32_t count, const Planes& planes,
+                 std::span<const Corners> corners) {
     using Part = tbb::blocked_range<std::uint32_t>;
-    const auto add_part = [&](const Part& part, Bins bins) {
+    const auto add_part = [&](const Part& part, SpatialBins bins) {
         for (std::uint32_t i = part.begin(); i < part.end(); ++i) {
             add(bins, items[i], planes, corners);
         }
         return bins;
     };
-    if (count < task_items) return add_part(Part(0, count), Bins());
-    return tbb::parallel_reduce(Part(0, count, task_items), Bins(), add_part,
-                                [](Bins a, const Bins& b) {
+    if (count < task_items) return add_part(Part(0, count), SpatialBins());
+    return tbb::parallel_reduce(Part(0, count, task_items), SpatialBins(), add_part,
+                                [](SpatialBins a, const SpatialBins& b) {
                                     a.join(b);
                                     return a;
                                 });
@@ -142,7 +143,7 @@ Bins fill(const Item* items, std::uint32_t count, const Planes& planes,
 SpatialSplit find_spatial_split(const Item* items, const Range& range, const Extent& box,
                                 std::span<const Corners> corners, std::uint32_t block_items) {
     const Planes planes(box);
-    const Bins bins = fill(items + range.first, range.count, planes, corners);
+    const SpatialBins bins = fill(items + range.first, range.count, planes, corners);
     const auto blocks = [&](std::uint32_t n) {
         return static_cast<float>((n + block_items - 1) / block_items);
     };

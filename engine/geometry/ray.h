@@ -1,7 +1,7 @@
 // The 32 bytes of a ray, which the wire, the pack ABI and the file formats share.
 #pragma once
 
-#include "engine/math/vec.h"
+#include "engine/math/finite.h"
 
 #include <cmath>
 #include <limits>
@@ -20,11 +20,8 @@ static_assert(sizeof(Ray) == 32);
 /// True if 0 <= tmin <= tmax, the direction is not zero, and all numbers are finite, except that
 /// tmax may be +inf. An invalid ray gives the canonical miss and flag 1.
 [[nodiscard]] RAYNEST_FN inline bool is_valid(const Ray& r) {
-    const auto finite = [](const Vec3& v) {
-        return std::isfinite(v.x) && std::isfinite(v.y) && std::isfinite(v.z);
-    };
     const bool directed = r.direction.x != 0 || r.direction.y != 0 || r.direction.z != 0;
-    return finite(r.origin) && finite(r.direction) && directed && std::isfinite(r.tmin) &&
+    return is_finite(r.origin) && is_finite(r.direction) && directed && std::isfinite(r.tmin) &&
            r.tmin >= 0 && r.tmin <= r.tmax;
 }
 

@@ -1,22 +1,17 @@
 #include "engine/integrators/camera.h"
 
 #include "engine/geometry/hit.h"
+#include "engine/math/finite.h"
 #include "engine/scene/camera_pose.h"
 
 #include <algorithm>
 #include <charconv>
 #include <cmath>
-#include <numbers>
 
 namespace raynest {
 namespace {
 
-constexpr double degree = std::numbers::pi / 180;
 constexpr double default_fov = 40 * degree;
-
-bool is_finite(const Vec3& v) {
-    return std::isfinite(v.x) && std::isfinite(v.y) && std::isfinite(v.z);
-}
 
 /// A pose that looks along `forward` from `eye`, +Y as close to `up` as it can be.
 Transform look(const glm::dvec3& eye, const glm::dvec3& forward, glm::dvec3 up) {

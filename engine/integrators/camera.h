@@ -5,6 +5,7 @@
 #include "engine/result.h"
 #include "engine/scene/snapshot.h"
 
+#include <numbers>
 #include <optional>
 #include <string>
 
@@ -26,6 +27,8 @@ struct CameraRequest {
     std::optional<Vec3> up = {};  ///< nothing: the scene's
     float fov_degrees = 0;        ///< vertical; 0 = the camera's own, 40 for look-at
 };
+
+inline constexpr double degree = std::numbers::pi / 180;
 
 /// A look-at of 40 degrees that has a bounding box whole in any picture at least as wide as high,
 /// seen from (+x, +y, +z), with +y up, or from (+x, -y, +z) with +z up: from the south-east.

@@ -1,5 +1,7 @@
 #include "engine/integrators/film.h"
 
+#include "engine/math/finite.h"
+
 #include <algorithm>
 #include <cmath>
 #include <limits>
@@ -8,11 +10,7 @@
 namespace raynest {
 namespace {
 
-bool is_finite(const Vec3& v) {
-    return std::isfinite(v.x) && std::isfinite(v.y) && std::isfinite(v.z);
-}
-
-bool is_finite(const FilmSample& sample) {
+bool all_finite(const FilmSample& sample) {
     return is_finite(sample.radiance) && std::isfinite(sample.alpha) && is_finite(sample.albedo) &&
            is_finite(sample.normal) && std::isfinite(luminance(sample.radiance));
 }
@@ -74,7 +72,7 @@ void Film::add(std::uint64_t pixel, std::uint32_t first, std::span<const FilmSam
     std::uint32_t taken = words(FilmLayer::samples)[pixel];
     const auto mean_luminance = [&] { return luminance({mean[0], mean[1], mean[2]}); };
     for (const FilmSample& sample : samples) {
-        if (!is_finite(sample)) {
+        if (!all_finite(sample)) {
             ++words(FilmLayer::dropped)[pixel];
             continue;
         }

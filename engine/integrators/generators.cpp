@@ -10,7 +10,6 @@
 namespace raynest {
 namespace {
 
-constexpr double degree = std::numbers::pi / 180;
 constexpr double full_turn = 2 * std::numbers::pi;
 
 glm::dvec2 cosine_and_sine(double angle) {
@@ -19,9 +18,9 @@ glm::dvec2 cosine_and_sine(double angle) {
 
 /// The two axes that make a right-handed frame with a unit z (Duff et al., "Building an orthonormal
 /// basis, revisited", 2017).
-struct Frame {
+struct Axes {
     glm::dvec3 x, y, z;
-    explicit Frame(const glm::dvec3& n) : z(n) {
+    explicit Axes(const glm::dvec3& n) : z(n) {
         const double sign = std::copysign(1.0, n.z);
         const double a = -1 / (sign + n.z);
         const double b = n.x * n.y * a;
@@ -187,7 +186,7 @@ void generate_rays(const Hemisphere& hemisphere, std::span<const Ray> points,
         random.skip(2 * number);
         const double shift_u = static_cast<double>(random.uniform());
         const double shift_v = static_cast<double>(random.uniform());
-        const Frame frame(glm::normalize(glm::dvec3(point.direction)));
+        const Axes frame(glm::normalize(glm::dvec3(point.direction)));
         const double margin = hemisphere.beyond_rounding
                                   ? std::max(hemisphere.margin, step_along(point.origin, frame.z))
                                   : hemisphere.margin;

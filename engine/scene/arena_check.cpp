@@ -1,6 +1,7 @@
 #include "engine/scene/arena_check.h"
 
 #include "engine/geometry/hit.h"
+#include "engine/math/finite.h"
 #include "engine/scene/format.h"
 #include "engine/scene/motion/motion.h"
 #include "engine/scene/shading_check.h"
@@ -22,14 +23,6 @@ using format::Section;
 
 tl::unexpected<Error> broken(const std::string& what) {
     return fail(ErrorCode::scene_invalid, "the scene arena is broken: " + what);
-}
-
-bool is_finite(const std::array<float, 12>& map) {
-    return std::all_of(map.begin(), map.end(), [](float x) { return std::isfinite(x); });
-}
-
-bool is_finite(const Vec3& p) {
-    return std::isfinite(p.x) && std::isfinite(p.y) && std::isfinite(p.z);
 }
 
 class Checker {

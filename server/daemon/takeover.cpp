@@ -37,7 +37,7 @@ constexpr std::size_t sockets_max = 64;
 /// Time for a predecessor to settle; longer than it gives running changes (constants.h).
 constexpr std::chrono::seconds answer_time{60};
 
-tl::unexpected<Error> failed(const std::string& doing, int error = errno) {
+tl::unexpected<Error> takeover_failed(const std::string& doing, int error = errno) {
     return fail(ErrorCode::io_failed, doing + ": " + std::strerror(error));
 }
 
@@ -122,7 +122,7 @@ Result<Received> receive(int stream) {
         std::memcpy(numbers.data(), CMSG_DATA(part_of), numbers.size() * sizeof(int));
         for (const int number : numbers) received.descriptors.emplace_back(number);
     }
-    if (bytes < 0) return failed("the daemon there did not answer", error);
+    if (bytes < 0) return takeover_failed("the daemon there did not answer", error);
     if (bytes == 0) return fail(ErrorCode::io_failed, "the daemon there ended before it answered");
     if ((message.msg_flags & (MSG_TRUNC | MSG_CTRUNC)) != 0)
         return fail(ErrorCode::io_failed, "the answer of the daemon there was cut");
@@ -178,7 +178,7 @@ Result<void> SuccessorSocket::listen() {
     if (made.get() < 0 || ::fchmod(made.get(), S_IRUSR | S_IWUSR) != 0 ||
         ::bind(made.get(), name.address(), sizeof name.name) != 0 || ::listen(made.get(), 4) != 0 ||
         ::lstat(path.c_str(), &found) != 0)
-        return failed("cannot listen on " + path.string());
+        return takeover_failed("cannot listen on " + path.string());
     inode_ = found.st_ino;
     if (listening_.is_open()) listening_.close();
     listening_.assign(::fcntl(made.get(), F_DUPFD_CLOEXEC, 0));

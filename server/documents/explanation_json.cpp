@@ -28,9 +28,9 @@ std::array<std::string, 2> short_numbers(float value, float limit) {
     return texts;
 }
 
-class Writer {
+class ExplanationWriter {
 public:
-    Writer(const Plan& plan, const ExplanationContext& context)
+    ExplanationWriter(const Plan& plan, const ExplanationContext& context)
         : plan_(plan),
           context_(context),
           scene_(plan.scene.snapshot()),
@@ -154,7 +154,7 @@ private:
 
 std::string explanation_json(const Plan& plan, const ExplanationContext& context, const Ray& ray,
                              const Explanation& explanation) {
-    return text_of(Writer(plan, context).document(ray, explanation));
+    return text_of(ExplanationWriter(plan, context).document(ray, explanation));
 }
 
 }  // namespace raynest::server

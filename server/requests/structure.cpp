@@ -71,12 +71,11 @@ private:
 };
 
 std::optional<StructureRequest::Kind> parse_kind(std::string_view word) {
-    using Kind = StructureRequest::Kind;
-    if (word == "objects") return Kind::objects;
-    if (word == "placements") return Kind::placements;
-    if (word == "boxes") return Kind::boxes;
-    if (word == "paths") return Kind::paths;
-    if (word == "tree") return Kind::tree;
+    if (word == "objects") return StructureRequest::Kind::objects;
+    if (word == "placements") return StructureRequest::Kind::placements;
+    if (word == "boxes") return StructureRequest::Kind::boxes;
+    if (word == "paths") return StructureRequest::Kind::paths;
+    if (word == "tree") return StructureRequest::Kind::tree;
     return std::nullopt;
 }
 

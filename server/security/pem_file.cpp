@@ -7,10 +7,6 @@ namespace {
 
 using Memory = std::unique_ptr<BIO, protocol::Release<BIO_free>>;
 
-tl::unexpected<Error> unusable(const std::filesystem::path& file, const std::string& why) {
-    return fail(ErrorCode::io_failed, file.string() + ": " + why);
-}
-
 /// OpenSSL would ask for a password on the terminal: notes instead that it wanted one.
 int refuse_password(char* /*buffer*/, int /*size*/, int /*writes*/, void* wanted) {
     *static_cast<bool*>(wanted) = true;
@@ -64,6 +60,10 @@ Result<Key> to_key(const std::filesystem::path& file, Result<std::string> conten
 }
 
 }  // namespace
+
+tl::unexpected<Error> unusable(const std::filesystem::path& file, const std::string& why) {
+    return fail(ErrorCode::io_failed, file.string() + ": " + why);
+}
 
 Result<std::vector<Certificate>> read_certificates(const std::filesystem::path& file) {
     return to_certificates(file, read_regular_file(file, pem_bytes_max));

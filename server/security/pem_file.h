@@ -33,6 +33,10 @@ using Certificate = std::unique_ptr<X509, protocol::Release<X509_free>>;
 [[nodiscard]] Result<std::vector<Certificate>> read_certificates(const FilePlace& place);
 [[nodiscard]] Result<Key> read_key(const FilePlace& place, Reader reader);
 
+/// The error for a file that is read and of no use.
+[[nodiscard]] tl::unexpected<Error> unusable(const std::filesystem::path& file,
+                                             const std::string& why);
+
 /// The reason of OpenSSL's first error in this thread; clears them all.
 [[nodiscard]] inline std::string tls_error_text() {
     return protocol::openssl_error_text("OpenSSL does not say why");

@@ -17,10 +17,6 @@ namespace {
 /// Encrypted bytes that one read of a socket takes. The buffer is given back when it is empty.
 constexpr std::size_t read_ahead_bytes = 64 << 10;
 
-tl::unexpected<Error> unusable(const std::filesystem::path& file, const std::string& why) {
-    return fail(ErrorCode::io_failed, file.string() + ": " + why);
-}
-
 std::chrono::system_clock::time_point to_time(const ASN1_TIME* time) {
     std::tm parts{};
     if (time == nullptr || ASN1_TIME_to_tm(time, &parts) != 1) return {};

@@ -16,14 +16,12 @@
 
 #include <algorithm>
 #include <cmath>
-#include <numbers>
 
 namespace raynest {
 namespace {
 
 using namespace forest;
 
-constexpr float pi = std::numbers::pi_v<float>;
 constexpr float clearing_radius = 13;
 constexpr float stand_radius = 9;
 constexpr std::uint32_t trees_per_stand = 16;

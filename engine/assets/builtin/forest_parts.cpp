@@ -4,12 +4,9 @@
 #include "engine/assets/builtin/noise.h"
 
 #include <algorithm>
-#include <numbers>
 
 namespace raynest::forest {
 namespace {
-
-constexpr float pi = std::numbers::pi_v<float>;
 
 Vec3 any_normal(const Vec3& v) {
     const Vec3 help = std::abs(v.y) < 0.9F ? Vec3(0, 1, 0) : Vec3(1, 0, 0);

@@ -5,9 +5,12 @@
 #include "engine/scene/description.h"
 
 #include <cstdint>
+#include <numbers>
 #include <vector>
 
 namespace raynest::forest {
+
+inline constexpr float pi = std::numbers::pi_v<float>;
 
 enum MaterialId : std::uint32_t {
     ground,

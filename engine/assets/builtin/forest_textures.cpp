@@ -5,12 +5,9 @@
 #include "engine/assets/builtin/noise.h"
 
 #include <array>
-#include <numbers>
 
 namespace raynest::forest {
 namespace {
-
-constexpr float pi = std::numbers::pi_v<float>;
 
 Vec2 rotated(const Vec2& v, float angle) {
     const float c = std::cos(angle);

@@ -13,10 +13,10 @@ namespace {
 
 constexpr std::size_t header_bytes_min = 227;  ///< of LAS 1.0 to 1.2
 constexpr std::size_t header_bytes_14 = 375;
-constexpr std::size_t formats = 11;
+constexpr std::size_t format_count = 11;
 /// The least bytes of a point in each format; more are a file's own.
-constexpr std::array<std::uint16_t, formats> point_bytes{20, 28, 26, 34, 57, 63,
-                                                         30, 36, 38, 59, 67};
+constexpr std::array<std::uint16_t, format_count> point_bytes{20, 28, 26, 34, 57, 63,
+                                                              30, 36, 38, 59, 67};
 
 template <class Number>
 Number number_at(std::span<const std::byte> bytes, std::size_t at) {
@@ -38,8 +38,8 @@ std::vector<std::uint8_t> read_colours(std::span<const std::byte> points, std::u
                                        std::uint16_t record_bytes, std::uint64_t count,
                                        FileContent& content) {
     constexpr std::size_t none = 0;
-    constexpr std::array<std::size_t, formats> places{none, none, 20, 28,   none, 28,
-                                                      none, 30,   30, none, 30};
+    constexpr std::array<std::size_t, format_count> places{none, none, 20, 28,   none, 28,
+                                                           none, 30,   30, none, 30};
     const std::size_t place = places[format];
     if (place == none) return {};
     const auto channel = [&](std::uint64_t point, std::size_t i) {
@@ -83,7 +83,7 @@ Result<FileContent> read_las(const ImportRequest& request, const ImportLimits& l
     // Some programs fill in the older count alone.
     if (minor == 4 && file.size() >= header_bytes_14)
         if (const auto wide = number_at<std::uint64_t>(file, 247); wide != 0) count = wide;
-    if (format >= formats)
+    if (format >= format_count)
         return fail(ErrorCode::scene_unsupported,
                     fmt::format("has points of format {}; 0 to 10 are read", format));
     if (record_bytes < point_bytes[format] || data_at < header_bytes_min || data_at > file.size())

@@ -3,14 +3,15 @@
 namespace raynest {
 namespace {
 
-using Places = std::vector<std::uint32_t>;
+using CornerPlaces = std::vector<std::uint32_t>;
 
 double area_of(const glm::dvec2& a, const glm::dvec2& b, const glm::dvec2& c) {
     return (b.x - a.x) * (c.y - a.y) - (b.y - a.y) * (c.x - a.x);
 }
 
 /// Projects a polygon along the axis in which it faces most, so that it turns to the left.
-std::vector<glm::dvec2> flatten(const std::vector<glm::dvec3>& positions, const Places& corners) {
+std::vector<glm::dvec2> flatten(const std::vector<glm::dvec3>& positions,
+                                const CornerPlaces& corners) {
     glm::dvec3 normal(0);  // Newell's: exact for flat polygons, sensible for others
     for (std::size_t i = 0; i < corners.size(); ++i) {
         const glm::dvec3 from = positions[corners[i]] - positions[corners[0]];
@@ -55,7 +56,7 @@ public:
 
     /// Appends the triangles of the ears to `out`, and returns what remains: three corners, or more
     /// where the polygon crosses itself or has no area.
-    Places cut(Places& out) {
+    CornerPlaces cut(CornerPlaces& out) {
         std::size_t left = flat_.size();
         std::uint32_t at = 0;
         for (std::size_t tried = 0; left > 3 && tried < left;) {
@@ -71,7 +72,7 @@ public:
             at = before_[at];
             tried = 0;
         }
-        Places rest;
+        CornerPlaces rest;
         for (; left > 0; --left, at = after_[at]) rest.push_back(at);
         return rest;
     }
@@ -91,15 +92,16 @@ private:
     }
 
     const std::vector<glm::dvec2>& flat_;
-    Places before_, after_;  ///< of the corners that remain
+    CornerPlaces before_, after_;  ///< of the corners that remain
 };
 
 }  // namespace
 
-void triangulate(const std::vector<glm::dvec3>& positions, const Places& corners, Places& out) {
+void triangulate(const std::vector<glm::dvec3>& positions, const CornerPlaces& corners,
+                 CornerPlaces& out) {
     constexpr std::size_t ears_max = 10'000;
     const std::size_t count = corners.size();
-    const auto fan = [&](const Places& rest) {
+    const auto fan = [&](const CornerPlaces& rest) {
         for (std::uint32_t i = 1; i + 1 < rest.size(); ++i)
             out.insert(out.end(), {rest[0], rest[i], rest[i + 1]});
     };
@@ -107,7 +109,7 @@ void triangulate(const std::vector<glm::dvec3>& positions, const Places& corners
         const std::vector<glm::dvec2> flat = flatten(positions, corners);
         if (!is_convex(flat)) return fan(EarCutter(flat).cut(out));
     }
-    Places all(count);
+    CornerPlaces all(count);
     for (std::uint32_t i = 0; i < count; ++i) all[i] = i;
     fan(all);
 }

@@ -1,6 +1,7 @@
 #include "engine/assets/gltf/skins.h"
 
 #include "engine/assets/input/messages.h"
+#include "engine/math/finite.h"
 #include "engine/scene/motion/skinning.h"
 
 #include <fmt/format.h>
@@ -55,10 +56,6 @@ bool is_weight(const Accessor& accessor) {
 bool is_joint(const Accessor& accessor) {
     return accessor.width == 4 && !accessor.normalized &&
            (accessor.component == Component::u8 || accessor.component == Component::u16);
-}
-
-bool is_finite(const Matrix& matrix) {
-    return std::all_of(matrix.begin(), matrix.end(), [](double x) { return std::isfinite(x); });
 }
 
 }  // namespace

@@ -20,13 +20,6 @@ namespace {
 /// longer than its chords by less than 2 in 1000.
 constexpr int pieces = 8;
 
-/// A box that follows a node.
-struct Follower {
-    std::uint32_t node = 0;
-    Affine to_node = identity_affine;
-    Box box;
-};
-
 glm::dvec3 mapped(const Affine& m, const glm::dvec3& p) {
     return {m[0] * p.x + m[1] * p.y + m[2] * p.z + m[3],
             m[4] * p.x + m[5] * p.y + m[6] * p.z + m[7],
@@ -93,6 +86,13 @@ public:
     [[nodiscard]] double fastest() const { return most_; }
 
 private:
+    /// A box that follows a node.
+    struct Follower {
+        std::uint32_t node = 0;
+        Affine to_node = identity_affine;
+        Box box;
+    };
+
     void look(double begin, double until) {
         // Just before the end: there a STEP channel jumps.
         const double end = std::nextafter(until, begin);

@@ -10,7 +10,7 @@ namespace raynest {
 namespace {
 
 /// Placements of a node that follow each other and have one user id.
-struct Part {
+struct UidPart {
     std::uint32_t number;              ///< of the first placement
     std::optional<std::uint32_t> uid;  ///< nothing: the node's
 };
@@ -76,7 +76,7 @@ std::vector<InstancePlace> places_within(const SceneView& view, std::uint32_t ou
 void set_node_uids(const Snapshot& base, std::span<const InstanceUid> uids, Content& content) {
     const std::vector<PathNode> nodes = std::exchange(content.path_nodes, {});
     const std::vector<PathRun> runs = std::exchange(content.path_runs, {});
-    std::vector<std::vector<Part>> parts(nodes.size());
+    std::vector<std::vector<UidPart>> parts(nodes.size());
     Uids wanted(base, uids);
     struct Begin {
         std::uint64_t path;
@@ -90,7 +90,7 @@ void set_node_uids(const Snapshot& base, std::span<const InstanceUid> uids, Cont
         for (std::uint64_t path = run.first_path; path < end;) {
             const auto [uid, until] = wanted.at(path);
             const auto number = run.number + static_cast<std::uint32_t>(path - run.first_path);
-            std::vector<Part>& of = parts[run.node];
+            std::vector<UidPart>& of = parts[run.node];
             if (of.empty() || of.back().uid != uid) of.push_back({number, uid});
             begins.push_back({path, run.node, static_cast<std::uint32_t>(of.size() - 1), number});
             path = std::min(until, end);
@@ -104,7 +104,7 @@ void set_node_uids(const Snapshot& base, std::span<const InstanceUid> uids, Cont
         node.parent = made[node.parent];
         node.first_run = no_id;
         if (parts[i].empty()) content.path_nodes.push_back(node);
-        for (const Part& part : parts[i]) {
+        for (const UidPart& part : parts[i]) {
             PathNode& own = content.path_nodes.emplace_back(node);
             if (&part != &parts[i].front()) own.number = part.number;
             own.source = part.uid.value_or(node.source);
