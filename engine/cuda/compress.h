@@ -17,7 +17,7 @@ struct DeviceTrees {
     [[nodiscard]] CompressedTrees view() const { return {nodes.data(), triangles.data()}; }
 };
 
-/// Converts a valid scene (scene/arena_check.h). Fails with limit_exceeded if a ray could need more
+/// Converts a valid scene (scene/checks/arena_check.h). Fails with limit_exceeded if a ray could need more
 /// levels or stack than the traversal has; only the CPU can trace such a scene. Linear time.
 Result<DeviceTrees> compress(const SceneView& scene);
 

@@ -38,7 +38,7 @@ struct Device {
     /// Lasts for the life of the process.
     TraceStatus (*pin)(void* memory, std::uint64_t bytes) noexcept;
 
-    /// Copies a checked scene (scene/arena_check.h) to the device; the original may then go.
+    /// Copies a checked scene (scene/checks/arena_check.h) to the device; the original may then go.
     /// trace_too_deep: the scene has more levels than kernels support. trace_out_of_memory: the
     /// device is full; trace_cancelled: the host is.
     TraceStatus (*load)(const SceneView*, DeviceScene**) noexcept;

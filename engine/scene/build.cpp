@@ -1,6 +1,6 @@
 // Description -> snapshot: one tree per object, children first, then one arena.
+#include "engine/scene/checks/description_check.h"
 #include "engine/scene/content.h"
-#include "engine/scene/description_check.h"
 #include "engine/scene/graph.h"
 #include "engine/scene/opacity.h"
 #include "engine/scene/path_table.h"

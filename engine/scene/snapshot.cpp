@@ -1,12 +1,13 @@
 #include "engine/scene/snapshot.h"
 
 #include "engine/geometry/hit.h"
-#include "engine/scene/arena_check.h"
+#include "engine/scene/checks/arena_check.h"
 #include "engine/scene/format.h"
 
 #include <tbb/parallel_for.h>
 
 #include <algorithm>
+#include <atomic>
 #include <cstring>
 #include <utility>
 
@@ -68,6 +69,10 @@ std::vector<MaterialUse> count_material_uses(const SceneView& scene,
 }  // namespace
 
 Result<std::shared_ptr<const Snapshot>> Snapshot::open(BuiltArena built) {
+    return reopen(std::move(built), {});
+}
+
+Result<std::shared_ptr<const Snapshot>> Snapshot::reopen(BuiltArena built, std::string digest) {
     Arena& arena = built.arena;
     const auto view = check_arena({arena.data(), arena.size()});
     if (!view) return tl::unexpected(view.error());
@@ -141,18 +146,30 @@ Result<std::shared_ptr<const Snapshot>> Snapshot::open(BuiltArena built) {
                 count += view->objects[i].record_count;
     }
 
-    auto& pieces = snapshot->pieces_;
-    pieces.resize((arena.size() + digest_piece_bytes - 1) / digest_piece_bytes);
-    if (auto hashed =
-            hash_pieces({base, arena.size()}, std::vector<bool>(pieces.size(), true), pieces);
-        !hashed)
-        return tl::unexpected(hashed.error());
-    auto digest = scene_digest(pieces);
-    if (!digest) return tl::unexpected(digest.error());
-    snapshot->digest_ = std::move(*digest);
+    auto name = raynest::arena_digest({base, arena.size()});
+    if (!name) return tl::unexpected(name.error());
+    snapshot->arena_id_ = std::move(*name);
     snapshot->arena_ = std::move(arena);
     shading.scene = &snapshot->view_;
+    if (digest.empty()) {
+        const auto& contents = snapshot->contents();
+        if (!contents) return tl::unexpected(contents.error());
+        digest = (*contents)->scene();
+    }
+    snapshot->digest_ = std::move(digest);
     return snapshot;
+}
+
+const Result<std::shared_ptr<const ContentDigests>>& Snapshot::contents() const {
+    std::call_once(hashed_, [this] {
+        if (contents_ && *contents_ == nullptr) contents_ = ContentDigests::of(checked());
+    });
+    return contents_;
+}
+
+Result<std::string> Snapshot::arena_digest() const {
+    if (!is_edited_) return arena_id_;
+    return raynest::arena_digest(bytes());
 }
 
 Result<std::shared_ptr<const Snapshot>> Snapshot::open_edited(BuiltArena built,
@@ -202,16 +219,17 @@ Result<std::shared_ptr<const Snapshot>> Snapshot::open_edited(BuiltArena built,
     snapshot->record_counts_ = before.record_counts_;
     snapshot->meshes_ = before.meshes_;
     snapshot->material_uses_ = before.material_uses_;
-    snapshot->pieces_ = before.pieces_;
-    if (auto hashed = hash_pieces({base, built.arena.size()}, traces.changed, snapshot->pieces_);
-        !hashed)
-        return tl::unexpected(hashed.error());
-    auto digest = scene_digest(snapshot->pieces_);
-    if (!digest) return tl::unexpected(digest.error());
-    snapshot->digest_ = std::move(*digest);
-    snapshot->edited_from_ = before.digest_;
+    snapshot->edited_from_ = before.arena_id_;
     snapshot->changed_ = std::move(traces.changed);
     snapshot->arena_ = std::move(built.arena);
+    static std::atomic<std::uint64_t> edits = 0;
+    snapshot->is_edited_ = true;
+    snapshot->arena_id_ = "edit " + std::to_string(++edits);
+    const auto& contents = before.contents();
+    if (!contents) return tl::unexpected(contents.error());
+    snapshot->contents_ = (*contents)->after(snapshot->checked(), traces.content);
+    if (!snapshot->contents_) return tl::unexpected(snapshot->contents_.error());
+    snapshot->digest_ = (*snapshot->contents_)->scene();
     return snapshot;
 }
 
@@ -223,10 +241,11 @@ std::span<const std::byte> Snapshot::motion_bytes() const {
 Arena Snapshot::copy_arena(const Snapshot& scene, std::shared_ptr<const Snapshot> spare) {
     const std::size_t bytes = scene.arena_.size();
     const bool fits = spare != nullptr && spare.use_count() == 1 &&
-                      spare->digest_ == scene.edited_from_ && spare->arena_.size() == bytes;
+                      spare->arena_id_ == scene.edited_from_ && spare->arena_.size() == bytes;
     // Nobody else refers to it, and it is not used again.
     Arena arena = fits ? std::move(const_cast<Snapshot&>(*spare).arena_) : Arena(bytes);
-    tbb::parallel_for(std::size_t{0}, scene.pieces_.size(), [&](std::size_t i) {
+    const std::size_t pieces = (bytes + digest_piece_bytes - 1) / digest_piece_bytes;
+    tbb::parallel_for(std::size_t{0}, pieces, [&](std::size_t i) {
         if (fits && !scene.changed_[i]) return;
         const std::size_t first = i * digest_piece_bytes;
         std::memcpy(arena.data() + first, scene.arena_.data() + first,

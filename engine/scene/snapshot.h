@@ -9,8 +9,8 @@
 #include "engine/geometry/path.h"
 #include "engine/geometry/views.h"
 #include "engine/result.h"
+#include "engine/scene/content_digest.h"
 #include "engine/scene/description.h"
-#include "engine/scene/digest.h"
 #include "engine/scene/tree_statistics.h"
 #include "engine/shading/records.h"
 
@@ -18,6 +18,7 @@
 #include <cstdint>
 #include <map>
 #include <memory>
+#include <mutex>
 #include <optional>
 #include <span>
 #include <string>
@@ -116,10 +117,11 @@ struct TreeLinks;  // scene/edits/tree_links.h
 
 /// The differences of an edited arena from the one before.
 struct EditTraces {
-    std::vector<bool> changed;               ///< pieces (scene/digest.h): these are hashed
+    std::vector<bool> changed;               ///< pieces of the arena (scene/digest.h)
     std::vector<std::uint32_t> objects;      ///< whose trees are measured, ascending
     std::optional<double> root_cost;         ///< of the root's tree, where it is known already
     std::shared_ptr<const TreeLinks> links;  ///< of the root's tree
+    TouchedObjects content;
 };
 
 class Snapshot {
@@ -130,6 +132,10 @@ public:
     /// Takes an arena that came from a cache or an import child. Every section bound, child word,
     /// index and offset is checked once, so that traversal need not check any.
     static Result<std::shared_ptr<const Snapshot>> open(BuiltArena built);
+
+    /// The same for content that was open before, whose digest() was `digest`: an edit is the first
+    /// to hash it again. An empty one is not known.
+    static Result<std::shared_ptr<const Snapshot>> reopen(BuiltArena built, std::string digest);
 
     /// Opens an arena that edit_scene() made of `before`, laid out as that is. It is not checked
     /// again.
@@ -158,8 +164,13 @@ public:
     [[nodiscard]] UpAxis up() const { return shading_.up; }
     /// The box of all vertices as they are placed, and of records' boxes; trees have larger ones.
     [[nodiscard]] const Box& bounds() const { return bounds_; }
-    /// The scene's identity, as 64 hex digits (scene/digest.h).
+    /// The scene's identity, as 64 hex digits (scene/content_digest.h): equal content, equal hits.
     [[nodiscard]] const std::string& digest() const { return digest_; }
+    /// Equal for equal arenas, trees included: memory may be shared by it. It is the arena's digest
+    /// (scene/digest.h), but for a scene that was edited: that one has a name of its own.
+    [[nodiscard]] const std::string& arena_id() const { return arena_id_; }
+    /// Returns the arena's digest, and takes the time to hash it where an edit has made it.
+    [[nodiscard]] Result<std::string> arena_digest() const;
     /// Names of the primitive types in use beside triangles ("sphere").
     [[nodiscard]] const std::vector<std::string>& record_types() const { return record_types_; }
     /// Records of each of them, every object once.
@@ -174,6 +185,9 @@ public:
 
 private:
     Snapshot() = default;
+    [[nodiscard]] CheckedArena checked() const { return {bytes(), view_, shading_}; }
+    /// Hashes the content unless that was done.
+    [[nodiscard]] const Result<std::shared_ptr<const ContentDigests>>& contents() const;
     Arena arena_;
     SceneView view_;
     ShadingView shading_;
@@ -184,8 +198,11 @@ private:
     std::vector<double> tree_costs_;
     std::shared_ptr<const TreeLinks> root_links_;
     std::string digest_;
-    std::vector<Sha256> pieces_;
-    std::string edited_from_;    ///< digest of the snapshot that it was edited from; empty: of none
+    std::string arena_id_;
+    bool is_edited_ = false;
+    mutable std::once_flag hashed_;
+    mutable Result<std::shared_ptr<const ContentDigests>> contents_;  ///< null until it is hashed
+    std::string edited_from_;    ///< arena_id() of the snapshot that it was edited from, if any
     std::vector<bool> changed_;  ///< the pieces in which it differs from that one
     std::vector<std::string> record_types_;
     std::vector<std::uint64_t> record_counts_;

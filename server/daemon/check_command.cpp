@@ -79,7 +79,7 @@ Result<Findings> look(const std::filesystem::path& folder) {
     found.scenes = rows->size();
     for (const StoredScene& row : *rows) {
         found.bytes += row.bytes;
-        const auto stored = read_stored(folder, row.digest, row.bytes);
+        const auto stored = read_stored(folder, row.digest, row.bytes, row.content);
         const auto edits = manifest->edits(row.number);
         if (stored && edits) continue;
         found.damaged.push_back(

@@ -93,6 +93,10 @@ private:
 
 }  // namespace
 
+bool gives(const Snapshot& scene, const std::string& digest) {
+    return scene.digest() == digest || scene.arena_digest() == digest;
+}
+
 std::uint64_t EditContent::bytes() const {
     std::uint64_t sum = std::uint64_t{rows} * sizeof(EditRow);
     for (const std::uint32_t count : vertex_counts) sum += std::uint64_t{count} * sizeof(Vec3);
@@ -270,7 +274,7 @@ Reply<std::shared_ptr<const Snapshot>> replay_edits(std::shared_ptr<const Snapsh
             return refuse(edited.error());
         if (!edited) return damaged("does not fit it: " + edited.error().message);
         spare = std::exchange(scene, std::move(*edited));
-        if (scene->digest() != edit.digest) return damaged("gives another scene than before");
+        if (!gives(*scene, edit.digest)) return damaged("gives another scene than before");
         epoch = edit.epoch;
     }
     return scene;

@@ -44,6 +44,8 @@ Reply<void> read_edit(EditBatch& batch, const Snapshot& scene, const std::string
 /// Returns an edit that adds no scenes as replay_edits() reads it.
 [[nodiscard]] Reply<std::vector<std::byte>> kept_change(const EditContent& content,
                                                         std::span<const std::byte> bytes);
+/// True if `digest` is the scene's: that of its content, or what an older release wrote, of its arena.
+[[nodiscard]] bool gives(const Snapshot& scene, const std::string& digest);
 /// Makes the edits of a stored scene again. Fails with SCENE_INVALID if that gives another scene than
 /// they gave before, with CANCELLED once the guard stops, and with RESOURCE_EXHAUSTED where it
 /// grants no memory.

@@ -182,12 +182,13 @@ private:
             publication_.keep->edit.change = std::move(*change);
             return {};
         }
-        if (auto fits = plan.room.check(snapshot_->digest(), snapshot_->bytes().size()); !fits)
-            return fits;
+        const auto digest = snapshot_->arena_digest();
+        if (!digest) return refuse(digest.error());
+        if (auto fits = plan.room.check(*digest, snapshot_->bytes().size()); !fits) return fits;
         // No load may put its scene in the place of this one between here and the commit.
         name_lock_ = services_.state->lock_name(plan.row.owner, plan.row.name, stopped);
         if (!name_lock_) return refuse(Code::cancelled, "");
-        auto blob = services_.state->keep(snapshot_->digest(), snapshot_->bytes(), stopped);
+        auto blob = services_.state->keep(*digest, snapshot_->bytes(), stopped);
         if (stop.requested()) return refuse(Code::cancelled, "");
         if (!blob) return not_changed(*services_.state, std::move(blob.error()));
         publication_.blob = std::move(*blob);

@@ -143,7 +143,8 @@ public:
             memory_.reset();
             // Another's copy saves memory, and is not told.
             reused_ = services_.scenes.shows(snapshot_->digest(), order_.caller);
-            if (!services_.scenes.holds(snapshot_->digest())) make_room(snapshot_->bytes().size());
+            if (!services_.scenes.holds(snapshot_->arena_id()))
+                make_room(snapshot_->bytes().size());
         }
         if (is_stored_ && !committed_) {
             auto stored = services_.scenes.prepare_to_store(order_.name, snapshot_,
@@ -232,9 +233,9 @@ private:
     /// way. On a thread of the blocking pool.
     Reply<Frames> store(const Stop& stop) {
         const auto stopped = [&] { return stop.requested(); };
-        if (auto fits = disk_room_.check(snapshot_->digest(), snapshot_->bytes().size()); !fits)
+        if (auto fits = disk_room_.check(snapshot_->arena_id(), snapshot_->bytes().size()); !fits)
             return tl::unexpected(fits.error());
-        auto blob = services_.state->keep(snapshot_->digest(), snapshot_->bytes(), stopped);
+        auto blob = services_.state->keep(snapshot_->arena_id(), snapshot_->bytes(), stopped);
         if (stop.requested()) return refuse(Code::cancelled, "");
         if (!blob) return not_changed(*services_.state, std::move(blob.error()));
         blob_ = std::move(*blob);

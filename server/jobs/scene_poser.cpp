@@ -16,12 +16,12 @@ struct ScenePoser::Made {
     Reply<std::shared_ptr<const Snapshot>> snapshot = nullptr;
 };
 
-ScenePoser::Posed* ScenePoser::place_of(const std::string& principal, const std::string& digest,
+ScenePoser::Posed* ScenePoser::place_of(const std::string& principal, const std::string& arena,
                                         const Moment& moment) {
     const auto own = own_.find(principal);
     if (own == own_.end()) return nullptr;
     const auto posed = std::ranges::find_if(own->second.kept, [&](const Posed& each) {
-        return each.digest == digest && each.moment == moment;
+        return each.arena == arena && each.moment == moment;
     });
     return posed == own->second.kept.end() ? nullptr : &*posed;
 }
@@ -36,7 +36,7 @@ Reply<NamedScene> ScenePoser::find(const NamedScene& base, std::string_view anim
                                    double seconds, const Caller& caller) {
     const auto moment = find_moment(base.snapshot(), animation, seconds);
     if (!moment) return refuse(moment.error());
-    Posed* const posed = place_of(caller.principal, base.snapshot().digest(), *moment);
+    Posed* const posed = place_of(caller.principal, base.snapshot().arena_id(), *moment);
     if (posed == nullptr || posed->held == nullptr) {
         wanted_ = Wanted{base, *moment};
         return refuse(Code::busy, "the scene is being posed; ask again");
@@ -50,7 +50,7 @@ Reply<NamedScene> ScenePoser::find(const NamedScene& base, std::string_view anim
 void ScenePoser::make(const Wanted& wanted, const std::string& principal,
                       std::weak_ptr<Ready> ready) {
     const Snapshot& scene = wanted.base.snapshot();
-    if (Posed* const same = place_of(principal, scene.digest(), wanted.moment)) {
+    if (Posed* const same = place_of(principal, scene.arena_id(), wanted.moment)) {
         same->waiting.add(std::move(ready));
         return;
     }
@@ -74,7 +74,7 @@ void ScenePoser::make(const Wanted& wanted, const std::string& principal,
     }
     made->lease = std::move(*lease);
     Kept& kept = own_[principal].kept;
-    kept.push_back({principal, scene.digest(), wanted.moment, nullptr});
+    kept.push_back({principal, scene.arena_id(), wanted.moment, nullptr});
     kept.back().waiting.add(std::move(ready));
     services_.blocking.submit(principal, Priority::normal,
                               [this, principal, held = wanted.base.held, moment = wanted.moment,

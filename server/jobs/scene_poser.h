@@ -60,7 +60,7 @@ public:
 private:
     struct Posed {
         std::string principal;
-        std::string digest;  ///< of the scene that it is made of
+        std::string arena;  ///< of the scene that it is made of
         Moment moment;
         std::shared_ptr<const HeldScene> held;  ///< null: it is being made
         Waiters waiting = {};
@@ -74,7 +74,7 @@ private:
     };
 
     /// Returns null if there is none.
-    Posed* place_of(const std::string& principal, const std::string& digest, const Moment& moment);
+    Posed* place_of(const std::string& principal, const std::string& arena, const Moment& moment);
     [[nodiscard]] std::size_t under_way(const std::string& principal) const;
     void drop_all_but(std::size_t most, const std::string& principal);
     [[nodiscard]] tl::unexpected<protocol::Error> no_room(std::uint64_t bytes,

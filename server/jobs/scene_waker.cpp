@@ -21,13 +21,14 @@ namespace raynest::server {
 struct SceneWaker::Read {
     /// Reads the blob, then makes the edits again that were kept since. Blocks.
     void read(StateFolder& state, Budget& budget, const AsleepScene& scene) {
-        auto stored = read_stored(state.path(), scene.row.digest, scene.row.bytes);
+        auto stored =
+            read_stored(state.path(), scene.row.digest, scene.row.bytes, scene.row.content);
         if (!stored) {
             fault = std::move(stored.error());
             if (fault->damaged && !fault->of_another_release) state.set_aside(scene.row.digest);
             return;
         }
-        if (scene.facts.digest == scene.row.digest) {
+        if (!scene.has_edits) {
             snapshot = std::move(*stored);
             return;
         }
@@ -36,7 +37,7 @@ struct SceneWaker::Read {
         auto edited = edits ? replay_edits(std::move(*stored), scene.row.epoch, *edits,
                                            memory.guard([this] { return is_stopped.load(); }))
                             : refuse(edits.error());
-        if (edited && (*edited)->digest() == scene.facts.digest)
+        if (edited && gives(**edited, scene.facts.digest))
             snapshot = std::move(*edited);
         else
             fault = BlobFault{!edited && edited.error().code == Code::scene_invalid,
@@ -52,41 +53,40 @@ struct SceneWaker::Read {
 
 void SceneWaker::wake(const AsleepScene& scene, const std::string& principal,
                       std::weak_ptr<Awake> awake) {
-    waiting_[scene.facts.digest].who.add(std::move(awake));
+    waiting_[scene.facts.arena].who.add(std::move(awake));
     add(scene, principal);
 }
 
 void SceneWaker::wake(const AsleepScene& scene) {
-    waiting_[scene.facts.digest].for_nobody = true;
+    waiting_[scene.facts.arena].for_nobody = true;
     add(scene, scene.owner);
 }
 
 void SceneWaker::drop_deserted() {
-    for (auto& [digest, waiting] : waiting_)
+    for (auto& [arena, waiting] : waiting_)
         if (!waiting.for_nobody && waiting.who.all_expired()) waiting.read->is_stopped = true;
 }
 
 void SceneWaker::stop() {
     is_ending_ = true;
-    for (auto& [digest, waiting] : waiting_) waiting.read->is_stopped = true;
+    for (auto& [arena, waiting] : waiting_) waiting.read->is_stopped = true;
 }
 
 void SceneWaker::add(const AsleepScene& scene, const std::string& principal) {
-    Waiting& waiting = waiting_[scene.facts.digest];
+    Waiting& waiting = waiting_[scene.facts.arena];
     if (waiting.read) return;
     auto read = std::make_shared<Read>();
     // Edits are made beside the scene that they change. Those that change what lies within an instance
     // ask for up to two copies more once they are read.
-    const bool has_edits = scene.facts.digest != scene.row.digest;
-    const std::uint64_t bytes = scene.facts.bytes + (has_edits ? scene.row.bytes : 0);
+    const std::uint64_t bytes = scene.facts.bytes + (scene.has_edits ? scene.row.bytes : 0);
     // Each call looks at all scenes. Pinned ones are read at the start, when none is in memory yet.
     if (!waiting.for_nobody) {
         services_.scenes.make_room(bytes, scene.owner);
-        if (has_edits) services_.scenes.make_room(bytes + 2 * scene.facts.bytes, scene.owner);
+        if (scene.has_edits) services_.scenes.make_room(bytes + 2 * scene.facts.bytes, scene.owner);
     }
     auto lease = services_.peers.reserve(bytes, scene.owner, Use::lasting);
     if (!lease) {
-        Waiters who = waiting_.extract(scene.facts.digest).mapped().who;
+        Waiters who = waiting_.extract(scene.facts.arena).mapped().who;
         if (who.empty()) return;
         const auto full = services_.budget.refuse(
             "the scene", bytes, scene.owner,
@@ -120,11 +120,12 @@ void SceneWaker::done(const AsleepScene& scene, Read& read) {
                      {"seconds", std::to_string(read.seconds)}});
     } else if (read.fault && read.fault->damaged) {
         for (const std::string& name :
-             services_.scenes.quarantine(scene.facts.digest, read.fault->why)) {
+             services_.scenes.quarantine(scene.facts.arena, read.fault->why)) {
             services_.metrics.count<&Metrics::scenes_damaged>(scene.owner);
             log(LogLevel::error, "scene_damaged",
                 {{"scene", name},
                  {"hash", scene.facts.digest},
+                 {"blob", scene.row.digest},
                  {"reason", read.fault->why},
                  {"remedy",
                   read.fault->of_another_release
@@ -136,7 +137,7 @@ void SceneWaker::done(const AsleepScene& scene, Read& read) {
                         "the stored scene could not be read: " + read.fault->why + "; try again");
     }
     // Whoever has come since nobody waited any more asks again.
-    auto waiting = waiting_.extract(scene.facts.digest);
+    auto waiting = waiting_.extract(scene.facts.arena);
     if (!waiting.empty()) waiting.mapped().who.wake_all(result);
 }
 

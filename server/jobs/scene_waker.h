@@ -45,7 +45,7 @@ private:
 
     const Services& services_;
     const Post post_;
-    std::map<std::string, Waiting> waiting_;  ///< by digest
+    std::map<std::string, Waiting> waiting_;  ///< by SceneFacts::arena
     bool is_ending_ = false;                  ///< stop() was called
 };
 

@@ -61,7 +61,7 @@ Reply<std::optional<NamedScene>> SceneStore::publish_edit(const NamedScene& befo
                                                           std::shared_ptr<const Snapshot> edited,
                                                           const ConnectionId& caller,
                                                           EditPublication how) {
-    std::erase_if(by_digest_, [](const auto& known) { return known.second.expired(); });
+    std::erase_if(by_arena_, [](const auto& known) { return known.second.expired(); });
     if (const auto allowed = may_edit(before.name, caller); !allowed)
         return tl::unexpected(allowed.error());
     Entry& entry = *meant(before.name, caller);
@@ -76,6 +76,7 @@ Reply<std::optional<NamedScene>> SceneStore::publish_edit(const NamedScene& befo
     entry.facts = facts_of(entry.scene.snapshot());
     entry.epoch_reserved = std::max(entry.epoch_reserved, how.plan.reserve);
     entry.scene.epoch = entry.next_epoch();
+    if (how.blob) entry.facts.arena = *how.blob;
     if (!how.keep || how.blob) entry.blob = std::move(how.blob);
     if (how.keep) {
         KeptEdit& edit = how.keep->edit;

@@ -44,10 +44,11 @@ std::string uri_of(const std::filesystem::path& file, bool read_only) {
 
 /// Returns the checksum of a row: SQLite finds damaged pages, not changed letters.
 std::int64_t checksum(const StoredScene& scene) {
-    const std::string text =
+    std::string text =
         fmt::format("{}\n{}\n{}\n{}\n{}\n{}\n{}\n{}\n{}\n{}", scene.number, scene.owner, scene.name,
                     joined(scene.share), scene.digest, scene.epoch, scene.bytes,
                     scene.instanced_triangles, scene.build_seconds, scene.used);
+    if (!scene.content.empty()) text.append("\n").append(scene.content);
     return std::bit_cast<std::int64_t>(protocol::upload_checksum(std::as_bytes(std::span(text))));
 }
 
@@ -171,6 +172,7 @@ Result<void> Manifest::check() {
     if (foreign.step() != SQLITE_DONE)
         return damaged("it has what raynestd has not put there: " + foreign.text());
     has_edits_ = found > 1;
+    has_content_ = found > 2;
     return {};
 }
 
@@ -211,19 +213,22 @@ Result<Manifest> Manifest::open(const std::filesystem::path& file, bool read_onl
           "CREATE TABLE IF NOT EXISTS scenes(number INTEGER NOT NULL, owner TEXT NOT NULL, "
           "name TEXT NOT NULL, share TEXT NOT NULL, digest TEXT NOT NULL, epoch INTEGER NOT NULL, "
           "bytes INTEGER NOT NULL, triangles INTEGER NOT NULL, build_seconds REAL NOT NULL, "
-          "used INTEGER NOT NULL, checksum INTEGER NOT NULL, PRIMARY KEY(owner, name)) STRICT",
+          "used INTEGER NOT NULL, checksum INTEGER NOT NULL, content TEXT NOT NULL DEFAULT '', "
+          "PRIMARY KEY(owner, name)) STRICT",
           "CREATE TABLE IF NOT EXISTS edits(number INTEGER NOT NULL, epoch INTEGER NOT NULL, "
           "before INTEGER NOT NULL, digest TEXT NOT NULL, bytes INTEGER NOT NULL, "
           "triangles INTEGER NOT NULL, change BLOB NOT NULL, checksum INTEGER NOT NULL, "
           "PRIMARY KEY(number, epoch)) STRICT",
+          manifest.has_content_ ? ""
+                                : "ALTER TABLE scenes ADD COLUMN content TEXT NOT NULL DEFAULT ''",
           // Not in the version: an older release leaves this table alone.
           "CREATE TABLE IF NOT EXISTS uses(number INTEGER PRIMARY KEY, used INTEGER NOT NULL, "
           "pinned INTEGER NOT NULL) STRICT",
-          "PRAGMA application_id=1380864852", "PRAGMA user_version=2", "COMMIT"})
+          "PRAGMA application_id=1380864852", "PRAGMA user_version=3", "COMMIT"})
         if (const auto done = manifest.run(sql); !done)
             return fail(ErrorCode::io_failed, file.string() + ": " + done.error().message);
-    static_assert(application == 1380864852 && manifest_version == 2);
-    manifest.has_edits_ = true;
+    static_assert(application == 1380864852 && manifest_version == 3);
+    manifest.has_edits_ = manifest.has_content_ = true;
     return manifest;
 }
 
@@ -235,9 +240,13 @@ Result<void> Manifest::copy_to(const std::filesystem::path& file) {
 }
 
 Result<std::vector<StoredScene>> Manifest::rows() {
-    Statement all(*this,
-                  "SELECT number, owner, name, share, digest, epoch, bytes, triangles, "
-                  "build_seconds, used, checksum FROM scenes ORDER BY number");
+    Statement all(*this, has_content_
+                             ? "SELECT number, owner, name, share, digest, epoch, bytes, "
+                               "triangles, build_seconds, used, checksum, content FROM scenes "
+                               "ORDER BY number"
+                             : "SELECT number, owner, name, share, digest, epoch, bytes, "
+                               "triangles, build_seconds, used, checksum, '' FROM scenes "
+                               "ORDER BY number");
     std::vector<StoredScene> rows;
     int state = SQLITE_DONE;
     while ((state = all.step()) == SQLITE_ROW) {
@@ -254,6 +263,7 @@ Result<std::vector<StoredScene>> Manifest::rows() {
         scene.build_seconds = all.real();
         scene.used = all.integer();
         const std::int64_t sum = all.integer();
+        scene.content = all.text();
         const auto principals = protocol::split_principals(share);
         if (!share.empty() && principals) scene.share = *principals;
         if (!is_digest(scene.digest) || sum != checksum(scene))
@@ -268,7 +278,7 @@ Result<std::vector<StoredScene>> Manifest::rows() {
 }
 
 Result<void> Manifest::put(const StoredScene& scene) {
-    Statement row(*this, "INSERT OR REPLACE INTO scenes VALUES(?,?,?,?,?,?,?,?,?,?,?)");
+    Statement row(*this, "INSERT OR REPLACE INTO scenes VALUES(?,?,?,?,?,?,?,?,?,?,?,?)");
     row.bind(scene.number);
     row.bind(scene.owner);
     row.bind(scene.name);
@@ -280,6 +290,7 @@ Result<void> Manifest::put(const StoredScene& scene) {
     row.bind(scene.build_seconds);
     row.bind(scene.used);
     row.bind(checksum(scene));
+    row.bind(scene.content);
     if (row.step() == SQLITE_DONE) return {};
     return fault("the scene could not be entered in the state folder");
 }

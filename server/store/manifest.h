@@ -23,6 +23,7 @@ struct StoredScene {
     std::string name;
     std::vector<std::string> share = {};  ///< principals, or "public"
     std::string digest;                   ///< names its blob
+    std::string content = {};             ///< Snapshot::digest(); empty: an older release wrote it
     std::uint64_t epoch = 0;
     std::uint64_t bytes = 0;                ///< of the blob
     std::uint64_t instanced_triangles = 0;  ///< for lists, which read no blob
@@ -37,7 +38,7 @@ struct KeptEdit {
     std::uint64_t number = 0;  ///< of the scene's row
     std::uint64_t epoch = 0;
     std::uint64_t before = 0;  ///< the epoch that it changes
-    std::string digest = {};   ///< of the scene at `epoch`
+    std::string digest = {};   ///< of the scene's content at `epoch`; of its arena in older rows
     std::uint64_t bytes = 0;   ///< likewise
     std::uint64_t instanced_triangles = 0;
     std::vector<std::byte> change = {};
@@ -64,7 +65,7 @@ struct SceneUse {
 
 /// The version of the manifest's tables. Another release may write a larger one, which this one
 /// refuses.
-inline constexpr int manifest_version = 2;
+inline constexpr int manifest_version = 3;
 
 /// An open manifest. Every change is on the disk when its function returns. Not thread-safe;
 /// blocks.
@@ -114,6 +115,7 @@ private:
     std::unique_ptr<sqlite3, Close> connection_;
     bool failed_ = false;
     bool has_edits_ = true;  ///< false: written by a release that kept none, and opened to be read
+    bool has_content_ = true;  ///< false: written by a release that did not note it
 };
 
 }  // namespace raynest::server

@@ -19,12 +19,16 @@ struct HeldScene {
 
 /// Known of a scene also while it is on the disk alone.
 struct SceneFacts {
-    std::string digest;
+    std::string digest;  ///< of its content
+    /// Snapshot::arena_id(), or what stands for it while the scene is on the disk: scenes of equal
+    /// content share their memory only where their trees are the same bytes, too.
+    std::string arena;
     std::uint64_t bytes = 0;
     std::uint64_t instanced_triangles = 0;
 };
 [[nodiscard]] inline SceneFacts facts_of(const Snapshot& snapshot) {
-    return {snapshot.digest(), snapshot.bytes().size(), snapshot.statistics().instanced_triangles};
+    return {snapshot.digest(), snapshot.arena_id(), snapshot.bytes().size(),
+            snapshot.statistics().instanced_triangles};
 }
 
 /// The scene of a name at one epoch.

@@ -182,7 +182,7 @@ void SceneStore::settle_charges() noexcept {
 
 Reply<std::shared_ptr<const HeldScene>> SceneStore::hold(std::shared_ptr<const Snapshot> snapshot,
                                                          const std::string& principal) {
-    std::weak_ptr<const HeldScene>& known = by_digest_[snapshot->digest()];
+    std::weak_ptr<const HeldScene>& known = by_arena_[snapshot->arena_id()];
     if (auto held = known.lock()) return held;
 
     const std::uint64_t bytes = snapshot->bytes().size();
@@ -259,7 +259,7 @@ Reply<void> SceneStore::check_quota(std::string_view name, const ConnectionId& c
 Reply<NamedScene> SceneStore::publish(const std::string& name,
                                       std::shared_ptr<const Snapshot> snapshot, Publication how,
                                       const ConnectionId& caller) {
-    std::erase_if(by_digest_, [](const auto& known) { return known.second.expired(); });
+    std::erase_if(by_arena_, [](const auto& known) { return known.second.expired(); });
 
     // The checks of a stored scene were made before its row was committed.
     if (how.blob == nullptr)
@@ -267,13 +267,13 @@ Reply<NamedScene> SceneStore::publish(const std::string& name,
             return tl::unexpected(allowed.error());
     const auto found = own(entries_, name, caller);
     const bool taken = found != entries_.end();
-    const bool equal = taken && found->second.facts.digest == snapshot->digest();
+    const bool equal = taken && found->second.has_content(*snapshot);
 
     // Complete the entry before it enters the table, so that a lack of memory changes nothing.
     Entry entry = taken ? found->second : Entry();
     entry.used = now_();
     entry.scene.build_seconds = snapshot->statistics().build_seconds;
-    if (!equal || entry.scene.held == nullptr) {
+    if (entry.facts.arena != snapshot->arena_id() || entry.scene.held == nullptr) {
         entry.facts = facts_of(*snapshot);
         auto held = hold(std::move(snapshot), caller.principal);
         if (!held) return tl::unexpected(held.error());
@@ -339,9 +339,9 @@ void SceneStore::drop_spares() {
     for (auto& [name, entry] : entries_) entry.spare.reset();
 }
 
-bool SceneStore::holds(const std::string& hash) const {
-    const auto known = by_digest_.find(hash);
-    return known != by_digest_.end() && !known->second.expired();
+bool SceneStore::holds(const std::string& arena) const {
+    const auto known = by_arena_.find(arena);
+    return known != by_arena_.end() && !known->second.expired();
 }
 
 bool SceneStore::shows(const std::string& hash, const ConnectionId& caller) const {

@@ -52,6 +52,7 @@ struct AsleepScene {
     SceneFacts facts;
     std::string owner;
     StoredScene row = {};  ///< whose blob, with its edits, is the scene
+    bool has_edits = false;
 };
 
 /// How an edit of a scene is made, besides its content.
@@ -147,7 +148,7 @@ public:
     Reply<void> wake(std::shared_ptr<const Snapshot> snapshot, const AsleepScene& scene);
     /// The stored content cannot be used; find() says why until somebody loads it again. Returns
     /// their names.
-    std::vector<std::string> quarantine(const std::string& digest, const std::string& why);
+    std::vector<std::string> quarantine(const std::string& arena, const std::string& why);
     /// Frees memory of stored scenes that nobody uses, the least recently used first, until the
     /// principal has room for `bytes`, within its quota and --memory.
     void make_room(std::uint64_t bytes, const std::string& principal);
@@ -284,11 +285,16 @@ private:
     struct Entry {
         NamedScene scene;  ///< its memory is null while the scene is on the disk alone
         SceneFacts facts;
-        /// Its blob on the disk, without kept edits; no digest: it has none.
-        [[nodiscard]] SceneFacts on_disk() const {
+        /// Its blob on the disk, without kept edits, and the blob's size; no digest: it has none.
+        [[nodiscard]] std::pair<std::string, std::uint64_t> on_disk() const {
             if (stored.number != 0) return {stored.digest, stored.bytes};
             // Without a name, but held: its blob stays until it is read.
-            return blob != nullptr && !scene.held ? facts : SceneFacts();
+            if (blob != nullptr && !scene.held) return {facts.arena, facts.bytes};
+            return {};
+        }
+        /// An older release did not note the content of what it stored.
+        [[nodiscard]] bool has_content(const Snapshot& snapshot) const {
+            return facts.digest == snapshot.digest() || facts.arena == snapshot.arena_id();
         }
         BlobPin blob;        ///< not null: this content is stored
         StoredScene stored;  ///< the row of this name; number 0: it has none
@@ -408,7 +414,7 @@ private:
     /// freed where its last reference is dropped.
     const std::shared_ptr<Dispose> dispose_ = std::make_shared<Dispose>();
     Entries entries_;
-    std::map<std::string, std::weak_ptr<const HeldScene>> by_digest_;
+    std::map<std::string, std::weak_ptr<const HeldScene>> by_arena_;
     Claims claims_;
     std::uint64_t last_connection_ = 0;
     std::uint64_t last_settling_ = 0;

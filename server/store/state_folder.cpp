@@ -90,15 +90,16 @@ bool holds(const fs::path& path, std::span<const std::byte> bytes) {
 
 tl::expected<std::shared_ptr<const Snapshot>, BlobFault> read_stored(const fs::path& folder,
                                                                      const std::string& digest,
-                                                                     std::uint64_t bytes) {
+                                                                     std::uint64_t bytes,
+                                                                     std::string content) {
     if (!is_digest(digest)) return tl::unexpected(BlobFault{false, "it has no blob"});
     auto arena = read_blob(folder / "blobs" / digest, bytes);
     if (!arena) return tl::unexpected(std::move(arena.error()));
-    auto opened = Snapshot::open({std::move(*arena), 0, {}});
+    auto opened = Snapshot::reopen({std::move(*arena), 0, {}}, std::move(content));
     if (!opened)
         return tl::unexpected(BlobFault{true, std::move(opened.error().message),
                                         opened.error().code == ErrorCode::scene_unsupported});
-    if ((*opened)->digest() != digest)
+    if ((*opened)->arena_id() != digest)
         return tl::unexpected(BlobFault{true, "its bytes have changed"});
     return std::move(*opened);
 }

@@ -53,7 +53,8 @@ struct BlobFault {
 /// Reads the blob of a scene in the state folder `folder`, and checks its digest and its arena.
 /// Blocks; throws std::bad_alloc.
 [[nodiscard]] tl::expected<std::shared_ptr<const Snapshot>, BlobFault> read_stored(
-    const std::filesystem::path& folder, const std::string& digest, std::uint64_t bytes);
+    const std::filesystem::path& folder, const std::string& digest, std::uint64_t bytes,
+    std::string content);
 
 /// Returns the name of a network file system by its number in statfs; null for others. A manifest
 /// may be damaged there, and a lock may hold nobody off.

@@ -1,6 +1,8 @@
 // SceneStore: what is stored, and which scenes are in memory.
 #include "server/store/scene_store.h"
 
+#include <fmt/format.h>
+
 #include <algorithm>
 #include <chrono>
 #include <ctime>
@@ -23,7 +25,8 @@ StoredScene SceneStore::Entry::row() const {
     return {.owner = owner,
             .name = scene.name,
             .share = {share.begin(), share.end()},
-            .digest = facts.digest,
+            .digest = facts.arena,
+            .content = facts.digest,
             .epoch = scene.epoch,
             .bytes = facts.bytes,
             .instanced_triangles = facts.instanced_triangles,
@@ -36,8 +39,7 @@ Reply<void> SceneStore::check_publication(const std::string& name, const Snapsho
                                           const ConnectionId& caller) const {
     if (const auto quota = check_quota(name, caller, snapshot.bytes().size()); !quota) return quota;
     const Entry* const taken = own_entry(name, caller);
-    if (taken != nullptr && taken->facts.digest != snapshot.digest() && !how.replace &&
-        taken->damage.empty())
+    if (taken != nullptr && !taken->has_content(snapshot) && !how.replace && taken->damage.empty())
         return refuse(Code::name_taken, "another scene is called '" + name +
                                             "'; give this one another `name`, or put it in the "
                                             "other's place with `replace`");
@@ -53,21 +55,22 @@ Reply<SceneStore::Stored> SceneStore::prepare_to_store(const std::string& name,
     const Entry* const taken = own_entry(name, caller);
     const SceneFacts facts = facts_of(*snapshot);
     const DiskRoom room = room_for(taken, caller.principal);
-    if (const auto fits = room.check(facts.digest, facts.bytes); !fits)
+    if (const auto fits = room.check(facts.arena, facts.bytes); !fits)
         return tl::unexpected(fits.error());
     Stored stored;
     const bool is_new = taken == nullptr || !taken->charged_to(caller.principal);
-    stored.claim = claims_.take(caller.principal, {room.needed_for(facts.digest, facts.bytes),
+    stored.claim = claims_.take(caller.principal, {room.needed_for(facts.arena, facts.bytes),
                                                    is_new ? 1U : 0U, facts.bytes});
     if (taken != nullptr) stored.row = taken->row();
     if (taken != nullptr && taken->stored.number != 0)
         stored.before = std::make_unique<StoredScene>(taken->stored);
-    const bool equal = taken != nullptr && taken->facts.digest == facts.digest;
+    const bool equal = taken != nullptr && taken->has_content(*snapshot);
     stored.row.owner = caller.principal;
     stored.row.name = name;
     if (!equal) stored.row.epoch = taken == nullptr ? 1 : taken->next_epoch();
     if (!how.share.empty()) stored.row.share = how.share;
-    stored.row.digest = facts.digest;
+    stored.row.digest = facts.arena;
+    stored.row.content = facts.digest;
     stored.row.bytes = facts.bytes;
     stored.row.instanced_triangles = facts.instanced_triangles;
     stored.row.build_seconds = snapshot->statistics().build_seconds;
@@ -80,8 +83,8 @@ Reply<SceneStore::Stored> SceneStore::prepare_to_store(const std::string& name,
 
 void SceneStore::DiskUse::add(const Entry& entry) {
     bytes += entry.edit_bytes;
-    SceneFacts blob = entry.on_disk();
-    if (!blob.digest.empty() && blobs.insert(std::move(blob.digest)).second) bytes += blob.bytes;
+    auto [blob, size] = entry.on_disk();
+    if (!blob.empty() && blobs.insert(std::move(blob)).second) bytes += size;
 }
 
 SceneStore::DiskUse SceneStore::disk_use(const std::string& principal, const Entry* without) const {
@@ -130,7 +133,9 @@ void SceneStore::adopt(StateFolder& state) {
         entry.scene.name = row.name;
         entry.scene.epoch = row.epoch;
         entry.scene.build_seconds = row.build_seconds;
-        entry.facts = {row.digest, row.bytes, row.instanced_triangles};
+        // An older release did not note the content: the blob's digest stands for it.
+        entry.facts = {row.content.empty() ? row.digest : row.content, row.digest, row.bytes,
+                       row.instanced_triangles};
         entry.blob = state.pin(row.digest);
         entry.stored = row;
         entry.edits = edits.count;
@@ -139,7 +144,8 @@ void SceneStore::adopt(StateFolder& state) {
         entry.epoch_free = entry.epoch_reserved + 1;
         if (edits.count != 0) {
             entry.scene.epoch = edits.last.epoch;
-            entry.facts = {edits.last.digest, edits.last.bytes, edits.last.instanced_triangles};
+            entry.facts = {edits.last.digest, fmt::format("{} at {}", row.number, edits.last.epoch),
+                           edits.last.bytes, edits.last.instanced_triangles};
         }
         entry.from_before = true;
         entry.owner = row.owner;
@@ -184,8 +190,9 @@ std::vector<AsleepScene> SceneStore::pinned_asleep() const {
 AsleepScene SceneStore::asleep_scene(const Entry& entry) {
     StoredScene row = entry.stored;
     // Its name was unloaded while it was on the disk alone: connections hold its blob.
-    if (row.number == 0) row.digest = entry.facts.digest, row.bytes = entry.facts.bytes;
-    return {entry.facts, entry.owner, std::move(row)};
+    if (row.number == 0) row.digest = entry.facts.arena, row.bytes = entry.facts.bytes;
+    const bool has_edits = entry.facts.arena != row.digest;
+    return {entry.facts, entry.owner, std::move(row), has_edits};
 }
 
 protocol::Error SceneStore::asleep(const Entry& entry) const {
@@ -203,12 +210,13 @@ std::optional<AsleepScene> SceneStore::take_asleep() {
 }
 
 Reply<void> SceneStore::wake(std::shared_ptr<const Snapshot> snapshot, const AsleepScene& scene) {
-    std::erase_if(by_digest_, [](const auto& known) { return known.second.expired(); });
+    std::erase_if(by_arena_, [](const auto& known) { return known.second.expired(); });
     auto held = hold(std::move(snapshot), scene.owner);
     if (!held) return tl::unexpected(held.error());
     for (auto& [name, entry] : entries_) {
-        if (entry.facts.digest != scene.facts.digest || entry.scene.held) continue;
+        if (entry.facts.arena != scene.facts.arena || entry.scene.held) continue;
         entry.scene.held = *held;
+        entry.facts.digest = entry.scene.snapshot().digest();
         entry.damage.clear();
         if (entry.stored.number == 0) entry.blob.reset();
     }
@@ -216,10 +224,10 @@ Reply<void> SceneStore::wake(std::shared_ptr<const Snapshot> snapshot, const Asl
     return {};
 }
 
-std::vector<std::string> SceneStore::quarantine(const std::string& digest, const std::string& why) {
+std::vector<std::string> SceneStore::quarantine(const std::string& arena, const std::string& why) {
     std::vector<std::string> names;
     for (auto& [name, entry] : entries_) {
-        if (entry.facts.digest != digest || entry.scene.held) continue;
+        if (entry.facts.arena != arena || entry.scene.held) continue;
         entry.damage = why;
         names.push_back(entry.owner + "/" + name);
     }
@@ -288,7 +296,7 @@ std::size_t SceneStore::asleep_of(const std::string& owner) const {
 
 std::uint64_t SceneStore::bytes() const {
     std::uint64_t sum = 0;
-    for (const auto& [digest, held] : by_digest_)
+    for (const auto& [digest, held] : by_arena_)
         if (const auto scene = held.lock()) sum += scene->snapshot->bytes().size();
     return sum;
 }

@@ -1,8 +1,8 @@
 // Imports a hostile scene file, a GLB or a single .gltf: it is described, or refused with a
 // message.
 #include "engine/assets/gltf/gltf.h"
+#include "engine/scene/checks/shading_check.h"
 #include "engine/scene/motion/motion.h"
-#include "engine/scene/shading_check.h"
 #include "tests/fuzz/target.h"
 
 #include <cstring>

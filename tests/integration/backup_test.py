@@ -98,7 +98,7 @@ class Backup(WithState):
         self.raynestd_says(0, "backup", self.state, copy)
         self.assertIn("another daemon uses", self.raynestd_says(1, "restore", copy, self.state))
         client.run("load", f"{WOODS}&seed=2", "--name", "later")
-        later = self.scenes()["later"]["hash"]
+        later = self.blob_of(self.scenes()["later"]["hash"])
         self.kill()
         for part in self.state.glob("manifest.sqlite*"):
             part.unlink()
@@ -228,11 +228,15 @@ class Backup(WithState):
             (state / part).symlink_to(victim)
             self.assertIn("0 B removed", self.raynestd_says(0, "gc", state))
             self.assertEqual(sorted(os.listdir(victim)), ["below", "precious"], part)
-        state = spoiled("pipe")
-        (state / "blobs" / digest).unlink()
-        os.mkfifo(state / "blobs" / digest)
-        self.assertIn("it is no regular file", self.raynestd_says(1, "check", state))
-        self.assertIn("it is no regular file", self.raynestd_says(1, "backup", state, self.folder / "copy"))
+        for name, make in (("pipe", os.mkfifo), ("zero", lambda path: path.symlink_to("/dev/zero")), ("folder", os.mkdir)):
+            state = spoiled(name)
+            (state / "blobs" / digest).unlink()
+            make(state / "blobs" / digest)
+            with self.subTest(name):
+                self.assertIn("it is no regular file", self.raynestd_says(1, "check", state))
+                # The other scenes are backed up all the same.
+                said = self.raynestd_says(3, "backup", state, self.folder / f"copy-of-{name}")
+                self.assertIn("1 scenes have lost their blobs", said)
         for name, make in (("pipes", os.mkfifo), ("zeros", lambda path: path.symlink_to("/dev/zero")), ("folders", os.mkdir)):
             state = spoiled(name)
             for part in state.glob("manifest.sqlite*"):
@@ -286,7 +290,7 @@ class Backup(WithState):
         self.raynestd_says(0, "backup", self.state, self.folder / "link" / "copy")
         # A blob that is gone is told, and the others are kept.
         client.run("load", f"{WOODS}&seed=2", "--name", "lost")
-        digest = self.scenes()["lost"]["hash"]
+        digest = self.blob_of(self.scenes()["lost"]["hash"])
         (self.blobs / digest).rename(self.folder / "hidden")
         said = self.raynestd_says(3, "backup", self.state, copy)
         self.assertIn("lost: its file is gone", said)
@@ -310,7 +314,7 @@ class Backup(WithState):
         client = self.start()
         client.run("load", WOODS, "--name", "woods")
         client.run("load", f"{WOODS}&seed=2", "--name", "lost")
-        digest = self.scenes()["lost"]["hash"]
+        digest = self.blob_of(self.scenes()["lost"]["hash"])
         copy = self.folder / "copy"
 
         def told(code, *words):

@@ -246,10 +246,11 @@ class Disk(WithState):
         client = self.start()
         hashes = [client.json("load", f"builtin:forest?trees=1&seed={number}", "--name", f"s{number}")["hash"]
                   for number in range(count)]
-        self.kill()
         damaged = {f"s{number}" for number in range(0, count, 2)}
-        for name in damaged:
-            self.damage(hashes[int(name[1:])])
+        blobs = [self.blob_of(hashes[int(name[1:])]) for name in damaged]
+        self.kill()
+        for blob in blobs:
+            self.damage(blob)
         self.start()
         self.assertEqual(len(self.scenes()), count)
         self.assertEqual({name for name in self.scenes() if self.client.run("info", name).returncode != 0}, damaged)

@@ -86,7 +86,7 @@ class State(WithState):
             for name, scene in self.scenes().items():
                 self.assertEqual(client.json("info", name)["hash"], scene["hash"])
                 self.assertEqual(loaded.get(name, scene["hash"]), scene["hash"])
-            self.assertEqual(self.blob_names(), {scene["hash"] for scene in self.scenes().values()})
+            self.assertEqual(self.blob_names(), {self.blob_of(scene["hash"]) for scene in self.scenes().values()})
             if len(loaded) > 6:  # also what is unloaded stays so
                 for name in list(loaded)[:4]:
                     client.json("unload", name)
@@ -113,14 +113,14 @@ class State(WithState):
         for process in both:
             _, errors = process.communicate(timeout=PATIENCE)
             self.assertEqual(process.returncode, 0, errors)
-        self.assertEqual(self.blob_names(), {first})
+        self.assertEqual(self.blob_names(), {self.blob_of(first)})
         client.json("unload", "a")
         client.json("unload", "c")
-        self.assertEqual(self.blob_names(), {first})
+        self.assertEqual(self.blob_names(), {self.blob_of(first)})
         second = client.json("load", "builtin:flake?depth=2", "--name", "b", "--replace")["hash"]
         self.again()
         self.assertEqual({name: scene["hash"] for name, scene in self.scenes().items()}, {"b": second})
-        self.assertEqual(self.blob_names(), {second})
+        self.assertEqual(self.blob_names(), {self.blob_of(second)})
         self.client.json("unload", "b")
         self.assertEqual(self.blob_names(), set())
         self.again()
@@ -130,10 +130,11 @@ class State(WithState):
         client = self.start()
         digest = client.json("load", WOODS, "--name", "woods")["hash"]
         client.json("load", "builtin:flake?depth=2", "--name", "flake")
-        cut = client.json("load", "builtin:flake?depth=1", "--name", "cut")["hash"]
+        cut = self.blob_of(client.json("load", "builtin:flake?depth=1", "--name", "cut")["hash"])
+        woods = self.blob_of(digest)
         self.kill()
         self.assertEqual(self.check()[0], 0)
-        self.damage(digest)
+        self.damage(woods)
         os.truncate(self.blobs / cut, 4096)
         code, said = self.check()
         self.assertEqual((code, said.splitlines()[-1].split(", ")[-1]), (1, "2 damaged"))
@@ -146,7 +147,7 @@ class State(WithState):
                          {"woods": "damaged", "flake": "memory", "cut": "damaged"})
         self.assertIn("scene_damaged", self.daemon.log())
         self.assertEqual(client.json("stats")["scenes_damaged"], 2)
-        self.assertEqual({file.name for file in (self.state / "damaged").iterdir()}, {digest, cut})
+        self.assertEqual({file.name for file in (self.state / "damaged").iterdir()}, {woods, cut})
         client = self.again()
         self.client.fails(5, "is damaged", "info", "woods")
         self.client.fails(5, "its file is gone", "info", "cut")
@@ -160,13 +161,13 @@ class State(WithState):
     def test_a_scene_of_another_release_stays_where_it_is(self):
         client = self.start()
         digest = client.json("load", WOODS, "--name", "woods")["hash"]
+        blob = self.blobs / self.blob_of(digest)
         self.kill()
-        blob = self.blobs / digest
         whole = blob.read_bytes()
         blob.write_bytes(whole[:8] + (1).to_bytes(4, "little") + whole[12:])
         self.start()
         self.client.fails(5, "has version 1, this build reads version", "info", "woods")
-        self.assertEqual(os.listdir(self.blobs), [digest])
+        self.assertEqual(os.listdir(self.blobs), [blob.name])
         self.kill()
         blob.write_bytes(whole)     # the other release again
         self.start()
@@ -197,7 +198,7 @@ class State(WithState):
             self.assertEqual(self.files(), files)
         manifest.write_bytes(good)
         with sqlite3.connect(manifest) as database:
-            database.execute("PRAGMA user_version=3")
+            database.execute("PRAGMA user_version=99")
         database.close()
         files = self.files()
         self.assertIn("a newer one wrote it", self.refused())
@@ -219,7 +220,7 @@ class State(WithState):
         self.addCleanup(self.kill)
         small = client.json("load", "builtin:flake?depth=2", "--name", "small")["hash"]
         self.client.fails(6, "has no room for the scene", "load", "builtin:forest?trees=300", "--name", "big")
-        self.assertEqual(self.blob_names(), {small})
+        self.assertEqual(self.blob_names(), {self.blob_of(small)})
         self.assertEqual(set(self.scenes()), {"small"})
         # The blob fits, the row does not.
         free = os.statvfs(self.state)
@@ -342,7 +343,7 @@ with raynest.connect(uri) as owner, raynest.connect(uri) as other:
         client = self.again()
         self.assertEqual(client.json("info", "woods")["hash"], third["hash"])
         self.assertEqual(self.hits("woods"), hits)
-        self.assertEqual(self.blob_names(), {third["hash"]})
+        self.assertEqual(self.blob_names(), {self.blob_of(third["hash"])})
         fourth = client.json("edit", "woods", "--remove", "car", "--keep")
         # A load takes the place of all that; its edits are gone with it.
         client = self.again()

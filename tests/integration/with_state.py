@@ -1,6 +1,8 @@
 """Shared by the tests of --state: a daemon with a state folder, and what lies in that."""
+import contextlib
 import os
 import pathlib
+import sqlite3
 import subprocess
 import sys
 import tempfile
@@ -65,6 +67,13 @@ class WithState(Programs):
 
     def blob_names(self):
         return {file.name for file in self.blobs.iterdir()}
+
+    def blob_of(self, digest):
+        """The name of the blob that a scene of this hash has: one of the arena's bytes, trees included."""
+        manifest = sqlite3.connect(f"file:{self.state}/manifest.sqlite?mode=ro", uri=True)
+        with contextlib.closing(manifest):
+            (blob,), = manifest.execute("SELECT DISTINCT digest FROM scenes WHERE content = ?", (digest,))
+        return blob
 
     def damage(self, digest):
         with open(self.blobs / digest, "r+b") as blob:

@@ -78,9 +78,10 @@ Result<std::shared_ptr<const Snapshot>> rebuild(const Snapshot& scene) {
     root.root = tree.root;
     root.bounds = tree.bounds;
     root.node_count = static_cast<std::uint32_t>(tree.nodes.size());
-    return Snapshot::open({with_root(scene.bytes(), view.root, root, tree.nodes),
-                           scene.statistics().build_seconds,
-                           {.rebuilds = scene.statistics().edits.rebuilds + 1}});
+    return Snapshot::reopen({with_root(scene.bytes(), view.root, root, tree.nodes),
+                             scene.statistics().build_seconds,
+                             {.rebuilds = scene.statistics().edits.rebuilds + 1}},
+                            scene.digest());
 }
 
 bool is_inside(const Box& box, const Box& of) {
@@ -242,6 +243,36 @@ void set_uid(EditedArena& arena, const InstanceUid& change) {
     }
 }
 
+/// Notes what the changes touch, for the digest of the content. Whatever changes is private to its
+/// place, so what lies above it are the steps to it.
+TouchedObjects touched_by(const SceneView& view, const SceneChanges& changes, bool with_uids) {
+    TouchedObjects touched;
+    const auto touch = [&](const InstancePlace& place) {
+        if (place.below.empty())
+            touched[view.root].places.push_back(place.outermost);
+        else
+            for (const WayStep& step : steps_to(view, place))
+                touched[step.object].places.push_back(step.instance -
+                                                      view.objects[step.object].first_instance);
+    };
+    for (const InstanceMove& move : changes.moves) touch(move.instance);
+    for (const InstanceMask& mask : changes.masks) touch(mask.instance);
+    for (const MeshVertices& mesh : changes.deformed) {
+        touch(mesh.instance);
+        touched[object_of(view, mesh.instance)].primitives = true;
+    }
+    for (const MeshMaterial& mesh : changes.materials) {
+        touch(mesh.instance);
+        touched[object_of(view, mesh.instance)].primitives = true;
+    }
+    if (!with_uids) return touched;
+    for (const InstanceUid& uid : changes.uids) {
+        touch(InstancePlace(uid.outermost));
+        for (const InstancePlace& place : places_within(view, uid.outermost, ~0ULL)) touch(place);
+    }
+    return touched;
+}
+
 /// Applies moves, masks, user ids and vertices in a copy of the arena.
 Result<std::shared_ptr<const Snapshot>> change_in_place(const Snapshot& scene,
                                                         const SceneChanges& changes,
@@ -310,9 +341,11 @@ Result<std::shared_ptr<const Snapshot>> change_in_place(const Snapshot& scene,
     std::vector<bool> changed = arena.changed();
     const double limit = rebuild_cost_factor * built.edits.built_cost;
     const bool may_rebuild = !places.empty() && !arena.object(root).has_own_primitives();
+    TouchedObjects touched = touched_by(arena.view(), changes, scene.paths().node_count == 0);
     built.arena = arena.take();
-    auto edited = Snapshot::open_edited(std::move(built), scene,
-                                        {std::move(changed), objects, refitted.root_cost, links});
+    auto edited = Snapshot::open_edited(
+        std::move(built), scene,
+        {std::move(changed), objects, refitted.root_cost, links, std::move(touched)});
     if (!edited || !may_rebuild || (*edited)->statistics().trees.sah_cost <= limit) return edited;
     return rebuild(**edited);
 }

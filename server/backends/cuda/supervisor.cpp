@@ -272,7 +272,7 @@ std::optional<Unavailable> Supervisor::unavailable_reason(const Kernel& kernel,
     if (levels > cuda::levels_max)
         return Unavailable{"the scene is nested too deep for it: " + std::to_string(levels) +
                            " levels, at most " + std::to_string(cuda::levels_max)};
-    const auto refused = refused_.find(scene.digest());
+    const auto refused = refused_.find(scene.arena_id());
     if (refused == refused_.end()) return std::nullopt;
     if (Clock::now() < refused->second.until) return refused->second.refusal;
     return std::nullopt;
@@ -294,9 +294,9 @@ tl::expected<std::optional<Supervisor::Turn>, Unavailable> Supervisor::take_turn
     const auto end = Clock::now() + load_time_max(limits_, scene.bytes().size());
     std::unique_lock lock(mutex_);
     while (!loading_.empty()) {
-        if (loading_ == scene.digest()) {
+        if (loading_ == scene.arena_id()) {
             // Another thread loads this scene and observes the time limit.
-            changed_.wait(lock, [&] { return loading_ != scene.digest(); });
+            changed_.wait(lock, [&] { return loading_ != scene.arena_id(); });
             return std::nullopt;
         }
         if (changed_.wait_until(lock, end) == std::cv_status::timeout) {
@@ -305,7 +305,7 @@ tl::expected<std::optional<Supervisor::Turn>, Unavailable> Supervisor::take_turn
                 remember(scene, later("other scenes are being uploaded to it", 1000)));
         }
     }
-    loading_ = scene.digest();
+    loading_ = scene.arena_id();
     return Turn(*this);
 }
 
@@ -368,7 +368,7 @@ tl::expected<bool, Unavailable> Supervisor::trace_on(Process& process, std::uint
         return tl::unexpected(Unavailable{"the call is larger than its slots"});
 
     Request request;
-    request.scene = SceneText(scene.digest());
+    request.scene = SceneText(scene.arena_id());
     request.variant = *variant;
     request.query = kernel.query;
     request.ray_count = call.ray_count;
@@ -439,7 +439,7 @@ tl::expected<void, Unavailable> Supervisor::load(Process& process, std::uint32_t
         return tl::unexpected(Unavailable{written.error().message});
     Request request;
     request.order = Order::load;
-    request.scene = SceneText(scene.digest());
+    request.scene = SceneText(scene.arena_id());
     const int files[] = {file->get()};
     const auto outcome = process.ask(slot, request, load_time_max(limits_, bytes.size()), files);
     if (auto refusal = refusal_of(outcome, scene)) return tl::unexpected(std::move(*refusal));
@@ -448,7 +448,7 @@ tl::expected<void, Unavailable> Supervisor::load(Process& process, std::uint32_t
 
 Supervisor::Refused& Supervisor::refused_locked(const Snapshot& scene) {
     if (refused_.size() >= refused_max) refused_.clear();
-    return refused_[scene.digest()];
+    return refused_[scene.arena_id()];
 }
 
 Unavailable Supervisor::remember(const Snapshot& scene, Unavailable refusal) {

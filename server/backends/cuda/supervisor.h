@@ -141,9 +141,9 @@ private:
     Clock::time_point since_;           ///< begin of State::up
     Clock::time_point retry_at_;        ///< end of State::down
     std::chrono::milliseconds pause_{};
-    std::map<std::string, Refused> refused_;  ///< by digest of the scene
+    std::map<std::string, Refused> refused_;  ///< by SceneText
 
-    std::string loading_;  ///< digest of the scene that is being uploaded; else empty
+    std::string loading_;  ///< the scene that is being uploaded; else empty
     std::thread thread_;   ///< executes run(); the last member, so that it starts last
 };
 

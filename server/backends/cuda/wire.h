@@ -119,12 +119,12 @@ enum class Order : std::uint32_t {
     load  ///< uploads the arena in the attached memory file
 };
 
-/// A scene's digest (engine/scene/digest.h), zero-terminated.
+/// Names a scene's arena (Snapshot::arena_id()); zero-terminated.
 using SceneText = Text<72>;
 
 struct Request {
     Order order = Order::trace;
-    SceneText scene;  ///< its digest
+    SceneText scene;
 
     // The rest is for Order::trace; the rays lie in the slot's memory.
     std::uint32_t variant = 0;  ///< index in Ready

@@ -1,7 +1,7 @@
 #include "server/backends/cuda/worker_process.h"
 
 #include "engine/packs/load.h"
-#include "engine/scene/arena_check.h"
+#include "engine/scene/checks/arena_check.h"
 #include "server/backends/cuda/channel.h"
 #include "server/backends/cuda/scene_cache.h"
 #include "server/backends/cuda/wire.h"

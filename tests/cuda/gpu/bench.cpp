@@ -8,7 +8,7 @@
 // differ; 77 there is no GPU.
 #include "engine/bvh/pages.h"
 #include "engine/math/random.h"
-#include "engine/scene/arena_check.h"
+#include "engine/scene/checks/arena_check.h"
 #include "tests/bench/files.h"
 #include "tests/bench/rays.h"
 #include "tests/bench/value_of.h"

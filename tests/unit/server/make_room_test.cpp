@@ -28,11 +28,11 @@ struct Store {
         now += std::chrono::seconds(1);
         const auto scene = square(size);
         Publication how;
-        how.blob = std::make_shared<const std::string>(scene->digest());
+        how.blob = std::make_shared<const std::string>(scene->arena_id());
         how.row = {.number = ++rows,
                    .owner = caller.principal,
                    .name = name,
-                   .digest = scene->digest(),
+                   .digest = scene->arena_id(),
                    .epoch = 1,
                    .bytes = scene->bytes().size()};
         REQUIRE(scenes.publish(name, scene, how, caller));

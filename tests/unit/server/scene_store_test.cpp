@@ -97,7 +97,7 @@ TEST_CASE("equal content is held once, and memory returns with the last holder")
     CHECK(store.unload("a", of("me")));
     CHECK(store.unload("b", of("me")));
     CHECK(budget.used() == used);
-    CHECK(store.holds(running->snapshot().digest()));
+    CHECK(store.holds(running->snapshot().arena_id()));
     running = refuse(Code::cancelled, "");
     CHECK(budget.used() == 0);
 }

@@ -38,7 +38,8 @@ StoredScene row(const std::string& name, const Snapshot& scene, std::uint64_t nu
             .owner = "CN=a,O=b",
             .name = name,
             .share = {"public", "CN=robot,O=Lab"},
-            .digest = scene.digest(),
+            .digest = scene.arena_id(),
+            .content = scene.digest(),
             .epoch = 3,
             .bytes = scene.bytes().size(),
             .instanced_triangles = 7,
@@ -55,7 +56,7 @@ struct Folder {
 
     std::unique_ptr<StateFolder> open() const { return StateFolder::open(path).value(); }
     void store(StateFolder& state, const std::string& name, const Snapshot& scene) const {
-        const auto pin = state.keep(scene.digest(), scene.bytes(), never).value();
+        const auto pin = state.keep(scene.arena_id(), scene.bytes(), never).value();
         REQUIRE(state.put(row(name, scene, state.next_number())));
     }
     void run(const char* sql) const {
@@ -84,10 +85,11 @@ TEST_CASE("a stored scene is found again as it was") {
     CHECK(found.owner == put.owner);
     CHECK(found.share == put.share);
     CHECK(found.digest == put.digest);
+    CHECK(found.content == put.content);
     CHECK(found.epoch == put.epoch);
     CHECK(found.build_seconds == put.build_seconds);
     CHECK(state->next_number() == 2);
-    const auto read = read_stored(test.path, found.digest, found.bytes);
+    const auto read = read_stored(test.path, found.digest, found.bytes, found.content);
     REQUIRE(read);
     CHECK((*read)->digest() == test.one->digest());
 }
@@ -99,17 +101,17 @@ TEST_CASE("a blob stays while it has a row or a pin") {
     test.store(*state, "b", *test.one);
     const auto blobs = [&] { return names_in(test.blobs); };
     REQUIRE(state->remove({row("a", *test.one, 9)}));
-    CHECK(blobs() == std::set{test.one->digest()});
-    auto pin = state->pin(test.one->digest());
+    CHECK(blobs() == std::set{test.one->arena_id()});
+    auto pin = state->pin(test.one->arena_id());
     test.store(*state, "b", *test.two);
     CHECK(blobs().size() == 2);
     pin.reset();
     CHECK(state->has_work());
     state->collect();
-    CHECK(blobs() == std::set{test.two->digest()});
+    CHECK(blobs() == std::set{test.two->arena_id()});
     // A removal that comes late does not remove a later row.
     REQUIRE(state->remove({row("b", *test.two, 2)}));
-    CHECK(blobs() == std::set{test.two->digest()});
+    CHECK(blobs() == std::set{test.two->arena_id()});
 }
 
 TEST_CASE("a start removes what a killed daemon has left half") {
@@ -117,58 +119,58 @@ TEST_CASE("a start removes what a killed daemon has left half") {
     {
         const auto state = test.open();
         test.store(*state, "a", *test.one);
-        const auto pin = state->keep(test.two->digest(), test.two->bytes(), never).value();
+        const auto pin = state->keep(test.two->arena_id(), test.two->bytes(), never).value();
         std::ofstream(test.blobs / ".new-7") << "half";
     }
     CHECK(names_in(test.blobs).size() == 3);
     CHECK(test.open()->found().size() == 1);
-    CHECK(names_in(test.blobs) == std::set{test.one->digest()});
+    CHECK(names_in(test.blobs) == std::set{test.one->arena_id()});
 }
 
 TEST_CASE("a load that is stopped after its commit leaves the scene before") {
     const Folder test;
     const auto state = test.open();
     test.store(*state, "a", *test.one);
-    const auto pin = state->pin(test.one->digest());
+    const auto pin = state->pin(test.one->arena_id());
     test.store(*state, "a", *test.two);
     state->undo(row("a", *test.two, 2), std::make_unique<StoredScene>(row("a", *test.one, 1)));
     CHECK(state->has_work());
     state->collect();
-    CHECK(names_in(test.blobs) == std::set{test.one->digest()});
+    CHECK(names_in(test.blobs) == std::set{test.one->arena_id()});
     test.store(*state, "b", *test.two);
     state->undo(row("b", *test.two, 3), nullptr);
     state->collect();
-    CHECK(names_in(test.blobs) == std::set{test.one->digest()});
+    CHECK(names_in(test.blobs) == std::set{test.one->arena_id()});
 }
 
 TEST_CASE("a blob that is not as it was written is found out, and written anew after that") {
     const Folder test;
     const auto state = test.open();
     test.store(*state, "a", *test.one);
-    const std::string digest = test.one->digest();
+    const std::string digest = test.one->arena_id();
     const std::uint64_t bytes = test.one->bytes().size();
-    CHECK(read_stored(test.path, digest, bytes + 1).error().damaged);
+    CHECK(read_stored(test.path, digest, bytes + 1, {}).error().damaged);
     for (const std::uint64_t at : {std::uint64_t{0}, bytes / 2, bytes - 1}) {
         std::fstream file(test.blobs / digest, std::ios::in | std::ios::out | std::ios::binary);
         file.seekp(static_cast<std::streamoff>(at));
         const auto good = static_cast<char>(test.one->bytes()[at]);
         file.put(static_cast<char>(good ^ 1)).flush();
-        CHECK(read_stored(test.path, digest, bytes).error().damaged);
+        CHECK(read_stored(test.path, digest, bytes, {}).error().damaged);
         file.seekp(static_cast<std::streamoff>(at));
         file.put(good).flush();
-        CHECK(read_stored(test.path, digest, bytes));
+        CHECK(read_stored(test.path, digest, bytes, {}));
     }
     state->set_aside(digest);
     CHECK(names_in(test.path / "damaged") == std::set{digest});
-    CHECK(read_stored(test.path, digest, bytes).error().why == "its file is gone");
+    CHECK(read_stored(test.path, digest, bytes, {}).error().why == "its file is gone");
     REQUIRE(state->keep(digest, test.one->bytes(), never));
-    CHECK(read_stored(test.path, digest, bytes));
+    CHECK(read_stored(test.path, digest, bytes, {}));
 }
 
 TEST_CASE("a write that is stopped leaves nothing") {
     const Folder test;
     const auto state = test.open();
-    CHECK(!state->keep(test.one->digest(), test.one->bytes(), [] { return true; }));
+    CHECK(!state->keep(test.one->arena_id(), test.one->bytes(), [] { return true; }));
     CHECK(names_in(test.blobs).empty());
 }
 
@@ -178,10 +180,34 @@ TEST_CASE("a manifest that is not as it was written refuses the start") {
     test.run("UPDATE scenes SET share='mallory'");
     CHECK(test.refusal().find("row 1 is not as it was written") != std::string::npos);
     CHECK(names_in(test.blobs).size() == 1);
-    test.run("PRAGMA user_version=3");
+    test.run("PRAGMA user_version=99");
     CHECK(test.refusal().find("a newer one wrote it") != std::string::npos);
-    test.run("PRAGMA user_version=2; PRAGMA application_id=5");
+    test.run("PRAGMA user_version=3; PRAGMA application_id=5");
     CHECK(test.refusal().find("it is not one of raynestd") != std::string::npos);
+}
+
+TEST_CASE("a manifest of a release that did not note the content is read, and written on") {
+    const Folder test;
+    {
+        const auto state = test.open();
+        const auto pin = state->keep(test.one->arena_id(), test.one->bytes(), never).value();
+        StoredScene old = row("a", *test.one, state->next_number());
+        old.content.clear();
+        REQUIRE(state->put(old));
+    }
+    test.run("ALTER TABLE scenes DROP COLUMN content; PRAGMA user_version=2");
+    CHECK(Manifest::open(test.path / "manifest.sqlite", true)->rows().value().size() == 1);
+    {
+        const auto state = test.open();
+        REQUIRE(state->found().size() == 1);
+        const StoredScene& found = state->found()[0];
+        CHECK(found.content.empty());
+        const auto read = read_stored(test.path, found.digest, found.bytes, found.content);
+        REQUIRE(read);
+        CHECK((*read)->digest() == test.one->digest());
+        test.store(*state, "b", *test.two);
+    }
+    CHECK(test.open()->found()[1].content == test.two->digest());
 }
 
 TEST_CASE("network file systems are known by name") {

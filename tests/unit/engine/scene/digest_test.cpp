@@ -12,7 +12,7 @@
 namespace {
 
 std::string digest_of(std::span<const std::byte> bytes) {
-    const auto digest = raynest::scene_digest(bytes);
+    const auto digest = raynest::arena_digest(bytes);
     REQUIRE_MESSAGE(digest.has_value(), (digest ? "" : digest.error().message));
     return *digest;
 }

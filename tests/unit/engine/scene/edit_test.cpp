@@ -103,12 +103,13 @@ void check_same_answers(const Snapshot& edited, const Snapshot& fresh, Random& r
     }
 }
 
-/// An edited scene has the answers and bounds of one that is built afresh.
+/// An edited scene has the answers, bounds and digest of one that is built afresh.
 void check_as_fresh(const Snapshot& edited, const SceneDescription& description, Random& random) {
     const Scene fresh = build_scene(description);
     check_same_answers(edited, *fresh, random);
     CHECK(edited.bounds().lower == fresh->bounds().lower);
     CHECK(edited.bounds().upper == fresh->bounds().upper);
+    CHECK(edited.digest() == fresh->digest());
 }
 
 }  // namespace

@@ -1,4 +1,4 @@
-#include "engine/scene/shading_check.h"
+#include "engine/scene/checks/shading_check.h"
 
 #include "engine/scene/format.h"
 #include "engine/scene/snapshot.h"

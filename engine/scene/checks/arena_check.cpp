@@ -1,12 +1,12 @@
-#include "engine/scene/arena_check.h"
+#include "engine/scene/checks/arena_check.h"
 
 #include "engine/geometry/hit.h"
 #include "engine/math/finite.h"
+#include "engine/scene/checks/shading_check.h"
+#include "engine/scene/checks/tree_check.h"
 #include "engine/scene/format.h"
 #include "engine/scene/motion/motion.h"
-#include "engine/scene/shading_check.h"
 #include "engine/scene/snapshot.h"
-#include "engine/scene/tree_check.h"
 
 #include <algorithm>
 #include <array>

@@ -1,8 +1,8 @@
-#include "engine/scene/description_check.h"
+#include "engine/scene/checks/description_check.h"
 
 #include "engine/bvh/node.h"
+#include "engine/scene/checks/shading_check.h"
 #include "engine/scene/graph.h"
-#include "engine/scene/shading_check.h"
 #include "engine/scene/snapshot.h"
 
 #include <algorithm>

@@ -1,4 +1,4 @@
-#include "engine/scene/tree_check.h"
+#include "engine/scene/checks/tree_check.h"
 
 #include "engine/bvh/node.h"
 #include "engine/geometry/triangle.h"
