@@ -3,6 +3,7 @@
 #include "client/commands/may_repeat.h"
 #include "client/commands/parse.h"
 #include "client/ground/interrupt.h"
+#include "client/ground/json.h"
 #include "client/ground/python.h"
 #include "client/net/local_daemon.h"
 #include "client/net/reconnect.h"
@@ -184,6 +185,8 @@ int main(int argc, char** argv) {
             return end_with(done.error(), json);
         const auto written = check_stdout();
         return written ? 0 : end_with(written.error(), json);
+    } catch (const Json::exception&) {  // only what a daemon sent is read by at()
+        return end_with(daemon_sent("a document that lacks what it must hold").value(), json);
     } catch (const std::exception& thrown) {
         return end_with(failure(Exit::failed, thrown.what()), json);
     }

@@ -7,6 +7,12 @@
 namespace raynest::protocol {
 namespace {
 
+/// The box of nothing has its lower corner above the upper one.
+void check_box(Checks& checks, const wire::Vec3* lower, const wire::Vec3* upper) {
+    if (lower == nullptr || upper == nullptr || lower->x() > upper->x()) return;
+    checks.finite("box_min", lower).finite("box_max", upper);
+}
+
 void check_info(Checks& checks, const wire::SceneInfo& info) {
     checks.name("name", info.name())
         .name("hash", info.hash())
@@ -26,6 +32,10 @@ void check_info(Checks& checks, const wire::SceneInfo& info) {
         .finite("origin", info.origin_x())
         .finite("origin", info.origin_y())
         .finite("origin", info.origin_z());
+    check_box(checks, info.box_min(), info.box_max());
+    if (info.animation_seconds() != nullptr && checks.good())
+        for (const double seconds : *info.animation_seconds())
+            checks.finite("animation_seconds", seconds);
 }
 
 void check_param(Checks& checks, const wire::Param& param) {

@@ -195,8 +195,9 @@ Result<void> run(Context& context, const EditOptions& options) {
     while (true) {
         const auto frame = context.connection.next();
         if (!frame) return tl::unexpected<Failure>(frame.error());
-        const auto edited = protocol::open<wire::Edited>(*frame);
-        if (!edited) continue;  // news of its progress
+        if (!is<wire::Edited>(*frame)) continue;  // news of its progress
+        const auto edited = open_sent<wire::Edited>(*frame);
+        if (!edited) return tl::unexpected<Failure>(edited.error());
         context.progress.clear();
         const wire::Edited& done = *edited->table;
         if (context.json) {

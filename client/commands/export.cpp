@@ -27,7 +27,7 @@ Result<ReceivedPicture> receive_file(Context& context, const ExportOptions& opti
     request.file = file;
     if (auto started = context.connection.start(request); !started)
         return tl::unexpected<Failure>(started.error());
-    auto answer = receive_picture(context.connection, context.progress);
+    auto answer = receive_picture(context.connection, context.progress, file_room());
     context.progress.clear();
     return answer;
 }

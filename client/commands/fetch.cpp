@@ -42,7 +42,7 @@ Result<void> run(Context& context, const FetchOptions& options) {
 
     if (kind == "blame") {
         if (auto started = context.connection.start(request); !started) return started;
-        const auto answer = receive_picture(context.connection, context.progress);
+        const auto answer = receive_picture(context.connection, context.progress, document_room());
         context.progress.clear();
         if (!answer) return tl::unexpected<Failure>(answer.error());
         return deliver_ranking(context, *answer);
@@ -52,7 +52,8 @@ Result<void> run(Context& context, const FetchOptions& options) {
         return fail(Exit::usage, job_text(*job->info) + " is a picture: pass -o FILE");
     if (auto writable = check_writable(options.output); !writable) return writable;
     if (auto started = context.connection.start(request); !started) return started;
-    auto picture = receive_picture(context.connection, context.progress);
+    auto picture =
+        receive_picture(context.connection, context.progress, picture_room(kind != "render"));
     context.progress.clear();
     if (!picture) return tl::unexpected<Failure>(picture.error());
     const std::string ending = "." + (picture->encode == "raw" ? "npy" : picture->encode);

@@ -66,11 +66,12 @@ Result<void> rank(Context& context, const HeatmapOptions& options) {
 }
 
 /// Replaces the answer's document by the file that it holds.
-Result<void> take_file(const Json& document, ReceivedPicture& picture) {
+Result<void> take_file(const Json& document, const std::string& encode, ReceivedPicture& picture) {
     const Json& file = document.at("file");
     auto bytes = protocol::from_base64(file.at("base64").get_ref<const std::string&>());
-    if (!bytes) return fail(Exit::failed, "the daemon sent a file that is not Base64");
+    if (!bytes) return daemon_sent("a file that is not Base64");
     picture.encode = file.at("encode").get<std::string>();
+    if (picture.encode != encode) return daemon_sent("another file than was asked for");
     picture.width = file.at("width").get<std::uint32_t>();
     picture.height = file.at("height").get<std::uint32_t>();
     picture.bytes = std::move(*bytes);
@@ -124,7 +125,8 @@ Result<void> deliver_document(Context& context, const HeatmapOptions& options,
     const auto verdicts = judge(options.fail_if, *document);
     if (!verdicts) return tl::unexpected<Failure>(verdicts.error());
     if (!options.output.empty())
-        if (auto taken = take_file(*document, answer); !taken) return taken;
+        if (auto taken = take_file(*document, encoding_of(options.output), answer); !taken)
+            return taken;
     if (is_report(options.output)) {
         auto written = write_report(context, options, answer,
                                     {shown_json(*document),

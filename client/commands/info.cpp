@@ -6,6 +6,7 @@
 #include "client/output/output.h"
 #include "client/output/scene_text.h"
 #include "client/requests/job.h"
+#include "client/requests/listings.h"
 #include "client/requests/picture.h"
 
 #include <chrono>
@@ -37,6 +38,8 @@ Result<Parts> list_parts(Connection& connection, const std::string& scene,
         if (!page) return tl::unexpected<Failure>(page.error());
         const wire::PartList& list = *page->message.table;
         const std::vector<std::string> names = protocol::strings(list.names());
+        if (auto fits = check_listed(parts.json.size() + names.size()); !fits)
+            return tl::unexpected<Failure>(fits.error());
         const std::vector<std::string> alpha_modes = protocol::strings(list.alpha_modes());
         for (std::size_t k = 0; k < names.size(); ++k) {
             const auto i = static_cast<flatbuffers::uoffset_t>(k);
@@ -75,7 +78,7 @@ Result<Json> ask_epo(Context& context, const wire::SceneInfo& info) {
     request.deadline_ms = static_cast<std::uint32_t>(epo_wait.count());
     if (auto started = context.connection.start(request, epo_wait); !started)
         return tl::unexpected<Failure>(started.error());
-    const auto answer = receive_picture(context.connection, context.progress);
+    const auto answer = receive_picture(context.connection, context.progress, document_room());
     context.progress.clear();
     if (!answer) {
         if (answer.error().exit == Exit::interrupted && is_own(answer.error()))

@@ -3,6 +3,7 @@
 #include "client/ground/child_process.h"
 #include "client/ground/interrupt.h"
 #include "client/ground/json.h"
+#include "client/net/address.h"
 #include "client/output/output.h"
 #include "client/requests/scene_source.h"
 
@@ -38,10 +39,14 @@ std::string percent_encoded(std::string_view text) {
     return encoded;
 }
 
-/// Returns HOST:PORT of http://HOST:PORT or https://HOST:PORT; empty if it is neither.
+/// Returns HOST:PORT of http://HOST:PORT or https://HOST:PORT; empty if it is neither. A browser and
+/// the user's shell get it.
 std::string place_of(std::string_view address) {
-    for (const std::string_view scheme : {"http://", "https://"})
-        if (address.starts_with(scheme)) return std::string(address.substr(scheme.size()));
+    for (const std::string_view scheme : {"http://", "https://"}) {
+        if (!address.starts_with(scheme)) continue;
+        const std::string place(address.substr(scheme.size()));
+        return authority_of("tcp://" + place) ? place : "";
+    }
     return "";
 }
 

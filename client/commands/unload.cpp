@@ -3,6 +3,7 @@
 #include "client/ground/json.h"
 #include "client/ground/numbers.h"
 #include "client/output/output.h"
+#include "client/requests/listings.h"
 
 #include <iostream>
 
@@ -21,6 +22,7 @@ Result<void> unload(Context& context, const wire::UnloadT& request, std::vector<
         const auto reply = ask<wire::Unloaded>(context.connection, request);
         if (!reply) return tl::unexpected<Failure>(reply.error());
         const std::vector<std::string> names = protocol::strings((*reply)->names());
+        if (auto fits = check_listed(done.size() + names.size()); !fits) return fits;
         for (const std::string& name : names)
             done.push_back({name, protocol::strings((*reply)->holders())});
         if (!many || names.empty()) return {};

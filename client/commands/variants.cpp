@@ -3,6 +3,7 @@
 #include "client/ground/json.h"
 #include "client/ground/text.h"
 #include "client/output/output.h"
+#include "client/requests/listings.h"
 
 #include <cmath>
 #include <cstdint>
@@ -96,6 +97,7 @@ Result<void> run(Context& context, const VariantsOptions&) {
         if (!page) return tl::unexpected<Failure>(page.error());
         const auto* variants = (*page)->variants();
         const std::uint32_t count = variants != nullptr ? variants->size() : 0;
+        if (auto fits = check_listed(all.size() + count); !fits) return fits;
         for (std::uint32_t i = 0; i < count; ++i) all.push_back(variant_json(*variants->Get(i)));
         request.first += count;
         more = count != 0 && request.first < (*page)->total();

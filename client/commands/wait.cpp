@@ -38,8 +38,8 @@ Result<void> run(Context& context, const WaitOptions& options) {
         }
         if (!frame) return tl::unexpected<Failure>(frame.error());
         if (is<wire::Progress>(*frame)) {
-            const auto news = protocol::open<wire::Progress>(*frame);
-            if (!news) return tl::unexpected<Failure>(failure(news.error()));
+            const auto news = open_sent<wire::Progress>(*frame);
+            if (!news) return tl::unexpected<Failure>(news.error());
             context.progress.update((*news)->done(), (*news)->total(),
                                     protocol::text((*news)->stage()));
         }

@@ -44,6 +44,12 @@ using Result = tl::expected<T, Failure>;
     return tl::unexpected<Failure>(failure(exit, std::move(message)));
 }
 
+/// Makes the failure of a daemon that breaks the protocol; `what` says what it sent. It is never the
+/// user's mistake.
+[[nodiscard]] inline tl::unexpected<Failure> daemon_sent(const std::string& what) {
+    return fail(Exit::failed, "the daemon sent " + what);
+}
+
 /// Returns one line without a line break: "raynest: ... [request ID]", or
 /// {"error":{"code","name","message","request"}}.
 [[nodiscard]] std::string describe(const Failure& failure, bool json);

@@ -184,7 +184,7 @@ Result<void> Driver::receive(Client& client, LoadTestStatistics& statistics) {
     if (sample_.empty()) client.answer.insert(client.answer.end(), bytes.begin(), bytes.end());
     while (!bytes.empty()) {
         const auto taken = client.decoder.feed(bytes);
-        if (!taken) return tl::unexpected<Failure>(failure(taken.error()));
+        if (!taken) return daemon_sent("a broken frame: " + taken.error().message);
         bytes = bytes.subspan(*taken);
         if (!client.decoder.complete()) continue;
         const protocol::Frame frame = client.decoder.take();

@@ -84,6 +84,17 @@ std::string start_hint(const std::string& uri, const error_code& error) {
                : "is raynestd running there?";
 }
 
+/// True for a message that more of the same answer follows; every other one ends its request. One of
+/// a later version does not.
+bool is_continued(std::uint16_t type) {
+    static constexpr std::array continued = {
+        protocol::message_of<wire::Started>,  protocol::message_of<wire::Chunk>,
+        protocol::message_of<wire::Progress>, protocol::message_of<wire::Picture>,
+        protocol::message_of<wire::Credit>,   protocol::message_of<wire::Need>};
+    return std::ranges::find(continued, static_cast<wire::Message>(type)) != continued.end() ||
+           !protocol::message_known(type);
+}
+
 /// True for the alert by which a TLS server answers bytes that are not TLS.
 bool is_tls_alert(std::span<const std::byte> bytes) {
     return bytes.size() >= 2 && bytes[0] == std::byte{21} && bytes[1] == std::byte{3};
@@ -269,8 +280,8 @@ Result<void> Connection::greet(const std::string& token) {
     if (auto sent = send(protocol::encode(id_, hello)); !sent) return sent;
     auto frame = next();
     if (!frame) return tl::unexpected<Failure>(frame.error());
-    const auto welcome = protocol::open<wire::Welcome>(*frame);
-    if (!welcome) return tl::unexpected<Failure>(failure(welcome.error()));
+    const auto welcome = open_sent<wire::Welcome>(*frame);
+    if (!welcome) return tl::unexpected<Failure>(welcome.error());
     daemon_ = {std::string(protocol::text((*welcome)->server())),
                (*welcome)->window_bytes(),
                (*welcome)->frame_bytes_max(),
@@ -292,6 +303,7 @@ int Connection::socket() const {
 
 void Connection::begin(std::chrono::milliseconds deadline) {
     ++id_;
+    ended_by_ = 0;
     credit_ = daemon_.window_bytes;
     consumed_ = 0;
     patience_ = deadline.count() > 0 ? deadline + grace : Clock::duration::max();
@@ -369,6 +381,10 @@ tl::unexpected<Failure> Connection::tagged(Failure why) const {
 }
 
 Result<Frame> Connection::next() {
+    if (ended_by_ != 0)
+        return tagged(
+            daemon_sent(protocol::message_name(ended_by_) + " before the answer was whole")
+                .value());
     while (true) {
         auto frame = read_frame();
         if (!frame) return frame;
@@ -385,8 +401,8 @@ Result<Frame> Connection::next() {
         }
         if (!ours) continue;
         if (is<wire::Credit>(*frame)) {
-            const auto credit = protocol::open<wire::Credit>(*frame);
-            if (!credit) return tl::unexpected<Failure>(failure(credit.error()));
+            const auto credit = open_sent<wire::Credit>(*frame);
+            if (!credit) return tl::unexpected<Failure>(credit.error());
             credit_ += (*credit)->bytes();
         }
         consumed_ += frame->bulk.size();
@@ -395,6 +411,7 @@ Result<Frame> Connection::next() {
             if (auto granted = grant(std::exchange(consumed_, 0)); !granted)
                 return tl::unexpected<Failure>(granted.error());
         }
+        if (!is_continued(frame->header.type)) ended_by_ = frame->header.type;
         return frame;
     }
 }
@@ -404,7 +421,9 @@ Result<Frame> Connection::read_frame() {
         // Decode the bytes that were read ahead, then read the socket: bulk data directly into its
         // buffer, and the bytes after it in the same call.
         auto taken = decoder_.feed({staging_.get() + staged_begin_, staged_end_ - staged_begin_});
-        if (!taken) return tl::unexpected<Failure>(failure(taken.error()));
+        if (!taken && taken.error().code == protocol::Code::resource_exhausted)
+            return tl::unexpected<Failure>(failure(taken.error()));
+        if (!taken) return daemon_sent("a broken frame: " + taken.error().message);
         staged_begin_ += *taken;
         if (decoder_.complete()) return decoder_.take();
 

@@ -78,7 +78,7 @@ public:
     }
 
     /// Reads the next frame of the running request. CREDIT is returned too, already counted; ERROR
-    /// is a Failure.
+    /// is a Failure, and so is any wait for more after a frame that ends the request.
     Result<protocol::Frame> next();
 
 private:
@@ -115,7 +115,18 @@ private:
     std::uint64_t credit_ = 0;
     std::uint64_t consumed_ = 0;                         ///< bulk bytes not yet granted again
     Clock::duration patience_ = Clock::duration::max();  ///< left for the daemon, in this request
+    std::uint16_t ended_by_ = 0;  ///< type of the frame that has ended the request; 0: it runs
 };
+
+/// Reads a frame as an Answer. A broken one is a fault of the daemon.
+template <class Answer>
+Result<protocol::Opened<Answer>> open_sent(const protocol::Frame& frame) {
+    auto opened = protocol::open<Answer>(frame);
+    if (!opened)
+        return daemon_sent("a broken " + protocol::message_name(frame.header.type) + ": " +
+                           opened.error().message);
+    return std::move(*opened);
+}
 
 /// An answer and the frame that holds it.
 template <class Answer>
@@ -125,12 +136,12 @@ struct Reply {
     const Answer* operator->() const { return message.table; }
 };
 
-/// Reads a frame as an Answer.
+/// The same, with the frame.
 template <class Answer>
 Result<Reply<Answer>> open_reply(protocol::Frame frame) {
     Reply<Answer> reply{std::move(frame), {}};
-    auto opened = protocol::open<Answer>(reply.frame);
-    if (!opened) return tl::unexpected<Failure>(failure(opened.error()));
+    auto opened = open_sent<Answer>(reply.frame);
+    if (!opened) return tl::unexpected<Failure>(opened.error());
     reply.message = std::move(*opened);
     return reply;
 }

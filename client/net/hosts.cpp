@@ -78,8 +78,10 @@ Result<void> write_private(const fs::path& link, const std::string& content) {
     std::string pattern = file.string() + ".XXXXXX";
     const Descriptor made(::mkostemp(pattern.data(), O_CLOEXEC));  // mode 0600
     if (!made) return cannot("write", file.string(), errno);
+    // On the disk first: a crash after the rename must not leave an empty file.
     const bool written = ::write(made.number(), content.data(), content.size()) ==
-                         static_cast<ssize_t>(content.size());
+                             static_cast<ssize_t>(content.size()) &&
+                         ::fsync(made.number()) == 0;
     if (written && ::rename(pattern.c_str(), file.c_str()) == 0) return {};
     const int why = errno;
     ::unlink(pattern.c_str());
@@ -136,8 +138,9 @@ HostsText parse(const std::string& content) {
 }
 
 Result<HostsText> read_hosts() {
-    std::error_code error;
-    if (!fs::exists(hosts_file(), error)) return HostsText();
+    struct stat status {};
+    // As ssh does, where HOME is still that of another user.
+    if (::stat(hosts_file().c_str(), &status) != 0) return HostsText();
     auto content = read_secret(hosts_file(), file_bytes_max);
     if (!content) return tl::unexpected<Failure>(content.error());
     return parse(*content);

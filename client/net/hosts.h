@@ -7,7 +7,7 @@
 //
 // Each line is TOML by itself. A line that is none is left out and named, and the others count;
 // below such a heading all lines are left out, so that no daemon gets another's token. The file and
-// the copies have mode 0600. _hosts.py of the Python client reads and writes the same.
+// the copies have mode 0600. _net/hosts.py of the Python client reads and writes the same.
 #pragma once
 
 #include "client/ground/failure.h"

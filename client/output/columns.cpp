@@ -61,7 +61,7 @@ Result<void> Columns::append(const QueryChunk& chunk) {
             column.value_bytes = static_cast<std::size_t>(column.numpy[2] - '0');
         }
         if (column.dtype != block.dtype || column.width != block.width())
-            return fail(Exit::failed, "the daemon changed a column's type between chunks");
+            return daemon_sent("a column of another type than in the chunk before");
         if (column.is_world)
             append_points(chunk, block, column);
         else if (is_ring(block))

@@ -137,8 +137,9 @@ std::string totals_text(const Json& totals) {
 void print_path(const Json& received, std::ostream& to) {
     const Json document = shown_json(received);
     to << "sample " << document.at("sample").get<std::uint64_t>() << " of pixel "
-       << point_text(document.at("pixel")) << " of " << document.at("size")[0].get<std::uint64_t>()
-       << 'x' << document.at("size")[1].get<std::uint64_t>() << " of camera "
+       << point_text(document.at("pixel")) << " of "
+       << document.at("size").at(0).get<std::uint64_t>() << 'x'
+       << document.at("size").at(1).get<std::uint64_t>() << " of camera "
        << quoted(document.at("camera")) << ", integrator "
        << document.at("integrator").get<std::string>() << ", seed "
        << document.at("seed").get<std::uint64_t>() << "\nscene "
@@ -178,8 +179,8 @@ void print_explanation(const Json& received, std::ostream& to) {
        << number_text(ray.at("tmax"));
     if (document.contains("pixel"))
         to << ", pixel " << point_text(document.at("pixel")) << " of "
-           << document.at("size")[0].get<std::uint64_t>() << 'x'
-           << document.at("size")[1].get<std::uint64_t>() << " of camera "
+           << document.at("size").at(0).get<std::uint64_t>() << 'x'
+           << document.at("size").at(1).get<std::uint64_t>() << " of camera "
            << quoted(document.at("camera"));
     to << "\nscene " << document.at("scene").get<std::string>() << " epoch "
        << document.at("epoch").get<std::uint64_t>() << ", intersector "

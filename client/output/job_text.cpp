@@ -3,15 +3,16 @@
 #include "client/ground/text.h"
 #include "client/ground/wording.h"
 
+#include <algorithm>
+
 namespace raynest::client {
 namespace {
 
 /// Returns "41%", the stage if the end is unknown, or "-".
 std::string progress_text(const wire::JobInfo& info) {
     if (info.total() == 0) return std::string(protocol::word(info.stage(), "-"));
-    return std::to_string(static_cast<int>(100 * static_cast<double>(info.done()) /
-                                           static_cast<double>(info.total()))) +
-           "%";
+    const auto done = static_cast<double>(std::min(info.done(), info.total()));
+    return std::to_string(static_cast<int>(100 * done / static_cast<double>(info.total()))) + "%";
 }
 
 std::string time_text(std::uint64_t milliseconds) {

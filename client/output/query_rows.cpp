@@ -203,6 +203,9 @@ ReducedRows::ReducedRows(std::string number, bool json) : number_(std::move(numb
 
 Result<void> ReducedRows::print(const QueryChunk& chunk) {
     constexpr std::size_t number_width = 10;
+    const auto fits = [&](const BlockView& block) { return block.count == chunk.count; };
+    if (chunk.columns.empty() || !std::ranges::all_of(chunk.columns, fits))
+        return daemon_sent("rows without their columns");
     if (!titled_ && !json_) {
         std::string line = number_.empty() ? "" : set_right(number_, number_width) + "  ";
         for (const BlockView& block : chunk.columns)

@@ -231,6 +231,7 @@ Result<ReceivedPicture> run_film(Connection& connection, Progress& progress,
     if (auto started = connection.start(request, deadline); !started)
         return tl::unexpected<Failure>(started.error());
     ReceivedPicture picture;
+    picture.outcome.may_detach = request.job->detach;
     const FrameConsumer consume = [&](const protocol::Frame& frame) {
         return take_news(frame, picture.outcome);
     };
@@ -238,7 +239,8 @@ Result<ReceivedPicture> run_film(Connection& connection, Progress& progress,
     for (const protocol::Buffer* file : {&files.resumed, &files.environment})
         if (auto sent = send_file(connection, number++, file->span(), progress, consume); !sent)
             return tl::unexpected<Failure>(with_name(sent.error(), files));
-    auto received = receive_picture(connection, progress, std::move(picture), consume_pass);
+    auto received =
+        receive_picture(connection, progress, room_of(request), std::move(picture), consume_pass);
     if (!received) return tl::unexpected<Failure>(with_name(received.error(), files));
     return received;
 }

@@ -4,6 +4,7 @@
 #include "client/requests/scene_origin.h"
 
 #include <cmath>
+#include <utility>
 
 namespace raynest::client {
 namespace {
@@ -63,9 +64,10 @@ std::unique_ptr<wire::CameraT> camera_message(const CameraOptions& options,
 
 Result<void> take_news(const protocol::Frame& frame, Outcome& outcome) {
     if (is<wire::Started>(frame)) {
-        const auto opened = protocol::open<wire::Started>(frame);
-        if (!opened) return tl::unexpected<Failure>(failure(opened.error()));
+        const auto opened = open_sent<wire::Started>(frame);
+        if (!opened) return tl::unexpected<Failure>(opened.error());
         const wire::Started& started = *opened->table;
+        if (std::exchange(outcome.has_started, true)) return daemon_sent("Started twice");
         outcome.scene = protocol::text(started.scene());
         outcome.hash = protocol::text(started.hash());
         outcome.camera = protocol::text(started.camera());
@@ -80,12 +82,14 @@ Result<void> take_news(const protocol::Frame& frame, Outcome& outcome) {
         outcome.hidden = protocol::strings(started.hidden());
         add_notes(started.notes(), outcome);
     } else if (is<wire::Detached>(frame)) {
-        const auto opened = protocol::open<wire::Detached>(frame);
-        if (!opened) return tl::unexpected<Failure>(failure(opened.error()));
+        const auto opened = open_sent<wire::Detached>(frame);
+        if (!opened) return tl::unexpected<Failure>(opened.error());
         outcome.detached = (*opened)->job();
+        if (!outcome.may_detach || outcome.detached == 0)
+            return daemon_sent("the number of a detached job that was not asked for");
     } else if (is<wire::Done>(frame)) {
-        const auto opened = protocol::open<wire::Done>(frame);
-        if (!opened) return tl::unexpected<Failure>(failure(opened.error()));
+        const auto opened = open_sent<wire::Done>(frame);
+        if (!opened) return tl::unexpected<Failure>(opened.error());
         const wire::Done& done = *opened->table;
         outcome.rays = done.rays();
         outcome.hits = done.hits();

@@ -24,6 +24,8 @@ struct Outcome {
     std::string scene, hash, intersector, target, traversal, worker, worker_reason;
     std::string camera;  ///< pictures only
     std::uint64_t epoch = 0;
+    bool has_started = false;  ///< STARTED has come
+    bool may_detach = false;   ///< the request asked for a detached job; set by who sends it
     std::vector<std::string> notes;
     std::uint64_t rays_announced = 0;  ///< queries only, from STARTED
     WorldPoint origin{};               ///< the scene's, from STARTED
@@ -38,7 +40,8 @@ struct Outcome {
     wire::HeatStatisticsT heat;  ///< heat maps only
     std::uint64_t detached = 0;  ///< number of a detached job; 0: the job has ended
 };
-/// Reads a STARTED, DONE or DETACHED frame; ignores others.
+/// Reads a STARTED, DONE or DETACHED frame; ignores others. Fails where a job starts twice, or is
+/// detached without having been asked to.
 Result<void> take_news(const protocol::Frame& frame, Outcome& outcome);
 
 }  // namespace raynest::client

@@ -15,15 +15,24 @@ std::string job_text(const wire::JobInfo& info) {
            std::string(protocol::text(info.scene())) + ")";
 }
 
+Result<void> check_listed(std::uint64_t count) {
+    if (count <= listed_max) return {};
+    return daemon_sent("a list of more than " + std::to_string(listed_max) + " entries");
+}
+
 Result<void> each_job(Connection& connection,
                       const std::function<void(const wire::JobInfo&)>& consume) {
     wire::JobsT request;
+    std::uint64_t count = 0;
     for (bool more = true; more;) {
         const auto page = ask<wire::JobList>(connection, request);
         if (!page) return tl::unexpected<Failure>(page.error());
-        more = (*page)->more();
-        if ((*page)->jobs() == nullptr) break;
-        for (const wire::JobInfo* info : *(*page)->jobs()) {
+        const auto* jobs = (*page)->jobs();
+        if (jobs == nullptr) break;
+        more = (*page)->more() && jobs->size() != 0;
+        if (auto fits = check_listed(count += jobs->size()); !fits) return fits;
+        for (const wire::JobInfo* info : *jobs) {
+            if (info->job() <= request.after) return daemon_sent("a job twice in a list");
             consume(*info);
             request.after = info->job();
         }
@@ -63,6 +72,8 @@ Result<std::vector<ListedScene>> list_scenes(Connection& connection) {
         if (!page) return tl::unexpected<Failure>(page.error());
         const wire::SceneList& list = *page->message.table;
         const std::vector<std::string> names = protocol::strings(list.names());
+        if (auto fits = check_listed(scenes.size() + names.size()); !fits)
+            return tl::unexpected<Failure>(fits.error());
         const std::vector<std::string> hashes = protocol::strings(list.hashes());
         std::vector<std::string> shares = protocol::strings(list.shares());
         shares.resize(names.size());
@@ -87,6 +98,7 @@ Result<void> each_connection(Connection& connection,
                              const std::function<void(const ListedConnection&)>& consume) {
     wire::AdminT request;
     request.act = "connections";
+    std::uint64_t listed = 0;
     for (bool more = true; more;) {
         const auto page = ask<wire::AdminReport>(connection, request);
         if (!page) return tl::unexpected<Failure>(page.error());
@@ -98,8 +110,11 @@ Result<void> each_connection(Connection& connection,
         const auto peers = protocol::strings(report.peers());
         const std::size_t count =
             std::min({principals.size(), roles.size(), transports.size(), peers.size()});
+        if (auto fits = check_listed(listed += count); !fits) return fits;
         for (std::size_t k = 0; k < count; ++k) {
             const auto i = static_cast<flatbuffers::uoffset_t>(k);
+            if (report.connections()->Get(i) <= request.after)
+                return daemon_sent("a connection twice in a list");
             consume({report.connections()->Get(i), principals[k], roles[k], transports[k], peers[k],
                      static_cast<double>(report.age_ms()->Get(i)) / 1e3, report.jobs()->Get(i)});
             request.after = report.connections()->Get(i);

@@ -10,6 +10,11 @@
 
 namespace raynest::client {
 
+/// Entries of a list that comes page by page: more than a daemon has, so that its pages end.
+inline constexpr std::uint64_t listed_max = 1ULL << 20;
+/// Fails beyond listed_max entries.
+Result<void> check_listed(std::uint64_t count);
+
 /// Returns "query", or "query closest".
 [[nodiscard]] std::string job_kind(const wire::JobInfo& info);
 /// Returns "job 17 (query closest, forest)".

@@ -12,6 +12,7 @@
 #include <cstdint>
 #include <functional>
 #include <string>
+#include <utility>
 #include <vector>
 
 namespace raynest::client {
@@ -38,20 +39,42 @@ template <class Request>
     return request;
 }
 
+/// The bounds of an answer, so that no daemon fills the memory or delivers something else.
+struct Room {
+    std::uint64_t bytes_max = 0;          ///< of a document or a file
+    std::uint64_t pixel_bytes = 0;        ///< of a picture: what each pixel may have beside them
+    std::uint32_t width = 0, height = 0;  ///< of the picture; 0: its first piece says them
+    std::string encode = {};              ///< empty: its first piece says it
+    bool starts = true;                   ///< STARTED comes first
+};
+/// The room of a document, of which not all have a job that starts.
+[[nodiscard]] Room document_room();
+/// The room of a .glb, whose format ends there, or of a composition.
+[[nodiscard]] Room file_room();
+/// The room of the pictures of a job that is fetched.
+[[nodiscard]] Room picture_room(bool is_heat_map);
+[[nodiscard]] Room room_of(const wire::RenderT& request);
+[[nodiscard]] Room room_of(const wire::HeatmapT& request);
+[[nodiscard]] inline Room room_of(const wire::BlameT& /*request*/) {
+    return document_room();
+}
+
 struct ReceivedPicture {
     std::uint32_t width = 0;
     std::uint32_t height = 0;
     std::string encode;  ///< png | exr | raw
     std::vector<std::byte> bytes;
-    float exposure = 0;  ///< of encode linear: the stops of exposure `auto`
+    std::uint64_t total = 0;  ///< bytes of the whole payload; 0: none has begun
+    bool is_last = false;     ///< no payload comes after this one
+    float exposure = 0;       ///< of encode linear: the stops of exposure `auto`
     Outcome outcome;
 };
 /// Takes each whole picture of an answer that refines one, but for the last.
 using PassConsumer = std::function<Result<void>(const ReceivedPicture&)>;
-/// Reads the answer of a running Render or Heatmap to its end, or until it is detached. `picture`
-/// holds what is known already. A later payload replaces an earlier one.
+/// Reads the answer of a running request to its end, or until it is detached. `picture` holds what is
+/// known already. A later payload replaces an earlier one. Fails unless the last one is whole.
 Result<ReceivedPicture> receive_picture(Connection& connection, Progress& progress,
-                                        ReceivedPicture picture = {},
+                                        const Room& room, ReceivedPicture picture = {},
                                         const PassConsumer& consume_pass = {});
 
 /// Places the camera of a request, which `run` then asks for, in the scene's world.
@@ -80,7 +103,9 @@ Result<ReceivedPicture> ask_picture(Connection& connection, Progress& progress,
     return with_camera(connection, progress, options, request, [&]() -> Result<ReceivedPicture> {
         if (auto started = connection.start(request, deadline_of(options.job.deadline)); !started)
             return tl::unexpected<Failure>(started.error());
-        return receive_picture(connection, progress);
+        ReceivedPicture picture;
+        picture.outcome.may_detach = request.job->detach;
+        return receive_picture(connection, progress, room_of(request), std::move(picture));
     });
 }
 

@@ -2,9 +2,13 @@
 
 #include "client/requests/scene_origin.h"
 
+#include <array>
 #include <chrono>
 #include <map>
 #include <optional>
+#include <set>
+#include <string>
+#include <string_view>
 #include <utility>
 
 namespace raynest::client {
@@ -12,18 +16,39 @@ namespace {
 
 using protocol::BlockView;
 
-tl::unexpected<Failure> protocol_violation(const char* what) {
-    return fail(Exit::failed, std::string("the daemon sent ") + what);
+/// Bytes of chunks that wait for one before them: more than an honest daemon leaves out so long.
+constexpr std::uint64_t waiting_bytes_max = 1ULL << 30;
+
+/// True for a column of the type that the list of columns has for it; outputs of an intersector, and
+/// columns of later daemons, may have any.
+bool has_known_type(const BlockView& block) {
+    struct Type {
+        std::string_view word;
+        wire::Dtype dtype;
+        std::uint32_t width;
+    };
+    static constexpr std::array types = {
+        Type{"u8", wire::Dtype::u8, 1},    Type{"truth", wire::Dtype::u8, 1},
+        Type{"u32", wire::Dtype::u32, 1},  Type{"u64", wire::Dtype::u64, 1},
+        Type{"f32", wire::Dtype::f32, 1},  Type{"vec2", wire::Dtype::f32, 2},
+        Type{"vec3", wire::Dtype::f32, 3}, Type{"point", wire::Dtype::f32, 3}};
+    const auto column = std::ranges::find(column_words, block.name, &ColumnWords::name);
+    if (column == column_words.end()) return true;
+    const auto type = std::ranges::find(types, column->type, &Type::word);
+    return type != types.end() && block.dtype == type->dtype && block.width() == type->width;
 }
 
 /// Puts chunks in order: keeps each until all before it have come.
 class ChunkReorderer {
 public:
+    /// `fields` must all come.
     ChunkReorderer(bool splits, const Outcome& outcome,
-                   const std::function<Result<void>(const QueryChunk&)>& consume)
+                   const std::function<Result<void>(const QueryChunk&)>& consume,
+                   const std::vector<std::string>& fields)
         : splits_(splits),
           outcome_(outcome),
-          consume_(consume) {}
+          consume_(consume),
+          fields_(fields.begin(), fields.end()) {}
 
     /// Adds a chunk of an answer that has at most `rows` rows.
     Result<void> add(protocol::Frame frame, std::uint64_t rows) {
@@ -32,15 +57,18 @@ public:
         const std::uint64_t first = (*chunk)->first_ray();
         if ((*chunk)->count() == 0 || first < next_ || first >= rows ||
             (*chunk)->count() > rows - first)
-            return protocol_violation("answers to rays that were not asked");
+            return daemon_sent("answers to rays that were not asked");
+        waiting_bytes_ += chunk->frame.header.frame_bytes();
         if (!waiting_.emplace(first, std::move(*chunk)).second)
-            return protocol_violation("an answer twice");
+            return daemon_sent("an answer twice");
         while (!waiting_.empty() && waiting_.begin()->first == next_) {
             if (auto passed = pass_on(waiting_.begin()->second); !passed) return passed;
             next_ += waiting_.begin()->second->count();
+            waiting_bytes_ -= waiting_.begin()->second.frame.header.frame_bytes();
             waiting_.erase(waiting_.begin());
         }
-        return {};
+        if (waiting_bytes_ <= waiting_bytes_max) return {};
+        return daemon_sent("answers for long without that to ray " + std::to_string(next_));
     }
     [[nodiscard]] std::uint64_t answered() const { return next_; }
 
@@ -50,18 +78,27 @@ private:
         chunk.first_ray = reply->first_ray();
         chunk.count = reply->count();
         std::vector<BlockView> columns;
-        for (const BlockView& block : reply.message.blocks)
-            if (block.name != "ray_splits") columns.push_back(block);
+        std::set<std::string> names;
+        for (const BlockView& block : reply.message.blocks) {
+            if (block.name == "ray_splits") continue;
+            columns.push_back(block);
+            names.emplace(block.name);
+            if (!has_known_type(block)) return daemon_sent("a column of a wrong type");
+        }
+        if (!std::ranges::includes(names, fields_) || (next_ != 0 && names != names_))
+            return daemon_sent("other columns than were asked for, or than before");
+        names_ = std::move(names);
 
         if (splits_) {
             const BlockView* splits = protocol::find_block(reply.message.blocks, "ray_splits");
             if (splits == nullptr || splits->dtype != wire::Dtype::u64 || splits->width() != 1 ||
                 splits->count != chunk.count + std::uint64_t{1})
-                return protocol_violation("hits without ray_splits");
+                return daemon_sent("hits without ray_splits");
             chunk.splits = splits->values<std::uint64_t>();
             if (chunk.splits.front() != 0 ||
+                chunk.splits.back() > chunk.count * protocol::Limits{}.all_hits_max ||
                 !std::is_sorted(chunk.splits.begin(), chunk.splits.end()))
-                return protocol_violation("ray_splits that do not rise");
+                return daemon_sent("ray_splits that do not rise");
         } else {
             while (one_hit_each_.size() <= chunk.count)
                 one_hit_each_.push_back(one_hit_each_.size());
@@ -69,7 +106,7 @@ private:
         }
         for (const BlockView& column : columns)
             if (column.count != (is_hit_field(column.name) ? chunk.splits.back() : chunk.count))
-                return protocol_violation("a column of the wrong length");
+                return daemon_sent("a column of the wrong length");
         chunk.columns = columns;
         chunk.origin = outcome_.origin;
         chunk.hidden = outcome_.hidden;
@@ -82,6 +119,9 @@ private:
     std::uint64_t next_ = 0;
     std::vector<std::uint64_t> one_hit_each_;  ///< 0, 1, 2, ...: the splits if each ray has one hit
     std::map<std::uint64_t, Reply<wire::Chunk>> waiting_;
+    std::uint64_t waiting_bytes_ = 0;
+    std::set<std::string> fields_;
+    std::set<std::string> names_;  ///< of the columns of the chunk before
 };
 
 /// Returns the number of rows of the answer, or an upper bound while only the daemon knows it:
@@ -143,7 +183,8 @@ Result<Outcome> run_query(Connection& connection, const wire::QueryT& request,
     if (auto started = connection.start(request, deadline); !started)
         return tl::unexpected<Failure>(started.error());
     Outcome outcome;
-    ChunkReorderer reorderer(has_splits(request.kind), outcome, consume);
+    if (request.job) outcome.may_detach = request.job->detach;
+    ChunkReorderer reorderer(has_splits(request.kind), outcome, consume, request.fields);
     std::uint64_t sent = 0;
     std::uint64_t uploaded = 0;
     while (true) {
@@ -184,13 +225,14 @@ Result<Outcome> run_query(Connection& connection, const wire::QueryT& request,
             if (request.reduce.empty()) progress.update(reorderer.answered(), rows, "tracing");
         }
         if (is<wire::Progress>(*frame) && !request.reduce.empty()) {
-            const auto news = protocol::open<wire::Progress>(*frame);
-            if (!news) return tl::unexpected<Failure>(failure(news.error()));
+            const auto news = open_sent<wire::Progress>(*frame);
+            if (!news) return tl::unexpected<Failure>(news.error());
             progress.update((*news)->done(), (*news)->total(), protocol::text((*news)->stage()));
         }
     }
+    if (!outcome.has_started) return daemon_sent("the end of a request that had not started");
     if (reorderer.answered() != rows_of(request, rays, outcome))
-        return protocol_violation("its last answer too early");
+        return daemon_sent("its last answer too early");
     return outcome;
 }
 
@@ -209,17 +251,18 @@ Result<Outcome> fetch_query(Connection& connection, const wire::FetchT& request,
         if (!is<wire::Chunk>(*frame)) continue;
         // The number of rays is known at the end; any chunk tells whether it is CSR.
         if (!reorderer) {
-            const auto chunk = protocol::open<wire::Chunk>(*frame);
-            if (!chunk) return tl::unexpected<Failure>(failure(chunk.error()));
+            const auto chunk = open_sent<wire::Chunk>(*frame);
+            if (!chunk) return tl::unexpected<Failure>(chunk.error());
             const bool multi = protocol::find_block(chunk->blocks, "ray_splits") != nullptr;
-            reorderer.emplace(multi, outcome, consume);
+            reorderer.emplace(multi, outcome, consume, std::vector<std::string>());
         }
         if (auto added = reorderer->add(std::move(*frame), protocol::Limits{}.rays_max); !added)
             return tl::unexpected<Failure>(added.error());
         progress.update(reorderer->answered(), 0, "fetching");
     }
+    if (!outcome.has_started) return daemon_sent("the end of a request that had not started");
     if ((reorderer ? reorderer->answered() : 0) != outcome.rows)
-        return protocol_violation("its last answer too early");
+        return daemon_sent("its last answer too early");
     return outcome;
 }
 

@@ -58,20 +58,20 @@ Result<Reply<wire::Loaded>> load_scene(Connection& connection, Progress& progres
     }
     if (auto started = connection.start(message); !started)
         return tl::unexpected<Failure>(started.error());
-    while (true) {
+    for (bool is_asked = false;;) {
         auto frame = connection.next();
         if (!frame) return tl::unexpected<Failure>(frame.error());
         if (is<wire::Loaded>(*frame)) return open_reply<wire::Loaded>(std::move(*frame));
         if (is<wire::Need>(*frame)) {
             const auto need = open_reply<wire::Need>(std::move(*frame));
             if (!need) return tl::unexpected<Failure>(need.error());
+            if (std::exchange(is_asked, true)) return daemon_sent("Need twice");
             const auto sent = send_files(connection, upload, *need->message.table, progress);
             if (!sent) return tl::unexpected<Failure>(sent.error());
         } else if (is<wire::Progress>(*frame)) {
-            const auto news = open_reply<wire::Progress>(std::move(*frame));
-            if (news)
-                progress.update((*news)->done(), (*news)->total(),
-                                protocol::text((*news)->stage()));
+            const auto news = open_sent<wire::Progress>(*frame);
+            if (!news) return tl::unexpected<Failure>(news.error());
+            progress.update((*news)->done(), (*news)->total(), protocol::text((*news)->stage()));
         }
     }
 }

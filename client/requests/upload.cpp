@@ -247,14 +247,17 @@ Result<void> send_files(Connection& connection, const Upload& upload, const wire
                         Progress& progress) {
     std::uint64_t total = 0;
     std::uint64_t sent = 0;
-    if (need.files() == nullptr) return {};
-    for (const std::uint32_t index : *need.files()) {
-        if (index >= upload.files.size())
-            return fail(Exit::failed, "the daemon asks for a file that was not offered");
+    std::set<std::uint32_t> asked;
+    const auto* const files = need.files();
+    if (files == nullptr) return {};
+    for (const std::uint32_t index : *files) {
+        if (index >= upload.files.size() || !asked.insert(index).second)
+            return fail(Exit::failed,
+                        "the daemon asks for a file twice, or for one that was not offered");
         total += upload.files[index].bytes.size();
     }
     const FrameConsumer ignore = [](const protocol::Frame&) { return Result<void>(); };
-    for (const std::uint32_t index : *need.files()) {
+    for (const std::uint32_t index : *files) {
         const std::span<const std::byte> bytes = upload.files[index].bytes.span();
         if (auto done = send_file(connection, index, bytes, progress, ignore, {sent, total}); !done)
             return done;

@@ -16,6 +16,7 @@ import sys
 import tempfile
 import time
 import unittest
+import unittest.mock
 import zipfile
 import zlib
 
@@ -262,16 +263,38 @@ class Lies(WithFake):
         with self.assertRaisesRegex(raynest.ProtocolError, "twice"):
             client.jobs()
 
-    def test_files_that_were_not_offered(self):
+    def test_a_list_without_end(self):
         def script(peer):
-            peer.until("Load")
-            peer.send("Need", {"files": [1]})
+            with contextlib.suppress(ConnectionError):
+                while True:
+                    peer.until("Unload")
+                    peer.send("Unloaded", {"names": ["a"] * 500})
+        client = raynest.connect(self.fake(script))
+        self.addCleanup(client.close)
+        with unittest.mock.patch("raynest._requests.words.LISTED_MAX", 2000):
+            with self.assertRaisesRegex(raynest.ProtocolError, "more than 2000 entries"):
+                client.unload_all()
+
+    def test_a_request_that_starts_twice(self):
+        def answer(peer):
+            peer.send("Started", {})
+            peer.send("Started", {})
             peer.until("Cancel")
             peer.send("Error", {"code": 14})
-        client = raynest.connect(self.fake(script))
-        with self.assertRaisesRegex(raynest.ProtocolError, "not offered"):
-            client.mesh(np.eye(3), [[0, 1, 2]])
-        client.close()
+        self.assertIn("twice", str(self.refused(answer, closed=False)))
+
+    def test_files_that_were_not_offered(self):
+        for lies in ([[1]], [[0, 0]], [[], []]):
+            def script(peer):
+                peer.until("Load")
+                for files in lies:
+                    peer.send("Need", {"files": files})
+                peer.until("Cancel")
+                peer.send("Error", {"code": 14})
+            client = raynest.connect(self.fake(script))
+            with self.assertRaisesRegex(raynest.ProtocolError, "not offered|Need twice"):
+                client.mesh(np.eye(3), [[0, 1, 2]])
+            client.close()
 
     def test_a_request_that_ends_before_it_began(self):
         def script(peer):
@@ -398,7 +421,7 @@ class Parts(unittest.TestCase):
 class Hosts(unittest.TestCase):
     def test_who_logs_out_at_the_same_time_loses_nothing(self):
         """hosts.toml is read and written again; it is also a link, which stays one."""
-        count, turns = 80, 8
+        count, turns = 24, 8  # each is written to the disk
         program = ("import sys; from raynest import logout\n"
                    f"for i in range(int(sys.argv[1]), {count}, {turns}): logout(f'tcp://h{{i}}:1')")
         with tempfile.TemporaryDirectory(prefix="raynest-hosts-") as folder:

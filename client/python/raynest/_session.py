@@ -11,6 +11,7 @@ from ._net.connection import Connection
 from ._net.control import Message
 from ._net.ssh import SshTunnel
 from ._requests.job import Outcome
+from ._requests.words import check_listed
 from .errors import InvalidError
 
 
@@ -67,7 +68,8 @@ class Session:
         first = 0
         while True:
             page = self.connection.ask(name, {**request, "first": first}, answer)
-            yield page
             first += len(page[entries])
+            check_listed(first)
+            yield page
             if first >= page["total"] or not page[entries]:
                 return

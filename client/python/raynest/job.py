@@ -16,7 +16,7 @@ from ._requests.columns import REDUCED, Whole
 from ._requests.job import Progress
 from ._requests.picture import Picture
 from ._requests.query import Answer
-from ._requests.words import job_info
+from ._requests.words import check_listed, job_info
 from ._session import Session
 
 
@@ -105,8 +105,11 @@ class Job:
 
 def job_infos(connection: Connection, after: int = 0) -> Iterator[Message]:
     """Yields the jobs of all clients with a number above `after`, in order."""
+    listed = 0
     while True:
         page = connection.ask("Jobs", {"after": after}, "JobList")
+        listed += len(page["jobs"])
+        check_listed(listed)
         for info in page["jobs"]:
             if info["job"] <= after:
                 raise errors.ProtocolError("the daemon listed a job twice, or one not asked for")

@@ -174,6 +174,30 @@ TEST_CASE("answers of an earlier request are skipped") {
     CHECK(protocol::text((*info)->name()) == "fresh");
 }
 
+TEST_CASE("a frame that ends its request without the answer, or a broken answer, is no hang") {
+    for (const bool broken : {false, true}) {
+        FakeDaemon daemon([&](Peer& peer) {
+            peer.welcome();
+            const std::uint64_t id = peer.receive().header.request_id;
+            peer.send(id, wire::ProgressT{});
+            wire::SceneInfoT info;
+            info.name = "a\x1b[2J";
+            if (broken)
+                peer.send(id, info);
+            else
+                peer.send(id, wire::DoneT{});
+            peer.receive();
+        });
+        const auto connection = Connection::open(daemon.uri(), "");
+        REQUIRE(connection);
+        const auto info = client::ask<wire::SceneInfo>(**connection, info_request());
+        REQUIRE(!info);
+        CHECK(info.error().exit == Exit::failed);
+        CHECK(info.error().message.starts_with(broken ? "the daemon sent a broken SceneInfo"
+                                                      : "the daemon sent Done before"));
+    }
+}
+
 TEST_CASE("a daemon that goes away is a failure, not a hang") {
     FakeDaemon daemon([](Peer& peer) {
         peer.welcome();

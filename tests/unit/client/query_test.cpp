@@ -79,6 +79,7 @@ bool takes(const std::string& kind, std::uint32_t count,
             wire::ChunkT chunk;
             chunk.first_ray = first;
             chunk.count = count;
+            peer.send(id, wire::StartedT{});
             peer.send(id, std::move(chunk), std::move(bulk));
             peer.send(id, wire::DoneT{});
             peer.receive();
@@ -154,6 +155,7 @@ TEST_CASE("rays are sent within the daemon's credit and in frames of its size") 
                     peer.send(id, credit);
                 }
             }
+            peer.send(id, wire::StartedT{});
             for (std::uint64_t first = 0; first < count; first += 5000)
                 send_answers(peer, id, first, 5000);
             peer.send(id, wire::DoneT{});
@@ -229,6 +231,27 @@ TEST_CASE("the daemon states the number of rows for rays that it makes and for t
     CHECK(run_made("visible_pixels", 100, 7));
     CHECK(!run_made("visible_pixels", 100, 8));
     CHECK(!run_made("visible_pixels", 6, 7));
+}
+
+TEST_CASE("columns of a wrong type, and splits without hits to count, are refused") {
+    const auto column = [](const char* name, wire::Dtype dtype, std::uint32_t width) {
+        return [=](protocol::Bulk& bulk) {
+            bulk.add(name, dtype, width, 2);
+            bulk.allocate();
+            std::ranges::fill(bulk.block(0), std::byte{0});
+        };
+    };
+    CHECK(takes("closest", 2, column("position", wire::Dtype::f32, 3)));
+    CHECK(!takes("closest", 2, column("position", wire::Dtype::u8, 1)));
+    CHECK(!takes("closest", 2, column("t", wire::Dtype::f32, 2)));
+    CHECK(takes("closest", 2, column("cracks", wire::Dtype::u64, 1)));  // an output
+    for (const std::uint64_t hits : {std::uint64_t{4}, ~std::uint64_t{0}})
+        CHECK(takes("multi", 2, [&](protocol::Bulk& bulk) {
+                  bulk.add("ray_splits", wire::Dtype::u64, 1, 3);
+                  bulk.allocate();
+                  bulk.block_as<std::uint64_t>(0)[0] = bulk.block_as<std::uint64_t>(0)[1] = 0;
+                  bulk.block_as<std::uint64_t>(0)[2] = hits;
+              }) == (hits == 4));
 }
 
 TEST_CASE("an answer that comes twice is refused") {

@@ -14,6 +14,7 @@ from .. import errors
 from .uri import comparable
 
 FILES = ("ca", "cert", "key")
+FILE_BYTES_MAX = 1 << 20
 
 
 class Hosts(NamedTuple):
@@ -71,9 +72,15 @@ def _forget(uri: str) -> bool:
     there = os.path.realpath(file)  # it may be a link into a folder of its own
     try:
         descriptor, made = tempfile.mkstemp(prefix="hosts.toml.", dir=os.path.dirname(there))  # mode 0600
-        with open(descriptor, "wb") as opened:
-            opened.write("".join(text + "\n" for text in kept).encode("utf-8", "surrogateescape"))
-        os.replace(made, there)
+        try:
+            with open(descriptor, "wb") as opened:
+                opened.write("".join(text + "\n" for text in kept).encode("utf-8", "surrogateescape"))
+                opened.flush()
+                os.fsync(descriptor)  # a crash after the rename must not leave an empty file
+            os.replace(made, there)
+        except BaseException:
+            os.unlink(made)
+            raise
     except OSError as error:
         raise errors.UsageError(f"cannot write {file}: {error.strerror}") from None
     for key in FILES:
@@ -87,13 +94,18 @@ def _forget(uri: str) -> bool:
 
 def _read() -> Hosts:
     file = hosts_file()
+    if not os.path.exists(file):  # or its folder may not be entered: HOME is that of another user
+        return Hosts([], {}, [])
     try:
         with open(os.open(file, os.O_RDONLY | os.O_CLOEXEC | os.O_NONBLOCK), "rb") as opened:
             mode = os.fstat(opened.fileno()).st_mode
             if not stat.S_ISREG(mode) or mode & 0o077:
                 raise errors.UsageError(f"other users may read {file}, and it holds a token; chmod 600 "
                                         f"{file}")
-            return _parse(opened.read().decode("utf-8", "surrogateescape"))
+            content = opened.read(FILE_BYTES_MAX + 1)
+            if len(content) > FILE_BYTES_MAX:
+                raise errors.UsageError(f"{file} is over {FILE_BYTES_MAX} bytes")
+            return _parse(content.decode("utf-8", "surrogateescape"))
     except FileNotFoundError:
         return Hosts([], {}, [])
     except OSError as error:

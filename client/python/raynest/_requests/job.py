@@ -47,6 +47,8 @@ class Outcome(dict[str, Any]):
     def take(self, name: str, message: Message) -> None:
         if name not in ("Started", "Done"):
             return
+        if name == "Started" and "origin" in self:
+            raise ProtocolError("the daemon sent Started twice")
         notes = [*self.get("notes", []), *map(localize_message, message.get("notes", []))]
         if message["worker"] not in ("", self.get("worker", message["worker"])):
             self["worker_reason"] = ""  # it explains the choice of another worker

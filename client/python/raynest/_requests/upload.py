@@ -229,6 +229,7 @@ class Sender:
     def __init__(self, connection: Connection, sizes: Sequence[int], read: Read) -> None:
         self._connection = connection
         self._sizes, self._read = sizes, read
+        self._is_asked = False
         self._needed: list[int] = []
         self._arrays: Iterator[Array] = iter(())    # of the file that is sent
         self._rest: Array = np.zeros(0, np.uint8)   # of its array
@@ -237,8 +238,11 @@ class Sender:
         self.total = 0
 
     def need(self, files: list[int]) -> None:
-        if any(index >= len(self._sizes) for index in files):
-            raise errors.ProtocolError("the daemon asks for a file that was not offered")
+        if self._is_asked:
+            raise errors.ProtocolError("the daemon sent Need twice")
+        self._is_asked = True
+        if any(index >= len(self._sizes) for index in files) or len(set(files)) != len(files):
+            raise errors.ProtocolError("the daemon asks for a file twice, or for one that was not offered")
         self._needed = files
         self.total = sum(self._sizes[index] for index in files)
         self._begin()

@@ -11,6 +11,14 @@ from ..errors import ProtocolError
 from .job import origin_of
 
 _NO_NODE = 2**32 - 1
+# Entries of a list that comes page by page: more than a daemon has, so that its pages end.
+LISTED_MAX = 1 << 20
+
+
+def check_listed(count: int) -> None:
+    """Fails beyond LISTED_MAX entries."""
+    if count > LISTED_MAX:
+        raise ProtocolError(f"the daemon sent a list of more than {LISTED_MAX} entries")
 
 
 def rows_of(message: Message, *names: str, absent: Any = None) -> list[tuple[Any, ...]]:
