@@ -74,8 +74,20 @@ class OnlyHere(WithCluster):
         found = many.arrays(cluster.client, hills(30), RAYS, fields=("t",), item_rays=5000, setup=self.setup)
         np.testing.assert_array_equal(cluster.client.compute(found["t"], sync=True),
                                       self.client.mesh(*hills(30)).trace(RAYS, fields=("t",))["t"])
-        with self.assertRaisesRegex(raynest.UsageError, "not made by load"):
-            self.traced(cluster, self.client.mesh(vertices, faces))
+        options = {"origin": (1, 2, 3), "up": "z", "build": "fast"}
+        with self.client.mesh(vertices, faces, **options) as scene:
+            self.same(self.traced(cluster, scene), scene.trace(RAYS, fields=FIELDS))
+        with self.assertRaisesRegex(raynest.UsageError, "is closed, or was not made by load"):
+            self.traced(cluster, scene)
+        with self.client.scene_of(parts, places, masks={"stone#1": 2}, origin=(1, 2, 3)) as scene:
+            self.same(self.traced(cluster, scene), scene.trace(RAYS, fields=FIELDS))
+            self.same(self.traced(cluster, scene, mask=1), scene.trace(RAYS, fields=FIELDS, mask=1))
+            with scene.edit() as edit:
+                edit.move("stone#1", (0, 1, 0))
+            with self.assertRaisesRegex(raynest.InvalidError, "was edited"):
+                self.traced(cluster, scene)
+        with self.assertRaisesRegex(raynest.UsageError, "was not made by load"):
+            self.traced(cluster, self.client.scene("hills"))
         with self.assertRaisesRegex(raynest.InvalidError, "neither this machine nor the worker"):
             self.traced(cluster, "/nowhere/forest.glb")
 

@@ -38,7 +38,8 @@ class Prepared:
         self._must_be = ""                      # the digest of a Scene that this stands for
         if isinstance(scene, Scene):
             if scene.made is None:
-                raise UsageError(f"{scene!r} was not made by load() here: pass the file, or the triangles, that it is of")
+                raise UsageError(f"{scene!r} is closed, or was not made by load(), mesh() or scene_of() here: pass the file, "
+                                 "or the triangles, that it is of")
             self._must_be = str(scene.info["hash"])
             scene, load = scene.made[0], {**scene.made[1], **load}
         self.source = self._source(scene, load)
@@ -106,8 +107,8 @@ class Prepared:
         if self.source.digest:
             return
         if self._must_be not in ("", info["hash"]):
-            raise InvalidError("the scene was edited, or its file has changed, since it was loaded: deal out what "
-                               "raynest.dask.prepare() makes of the file, and edit that", "SCENE_UNKNOWN")
+            raise InvalidError("the scene was edited, or what it was loaded from has changed: deal out what "
+                               "raynest.dask.prepare() makes of that, and edit it there", "SCENE_UNKNOWN")
         self.source = self.source._replace(digest=info["hash"])
         for text in info["warnings"]:
             warn(text, SceneWarning)

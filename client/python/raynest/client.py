@@ -19,7 +19,7 @@ from ._requests.job import Progress
 from ._requests.loads import Load, load_of_file, load_of_mesh, load_of_parts
 from ._requests.precision import rounding_warning
 from ._requests.upload import Sender
-from ._requests.words import rows_of, scene_info, variant_info
+from ._requests.words import check_listed, rows_of, scene_info, variant_info
 from ._session import Session
 from .errors import ProtocolError, SceneWarning, warn
 from .job import Job, job_infos
@@ -137,10 +137,11 @@ class Client(Session):
         sent and built only once, as in load(), whose `up` it takes, too. Without a name each call makes a
         scene of its own, whose edits change no other. It goes with its Scene object (`with c.mesh(...) as s:`), or with the
         connection. A name keeps it in the daemon; so does `keep`, under a name that its content and `build`
-        give it.
+        give it. The Scene refers to the arrays until it is closed, for raynest.dask.
         """
         load = load_of_mesh(vertices, faces, name, origin=origin, keep=keep, replace=replace, build=build, up=up)
         scene, info = self._load(load, progress)
+        scene.made = (vertices, faces), {"origin": origin, "build": build, "up": up}
         lost = rounding_warning(vertices, faces, scene.origin, info["degenerate_triangles"])
         if lost:
             warn(lost, SceneWarning)
@@ -161,8 +162,10 @@ class Client(Session):
         numbered in their order. Each part is stored once, however often it is placed. Everything else is as
         in load() and mesh().
         """
-        return self._load(load_of_parts(parts, places, name, origin=origin, keep=keep, replace=replace, build=build,
-                                        masks=masks, up=up), progress)[0]
+        scene = self._load(load_of_parts(parts, places, name, origin=origin, keep=keep, replace=replace, build=build,
+                                         masks=masks, up=up), progress)[0]
+        scene.made = parts, {"places": places, "origin": origin, "build": build, "masks": masks, "up": up}
+        return scene
 
     def _load(self, load: Load, progress: Progress = None) -> tuple[Scene, dict[str, Any]]:
         self.drop_unused()
@@ -231,6 +234,7 @@ class Client(Session):
         names: list[str] = []
         while unloaded := self.connection.ask("Unload", message, "Unloaded")["names"]:
             names += unloaded  # a page of them
+            check_listed(len(names))
             for name in unloaded:
                 self.handles.unloaded(name)
         return names

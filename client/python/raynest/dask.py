@@ -42,8 +42,8 @@ ITEM_SAMPLES = 1 << 16     # of a lit picture's item
 def prepare(scene: Any, faces: Any = None, **load: Any) -> Prepared:
     """Returns a scene for the functions here. It is read and hashed once, on this machine, and its files stay on the
     workers as long as the object lives, for workers that join late. `scene` is a file, its bytes, (vertices, faces)
-    or an object that has both, parts as for Client.scene_of(), a Scene that load() made, or "builtin:...". `load`
-    are more arguments of load(), mesh() or scene_of(). Its edit() changes it as Scene.edit() does."""
+    or an object that has both, parts as for Client.scene_of(), a Scene that load(), mesh() or scene_of() made, or
+    "builtin:...". `load` are more arguments of load(), mesh() or scene_of(). Its edit() changes it as Scene.edit() does."""
     if isinstance(scene, Prepared):
         return scene
     return Prepared(scene if faces is None else (scene, faces), load)

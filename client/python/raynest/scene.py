@@ -41,7 +41,7 @@ class Scene(Renders, Paths):
         self._client = client
         self._origin = np.zeros(3)
         self._box: Optional[Array] = None   # its corners, in the world
-        self.made: Optional[tuple[Any, dict[str, Any]]] = None  # source and options of Client.load()
+        self.made: Optional[tuple[Any, dict[str, Any]]] = None  # of what, and with which options
         if info:
             self._learn(info)
         self._open = True
@@ -62,6 +62,7 @@ class Scene(Renders, Paths):
         Scene object or connection holds it; a scene with a name stays."""
         if self._open:
             self._open = False
+            self.made = None        # it may keep large arrays
             self._client.handles.leave(self.name)
             self._client.drop_unused()
 
