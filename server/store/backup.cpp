@@ -33,10 +33,16 @@ tl::unexpected<Error> refused(const std::string& doing, int error) {
                                           (full ? "; make room there, or name another disk" : ""));
 }
 
-/// Copies and flushes. Returns false if there is no file `from`.
+/// True if the blob itself is lost: no other user, and no later try, could read it.
+bool is_lost(int error) {
+    return error == ENOENT || error == EIO || error == not_a_file;
+}
+
+/// Copies and flushes. Returns false if the blob is lost: one damaged scene keeps no other from its
+/// backup.
 Result<bool> copy_blob(const fs::path& from, const fs::path& to) {
     const File source(from, O_RDONLY);
-    if (!source.is_open() && errno == ENOENT) return false;
+    if (!source.is_open() && is_lost(errno)) return false;
     if (!source.is_open()) return refused("cannot read " + from.string(), errno);
     const File target(to, O_WRONLY | O_CREAT | O_EXCL, S_IRUSR | S_IWUSR);
     if (!target.is_open()) return refused("cannot make " + to.string(), errno);
@@ -44,6 +50,10 @@ Result<bool> copy_blob(const fs::path& from, const fs::path& to) {
     for (;;) {
         const ssize_t read = ::read(source.number(), bytes.data(), bytes.size());
         if (read < 0 && errno == EINTR) continue;
+        if (read < 0 && is_lost(errno)) {
+            ::unlink(to.c_str());
+            return false;
+        }
         if (read < 0) return refused("cannot read " + from.string(), errno);
         if (read == 0) break;
         for (ssize_t at = 0; at < read;) {

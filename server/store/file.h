@@ -14,7 +14,7 @@
 
 namespace raynest::server {
 
-/// Stands in errno for a file that is a pipe or a device: whoever opens one may wait for ever.
+/// Stands in errno for a file that is a link, a pipe or a device: whoever opens one may wait for ever.
 inline constexpr int not_a_file = EMEDIUMTYPE;
 
 class File {
@@ -27,7 +27,9 @@ public:
                      flags | O_CLOEXEC | O_NONBLOCK | ((flags & O_DIRECTORY) != 0 ? 0 : O_NOFOLLOW),
                      mode)) {
         struct stat found {};
-        if (number_ < 0 || (flags & O_DIRECTORY) != 0) return;
+        if ((flags & O_DIRECTORY) != 0) return;
+        if (number_ < 0 && errno == ELOOP) errno = not_a_file;  // a link
+        if (number_ < 0) return;
         if (::fstat(number_, &found) == 0 && S_ISREG(found.st_mode)) return;
         ::close(std::exchange(number_, -1));
         errno = not_a_file;

@@ -408,6 +408,14 @@ class Compositions(WithFiles):
                 self.python.load(self.scenes / "c0.rnscene.json")
             self.python.load(self.scenes / "c4.rnscene.json", replace=True)
 
+    def test_a_composition_that_many_objects_name_is_made_once(self):
+        self.write("a.obj", obj(TRIANGLE, np.array([[0, 1, 2]])))
+        for i in range(7):  # 20^6 compositions if each object made its own
+            objects = {f"o{k}": {"file": f"m{i + 1}.rnscene.json" if i < 6 else "a.obj"} for k in range(20)}
+            self.write(f"m{i}.rnscene.json", {"objects": objects, "instances": [{"object": name} for name in objects]})
+        scene = self.python.load(self.scenes / "m0.rnscene.json")
+        self.assertEqual(scene.info["instanced_triangles"], 20 ** 7)
+
 
 if __name__ == "__main__":
     main()

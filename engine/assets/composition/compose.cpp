@@ -79,12 +79,18 @@ public:
         if (scene) known_.emplace(key, *scene);
         return scene;
     }
+    /// The scene of the composition `name`, empty until it is made. Objects that name the same one
+    /// share it: made for each object, N of them in every file would be N^8 at the deepest level.
+    [[nodiscard]] Scene& composed(const std::string& name, const WorldPoint& origin) {
+        return composed_[{name, origin}];
+    }
     [[nodiscard]] BuildQuality build() const { return request_.build; }
 
 private:
     const ImportRequest& request_;
     const ImportFile& import_file_;
     std::map<std::string, Scene> known_;
+    std::map<std::pair<std::string, WorldPoint>, Scene> composed_;
 };
 
 /// Puts one composition together; those within it have composers of their own.
@@ -180,11 +186,15 @@ private:
         if (above_.size() >= compositions_nested_max)
             return fail(ErrorCode::limit_exceeded,
                         fmt::format("compositions nest deeper than {}", compositions_nested_max));
+        Scene& made = files_.composed(file.name, object.origin);
+        if (made) return made;
         std::vector<std::string> above = above_;
         above.push_back(file.name);
-        return Composer(files_, limits_, file.name, std::move(above))
-            .compose(file.bytes, object.origin)
-            .and_then(Snapshot::open);
+        auto scene = Composer(files_, limits_, file.name, std::move(above))
+                         .compose(file.bytes, object.origin)
+                         .and_then(Snapshot::open);
+        if (scene) made = *scene;
+        return scene;
     }
 
     /// The map from the coordinates of a part to those that are placed: in the world, and up.
@@ -240,11 +250,17 @@ private:
         base.up = composition_.up;
         bool has_nodes = false;
         Box bounds;
+        std::uint64_t count = 0;
         for (const Places& places : object.instances) {
             auto scene = scene_of(places.object);
             if (!scene) return tl::unexpected(scene.error());
             const auto matrices = matrices_of(places);
             if (!matrices) return tl::unexpected(matrices.error());
+            // Many entries may name one table.
+            if (count += matrices->size(); count > limits_.instances_max)
+                return fail(ErrorCode::limit_exceeded,
+                            fmt::format("object '{}' has over {} instances; make groups of them",
+                                        one_line(object.name), limits_.instances_max));
             has_nodes |= (*scene)->paths().node_count != 0 || places.uid != no_id;
             AddedScene part{*scene, path_step_text(places.name), {}, {}, places.uid};
             for (const Matrix& matrix : *matrices) {
