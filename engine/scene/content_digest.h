@@ -28,7 +28,7 @@ struct CheckedArena {
     const ShadingView& shading;
 };
 
-/// What an edit changes in an object.
+/// The changes of one object by an edit.
 struct TouchedObject {
     bool primitives = false;            ///< its vertices or materials
     std::vector<std::uint32_t> places;  ///< its instances that change, or lead to such
