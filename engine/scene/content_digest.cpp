@@ -38,7 +38,6 @@ public:
         add(std::uint64_t{text.size()});
         add_bytes(text.data(), text.size());
     }
-    void add(const char* text) { add(std::string_view(text)); }
     void add(std::span<const Sha256> digests) {
         add(std::uint64_t{digests.size()});
         add_bytes(digests.data(), digests.size_bytes());
