@@ -86,6 +86,8 @@ Failure become_dask(const Options& options) {
                     command.output.empty())
                     return failure(Exit::usage,
                                    "--dask needs -o FILE, and goes without --part and --detach");
+                if (auto writable = check_writable(command.output); !writable)
+                    return writable.error();
                 std::vector<std::string> words = {options.dask, std::to_string(parts),
                                                   command.job.scene, command.output};
                 words.insert(words.end(), options.words.begin(), options.words.end());

@@ -175,6 +175,13 @@ Result<Parsed> parse_options(int argc, const char* const* argv) {
         };
         const char* const* const end = argv + argc;
         options.words.assign(std::find_if(argv + 1, end, is_command), end);
+        // It may stand behind the command, too, and is not for those who make the parts.
+        for (auto word = options.words.begin(); word != options.words.end();) {
+            if (*word == "--dask" && word + 1 != options.words.end())
+                word = options.words.erase(word, word + 2);
+            else
+                word = word->starts_with("--dask=") ? options.words.erase(word) : word + 1;
+        }
     }
     if (auto* heatmap = std::get_if<HeatmapOptions>(&options.command))
         heatmap->command_line = shell_words(argc, argv);

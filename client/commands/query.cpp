@@ -10,8 +10,11 @@
 #include "client/ground/lists.h"
 #include "client/requests/generator.h"
 #include "client/requests/scene_origin.h"
+#include "protocol/hash.h"
 
 #include <algorithm>
+#include <array>
+#include <span>
 
 namespace raynest::client {
 namespace {
@@ -77,6 +80,25 @@ Result<void> check_points(const QueryOptions& options, const wire::QueryT& reque
     return {};
 }
 
+/// Returns what tells these rays, their masks and values from others: a path says not what is in it.
+std::string content_of(const RaySource& rays, const std::vector<TableOption>& tables) {
+    constexpr std::uint64_t at_once = 1 << 16;
+    std::uint64_t hash = protocol::upload_checksum(std::as_bytes(rays.masks()));
+    std::vector<float> values;
+    for (std::uint64_t first = 0; first < rays.count(); first += at_once) {
+        values.resize(std::min(at_once, rays.count() - first) * rays.width());
+        rays.read(first, values);
+        hash = protocol::upload_checksum(std::as_bytes(std::span(values)), hash);
+    }
+    if (const auto& from = rays.common_origin()) {
+        const std::array origin{from->x(), from->y(), from->z()};
+        hash = protocol::upload_checksum(std::as_bytes(std::span(origin)), hash);
+    }
+    for (const TableOption& table : tables)
+        hash = protocol::upload_checksum(std::as_bytes(std::span(table.values)), hash);
+    return std::to_string(rays.count()) + " rays, " + std::to_string(hash);
+}
+
 /// Leaves the rays or points of --part. Returns what its file says: which rows of which request it
 /// has.
 Result<Json> take_part(const QueryOptions& options, wire::QueryT& request, RaySource& rays) {
@@ -86,6 +108,7 @@ Result<Json> take_part(const QueryOptions& options, wire::QueryT& request, RaySo
     const std::uint64_t all = sensor ? sensor_rays(*request.generator) : rays.count();
     std::uint64_t step = sensor ? sensor_band(*request.generator) : 1;
     if (options.part.count > all / step) step = 1;
+    const std::string content = content_of(rays, options.job.tables);
     const auto range = part_of(options.part, all, step, sensor ? "rays" : "rays or points");
     if (!range) return tl::unexpected<Failure>(range.error());
     if (!sensor) rays.keep(*range);
@@ -102,8 +125,7 @@ Result<Json> take_part(const QueryOptions& options, wire::QueryT& request, RaySo
                 {"reduce", request.reduce},
                 {"max_hits", request.max_hits},
                 {"generate", options.generate},
-                {"rays", options.rays_file},
-                {"masks", options.masks_file},
+                {"rays", content},
                 {"intersector", job.intersector},
                 {"set", job.settings},
                 {"mask", job.mask},

@@ -13,13 +13,22 @@ namespace {
 
 /// A package that is missing is one line, which names it.
 constexpr const char* start = R"(import importlib, json, sys
+def interrupted():
+    print('raynest: interrupted', file=sys.stderr)
+    return 130
 try:
     module = importlib.import_module(sys.argv[1])
 except ImportError as error:
     named = str(error) if 'apt install' in str(error) else f'{error}: apt install python3-raynest python3-numpy'
     told = {'error': {'code': 1001, 'name': 'FAILED', 'message': named}}
     sys.exit(json.dumps(told) if sys.argv[2:3] == ['--json'] else 'raynest: ' + named)
-sys.exit(module.main(sys.argv[2:])))";
+except KeyboardInterrupt:
+    sys.exit(interrupted())
+try:
+    code = module.main(sys.argv[2:])
+except KeyboardInterrupt:
+    code = interrupted()
+sys.exit(code))";
 
 }  // namespace
 

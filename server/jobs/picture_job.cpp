@@ -138,12 +138,14 @@ std::vector<Attribute> PictureJob::provenance() const {
                                          {"raynest:mask", number(plan_.mask)},
                                          {"raynest:camera", text(request_.camera.name)},
                                          {"raynest:camera_to_world", pose}};
-    if (const PixelWindow& tile = request_.window; !tile.is_whole())
+    if (const PixelWindow& tile = request_.window; !tile.is_whole()) {
+        attributes.push_back({"raynest:request", request_.request});
         attributes.push_back({"raynest:tile", number(tile.x) + " " + number(tile.y) + " " +
                                                   number(tile.size.width) + " " +
                                                   number(tile.size.height) + " of " +
                                                   number(request_.whole.width) + "x" +
                                                   number(request_.whole.height)});
+    }
     return attributes;
 }
 

@@ -121,6 +121,53 @@ class Parts(DaemonTest):
                 self.assertIn(b"raynest:range\0", whole.read_bytes())
                 self.assertEqual(whole.read_bytes(), self.merged(f"heat{number}.exr", made).read_bytes())
 
+    def test_parts_of_other_pictures_are_told_apart(self):
+        size = ("--size", "64x48")
+        for kind, command, others in (("png", "render", (("--fov", "30"), ("--hide", "inst=3"), ("--only", "inst=3"))),
+                                      ("exr", "render", (("--hide", "inst=3"), ("--integrator", "ao", "--spp", "2"))),
+                                      ("exr", "heatmap", (("--fov", "30"), ("--hide", "inst=3"), ("--skip-hidden-boxes",)))):
+            first = self.out / f"first.{kind}"
+            self.done(command, "woods", *size, "-o", first, "--part", "1/2")
+            for words in others:
+                with self.subTest(command, kind=kind, words=words):
+                    second = self.out / f"second.{kind}"
+                    self.done(command, "woods", *size, *words, "-o", second, "--part", "2/2")
+                    self.refused(5, "is of another request", "merge", self.out / f"both.{kind}", first, second)
+                    # Options of where and when it runs make no other picture.
+            self.done(command, "woods", *size, "--priority", "low", "--worker", "cpu", "-o", second, "--part", "2/2")
+            self.done("merge", self.out / f"both.{kind}", first, second)
+            self.assertNotIn(b"raynest:request", (self.out / f"both.{kind}").read_bytes())
+
+    def test_parts_of_other_rays_are_told_apart(self):
+        rays = self.out / "rays.npy"
+        fields = ("--fields", "t")
+        first, second = (self.out / f"{number}-rays.npz" for number in (1, 2))
+
+        def made(*words, number):
+            self.done("query", "woods", *words, *fields, "-o", (first, second)[number - 1], "--part", f"{number}/2")
+        made("--ray", "0,9,0,0,-1,0", "--ray", "1,9,0,0,-1,0", number=1)
+        made("--ray", "2,9,0,0,-1,0", "--ray", "3,9,0,0,-1,0", number=2)
+        self.refused(5, "is of another request .*: rays is", "merge", self.out / "rays.npz", first, second)
+        cast = numpy.zeros((100, 6), numpy.float32)
+        cast[:, 1], cast[:, 4] = 9, -1
+        numpy.save(rays, cast)
+        made("--rays", rays, number=1)
+        numpy.save(rays, cast + numpy.float32(.5))
+        made("--rays", rays, number=2)
+        self.refused(5, "is of another request .*: rays is", "merge", self.out / "rays.npz", first, second)
+        # The same rays under another name are the same.
+        numpy.save(self.out / "copy.npy", cast)
+        made("--rays", self.out / "copy.npy", number=2)
+        self.done("merge", self.out / "rays.npz", first, second)
+
+    def test_a_damaged_block_is_found_out(self):
+        whole, made = self.parts("lit.exr", 2, "render", "woods", "--size", "64x48", "--integrator", "ao", "--spp", "2")
+        data = bytearray(made[1].read_bytes())
+        data[-40] ^= 0x55
+        made[1].write_bytes(data)
+        self.refused(5, "lit.exr: is no part", "merge", self.out / "broken.exr", *made)
+        self.assertFalse((self.out / "broken.exr").exists())
+
     def test_a_wrong_part_is_named(self):
         made = self.same_columns("again.npz", 3, *SWEEP, "--fields", "t")
         out = self.out / "wrong.npz"

@@ -30,6 +30,7 @@ class Part(NamedTuple):
     heavy: bool = False        # its rays travel from here to the worker, not through the scheduler
     weight: int = 1            # rays or samples, for progress
     source: Optional[Source] = None     # other than the deal's
+    fits: Callable[[Any], bool] = lambda answer: True   # says whether an answer may be the item's
 
 
 class Deal:
@@ -163,6 +164,8 @@ class Deal:
         self._news = self._heard[where] = time.monotonic()
         if isinstance(answer, Missing):
             return self._send(item, answer)
+        if not self._parts[item].fits(answer):
+            return self._again(item, FailedError(f"{where} sent an answer of another form"))
         self._seconds.append(self._news - born)
         self.notes.update(dict.fromkeys(notes))
         return [(item, answer)]
@@ -224,6 +227,9 @@ class Deal:
         silence = self._silence()
         silent = now - self._news > silence
         lively = self._lively()
+        if silent and self._open and not self._workers():
+            item = min(self._open)      # whoever joins later makes the others
+            return [(item, self._make(item, FailedError("the cluster has no workers")))]
         for item in sorted(self._open):
             copies = self._open[item]
             if copies and now - max(copies.values()) < silence:

@@ -38,7 +38,7 @@ except ImportError:
     raise ImportError("raynest.dask needs Dask distributed: apt install python3-distributed python3-paramiko") from None
 
 SCENES_MAX = 4             # that a thread holds
-ITEM_SECONDS = 120.0       # after which an item's daemon counts as stuck
+ITEM_SECONDS = 600.0       # after which an item's daemon counts as stuck
 START_SECONDS = 60.0
 LEFT_SECONDS = 3600.0      # after which the folder of a worker that is gone is taken away
 NAME_LETTERS = 16          # of the folders, which tell them apart

@@ -158,7 +158,24 @@ def _parts_of(rays: Any, item_rays: int, options: dict[str, Any]) -> Iterator[Pa
         return take(first, count) if masks is None else MaskedRays(take(first, count), masks[first:first + count])
     for first in range(0, total, each):
         count = min(each, total - first)
-        yield Part(options, functools.partial(carried, first, count), points, count * per_item)
+        yield Part(options, functools.partial(carried, first, count), points, count * per_item,
+                   fits=functools.partial(_has_rows, count * per_item, bool(options.get("reduce"))))
+
+
+def _has_rows(rays: int, is_reduced: bool, answer: Any) -> bool:
+    """True for columns of so many rays."""
+    if not isinstance(answer, dict) or not all(isinstance(column, np.ndarray) and column.ndim for column in answer.values()):
+        return False
+    splits = answer.get("ray_splits")
+    if splits is None:
+        return is_reduced or all(len(column) == rays for column in answer.values())
+    return len(splits) == rays + 1 and all(len(column) in (rays, rays + 1, int(splits[-1])) for column in answer.values())
+
+
+def _has_pixels(width: int, height: int, answer: Any) -> bool:
+    """True for the pixels of a tile, or for layers of them."""
+    pieces = list(answer.values()) if isinstance(answer, dict) else [answer]
+    return bool(pieces) and all(isinstance(piece, np.ndarray) and piece.shape[:2] == (height, width) for piece in pieces)
 
 
 def render(cluster: Any, scene: Any, *, size: tuple[int, int] = (960, 540), integrator: str = "primary",
@@ -207,7 +224,8 @@ def _tiles(cluster: Any, known: Prepared, method: str, size: tuple[int, int], sa
     if width < 1 or height < 1:
         raise UsageError(f"a picture of size {width}x{height}: it needs a pixel or more")
     cut = tiles(size, item_samples // samples)
-    parts = [Part({**options, "size": size, "tile": tile}, weight=tile[2] * tile[3]) for tile in cut]
+    parts = [Part({**options, "size": size, "tile": tile}, weight=tile[2] * tile[3],
+                  fits=functools.partial(_has_pixels, tile[2], tile[3])) for tile in cut]
     for item, answer in Deal(cluster, setup, known, method, parts, patience, progress).answers():
         yield cut[item], answer
 

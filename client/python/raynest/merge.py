@@ -12,6 +12,7 @@ import re
 import struct
 import sys
 import tempfile
+import tokenize
 import zipfile
 import zlib
 from decimal import Decimal
@@ -20,7 +21,7 @@ from typing import Any, NamedTuple, Optional, Sequence
 import numpy as np
 
 from ._requests.columns import OF_HITS, REDUCED
-from ._requests.exr import read_exr
+from ._requests.exr import channel_count, read_exr, unpacked
 from .errors import Error, InvalidError, ProtocolError, UsageError
 
 LINES = 16                  # rows of a block of the daemon's EXR files, at which parts begin
@@ -64,13 +65,13 @@ def merge(out: str, paths: Sequence[str]) -> str:
         except MemoryError:
             raise InvalidError(f"{path}: has more than fits into memory", "FILE_INVALID") from None
         except (struct.error, zlib.error, zipfile.BadZipFile, EOFError, ValueError, LookupError, TypeError,
-                AttributeError, ArithmeticError, RuntimeError) as error:
+                AttributeError, ArithmeticError, RuntimeError, tokenize.TokenError) as error:
             raise InvalidError(f"{path}: is no part, made with --part: {error}", "FILE_INVALID") from None
     parts.sort(key=lambda part: part.first)
     _check(parts, rows)
     folder, name = os.path.split(os.path.abspath(out))
-    whole = join(parts)
     try:
+        whole = join(parts)
         with tempfile.NamedTemporaryFile(dir=folder, prefix="." + name, delete=False) as file:
             try:
                 whole(file) if callable(whole) else file.write(whole)
@@ -82,6 +83,8 @@ def merge(out: str, paths: Sequence[str]) -> str:
                 raise
     except OSError as error:
         raise UsageError(f"cannot write {out}: {error.strerror}") from None
+    except MemoryError:
+        raise InvalidError(f"{out}: has more than fits into memory", "FILE_INVALID") from None
     return f"{out}: {parts[0].of} {rows} of {len(parts)} parts"
 
 
@@ -236,7 +239,7 @@ def _read_png(path: str, data: bytes) -> Part:
             if kind == b"zTXt":
                 text = zlib.decompressobj().decompress(text, 1 << 20)
             texts[key.decode("latin-1")] = text.decode("latin-1")
-            if key != b"raynest:tile":
+            if key not in (b"raynest:tile", b"raynest:request"):
                 keep.append((kind, body))
         elif kind != b"IEND":
             keep.append((kind, body))
@@ -302,12 +305,13 @@ def _read_exr(path: str, data: bytes) -> Part:
     width, height = right - left + 1, bottom - top + 1
     if (left, top) != (0, 0) or not (0 < width <= SIDE_MAX and 0 < height <= SIDE_MAX):
         raise ValueError("its window is another")
-    blocks = []
+    blocks, values = [], width * channel_count(dict((n, v) for n, _, v in fields)["channels"])
     for number, offset in enumerate(struct.unpack_from(f"<{-(-height // LINES)}Q", data, at + 1)):
         row, size = struct.unpack_from("<iI", data, offset)
         if row != number * LINES or size > len(data) - offset - 8:
             raise ValueError("a block is elsewhere")
         blocks.append(data[offset + 8:offset + 8 + size])
+        unpacked(memoryview(blocks[-1]), 4 * values * min(LINES, height - row))  # a damaged one is found out
     return _placed(path, texts, width, height, (fields, blocks))
 
 
@@ -331,6 +335,8 @@ def range_text(asked: str, counts: Any, is_difference: bool) -> str:
     """The range of a heat map's colours, as the daemon makes it of what was asked for: p99, auto or LOW:HIGH."""
     if asked not in ("p99", "auto"):
         low, high = (float(number) for number in asked.split(":"))
+        if not np.isfinite([low, high]).all():
+            raise ValueError(f"it is {asked}")
         return f"{_shortest(low)}:{_shortest(high)}"
     values = np.abs(counts.astype(np.float64))
 
@@ -364,7 +370,7 @@ def _exr_of(parts: Sequence[Part], fields: Sequence[tuple[str, str, bytes]]) -> 
     window = struct.pack("<4i", 0, 0, parts[0].request["width"] - 1, parts[0].of - 1)
     head = EXR
     for name, kind, value in fields:
-        if name == "raynest:tile":
+        if name in ("raynest:tile", "raynest:request"):
             continue
         value = window if name in ("dataWindow", "displayWindow") else value
         head += name.encode() + b"\0" + kind.encode() + b"\0" + struct.pack("<I", len(value)) + value
@@ -385,8 +391,12 @@ def main(words: Optional[Sequence[str]] = None) -> int:
     """The command `raynest merge`. Returns its exit code."""
     out, *paths = sys.argv[1:] if words is None else words
     try:
-        print(merge(out, paths))
+        print(merge(out, paths), flush=True)
         return 0
+    except OSError as error:
+        print(f"raynest: cannot write to stdout: {error.strerror}", file=sys.stderr)
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())  # the end of Python would try again
+        return 1
     except Error as error:
         print(f"raynest: {error}", file=sys.stderr)
         return error.exit_code

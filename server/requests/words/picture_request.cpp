@@ -32,6 +32,7 @@ Reply<PictureRequest> make_checked(const Services& services, const Caller& calle
     request.height = pixels.size().height;
     request.whole = pixels.whole;
     request.window = pixels.window;
+    request.request = pixels.request;
     auto lease = services.peers.reserve(bytes, caller.principal);
     if (!lease)
         return services.budget.refuse(

@@ -1,11 +1,14 @@
 // Shared by the requests for pictures: the camera, the size, the encoding, the memory.
 #pragma once
 
+#include "engine/scene/digest.h"
 #include "protocol/wire.h"
 #include "server/jobs/picture_job.h"
 #include "server/jobs/services.h"
 
 #include <cstdint>
+#include <memory>
+#include <span>
 #include <string>
 #include <string_view>
 
@@ -21,13 +24,39 @@ Reply<std::string> check_encode(std::string_view word);
 struct AskedPixels {
     ImageSize whole;
     PixelWindow window = {};
+    std::string request = {};  ///< of a tile: request_digest()
     [[nodiscard]] ImageSize size() const { return window.is_whole() ? whole : window.size; }
 };
+/// Returns what tells requests apart: tiles of one picture have the same, on all hosts.
+template <class Message>
+[[nodiscard]] std::string request_digest(const Message& message) {
+    const std::unique_ptr<typename Message::NativeTableType> whole(message.UnPack());
+    whole->tile_x = whole->tile_y = whole->tile_width = whole->tile_height = 0;
+    if (whole->job != nullptr) {
+        wire::JobT& job = *whole->job;
+        job.scene.clear();  // the file has its digest
+        job.epoch = 0;
+        job.worker.clear();
+        job.priority.clear();
+        job.deadline_ms = 0;
+        job.detach = false;
+    }
+    flatbuffers::FlatBufferBuilder builder;
+    builder.Finish(Message::Pack(builder, whole.get()));
+    Sha256 digest{};
+    (void)hash_bytes(std::as_bytes(std::span(builder.GetBufferPointer(), builder.GetSize())),
+                     digest);
+    return digest_text(digest);
+}
+
 /// Reads the size and the tile of a Render or Heatmap.
 template <class Message>
 [[nodiscard]] AskedPixels asked_pixels(const Message& message) {
-    return {{message.width(), message.height()},
-            {message.tile_x(), message.tile_y(), {message.tile_width(), message.tile_height()}}};
+    AskedPixels asked{
+        {message.width(), message.height()},
+        {message.tile_x(), message.tile_y(), {message.tile_width(), message.tile_height()}}};
+    if (!asked.window.is_whole()) asked.request = request_digest(message);
+    return asked;
 }
 
 /// Makes a picture request and reserves `bytes`, the memory of the job. Chooses a camera of the

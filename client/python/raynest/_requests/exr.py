@@ -51,12 +51,7 @@ def _read(data: memoryview, pixels_max: int, channels_max: int) -> tuple[dict[st
     width, height = right - left + 1, bottom - top + 1
     if header["compression"][0] != ZIP or min(width, height) < 1 or width * height > pixels_max:
         raise ValueError("its size or compression is another")
-    names: list[tuple[str, np.dtype[np.generic]]] = []
-    rest, place = header["channels"], 0
-    while rest[place]:
-        name, place = _word(rest, place)
-        names.append((name, DTYPES[struct.unpack_from("<I", rest, place)[0]]))
-        place += 16
+    names = _channels(header["channels"])
     if len(names) > channels_max:
         raise ValueError(f"it has {len(names)} channels")
     planes = {name: np.empty((height, width), dtype) for name, dtype in names}
@@ -65,7 +60,7 @@ def _read(data: memoryview, pixels_max: int, channels_max: int) -> tuple[dict[st
         rows = min(LINES, height - number * LINES)
         if first != top + number * LINES or packed > len(data) - offset - 8:
             raise ValueError("a block is elsewhere")
-        block = _unpacked(data[offset + 8:offset + 8 + packed], rows * width * 4 * len(names))
+        block = unpacked(data[offset + 8:offset + 8 + packed], rows * width * 4 * len(names))
         # Line by line, and in each line channel by channel.
         lines = block.reshape(rows, len(names), 4 * width)
         for index, (name, dtype) in enumerate(names):
@@ -74,14 +69,28 @@ def _read(data: memoryview, pixels_max: int, channels_max: int) -> tuple[dict[st
     return planes, texts
 
 
-def _unpacked(data: memoryview, size: int) -> Array:
+def _channels(rest: memoryview) -> list[tuple[str, np.dtype[np.generic]]]:
+    names, place = [], 0
+    while rest[place]:
+        name, place = _word(rest, place)
+        names.append((name, DTYPES[struct.unpack_from("<I", rest, place)[0]]))
+        place += 16
+    return names
+
+
+def channel_count(attribute: bytes) -> int:
+    """How many channels the attribute `channels` of a file lists."""
+    return len(_channels(memoryview(attribute)))
+
+
+def unpacked(data: memoryview, size: int) -> Array:
     """Decompresses a block. Before compression its bytes were split into even and odd ones, and each
     replaced by its difference from the previous one."""
     if len(data) == size:
         return np.frombuffer(data, np.uint8)
     inflater = zlib.decompressobj()
-    deltas = np.frombuffer(inflater.decompress(data, size), np.uint8)
-    if len(deltas) != size:
+    deltas = np.frombuffer(inflater.decompress(data, size + 1), np.uint8)
+    if len(deltas) != size or not inflater.eof:  # its checksum stands at the end
         raise ValueError("a block has another size")
     steps = deltas - np.uint8(128)
     steps[0] = deltas[0]
