@@ -12,6 +12,8 @@
 #include <string>
 #include <string_view>
 #include <system_error>
+#include <utility>
+#include <vector>
 
 namespace raynest::client {
 namespace {
@@ -59,15 +61,18 @@ Result<void> run(Context& context, const ExportOptions& options) {
         if (auto writable = check_writable(path); !writable) return writable;
     const auto file = receive_file(context, options, "glb", "");
     if (!file) return tl::unexpected<Failure>(file.error());
-    if (auto written = write_file(glb, file->bytes); !written) return written;
+    std::vector<std::byte> composition;
     if (composes) {
         ExportOptions same = options;
         same.epoch = file->outcome.epoch;
-        const auto text =
-            receive_file(context, same, "rnscene.json", glb.substr(glb.rfind('/') + 1));
+        auto text = receive_file(context, same, "rnscene.json", glb.substr(glb.rfind('/') + 1));
         if (!text) return tl::unexpected<Failure>(text.error());
-        if (auto written = write_file(options.output, text->bytes); !written) return written;
+        composition = std::move(text->bytes);
     }
+    // Both or none: a file beside the composition of another epoch would stand elsewhere.
+    if (auto written = write_file(glb, file->bytes); !written) return written;
+    if (composes)
+        if (auto written = write_file(options.output, composition); !written) return written;
     const Outcome& outcome = file->outcome;
     print_notes(outcome);
     if (context.json) {

@@ -1,16 +1,21 @@
 #include "engine/scene/motion/affine.h"
 
+#include <algorithm>
 #include <cmath>
 #include <cstddef>
 
 namespace raynest {
 
 Affine from_trs(const double* t, const double* r, const double* s) {
-    const double n = 1 / std::sqrt(r[0] * r[0] + r[1] * r[1] + r[2] * r[2] + r[3] * r[3]);
-    const double x = r[0] * n;
-    const double y = r[1] * n;
-    const double z = r[2] * n;
-    const double w = r[3] * n;
+    // Squares of very long and very short quaternions leave the range of doubles.
+    const double most = std::max({std::abs(r[0]), std::abs(r[1]), std::abs(r[2]), std::abs(r[3])});
+    const double by = most > 1e100 || most < 1e-100 ? 1 / most : 1;
+    const double a = r[0] * by, b = r[1] * by, c = r[2] * by, d = r[3] * by;
+    const double n = 1 / std::sqrt(a * a + b * b + c * c + d * d);
+    const double x = a * n;
+    const double y = b * n;
+    const double z = c * n;
+    const double w = d * n;
     return {(1 - 2 * (y * y + z * z)) * s[0], 2 * (x * y - z * w) * s[1],
             2 * (x * z + y * w) * s[2],       t[0],
             2 * (x * y + z * w) * s[0],       (1 - 2 * (x * x + z * z)) * s[1],

@@ -20,13 +20,23 @@ using Json = nlohmann::json;
 constexpr std::uint32_t json_chunk = 0x4E4F534A, bin_chunk = 0x004E4942;  // "JSON", "BIN\0"
 constexpr std::uint64_t glb_bytes_max = std::numeric_limits<std::uint32_t>::max();
 constexpr std::byte zeros[4]{};
-/// Bytes of JSON of a node, and of a geometry with its attributes, at most; names come on top.
+/// Bytes of JSON of a node, and of a geometry with its attributes, at most; a name comes on top.
 constexpr std::uint64_t node_bytes = 512, geometry_bytes = 2048, material_bytes = 8192;
 
 std::vector<std::byte> bytes_of(std::string_view text) {
     std::vector<std::byte> made(text.size());
     std::memcpy(made.data(), text.data(), text.size());
     return made;
+}
+
+std::uint64_t longest_name(const char* names, std::uint64_t bytes) {
+    std::uint64_t longest = 0;
+    for (std::uint64_t at = 0; at < bytes;) {
+        const std::uint64_t length = std::strlen(names + at);
+        longest = std::max(longest, length);
+        at += length + 1;
+    }
+    return longest;
 }
 
 std::vector<std::byte> words(std::initializer_list<std::uint32_t> values) {
@@ -44,6 +54,9 @@ public:
         : scene_(scene),
           view_(scene.view()),
           stop_(stop) {
+        tables_.ends = [this] {
+            return tables_.nodes.text.size() > ImportLimits{}.json_bytes_max || stop_();
+        };
         tables_.add_bytes = [this](std::span<const std::byte> bytes) { return add(bytes); };
         tables_.keep_bytes = [this](std::vector<std::byte> bytes) {
             return add(file_.made_.emplace_back(std::move(bytes)));
@@ -59,6 +72,7 @@ public:
             if (view_.objects[i].triangle_count != 0) mesh_of[i] = add_mesh(view_.objects[i]);
         }
         write_nodes(scene_, mesh_of, tables_);
+        if (stop_()) return fail(ErrorCode::field_invalid, "was stopped");
         warn();
         return assemble();
     }
@@ -185,8 +199,9 @@ private:
         json.append((4 - json.size() % 4) % 4, ' ');
         if (json.size() > ImportLimits{}.json_bytes_max)
             return fail(ErrorCode::limit_exceeded,
-                        fmt::format("its glTF would have {} MiB of JSON; at most {} are read",
-                                    json.size() >> 20, ImportLimits{}.json_bytes_max >> 20));
+                        fmt::format("its glTF would have more than {} MiB of JSON, the most that "
+                                    "are read",
+                                    ImportLimits{}.json_bytes_max >> 20));
         const std::uint64_t total = 12 + 8 + json.size() + (bin_bytes_ == 0 ? 0 : 8 + bin_bytes_);
         if (total > glb_bytes_max)
             return fail(
@@ -215,16 +230,23 @@ private:
 
 Result<std::uint64_t> GlbFile::memory_max(const Snapshot& scene) {
     const SceneView& view = scene.view();
-    const std::uint64_t nodes = expanded_nodes(view);
+    const std::uint64_t nodes = expanded_nodes(scene);
     constexpr std::uint64_t most = ImportLimits{}.nodes_max;
     if (nodes > most)
         return fail(ErrorCode::limit_exceeded,
                     fmt::format("its instances are over {} nodes, as glTF has to write them: each "
                                 "node has one parent",
                                 most));
-    std::uint64_t bytes = (nodes + scene.paths().node_count) * node_bytes +
-                          view.geometry_count * geometry_bytes +
-                          view.material_count * material_bytes + scene.paths().names_bytes;
+    // JSON spells a byte in up to six.
+    const std::uint64_t name = 6 * longest_name(view.names, scene.paths().names_bytes);
+    const std::uint64_t written = nodes + scene.paths().node_count;
+    const std::uint64_t json = std::min<std::uint64_t>(
+        ImportLimits{}.json_bytes_max, written * (node_bytes + name) +
+                                           view.geometry_count * (geometry_bytes + name) +
+                                           view.material_count * (material_bytes + name));
+    // The tables, the text made of them, and its bytes; a node's children and its place.
+    constexpr std::uint64_t instancing_bytes = 6 * sizeof(float);
+    std::uint64_t bytes = 3 * json + 32 * written + instancing_bytes * view.instance_count;
     std::set<std::uint64_t> planes;
     for (std::uint32_t i = 0; i < view.texture_count; ++i)
         if (planes.insert(view.textures[i].colour).second)

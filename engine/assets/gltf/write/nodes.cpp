@@ -11,6 +11,7 @@
 #include <cmath>
 #include <cstring>
 #include <iterator>
+#include <map>
 #include <numeric>
 #include <utility>
 
@@ -36,7 +37,10 @@ bool is_scaled_only(const Transform& t) {
 }
 
 /// Splits an object's instances into rows of one node each.
-std::vector<Row> rows_of(const SceneView& view, const ObjectRecord& object, bool may_join) {
+std::vector<Row> rows_of(const Snapshot& scene, const ObjectRecord& object) {
+    const SceneView& view = scene.view();
+    // Names of paths tell placements apart.
+    const bool may_join = scene.paths().node_count == 0;
     std::vector<Row> rows;
     const std::uint32_t end = object.first_instance + object.instance_count;
     for (std::uint32_t i = object.first_instance; i < end;) {
@@ -67,9 +71,8 @@ public:
           rows_(view_.object_count) {}
 
     void write() {
-        const bool may_join = scene_.paths().node_count == 0;
         for (std::uint32_t i = 0; i < view_.object_count; ++i)
-            rows_[i] = rows_of(view_, view_.objects[i], may_join);
+            rows_[i] = rows_of(scene_, view_.objects[i]);
         const ObjectRecord& root = view_.objects[view_.root];
         std::uint32_t roots = static_cast<std::uint32_t>(rows_[view_.root].size());
         if (root.has_own_primitives()) ++roots;
@@ -78,7 +81,8 @@ public:
         next_ = roots;
         if (root.has_own_primitives()) tables_.nodes.add(own_primitives_of_root());
         add_children({view_.root, 0, mask_of_all});
-        for (std::size_t i = 0; i < queue_.size(); ++i) add_children(Open(queue_[i]));
+        for (std::size_t i = 0; i < queue_.size() && !tables_.ends(); ++i)
+            add_children(Open(queue_[i]));
         if (crossed_masks_ != 0)
             tables_.warnings.push_back(fmt::format(
                 "{} placements lie in instances with several masks: the file has the bits that all "
@@ -104,6 +108,7 @@ private:
 
     void add_children(const Open& open) {
         for (const Row& row : rows_[open.object]) {
+            if (tables_.ends()) return;
             const InstanceRecord& instance = view_.instances[row.first];
             const ObjectRecord& child = view_.objects[instance.object];
             const std::uint64_t path = open.path + instance.path_base;
@@ -154,7 +159,14 @@ private:
         return *own != '\0' || has_mesh ? node_name(own) : std::string(view_.names + child.name);
     }
 
-    std::string instancing(const Row& row) {
+    /// All that place the row's object share its bytes.
+    const std::string& instancing(const Row& row) {
+        std::string& known = instancings_[row.first];
+        if (known.empty()) known = write_instancing(row);
+        return known;
+    }
+
+    std::string write_instancing(const Row& row) {
         std::vector<std::byte> offsets(row.count * 3 * sizeof(float));
         std::vector<std::byte> scales(offsets.size());
         for (std::uint32_t k = 0; k < row.count; ++k) {
@@ -181,7 +193,8 @@ private:
     const SceneView& view_;
     std::span<const std::uint32_t> mesh_of_;
     Tables& tables_;
-    std::vector<std::vector<Row>> rows_;  ///< by object
+    std::vector<std::vector<Row>> rows_;                ///< by object
+    std::map<std::uint32_t, std::string> instancings_;  ///< by the first instance of a row
     std::vector<Open> queue_;
     std::uint32_t next_ = 0;
     std::uint64_t crossed_masks_ = 0;
@@ -295,15 +308,14 @@ std::string node_name(std::string_view step) {
     return made;
 }
 
-std::uint64_t expanded_nodes(const SceneView& scene) {
+std::uint64_t expanded_nodes(const Snapshot& scene) {
     constexpr std::uint64_t most = 1ULL << 62;
-    std::vector<std::uint64_t> below(scene.object_count, 0);
-    for (std::uint32_t i = 0; i < scene.object_count; ++i) {
-        const ObjectRecord& object = scene.objects[i];
-        for (const Row& row : rows_of(scene, object, true))
-            below[i] = std::min(most, below[i] + 1 + below[scene.instances[row.first].object]);
-    }
-    return below[scene.root];
+    const SceneView& view = scene.view();
+    std::vector<std::uint64_t> below(view.object_count, 0);
+    for (std::uint32_t i = 0; i < view.object_count; ++i)
+        for (const Row& row : rows_of(scene, view.objects[i]))
+            below[i] = std::min(most, below[i] + 1 + below[view.instances[row.first].object]);
+    return below[view.root];
 }
 
 void write_nodes(const Snapshot& scene, std::span<const std::uint32_t> mesh_of, Tables& tables) {

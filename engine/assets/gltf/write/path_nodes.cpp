@@ -37,10 +37,13 @@ public:
     /// Children before parents. No recursion: a file may nest as deeply as its nodes are many.
     void write() {
         std::vector<std::vector<std::uint32_t>> made(paths_.node_count);  // the rows of each
-        for (std::uint32_t i = paths_.node_count; i-- > 0;) {
+        for (std::uint32_t i = paths_.node_count; i-- > 0 && !tables_.ends();) {
             const std::string name = i == 0 ? "" : node_name(view_.names + paths_.nodes[i].name);
             std::vector<std::uint32_t> children;
-            for (const std::uint32_t instance : own_[i]) children.push_back(place(instance, name));
+            for (const std::uint32_t instance : own_[i]) {
+                if (tables_.ends()) return;
+                children.push_back(place(instance, name));
+            }
             for (const std::uint32_t child : below_[i]) {
                 children.insert(children.end(), made[child].begin(), made[child].end());
                 made[child] = {};

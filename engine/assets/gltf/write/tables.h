@@ -35,6 +35,8 @@ struct Tables {
     std::vector<std::uint32_t> roots;
     std::set<std::string> extensions;
     std::vector<std::string> warnings;
+    /// True once nobody needs the file, or it has more nodes than any.
+    std::function<bool()> ends;
     /// Adds bytes to the BIN chunk at a multiple of 4, and returns the index of their bufferView.
     std::function<std::uint32_t(std::span<const std::byte>)> add_bytes;
     /// The same for bytes that only the caller has.
@@ -54,10 +56,9 @@ struct Tables {
 /// Writes materials, textures and pictures; material i is that of the scene.
 Result<void> write_materials(const Snapshot& scene, Tables& tables);
 
-/// Returns how many nodes the scene's instances expand to, the fewest of rows of one mesh counted
-/// alike; saturates.
-[[nodiscard]] std::uint64_t expanded_nodes(const SceneView& scene);
-/// Writes nodes, cameras and lights. `mesh_of` has the mesh of each object, or no_id.
+/// Returns how many nodes the scene's instances are written as; saturates.
+[[nodiscard]] std::uint64_t expanded_nodes(const Snapshot& scene);
+/// Writes nodes, cameras and lights, some of the nodes where `ends` says so. `mesh_of` has the mesh of each object, or no_id.
 void write_nodes(const Snapshot& scene, std::span<const std::uint32_t> mesh_of, Tables& tables);
 
 /// Writes the nodes of a scene that was read from a tree of nodes, if all of its placements lie in

@@ -98,6 +98,30 @@ TEST_CASE("an export with +Z up is upright glTF, and comes back as it was") {
     }
 }
 
+TEST_CASE("an export takes no more memory than it said, and ends when nobody needs it") {
+    // JSON spells each byte of such a name in six.
+    const auto scene_of = [](int count, const std::string& name) {
+        std::string text = R"({"rnscene": 1, "objects": {"a": {"file": "a.obj"}}, "instances": [)";
+        text += R"({"object": "a", "name": ")" + name + R"(", "matrices": [)";
+        for (int i = 0; i < count; ++i)
+            text += (i == 0 ? "[1,0,0," : ",[1,0,0,") + std::to_string(i) + ",0,1,0,0,0,0,1,0]";
+        return must_import("c.rnscene.json",
+                           {{"c.rnscene.json", text + "]}]}"}, {"a.obj", corner}});
+    };
+    std::string name;
+    for (int i = 0; i < 30; ++i) name += "\\u0001";
+    for (const auto& scene : {scene_of(3000, name), scene_of(3000, "a")})
+        CHECK(*gltf::GlbFile::memory_max(*scene) >= exported(*scene).size());
+
+    const auto scene = scene_of(50'000, name + name + name + name + name + name + name + name);
+    int looks = 0;
+    CHECK(!gltf::GlbFile::make(*scene, [&] { return ++looks > 100; }));
+    CHECK(looks < 110);
+    const auto file = gltf::GlbFile::make(*scene, [] { return false; });
+    REQUIRE(!file);
+    CHECK(file.error().message.find("more than 64 MiB of JSON") != std::string::npos);
+}
+
 TEST_CASE("a composition turns what has another axis up") {
     const std::string one = R"("instances": [{"object": "a"}], "objects": {"a": )";
     const auto glb = exported(*must_import("a.obj", {{"a.obj", corner}}, {.z_up = true}));
