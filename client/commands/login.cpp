@@ -8,6 +8,7 @@
 #include <termios.h>
 #include <unistd.h>
 
+#include <array>
 #include <iostream>
 #include <string>
 
@@ -41,8 +42,13 @@ private:
 Result<std::string> ask_token(const std::string& uri) {
     const Hidden hidden;
     if (hidden.is_terminal()) std::cerr << "Token for " << uri << ": " << std::flush;
-    std::string token;
-    std::getline(std::cin, token);
+    constexpr std::size_t token_bytes_max = 4096;
+    std::array<char, token_bytes_max + 1> line{};
+    std::cin.getline(line.data(), line.size());
+    if (std::cin.fail() && static_cast<std::size_t>(std::cin.gcount()) == token_bytes_max)
+        return fail(Exit::usage, "what came is no token: it is longer than " +
+                                     std::to_string(token_bytes_max) + " bytes");
+    std::string token = line.data();
     while (!token.empty() && (token.back() == '\r' || token.back() == ' ')) token.pop_back();
     if (token.empty())
         return fail(Exit::usage, "no token came; it is the last line of: raynestd token add NAME");

@@ -339,7 +339,9 @@ Result<void> Connection::send(protocol::Result<Frame> frame, std::span<const std
 }
 
 Result<void> Connection::last_words(const std::string& reason) {
-    while (true) {
+    // A daemon that closes has sent what it has; one that goes on and on says nothing more.
+    constexpr int frames_max = 1024;
+    for (int i = 0; i < frames_max; ++i) {
         auto last = read_frame();
         if (!last && last.error().exit != Exit::failed)
             return tl::unexpected<Failure>(last.error());
@@ -349,6 +351,7 @@ Result<void> Connection::last_words(const std::string& reason) {
             return tagged(failure({static_cast<protocol::Code>((*said)->code()),
                                    std::string(protocol::text((*said)->message())), 0}));
     }
+    return tagged(lost(Exit::failed, "the connection broke: " + reason));
 }
 
 Result<void> Connection::grant(std::uint64_t bytes) {

@@ -181,6 +181,12 @@ class TokensTest(Programs):
         wrong = client.start("login", self.daemon.tls, stdin=subprocess.PIPE)
         wrong.communicate("nothing\n", timeout=PATIENCE)
         self.assertEqual(wrong.returncode, 4)
+        for endless, said in (("/dev/zero", "longer than 4096 bytes"), ("/dev/null", "no token came")):
+            with open(endless, "rb") as file:
+                wrong = client.start("login", self.daemon.tls, stdin=file)
+                _, errors = wrong.communicate(timeout=PATIENCE)
+            self.assertEqual(wrong.returncode, 2, errors)
+            self.assertIn(said, errors)
         self.assertEqual(kept.read_text(), before)
         # A file that is named comes before RAYNEST_TOKEN, and that before what login has kept.
         given = self.out / "root"

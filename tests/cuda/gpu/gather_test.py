@@ -22,7 +22,7 @@ import driver  # noqa: E402
 import served  # noqa: E402
 
 BUILD, FAKE = "", ""
-BYTES_MAX = 64 << 20
+BYTES_MAX = 96 << 20
 VARIANTS = 4  # rows of engine/intersectors/LIST
 
 
