@@ -20,10 +20,11 @@ struct EditRow {
         what_count
     };
     enum Frame : std::uint32_t { world, parent, own, frame_count };
+    /// Says what `target` is: an outermost instance, an index in `targets`, a user id.
+    enum By : std::uint32_t { number, text, uid, by_count };
     std::uint32_t what;
-    /// An outermost instance, or an index in `targets`; of add: in `scenes`
-    std::uint32_t target;
-    std::uint32_t by_text;  ///< 1: in `targets`
+    std::uint32_t target;  ///< of add: an index in `scenes`
+    std::uint32_t by;
     /// The mask of set_mask and add, the frame of place and move, the user id of set_uid; of
     /// set_material an index in `materials`, of vertices one in `vertex_counts`
     std::uint32_t value;

@@ -195,7 +195,11 @@ Result<void> validate(const wire::SceneList& message, const Limits& limits) {
 }
 
 Result<void> validate(const wire::Info& message, const Limits& limits) {
-    return Checks(limits).named("scene", message.scene()).result();
+    return Checks(limits)
+        .named("scene", message.scene())
+        .name("animation", message.animation())
+        .finite("time", message.time())
+        .result();
 }
 
 Result<void> validate(const wire::Parts& message, const Limits& limits) {
@@ -220,6 +224,8 @@ Result<void> validate(const wire::Structure& message, const Limits& limits) {
         .at_most("count", message.count(), limits.structure_rows_max, "structure_rows_max")
         .aligned("paths", message.paths(), limits.structure_paths_max, "structure_paths_max")
         .that(message.depth_min() <= message.depth_max(), "depth_min", "is above depth_max")
+        .name("animation", message.animation())
+        .finite("time", message.time())
         .result();
 }
 

@@ -39,6 +39,7 @@ struct InfoOptions {
     std::string scene;
     bool meshes = false;
     bool materials = false;
+    MomentOptions moment;
 };
 struct PathOptions {
     std::string scene;

@@ -29,9 +29,8 @@ std::optional<std::uint32_t> parse_whole(std::string_view text) {
     return number;
 }
 
-/// Returns N of "inst=N".
-std::optional<std::uint32_t> instance_of(std::string_view path) {
-    constexpr std::string_view key = "inst=";
+/// Returns N of "inst=N", where that is the key.
+std::optional<std::uint32_t> number_of(std::string_view path, std::string_view key) {
     return path.starts_with(key) ? parse_whole(path.substr(key.size())) : std::nullopt;
 }
 
@@ -52,7 +51,8 @@ constexpr std::array<Word, 10> words{{
     {"move", EditRow::move, EditRow::world, a_move,
      "PATH=DX,DY,DZ, or PATH= and a 3x4 matrix row by row: moves what is at PATH, in the world. "
      "In PATH * stands for any text, and all below a path moves with it; inst=N is the outermost "
-     "instance N. This option and those below may be repeated; they act in the order given, "
+     "instance N, uid=N what has the user id N. This option and those below may be repeated; they "
+     "act in the order given, "
      "except that --add and --remove act last"},
     {"turn", EditRow::move, EditRow::own, a_move,
      "PATH= as for --move, in the coordinates of the object itself: a wheel about its axle"},
@@ -65,7 +65,7 @@ constexpr std::array<Word, 10> words{{
     {"set-mask", EditRow::set_mask, 0, a_mask,
      "PATH=HEX: sets the mask of what is at PATH (see: query --mask)"},
     {"set-uid", EditRow::set_uid, 0, a_uid,
-     "PATH=NUMBER: sets the user id of the outermost instances at PATH, and of all within them"},
+     "PATH=NUMBER: sets the user id of what is at PATH, and of all within it"},
     {"set-material", EditRow::set_material, 0, a_material,
      "PATH=NAME: gives the meshes at PATH, and all within them, a material of the scene: its "
      "name, or its number in the column material"},
@@ -177,11 +177,14 @@ Result<void> run(Context& context, const EditOptions& options) {
             row.value = place_in(request.materials, change.material);
         if (change.what == EditRow::add) {
             row.target = place_in(request.scenes, change.path);
-        } else if (const auto instance = instance_of(change.path)) {
+        } else if (const auto instance = number_of(change.path, "inst=")) {
             row.target = *instance;
+        } else if (const auto uid = number_of(change.path, "uid=")) {
+            row.target = *uid;
+            row.by = EditRow::uid;
         } else {
             row.target = place_in(request.targets, change.path);
-            row.by_text = 1;
+            row.by = EditRow::text;
         }
         rows.push_back(row);
     }

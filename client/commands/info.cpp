@@ -10,12 +10,20 @@
 #include "client/requests/picture.h"
 
 #include <chrono>
+#include <iostream>
 
 namespace raynest::client {
 namespace {
 
 /// A daemon that has no time for it leaves the EPO out.
 constexpr std::chrono::milliseconds epo_wait{3000};
+
+template <class Request>
+void put(const MomentOptions& moment, Request& request) {
+    request.timed = moment.time.has_value();
+    request.time = moment.time.value_or(0);
+    request.animation = moment.animation;
+}
 
 struct Parts {
     Json json = Json::array();
@@ -69,13 +77,14 @@ Result<Parts> list_parts(Connection& connection, const std::string& scene,
 
 /// Asks for the EPO of the scene's trees, which takes a look at all of them: null where they have
 /// none, where the scene was edited meanwhile, and on a daemon that is busy or knows no EPO.
-Result<Json> ask_epo(Context& context, const wire::SceneInfo& info) {
+Result<Json> ask_epo(Context& context, const wire::SceneInfo& info, const MomentOptions& moment) {
     wire::StructureT request;
     request.scene = protocol::text(info.name());
     request.epoch = info.epoch();
     request.kind = "tree";
     request.count = 1;
     request.deadline_ms = static_cast<std::uint32_t>(epo_wait.count());
+    put(moment, request);
     if (auto started = context.connection.start(request, epo_wait); !started)
         return tl::unexpected<Failure>(started.error());
     const auto answer = receive_picture(context.connection, context.progress, document_room());
@@ -98,6 +107,8 @@ void declare(CommandLine& line, InfoOptions& info) {
                   "list its meshes: triangles of one copy, and placements");
     line.add_flag("--materials", info.materials,
                   "list its materials: alpha mode, and what uses them");
+    const Option time = add_moment(line, info.moment);
+    for (const char* list : {"--meshes", "--materials"}) time.excludes(line.find(list));
 }
 
 Result<void> run(Context& context, const InfoOptions& options) {
@@ -116,16 +127,21 @@ Result<void> run(Context& context, const InfoOptions& options) {
     }
     wire::InfoT request;
     request.scene = options.scene;
+    put(options.moment, request);
     const auto info = ask<wire::SceneInfo>(context.connection, request);
     if (!info) return tl::unexpected<Failure>(info.error());
-    const auto epo = ask_epo(context, *info->message.table);
+    const auto epo = ask_epo(context, *info->message.table, options.moment);
     if (!epo) return tl::unexpected<Failure>(epo.error());
     if (context.json) {
         Json json = scene_json(*info->message.table);
         json["epo"] = *epo;
+        if (options.moment.time) json["time"] = *options.moment.time;
         print_json(json);
     } else {
         print_scene(*info->message.table, *epo);
+        if (options.moment.time)
+            std::cout << "moment       " << Json(*options.moment.time).dump()
+                      << " s of its animation: the box and the tree are those of then\n";
     }
     return {};
 }

@@ -116,25 +116,26 @@ void add_job(CommandLine& line, JobOptions& job) {
         "neither test nor count boxes that lead only to what --hide and --only leave out");
 }
 
-void add_animation(CommandLine& line, JobOptions& job) {
+void add_animation(CommandLine& line, MomentOptions& moment) {
     line.add_option(
-        "--animation", job.animation,
+        "--animation", moment.animation,
         "name or number of an animation of the scene (the first one; see: raynest info)");
 }
 
-void add_moment(CommandLine& line, JobOptions& job) {
+Option add_moment(CommandLine& line, MomentOptions& moment) {
     const Option time = line.add_parsed(
         "--time",
-        [&job](const std::string& text) -> std::string {
+        [&moment](const std::string& text) -> std::string {
             const auto seconds = parse_world(text, 1, 1, "seconds");
             if (!seconds) return seconds.error().message;
-            job.time = seconds->front();
-            return std::isfinite(*job.time) ? "" : "'" + text + "' is not finite";
+            moment.time = seconds->front();
+            return std::isfinite(*moment.time) ? "" : "'" + text + "' is not finite";
         },
         "the scene at this moment of its animation, in seconds");
     time.type_name("SECONDS");
-    add_animation(line, job);
+    add_animation(line, moment);
     line.find("--animation").needs(time);
+    return time;
 }
 
 void add_camera(CommandLine& line, CameraOptions& camera) {

@@ -19,8 +19,8 @@ void add_epoch(CommandLine& line, std::uint64_t& epoch);
 void add_deadline(CommandLine& line, double& deadline, const char* text);
 void add_job(CommandLine& line, JobOptions& job);
 /// --animation, and --time with it.
-void add_animation(CommandLine& line, JobOptions& job);
-void add_moment(CommandLine& line, JobOptions& job);
+void add_animation(CommandLine& line, MomentOptions& moment);
+Option add_moment(CommandLine& line, MomentOptions& moment);
 void add_camera(CommandLine& line, CameraOptions& camera);
 /// Adds -o FILE with one of these endings, in small or capital letters, or "-" for stdout.
 Option add_output(CommandLine& line, std::string& output, const std::vector<std::string>& endings,

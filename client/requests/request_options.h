@@ -23,8 +23,14 @@ struct TableOption {
     std::vector<float> values;
 };
 
+/// A moment of an animation of the scene.
+struct MomentOptions {
+    std::optional<double> time;  ///< seconds within the animation; nothing: the scene as it is
+    std::string animation;
+};
+
 /// Options of render, query and heatmap.
-struct JobOptions {
+struct JobOptions : MomentOptions {
     std::string scene;
     std::string intersector;
     std::vector<std::string> settings;  ///< "name=value", "name=@FILE" before read_tables()
@@ -39,8 +45,6 @@ struct JobOptions {
     /// "inst=N", "object=N", "path=N" or the text of paths
     std::vector<std::string> hide, only;
     bool skip_hidden_boxes = false;
-    std::optional<double> time;  ///< seconds within the animation; nothing: the scene as it is
-    std::string animation;
 };
 
 struct CameraOptions {

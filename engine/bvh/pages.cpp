@@ -1,8 +1,10 @@
 #include "engine/bvh/pages.h"
 
 #include <sys/mman.h>
+#include <unistd.h>
 
 #include <algorithm>
+#include <cerrno>
 #include <cstdint>
 #include <fstream>
 #include <new>
@@ -14,28 +16,52 @@ namespace {
 
 constexpr std::size_t huge_page = std::size_t{2} << 20;
 
-std::byte* map(std::size_t size) {
-    void* at = mmap(nullptr, size, PROT_READ | PROT_WRITE, MAP_PRIVATE | MAP_ANONYMOUS, -1, 0);
+/// Maps the beginning of a file, or with -1 empty memory.
+std::byte* map(std::size_t size, int file) {
+    const int kind = MAP_PRIVATE | (file < 0 ? MAP_ANONYMOUS : 0);
+    void* at = mmap(nullptr, size, PROT_READ | PROT_WRITE, kind, file, 0);
     if (at == MAP_FAILED) throw std::bad_alloc();
     return static_cast<std::byte*>(at);
 }
 
-std::size_t round_up(std::size_t size) {
-    return size < huge_page ? size : (size + huge_page - 1) / huge_page * huge_page;
-}
-
 }  // namespace
 
-Pages::Pages(std::size_t size) : size_(size) {
+SharedPages::SharedPages(std::span<const std::byte> bytes)
+    : size_(bytes.size()),
+      file_(memfd_create("raynest arena", MFD_CLOEXEC)) {
+    constexpr std::size_t at_once = std::size_t{1} << 30;
+    while (file_ >= 0 && !bytes.empty()) {
+        const ssize_t written = write(file_, bytes.data(), std::min(bytes.size(), at_once));
+        if (written < 0 && errno == EINTR) continue;
+        if (written <= 0) {
+            close(file_);
+            throw std::bad_alloc();
+        }
+        bytes = bytes.subspan(static_cast<std::size_t>(written));
+    }
+    if (file_ < 0) throw std::bad_alloc();
+}
+
+SharedPages::~SharedPages() {
+    close(file_);
+}
+
+Pages::Pages(const SharedPages& beginning)
+    : data_(beginning.size() == 0 ? nullptr : map(beginning.size(), beginning.file_)),
+      size_(beginning.size()),
+      mapped_(beginning.size()),
+      is_shared_(true) {}
+
+Pages::Pages(std::size_t size) : size_(size), mapped_(size) {
     if (size == 0) return;
     if (size > SIZE_MAX - 2 * huge_page) throw std::bad_alloc();
     if (size < huge_page) {
-        data_ = map(size);
+        data_ = map(size, -1);
         return;
     }
     // Map one huge page more than needed, keep the aligned part, give the ends back.
-    const std::size_t rounded = round_up(size);
-    std::byte* const start = map(rounded + huge_page);
+    const std::size_t rounded = mapped_ = (size + huge_page - 1) / huge_page * huge_page;
+    std::byte* const start = map(rounded + huge_page, -1);
     const std::size_t before =
         (huge_page - reinterpret_cast<std::uintptr_t>(start) % huge_page) % huge_page;
     if (before != 0) munmap(start, before);
@@ -46,17 +72,21 @@ Pages::Pages(std::size_t size) : size_(size) {
 
 Pages::Pages(Pages&& other) noexcept
     : data_(std::exchange(other.data_, nullptr)),
-      size_(std::exchange(other.size_, 0)) {}
+      size_(std::exchange(other.size_, 0)),
+      mapped_(std::exchange(other.mapped_, 0)),
+      is_shared_(std::exchange(other.is_shared_, false)) {}
 
 Pages& Pages::operator=(Pages&& other) noexcept {
     std::swap(data_, other.data_);
     std::swap(size_, other.size_);
+    std::swap(mapped_, other.mapped_);
+    std::swap(is_shared_, other.is_shared_);
     return *this;
 }
 
 Pages::~Pages() {
     if (data_ == nullptr) return;
-    munmap(data_, round_up(size_));
+    munmap(data_, mapped_);
 }
 
 // A mapping is named by a line "first-end permissions ..."; lines of its properties follow. The

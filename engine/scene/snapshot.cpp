@@ -16,6 +16,12 @@ namespace {
 
 using format::Section;
 
+/// Smaller arenas are always copied as a whole.
+constexpr std::size_t shared_bytes_min = std::size_t{1} << 20;
+/// Pages are shared no longer once so many edits in a row had a spare: whole copies are faster, for
+/// they lie on huge pages.
+constexpr std::uint32_t unshared_copies_max = 100;
+
 /// Counts the placements of each object below the root. The count of an empty group may overflow;
 /// that of an object with primitives cannot (scene_paths_max).
 std::vector<std::uint64_t> count_placements(const SceneView& scene) {
@@ -220,6 +226,11 @@ Result<std::shared_ptr<const Snapshot>> Snapshot::open_edited(BuiltArena built,
     snapshot->meshes_ = before.meshes_;
     snapshot->material_uses_ = before.material_uses_;
     snapshot->edited_from_ = before.arena_id_;
+    ArenaSharing& sharing = snapshot->sharing_ = std::move(traces.sharing);
+    if (sharing.shared)
+        sharing.apart.add(traces.changed);
+    else
+        sharing.apart = {};
     snapshot->changed_ = std::move(traces.changed);
     snapshot->arena_ = std::move(built.arena);
     static std::atomic<std::uint64_t> edits = 0;
@@ -238,20 +249,60 @@ std::span<const std::byte> Snapshot::motion_bytes() const {
             format::section_size(arena_.data(), Section::motion)};
 }
 
-Arena Snapshot::copy_arena(const Snapshot& scene, std::shared_ptr<const Snapshot> spare) {
-    const std::size_t bytes = scene.arena_.size();
-    const bool fits = spare != nullptr && spare.use_count() == 1 &&
-                      spare->arena_id_ == scene.edited_from_ && spare->arena_.size() == bytes;
-    // Nobody else refers to it, and it is not used again.
-    Arena arena = fits ? std::move(const_cast<Snapshot&>(*spare).arena_) : Arena(bytes);
-    const std::size_t pieces = (bytes + digest_piece_bytes - 1) / digest_piece_bytes;
-    tbb::parallel_for(std::size_t{0}, pieces, [&](std::size_t i) {
-        if (fits && !scene.changed_[i]) return;
-        const std::size_t first = i * digest_piece_bytes;
-        std::memcpy(arena.data() + first, scene.arena_.data() + first,
-                    std::min(digest_piece_bytes, bytes - first));
+Arena Snapshot::copy_arena() const {
+    constexpr std::size_t piece = std::size_t{1} << 20;
+    Arena arena(arena_.size());
+    tbb::parallel_for(std::size_t{0}, (arena.size() + piece - 1) / piece, [&](std::size_t i) {
+        std::memcpy(arena.data() + i * piece, arena_.data() + i * piece,
+                    std::min(piece, arena.size() - i * piece));
     });
     return arena;
+}
+
+std::shared_ptr<const SharedPages> Snapshot::share() const {
+    const std::scoped_lock lock(share_mutex_);
+    auto shared = shareable_.lock();
+    if (!shared) shareable_ = shared = std::make_shared<const SharedPages>(bytes());
+    return shared;
+}
+
+ArenaCopy Snapshot::copy_to_edit(const Snapshot& scene, std::shared_ptr<const Snapshot> spare) {
+    const std::size_t bytes = scene.arena_.size();
+    ArenaCopy copy{{}, scene.sharing_};
+    ArenaSharing& sharing = copy.sharing;
+    ++sharing.unshared;
+    // Nobody else refers to it, and it is not used again.
+    const bool is_free = spare != nullptr && spare.use_count() == 1 &&
+                         spare->arena_id_ == scene.edited_from_ && spare->arena_.size() == bytes;
+    if (is_free && sharing.unshared > unshared_copies_max)
+        sharing = {nullptr, {}, 0, sharing.unshared};
+    const auto copy_pages = [&](const PageSet& pages) {
+        pages.for_each([&](std::size_t first) {
+            std::memcpy(copy.arena.data() + first, scene.arena_.data() + first,
+                        std::min(PageSet::page_bytes, bytes - first));
+        });
+    };
+    if (is_free && (!spare->arena_.is_shared() || spare->shared() == sharing.shared)) {
+        copy.arena = std::move(const_cast<Snapshot&>(*spare).arena_);
+        copy_pages(scene.changed_);
+        return copy;
+    }
+    // The difference grows with each edit elsewhere, until copies of it have cost a whole one.
+    const std::size_t apart = sharing.apart.bytes(), changed = scene.changed_.bytes();
+    const bool is_near = sharing.shared != nullptr && apart <= bytes / 4 &&
+                         (sharing.copied <= bytes || apart <= 8 * changed);
+    // A scene that is edited for the first time gives its own memory to the edit after this one.
+    const bool is_large = scene.is_edited_ && bytes >= shared_bytes_min;
+    if (is_free || !is_large || (!is_near && changed > bytes / 8)) {
+        copy.arena = scene.copy_arena();
+        return copy;
+    }
+    if (!is_near) sharing = {scene.share(), PageSet(bytes)};
+    sharing.copied += sharing.apart.bytes();
+    sharing.unshared = 0;
+    copy.arena = Arena(*sharing.shared);
+    copy_pages(sharing.apart);
+    return copy;
 }
 
 }  // namespace raynest

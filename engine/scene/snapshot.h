@@ -11,6 +11,7 @@
 #include "engine/result.h"
 #include "engine/scene/content_digest.h"
 #include "engine/scene/description.h"
+#include "engine/scene/page_set.h"
 #include "engine/scene/tree_statistics.h"
 #include "engine/shading/records.h"
 
@@ -115,9 +116,24 @@ Result<BuiltArena> build_arena(const SceneDescription& description);
 
 struct TreeLinks;  // scene/edits/tree_links.h
 
+/// The memory that an arena has in common with others.
+struct ArenaSharing {
+    std::shared_ptr<const SharedPages> shared;  ///< what copies may begin with; or null
+    PageSet apart;                              ///< the pages in which the arena differs from it
+    std::uint64_t copied = 0;                   ///< bytes of such pages in all copies so far
+    std::uint32_t unshared = 0;                 ///< copies since the last one that began with it
+};
+
+/// An arena that an edit changes: a copy of that before.
+struct ArenaCopy {
+    Arena arena;
+    ArenaSharing sharing;
+};
+
 /// The differences of an edited arena from the one before.
 struct EditTraces {
-    std::vector<bool> changed;               ///< pieces of the arena (scene/digest.h)
+    ArenaSharing sharing;                    ///< of the copy, before the edit
+    PageSet changed;                         ///< by the edit
     std::vector<std::uint32_t> objects;      ///< whose trees are measured, ascending
     std::optional<double> root_cost;         ///< of the root's tree, where it is known already
     std::shared_ptr<const TreeLinks> links;  ///< of the root's tree
@@ -144,8 +160,10 @@ public:
                                                                EditTraces traces);
     /// Returns a copy of `scene`'s arena. It is made in the memory of `spare` if that is the scene
     /// before the last edit of `scene` and nobody else refers to it: then only what the edit
-    /// changed is copied.
-    static Arena copy_arena(const Snapshot& scene, std::shared_ptr<const Snapshot> spare);
+    /// changed is copied. Where others hold the scenes before, a large scene and its copies share
+    /// the pages that no edit since has changed. Throws std::bad_alloc.
+    static ArenaCopy copy_to_edit(const Snapshot& scene, std::shared_ptr<const Snapshot> spare);
+    [[nodiscard]] Arena copy_arena() const;
 
     [[nodiscard]] const SceneView& view() const { return view_; }
     /// The same scene with materials, normals and lights, for integrators.
@@ -154,6 +172,14 @@ public:
     [[nodiscard]] const SceneStatistics& statistics() const { return statistics_; }
     [[nodiscard]] std::span<const std::byte> bytes() const {
         return {arena_.data(), arena_.size()};
+    }
+    /// Memory of the arena beside shared().
+    [[nodiscard]] std::size_t own_bytes() const {
+        return arena_.is_shared() ? sharing_.apart.bytes() : arena_.size();
+    }
+    /// Memory that it has in common with other epochs; or null.
+    [[nodiscard]] const std::shared_ptr<const SharedPages>& shared() const {
+        return sharing_.shared;
     }
     /// Bytes of the arena on huge pages (Pages::huge_bytes).
     [[nodiscard]] std::size_t huge_bytes() const { return arena_.huge_bytes(); }
@@ -186,6 +212,8 @@ public:
 private:
     Snapshot() = default;
     [[nodiscard]] CheckedArena checked() const { return {bytes(), view_, shading_}; }
+    /// Returns the arena for copies to begin with.
+    [[nodiscard]] std::shared_ptr<const SharedPages> share() const;
     /// Hashes the content unless that was done.
     [[nodiscard]] const Result<std::shared_ptr<const ContentDigests>>& contents() const;
     Arena arena_;
@@ -202,8 +230,11 @@ private:
     bool is_edited_ = false;
     mutable std::once_flag hashed_;
     mutable Result<std::shared_ptr<const ContentDigests>> contents_;  ///< null until it is hashed
-    std::string edited_from_;    ///< arena_id() of the snapshot that it was edited from, if any
-    std::vector<bool> changed_;  ///< the pieces in which it differs from that one
+    std::string edited_from_;  ///< arena_id() of the snapshot that it was edited from, if any
+    PageSet changed_;          ///< the pages in which it differs from that one
+    ArenaSharing sharing_;
+    mutable std::mutex share_mutex_;
+    mutable std::weak_ptr<const SharedPages> shareable_;  ///< this arena, for copies of it
     std::vector<std::string> record_types_;
     std::vector<std::uint64_t> record_counts_;
     std::vector<MeshUse> meshes_;

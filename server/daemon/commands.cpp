@@ -189,9 +189,9 @@ int token_add(const TokenWords& words) {
 }
 
 std::string date_of(WallClock::time_point time) {
-    const std::time_t seconds = WallClock::to_time_t(time);
+    const std::time_t at = WallClock::to_time_t(time);
     std::tm parts{};
-    gmtime_r(&seconds, &parts);
+    gmtime_r(&at, &parts);
     std::ostringstream text;
     text << std::put_time(&parts, "%Y-%m-%dT%H:%M:%SZ");
     return text.str();

@@ -114,6 +114,7 @@ Daemon::Daemon(Options options, ReadOptions read_again, std::shared_ptr<const Re
             }),
       start_loads_(io_, services_),
       handover_(io_, services_) {
+    peers_.set_spares([this] { scenes_.drop_spares(); });
     scenes_.set_disposal(
         [this](std::shared_ptr<const Snapshot> scene) { dispose(compute_, "", std::move(scene)); });
     services_.administration = this;

@@ -163,8 +163,10 @@ void add_process(Families& families) {
     std::uint64_t pages = 0;
     std::uint64_t resident = 0;
     if (statm >> pages >> resident)
-        families.add("process_resident_memory_bytes", MetricType::Gauge, "", "resident memory",
-                     static_cast<double>(resident) * static_cast<double>(sysconf(_SC_PAGESIZE)));
+        families.add(
+            "process_resident_memory_bytes", MetricType::Gauge, "",
+            "resident memory; what several epochs of a scene share counts for each of them",
+            static_cast<double>(resident) * static_cast<double>(sysconf(_SC_PAGESIZE)));
     std::error_code error;
     const std::filesystem::directory_iterator open("/proc/self/fd", error);
     if (!error)

@@ -2,6 +2,7 @@
 
 #include "engine/scene/edits/edit.h"
 #include "engine/scene/edits/names.h"
+#include "engine/scene/edits/uid_finder.h"
 #include "protocol/control.h"
 #include "protocol/text.h"
 
@@ -10,7 +11,9 @@
 #include <algorithm>
 #include <cmath>
 #include <cstring>
+#include <functional>
 #include <optional>
+#include <ranges>
 #include <utility>
 
 namespace raynest::server {
@@ -38,7 +41,8 @@ Result<void> apply(EditBatch& batch, const EditRow& row, const Matrix& matrix,
             batch.set_mask(place, row.value);
             return {};
         case EditRow::set_uid:
-            return batch.set_uid(place, row.value);
+            batch.set_uid(place, row.value);
+            return {};
         case EditRow::set_material:
             return batch.set_material(place, material);
         case EditRow::remove:
@@ -55,14 +59,17 @@ Result<void> apply(EditBatch& batch, const EditRow& row, const Matrix& matrix,
 constexpr std::uint64_t finder_bytes_each =
     InstanceFinder::bytes_per_instance + 2 * sizeof(InstancePlace);
 
+std::function<bool()> stop_of(const EditGuard& guard) {
+    return guard.stopped ? guard.stopped : [] { return false; };
+}
+
 /// The instances that texts stand for, each text sought when it is needed. Not thread-safe.
 class NamedPlaces {
 public:
     NamedPlaces(const Snapshot& scene, const std::vector<std::string>& texts,
                 const EditGuard& guard)
         : texts_(texts),
-          finder_(
-              scene, guard.stopped ? guard.stopped : [] { return false; }),
+          finder_(scene, stop_of(guard)),
           most_(2ULL * scene.view().objects[scene.view().root].instance_count +
                 nested_placements_max),
           found_(texts.size()) {}
@@ -90,6 +97,48 @@ private:
     std::uint64_t kept_ = 0;
     std::vector<std::optional<std::vector<InstancePlace>>> found_;
 };
+
+EditRow row_at(std::span<const std::byte> bytes, std::uint32_t i) {
+    EditRow row;
+    std::memcpy(&row, bytes.data() + i * sizeof row, sizeof row);
+    return row;
+}
+
+/// The instances that have the user ids of the rows' targets.
+struct UidPlaces {
+    std::vector<std::uint32_t> uids;  ///< ascending
+    std::vector<std::vector<InstancePlace>> found;
+
+    [[nodiscard]] const std::vector<InstancePlace>& of(std::uint32_t uid) const {
+        return found[static_cast<std::size_t>(std::ranges::lower_bound(uids, uid) - uids.begin())];
+    }
+};
+
+Result<UidPlaces> places_by_uid(const Snapshot& scene, std::uint32_t rows,
+                                std::span<const std::byte> bytes, const EditGuard& guard) {
+    constexpr std::uint64_t bytes_each =
+        sizeof(InstancePlace) + sizeof(std::vector<InstancePlace>) + 2 * sizeof(std::uint32_t);
+    UidPlaces places;
+    const auto has_uid = [&](std::uint32_t i) {
+        const EditRow row = row_at(bytes, i);
+        return row.by == EditRow::uid && row.what != EditRow::add;
+    };
+    const auto numbers = std::views::iota(std::uint32_t{0}, rows);
+    if (std::ranges::none_of(numbers, has_uid)) return places;
+    const SceneView& view = scene.view();
+    const std::uint64_t most =
+        rows + std::uint64_t{view.objects[view.root].instance_count} + view.object_count;
+    if (auto room = guard.allows(most * bytes_each); !room) return tl::unexpected(room.error());
+    for (const std::uint32_t i : numbers)
+        if (has_uid(i)) places.uids.push_back(row_at(bytes, i).target);
+    std::ranges::sort(places.uids);
+    const auto doubles = std::ranges::unique(places.uids);
+    places.uids.erase(doubles.begin(), doubles.end());
+    auto found = find_uids(scene, places.uids, stop_of(guard));
+    if (!found) return tl::unexpected(std::move(found.error()));
+    places.found = std::move(*found);
+    return places;
+}
 
 }  // namespace
 
@@ -120,6 +169,9 @@ Reply<void> read_edit(EditBatch& batch, const Snapshot& scene, const std::string
         if (auto room = guard.allows(outermost * finder_bytes_each); !room)
             return refuse(room.error());
     NamedPlaces named(scene, content.targets, guard);
+    const auto by_uid = places_by_uid(scene, content.rows, bytes, guard);
+    if (guard.is_stopped()) return refuse(Code::cancelled, "");
+    if (!by_uid) return refuse(by_uid.error());
     // The rows' bytes are a multiple of 4 and begin where a vector of floats may.
     std::vector<std::span<const Vec3>> vertices;
     const auto* first =
@@ -132,8 +184,7 @@ Reply<void> read_edit(EditBatch& batch, const Snapshot& scene, const std::string
     std::uint64_t changed = 0;
     for (std::uint32_t i = 0; i < content.rows; ++i) {
         if (i % 1024 == 0 && guard.is_stopped()) return refuse(Code::cancelled, "");
-        EditRow row;
-        std::memcpy(&row, bytes.data() + i * sizeof row, sizeof row);
+        const EditRow row = row_at(bytes, i);
         const auto wrong = [&](const std::string& why) {
             return refuse(Code::invalid_field, fmt::format("row {} of the edit {}", i, why));
         };
@@ -163,9 +214,15 @@ Reply<void> read_edit(EditBatch& batch, const Snapshot& scene, const std::string
         if (row.what == EditRow::place && row.value == EditRow::own)
             return wrong(
                 "places an instance in its own frame: place it in its parent's, or move it");
-        if (row.by_text != 0 && row.target >= content.targets.size())
+        if (row.by >= EditRow::by_count)
+            return wrong(fmt::format("names its target in an unknown way: by is {}", row.by));
+        if (row.by == EditRow::text && row.target >= content.targets.size())
             return wrong(fmt::format("names target {} of {}", row.target, content.targets.size()));
-        if (row.by_text == 0 && row.target >= outermost)
+        if (row.by == EditRow::uid && by_uid->of(row.target).empty())
+            return outermost == 0 ? no_instances()
+                                  : wrong(fmt::format("names the user id {}, which no instance has",
+                                                      row.target));
+        if (row.by == EditRow::number && row.target >= outermost)
             return outermost == 0
                        ? no_instances()
                        : wrong(fmt::format("names the outermost instance {}; the scene has {}",
@@ -181,7 +238,8 @@ Reply<void> read_edit(EditBatch& batch, const Snapshot& scene, const std::string
         }
         one.front() = row.target;
         const std::vector<InstancePlace>* places = &one;
-        if (row.by_text != 0) {
+        if (row.by == EditRow::uid) places = &by_uid->of(row.target);
+        if (row.by == EditRow::text) {
             const auto found = named.of(row.target);
             if (guard.is_stopped()) return refuse(Code::cancelled, "");
             if (!found) return refuse(found.error());

@@ -25,7 +25,8 @@ struct SceneWaker::Read {
             read_stored(state.path(), scene.row.digest, scene.row.bytes, scene.row.content);
         if (!stored) {
             fault = std::move(stored.error());
-            if (fault->damaged && !fault->of_another_release) state.set_aside(scene.row.digest);
+            if (fault->damaged && !fault->of_another_release)
+                state.set_aside(scene.row.digest, fault->inode);
             return;
         }
         if (!scene.has_edits) {

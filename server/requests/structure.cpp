@@ -5,6 +5,7 @@
 #include "server/jobs/payload_sender.h"
 #include "server/jobs/services.h"
 #include "server/requests/request.h"
+#include "server/requests/words/at_moment.h"
 #include "server/scheduling/peers.h"
 #include "server/store/scene_store.h"
 
@@ -90,6 +91,8 @@ Reply<Answer> structure(const Services& services, const Caller& caller,
                                                "' of structure: use one of objects, placements, "
                                                "boxes, paths, tree");
     auto scene = services.scenes.find(protocol::text(message->scene()), message->epoch(), caller);
+    if (!scene) return tl::unexpected(scene.error());
+    scene = at_moment(services, caller, std::move(*scene), *message.table);
     if (!scene) return tl::unexpected(scene.error());
     const SceneView& view = scene->snapshot().view();
     const std::uint32_t levels = view.objects[view.root].levels;

@@ -140,6 +140,7 @@ std::optional<Budget::Lease> Peers::reserve(std::uint64_t bytes, const std::stri
                                             Use use) {
     auto lease = budget_.reserve(bytes, principal, use);
     if (lease) return lease;
+    drop_spares_();
     make_memory(bytes, principal, use);
     return budget_.reserve(bytes, principal, use);
 }

@@ -82,7 +82,9 @@ public:
     /// returns false if those that may give way hold less.
     bool make_room(Resource resource, const std::string& newcomer, std::uint64_t amount = 1,
                    Whose whose = Whose::everybodys);
-    /// Reserves bytes of --memory; paused peers give way if needed.
+    /// Called before peers give way: what is kept for speed alone goes first.
+    void set_spares(std::function<void()> drop) { drop_spares_ = std::move(drop); }
+    /// Reserves bytes of --memory; spares and paused peers give way if needed.
     [[nodiscard]] std::optional<Budget::Lease> reserve(std::uint64_t bytes,
                                                        const std::string& principal,
                                                        Use use = Use::passing);
@@ -109,6 +111,7 @@ private:
                                                         Clock::time_point now) const;
 
     const protocol::Limits& limits_;
+    std::function<void()> drop_spares_ = [] {};
     Budget& budget_;
     Metrics& metrics_;
     const Now now_;

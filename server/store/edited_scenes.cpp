@@ -61,7 +61,7 @@ Reply<std::optional<NamedScene>> SceneStore::publish_edit(const NamedScene& befo
                                                           std::shared_ptr<const Snapshot> edited,
                                                           const ConnectionId& caller,
                                                           EditPublication how) {
-    std::erase_if(by_arena_, [](const auto& known) { return known.second.expired(); });
+    forget_freed();
     if (const auto allowed = may_edit(before.name, caller); !allowed)
         return tl::unexpected(allowed.error());
     Entry& entry = *meant(before.name, caller);

@@ -3,12 +3,17 @@
 #include "engine/system/child_process.h"
 #include "protocol/hash.h"
 #include "protocol/subject.h"
+#include "protocol/validate.h"
 
 #include <fcntl.h>
 #include <fmt/format.h>
 #include <sqlite3.h>
+#include <sys/stat.h>
+#include <unistd.h>
 
 #include <bit>
+#include <cerrno>
+#include <cstring>
 #include <span>
 #include <utility>
 
@@ -58,6 +63,25 @@ std::int64_t checksum(const KeptEdit& edit) {
                     edit.bytes, edit.instanced_triangles);
     return std::bit_cast<std::int64_t>(protocol::upload_checksum(
         edit.change, protocol::upload_checksum(std::as_bytes(std::span(text)))));
+}
+
+}  // namespace
+
+namespace {
+
+/// True for what put() may have written. A checksum tells damage alone: whoever can write rows can
+/// write checksums, too.
+bool is_sound(const StoredScene& scene) {
+    constexpr std::uint64_t most = 1ULL << 62;
+    constexpr std::int64_t seconds_max = std::int64_t{1} << 40;
+    constexpr std::size_t text_max = 4096;
+    const auto is_name = [](const std::string& text) {
+        return !text.empty() && text.size() <= text_max && protocol::printable(text);
+    };
+    return scene.number >= 1 && scene.number < most && scene.epoch >= 1 && scene.epoch < most &&
+           scene.bytes < most && scene.used >= 0 && scene.used < seconds_max &&
+           is_name(scene.owner) && is_name(scene.name) && is_digest(scene.digest) &&
+           (scene.content.empty() || is_digest(scene.content));
 }
 
 }  // namespace
@@ -171,6 +195,12 @@ Result<void> Manifest::check() {
     if (found < 1) return damaged(fmt::format("it has version {}", found));
     if (foreign.step() != SQLITE_DONE)
         return damaged("it has what raynestd has not put there: " + foreign.text());
+    // A column that is computed may have any length.
+    Statement computed(*this,
+                       "SELECT c.name FROM sqlite_schema t, pragma_table_xinfo(t.name) c WHERE "
+                       "t.type = 'table' AND c.hidden <> 0 LIMIT 1");
+    if (computed.step() != SQLITE_DONE)
+        return damaged("its column " + computed.text() + " is computed");
     has_edits_ = found > 1;
     has_content_ = found > 2;
     return {};
@@ -233,6 +263,13 @@ Result<Manifest> Manifest::open(const std::filesystem::path& file, bool read_onl
 }
 
 Result<void> Manifest::copy_to(const std::filesystem::path& file) {
+    // Names, owners and shares are for the daemon's user alone; SQLite takes an empty file.
+    const int made =
+        ::open(file.c_str(), O_WRONLY | O_CREAT | O_EXCL | O_CLOEXEC, S_IRUSR | S_IWUSR);
+    if (made < 0)
+        return fail(ErrorCode::io_failed,
+                    "cannot make " + file.string() + ": " + std::strerror(errno));
+    ::close(made);
     Statement copy(*this, "VACUUM INTO ?");
     copy.bind(file.string());
     if (copy.step() == SQLITE_DONE) return {};
@@ -266,7 +303,7 @@ Result<std::vector<StoredScene>> Manifest::rows() {
         scene.content = all.text();
         const auto principals = protocol::split_principals(share);
         if (!share.empty() && principals) scene.share = *principals;
-        if (!is_digest(scene.digest) || sum != checksum(scene))
+        if (!is_sound(scene) || sum != checksum(scene))
             return fail(ErrorCode::io_failed,
                         fmt::format("the manifest {} is damaged: row {} is not as it was written{}",
                                     file_, scene.number, remedy));
@@ -401,17 +438,24 @@ Result<KeptEdits> Manifest::sum_of_edits(std::uint64_t number) {
     if (!has_edits_) return sum;
     Statement rows(
         *this,
-        "SELECT epoch, digest, bytes, triangles, length(change) FROM edits WHERE number=? "
-        "ORDER BY epoch");
+        "SELECT epoch, before, digest, bytes, triangles, length(change), checksum FROM edits "
+        "WHERE number=? ORDER BY epoch");
     rows.bind(number);
     int state = SQLITE_DONE;
     while ((state = rows.step()) == SQLITE_ROW) {
         rows.next_row();
         KeptEdit edit{.number = number, .epoch = rows.count()};
+        edit.before = rows.count();
         edit.digest = rows.text();
         edit.bytes = rows.count();
         edit.instanced_triangles = rows.count();
         const std::uint64_t bytes = rows.count();
+        // edits() checks those that have a change.
+        if (bytes == 0 && rows.integer() != checksum(edit))
+            return fail(ErrorCode::io_failed,
+                        fmt::format("the manifest {} is damaged: epoch {} of scene {} is not as it "
+                                    "was written{}",
+                                    file_, edit.epoch, number, remedy));
         sum.epoch_last = edit.epoch;
         if (bytes == 0) continue;
         ++sum.count;

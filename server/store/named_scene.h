@@ -15,6 +15,8 @@ struct HeldScene {
     std::shared_ptr<const Snapshot> snapshot;
     mutable Budget::Lease lease;  ///< charged to one of those who hold the scene; io thread only
     mutable std::uint64_t settled = 0;  ///< the last settling of charges that has looked at it
+    /// For Snapshot::shared(), which all that share it have together.
+    std::shared_ptr<const Budget::Lease> shared_lease = {};
 };
 
 /// Known of a scene also while it is on the disk alone.

@@ -180,31 +180,6 @@ void SceneStore::settle_charges() noexcept {
     }
 }
 
-Reply<std::shared_ptr<const HeldScene>> SceneStore::hold(std::shared_ptr<const Snapshot> snapshot,
-                                                         const std::string& principal) {
-    std::weak_ptr<const HeldScene>& known = by_arena_[snapshot->arena_id()];
-    if (auto held = known.lock()) return held;
-
-    const std::uint64_t bytes = snapshot->bytes().size();
-    auto lease = budget_.reserve(bytes, principal, Use::lasting);
-    if (!lease)
-        return budget_.refuse("the scene", bytes, principal,
-                              remedy(principal, "start raynestd with a larger --memory"));
-    const auto held = with_memory(std::move(snapshot), std::move(*lease));
-    known = held;
-    return held;
-}
-
-std::shared_ptr<const HeldScene> SceneStore::with_memory(std::shared_ptr<const Snapshot> snapshot,
-                                                         Budget::Lease lease) const {
-    return {new HeldScene{std::move(snapshot), std::move(lease)},
-            [dispose = dispose_](const HeldScene* scene) {
-                auto freed = scene->snapshot;
-                delete scene;
-                if (freed && *dispose) (*dispose)(std::move(freed));
-            }};
-}
-
 std::string SceneStore::remedy(const std::string& principal, const std::string& larger) const {
     if (entries_.empty()) return larger;
     std::vector<const Entry*> candidates;
@@ -259,7 +234,7 @@ Reply<void> SceneStore::check_quota(std::string_view name, const ConnectionId& c
 Reply<NamedScene> SceneStore::publish(const std::string& name,
                                       std::shared_ptr<const Snapshot> snapshot, Publication how,
                                       const ConnectionId& caller) {
-    std::erase_if(by_arena_, [](const auto& known) { return known.second.expired(); });
+    forget_freed();
 
     // The checks of a stored scene were made before its row was committed.
     if (how.blob == nullptr)

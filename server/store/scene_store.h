@@ -93,7 +93,8 @@ public:
 
     /// Returns a scene that no name has: with its last reference its memory goes as that of others.
     [[nodiscard]] std::shared_ptr<const HeldScene> with_memory(
-        std::shared_ptr<const Snapshot> snapshot, Budget::Lease lease) const;
+        std::shared_ptr<const Snapshot> snapshot, Budget::Lease lease,
+        std::shared_ptr<const Budget::Lease> shared = {}) const;
 
     /// Changes the limits; scenes beyond them stay.
     void set_limits(const protocol::Limits& limits) {
@@ -403,6 +404,8 @@ private:
     /// Fails with NAME_TAKEN or QUOTA if publish() may not publish this.
     Reply<void> check_publication(const std::string& name, const Snapshot& snapshot,
                                   const Publication& how, const ConnectionId& caller) const;
+    /// Drops what is known of scenes and shared memory that are gone.
+    void forget_freed();
     Reply<std::shared_ptr<const HeldScene>> hold(std::shared_ptr<const Snapshot> snapshot,
                                                  const std::string& principal);
 
@@ -415,6 +418,7 @@ private:
     const std::shared_ptr<Dispose> dispose_ = std::make_shared<Dispose>();
     Entries entries_;
     std::map<std::string, std::weak_ptr<const HeldScene>> by_arena_;
+    std::map<const SharedPages*, std::weak_ptr<const Budget::Lease>> shared_leases_;
     Claims claims_;
     std::uint64_t last_connection_ = 0;
     std::uint64_t last_settling_ = 0;

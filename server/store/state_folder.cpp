@@ -38,32 +38,17 @@ std::string disk_failed(const std::string& why = {}) {
 }
 
 Result<void> make_folder(const fs::path& folder) {
-    if (::mkdir(folder.c_str(), S_IRWXU) == 0 || errno == EEXIST) return {};
+    const int error = ::mkdir(folder.c_str(), S_IRWXU) == 0 ? 0 : errno;
+    struct stat found {};
+    // The files behind a link are not the daemon's to remove.
+    if ((error == 0 || error == EEXIST) && ::lstat(folder.c_str(), &found) == 0 &&
+        !S_ISDIR(found.st_mode))
+        return fail(ErrorCode::io_failed,
+                    folder.string() + " is no folder; put a folder there, not a link to one");
+    if (error == 0 || error == EEXIST) return {};
+    errno = error;
     return fail(ErrorCode::io_failed, "cannot make " + folder.string() + ": " + reason(errno) +
                                           "; name a folder that can be written");
-}
-
-tl::expected<Pages, BlobFault> read_blob(const fs::path& path, std::uint64_t bytes) {
-    const File file(path, O_RDONLY);
-    if (!file.is_open())
-        return tl::unexpected(
-            BlobFault{errno == ENOENT, errno == ENOENT ? "its file is gone" : reason(errno)});
-    struct stat found {};
-    if (::fstat(file.number(), &found) != 0) return tl::unexpected(BlobFault{false, reason(errno)});
-    if (static_cast<std::uint64_t>(found.st_size) != bytes)
-        return tl::unexpected(BlobFault{
-            true, fmt::format("its file has {} bytes in place of {}", found.st_size, bytes)});
-    Pages arena(bytes);
-    std::size_t at = 0;
-    while (at < bytes) {
-        const ssize_t done =
-            ::read(file.number(), arena.data() + at, std::min(bytes - at, step_bytes));
-        if (done < 0 && errno == EINTR) continue;
-        if (done < 0) return tl::unexpected(BlobFault{false, reason(errno)});
-        if (done == 0) return tl::unexpected(BlobFault{true, "its file was cut"});
-        at += static_cast<std::size_t>(done);
-    }
-    return arena;
 }
 
 /// True if the file has these bytes: one that was damaged is written anew.
@@ -87,22 +72,6 @@ bool holds(const fs::path& path, std::span<const std::byte> bytes) {
 }
 
 }  // namespace
-
-tl::expected<std::shared_ptr<const Snapshot>, BlobFault> read_stored(const fs::path& folder,
-                                                                     const std::string& digest,
-                                                                     std::uint64_t bytes,
-                                                                     std::string content) {
-    if (!is_digest(digest)) return tl::unexpected(BlobFault{false, "it has no blob"});
-    auto arena = read_blob(folder / "blobs" / digest, bytes);
-    if (!arena) return tl::unexpected(std::move(arena.error()));
-    auto opened = Snapshot::reopen({std::move(*arena), 0, {}}, std::move(content));
-    if (!opened)
-        return tl::unexpected(BlobFault{true, std::move(opened.error().message),
-                                        opened.error().code == ErrorCode::scene_unsupported});
-    if ((*opened)->arena_id() != digest)
-        return tl::unexpected(BlobFault{true, "its bytes have changed"});
-    return std::move(*opened);
-}
 
 const char* network_file_system(std::uint64_t magic) {
     struct Row {
@@ -306,7 +275,10 @@ Result<void> StateFolder::write_blob(const std::string& digest, std::span<const 
         }
         if (::fsync(file.number()) != 0) return flush_failed(errno);
     }
-    if (::rename(temporary.c_str(), blob(digest).c_str()) != 0) return refused(errno);
+    {
+        const std::lock_guard guard(pins_->mutex);
+        if (::rename(temporary.c_str(), blob(digest).c_str()) != 0) return refused(errno);
+    }
     if (!flush_folder(folder)) return flush_failed(errno);
     return {};
 }
@@ -473,9 +445,14 @@ void StateFolder::collect_locked() {
     for (const fs::path& file : unused) ::unlink(file.c_str());
 }
 
-void StateFolder::set_aside(const std::string& digest) {
+void StateFolder::set_aside(const std::string& digest, std::uint64_t inode) {
     if (!is_digest(digest)) return;
-    ::rename(blob(digest).c_str(), (folder_ / "damaged" / digest).c_str());
+    {
+        const std::lock_guard guard(pins_->mutex);
+        struct stat now {};
+        if (::lstat(blob(digest).c_str(), &now) != 0 || now.st_ino != inode) return;
+        ::rename(blob(digest).c_str(), (folder_ / "damaged" / digest).c_str());
+    }
     (void)flush_folder(folder_ / "blobs");
 }
 

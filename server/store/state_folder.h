@@ -48,6 +48,7 @@ struct BlobFault {
     bool damaged = false;  ///< false: the system cannot read it now
     std::string why;
     bool of_another_release = false;  ///< the bytes are whole, and that release reads them
+    std::uint64_t inode = 0;          ///< of the file that was read
 };
 
 /// Reads the blob of a scene in the state folder `folder`, and checks its digest and its arena.
@@ -125,8 +126,9 @@ public:
     void note(const std::vector<SceneUse>& uses);
 
     [[nodiscard]] const std::filesystem::path& path() const { return folder_; }
-    /// Moves a damaged blob out of the way, so that a load writes it anew.
-    void set_aside(const std::string& digest);
+    /// Moves a damaged blob, the file of this inode, out of the way, so that a load writes it anew.
+    /// One that has been written anew stays.
+    void set_aside(const std::string& digest, std::uint64_t inode);
     /// Removes blobs that lost their last row and pin.
     void collect();
     [[nodiscard]] bool has_work();

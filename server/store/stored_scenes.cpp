@@ -210,7 +210,7 @@ std::optional<AsleepScene> SceneStore::take_asleep() {
 }
 
 Reply<void> SceneStore::wake(std::shared_ptr<const Snapshot> snapshot, const AsleepScene& scene) {
-    std::erase_if(by_arena_, [](const auto& known) { return known.second.expired(); });
+    forget_freed();
     auto held = hold(std::move(snapshot), scene.owner);
     if (!held) return tl::unexpected(held.error());
     for (auto& [name, entry] : entries_) {
@@ -297,7 +297,9 @@ std::size_t SceneStore::asleep_of(const std::string& owner) const {
 std::uint64_t SceneStore::bytes() const {
     std::uint64_t sum = 0;
     for (const auto& [digest, held] : by_arena_)
-        if (const auto scene = held.lock()) sum += scene->snapshot->bytes().size();
+        if (const auto scene = held.lock()) sum += scene->lease.bytes();
+    for (const auto& [pages, lease] : shared_leases_)
+        if (const auto held = lease.lock()) sum += held->bytes();
     return sum;
 }
 

@@ -3,6 +3,9 @@ import { cameraTable, generator } from "./camera.js";
 import { lightOf } from "./light.js";
 import { viewOf } from "./views.js";
 
+/** The fields of a request that name the moment which the page shows. */
+export const momentOf = (state) => state.time === "" ? {} : { timed: true, time: state.time, animation: String(state.animation) };
+
 /** Returns the Job table; `other` is one of the settings of "difference with". */
 export function jobOf(state, other = "") {
   const [kind, ...rest] = other.split(":");
@@ -12,7 +15,7 @@ export function jobOf(state, other = "") {
                   only_instances: chosen(state.isolated, "i"), only_objects: chosen(state.isolated, "o") };
   for (const name of Object.keys(shown)) if (shown[name].length === 0) delete shown[name];
   if (state.skipHiddenBoxes && Object.keys(shown).length) shown.skip_hidden_boxes = true;
-  if (state.time !== "") Object.assign(shown, { timed: true, time: state.time, animation: String(state.animation) });
+  Object.assign(shown, momentOf(state));
   const job = { ...shown, scene: state.scene, intersector: state.intersector, mask: parseInt(state.mask, 16),
                 settings: Object.entries(state.settings).map(([name, text]) => `${name}=${text}`) };
   if (kind === "intersector") return { ...job, intersector: value, settings: [] };

@@ -70,6 +70,19 @@ class EditLimits(DaemonTest):
         self.assertLess(self.daemon.resident_bytes("VmHWM"), MEMORY)
         self.assertLess(self.client.json("stats")["memory_used_bytes"], MEMORY)
 
+    def test_memory_that_is_kept_for_speed_gives_way(self):
+        """Each edited scene keeps its epoch before, whose memory the next edit takes; together they would be too much."""
+        scenes = [self.python.load(f"builtin:forest?trees={10_000 + i}", f"woods-{i}") for i in range(18)]
+        self.assertGreater(2 * sum(scene.info["bytes"] for scene in scenes), 0.7 * MEMORY)
+        for turn in range(3):
+            for scene in scenes:
+                with scene.edit() as edit:
+                    edit.move(0, (0, 0.5, 0))
+                self.assertEqual(edit.epoch, turn + 2)
+        self.check_memory()
+        for scene in scenes:
+            scene.unload()
+
     def test_user_ids_of_all_that_a_forest_places(self):
         forest = self.python.load("builtin:forest?trees=500000", "large")
         self.check_refused(forest, "user ids of more than 1048576", lambda edit: edit.set_uid("*", 5))

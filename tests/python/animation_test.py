@@ -13,6 +13,7 @@ from pathlib import Path
 import numpy as np
 
 import raynest
+from raynest._requests.explain import receive_document
 from with_daemon import WithDaemon, main
 
 TIMES = (0.0, 0.25, 0.5, 1.0, 1.375, 2.0)
@@ -169,6 +170,56 @@ class Animation(WithDaemon):
         info = self.load(travelling(), "drive").info
         self.assertEqual(info["animations"], ["Drive", "Rest"])
         self.assertEqual(info["animation_seconds"], [2.0, .5])
+
+    def test_the_end_is_where_the_file_says(self):
+        gltf = Gltf()
+        box = gltf.node(name="box", mesh=gltf.mesh(CORNERS, FACES))
+        gltf.animate("", (box, "translation", [0, .7], [[0, 0, 0], [0, 1, 0]], "LINEAR"))  # 0.7 in float32 is less
+        scene = self.load(gltf, "short")
+        self.assertLess(scene.info["animation_seconds"][0], .7)
+        down = np.array([[0, 5, 0, 0, -1, 0]])
+        self.assertAlmostEqual(float(scene.trace(down, time=.7)["t"][0]), 5 - 1.8, delta=1e-5)
+        for time in (.7001, -1e-3):
+            with self.assertRaisesRegex(raynest.Error, "is outside it"):
+                scene.trace(down, time=time)
+        with self.assertRaisesRegex(raynest.Error, "no animation 'x'; it has number 0"):
+            scene.trace(down, time=.5, animation="x")
+
+    def test_box_and_placements_at_a_moment(self):
+        scene = self.load(travelling(), "drive")
+        loaded = scene.info
+        for time in TIMES:
+            with self.subTest(time=time):
+                wanted = {}
+                for name, to_world in poses(time).items():
+                    corners = CORNERS @ to_world[:3, :3].T + to_world[:3, 3]
+                    wanted[name] = np.array([corners.min(0), corners.max(0)])
+                whole = np.array([min(box[0][i] for box in wanted.values()) for i in range(3)]
+                                 + [max(box[1][i] for box in wanted.values()) for i in range(3)])
+                for info in (scene.info_at(time), scene.info_at(time, "Drive"), scene.info_at(time, 0),
+                             self.cli.json("info", "drive", "--time", time)):
+                    np.testing.assert_allclose([*info["box_min"], *info["box_max"]], whole, atol=1e-5)
+                    for same in ("hash", "epoch", "refits", "rebuilds", "animations"):
+                        self.assertEqual(info[same], loaded[same])
+                document, _ = receive_document(self.client.connection, "Structure",
+                                               {"scene": "drive", "kind": "placements", "timed": True, "time": time},
+                                               None, 0.0, None)
+                self.assertEqual({row["name"] for row in document["rows"]}, set(wanted))
+                for row in document["rows"]:
+                    box = np.reshape(row["box"], (2, 3))
+                    # It holds the box of the mesh, turned, which is larger than what is in it.
+                    self.assertTrue((box[0] <= wanted[row["name"]][0] + 1e-5).all(), row)
+                    self.assertTrue((box[1] >= wanted[row["name"]][1] - 1e-5).all(), row)
+                    np.testing.assert_allclose(box.mean(0), wanted[row["name"]].mean(0), atol=1e-5)
+        self.assertEqual(scene.info, loaded)
+        said = self.cli.run("info", "drive", "--time", "2").stdout
+        self.assertIn("moment       2.0 s of its animation", said)
+        for words, arguments in (("runs from 0 to 2", ("--time", "2.5")), ("no animation 'x'; it has 'Drive', 'Rest'",
+                                 ("--time", "1", "--animation", "x")), ("--time", ("--animation", "Rest")),
+                                 ("excludes", ("--time", "1", "--meshes"))):
+            refused = self.cli.run("info", "drive", *arguments)
+            self.assertEqual(refused.returncode, 2, refused.stderr)
+            self.assertIn(words, refused.stderr)
 
     def test_nodes_are_where_float64_says_and_hits_equal_those_of_a_scene_loaded_there(self):
         scene = self.load(travelling(), "drive")

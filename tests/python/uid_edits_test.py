@@ -1,11 +1,15 @@
 #!/usr/bin/env python3
-"""Edits of user ids: of all that an outermost instance places, and of nothing else.
+"""Edits of user ids, of all that an instance places and of nothing else, and edits by user ids.
 
   uid_edits_test.py RAYNESTD RAYNEST FLATC
 """
+import tempfile
+from pathlib import Path
+
 import numpy as np
 
 import raynest
+from animation_test import Gltf
 from edits_test import box
 from with_daemon import WithDaemon, main, rain
 
@@ -111,6 +115,76 @@ class UidEdits(WithDaemon):
         self.assertEqual(hits["uid"][[0, 1, 3]].tolist(), [9, 9, 34])
         self.assertFalse(texts[4].startswith("post"))
 
+    def test_of_what_lies_within_instances(self):
+        for of_file in (True, False):
+            with self.subTest(of_file=of_file):
+                street = self.street(of_file)
+                wheels = [[10 * i + x, 90, 5 + z, 0, -1, 0] for i in range(6) for x in (1.64, -1.64) for z in (1.1, -1.1)]
+                bodies = [[10 * i, 90, 5, 0, -1, 0] for i in range(6)]
+                rays = np.array(wheels + bodies)
+                was, texts = self.seen(street, rays)
+                is_wheel = [text.split("/")[1].startswith("wheel") for text in texts]
+                self.assertEqual(is_wheel, 24 * [True] + 6 * [False])
+
+                def check(given):
+                    wanted = was["uid"].copy()
+                    for number, text in enumerate(texts):
+                        wanted[number] = given.get(text, given.get(text.split("/")[0], wanted[number]))
+                    found, now = self.seen(street, rays)
+                    self.assertEqual(now, texts)
+                    np.testing.assert_array_equal(found["uid"], wanted)
+                    for name in COLUMNS[:-1]:
+                        np.testing.assert_array_equal(found[name], was[name], name)
+                # The inner one counts where it is said later; what is said later of the outer one counts for all.
+                with street.edit() as edit:
+                    edit.set_uid("car#1", 50)
+                    edit.set_uid("car#1/wheel#2", 51)
+                    edit.set_uid("car#4/body", 52)
+                    edit.set_uid("car#5/wheel*", 53)
+                    edit.set_uid("car#5", 54)
+                given = {"car#1": 50, "car#1/wheel#2": 51, "car#4/body": 52, "car#5": 54}
+                check(given)
+                with street.edit() as edit:
+                    edit.set_uid([f"car#4/wheel#{i}" for i in range(4)], range(60, 64))
+                given.update({f"car#4/wheel#{i}": 60 + i for i in range(4)})
+                check(given)
+                # One edit moves by user ids what it would move by texts.
+                with street.edit() as edit:
+                    edit.move(raynest.Uids([51, 54, 62]), [(0, 1, 0), (0, 2, 0), (0, 3, 0)])
+                self.assertEqual(edit.instances, 3)
+                moved = {"car#1/wheel#2": 1, "car#5": 2, "car#4/wheel#2": 3}
+                up = [moved.get(text, moved.get(text.split("/")[0], 0)) for text in texts]
+                found = self.seen(street, rays)[0]
+                np.testing.assert_allclose(found["t"], was["t"] - np.array(up), atol=1e-5)
+                with street.edit() as edit:
+                    edit.remove(raynest.Uids(54))
+                self.assertNotIn("car#5/body", self.seen(street, rays)[1])
+                with self.assertRaisesRegex(raynest.Error, "user id 54, which no instance has"), street.edit() as edit:
+                    edit.move(raynest.Uids([51, 54]), (0, 1, 0))
+                with self.assertRaisesRegex(raynest.Error, "removes what lies within"), street.edit() as edit:
+                    edit.remove(raynest.Uids(51))
+
+    def test_of_nodes_that_place_nothing_themselves(self):
+        gltf = Gltf()
+        mesh = gltf.mesh(*box(1, 1, 1))
+        groups = [gltf.node(name=name, children=[gltf.node(root=False, name="body", mesh=mesh)], translation=[x, 0, 0])
+                  for name, x in (("A", 0), ("B", 10))]
+        with tempfile.TemporaryDirectory() as folder:
+            scene = self.client.load(str(gltf.write(Path(folder) / "groups.glb")), "groups", replace=True)
+        old = [scene.path(f"{name}/body")["steps"][0]["uid"] for name in "AB"]
+        self.assertEqual(old, groups)
+        with scene.edit() as edit:
+            edit.set_uid("A", old[1])
+            edit.set_uid("B", old[0])
+        self.assertEqual([[step["uid"] for step in scene.path(f"{name}/body")["steps"]] for name in "AB"],
+                         [[old[1]] * 2, [old[0]] * 2])
+        down = [[0, 9, 0, 0, -1, 0], [10, 9, 0, 0, -1, 0]]
+        was = scene.trace(down)["t"]
+        with scene.edit() as edit:
+            edit.move(raynest.Uids(old[1]), (0, 2, 0))
+        self.assertEqual(edit.instances, 1)
+        np.testing.assert_allclose(scene.trace(down)["t"], was - [2, 0])
+
     def test_the_command_line_and_mistakes(self):
         street = self.street()
         down = [[30, 90, 5, 0, -1, 0], [20, 90, 5, 0, -1, 0]]
@@ -126,9 +200,19 @@ class UidEdits(WithDaemon):
         for wrong in (-1, NONE, 1.5, [1, 2], "x", None):
             with self.subTest(wrong), self.assertRaises((raynest.UsageError, TypeError)), street.edit() as edit:
                 edit.set_uid("car#3", wrong)
-        with self.assertRaisesRegex(raynest.Error, "give one to the outermost instance"), street.edit() as edit:
-            edit.set_uid("car#2/body", 3)
         self.assertEqual(street.trace(down, fields=("uid",))["uid"].tolist(), [4_000_000_000, uid[1]])
+        self.cli.json("edit", "street", "--move", "uid=4000000000=0,2,0")
+        self.assertEqual(street.trace(down)["t"].tolist(), [26.25, 28.25])
+        refused = self.cli.run("edit", "street", "--move", "uid=12345=0,2,0")
+        self.assertEqual(refused.returncode, 2, refused.stderr)
+        self.assertIn("names the user id 12345, which no instance has", refused.stderr)
+        for wrong in (-1, NONE, 1.5, [[1, 2]], "x", None, [1, None]):
+            with self.subTest(wrong), self.assertRaises((raynest.UsageError, TypeError)):
+                raynest.Uids(wrong)
+        with self.assertRaisesRegex(raynest.UsageError, "no instances"), street.edit() as edit:
+            edit.hide(raynest.Uids([]))
+        with self.assertRaisesRegex(raynest.UsageError, "3 matrices for 2 targets"), street.edit() as edit:
+            edit.move(raynest.Uids([1, 2]), np.zeros((3, 3)))
 
 
 if __name__ == "__main__":

@@ -14,6 +14,7 @@ import sys
 from . import compat, generators, points, returns, sweeps
 from ._version import VERSION as __version__
 from .client import Client, connect, logout
+from .edits import Uids
 from .errors import (BusyError, CancelledError, ConnectError, DeadlineError, Error, FailedError,
                      InvalidError, NotAllowedError, ProtocolError, RayWarning, SceneWarning,
                      UsageError)
@@ -28,5 +29,5 @@ if sys.byteorder != "little":
 
 __all__ = ["BusyError", "CancelledError", "Client", "ConnectError", "DeadlineError", "Error",
            "FailedError", "Heatmap", "Image", "InvalidError", "Job", "Layers", "NotAllowedError", "ProtocolError", "RayWarning",
-           "Scene", "SceneWarning", "UsageError", "compat", "connect", "generators",
+           "Scene", "SceneWarning", "Uids", "UsageError", "compat", "connect", "generators",
            "logout", "points", "read_layers", "returns", "sweeps", "__version__"]

@@ -17,12 +17,26 @@ from ._requests.parts import matrices_of
 from ._requests.upload import FileSender
 from .errors import ProtocolError, UsageError
 
-# The number of an outermost instance, as in the column inst; the text of a path at any depth, which includes all
-# below it and in which '*' stands for any text; or several of these.
-Which = Union[int, str, Sequence[Union[int, str]], Array]
 
-_ROW = np.dtype([("what", "<u4"), ("target", "<u4"), ("by_text", "<u4"), ("value", "<u4"),
+
+class Uids:
+    """Instances by their user ids: edit.move(Uids([7, 9]), matrices). An id stands for all instances that have it,
+    at any depth, with all that lies in them."""
+
+    def __init__(self, uids: Any) -> None:
+        self.uids = np.atleast_1d(_user_ids("uids", uids))
+
+    def __repr__(self) -> str:
+        return f"Uids({reprlib.repr(self.uids.tolist())})"
+
+
+# The number of an outermost instance, as in the column inst; the text of a path at any depth, which includes all
+# below it and in which '*' stands for any text; several of these; or user ids.
+Which = Union[int, str, Sequence[Union[int, str]], Array, Uids]
+
+_ROW = np.dtype([("what", "<u4"), ("target", "<u4"), ("by", "<u4"), ("value", "<u4"),
                  ("matrix", "<f8", (3, 4))])
+_TEXT, _USER_ID = 1, 2  # of "by"
 _PLACE, _MOVE, _MASK, _REMOVE, _ADD, _VERTICES, _UID, _MATERIAL = range(8)
 _FRAMES = ("world", "parent", "own")
 
@@ -109,14 +123,11 @@ class Edit:
         return self
 
     def set_uid(self, which: Which, uid: Any) -> Edit:
-        """Gives outermost instances, and everything in them, a user id: one number for all, or one for each."""
+        """Gives instances, and everything in them, a user id: one number for all, or one for each."""
         rows = self._targets(which)
-        uids = numbers("uid", uid)
+        uids = _user_ids("uid", uid)
         if uids.ndim == 1 and len(uids) != len(rows):
             raise _uneven(f"{len(uids)} uids", rows)
-        if uids.ndim > 1 or uids.dtype.kind not in "iu" or (uids < 0).any() or (uids > 2**32 - 2).any():
-            raise UsageError(f"uid of {reprlib.repr(uid)}: it must be a whole number from 0 to 4294967294, or one for each "
-                             "target")
         rows["what"], rows["value"] = _UID, uids
         self._rows.append(rows)
         return self
@@ -156,6 +167,10 @@ class Edit:
         """Returns a row for each of these instances or texts."""
         if isinstance(which, (bytes, bytearray)):
             raise _wrong(which)
+        if isinstance(which, Uids):
+            rows = np.zeros(len(which.uids), _ROW)
+            rows["target"], rows["by"] = which.uids, _USER_ID
+            return _some(rows)
         several = [which] if isinstance(which, (str, int, np.integer)) else which
         if isinstance(several, np.ndarray) and several.dtype.kind in "iu" and several.ndim == 1:
             if len(several) and (several.min() < 0 or several.max() > 2**32 - 1):
@@ -169,14 +184,12 @@ class Edit:
             for row, item in zip(rows, several):
                 if isinstance(item, str) and item:
                     row["target"] = self._texts.setdefault(str(item), len(self._texts))
-                    row["by_text"] = 1
+                    row["by"] = _TEXT
                 elif isinstance(item, (int, np.integer)) and not isinstance(item, bool):
                     row["target"] = whole("an instance", item, 2**32 - 1, 0)
                 else:
                     raise _wrong(which)
-        if not len(rows):
-            raise UsageError("an edit of no instances: leave it away")
-        return rows
+        return _some(rows)
 
     def _add(self, rows: Array, what: int, matrices: Array, frame: str) -> Edit:
         if frame not in _FRAMES or (what == _PLACE and frame == "own"):
@@ -196,7 +209,7 @@ class Edit:
             raise UsageError(f"{len(rows)} rows in one edit, at most {_limits.edit_rows_max} are taken")
         if len(self._texts) > _limits.list_items_max:
             raise UsageError(f"{len(self._texts)} texts in one edit, at most {_limits.list_items_max} are "
-                             "taken: name instances by number, as the column inst tells them")
+                             "taken: name instances by number, as the column inst tells them, or by user id (raynest.Uids)")
         message: Message = {"epoch": self.epoch, "rows": len(rows), "keep": self._keep,
                             "targets": list(self._texts), "scenes": [scene for scene, _ in self._added],
                             "names": [name for _, name in self._added],
@@ -237,14 +250,31 @@ def _name_of(scene: Any, _: str) -> str:
     return text
 
 
+def _user_ids(name: str, uids: Any) -> Array:
+    found = numbers(name, uids)
+    if found.shape == (0,):     # of any type
+        return found.astype("<u4")
+    if found.ndim > 1 or found.dtype.kind not in "iu" or (found < 0).any() or (found > 2**32 - 2).any():
+        raise UsageError(f"{name} of {reprlib.repr(uids)}: user ids are whole numbers from 0 to 4294967294: give one, or "
+                         "a list of them")
+    return found
+
+
+def _some(rows: Array) -> Array:
+    if not len(rows):
+        raise UsageError("an edit of no instances: leave it away")
+    return rows
+
+
 def _uneven(given: str, rows: Array) -> UsageError:
     """The error where there is neither one value for all targets nor one for each."""
     texts = (", and a text counts as one, also where it stands for several: list those, as "
-             "['row#0', 'row#1']" if rows["by_text"].any() else "")
+             "['row#0', 'row#1']" if (rows["by"] == _TEXT).any() else "")
     return UsageError(f"{given} for {len(rows)} {'target' if len(rows) == 1 else 'targets'}: give one, or one for "
                       f"each{texts}")
 
 
 def _wrong(which: Any) -> TypeError:
     return TypeError(f"{reprlib.repr(which)} names no instance: it must be its number as in the column inst, "
-                     "the text of a path as 'birch-17', in which '*' stands for any text, or a list of them")
+                     "the text of a path as 'birch-17', in which '*' stands for any text, a list of them, or "
+                     "raynest.Uids")

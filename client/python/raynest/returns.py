@@ -68,6 +68,8 @@ def measure(scene: Scene, sweep: Sweep, *, divergence: float = 0.0, footprint: i
     if velocities is not None and not isinstance(velocities, Mapping):
         raise UsageError("velocities are by the texts of paths: {'car-3': (12, 0, 0)}")
     moves = {text: _motion(text, motion) for text, motion in (velocities or {}).items()}
+    if moves:  # a text that names nothing is refused
+        scene.trace(np.zeros((0, 6)), hide=list(moves), **{key: job[key] for key in ("epoch",) if key in job})
     beams = max(1, _TRACED_MAX // len(power))
     parts = []
     for first in np.arange(0, max(1, len(sweep.rays)), beams):

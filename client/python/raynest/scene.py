@@ -13,7 +13,7 @@ from ._net.control import Message
 from ._net.frame import Array
 from ._paths import Paths
 from ._render import Renders
-from ._requests.arguments import Unpack, has_shape, none_is_default, numbers, whole
+from ._requests.arguments import Unpack, has_shape, none_is_default, numbers, real, whole
 from ._requests.columns import Columns, Whole, anywhere, as_usual
 from ._requests.explain import check_explain, path_message, pixel_message, ray_message, receive_document
 from ._requests.film import warn_of_options
@@ -58,8 +58,8 @@ class Scene(Renders, Paths):
         return twin
 
     def close(self) -> None:
-        """Ends this object's use of the scene. A mesh without a name is unloaded, unless another
-        Scene object or connection holds it; a scene with a name stays."""
+        """Ends this object's use of the scene. A mesh without a name is unloaded, unless another Scene object or connection
+        holds it; a scene with a name stays."""
         if self._open:
             self._open = False
             self.made = None        # it may keep large arrays
@@ -453,11 +453,9 @@ class Scene(Renders, Paths):
             with scene.edit() as edit:
                 edit.move("car#3", (0.5, 0, 0))
                 edit.hide("tree-1*")
-
-        Requests that run keep the epoch that they began with; later ones see the new one. Only the scene's
-        owner and administrators may edit it. With `epoch` the edit fails unless the scene is at that epoch.
-        With `keep` the block ends when the changed scene is on the disk of a daemon with --state; without it,
-        a restart brings back what was loaded or kept last."""
+        Requests that run keep the epoch that they began with. Only the scene's owner and administrators may edit it. With
+        `epoch` the edit fails unless the scene is at that epoch. With `keep` the block ends when the changed scene is on the
+        disk of a daemon with --state; without it, a restart brings back what was loaded or kept last."""
         return Edit(lambda change: change.apply(self._client.connection, self.name), epoch, keep)
 
     # ---- what it is -----------------------------------------------------------------------------
@@ -466,6 +464,11 @@ class Scene(Renders, Paths):
     def info(self) -> dict[str, Any]:
         """The scene's counts of triangles and instances, levels, materials, cameras, bytes, ..."""
         return scene_info(self._client.connection.ask("Info", {"scene": self.name}, "SceneInfo"))
+
+    def info_at(self, time: float, animation: Union[str, int] = "") -> dict[str, Any]:
+        """The same at a moment of an animation: its name or number."""
+        moment = {"timed": True, "time": real("time", time), "animation": str(animation)}
+        return scene_info(self._client.connection.ask("Info", {"scene": self.name, **moment}, "SceneInfo"))
 
     @property
     def meshes(self) -> list[dict[str, Any]]:

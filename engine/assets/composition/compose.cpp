@@ -326,7 +326,7 @@ private:
                 if (change.what == What::place)
                     done = batch.place(place, change.matrix, change.frame);
                 if (change.what == What::set_mask) batch.set_mask(place, change.value);
-                if (change.what == What::set_uid) done = batch.set_uid(place, change.value);
+                if (change.what == What::set_uid) batch.set_uid(place, change.value);
                 if (change.what == What::set_material) done = batch.set_material(place, material);
                 if (change.what == What::remove) done = batch.remove(place);
                 if (!done) return blame(done.error());
@@ -336,7 +336,7 @@ private:
         if (!made && made.error().code == ErrorCode::field_invalid)
             return fail(ErrorCode::scene_invalid, "its edits: " + made.error().message);
         if (!made) return tl::unexpected(made.error());
-        return BuiltArena{Snapshot::copy_arena(**made, nullptr), seconds, {}};
+        return BuiltArena{(*made)->copy_arena(), seconds, {}};
     }
 
     /// Each placement of a part whose paths are named has names of its own.
@@ -360,7 +360,12 @@ private:
         const Snapshot& scene = *part.scene;
         const SceneView& view = scene.view();
         const auto warn = [&](const std::string& text) {
-            base.warnings.push_back(fmt::format("{}: {}", one_line(places.name), text));
+            constexpr std::size_t most = scene_warnings_max - 1;  // one of the whole comes last
+            if (base.warnings.size() + 1 < most)
+                base.warnings.push_back(fmt::format("{}: {}", one_line(places.name), text)
+                                            .substr(0, scene_name_bytes_max));
+            else if (base.warnings.size() < most)
+                base.warnings.emplace_back("more warnings are left out");
         };
         if (warned_.insert(places.object).second)
             for (const std::string& text : scene.statistics().warnings) warn(text);

@@ -5,6 +5,7 @@
 #include <fmt/format.h>
 
 #include <algorithm>
+#include <span>
 #include <utility>
 
 namespace raynest {
@@ -80,13 +81,14 @@ Result<void> EditBatch::place(const InstancePlace& place, const Matrix& to, Edit
     return {};
 }
 
-Result<void> EditBatch::set_uid(const InstancePlace& place, std::uint32_t uid) {
-    if (!place.below.empty())
-        return fail(ErrorCode::field_invalid,
-                    "gives a user id to what lies within an instance: give one to the outermost "
-                    "instance, which all of it has then");
-    uids_[place.outermost] = uid;
-    return {};
+void EditBatch::set_uid(const InstancePlace& place, std::uint32_t uid) {
+    const auto lies_within = [&](const InstancePlace& other) {
+        return other.outermost == place.outermost && other.below.size() >= place.below.size() &&
+               std::ranges::equal(place.below, std::span(other.below).first(place.below.size()));
+    };
+    auto said = uids_.lower_bound(place);
+    while (said != uids_.end() && lies_within(said->first)) said = uids_.erase(said);
+    uids_.emplace_hint(said, place, uid);
 }
 
 Result<void> EditBatch::set_material(const InstancePlace& place, std::uint32_t material) {
@@ -157,7 +159,7 @@ SceneChanges EditBatch::changes() const {
         made.moves.push_back({place, transform_of(matrix)});
     for (const auto& [place, mask] : masks_) made.masks.push_back({place, mask});
     for (const auto& [place, vertices] : vertices_) made.deformed.push_back({place, {vertices}});
-    for (const auto& [outermost, uid] : uids_) made.uids.push_back({outermost, uid});
+    for (const auto& [place, uid] : uids_) made.uids.push_back({place, uid});
     for (const auto& [place, material] : materials_) made.materials.push_back({place, material});
     made.removed.assign(removed_.begin(), removed_.end());
     for (const auto& [key, scene] : added_) made.added.push_back(scene);

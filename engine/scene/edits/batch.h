@@ -45,9 +45,8 @@ public:
     /// own.
     Result<void> place(const InstancePlace& place, const Matrix& to, EditFrame frame);
     void set_mask(const InstancePlace& place, std::uint32_t mask) { masks_[place] = mask; }
-    /// Gives an outermost instance, and all within it, a user id. Fails with field_invalid for an
-    /// instance within another one.
-    Result<void> set_uid(const InstancePlace& place, std::uint32_t uid);
+    /// Gives an instance, and all within it, a user id, in place of what has been said of those.
+    void set_uid(const InstancePlace& place, std::uint32_t uid);
     /// Gives the object of an instance other vertices, which must outlive the batch and its
     /// changes.
     void set_vertices(const InstancePlace& place, std::span<const Vec3> vertices) {
@@ -79,7 +78,7 @@ private:
     std::map<InstancePlace, Matrix> placements_;
     std::map<InstancePlace, std::uint32_t> masks_;
     std::map<InstancePlace, std::span<const Vec3>> vertices_;
-    std::map<std::uint32_t, std::uint32_t> uids_;
+    std::map<InstancePlace, std::uint32_t> uids_;
     std::map<InstancePlace, std::uint32_t> materials_;
     std::set<std::uint32_t> removed_;
     std::map<std::uint32_t, AddedScene> added_;

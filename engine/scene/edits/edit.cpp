@@ -176,14 +176,10 @@ Result<void> check_vertices(const Snapshot& scene, const std::vector<MeshVertice
 }
 
 Result<void> check_uids(const Snapshot& scene, const std::vector<InstanceUid>& uids) {
-    const SceneView& view = scene.view();
-    const bool ascend = std::ranges::is_sorted(uids, std::less_equal(), &InstanceUid::outermost);
-    if (!ascend ||
-        (!uids.empty() && uids.back().outermost >= view.objects[view.root].instance_count))
-        return fail(ErrorCode::field_invalid,
-                    "the instances with user ids are not in order, or not in the scene");
+    if (!std::ranges::is_sorted(uids, {}, &InstanceUid::instance))
+        return fail(ErrorCode::field_invalid, "the instances with user ids are not in order");
     if (scene.paths().node_count != 0 || uids.empty()) return {};
-    if (nested_instances(view, uids) > nested_uids_max)
+    if (nested_instances(scene.view(), uids) > nested_uids_max)
         return fail(ErrorCode::limit_exceeded,
                     fmt::format("user ids of more than {} instances within others change: "
                                 "change fewer at a time",
@@ -234,8 +230,8 @@ void set_mask(EditedArena& arena, const InstanceMask& change) {
 
 /// Sets the user ids of an instance and of all within it, which have objects of their own.
 void set_uid(EditedArena& arena, const InstanceUid& change) {
-    std::vector<InstancePlace> places = places_within(arena.view(), change.outermost, ~0ULL);
-    places.emplace_back(change.outermost);
+    std::vector<InstancePlace> places = places_within(arena.view(), change.instance, ~0ULL);
+    places.push_back(change.instance);
     for (const InstancePlace& place : places) {
         InstanceInfo& info = arena.info(steps_to(arena.view(), place).back().instance);
         info.uid = change.uid;
@@ -267,8 +263,8 @@ TouchedObjects touched_by(const SceneView& view, const SceneChanges& changes, bo
     }
     if (!with_uids) return touched;
     for (const InstanceUid& uid : changes.uids) {
-        touch(InstancePlace(uid.outermost));
-        for (const InstancePlace& place : places_within(view, uid.outermost, ~0ULL)) touch(place);
+        touch(uid.instance);
+        for (const InstancePlace& place : places_within(view, uid.instance, ~0ULL)) touch(place);
     }
     return touched;
 }
@@ -277,7 +273,9 @@ TouchedObjects touched_by(const SceneView& view, const SceneChanges& changes, bo
 Result<std::shared_ptr<const Snapshot>> change_in_place(const Snapshot& scene,
                                                         const SceneChanges& changes,
                                                         std::shared_ptr<const Snapshot> spare) {
-    EditedArena arena(Snapshot::copy_arena(scene, std::move(spare)), scene.view());
+    ArenaCopy copy = changes.is_last ? ArenaCopy{scene.copy_arena(), {}}
+                                     : Snapshot::copy_to_edit(scene, std::move(spare));
+    EditedArena arena(std::move(copy.arena), scene.view());
     for (const InstanceMask& change : changes.masks) set_mask(arena, change);
     for (const CameraMove& move : changes.cameras) arena.set_camera(move.camera, move.to_world);
     if (scene.paths().node_count == 0)
@@ -338,14 +336,14 @@ Result<std::shared_ptr<const Snapshot>> change_in_place(const Snapshot& scene,
     ++built.edits.refits;
     std::vector<std::uint32_t> objects;
     for (const auto& [object, unused] : places) objects.push_back(object);
-    std::vector<bool> changed = arena.changed();
+    PageSet changed = arena.changed();
     const double limit = rebuild_cost_factor * built.edits.built_cost;
     const bool may_rebuild = !places.empty() && !arena.object(root).has_own_primitives();
     TouchedObjects touched = touched_by(arena.view(), changes, scene.paths().node_count == 0);
     built.arena = arena.take();
-    auto edited = Snapshot::open_edited(
-        std::move(built), scene,
-        {std::move(changed), objects, refitted.root_cost, links, std::move(touched)});
+    auto edited = Snapshot::open_edited(std::move(built), scene,
+                                        {std::move(copy.sharing), std::move(changed), objects,
+                                         refitted.root_cost, links, std::move(touched)});
     if (!edited || !may_rebuild || (*edited)->statistics().trees.sah_cost <= limit) return edited;
     return rebuild(**edited);
 }
@@ -366,7 +364,9 @@ Result<std::shared_ptr<const Snapshot>> edit_scene(const Snapshot& scene,
         return tl::unexpected(known.error());
     if (auto sound = check_vertices(scene, changes.deformed); !sound)
         return tl::unexpected(sound.error());
-    if (auto known = check_uids(scene, changes.uids); !known) return tl::unexpected(known.error());
+    if (auto known = check_places(scene, changes.uids); !known)
+        return tl::unexpected(known.error());
+    if (auto sound = check_uids(scene, changes.uids); !sound) return tl::unexpected(sound.error());
     if (auto known = check_places(scene, changes.materials); !known)
         return tl::unexpected(known.error());
     if (auto sound = check_materials(scene, changes.materials); !sound)

@@ -58,8 +58,9 @@ struct SceneChanges {
     std::vector<AddedScene> added = {};
     std::vector<MeshVertices> deformed = {};
     std::vector<CameraMove> cameras = {};
-    std::vector<InstanceUid> uids = {};  ///< ascending
+    std::vector<InstanceUid> uids = {};  ///< ascending: what lies within another comes behind it
     std::vector<MeshMaterial> materials = {};
+    bool is_last = false;  ///< no edit follows this one: it gets a whole arena, on huge pages
 };
 
 /// The root's tree is built again once its expected cost is this many times that of its last build.

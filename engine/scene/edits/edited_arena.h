@@ -1,7 +1,8 @@
-// The parts of an arena that refitting edits change, and which bytes they have changed.
+// The parts of an arena that refitting edits change, and which pages they have changed.
 #pragma once
 
 #include "engine/scene/format.h"
+#include "engine/scene/page_set.h"
 #include "engine/scene/snapshot.h"
 
 #include <cstddef>
@@ -82,11 +83,9 @@ public:
         if (elements.empty()) return;
         const auto first = static_cast<std::size_t>(
             reinterpret_cast<const std::byte*>(elements.data()) - arena_.data());
-        const std::size_t last = (first + elements.size_bytes() - 1) / digest_piece_bytes;
-        for (std::size_t i = first / digest_piece_bytes; i <= last; ++i) changed_[i] = true;
+        changed_.add(first, first + elements.size_bytes() - 1);
     }
-    /// The pieces that have changed (scene/digest.h).
-    [[nodiscard]] const std::vector<bool>& changed() const { return changed_; }
+    [[nodiscard]] const PageSet& changed() const { return changed_; }
 
 private:
     format::Header& header() { return *reinterpret_cast<format::Header*>(arena_.data()); }
@@ -97,8 +96,7 @@ private:
 
     Arena arena_;
     SceneView view_;
-    std::vector<bool> changed_{
-        std::vector<bool>((arena_.size() + digest_piece_bytes - 1) / digest_piece_bytes)};
+    PageSet changed_{arena_.size()};
 };
 
 }  // namespace raynest

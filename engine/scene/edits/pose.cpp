@@ -173,12 +173,14 @@ Result<Moment> find_moment(const Snapshot& scene, std::string_view animation, do
         for (std::size_t i = 0; i < std::min(motion.animations.size(), listed_max); ++i) {
             const std::string name = name_of(motion, motion.animations[i]);
             known += fmt::format("{}{}", i == 0 ? "" : ", ",
-                                 name.empty() ? std::to_string(i) : '\'' + name + '\'');
+                                 name.empty() ? fmt::format("number {}", i) : '\'' + name + '\'');
         }
         return refuse(fmt::format("the scene has no animation '{}'; it has {}{}", animation, known,
                                   motion.animations.size() > listed_max ? ", ..." : ""));
     }
     const double most{motion.animations[index].seconds};
+    // Keys are float32: 0.7 s in a file is a little less.
+    if (static_cast<float>(seconds) == motion.animations[index].seconds) seconds = most;
     if (!(seconds >= 0 && seconds <= most))
         return refuse(
             fmt::format("the animation runs from 0 to {} s; {} is outside it", most, seconds));
@@ -198,7 +200,9 @@ Result<std::shared_ptr<const Snapshot>> pose(const Snapshot& scene, const Moment
                                              const EditGuard& guard) {
     if (auto room = guard.allows(bytes_to_pose(scene)); !room) return tl::unexpected(room.error());
     Poser poser(scene, moment);
-    return edit_scene(scene, poser.changes(), nullptr, guard);
+    SceneChanges changes = poser.changes();
+    changes.is_last = true;
+    return edit_scene(scene, changes, nullptr, guard);
 }
 
 }  // namespace raynest

@@ -82,9 +82,11 @@ Result<std::vector<InstancePlace>> shared_ways(const Snapshot& scene, const Scen
     for (const auto& mask : changes.masks)
         if (!mask.instance.below.empty()) ways.push_back(mask.instance);
     if (!has_nodes)
-        for (const auto& change : changes.uids)
-            std::ranges::move(places_within(view, change.outermost, nested_uids_max),
+        for (const auto& change : changes.uids) {
+            if (!change.instance.below.empty()) ways.push_back(change.instance);
+            std::ranges::move(places_within(view, change.instance, nested_uids_max),
                               std::back_inserter(ways));
+        }
     if (ways.empty() && changes.deformed.empty() && changes.materials.empty()) return ways;
     std::vector<std::uint32_t> uses(view.object_count);
     for (std::uint32_t i = 0; i < view.instance_count; ++i) ++uses[view.instances[i].object];

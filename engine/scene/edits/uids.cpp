@@ -1,6 +1,7 @@
 #include "engine/scene/edits/uids.h"
 
 #include "engine/scene/edits/placed_sums.h"
+#include "engine/scene/edits/shared_ways.h"
 
 #include <algorithm>
 #include <optional>
@@ -15,61 +16,105 @@ struct UidPart {
     std::optional<std::uint32_t> uid;  ///< nothing: the node's
 };
 
-/// Says which paths have which id: by the outermost instances, which lie one behind the other.
+/// The id that the paths of a node and of those below it get.
+struct Given {
+    bool any_path = false;
+    std::optional<std::uint32_t> uid;  ///< of all of them; nothing: several, or none
+
+    void add(const Given& other) {
+        if (!other.any_path) return;
+        if (!any_path)
+            *this = other;
+        else if (uid != other.uid)
+            uid.reset();
+    }
+};
+
+/// Consecutive paths that get one id.
+struct UidRange {
+    std::uint64_t begin, end;
+    std::uint32_t uid;
+};
+
+UidRange range_of(const SceneView& view, const InstanceUid& change) {
+    std::uint64_t begin = 0;
+    std::uint32_t object = view.root;
+    for (const WayStep& step : steps_to(view, change.instance)) {
+        begin += view.instances[step.instance].path_base;
+        object = view.instances[step.instance].object;
+    }
+    return {begin, begin + view.objects[object].placement_count, change.uid};
+}
+
+/// Returns disjoint ranges, ascending.
+std::vector<UidRange> ranges_of(const SceneView& view, std::span<const InstanceUid> uids) {
+    std::vector<UidRange> ranges, open;  // the open ones lie within each other
+    std::uint64_t at = 0;
+    const auto go_to = [&](std::uint64_t path) {
+        for (; !open.empty(); open.pop_back()) {
+            const UidRange& inner = open.back();
+            const std::uint64_t end = std::min(inner.end, path);
+            if (at < end) ranges.push_back({at, end, inner.uid});
+            at = std::max(at, end);
+            if (inner.end > path) break;
+        }
+        at = path;
+    };
+    for (const InstanceUid& change : uids) {
+        const UidRange range = range_of(view, change);
+        go_to(range.begin);
+        open.push_back(range);
+    }
+    go_to(~0ULL);
+    return ranges;
+}
+
+/// Says which paths have which id.
 class Uids {
 public:
-    Uids(const Snapshot& base, std::span<const InstanceUid> uids)
-        : view_(base.view()),
-          uids_(uids) {}
+    explicit Uids(std::span<const UidRange> ranges) : ranges_(ranges) {}
 
     /// Returns the id of a path, and the end of the paths from there on that have the same answer.
     /// Paths must ascend from call to call.
     std::pair<std::optional<std::uint32_t>, std::uint64_t> at(std::uint64_t path) {
-        while (!uids_.empty() && end() <= path) uids_ = uids_.subspan(1);
-        if (uids_.empty()) return {std::nullopt, ~0ULL};
-        if (path < begin()) return {std::nullopt, begin()};
-        return {uids_.front().uid, end()};
+        while (!ranges_.empty() && ranges_.front().end <= path) ranges_ = ranges_.subspan(1);
+        if (ranges_.empty()) return {std::nullopt, ~0ULL};
+        const UidRange& next = ranges_.front();
+        if (path < next.begin) return {std::nullopt, next.begin};
+        return {next.uid, next.end};
     }
 
 private:
-    [[nodiscard]] const InstanceRecord& instance() const {
-        return view_.instances[view_.objects[view_.root].first_instance + uids_.front().outermost];
-    }
-    [[nodiscard]] std::uint64_t begin() const { return instance().path_base; }
-    [[nodiscard]] std::uint64_t end() const {
-        return begin() + view_.objects[instance().object].placement_count;
-    }
-
-    const SceneView& view_;
-    std::span<const InstanceUid> uids_;
+    std::span<const UidRange> ranges_;
 };
 
 }  // namespace
 
 std::uint64_t nested_instances(const SceneView& view, std::span<const InstanceUid> uids) {
     const auto sums = placed_sums(view, [](const ObjectRecord&) { return std::uint64_t{1}; });
-    const std::uint32_t first = view.objects[view.root].first_instance;
     std::uint64_t nested = 0;
-    for (const InstanceUid& change : uids)
+    for (const InstanceUid& change : uids) {
+        const std::uint64_t itself = change.instance.below.empty() ? 0 : 1;
         nested = std::min<std::uint64_t>(
-            1ULL << 62, nested + sums[view.instances[first + change.outermost].object] - 1);
+            1ULL << 62, nested + sums[object_of(view, change.instance)] - 1 + itself);
+    }
     return nested;
 }
 
-std::vector<InstancePlace> places_within(const SceneView& view, std::uint32_t outermost,
+std::vector<InstancePlace> places_within(const SceneView& view, const InstancePlace& place,
                                          std::uint64_t most) {
     std::vector<InstancePlace> places;
-    std::vector<std::uint32_t> way;
+    std::vector<std::uint32_t> way = place.below;
     const auto look = [&](const auto& self, std::uint32_t object) -> void {
         const ObjectRecord& record = view.objects[object];
         for (std::uint32_t i = 0; i < record.instance_count && places.size() < most; ++i) {
             way.push_back(i);
-            places.emplace_back(outermost, way);
+            places.emplace_back(place.outermost, way);
             self(self, view.instances[record.first_instance + i].object);
             way.pop_back();
         }
     };
-    look(look, view.instances[view.objects[view.root].first_instance + outermost].object);
+    look(look, object_of(view, place));
     return places;
 }
 
@@ -77,7 +122,8 @@ void set_node_uids(const Snapshot& base, std::span<const InstanceUid> uids, Cont
     const std::vector<PathNode> nodes = std::exchange(content.path_nodes, {});
     const std::vector<PathRun> runs = std::exchange(content.path_runs, {});
     std::vector<std::vector<UidPart>> parts(nodes.size());
-    Uids wanted(base, uids);
+    const std::vector<UidRange> ranges = ranges_of(base.view(), uids);
+    Uids wanted(ranges);
     struct Begin {
         std::uint64_t path;
         std::uint32_t node, part, number;
@@ -98,17 +144,31 @@ void set_node_uids(const Snapshot& base, std::span<const InstanceUid> uids, Cont
     }
     // Further parts of a node stand behind it, as siblings do, and breadth first stays.
     std::vector<std::uint32_t> made(nodes.size());
+    std::vector<Given> given;          // by node
+    std::vector<bool> places_nothing;  // by node: itself
     for (std::uint32_t i = 0; i < nodes.size(); ++i) {
         made[i] = static_cast<std::uint32_t>(content.path_nodes.size());
         PathNode node = nodes[i];
         node.parent = made[node.parent];
         node.first_run = no_id;
-        if (parts[i].empty()) content.path_nodes.push_back(node);
+        if (parts[i].empty()) {
+            content.path_nodes.push_back(node);
+            given.emplace_back();
+            places_nothing.push_back(true);
+        }
         for (const UidPart& part : parts[i]) {
             PathNode& own = content.path_nodes.emplace_back(node);
             if (&part != &parts[i].front()) own.number = part.number;
             own.source = part.uid.value_or(node.source);
+            given.push_back({true, part.uid});
+            places_nothing.push_back(false);
         }
+    }
+    // A node that places nothing itself has the id that all below it get.
+    for (std::size_t i = given.size(); i-- > 1;) {
+        PathNode& node = content.path_nodes[i];
+        if (places_nothing[i]) node.source = given[i].uid.value_or(node.source);
+        given[node.parent].add(given[i]);
     }
     for (const Begin& begin : begins) {
         const std::uint32_t node = made[begin.node] + begin.part;

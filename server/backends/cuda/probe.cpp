@@ -37,15 +37,16 @@ std::vector<Ray> random_rays(const Box& bounds) {
     return rays;
 }
 
-struct Answers {
+struct ProbeAnswers {
     std::vector<HitRecord> hits;
     std::vector<std::uint32_t> counts;
 
-    explicit Answers(std::uint32_t hits_max)
+    explicit ProbeAnswers(std::uint32_t hits_max)
         : hits(std::size_t{ray_count} * hits_max),
           counts(ray_count) {}
 
-    [[nodiscard]] bool same_as(const Answers& other, std::uint32_t hits_max, bool multi) const {
+    [[nodiscard]] bool same_as(const ProbeAnswers& other, std::uint32_t hits_max,
+                               bool multi) const {
         for (std::size_t i = 0; i < ray_count; ++i) {
             const std::size_t count = multi ? counts[i] : 1;
             if (counts[i] != other.counts[i] || count > hits_max) return false;
@@ -78,8 +79,8 @@ Result<void> probe(std::span<const Variant* const> variants, const ProbeTrace& t
                 call.ray_count = ray_count;
                 call.hits_max = query == query_multi ? multi_hits : 1;
                 call.mask = 0xFFFFFFFFU;
-                Answers ours(call.hits_max);
-                Answers theirs(call.hits_max);
+                ProbeAnswers ours(call.hits_max);
+                ProbeAnswers theirs(call.hits_max);
                 const auto function = find_function(*variant, query, traversal_single);
                 if (!function) return tl::unexpected(function.error());
                 call.hits = ours.hits.data();

@@ -15,7 +15,7 @@ namespace {
 
 /// Number of looks, 1 s in all, to wait for the end of a process that was killed or hung up.
 constexpr int polls_max = 200;
-constexpr std::chrono::milliseconds poll_interval{5};
+constexpr std::chrono::milliseconds exit_poll_interval{5};
 constexpr std::chrono::milliseconds stop_look{50};
 
 /// Waits on a thread of its own for a killed process that its driver keeps from ending. If no
@@ -145,7 +145,7 @@ std::optional<std::string> Process::end() const {
 std::string Process::reap() const {
     for (int i = 0; i < polls_max; ++i) {
         if (auto ended = end()) return *ended;
-        std::this_thread::sleep_for(poll_interval);
+        std::this_thread::sleep_for(exit_poll_interval);
     }
     return "went away";
 }
@@ -155,7 +155,7 @@ Process::~Process() {
     kill();
     int looks = 0;
     while (looks < polls_max && ::waitpid(pid_, nullptr, WNOHANG) == 0) {
-        std::this_thread::sleep_for(poll_interval);
+        std::this_thread::sleep_for(exit_poll_interval);
         ++looks;
     }
     if (looks == polls_max) wait_elsewhere(pid_);

@@ -5,7 +5,7 @@
 #include "protocol/text.h"
 #include "server/execution/kept_selections.h"
 #include "server/ground/metrics.h"
-#include "server/jobs/scene_poser.h"
+#include "server/requests/words/at_moment.h"
 #include "server/requests/words/idle_options.h"
 #include "server/scheduling/peers.h"
 #include "server/store/scene_store.h"
@@ -110,15 +110,8 @@ Reply<Plan> make_plan(const Services& services, const Caller& caller, const wire
     Plan plan;
     auto scene = services.scenes.find(text(job.scene()), job.epoch(), caller);
     if (!scene) return tl::unexpected(scene.error());
-    if (posing == Posing::by_job) {
-        // The job reads the moment.
-    } else if (job.timed() && services.poser != nullptr) {
-        scene = services.poser->find(*scene, text(job.animation()), job.time(), caller);
-        if (!scene) return tl::unexpected(scene.error());
-    } else if (!text(job.animation()).empty()) {
-        return refuse(Code::invalid_field,
-                      "`animation` is given and no moment of it: give `time`, too");
-    }
+    if (posing == Posing::by_plan) scene = at_moment(services, caller, std::move(*scene), job);
+    if (!scene) return tl::unexpected(scene.error());
     plan.scene = std::move(*scene);
     std::string_view intersector = word(job.intersector(), "auto");
     if (lit && intersector == "auto" && plan.scene.snapshot().view().blended_materials != 0 &&

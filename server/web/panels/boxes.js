@@ -2,6 +2,7 @@
 import { levelColour } from "./explain.js";
 import { askDocument, latest } from "../documents.js";
 import { element, field, fillSelect } from "../dom.js";
+import { momentOf } from "../requests.js";
 
 const BOXES_MAX = 1200;
 
@@ -47,14 +48,14 @@ export function boxesSection(app) {
       return overlay.boxes("trees", []);
     }
     return run(async (signal) => {
-      const document = await askDocument(daemon, "Structure", { scene: store.values.scene, kind: "boxes", level: chosen.level, count: BOXES_MAX,
+      const document = await askDocument(daemon, "Structure", { scene: store.values.scene, ...momentOf(store.values), kind: "boxes", level: chosen.level, count: BOXES_MAX,
         depth_min: chosen.least, depth_max: chosen.most, ...(chosen.one ? { one: true, first: String(path) } : {}) }, { signal });
       const boxes = document.trees.flatMap((tree) => tree.boxes.map((box) => placed(tree, box, model.origin)));
       overlay.boxes("trees", boxes);
       hint.textContent = `${boxes.length} boxes of ${document.trees.length} trees${document.complete ? "" : "; more are left out: choose fewer depths, or one instance"}.`;
     });
   }
-  store.on(["boxes", "scene"], () => { levels(); show(); });
+  store.on(["boxes", "scene", "time", "animation"], () => { levels(); show(); });
   selection.addEventListener("change", () => { if (parseBoxes(store.values.boxes)?.one) show(); });
   model.addEventListener("change", () => { levels(); show(); });
   levels();

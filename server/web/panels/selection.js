@@ -2,7 +2,7 @@
 // pixels that show it have an outline.
 import { cameraTable, generator } from "../camera.js";
 import { askDocument, latest } from "../documents.js";
-import { jobOf } from "../requests.js";
+import { jobOf, momentOf } from "../requests.js";
 import { traceQuery } from "../tracer.js";
 import { RAY_KEYS } from "../store.js";
 
@@ -56,7 +56,7 @@ export class Selection extends EventTarget {
     if (!chosen) return [];
     const range = chosen.kind === "placements" ? chosen : await this.#shown();
     if (!range) return [];
-    const document = await askDocument(daemon, "Structure", { scene: store.values.scene, kind: "placements",
+    const document = await askDocument(daemon, "Structure", { scene: store.values.scene, ...momentOf(store.values), kind: "placements",
       first: String(range.first), count: Number(range.count > 256n ? 256n : range.count) });
     return document.rows;
   }

@@ -1,10 +1,12 @@
 // The cost of an edit: one of many instances of a sphere moves, over a build of the same scene, and
 // over what Embree's top level costs where Embree is there. CPU time of the whole process; best of
-// each.
+// each. The memory and cost of 1,000 epochs, each of which somebody holds. With VERTICES, the cost of
+// a skinned mesh of so many at another moment.
 //
-//   raynest-bench-edits [INSTANCES] [ROUNDS]      prints one JSON object
+//   raynest-bench-edits [INSTANCES] [ROUNDS] [VERTICES]      prints one JSON object
 #include "engine/scene/edits/edit.h"
-#include "tests/bench/clock.h"
+#include "tests/bench/edits/measured.h"
+#include "tests/bench/edits/skin.h"
 
 #include <nlohmann/json.hpp>
 
@@ -17,17 +19,23 @@
 #include <algorithm>
 #include <cmath>
 #include <cstdint>
+#include <cstdio>
 #include <cstdlib>
+#include <fstream>
 #include <iostream>
 #include <limits>
 #include <memory>
 #include <stdexcept>
+#include <string>
 #include <utility>
 #include <vector>
 
 namespace {
 
 using namespace raynest;
+using bench::best_of;
+using bench::built;
+using bench::cpu;
 
 GeometryDescription sphere() {
     constexpr int rings = 16, segments = 24;
@@ -54,25 +62,14 @@ Transform at(std::uint32_t i, std::uint32_t count, float shift) {
     return {{1, 0, 0, place(i) + shift, 0, 1, 0, place(i / side), 0, 0, 1, place(i / side / side)}};
 }
 
-double cpu() {
-    return bench::seconds_of(CLOCK_PROCESS_CPUTIME_ID);
-}
-
-template <class Work>
-double best_of(int rounds, Work&& work) {
-    double best = std::numeric_limits<double>::infinity();
-    for (int i = 0; i < rounds; ++i) {
-        const double begin = cpu();
-        work(i);
-        best = std::min(best, cpu() - begin);
+/// Memory of this process; what is mapped several times counts once.
+double resident_bytes() {
+    std::ifstream status("/proc/self/smaps_rollup");
+    for (std::string line; std::getline(status, line);) {
+        double kib = 0;
+        if (std::sscanf(line.c_str(), "Pss: %lf kB", &kib) == 1) return kib * 1024;
     }
-    return best;
-}
-
-std::shared_ptr<const Snapshot> built(const SceneDescription& description) {
-    auto scene = Snapshot::build(description);
-    if (!scene) throw std::runtime_error(scene.error().message);
-    return std::move(*scene);
+    throw std::runtime_error("the system does not tell the memory of this process");
 }
 
 #ifdef RAYNEST_EMBREE
@@ -121,7 +118,7 @@ double embree_commit(const GeometryDescription& mesh, std::uint32_t count, int r
 }
 #endif
 
-void run(std::uint32_t count, int rounds) {
+void run(std::uint32_t count, int rounds, std::uint32_t vertices) {
     SceneDescription description;
     description.objects.resize(2);
     description.objects[0].geometries.push_back(sphere());
@@ -151,12 +148,36 @@ void run(std::uint32_t count, int rounds) {
             every.push_back({i, at(i, count, 0.1F * static_cast<float>(round % 7))});
         edit(every);
     });
+    // An epoch that is held leaves no memory to the edit after the next.
+    std::vector<std::shared_ptr<const Snapshot>> held;
+    const auto edit_and_hold = [&](std::uint32_t which, int round) {
+        const Transform to = at(which, count, 0.1F * static_cast<float>(round % 7));
+        auto next = edit_scene(*scene, {{{which, to}}, {}, {}, {}});
+        if (!next) throw std::runtime_error(next.error().message);
+        held.push_back(std::exchange(scene, std::move(*next)));
+    };
+    for (int i = 0; i < 3; ++i) edit_and_hold(0, i);  // what all share is written once
+    constexpr int epochs = 1000;
+    nlohmann::json held_rows;
+    for (const auto& [name, step] : {std::pair{"same", 0U}, std::pair{"others", 97U}}) {
+        held.clear();
+        const double resident = resident_bytes(), begin = cpu();
+        for (int i = 0; i < epochs; ++i)
+            edit_and_hold((count / 2 + static_cast<std::uint32_t>(i) * step) % count, i);
+        const double seconds = (cpu() - begin) / epochs;
+        held_rows[name] = {{"move_cpu_seconds", seconds},
+                           {"move_over_build", seconds / build},
+                           {"bytes_per_epoch", (resident_bytes() - resident) / epochs}};
+    }
+
     nlohmann::json answer{{"instances", count},
                           {"build_cpu_seconds", build},
                           {"move_one_cpu_seconds", one},
                           {"move_all_cpu_seconds", all},
                           {"move_one_over_build", one / build},
-                          {"move_all_over_build", all / build}};
+                          {"move_all_over_build", all / build},
+                          {"scene_bytes", scene->bytes().size()},
+                          {"held", held_rows}};
 #ifdef RAYNEST_EMBREE
     const double low = embree_commit(description.objects[0].geometries[0], count,
                                      std::max(3, rounds / 5), RTC_BUILD_QUALITY_LOW);
@@ -164,6 +185,7 @@ void run(std::uint32_t count, int rounds) {
     answer["embree_commit_low_cpu_seconds"] = low;
     answer["move_one_over_embree_commit"] = one / low;
 #endif
+    if (vertices != 0) answer.update(bench::skin_figures(vertices, rounds));
     std::cout << answer.dump(2) << '\n';
 }
 
@@ -172,7 +194,8 @@ void run(std::uint32_t count, int rounds) {
 int main(int count, char** arguments) {
     try {
         run(count > 1 ? static_cast<std::uint32_t>(std::atoi(arguments[1])) : 100'000,
-            count > 2 ? std::atoi(arguments[2]) : 50);
+            count > 2 ? std::atoi(arguments[2]) : 50,
+            count > 3 ? static_cast<std::uint32_t>(std::atoi(arguments[3])) : 0);
         return 0;
     } catch (const std::exception& error) {
         std::cerr << "raynest-bench-edits: " << error.what() << '\n';

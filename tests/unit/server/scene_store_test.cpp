@@ -1,10 +1,14 @@
 #include "server/store/scene_store.h"
 
+#include "engine/assets/builtin/builtin.h"
 #include "engine/packs/registry.h"
+#include "engine/scene/edits/edit.h"
 #include "server/documents/scene_info.h"
 #include "tests/unit/engine/small_scenes.h"
 
 #include <doctest/doctest.h>
+
+#include <vector>
 
 namespace raynest::server {
 namespace {
@@ -83,6 +87,32 @@ TEST_CASE(
     const std::uint64_t kept = budget.used();
     store.drop_spares();
     CHECK(budget.used() < kept);
+}
+
+TEST_CASE("memory that epochs share is counted once, as long as one of them is there") {
+    Budget budget(1 << 30);
+    SceneStore store(budget);
+    const auto forest = *Snapshot::build(*describe_builtin("builtin:forest?trees=3000"));
+    const std::uint64_t whole = forest->bytes().size();
+    std::vector<NamedScene> held{*store.publish("a", forest, {}, of("me"))};
+    for (std::uint32_t i = 0; i < 40; ++i) {
+        const SceneView& view = held.back().snapshot().view();
+        Transform to = view.instance_infos[view.objects[view.root].first_instance + i].to_parent;
+        to.m[7] += 1;
+        const auto edited = edit_scene(held.back().snapshot(), {{{i, to}}, {}, {}, {}});
+        REQUIRE(edited);
+        held.push_back(**store.publish_edit(held.back(), *edited, of("me")));
+        std::uint64_t counted = held.size() > 2 ? whole : 0;
+        for (const NamedScene& epoch : held) counted += epoch.snapshot().own_bytes();
+        CHECK(budget.used() == counted);
+        CHECK(store.bytes() == counted);
+    }
+    CHECK(budget.used() < 20 * whole);
+    held.erase(held.begin(), held.end() - 1);
+    CHECK(store.unload("a", of("me")));
+    CHECK(budget.used() == whole + held[0].snapshot().own_bytes());
+    held.clear();
+    CHECK(budget.used() == 0);
 }
 
 TEST_CASE("equal content is held once, and memory returns with the last holder") {

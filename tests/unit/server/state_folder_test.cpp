@@ -10,10 +10,12 @@
 
 #include <filesystem>
 #include <fstream>
+#include <limits>
 #include <memory>
 #include <set>
 #include <string>
 #include <thread>
+#include <vector>
 
 namespace raynest::server {
 namespace {
@@ -160,7 +162,14 @@ TEST_CASE("a blob that is not as it was written is found out, and written anew a
         file.put(good).flush();
         CHECK(read_stored(test.path, digest, bytes, {}));
     }
-    state->set_aside(digest);
+    // The same bytes as a new file, as a load writes them while the damaged ones are read.
+    const std::uint64_t damaged = read_stored(test.path, digest, bytes + 1, {}).error().inode;
+    std::filesystem::copy_file(test.blobs / digest, test.blobs / ".again");
+    std::filesystem::rename(test.blobs / ".again", test.blobs / digest);
+    state->set_aside(digest, damaged);
+    CHECK(names_in(test.path / "damaged").empty());
+    const std::uint64_t now = read_stored(test.path, digest, bytes + 1, {}).error().inode;
+    state->set_aside(digest, now);
     CHECK(names_in(test.path / "damaged") == std::set{digest});
     CHECK(read_stored(test.path, digest, bytes, {}).error().why == "its file is gone");
     REQUIRE(state->keep(digest, test.one->bytes(), never));
@@ -184,6 +193,46 @@ TEST_CASE("a manifest that is not as it was written refuses the start") {
     CHECK(test.refusal().find("a newer one wrote it") != std::string::npos);
     test.run("PRAGMA user_version=3; PRAGMA application_id=5");
     CHECK(test.refusal().find("it is not one of raynestd") != std::string::npos);
+}
+
+TEST_CASE("a row that no release has written refuses the start, whatever its checksum says") {
+    const std::vector<void (*)(StoredScene&)> forgeries = {
+        [](StoredScene& row) { row.number = ~0ULL; },
+        [](StoredScene& row) { row.epoch = 0; },
+        [](StoredScene& row) { row.epoch = ~0ULL; },
+        [](StoredScene& row) { row.bytes = ~0ULL; },
+        [](StoredScene& row) { row.used = -1; },
+        [](StoredScene& row) { row.used = std::numeric_limits<std::int64_t>::max() / 2; },
+        [](StoredScene& row) { row.owner.clear(); },
+        [](StoredScene& row) { row.name = "two\nlines"; },
+        [](StoredScene& row) { row.name = "\xFF"; },
+        [](StoredScene& row) { row.name.assign(1 << 20, 'n'); },
+        [](StoredScene& row) { row.digest = "../../etc/passwd"; },
+        [](StoredScene& row) { row.content.assign(1 << 20, 'c'); },
+    };
+    for (std::size_t i = 0; i < forgeries.size(); ++i) {
+        CAPTURE(i);
+        const Folder test;
+        test.store(*test.open(), "a", *test.one);
+        StoredScene forged = row("b", *test.one, 2);
+        forgeries[i](forged);
+        REQUIRE(Manifest::open(test.path / "manifest.sqlite")->put(forged));
+        CHECK(test.refusal().find("is not as it was written") != std::string::npos);
+    }
+    const Folder test;
+    test.store(*test.open(), "a", *test.one);
+    test.run("INSERT INTO edits VALUES(1, 1000, 3, '', 0, 0, X'', 12345)");
+    CHECK(test.refusal().find("epoch 1000 of scene 1 is not as it was written") !=
+          std::string::npos);
+}
+
+TEST_CASE("a folder of blobs behind a link is left alone") {
+    const Folder test;
+    const test::TemporaryFolder documents;
+    std::ofstream(documents.path() / "thesis.txt") << "years";
+    fs::create_directory_symlink(documents.path(), test.blobs);
+    CHECK(test.refusal().find("not a link to one") != std::string::npos);
+    CHECK(fs::exists(documents.path() / "thesis.txt"));
 }
 
 TEST_CASE("a manifest of a release that did not note the content is read, and written on") {

@@ -1,0 +1,200 @@
+#include "engine/scene/edits/uid_finder.h"
+
+#include "engine/scene/content.h"
+
+#include <fmt/format.h>
+
+#include <algorithm>
+#include <cstddef>
+#include <utility>
+
+namespace raynest {
+namespace {
+
+using Places = std::vector<std::vector<InstancePlace>>;
+
+/// Finds instances whose own id is sought. The scene's nodes have none.
+class OwnUids {
+public:
+    OwnUids(const SceneView& view, std::span<const std::uint32_t> uids,
+            const std::function<bool()>& stopped)
+        : view_(view),
+          uids_(uids),
+          stopped_(stopped),
+          leads_to_one_(view.object_count),
+          above_(uids.size()),
+          found_(uids.size()) {}
+
+    Result<Places> find() {
+        // Children are stored before their parents.
+        for (std::uint32_t i = 0; i < view_.object_count; ++i) {
+            if (i % 1024 == 0 && stopped_()) return fail(ErrorCode::limit_exceeded, "stopped");
+            const ObjectRecord& object = view_.objects[i];
+            for (std::uint32_t k = 0; k < object.instance_count && !leads_to_one_[i]; ++k) {
+                const std::uint32_t at = object.first_instance + k;
+                leads_to_one_[i] =
+                    number_of(at) != uids_.size() || leads_to_one_[view_.instances[at].object];
+            }
+        }
+        if (auto entered = enter(view_.root); !entered) return tl::unexpected(entered.error());
+        return std::move(found_);
+    }
+
+private:
+    /// Returns the place of an instance's id among those that are sought, or their count.
+    [[nodiscard]] std::size_t number_of(std::uint32_t instance) const {
+        const std::uint32_t uid = view_.instance_infos[instance].uid;
+        const auto at = std::ranges::lower_bound(uids_, uid);
+        return at != uids_.end() && *at == uid ? static_cast<std::size_t>(at - uids_.begin())
+                                               : uids_.size();
+    }
+
+    Result<void> enter(std::uint32_t object) {
+        if (!leads_to_one_[object]) return {};
+        const ObjectRecord& record = view_.objects[object];
+        for (std::uint32_t i = 0; i < record.instance_count; ++i) {
+            if (i % 1024 == 0 && stopped_()) return fail(ErrorCode::limit_exceeded, "stopped");
+            if (!way_.empty() && ++looked_at_ > uid_instances_max)
+                return fail(ErrorCode::limit_exceeded,
+                            fmt::format("the user ids may stand for more than {} instances within "
+                                        "others: name the paths",
+                                        uid_instances_max));
+            const std::uint32_t at = record.first_instance + i;
+            const std::size_t number = number_of(at);
+            way_.push_back(i);
+            if (number != uids_.size() && above_[number]++ == 0)
+                found_[number].emplace_back(way_.front(),
+                                            std::vector(way_.begin() + 1, way_.end()));
+            const auto entered = enter(view_.instances[at].object);
+            if (number != uids_.size()) --above_[number];
+            way_.pop_back();
+            if (!entered) return entered;
+        }
+        return {};
+    }
+
+    const SceneView& view_;
+    const std::span<const std::uint32_t> uids_;
+    const std::function<bool()>& stopped_;
+    std::vector<bool> leads_to_one_;    ///< by object: it places an instance that is sought
+    std::vector<std::uint32_t> above_;  ///< by id: how many on the way have it
+    std::vector<std::uint32_t> way_;
+    std::uint64_t looked_at_ = 0;  ///< nested instances
+    Places found_;
+};
+
+/// Finds instances whose placements are all those of a node, or below it, whose id is sought.
+class NodeUids {
+public:
+    NodeUids(const Snapshot& scene, std::span<const std::uint32_t> uids,
+             const std::function<bool()>& stopped)
+        : view_(scene.view()),
+          paths_(scene.paths()),
+          path_count_(scene.statistics().instances),
+          uids_(uids),
+          stopped_(stopped) {}
+
+    Result<Places> find() {
+        const auto ranges = ranges_by_uid();
+        if (!ranges) return tl::unexpected(ranges.error());
+        Places found(uids_.size());
+        for (std::size_t number = 0; number < uids_.size(); ++number)
+            for (const Range& range : (*ranges)[number]) {
+                if (stopped_()) return fail(ErrorCode::limit_exceeded, "stopped");
+                if (auto entered = enter(view_.root, 0, range, found[number]); !entered)
+                    return tl::unexpected(entered.error());
+            }
+        return found;
+    }
+
+private:
+    /// Paths behind each other.
+    struct Range {
+        std::uint64_t begin, end;
+    };
+
+    /// Returns the paths of each id, those that follow each other in one range.
+    Result<std::vector<std::vector<Range>>> ranges_by_uid() {
+        constexpr std::uint32_t none = ~0U;
+        // By node: the next one upwards, itself included, whose id is sought, and the number of it.
+        struct Sought {
+            std::uint32_t node = none, number = none;
+        };
+        std::vector<Sought> sought(paths_.node_count);
+        for (std::uint32_t i = 1; i < paths_.node_count; ++i) {
+            const auto at = std::ranges::lower_bound(uids_, paths_.nodes[i].source);
+            sought[i] = at != uids_.end() && *at == paths_.nodes[i].source
+                            ? Sought{i, static_cast<std::uint32_t>(at - uids_.begin())}
+                            : sought[paths_.nodes[i].parent];
+        }
+        std::vector<std::vector<Range>> ranges(uids_.size());
+        for (std::uint32_t r = 0; r < paths_.run_count; ++r) {
+            if (r % 1024 == 0 && stopped_()) return fail(ErrorCode::limit_exceeded, "stopped");
+            const Range run{paths_.runs[r].first_path,
+                            r + 1 < paths_.run_count ? paths_.runs[r + 1].first_path : path_count_};
+            Sought next = sought[paths_.runs[r].node];
+            for (; next.node != none; next = sought[paths_.nodes[next.node].parent]) {
+                std::vector<Range>& of = ranges[next.number];
+                if (!of.empty() && of.back().end >= run.begin)
+                    of.back().end = run.end;
+                else
+                    of.push_back(run);
+                if (++looked_at_ > uid_instances_max + paths_.run_count) return too_many();
+            }
+        }
+        return ranges;
+    }
+
+    /// Notes the instances within an object, whose first path is `base`, that a range covers.
+    Result<void> enter(std::uint32_t object, std::uint64_t base, const Range& range,
+                       std::vector<InstancePlace>& found) {
+        const ObjectRecord& record = view_.objects[object];
+        const std::span instances(view_.instances + record.first_instance, record.instance_count);
+        // The last one that begins at or before the range is the first that it may cover.
+        auto at = std::ranges::upper_bound(instances, range.begin - std::min(base, range.begin), {},
+                                           &InstanceRecord::path_base);
+        if (at != instances.begin()) --at;
+        for (; at != instances.end() && base + at->path_base < range.end; ++at) {
+            if (!way_.empty() && ++looked_at_ > uid_instances_max + paths_.run_count)
+                return too_many();
+            const std::uint64_t first = base + at->path_base;
+            const std::uint64_t end = first + view_.objects[at->object].placement_count;
+            if (end <= range.begin || first == end) continue;
+            way_.push_back(static_cast<std::uint32_t>(at - instances.begin()));
+            Result<void> entered;
+            if (range.begin <= first && end <= range.end)
+                found.emplace_back(way_.front(), std::vector(way_.begin() + 1, way_.end()));
+            else
+                entered = enter(at->object, first, range, found);
+            way_.pop_back();
+            if (!entered) return entered;
+        }
+        return {};
+    }
+
+    static tl::unexpected<Error> too_many() {
+        return fail(ErrorCode::limit_exceeded,
+                    fmt::format("the user ids may stand for more than {} placements: name the "
+                                "paths",
+                                uid_instances_max));
+    }
+
+    const SceneView& view_;
+    const PathTable& paths_;
+    const std::uint64_t path_count_;
+    const std::span<const std::uint32_t> uids_;
+    const std::function<bool()>& stopped_;
+    std::vector<std::uint32_t> way_;
+    std::uint64_t looked_at_ = 0;
+};
+
+}  // namespace
+
+Result<std::vector<std::vector<InstancePlace>>> find_uids(const Snapshot& scene,
+                                                          std::span<const std::uint32_t> uids,
+                                                          const std::function<bool()>& stopped) {
+    return scene.paths().node_count == 0 ? OwnUids(scene.view(), uids, stopped).find()
+                                         : NodeUids(scene, uids, stopped).find();
+}
+
+}  // namespace raynest
