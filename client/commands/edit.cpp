@@ -52,8 +52,7 @@ constexpr std::array<Word, 10> words{{
      "PATH=DX,DY,DZ, or PATH= and a 3x4 matrix row by row: moves what is at PATH, in the world. "
      "In PATH * stands for any text, and all below a path moves with it; inst=N is the outermost "
      "instance N, uid=N what has the user id N. This option and those below may be repeated; they "
-     "act in the order given, "
-     "except that --add and --remove act last"},
+     "act in the order given, except that --add and --remove act last"},
     {"turn", EditRow::move, EditRow::own, a_move,
      "PATH= as for --move, in the coordinates of the object itself: a wheel about its axle"},
     {"place", EditRow::place, EditRow::world, a_matrix,

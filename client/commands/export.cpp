@@ -69,7 +69,8 @@ Result<void> run(Context& context, const ExportOptions& options) {
         if (!text) return tl::unexpected<Failure>(text.error());
         composition = std::move(text->bytes);
     }
-    // Both or none: a file beside the composition of another epoch would stand elsewhere.
+    // Both are here before one is written: beside the composition of another epoch a file would
+    // stand elsewhere.
     if (auto written = write_file(glb, file->bytes); !written) return written;
     if (composes)
         if (auto written = write_file(options.output, composition); !written) return written;

@@ -18,13 +18,6 @@ namespace {
 /// A daemon that has no time for it leaves the EPO out.
 constexpr std::chrono::milliseconds epo_wait{3000};
 
-template <class Request>
-void put(const MomentOptions& moment, Request& request) {
-    request.timed = moment.time.has_value();
-    request.time = moment.time.value_or(0);
-    request.animation = moment.animation;
-}
-
 struct Parts {
     Json json = Json::array();
     std::vector<std::vector<std::string>> rows;
@@ -84,7 +77,7 @@ Result<Json> ask_epo(Context& context, const wire::SceneInfo& info, const Moment
     request.kind = "tree";
     request.count = 1;
     request.deadline_ms = static_cast<std::uint32_t>(epo_wait.count());
-    put(moment, request);
+    put_moment(moment, request);
     if (auto started = context.connection.start(request, epo_wait); !started)
         return tl::unexpected<Failure>(started.error());
     const auto answer = receive_picture(context.connection, context.progress, document_room());
@@ -127,7 +120,7 @@ Result<void> run(Context& context, const InfoOptions& options) {
     }
     wire::InfoT request;
     request.scene = options.scene;
-    put(options.moment, request);
+    put_moment(options.moment, request);
     const auto info = ask<wire::SceneInfo>(context.connection, request);
     if (!info) return tl::unexpected<Failure>(info.error());
     const auto epo = ask_epo(context, *info->message.table, options.moment);

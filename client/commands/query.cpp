@@ -94,8 +94,10 @@ std::string content_of(const RaySource& rays, const std::vector<TableOption>& ta
         const std::array origin{from->x(), from->y(), from->z()};
         hash = protocol::upload_checksum(std::as_bytes(std::span(origin)), hash);
     }
-    for (const TableOption& table : tables)
+    for (const TableOption& table : tables) {
+        hash = protocol::upload_checksum(std::as_bytes(std::span(table.name)), hash);
         hash = protocol::upload_checksum(std::as_bytes(std::span(table.values)), hash);
+    }
     return std::to_string(rays.count()) + " rays, " + std::to_string(hash);
 }
 

@@ -38,9 +38,7 @@ std::unique_ptr<wire::JobT> job_message(const JobOptions& options) {
     job->priority = options.priority;
     job->detach = options.detach;
     add_selection(options, *job);
-    job->timed = options.time.has_value();
-    job->time = options.time.value_or(0);
-    job->animation = options.animation;
+    put_moment(options, *job);
     job->deadline_ms = static_cast<std::uint32_t>(deadline_of(options.deadline).count());
     return job;
 }

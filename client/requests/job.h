@@ -14,6 +14,13 @@
 namespace raynest::client {
 
 [[nodiscard]] std::unique_ptr<wire::JobT> job_message(const JobOptions& options);
+/// Asks for the scene at a moment: in a Job, an Info or a Structure.
+template <class Message>
+void put_moment(const MomentOptions& moment, Message& message) {
+    message.timed = moment.time.has_value();
+    message.time = moment.time.value_or(0);
+    message.animation = moment.animation;
+}
 [[nodiscard]] std::unique_ptr<wire::CameraT> camera_message(const CameraOptions& options,
                                                             const WorldPoint& origin);
 /// Converts --deadline; 0 means no deadline.

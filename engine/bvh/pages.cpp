@@ -1,10 +1,8 @@
 #include "engine/bvh/pages.h"
 
 #include <sys/mman.h>
-#include <unistd.h>
 
 #include <algorithm>
-#include <cerrno>
 #include <cstdint>
 #include <fstream>
 #include <new>
@@ -26,28 +24,14 @@ std::byte* map(std::size_t size, int file) {
 
 }  // namespace
 
-SharedPages::SharedPages(std::span<const std::byte> bytes)
-    : size_(bytes.size()),
-      file_(memfd_create("raynest arena", MFD_CLOEXEC)) {
-    constexpr std::size_t at_once = std::size_t{1} << 30;
-    while (file_ >= 0 && !bytes.empty()) {
-        const ssize_t written = write(file_, bytes.data(), std::min(bytes.size(), at_once));
-        if (written < 0 && errno == EINTR) continue;
-        if (written <= 0) {
-            close(file_);
-            throw std::bad_alloc();
-        }
-        bytes = bytes.subspan(static_cast<std::size_t>(written));
-    }
-    if (file_ < 0) throw std::bad_alloc();
-}
-
-SharedPages::~SharedPages() {
-    close(file_);
+SharedPages::SharedPages(std::span<const std::byte> bytes) : size_(bytes.size()) {
+    auto file = create_memory_file("raynest arena");
+    if (!file || !write_all(file->get(), bytes.data(), size_)) throw std::bad_alloc();
+    file_ = std::move(*file);
 }
 
 Pages::Pages(const SharedPages& beginning)
-    : data_(beginning.size() == 0 ? nullptr : map(beginning.size(), beginning.file_)),
+    : data_(beginning.size() == 0 ? nullptr : map(beginning.size(), beginning.file_.get())),
       size_(beginning.size()),
       mapped_(beginning.size()),
       is_shared_(true) {}

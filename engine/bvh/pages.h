@@ -1,6 +1,8 @@
 // Memory for what is large and read at random: trees, leaves, scenes.
 #pragma once
 
+#include "engine/system/child_process.h"
+
 #include <cstddef>
 #include <span>
 
@@ -11,14 +13,12 @@ class SharedPages {
 public:
     /// Copies the bytes. Throws std::bad_alloc.
     explicit SharedPages(std::span<const std::byte> bytes);
-    SharedPages(const SharedPages&) = delete;
-    ~SharedPages();
     [[nodiscard]] std::size_t size() const { return size_; }
 
 private:
     friend class Pages;
     std::size_t size_;
-    int file_;
+    Fd file_;
 };
 
 /// Anonymous zero-filled memory, from 2 MiB on aligned to huge pages and asking for them (+2..9 %,

@@ -265,6 +265,20 @@ browserTest("the slider shows moments of an animation, and the link keeps them",
   await fine(page);
   assert.ok(Math.abs(await sum(page) - await counted("--time", "1.5")) < 1);
   assert.match(page.url(), /time=1\.5/);
+  // Tables and boxes of trees are of that moment, too. Only a wide page has room for the centres.
+  await page.setViewportSize({ width: 1600, height: 900 });
+  await page.getByRole("tab", { name: "Scene" }).click();
+  await page.selectOption("#boxes-level", "0");
+  const centres = () => page.evaluate(() => [...document.querySelectorAll("table")].map((table) => table.textContent)
+    .find((text) => text.includes("Centre")) ?? "");
+  const boxes = () => page.evaluate(() => document.querySelector("#overlay").toDataURL());
+  await until(async () => (await centres()).includes("car-0"), "the cars");
+  await until(async () => /boxes of/.test(await page.textContent("#boxes-hint")), "boxes");
+  const seen = [await centres(), await boxes()];
+  await app(page, ({ store }) => store.set({ time: 0.5 }));
+  await until(async () => await centres() !== seen[0], "other centres");
+  await until(async () => await boxes() !== seen[1], "other boxes");
+  await page.getByRole("tab", { name: "Setup" }).click();
   await page.click("#time-off");
   await until(async () => await sum(page) === still, "the scene as it was loaded");
   await page.selectOption("#scene", "forest");

@@ -4,6 +4,7 @@ import { boxesSection } from "./boxes.js";
 import { askDocument, latest } from "../documents.js";
 import { element } from "../dom.js";
 import { bytesText, countText, measuredText, vectorText } from "../numbers.js";
+import { momentOf } from "../requests.js";
 import { sortableTable } from "./tables.js";
 import { visibilityBar } from "./visibility.js";
 
@@ -63,7 +64,8 @@ function instances(app) {
   function load(from) {
     first = from < 0n ? 0n : from;
     return run(async (signal) => {
-      const document = await askDocument(daemon, "Structure", { scene: store.values.scene, kind: "placements", first: String(first), count: Number(PAGE) }, { signal });
+      const document = await askDocument(daemon, "Structure", { scene: store.values.scene, ...momentOf(store.values), kind: "placements",
+        first: String(first), count: Number(PAGE) }, { signal });
       total = BigInt(document.total);
       table.show(document.rows, "The scene has no instances.");
       mark();
@@ -88,6 +90,7 @@ function instances(app) {
     if (model.info) load(0n);
   };
   model.addEventListener("change", change);
+  store.on(["time", "animation"], () => { if (model.info) load(first); });
   change();
   return [table.node, element("div", { className: "buttons" }, before, after, range)];
 }
