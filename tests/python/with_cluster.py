@@ -1,4 +1,5 @@
 """Shared by the tests of many hosts: a Dask cluster of processes on this machine."""
+import asyncio
 import contextlib
 import os
 import subprocess
@@ -53,7 +54,8 @@ class Cluster:
     def close(self):
         try:
             if self.client is not None:
-                self.client.close(timeout=2)
+                with contextlib.suppress(OSError, asyncio.TimeoutError):    # its scheduler may be gone
+                    self.client.close(timeout=2)
         finally:
             for process in [*self.workers, self.scheduler]:
                 process.kill()

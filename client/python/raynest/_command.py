@@ -2,6 +2,7 @@
 from __future__ import annotations
 
 import asyncio
+import contextlib
 import json
 import logging
 import os
@@ -80,7 +81,8 @@ def _check_versions(cluster: Any) -> None:
         for package in ("distributed", "dask", "msgpack"):
             theirs = each["packages"].get(package)
             if theirs != ours[package]:
-                cluster.close(timeout=2)
+                with contextlib.suppress(OSError, asyncio.TimeoutError):    # slow to go, which changes nothing
+                    cluster.close(timeout=2)
                 raise UsageError(f"{where} has {package} {theirs}, this machine {ours[package]}: install one version "
                                  "on all hosts")
 
