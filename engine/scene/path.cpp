@@ -1,6 +1,7 @@
 // Converts paths to texts and back.
 #include "engine/geometry/path.h"
 
+#include "engine/scene/named_paths.h"
 #include "engine/scene/snapshot.h"
 
 #include <fmt/format.h>
@@ -121,6 +122,19 @@ public:
           text_(text) {}
 
     Result<std::uint64_t> find() {
+        if (auto there = enter(); !there) return tl::unexpected(std::move(there.error()));
+        return paths_.node_count != 0 ? path_of_node() : path_of_object();
+    }
+
+    std::vector<PathRange> paths() {
+        if (!enter()) return {};
+        if (paths_.node_count != 0) return paths_of_node();
+        const std::uint64_t count = scene_.view().objects[object_].placement_count;
+        return count == 0 ? std::vector<PathRange>{} : std::vector{PathRange{path_, path_ + count}};
+    }
+
+private:
+    Result<void> enter() {
         std::size_t end = 0;
         for (std::size_t first = 0; first <= text_.size(); first = end + 1) {
             end = std::min(text_.find('/', first), text_.size());
@@ -132,10 +146,9 @@ public:
                                                 : enter_instance(*name, token.number));
             if (!found) return no_such(token, name, text_.substr(first, end - first));
         }
-        return paths_.node_count != 0 ? path_of_node() : path_of_object();
+        return {};
     }
 
-private:
     bool enter_node(std::uint32_t name, std::uint32_t number) {
         // A node with several placements stands for several numbers. Only the first of them has
         // children.
@@ -174,10 +187,7 @@ private:
         for (std::uint32_t r = node.first_run; r < paths_.run_count; ++r) {
             const PathRun& run = paths_.runs[r];
             if (run.node != node_) break;
-            const std::uint64_t end =
-                r + 1 < paths_.run_count
-                    ? paths_.runs[r + 1].first_path
-                    : scene_.view().objects[scene_.view().root].placement_count;
+            const std::uint64_t end = end_of_run(scene_, r);
             if (wanted >= run.number && wanted - run.number < end - run.first_path)
                 return run.first_path + (wanted - run.number);
             placed = std::max(placed, run.number + end - run.first_path);
@@ -186,6 +196,32 @@ private:
             return refuse(fmt::format("there is no '{}': the last one is '{}#{}'", shown(text_),
                                       shown(text_.substr(0, text_.rfind('#'))), placed - 1));
         return nothing_placed();
+    }
+
+    /// Its own path, and those of all nodes below it, which are neighbours on each level.
+    [[nodiscard]] std::vector<PathRange> paths_of_node() const {
+        std::vector<PathRange> ranges;
+        if (const auto own = path_of_node()) ranges.push_back({*own, *own + 1});
+        if (number_ != no_id && number_ != paths_.nodes[node_].number) return ranges;
+        auto [first, end] = children_of(paths_, node_);
+        while (first < end) {
+            for (std::uint32_t i = first; i < end; ++i)
+                for (std::uint32_t r = paths_.nodes[i].first_run;
+                     r < paths_.run_count && paths_.runs[r].node == i; ++r)
+                    ranges.push_back({paths_.runs[r].first_path, end_of_run(scene_, r)});
+            const std::uint32_t next = children_of(paths_, first).first;
+            end = children_of(paths_, end - 1).second;
+            first = next;
+        }
+        std::ranges::sort(ranges, {}, &PathRange::first);
+        std::size_t kept = 0;
+        for (const PathRange& range : ranges)
+            if (kept != 0 && ranges[kept - 1].end == range.first)
+                ranges[kept - 1].end = range.end;
+            else
+                ranges[kept++] = range;
+        ranges.resize(kept);
+        return ranges;
     }
 
     [[nodiscard]] Result<std::uint64_t> path_of_object() const {
@@ -299,6 +335,19 @@ std::string path_name(const std::vector<PathStep>& steps) {
 
 Result<std::uint64_t> find_path(const Snapshot& scene, std::string_view text) {
     return Finder(scene, text).find();
+}
+
+std::vector<PathRange> named_paths(const Snapshot& scene, std::string_view text) {
+    const bool has_empty_step =
+        text.empty() || text.front() == '/' || text.back() == '/' || text.find("//") != text.npos;
+    if (has_empty_step) return {};
+    return Finder(scene, text).paths();
+}
+
+std::uint64_t end_of_run(const Snapshot& scene, std::uint32_t run) {
+    const PathTable& paths = scene.paths();
+    return run + 1 < paths.run_count ? paths.runs[run + 1].first_path
+                                     : scene.statistics().instances;
 }
 
 std::string path_step_text(std::string_view name) {

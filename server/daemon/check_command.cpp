@@ -11,8 +11,10 @@
 #include <csignal>
 #include <cstdint>
 #include <iostream>
+#include <new>
 #include <string>
 #include <system_error>
+#include <utility>
 #include <vector>
 
 namespace raynest::server {
@@ -63,6 +65,19 @@ Result<StateLock> lock_of(const std::filesystem::path& folder,
                       : folder.string() + " is no state folder: it has no " + manifest_name);
 }
 
+/// Says what is wrong with a scene as it is stored; "" if nothing is.
+std::string fault_of(const std::filesystem::path& folder, Manifest& manifest,
+                     const StoredScene& row) {
+    try {
+        const auto stored = read_stored(folder, row.digest, row.bytes, row.content);
+        if (!stored) return stored.error().why;
+        const auto edits = manifest.edits(row.number);
+        return edits ? "" : edits.error().message;
+    } catch (const std::bad_alloc&) {
+        return "this machine has no memory for its " + protocol::bytes_text(row.bytes);
+    }
+}
+
 Result<Findings> look(const std::filesystem::path& folder) {
     const auto lock = lock_of(folder, StateLock::take_to_read);
     if (!lock) return tl::unexpected(lock.error());
@@ -79,11 +94,8 @@ Result<Findings> look(const std::filesystem::path& folder) {
     found.scenes = rows->size();
     for (const StoredScene& row : *rows) {
         found.bytes += row.bytes;
-        const auto stored = read_stored(folder, row.digest, row.bytes, row.content);
-        const auto edits = manifest->edits(row.number);
-        if (stored && edits) continue;
-        found.damaged.push_back(
-            {row.owner, row.name, stored ? edits.error().message : stored.error().why});
+        if (auto why = fault_of(folder, *manifest, row); !why.empty())
+            found.damaged.push_back({row.owner, row.name, std::move(why)});
     }
     return found;
 }

@@ -7,12 +7,6 @@
 namespace raynest {
 namespace {
 
-std::uint64_t end_of_run(const Snapshot& scene, std::uint32_t run) {
-    const PathTable& paths = scene.paths();
-    return run + 1 < paths.run_count ? paths.runs[run + 1].first_path
-                                     : scene.statistics().instances;
-}
-
 /// Tells which nodes stay: all but those that had placements and have none any more.
 std::vector<bool> nodes_that_stay(const PathTable& paths, std::span<const PathRun> runs) {
     std::vector<bool> had(paths.node_count), has(paths.node_count);

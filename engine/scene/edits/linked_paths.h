@@ -4,18 +4,13 @@
 #include "engine/result.h"
 #include "engine/scene/content.h"
 #include "engine/scene/edits/edit_guard.h"
+#include "engine/scene/named_paths.h"
 #include "engine/scene/snapshot.h"
 
 #include <cstdint>
 #include <span>
 
 namespace raynest {
-
-/// Paths [first, end) of the base.
-struct PathRange {
-    std::uint64_t first = 0;
-    std::uint64_t end = 0;
-};
 
 /// Copies of a scene behind the base's paths, one behind the other.
 struct AddedPaths {
@@ -30,7 +25,7 @@ struct AddedPaths {
 /// placements, and a node for each copy, with the nodes of its scene below it; a scene without nodes
 /// gets one for each instance on the way to a placement. Copies of scenes with one placement share a
 /// node, and so do those of scenes without nodes and over named_placements_max placements, which are
-/// numbered through. `kept` is ascending. The base has nodes. Fails once the guard stops.
+/// numbered through. `kept`, paths of the base, is ascending. The base has nodes. Fails once the guard stops.
 Result<void> link_paths(const Snapshot& base, std::span<const PathRange> kept,
                         std::span<const AddedPaths> added, Content& content,
                         const EditGuard& guard = {});

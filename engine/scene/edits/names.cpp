@@ -1,8 +1,12 @@
 #include "engine/scene/edits/names.h"
 
+#include "engine/scene/edits/covered.h"
+#include "engine/scene/named_paths.h"
+
 #include <fmt/format.h>
 
 #include <algorithm>
+#include <optional>
 
 namespace raynest {
 namespace {
@@ -145,6 +149,22 @@ private:
     NamedParts found_;
 };
 
+/// Finds what has the text, or has it above it, by the ways that the text tells; nothing where that
+/// takes a look at the texts of others, too: some of it is primitives of an object's own, or it is
+/// no whole text.
+std::optional<NamedParts> find_whole(const Snapshot& scene, std::string_view text,
+                                     std::size_t nested_max) {
+    NamedParts parts;
+    CoveredInstances covered(scene, nested_max);
+    std::uint64_t placements = 0;
+    for (const PathRange& range : named_paths(scene, text)) {
+        if (!covered.find(range, parts.instances)) return std::nullopt;
+        placements += range.end - range.first;
+    }
+    if (placements == 0 || covered.placements() != placements) return std::nullopt;
+    return parts;
+}
+
 }  // namespace
 
 std::string text_above(const Snapshot& scene, std::uint64_t path, std::uint64_t count) {
@@ -168,6 +188,8 @@ const std::string& InstanceFinder::text_of(std::uint32_t place) {
 
 Result<NamedParts> InstanceFinder::find_parts(std::string_view glob, std::size_t nested_max) {
     const SceneView& view = scene_.view();
+    if (glob.find('*') == std::string_view::npos)
+        if (auto parts = find_whole(scene_, glob, nested_max)) return std::move(*parts);
     const ObjectRecord& root = view.objects[view.root];
     if (texts_.empty()) {
         const std::uint64_t most = bytes_per_instance * root.instance_count;

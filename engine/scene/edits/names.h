@@ -38,7 +38,8 @@ public:
     /// them, and which lie in no such instance themselves. '*' stands for any text, '/' included,
     /// as in mask rules (assets/mask_rules.h). Fails with field_invalid where there is none, and
     /// with limit_exceeded beyond nested_placements_max. Looks at all outermost instances, the
-    /// first time about 1 us each, and at the placements of those that may match in part.
+    /// first time about 1 us each, and at the placements of those that may match in part; for a
+    /// text without '*' only at what lies beside its steps, where it names whole instances.
     Result<std::vector<InstancePlace>> find(std::string_view glob);
     /// The same, and primitives that have the text where what lies beside them has another. Fails
     /// with limit_exceeded for more than `nested_max` that are not outermost instances, too.

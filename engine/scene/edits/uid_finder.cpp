@@ -1,6 +1,7 @@
 #include "engine/scene/edits/uid_finder.h"
 
 #include "engine/scene/content.h"
+#include "engine/scene/edits/covered.h"
 
 #include <fmt/format.h>
 
@@ -88,9 +89,8 @@ class NodeUids {
 public:
     NodeUids(const Snapshot& scene, std::span<const std::uint32_t> uids,
              const std::function<bool()>& stopped)
-        : view_(scene.view()),
+        : scene_(scene),
           paths_(scene.paths()),
-          path_count_(scene.statistics().instances),
           uids_(uids),
           stopped_(stopped) {}
 
@@ -98,23 +98,18 @@ public:
         const auto ranges = ranges_by_uid();
         if (!ranges) return tl::unexpected(ranges.error());
         Places found(uids_.size());
+        CoveredInstances covered(scene_, uid_instances_max);
         for (std::size_t number = 0; number < uids_.size(); ++number)
-            for (const Range& range : (*ranges)[number]) {
+            for (const PathRange& range : (*ranges)[number]) {
                 if (stopped_()) return fail(ErrorCode::limit_exceeded, "stopped");
-                if (auto entered = enter(view_.root, 0, range, found[number]); !entered)
-                    return tl::unexpected(entered.error());
+                if (!covered.find(range, found[number])) return too_many();
             }
         return found;
     }
 
 private:
-    /// Paths behind each other.
-    struct Range {
-        std::uint64_t begin, end;
-    };
-
     /// Returns the paths of each id, those that follow each other in one range.
-    Result<std::vector<std::vector<Range>>> ranges_by_uid() {
+    Result<std::vector<std::vector<PathRange>>> ranges_by_uid() {
         constexpr std::uint32_t none = ~0U;
         // By node: the next one upwards, itself included, whose id is sought, and the number of it.
         struct Sought {
@@ -127,15 +122,14 @@ private:
                             ? Sought{i, static_cast<std::uint32_t>(at - uids_.begin())}
                             : sought[paths_.nodes[i].parent];
         }
-        std::vector<std::vector<Range>> ranges(uids_.size());
+        std::vector<std::vector<PathRange>> ranges(uids_.size());
         for (std::uint32_t r = 0; r < paths_.run_count; ++r) {
             if (r % 1024 == 0 && stopped_()) return fail(ErrorCode::limit_exceeded, "stopped");
-            const Range run{paths_.runs[r].first_path,
-                            r + 1 < paths_.run_count ? paths_.runs[r + 1].first_path : path_count_};
+            const PathRange run{paths_.runs[r].first_path, end_of_run(scene_, r)};
             Sought next = sought[paths_.runs[r].node];
             for (; next.node != none; next = sought[paths_.nodes[next.node].parent]) {
-                std::vector<Range>& of = ranges[next.number];
-                if (!of.empty() && of.back().end >= run.begin)
+                std::vector<PathRange>& of = ranges[next.number];
+                if (!of.empty() && of.back().end >= run.first)
                     of.back().end = run.end;
                 else
                     of.push_back(run);
@@ -145,33 +139,6 @@ private:
         return ranges;
     }
 
-    /// Notes the instances within an object, whose first path is `base`, that a range covers.
-    Result<void> enter(std::uint32_t object, std::uint64_t base, const Range& range,
-                       std::vector<InstancePlace>& found) {
-        const ObjectRecord& record = view_.objects[object];
-        const std::span instances(view_.instances + record.first_instance, record.instance_count);
-        // The last one that begins at or before the range is the first that it may cover.
-        auto at = std::ranges::upper_bound(instances, range.begin - std::min(base, range.begin), {},
-                                           &InstanceRecord::path_base);
-        if (at != instances.begin()) --at;
-        for (; at != instances.end() && base + at->path_base < range.end; ++at) {
-            if (!way_.empty() && ++looked_at_ > uid_instances_max + paths_.run_count)
-                return too_many();
-            const std::uint64_t first = base + at->path_base;
-            const std::uint64_t end = first + view_.objects[at->object].placement_count;
-            if (end <= range.begin || first == end) continue;
-            way_.push_back(static_cast<std::uint32_t>(at - instances.begin()));
-            Result<void> entered;
-            if (range.begin <= first && end <= range.end)
-                found.emplace_back(way_.front(), std::vector(way_.begin() + 1, way_.end()));
-            else
-                entered = enter(at->object, first, range, found);
-            way_.pop_back();
-            if (!entered) return entered;
-        }
-        return {};
-    }
-
     static tl::unexpected<Error> too_many() {
         return fail(ErrorCode::limit_exceeded,
                     fmt::format("the user ids may stand for more than {} placements: name the "
@@ -179,13 +146,11 @@ private:
                                 uid_instances_max));
     }
 
-    const SceneView& view_;
+    const Snapshot& scene_;
     const PathTable& paths_;
-    const std::uint64_t path_count_;
     const std::span<const std::uint32_t> uids_;
     const std::function<bool()>& stopped_;
-    std::vector<std::uint32_t> way_;
-    std::uint64_t looked_at_ = 0;
+    std::uint64_t looked_at_ = 0;  ///< runs, for each id that they have
 };
 
 }  // namespace

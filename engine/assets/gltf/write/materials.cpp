@@ -76,7 +76,7 @@ private:
         if (b == 0 && d == 0) {
             map["scale"] = {a, e};
         } else {
-            const double rotation = std::atan2(-d, a);
+            const double rotation = a == 0 && d == 0 ? std::atan2(b, e) : std::atan2(-d, a);
             const double sine = std::sin(rotation), cosine = std::cos(rotation);
             map["rotation"] = rotation;
             map["scale"] = {std::hypot(a, d),

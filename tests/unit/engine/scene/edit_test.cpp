@@ -348,6 +348,50 @@ TEST_CASE("instances are found by the texts of their paths, and '*' stands for a
     CHECK(!InstanceFinder(*scene, [] { return true; }).find("*"));
 }
 
+TEST_CASE("a whole text finds the outermost instance that has its paths and no others") {
+    Random random(9);
+    SceneDescription alone = test::tree_scene();  // below its root stands the whole tree alone
+    alone.objects.emplace_back().instances.push_back(
+        place(alone.root, translation(1, 2, 3), "all"));
+    alone.root = static_cast<std::uint32_t>(alone.objects.size()) - 1;
+    for (const SceneDescription& description :
+         {test::tree_scene(), alone, random_scene(random, 30)}) {
+        const Scene scene = build_scene(description);
+        const SceneView& view = scene->view();
+        std::vector<std::string> texts;
+        for (std::uint64_t path = 0; path < scene->statistics().instances; ++path)
+            texts.push_back(path_name(*expand_path(*scene, path)));
+        for (const std::string& whole : texts) {
+            for (std::size_t end = whole.find('/');; end = whole.find('/', end + 1)) {
+                const std::string text = whole.substr(0, end);
+                CAPTURE(text);
+                const auto found = InstanceFinder(*scene, [] { return false; }).find_parts(text);
+                REQUIRE_MESSAGE(found, found.error().message);
+                if (found->instances.size() == 1 && found->own.empty()) {
+                    const InstancePlace& it = found->instances.front();
+                    std::uint32_t object = view.root;
+                    std::uint64_t first = 0, above = 0;
+                    std::vector<std::uint32_t> way{it.outermost};
+                    way.insert(way.end(), it.below.begin(), it.below.end());
+                    for (const std::uint32_t at : way) {
+                        above = view.objects[object].placement_count;
+                        const auto& instance =
+                            view.instances[view.objects[object].first_instance + at];
+                        first += instance.path_base;
+                        object = instance.object;
+                    }
+                    const std::uint64_t count = view.objects[object].placement_count;
+                    for (std::uint64_t path = 0; path < texts.size(); ++path)
+                        CHECK((path >= first && path < first + count) ==
+                              glob_matches(text, texts[path]));
+                    CHECK((way.size() == 1 || above > count));
+                }
+                if (end == std::string::npos) break;
+            }
+        }
+    }
+}
+
 TEST_CASE("texts that are longer than a finder keeps are found as others are") {
     SceneDescription scene;
     scene.objects.resize(2);

@@ -1,7 +1,9 @@
 // Texts of paths: every one is unique, and each finds its path again.
 #include "engine/assets/gltf/gltf.h"
 #include "engine/queries/columns.h"
+#include "engine/scene/edits/names.h"
 #include "engine/scene/format.h"
+#include "engine/scene/named_paths.h"
 #include "engine/scene/snapshot.h"
 #include "tests/unit/engine/assets/samples.h"
 #include "tests/unit/engine/small_scenes.h"
@@ -26,6 +28,29 @@ std::string text_of(const Snapshot& scene, std::uint64_t path) {
     return path_name(*steps);
 }
 
+/// Checks that a text, and each that begins it, names the paths that have it or have it above them.
+void check_named(const Snapshot& scene, const std::string& whole,
+                 const std::vector<std::string>& texts) {
+    std::size_t end = 0;
+    do {
+        end = whole.find('/', end + 1);
+        const std::string text = whole.substr(0, end);
+        CAPTURE(text);
+        std::vector<bool> wanted, named(texts.size());
+        for (const std::string& one : texts) wanted.push_back(glob_matches(text, one));
+        std::uint64_t before = 0;
+        for (const PathRange& range : named_paths(scene, text)) {
+            CHECK((range.first > before || before == 0));
+            REQUIRE(range.first < range.end);
+            REQUIRE(range.end <= texts.size());
+            before = range.end;
+            std::fill(named.begin() + static_cast<std::ptrdiff_t>(range.first),
+                      named.begin() + static_cast<std::ptrdiff_t>(range.end), true);
+        }
+        CHECK(named == wanted);
+    } while (end != std::string::npos);
+}
+
 /// Returns the texts of all paths; checks that no two are equal and each finds its path.
 std::vector<std::string> texts_of(const Snapshot& scene) {
     std::vector<std::string> texts;
@@ -37,6 +62,7 @@ std::vector<std::string> texts_of(const Snapshot& scene) {
         CHECK(*found == path);
     }
     CHECK(std::set<std::string>(texts.begin(), texts.end()).size() == texts.size());
+    for (const std::string& text : texts) check_named(scene, text, texts);
     return texts;
 }
 
@@ -165,8 +191,10 @@ TEST_CASE("an unknown path is an error that lists the known names") {
     CHECK(complaint(*scene, "c") == "the scene has no 'c'; there are: a, b");
     CHECK(complaint(*scene, "a") == "'a' places nothing that can be hit; below it: a/x, a/y");
     CHECK(complaint(*scene, "a/x/") == "'a/x' has no ''");
-    for (const char* text : {"", "/", "a//x", "a/x#0", "a/x#", "a#4294967295/x", "#", "a/x#-1"})
+    for (const char* text : {"", "/", "a//x", "a/x#0", "a/x#", "a#4294967295/x", "#", "a/x#-1"}) {
         complaint(*scene, text);
+        CHECK(named_paths(*scene, text).empty());
+    }
     const auto twins = read_nodes(R"({"name":"n","mesh":0},{"name":"n","mesh":0})");
     CHECK(complaint(*twins, "n") == "the scene has several 'n': give the number, as 'n#0'");
     CHECK(complaint(*twins, "n#2") == "there is no 'n#2': the last one is 'n#1'");
@@ -226,8 +254,12 @@ TEST_CASE("damaged names of paths are refused, or every text stays in range") {
                 std::memcpy(arena.data() + at, &word, 4);
                 const auto opened = Snapshot::open({std::move(arena)});
                 refused += opened ? 0 : 1;
-                for (std::uint64_t path = 0; opened && path < scene->statistics().instances; ++path)
-                    static_cast<void>(find_path(**opened, text_of(**opened, path)));
+                for (std::uint64_t path = 0; opened && path < scene->statistics().instances;
+                     ++path) {
+                    const std::string text = text_of(**opened, path);
+                    static_cast<void>(find_path(**opened, text));
+                    static_cast<void>(named_paths(**opened, text));
+                }
             }
         }
         CHECK(refused >= (scene->paths().node_count != 0 ? 100 : 0));
