@@ -20,7 +20,8 @@ struct PathRange {
 /// step, at about 2 ns, and in a scene with nodes at those below the last one.
 [[nodiscard]] std::vector<PathRange> named_paths(const Snapshot& scene, std::string_view text);
 
-/// The path behind the last one of a run of the scene's PathTable.
-[[nodiscard]] std::uint64_t end_of_run(const Snapshot& scene, std::uint32_t run);
+/// The path behind the last one of a run, of a scene with `path_count` paths.
+[[nodiscard]] std::uint64_t end_of_run(const PathTable& paths, std::uint32_t run,
+                                       std::uint64_t path_count);
 
 }  // namespace raynest

@@ -187,7 +187,7 @@ private:
         for (std::uint32_t r = node.first_run; r < paths_.run_count; ++r) {
             const PathRun& run = paths_.runs[r];
             if (run.node != node_) break;
-            const std::uint64_t end = end_of_run(scene_, r);
+            const std::uint64_t end = end_of_run(paths_, r, scene_.statistics().instances);
             if (wanted >= run.number && wanted - run.number < end - run.first_path)
                 return run.first_path + (wanted - run.number);
             placed = std::max(placed, run.number + end - run.first_path);
@@ -208,7 +208,8 @@ private:
             for (std::uint32_t i = first; i < end; ++i)
                 for (std::uint32_t r = paths_.nodes[i].first_run;
                      r < paths_.run_count && paths_.runs[r].node == i; ++r)
-                    ranges.push_back({paths_.runs[r].first_path, end_of_run(scene_, r)});
+                    ranges.push_back({paths_.runs[r].first_path,
+                                      end_of_run(paths_, r, scene_.statistics().instances)});
             const std::uint32_t next = children_of(paths_, first).first;
             end = children_of(paths_, end - 1).second;
             first = next;
@@ -344,10 +345,8 @@ std::vector<PathRange> named_paths(const Snapshot& scene, std::string_view text)
     return Finder(scene, text).paths();
 }
 
-std::uint64_t end_of_run(const Snapshot& scene, std::uint32_t run) {
-    const PathTable& paths = scene.paths();
-    return run + 1 < paths.run_count ? paths.runs[run + 1].first_path
-                                     : scene.statistics().instances;
+std::uint64_t end_of_run(const PathTable& paths, std::uint32_t run, std::uint64_t path_count) {
+    return run + 1 < paths.run_count ? paths.runs[run + 1].first_path : path_count;
 }
 
 std::string path_step_text(std::string_view name) {

@@ -68,7 +68,8 @@ class UidEdits(WithDaemon):
         if of_file:
             street = self.client.scene_of({"ground": box(400, 0.1, 40)}, name="street", replace=True)
         else:
-            street = self.client.load("builtin:terrain?size=8", "street", replace=True)
+            # It has too many placements to be given nodes by the cars that have some.
+            street = self.client.load("builtin:forest", "street", replace=True)
         with street.edit() as edit:
             edit.add(car, [(10 * i, 60, 5) for i in range(6)])
             edit.add(post, [(10 * i, 60, -5) for i in range(6)], name="post")
@@ -137,32 +138,32 @@ class UidEdits(WithDaemon):
                         np.testing.assert_array_equal(found[name], was[name], name)
                 # The inner one counts where it is said later; what is said later of the outer one counts for all.
                 with street.edit() as edit:
-                    edit.set_uid("car#1", 50)
-                    edit.set_uid("car#1/wheel#2", 51)
-                    edit.set_uid("car#4/body", 52)
-                    edit.set_uid("car#5/wheel*", 53)
-                    edit.set_uid("car#5", 54)
-                given = {"car#1": 50, "car#1/wheel#2": 51, "car#4/body": 52, "car#5": 54}
+                    edit.set_uid("car#1", 9050)
+                    edit.set_uid("car#1/wheel#2", 9051)
+                    edit.set_uid("car#4/body", 9052)
+                    edit.set_uid("car#5/wheel*", 9053)
+                    edit.set_uid("car#5", 9054)
+                given = {"car#1": 9050, "car#1/wheel#2": 9051, "car#4/body": 9052, "car#5": 9054}
                 check(given)
                 with street.edit() as edit:
-                    edit.set_uid([f"car#4/wheel#{i}" for i in range(4)], range(60, 64))
-                given.update({f"car#4/wheel#{i}": 60 + i for i in range(4)})
+                    edit.set_uid([f"car#4/wheel#{i}" for i in range(4)], range(9060, 9064))
+                given.update({f"car#4/wheel#{i}": 9060 + i for i in range(4)})
                 check(given)
                 # One edit moves by user ids what it would move by texts.
                 with street.edit() as edit:
-                    edit.move(raynest.Uids([51, 54, 62]), [(0, 1, 0), (0, 2, 0), (0, 3, 0)])
+                    edit.move(raynest.Uids([9051, 9054, 9062]), [(0, 1, 0), (0, 2, 0), (0, 3, 0)])
                 self.assertEqual(edit.instances, 3)
                 moved = {"car#1/wheel#2": 1, "car#5": 2, "car#4/wheel#2": 3}
                 up = [moved.get(text, moved.get(text.split("/")[0], 0)) for text in texts]
                 found = self.seen(street, rays)[0]
                 np.testing.assert_allclose(found["t"], was["t"] - np.array(up), atol=1e-5)
                 with street.edit() as edit:
-                    edit.remove(raynest.Uids(54))
+                    edit.remove(raynest.Uids(9054))
                 self.assertNotIn("car#5/body", self.seen(street, rays)[1])
-                with self.assertRaisesRegex(raynest.Error, "user id 54, which no instance has"), street.edit() as edit:
-                    edit.move(raynest.Uids([51, 54]), (0, 1, 0))
+                with self.assertRaisesRegex(raynest.Error, "user id 9054, which no instance has"), street.edit() as edit:
+                    edit.move(raynest.Uids([9051, 9054]), (0, 1, 0))
                 with self.assertRaisesRegex(raynest.Error, "removes what lies within"), street.edit() as edit:
-                    edit.remove(raynest.Uids(51))
+                    edit.remove(raynest.Uids(9051))
 
     def test_of_nodes_that_place_nothing_themselves(self):
         gltf = Gltf()

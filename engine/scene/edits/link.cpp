@@ -58,6 +58,7 @@ public:
           guard_(guard),
           removed_(removed),
           added_(added),
+          has_nodes_(nodes_name(base, added)),
           content_(base) {}
 
     Result<BuiltArena> link() {
@@ -68,13 +69,13 @@ public:
         const std::uint32_t name = content_.name(base_, view.objects[view.root].name);
         if (auto root = content_.add_root(name, std::move(instances_)); !root)
             return tl::unexpected(root.error());
-        if (has_nodes()) {
+        if (has_nodes_) {
             if (auto fits = check_nodes(); !fits) return tl::unexpected(fits.error());
             if (auto done = link_paths(base_, paths_, added_paths_, content_.content(), guard_);
                 !done)
                 return tl::unexpected(done.error());
         }
-        auto arena = content_.write(has_nodes());
+        auto arena = content_.write(has_nodes_);
         if (!arena) return tl::unexpected(arena.error());
         return BuiltArena{std::move(*arena),
                           base_.statistics().build_seconds,
@@ -82,7 +83,7 @@ public:
     }
 
 private:
-    [[nodiscard]] bool has_nodes() const { return base_.paths().node_count != 0; }
+    [[nodiscard]] bool base_has_nodes() const { return base_.paths().node_count != 0; }
 
     Result<void> keep_base() {
         const SceneView& view = base_.view();
@@ -97,7 +98,10 @@ private:
             whole.object = content_.keep(0, view.root);
             whole.name = content_.content().names.add(path_step_text(view.names + root.name));
             if (whole.name == 0) whole.number = 0;
-            paths_.push_back({0, root.placement_count});
+            if (has_nodes_ && !base_has_nodes())
+                added_paths_.push_back({&base_, whole.name, whole.number, 1});
+            else
+                paths_.push_back({0, root.placement_count});
             return {};
         }
         auto& motion = content_.content().motion;
@@ -137,7 +141,7 @@ private:
         const auto copies = static_cast<std::uint32_t>(added.to_scene.size());
         // Where one node stands for all placements, each of them takes a number.
         const std::uint64_t each =
-            has_nodes() && is_one_node(*added.scene) ? view.objects[view.root].placement_count : 1;
+            has_nodes_ && is_one_node(*added.scene) ? view.objects[view.root].placement_count : 1;
         std::uint64_t number = next_of(name);
         if (number == no_id && (copies > 1 || each > 1)) number = 0;
         if (number != no_id) {
@@ -148,7 +152,7 @@ private:
         } else {
             next_[name] = 1;
         }
-        if (has_nodes())
+        if (has_nodes_)
             added_paths_.push_back(
                 {added.scene.get(), name, static_cast<std::uint32_t>(number), copies, added.uid});
         for (std::uint32_t i = 0; i < copies; ++i)
@@ -162,7 +166,7 @@ private:
     /// Each copy of a scene has nodes of its own, unless one stands for all.
     Result<void> check_nodes() const {
         std::map<const Snapshot*, std::uint64_t> known;
-        std::uint64_t nodes = base_.paths().node_count;
+        std::uint64_t nodes = nodes_of_copy(base_);
         for (const AddedScene& added : added_) {
             const auto [each, is_new] = known.try_emplace(added.scene.get(), 0);
             if (is_new) each->second = nodes_of_copy(*added.scene);
@@ -179,7 +183,7 @@ private:
     /// Returns the next free number of an outermost step, or no_id if there is none of that name.
     std::uint32_t next_of(std::uint32_t name) {
         if (const auto known = next_.find(name); known != next_.end()) return known->second;
-        if (has_nodes()) return next_number(base_, name);
+        if (base_has_nodes()) return next_number(base_, name);
         std::uint32_t next = no_id;
         for (const LinkedContent::Placed& placed : instances_) {
             if (placed.name != name) continue;
@@ -193,6 +197,7 @@ private:
     const EditGuard& guard_;
     const std::span<const std::uint32_t> removed_;
     const std::span<const AddedScene> added_;
+    const bool has_nodes_;  ///< the result
     LinkedContent content_;
     std::map<const Snapshot*, std::size_t> scenes_;  ///< numbers in content_ of what was added
     std::vector<LinkedContent::Placed> instances_;

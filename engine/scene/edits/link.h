@@ -7,32 +7,17 @@
 // Objects, materials and textures that are there twice, byte for byte, are stored once.
 #pragma once
 
-#include "engine/math/vec.h"
 #include "engine/result.h"
+#include "engine/scene/edits/added_scene.h"
 #include "engine/scene/edits/edit_guard.h"
 #include "engine/scene/edits/instance_place.h"
 #include "engine/scene/edits/uids.h"
 #include "engine/scene/snapshot.h"
 
 #include <cstdint>
-#include <memory>
 #include <span>
-#include <string>
-#include <vector>
 
 namespace raynest {
-
-/// A scene that becomes part of another one: its geometry and materials, without its cameras and
-/// lights. Each placement is an outermost instance from then on.
-struct AddedScene {
-    std::shared_ptr<const Snapshot> scene;
-    /// Their step in path texts, as path_step_text() spells it. Where it is there already, or has
-    /// several placements, they have numbers behind it, counted on from the largest.
-    std::string name;
-    std::vector<Transform> to_scene;
-    std::vector<std::uint32_t> masks;  ///< one for each
-    std::uint32_t uid = no_id;         ///< user id of all placements; no_id: none
-};
 
 /// Returns `base` without the outermost instances `removed` (ascending) and with the `added` scenes
 /// behind the others. Instances that stay keep the texts of their paths; ids of paths behind

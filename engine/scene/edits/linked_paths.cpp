@@ -45,7 +45,10 @@ public:
         for (std::uint32_t node = 0; node < entries.size(); ++node) {
             const auto [number, first_path] = entries[node];
             const ObjectRecord& object = view.objects[number];
-            if (object.has_own_primitives()) runs_.push_back({first_path, node, 0});
+            if (object.has_own_primitives()) {
+                const std::uint32_t own = nodes_[node].number;
+                runs_.push_back({first_path, node, own == no_id ? 0 : own});
+            }
             for (std::uint32_t i = 0; i < object.instance_count; ++i) {
                 const std::uint32_t at = object.first_instance + i;
                 const InstanceRecord& instance = view.instances[at];
@@ -93,8 +96,16 @@ std::uint64_t nodes_of_copy(const Snapshot& added) {
                                          : NodeTree(added).table().node_count;
 }
 
+bool nodes_name(const Snapshot& base, std::span<const AddedScene> added) {
+    if (base.paths().node_count != 0) return true;
+    return base.statistics().instances <= named_placements_max &&
+           std::ranges::any_of(
+               added, [](const AddedScene& part) { return part.scene->paths().node_count != 0; });
+}
+
 std::uint32_t next_number(const Snapshot& base, std::uint32_t name) {
     const PathTable& paths = base.paths();
+    const std::uint64_t path_count = base.statistics().instances;
     std::uint32_t next = no_id;
     const auto raise = [&](std::uint64_t to) {
         const auto number = static_cast<std::uint32_t>(std::min<std::uint64_t>(to, no_id - 1));
@@ -105,7 +116,8 @@ std::uint32_t next_number(const Snapshot& base, std::uint32_t name) {
         if (node.name != name) continue;
         raise(node.number == no_id ? 1 : std::uint64_t{node.number} + 1);
         for (std::uint32_t r = node.first_run; r < paths.run_count && paths.runs[r].node == i; ++r)
-            raise(paths.runs[r].number + (end_of_run(base, r) - paths.runs[r].first_path));
+            raise(paths.runs[r].number +
+                  (end_of_run(paths, r, path_count) - paths.runs[r].first_path));
     }
     return next;
 }
@@ -113,7 +125,9 @@ std::uint32_t next_number(const Snapshot& base, std::uint32_t name) {
 Result<void> link_paths(const Snapshot& base, std::span<const PathRange> kept,
                         std::span<const AddedPaths> added, Content& content,
                         const EditGuard& guard) {
-    const PathTable& paths = base.paths();
+    const NodeTree base_tree(base);
+    const PathTable& paths = base_tree.table();
+    const std::uint64_t path_count = base.statistics().instances;
     const SceneView& view = base.view();
     std::vector<PathNode>& nodes = content.path_nodes;
     std::vector<PathRun>& runs = content.path_runs;
@@ -123,9 +137,9 @@ Result<void> link_paths(const Snapshot& base, std::span<const PathRange> kept,
     std::uint32_t r = 0;
     for (const PathRange& range : kept) {
         for (std::uint64_t at = range.first; at < range.end;) {
-            while (end_of_run(base, r) <= at) ++r;
+            while (end_of_run(paths, r, path_count) <= at) ++r;
             const PathRun& run = paths.runs[r];
-            const std::uint64_t end = std::min(end_of_run(base, r), range.end);
+            const std::uint64_t end = std::min(end_of_run(paths, r, path_count), range.end);
             const auto number = run.number + static_cast<std::uint32_t>(at - run.first_path);
             const bool goes_on = !runs.empty() && runs.back().node == run.node &&
                                  number - runs.back().number == path - runs.back().first_path;

@@ -3,6 +3,7 @@
 
 #include "engine/result.h"
 #include "engine/scene/content.h"
+#include "engine/scene/edits/added_scene.h"
 #include "engine/scene/edits/edit_guard.h"
 #include "engine/scene/named_paths.h"
 #include "engine/scene/snapshot.h"
@@ -25,7 +26,8 @@ struct AddedPaths {
 /// placements, and a node for each copy, with the nodes of its scene below it; a scene without nodes
 /// gets one for each instance on the way to a placement. Copies of scenes with one placement share a
 /// node, and so do those of scenes without nodes and over named_placements_max placements, which are
-/// numbered through. `kept`, paths of the base, is ascending. The base has nodes. Fails once the guard stops.
+/// numbered through. `kept`, paths of the base, is ascending. Nodes name the paths of the result
+/// (nodes_name()). Fails once the guard stops.
 Result<void> link_paths(const Snapshot& base, std::span<const PathRange> kept,
                         std::span<const AddedPaths> added, Content& content,
                         const EditGuard& guard = {});
@@ -35,6 +37,10 @@ inline constexpr std::uint64_t path_nodes_max = 1 << 24;
 
 /// Placements of a scene without nodes that get nodes of their own: names cost memory.
 inline constexpr std::uint64_t named_placements_max = 65536;
+
+/// True if nodes name the paths of a base with these added scenes: it or one of them has nodes, and
+/// it has no more than named_placements_max placements if it has none.
+[[nodiscard]] bool nodes_name(const Snapshot& base, std::span<const AddedScene> added);
 
 /// How many nodes each copy of a scene gets, but for copies that share one.
 [[nodiscard]] std::uint64_t nodes_of_copy(const Snapshot& added);

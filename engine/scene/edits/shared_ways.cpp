@@ -32,17 +32,19 @@ std::uint64_t copy_bytes(const SceneView& view, const ObjectRecord& object) {
 /// Returns how many bytes the added scenes take, besides what is copied of the base.
 std::uint64_t bytes_to_add(const Snapshot& scene, const SceneChanges& changes) {
     std::map<const Snapshot*, std::uint64_t> nodes;  ///< of a copy, by its scene
+    // Nodes and runs stand in the content and in the arena, and their new numbers beside them.
+    constexpr std::uint64_t node_bytes = 2 * sizeof(PathNode) + 2 * sizeof(std::uint32_t);
+    const bool has_nodes = nodes_name(scene, changes.added);
     std::uint64_t bytes = 0;
+    if (has_nodes && scene.paths().node_count == 0)
+        bytes += nodes_of_copy(scene) * (node_bytes + 2 * sizeof(PathRun));
     for (const AddedScene& added : changes.added) {
         const auto [known, is_new] = nodes.try_emplace(added.scene.get(), 0);
-        if (is_new && scene.paths().node_count != 0) known->second = nodes_of_copy(*added.scene);
+        if (is_new && has_nodes) known->second = nodes_of_copy(*added.scene);
         const std::uint64_t runs =
             std::max<std::uint64_t>(known->second, added.scene->paths().run_count);
-        // Nodes and runs stand in the content and in the arena, and their new numbers beside them.
-        const std::uint64_t each =
-            sizeof(InstanceRecord) + sizeof(InstanceInfo) + sizeof(Node) +
-            known->second * (2 * sizeof(PathNode) + 2 * sizeof(std::uint32_t)) +
-            2 * runs * sizeof(PathRun);
+        const std::uint64_t each = sizeof(InstanceRecord) + sizeof(InstanceInfo) + sizeof(Node) +
+                                   known->second * node_bytes + 2 * runs * sizeof(PathRun);
         bytes += added.scene->bytes().size() + added.to_scene.size() * each;
     }
     return bytes;

@@ -125,7 +125,8 @@ private:
         std::vector<std::vector<PathRange>> ranges(uids_.size());
         for (std::uint32_t r = 0; r < paths_.run_count; ++r) {
             if (r % 1024 == 0 && stopped_()) return fail(ErrorCode::limit_exceeded, "stopped");
-            const PathRange run{paths_.runs[r].first_path, end_of_run(scene_, r)};
+            const PathRange run{paths_.runs[r].first_path,
+                                end_of_run(paths_, r, scene_.statistics().instances)};
             Sought next = sought[paths_.runs[r].node];
             for (; next.node != none; next = sought[paths_.nodes[next.node].parent]) {
                 std::vector<PathRange>& of = ranges[next.number];

@@ -1,6 +1,8 @@
 // Texts of paths: every one is unique, and each finds its path again.
 #include "engine/assets/gltf/gltf.h"
 #include "engine/queries/columns.h"
+#include "engine/scene/edits/link.h"
+#include "engine/scene/edits/linked_paths.h"
 #include "engine/scene/edits/names.h"
 #include "engine/scene/format.h"
 #include "engine/scene/named_paths.h"
@@ -12,6 +14,7 @@
 
 #include <algorithm>
 #include <cstring>
+#include <iterator>
 #include <set>
 #include <span>
 #include <string>
@@ -19,6 +22,7 @@
 
 using namespace raynest;
 using test::place;
+using test::translation;
 
 namespace {
 
@@ -183,6 +187,48 @@ TEST_CASE("instances of a described scene are numbered as well") {
     CHECK(texts_of(*scene) == std::vector<std::string>{"first#0", "first#0/low", "first#0/leaf",
                                                        "first#1", "first#1/low", "first#1/leaf",
                                                        "lone", "twig", "twig/low", "twig/leaf"});
+}
+
+TEST_CASE("the names of nodes and of instances both stay where a scene becomes part of another") {
+    SceneDescription description = test::tree_scene();
+    description.objects[1].instances[1].name = "low";
+    const auto part = read_nodes(equal_subtrees);
+    const std::vector<std::string> nodes = texts_of(*part);
+    const auto with = [](const std::string& before, std::vector<std::string> texts) {
+        for (std::string& text : texts)
+            text.insert(0, text.empty() ? before.substr(0, before.size() - 1) : before);
+        return texts;
+    };
+    const auto linked = [](const auto& base, AddedScene added) {
+        auto arena = link_scenes(*base, {}, {&added, 1});
+        REQUIRE(arena.has_value());
+        return *Snapshot::open(std::move(*arena));
+    };
+    for (const bool has_own : {false, true}) {
+        CAPTURE(has_own);
+        if (has_own) description.objects[2].geometries.push_back(test::unit_square());
+        const auto base = test::build_scene(description);
+        std::vector<std::string>
+            instances;  // the root's own primitives have the text "", to begin with
+        for (std::uint64_t path = 0; path < base->statistics().instances; ++path)
+            instances.push_back(text_of(*base, path));
+        // The root's own primitives make the base an instance of the new root.
+        std::vector<std::string> wanted = has_own ? with("root/", instances) : instances;
+        for (const char* copy : {"glb#0/", "glb#1/"})
+            std::ranges::copy(with(copy, nodes), std::back_inserter(wanted));
+        const auto made =
+            linked(base, {part, "glb", {translation(50, 0, 0), translation(60, 0, 0)}, {~0U, ~0U}});
+        CHECK(texts_of(*made) == wanted);
+        CHECK(expand_path(*made, instances.size() + 2)->at(2).uid == 5);  // of b/p
+        wanted = nodes;
+        std::ranges::copy(with("woods/", instances), std::back_inserter(wanted));
+        CHECK(texts_of(*linked(part, {base, "woods", {translation(50, 0, 0)}, {~0U}})) == wanted);
+    }
+    description.objects[2].geometries.clear();
+    description.objects[2].instances.assign(named_placements_max + 1,
+                                            place(0, translation(1, 0, 0)));
+    const AddedScene added{part, "glb", {}, {}};
+    CHECK_FALSE(nodes_name(*test::build_scene(description), {&added, 1}));
 }
 
 TEST_CASE("an unknown path is an error that lists the known names") {
