@@ -221,6 +221,28 @@ class Animation(WithDaemon):
             self.assertEqual(refused.returncode, 2, refused.stderr)
             self.assertIn(words, refused.stderr)
 
+    def test_a_file_whose_z_points_up_plays_as_it_is_loaded(self):
+        gltf = travelling()
+        gltf.json["scenes"][0]["extras"] = {"raynest": {"up": "z"}}
+        turned, scene = self.load(gltf, "turned"), self.load(travelling(), "drive")
+        for time in TIMES:
+            at = [np.reshape([*each.info_at(time)["box_min"], *each.info_at(time)["box_max"]], (2, 3))
+                  for each in (turned, scene)]
+            np.testing.assert_allclose(at[0][:, [0, 2]], at[1][:, [0, 1]], atol=1e-5)
+            np.testing.assert_allclose(at[0][:, 1], -at[1][::-1, 2], atol=1e-5)
+        np.testing.assert_allclose(turned.info["box_min"], turned.info_at(0)["box_min"], atol=1e-5)
+
+    def test_a_table_of_targets_that_a_small_file_asks_for_is_refused(self):
+        gltf = Gltf()
+        mesh = gltf.mesh(CORNERS, FACES)
+        primitive = gltf.json["meshes"][mesh]["primitives"][0]
+        gltf.json["meshes"][mesh]["primitives"] = [{**primitive, "mode": 0} for _ in range(2000)]
+        gltf.json["meshes"][mesh]["primitives"][0]["targets"] = [{} for _ in range(2000)]
+        node = gltf.node(name="box", mesh=mesh)
+        gltf.animate("", (node, "weights", [0], np.zeros(2000), "LINEAR"))
+        with self.assertRaisesRegex(raynest.Error, "decode to more than"):  # 2,000 targets of 2,000 parts
+            self.load(gltf, "targets")
+
     def test_nodes_are_where_float64_says_and_hits_equal_those_of_a_scene_loaded_there(self):
         scene = self.load(travelling(), "drive")
         before = scene.trace(RAIN, fields=("t",))["t"]

@@ -60,13 +60,17 @@ public:
                 return refuse(
                     fmt::format("has a primitive with the unknown mode {}", primitive.mode));
             }
+            if (motion != nullptr) {
+                if (auto done = budget_.take_bytes(motion->part_bytes()); !done)
+                    return error_of(done);
+                motion->begin_part();
+            }
             if (primitive.mode <= mode_lines_last) {
                 ++scene_.skipped[primitive.mode == mode_points ? "points" : "lines"];
                 object.geometries.emplace_back();
-                if (motion != nullptr) motion->begin_part(), motion->end_part(0);
+                if (motion != nullptr) motion->end_part(0);
                 continue;
             }
-            if (motion != nullptr) motion->begin_part();
             auto geometry = read_primitive(mesh, primitive, motion);
             if (!geometry) return error_of(geometry);
             if (geometry->indices.empty()) geometry = GeometryDescription{};

@@ -1,5 +1,6 @@
 #include "engine/assets/gltf/motion.h"
 
+#include "engine/assets/gltf/precision.h"
 #include "engine/geometry/ray.h"
 
 #include <fmt/format.h>
@@ -80,9 +81,10 @@ std::uint32_t MotionWriter::number_of(std::uint32_t node) {
         made.trs = from.trs;
         if (!from.is_animated) made.local = from.local;
         // The parts of an outermost node are in the world, its matrix is in the scene (move_world).
-        if (from.is_animated && above == no_id && scene_.origin != WorldPoint{}) {
+        const Matrix to_scene = world_to_scene(model_.up, scene_.origin);
+        if (from.is_animated && above == no_id && to_scene != identity_affine) {
             MotionNode world;
-            for (std::size_t i = 0; i < 3; ++i) world.local[4 * i + 3] = -scene_.origin[i];
+            world.local = to_scene;
             made.parent = static_cast<std::uint32_t>(tables_.nodes.size());
             tables_.nodes.push_back(world);
         }

@@ -68,17 +68,22 @@ std::array<glm::dvec3, 8> corners_of(const glm::dvec3& lower, const glm::dvec3& 
 
 }  // namespace
 
+Matrix world_to_scene(UpAxis up, const WorldPoint& origin) {
+    Matrix to_scene = translation(-origin[0], -origin[1], -origin[2]);
+    const glm::dmat4 turn = turn_of(UpAxis::y, up);
+    for (int row = 0; row < 3; ++row)
+        for (int column = 0; column < 3; ++column)
+            to_scene[static_cast<std::size_t>(4 * row + column)] = turn[column][row];
+    return to_scene;
+}
+
 void move_world(Model& model, const WorldPoint& origin) {
     if (origin == WorldPoint{} && model.up == UpAxis::y) return;
     std::vector<bool> is_top(model.nodes.size(), true);
     for (const Node& node : model.nodes)
         for (const std::uint32_t child : node.children) is_top[child] = false;
     for (const std::uint32_t root : model.roots) is_top[root] = true;
-    Matrix to_scene = translation(-origin[0], -origin[1], -origin[2]);
-    const glm::dmat4 turn = turn_of(UpAxis::y, model.up);
-    for (int row = 0; row < 3; ++row)
-        for (int column = 0; column < 3; ++column)
-            to_scene[static_cast<std::size_t>(4 * row + column)] = turn[column][row];
+    const Matrix to_scene = world_to_scene(model.up, origin);
     for (std::size_t i = 0; i < model.nodes.size(); ++i)
         if (is_top[i]) model.nodes[i].local = multiply(to_scene, model.nodes[i].local);
 }

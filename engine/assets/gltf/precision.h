@@ -14,6 +14,9 @@
 
 namespace raynest::gltf {
 
+/// Returns what maps the world of a file, in which y points up, to the scene.
+[[nodiscard]] Matrix world_to_scene(UpAxis up, const WorldPoint& origin);
+
 /// Turns the world to model.up and subtracts the origin from it: in the transform of every root and
 /// of every other node without a parent.
 void move_world(Model& model, const WorldPoint& origin);

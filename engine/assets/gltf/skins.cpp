@@ -140,6 +140,9 @@ Result<std::span<const Matrix>> Deformer::joint_maps(std::uint32_t index) {
                     fmt::format("{} has {} joints; at most {} are allowed", where,
                                 skin.joints.size(), joints_max));
     }
+    // Its maps, its binds, and the same of the motion.
+    if (auto done = budget_.take_bytes(skin.joints.size() * 3 * sizeof(Matrix)); !done)
+        return error_of(done);
     std::vector<float> inverse_bind;
     if (skin.inverse_bind != no_id) {
         auto values = inverse_bind_matrices(skin);

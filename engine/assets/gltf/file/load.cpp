@@ -435,7 +435,8 @@ void report_types(const Prescan& prescan, const tinygltf::Model& file, Model& mo
         };
         const std::string name = odd.list == "nodes"       ? name_in(file.nodes)
                                  : odd.list == "materials" ? name_in(file.materials)
-                                                           : name_in(file.samplers);
+                                 : odd.list == "samplers"  ? name_in(file.samplers)
+                                                           : "";
         model.odd.add(label(odd.list.substr(0, odd.list.size() - 1), odd.element, name),
                       fmt::format("{} is not {}; the default is used", odd.member, odd.wanted),
                       odd.more);

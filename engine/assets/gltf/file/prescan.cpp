@@ -25,7 +25,7 @@ constexpr std::uint64_t objects_free = 65536;
 constexpr std::uint64_t json_bytes_per_object = 16;
 
 /// Members that are read only if they have this type; else the file's reader takes the default.
-enum class Type : std::uint8_t { number, text, list, other };
+enum class Type : std::uint8_t { number, whole, text, list, other };
 struct TypedMember {
     std::string_view list;
     std::string_view inside;  ///< an object in the element, or ""
@@ -43,9 +43,35 @@ constexpr std::array typed_members{
     TypedMember{"nodes", "", "rotation", Type::list},
     TypedMember{"nodes", "", "scale", Type::list},
     TypedMember{"nodes", "", "matrix", Type::list},
+    TypedMember{"nodes", "", "mesh", Type::whole},
+    TypedMember{"nodes", "", "skin", Type::whole},
+    TypedMember{"nodes", "", "camera", Type::whole},
+    TypedMember{"accessors", "", "bufferView", Type::whole},
+    TypedMember{"accessors", "", "byteOffset", Type::whole},
+    TypedMember{"bufferViews", "", "byteOffset", Type::whole},
+    TypedMember{"bufferViews", "", "byteStride", Type::whole},
+    TypedMember{"textures", "", "source", Type::whole},
+    TypedMember{"textures", "", "sampler", Type::whole},
+    TypedMember{"skins", "", "inverseBindMatrices", Type::whole},
 };
 constexpr std::string_view name_of(Type type) {
-    return type == Type::number ? "a number" : type == Type::text ? "a text" : "a list of numbers";
+    switch (type) {
+        case Type::number:
+            return "a number";
+        case Type::whole:
+            return "a whole number";
+        case Type::text:
+            return "a text";
+        default:
+            return "a list of numbers";
+    }
+}
+
+/// True for members whose numbers may be fractions; whole ones of others count or name something.
+bool holds_fractions(std::string_view member) {
+    constexpr std::array members{"translation", "rotation", "scale", "matrix",
+                                 "weights",     "min",      "max"};
+    return std::ranges::find(members, member) != members.end() || member.ends_with("Factor");
 }
 
 class Scan {
@@ -71,7 +97,7 @@ public:
     }
     bool number_unsigned(number_unsigned_t value) {
         constexpr number_unsigned_t mask_max = 0xFFFFFFFF;
-        note(Type::number,
+        note(Type::whole,
              value <= mask_max ? std::optional(static_cast<std::uint32_t>(value)) : std::nullopt);
         // tinygltf throws on such a buffer.
         if (value == 0 && at("buffers", "byteLength")) found_.one_binary = false;
@@ -79,6 +105,8 @@ public:
     }
     bool number_float(number_float_t value, const string_t&) {
         const bool is_whole = value >= 0 && value <= 0xFFFFFFFF && value == std::floor(value);
+        // tinygltf drops a 36.0 where it wants an integer.
+        if (is_whole && !holds_fractions(member())) found_.one_binary = false;
         if (is_whole) return number_unsigned(static_cast<number_unsigned_t>(value));
         return number_integer(0);
     }
@@ -163,6 +191,11 @@ private:
         return true;
     }
 
+    /// The member whose value is being read, or in whose array it stands.
+    [[nodiscard]] std::string_view member() const {
+        const bool in_array = levels_.back().key.empty() && levels_.size() > 1;
+        return in_array ? levels_[levels_.size() - 2].key : levels_.back().key;
+    }
     /// True inside the elements' array of a top-level member: {"nodes": [ <here>
     [[nodiscard]] bool in_top_array(std::string_view member) const {
         return levels_.size() == 2 && levels_[0].key == member;
@@ -190,7 +223,7 @@ private:
             const bool inside = !known.inside.empty();
             if (levels_.size() != (inside ? 4 : 3) || levels_.back().key != known.member ||
                 levels_[0].key != known.list || (inside && levels_[2].key != known.inside) ||
-                type == known.type)
+                type == known.type || (type == Type::whole && known.type == Type::number))
                 continue;
             const auto same = std::find_if(
                 found_.mistyped.begin(), found_.mistyped.end(), [&](const auto& other) {

@@ -456,7 +456,8 @@ TEST_CASE(
                "material 0 ('leaf'): baseColorFactor is not a list of numbers"},
           Case{plain, R"("wrapS":7)", "", "sampler 0: its wrapS or wrapT is unknown"},
           Case{plain, R"("magFilter":7)", "", "sampler 0: its magFilter is unknown"},
-          Case{plain, "", R"(,"scale":2)", "node 0 ('oak'): scale is not a list of numbers"}}) {
+          Case{plain, "", R"(,"scale":2)", "node 0 ('oak'): scale is not a list of numbers"},
+          Case{plain, "", R"(,"camera":0.5)", "node 0 ('oak'): camera is not a whole number"}}) {
         CAPTURE(text);
         const auto scene = load(material, sampler, node);
         CHECK(contains(warning(scene), text));

@@ -62,6 +62,13 @@ TEST_CASE("only a scene whose bytes are all in one binary chunk is read as it is
     CHECK_FALSE(one_binary(R"({"buffers":[{"byteLength":4,"uri":"b.bin"}]})"));
     CHECK_FALSE(one_binary(R"({"buffers":[{"byteLength":4}],"images":[{"uri":"a.png"}]})"));
     CHECK_FALSE(one_binary(R"({"buffers":[{"byteLength":0}]})"));
+    // Numbers that tinygltf wants as integers are written as such before it sees them.
+    for (const char* json : {R"({"nodes":[{"mesh":1.0}]})", R"({"nodes":[{"children":[1.0]}]})",
+                             R"({"bufferViews":[{"byteOffset":36.0}]})",
+                             R"({"meshes":[{"primitives":[{"attributes":{"POSITION":2.0}}]}]})"})
+        CHECK_FALSE(one_binary(json));
+    CHECK(one_binary(R"({"nodes":[{"translation":[1.0,2.0,0.5]}],"accessors":[{"min":[0.0]}],
+                         "materials":[{"metallicFactor":1.0}]})"));
 }
 
 TEST_CASE("a GLB container with false lengths is refused") {
