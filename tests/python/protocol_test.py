@@ -290,6 +290,10 @@ class Chunks(unittest.TestCase):
                 file_names(text)
         mesh = bytes(mesh_glb([[0, 0, 0], [1, 0, 0], [0, 1, 0]], [[0, 1, 2]]))
         self.assertEqual(file_names(mesh), {})
+        json_bytes, = struct.unpack_from("<I", mesh, 12)
+        padded = mesh[20:20 + json_bytes].rstrip().ljust(json_bytes + 4, b"\0")   # not with spaces, as it should be
+        self.assertEqual(file_names(struct.pack("<5I", *struct.unpack_from("<2I", mesh), len(mesh) + 4, len(padded),
+                                                0x4E4F534A) + padded + mesh[20 + json_bytes:]), {})
         for cut in range(len(mesh)):
             with self.assertRaises(errors.InvalidError, msg=cut):
                 file_names(mesh[:cut])

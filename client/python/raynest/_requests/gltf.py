@@ -38,7 +38,7 @@ def file_names(data: bytes, is_glb: bool = False) -> dict[str, bool]:
         _refuse("is a Git LFS pointer, not the file itself: run git lfs pull")
     if is_glb and data[:4] != b"glTF":
         _refuse(f"is no GLB file: it begins with {data[:24]!r}")
-    text = _glb_json(data) if data[:4] == b"glTF" else data
+    text = _glb_json(data).rstrip(b"\0") if data[:4] == b"glTF" else data   # some pad with zeros
     if len(text) > JSON_BYTES_MAX:
         _refuse(f"has {len(text)} bytes of JSON; at most {JSON_BYTES_MAX} are read")
     try:

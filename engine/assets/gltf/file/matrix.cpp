@@ -1,6 +1,7 @@
 // Node transforms: converts a matrix or TRS to one 3x4 map in double precision.
 #include "engine/assets/gltf/file/model.h"
 
+#include <algorithm>
 #include <cmath>
 
 namespace raynest::gltf {
@@ -35,7 +36,8 @@ Result<Matrix> local_matrix(std::span<const double> matrix, std::span<const doub
         }
         // A last row of zeros is accepted only with an all-zero matrix: singular, not projective.
         const double row = std::abs(matrix[3]) + std::abs(matrix[7]) + std::abs(matrix[11]);
-        if (row > 1e-4 || (std::abs(matrix[15] - 1) > 1e-4 && matrix[15] != 0)) {
+        const bool is_zero = std::ranges::all_of(matrix, [](double x) { return x == 0; });
+        if (row > 1e-4 || (std::abs(matrix[15] - 1) > 1e-4 && !is_zero)) {
             return fail(ErrorCode::scene_invalid,
                         where + " has a projective matrix, not an affine one");
         }

@@ -88,6 +88,20 @@ TEST_CASE("interleaved attributes are read by their stride") {
     CHECK(geometry.texcoords[0] == std::vector<Vec2>{{0.1F, 0.2F}, {0.3F, 0.4F}, {0.5F, 0.6F}});
 }
 
+TEST_CASE("a matrix that is not affine is refused") {
+    const auto complaint = [](const std::string& last) {
+        const std::string json =
+            R"({"asset":{"version":"2.0"},"nodes":[{"matrix":[1,0,0,0,0,1,0,0,0,0,1,0,0,0,0,)" +
+            last + "]}]}";
+        const test::Upload upload("scene.gltf", test::to_bytes(json));
+        const auto scene = describe_gltf(upload.request(), ImportLimits{});
+        return scene ? std::string() : scene.error().message;
+    };
+    CHECK(!contains(complaint("1"), "projective"));
+    CHECK(contains(complaint("0"), "projective"));
+    CHECK(contains(complaint("2"), "projective"));
+}
+
 TEST_CASE("the alpha of COLOR_0 is kept") {
     GlbWriter writer;
     writer.add_floats({0, 0, 0, 1, 0, 0, 0, 1, 0}, "VEC3", 3);
