@@ -3,6 +3,7 @@
 
   dask_test.py RAYNESTD RAYNEST FLATC
 """
+import asyncio
 import fcntl
 import json
 import os
@@ -12,6 +13,7 @@ import sys
 import warnings
 from pathlib import Path
 
+import distributed
 import numpy as np
 
 import raynest
@@ -266,6 +268,20 @@ class ManyHosts(WithCluster):
         rays = rain(20000)
         self.same(many.trace(cluster.client, SCENE, rays, item_rays=1000, setup=self.setup, patience=1.0),
                   self.woods.trace(rays))
+
+    def test_a_client_that_cannot_wait_is_refused(self):
+        cluster = self.cluster(0)
+        address = cluster.client.scheduler.address
+
+        async def alone():
+            async with distributed.Client(address, asynchronous=True, set_as_default=False) as client:
+                with self.assertRaisesRegex(raynest.UsageError, "the Client is asynchronous: give one made without"):
+                    many.trace(client, SCENE, SWEEP, setup=self.setup)
+        asyncio.run(alone())
+        with distributed.Client(address, set_as_default=False) as client:
+            pass
+        with self.assertRaisesRegex(raynest.UsageError, "the Client is closed.*: connect anew"):
+            many.trace(client, SCENE, SWEEP, setup=self.setup)
 
     def test_a_link_is_cut(self):
         far = Elsewhere()

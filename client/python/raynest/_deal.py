@@ -269,6 +269,11 @@ def known_to(cluster: Any, scene: Prepared, setup: Setup, patience: float, progr
     """The scene with the digest that all workers must agree on."""
     if not isinstance(cluster, distributed.Client):
         raise UsageError("the first argument is a distributed.Client, as Client('tcp://head:8786')")
+    if cluster.status in ("closing", "closed"):
+        raise UsageError("the Client is closed, or its scheduler went away: connect anew")
+    if cluster.asynchronous:    # all that waits here would keep its loop from answering
+        raise UsageError("the Client is asynchronous: give one made without asynchronous=True, or call this in another "
+                         "thread, as asyncio.to_thread() does")
 
     def ask(method: Any) -> Any:
         def send(done: int, total: int, stage: str) -> None:
