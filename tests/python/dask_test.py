@@ -10,6 +10,8 @@ import os
 import signal
 import subprocess
 import sys
+import threading
+import time
 import warnings
 from pathlib import Path
 
@@ -40,6 +42,12 @@ def processes(word):
     return found
 
 
+def waits(_host, _source, end):
+    """An item that ends when there is such a file. The workers get it as code: they have not this module."""
+    while not end.exists():
+        time.sleep(0.05)
+
+
 class ManyHosts(WithCluster):
     @classmethod
     def setUpClass(cls):
@@ -63,6 +71,11 @@ class ManyHosts(WithCluster):
             seen = self.traced(cluster, progress=progress, **options)
         self.assertTrue(called)
         return seen, [str(one.message) for one in said if one.category is raynest.RayWarning]
+
+    def dealt(self, cluster):
+        """worker -> how many items of a client it has."""
+        return {worker: sum(key.startswith("raynest-") for key in keys)
+                for worker, keys in cluster.client.processing().items()}
 
     def test_all_that_is_dealt_out_has_the_bytes_of_one_daemon(self):
         cluster = self.cluster(2)
@@ -268,6 +281,21 @@ class ManyHosts(WithCluster):
         rays = rain(20000)
         self.same(many.trace(cluster.client, SCENE, rays, item_rays=1000, setup=self.setup, patience=1.0),
                   self.woods.trace(rays))
+
+    def test_a_late_item_goes_to_a_worker_that_has_no_copy_of_it(self):
+        cluster = self.cluster(2)
+        first, other = cluster.client.scheduler_info()["workers"]
+        end = self.out / "end"
+        # The scheduler itself would give the first one all copies.
+        much = [cluster.client.submit(waits, None, None, end, workers=[other], pure=False) for _ in range(20)]
+        until(lambda: len(cluster.client.processing()[other]) == len(much))
+        deal = many.Deal(cluster.client, self.setup, many.prepare(SCENE), waits, [many.Part(end)], 0.25, None)
+        deal._heard = {f"the worker {worker}": time.monotonic() for worker in (first, other)}
+        answers = threading.Thread(target=list, args=(deal.answers(),))
+        self.addCleanup(answers.join)
+        self.addCleanup(end.touch)
+        answers.start()
+        until(lambda: all(self.dealt(cluster).values()), lambda: f"items of {first} and {other}: {self.dealt(cluster)}")
 
     def test_a_client_that_cannot_wait_is_refused(self):
         cluster = self.cluster(0)

@@ -137,6 +137,25 @@ class Deal:
         since = self._news - self._silence()
         return [where.split()[-1] for where, heard in self._heard.items() if heard >= since]
 
+    def _places(self) -> dict[str, set[str]]:
+        """worker -> keys of what it makes, and of our copies that it has made. The scheduler tells; {}: it does not."""
+        keys = [copy.key for copies in self._open.values() for copy in copies]
+
+        async def ask() -> Any:
+            return await asyncio.gather(self._cluster.scheduler.processing(workers=None),
+                                        self._cluster.scheduler.who_has(keys=keys))
+        asking = asyncio.run_coroutine_threadsafe(ask(), self._cluster.loop.asyncio_loop)
+        try:
+            making, made = asking.result(self._patience)
+        except Exception:   # what is late is dealt again all the same
+            asking.cancel()
+            return {}
+        places = {worker: set(theirs) for worker, theirs in making.items()}
+        for key, workers in made.items():
+            for worker in workers:
+                places.setdefault(worker, set()).add(key)
+        return places
+
     def _silence(self) -> float:
         """Seconds after which an item is late, in which even a slow one is made, and at first the scene loaded."""
         if self._seconds:
@@ -219,7 +238,8 @@ class Deal:
         return []
 
     def _look(self) -> list[tuple[int, Any]]:
-        """Nothing came for a while: deals what is late again, to workers that were heard of since."""
+        """Nothing came for a while: deals what is late again, to workers that were heard of since and have no
+        copy of it: one may be stuck in an item and answer others."""
         now = time.monotonic()
         if self._cluster.status != "running":
             self._give_up_cluster(None)
@@ -227,6 +247,7 @@ class Deal:
         silence = self._silence()
         silent = now - self._news > silence
         lively = self._lively()
+        places: Optional[dict[str, set[str]]] = None
         if silent and self._open and not self._workers():
             item = min(self._open)      # whoever joins later makes the others
             return [(item, self._make(item, FailedError("the cluster has no workers")))]
@@ -235,7 +256,10 @@ class Deal:
             if copies and now - max(copies.values()) < silence:
                 continue
             if self._copies[item] < COPIES_MAX:
-                self._deal(item, lively or None)
+                places = self._places() if places is None else places
+                able, keys = self._fit(lively or list(places)) or [], {copy.key for copy in copies}
+                others = [worker for worker in able if worker in places and not keys & places[worker]]
+                self._deal(item, others or lively or None)
             elif silent or not copies:
                 return [(item, self._make(item))]
         return []
