@@ -4,6 +4,7 @@
   dask_test.py RAYNESTD RAYNEST FLATC
 """
 import asyncio
+import contextlib
 import fcntl
 import json
 import os
@@ -28,6 +29,8 @@ from with_daemon import main, rain
 SCENE = "builtin:forest?trees=20"
 SWEEP = generators.lidar(np.linspace(-40, 5, 64), (0, 360, 2048), look_at=((0, 9, 0), (1, 9, 0)))
 FIELDS = ("t", "prim", "path", "direction")
+# Beyond any test's patience.
+ENDLESS = {"size": (640, 640), "integrator": "path", "spp": 1 << 16, "item_samples": 1 << 40}
 
 
 def processes(word):
@@ -76,6 +79,25 @@ class ManyHosts(WithCluster):
         """worker -> how many items of a client it has."""
         return {worker: sum(key.startswith("raynest-") for key in keys)
                 for worker, keys in cluster.client.processing().items()}
+
+    def told(self, ask):
+        """The lists that the daemons of the workers answer, in one."""
+        uris = set()
+        for pid in processes("raynest-dask-"):
+            with contextlib.suppress(OSError):      # it has ended meanwhile
+                words = Path(f"/proc/{pid}/cmdline").read_bytes().decode().split("\0")
+                uris.update(word for word in words if word.startswith("unix:"))
+        found = []
+        for uri in uris:
+            with raynest.connect(uri) as client:
+                found += ask(client)
+        return found
+
+    def jobs(self):
+        return self.told(raynest.Client.jobs)
+
+    def holders(self):
+        return [scene["holders"] for scene in self.told(raynest.Client.scenes)]
 
     def test_all_that_is_dealt_out_has_the_bytes_of_one_daemon(self):
         cluster = self.cluster(2)
@@ -310,6 +332,39 @@ class ManyHosts(WithCluster):
             pass
         with self.assertRaisesRegex(raynest.UsageError, "the Client is closed.*: connect anew"):
             many.trace(client, SCENE, SWEEP, setup=self.setup)
+
+    def test_what_nobody_waits_for_is_ended(self):
+        cluster = self.cluster(1)
+        self.traced(cluster)
+        with self.subTest("a request"):
+            held = []
+
+            def interrupt():
+                try:
+                    until(self.jobs)
+                    held.append(self.holders())
+                finally:
+                    os.kill(os.getpid(), signal.SIGINT)
+            interrupting = threading.Thread(target=interrupt)
+            interrupting.start()
+            with self.assertRaises(KeyboardInterrupt):
+                many.render(cluster.client, SCENE, **ENDLESS, setup=self.setup, patience=1000.0)
+            interrupting.join()
+            until(lambda: not self.jobs(), self.jobs)
+            self.assertEqual([self.holders()], held, "no connection was given up for it")
+        with self.subTest("a command"):
+            lit = ("render", SCENE, "--size", "640x640", "--integrator", "path", "--spp", str(1 << 16))
+            running = subprocess.Popen([self.raynest, "--dask", cluster.client.scheduler.address, *lit, "-o", "many.exr"],
+                                       cwd=self.out, stdin=subprocess.DEVNULL, stdout=subprocess.PIPE,
+                                       stderr=subprocess.PIPE, text=True,
+                                       env={**cluster.environment, "RAYNEST_PYTHON": sys.executable})
+            until(lambda: processes("\0--part\0"))
+            running.send_signal(signal.SIGINT)
+            self.assertEqual((running.communicate(timeout=60), running.returncode),
+                             (("", "raynest: interrupted\n"), 130))
+            until(lambda: not processes("\0--part\0"), lambda: processes("\0--part\0"))
+            until(lambda: not self.jobs(), self.jobs)
+        self.same(self.traced(cluster), self.sweep)
 
     def test_a_link_is_cut(self):
         far = Elsewhere()

@@ -24,12 +24,14 @@ import numpy as np
 
 from ._net.control import Message
 from ._net.frame import Array
+from ._net.interrupts import Interrupts
 from ._travel import PIECE_BYTES, PIECE_SECONDS, Missing, fetch, keys_of_changes, keys_of_file
 from ._requests.film import Layers
 from ._requests.loads import Load, load_of_file
 from ._version import VERSION
 from .client import Client, connect
-from .errors import BusyError, ConnectError, DeadlineError, Error, FailedError, InvalidError, UsageError
+from .errors import (BusyError, CancelledError, ConnectError, DeadlineError, Error, FailedError, InvalidError,
+                     UsageError)
 from .scene import Scene
 
 try:
@@ -39,9 +41,11 @@ except ImportError:
 
 SCENES_MAX = 4             # that a thread holds
 ITEM_SECONDS = 600.0       # after which an item's daemon counts as stuck
+LOOK_SECONDS = 0.25        # between two looks whether an item's program has ended, or nobody waits for it
 START_SECONDS = 60.0
 LEFT_SECONDS = 3600.0      # after which the folder of a worker that is gone is taken away
 NAME_LETTERS = 16          # of the folders, which tell them apart
+NOBODY_WAITS = "nobody waits for the item any more"
 
 
 class Setup(NamedTuple):
@@ -99,6 +103,20 @@ class NoRoom(BusyError):
     where = ""
 
 
+class Leaving(Interrupts):
+    """Ends a request whose item nobody waits for any more, as Ctrl-C does in the main thread: once, so that the
+    connection can still cancel it at the daemon."""
+
+    _left = ""
+
+    def check(self) -> None:
+        super().check()
+        key = dropped()
+        if key not in ("", self._left):
+            self._left = key
+            raise CancelledError(NOBODY_WAITS)
+
+
 class Host:
     """The daemon of this host, and the connections of this process to it. Thread-safe."""
 
@@ -126,6 +144,7 @@ class Host:
         known: Optional[Client] = getattr(self._mine, "client", None)
         if known is None:
             self._mine.client = known = self._connect()
+            known.connection.interrupts = Leaving()
             self._mine.scenes, self._mine.changed = {}, ("", None, 0)
         return known
 
@@ -313,6 +332,16 @@ def read_at(source: Source) -> Optional[Load]:
         return None
 
 
+def dropped() -> str:
+    """The key of this thread's item, where its client has left it or has the answer from elsewhere; else ""."""
+    try:
+        worker: Any = distributed.get_worker()
+        key: str = worker.get_current_task()
+        return key if worker.state.tasks[key].state == "cancelled" else ""
+    except (ValueError, LookupError, AttributeError):   # no item of a cluster, or another Dask
+        return ""
+
+
 _hosts: dict[Any, Host] = {}
 _hosts_lock = threading.Lock()
 
@@ -406,17 +435,34 @@ def command(host: Host, source: Source, options: dict[str, Any]) -> tuple[bytes,
         words = [output if word is None else word.prefix + word.name if isinstance(word, Carried) else
                  scene.name if word == options["scene"] else word for word in options["words"]]
         program = [os.path.join(os.path.dirname(host.binary()), "raynest"), "--server", host.uri, "--json", *words]
-        try:
-            done = subprocess.run(program, stdin=subprocess.DEVNULL, capture_output=True, check=False, cwd=files,
-                                  timeout=ITEM_SECONDS)
-        except OSError as error:
-            raise FailedError(f"{here()} cannot start {program[0]}: {error.strerror}; install raynest there") from None
-        except subprocess.TimeoutExpired:
-            raise DeadlineError(f"{here()} was not ready after {ITEM_SECONDS:.0f} s") from None
-        if done.returncode:
-            raise error_of(done.returncode, done.stderr.decode(errors="replace"))
+        document = _told_by(program, files)
         with open(output, "rb") as file:
-            return file.read(), json.loads(done.stdout)
+            return file.read(), document
+
+
+def _told_by(program: Sequence[str], folder: str) -> Any:
+    """The document of --json of a program of this package, which ends early where nobody waits for it."""
+    try:
+        running = subprocess.Popen(program, stdin=subprocess.DEVNULL, stdout=subprocess.PIPE, stderr=subprocess.PIPE,
+                                   cwd=folder)
+    except OSError as error:
+        raise FailedError(f"{here()} cannot start {program[0]}: {error.strerror}; install raynest there") from None
+    end = time.monotonic() + ITEM_SECONDS
+    with running:
+        try:
+            while True:
+                with contextlib.suppress(subprocess.TimeoutExpired):
+                    told, said = running.communicate(timeout=LOOK_SECONDS)
+                    break
+                if dropped():
+                    raise CancelledError(NOBODY_WAITS)
+                if time.monotonic() > end:
+                    raise DeadlineError(f"{here()} was not ready after {ITEM_SECONDS:.0f} s")
+        finally:
+            running.kill()
+    if running.returncode:
+        raise error_of(running.returncode, said.decode(errors="replace"))
+    return json.loads(told)
 
 
 def error_of(exit_code: int, said: str) -> Error:
