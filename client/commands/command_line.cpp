@@ -62,6 +62,10 @@ const Option& Option::type_name(const std::string& name) const {
     option_->type_name(name);
     return *this;
 }
+const Option& Option::filled() const {
+    option_->check(CLI::Validator(complain_if_empty, ""));
+    return *this;
+}
 const Option& Option::hidden() const {
     option_->group("");
     return *this;

@@ -31,6 +31,8 @@ public:
     const Option& environment_name(const std::string& name) const;
     /// Sets the word that help has for the value.
     const Option& type_name(const std::string& name) const;
+    /// Refuses "", as options of commands do.
+    const Option& filled() const;
     /// Leaves the option out of help.
     const Option& hidden() const;
 

@@ -151,9 +151,10 @@ Result<Parsed> parse_options(int argc, const char* const* argv) {
     line.add_flag("--local", options.local,
                   "start a raynestd for this command alone, with no scene but those it loads");
     line.add_option(
-        "--dask", options.dask,
-        "tcp://HOST:PORT of a Dask scheduler: its workers make the parts of a render, heatmap "
-        "or query, each with a raynestd of its own; scene, rays and other files travel there");
+            "--dask", options.dask,
+            "tcp://HOST:PORT of a Dask scheduler: its workers make the parts of a render, heatmap "
+            "or query, each with a raynestd of its own; scene, rays and other files travel there")
+        .filled();
     line.add_flag("--json", options.json, "print answers and errors as JSON");
     line.add_flag("--quiet", options.quiet, "show no progress on the terminal");
     add_reconnect(line, options.reconnect);

@@ -178,6 +178,8 @@ TEST_CASE("mistakes are usage errors in one line") {
         CHECK(complaint({"heatmap", "f", "-o", "x.png", option, ""}).find("must not be empty") !=
               std::string::npos);
     }
+    CHECK(complaint({"--dask", "", "info", "f"}).find("--dask: must not be empty") !=
+          std::string::npos);
 }
 
 TEST_CASE("a complaint names the wrong word and the accepted ones") {
