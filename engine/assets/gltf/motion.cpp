@@ -81,10 +81,10 @@ std::uint32_t MotionWriter::number_of(std::uint32_t node) {
         made.trs = from.trs;
         if (!from.is_animated) made.local = from.local;
         // The parts of an outermost node are in the world, its matrix is in the scene (move_world).
-        const Matrix to_scene = world_to_scene(model_.up, scene_.origin);
-        if (from.is_animated && above == no_id && to_scene != identity_affine) {
+        const bool is_moved = scene_.origin != WorldPoint{} || model_.up != UpAxis::y;
+        if (from.is_animated && above == no_id && is_moved) {
             MotionNode world;
-            world.local = to_scene;
+            world.local = world_to_scene(model_.up, scene_.origin);
             made.parent = static_cast<std::uint32_t>(tables_.nodes.size());
             tables_.nodes.push_back(world);
         }

@@ -28,7 +28,7 @@ public:
     // The parts of a mesh that deforms, one after the other. Numbers are those of the file, before
     // targets and joints.
     void begin_mesh(std::uint32_t mesh);
-    /// What begin_part() takes: each part has all targets of its mesh.
+    /// Bytes that begin_part() takes: each part has all targets of its mesh.
     [[nodiscard]] std::uint64_t part_bytes() const {
         return tables_.meshes.back().weight_count * sizeof(MovedTarget);
     }
