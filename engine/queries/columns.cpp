@@ -3,11 +3,13 @@
 #include "engine/intersectors/texture.h"
 #include "engine/queries/base_colour.h"
 #include "engine/queries/triangle_place.h"
+#include "engine/scene/motion/velocities.h"
 #include "engine/shading/records.h"
 
 #include <algorithm>
 #include <array>
 #include <charconv>
+#include <cmath>
 #include <cstring>
 #include <utility>
 
@@ -24,17 +26,20 @@ constexpr Type u8{FieldType::u8, 1}, u32{FieldType::u32, 1}, u64{FieldType::u64,
 constexpr Type f32{FieldType::f32, 1}, vec2{FieldType::f32, 2}, vec3{FieldType::f32, 3};
 constexpr Type point = vec3, truth = u8;
 constexpr bool hit = false, ray = true;
-constexpr bool record = false, rays = true;
+struct Reads {
+    bool rays, motion;
+};
+constexpr Reads record{false, false}, rays{true, false}, motion{true, true};
 }  // namespace def
 
 /// In the order of Field.
 constexpr std::array fields = {
-#define RAYNEST_FIELD(name, kind, of, reads, shown, text)              \
-    FieldInfo{#name,   def::kind.type, def::kind.width,         false, \
-              def::of, def::reads,     FieldInfo::Shown::shown, {}},
+#define RAYNEST_FIELD(name, kind, of, reads, shown, text)                                  \
+    FieldInfo{#name,           def::kind.type,    def::kind.width,         false, def::of, \
+              def::reads.rays, def::reads.motion, FieldInfo::Shown::shown, {}},
 #include "engine/queries/fields.def"
 #define RAYNEST_COUNTER(name, title) \
-    FieldInfo{#name, FieldType::u32, 1, true, true, false, FieldInfo::Shown::asked, title},
+    FieldInfo{#name, FieldType::u32, 1, true, true, false, false, FieldInfo::Shown::asked, title},
 #include "engine/geometry/counters.def"
 };
 static_assert(fields.size() == static_cast<std::size_t>(Field::count_));
@@ -140,6 +145,39 @@ Vec2 texture_place(const ColumnSource& source, const HitRecord& hit) {
     return texture_coordinates(*source.scene, *geometry, set, hit.triangle, hit.u, hit.v);
 }
 
+float reflectance(const ColumnSource& source, const Ray& ray, const HitRecord& hit) {
+    const glm::dvec3 luminance(0.2126, 0.7152, 0.0722);  // ITU-R BT.709
+    const glm::dvec3 way(ray.direction);
+    const double cosine =
+        std::min(1.0, std::abs(glm::dot(glm::dvec3(vertex_normal(source, ray, hit)), way)) /
+                          glm::length(way));
+    return static_cast<float>(glm::dot(luminance, glm::dvec3(base_colour(*source.scene, hit))) *
+                              cosine);
+}
+
+glm::dvec3 velocity(const ColumnSource& source, const Ray& ray, const HitRecord& hit) {
+    const SceneView& scene = *source.scene;
+    const std::uint32_t outermost = ends_of(scene, hit.path).outermost;
+    if (source.velocities == nullptr || outermost == no_id) return glm::dvec3(0);
+    const glm::dvec3 point =
+        glm::dvec3(ray.origin) + static_cast<double>(hit.t) * glm::dvec3(ray.direction);
+    const glm::dvec3 carried = source.velocities->of_instance(outermost, point);
+    const std::uint32_t index = scene.objects[scene.root].first_instance + outermost;
+    const GeometryRecord* const geometry = geometry_of(source, hit);
+    if (geometry == nullptr || scene.instances[index].object != hit.object) return carried;
+    const auto* const corners = scene.attribute<std::uint32_t>(geometry->indices) +
+                                std::size_t{3} * (hit.triangle - geometry->first_triangle);
+    const double u{hit.u}, v{hit.v};
+    const glm::dvec3 bent = source.velocities->of_vertices(
+        outermost,
+        static_cast<std::uint32_t>(geometry - scene.geometries -
+                                   object_of(source, hit).first_geometry),
+        corners, {1 - u - v, u, v});
+    Affine to_scene;
+    std::ranges::copy(scene.instance_infos[index].to_parent.m, to_scene.begin());
+    return carried + map_vector(to_scene, bent);
+}
+
 /// Calls f(i, hit, ray) for every element.
 template <class F>
 void for_each_element(const ColumnSource& source, F&& f) {
@@ -181,6 +219,21 @@ void write_always(const ColumnSource& source, std::byte* out, Value&& value) {
     for_each_element(source, [&](std::size_t i, const HitRecord& hit, const Ray& ray) {
         const auto element = value(hit, ray);
         std::memcpy(out + i * sizeof element, &element, sizeof element);
+    });
+}
+
+void write_radial_velocities(const ColumnSource& source, std::byte* out) {
+    const std::span<const Vec3> sensor = source.sensor_velocities;
+    for_each_element(source, [&](std::size_t i, const HitRecord& hit, const Ray& ray) {
+        float along = 0;
+        if (hit.hit != 0) {
+            glm::dvec3 relative = velocity(source, ray, hit);
+            const std::size_t of = source.ray_of.empty() ? i : source.ray_of[i];
+            if (!sensor.empty()) relative -= glm::dvec3(sensor[of]);
+            const glm::dvec3 way(ray.direction);
+            along = static_cast<float>(glm::dot(relative, way) / glm::length(way));
+        }
+        std::memcpy(out + i * sizeof along, &along, sizeof along);
     });
 }
 
@@ -353,6 +406,12 @@ void write_column(const Column& column, const ColumnSource& source, std::byte* o
             return each(Vec2(0), [&](Hit h, At) { return texture_place(source, h); });
         case Field::base_colour:
             return each(Vec3(0), [&](Hit h, At) { return base_colour(*scene, h); });
+        case Field::reflectance:
+            return each(0.0F, [&](Hit h, At ray) { return reflectance(source, ray, h); });
+        case Field::velocity:
+            return each(Vec3(0), [&](Hit h, At ray) { return Vec3(velocity(source, ray, h)); });
+        case Field::radial_velocity:
+            return write_radial_velocities(source, out);
         case Field::origin:
             return always([](Hit, At ray) { return ray.origin; });
         case Field::direction:

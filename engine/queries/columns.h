@@ -19,6 +19,7 @@
 namespace raynest {
 
 struct GeometryShading;  // shading/records.h
+class Velocities;        // scene/motion/velocities.h
 
 /// Those of fields.def, then the counters.
 enum class Field : std::uint32_t {
@@ -49,6 +50,7 @@ struct FieldInfo {
     bool counter;         ///< needs a counting function
     bool of_ray;          ///< one per ray, however many hits it has
     bool reads_rays;      ///< write_column() looks at the rays
+    bool reads_motion;    ///< it needs ColumnSource::velocities
     /// Is it a column of a query that names none?
     enum class Shown : std::uint8_t { asked, hits, any } shown;
     std::string_view title;  ///< of a counter
@@ -88,6 +90,9 @@ struct ColumnSource {
     const void* context = nullptr;
     const PathTable* paths = nullptr;          ///< null: user ids are those of instances
     const GeometryShading* shading = nullptr;  ///< one per geometry; null: vertices have no normals
+    const Velocities* velocities = nullptr;    ///< null: the scene stands still
+    /// Velocity of the sensor at each ray, in the order of the answers; empty: it stands still.
+    std::span<const Vec3> sensor_velocities = {};
 };
 
 /// Writes an element of field_bytes() per hit (counters: per ray), canonical for misses. A counter

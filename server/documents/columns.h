@@ -31,6 +31,8 @@ public:
 
     /// True if a column needs the rays besides their hits.
     [[nodiscard]] bool read_rays() const;
+    /// True if a column says how fast something moves.
+    [[nodiscard]] bool read_motion() const;
 
     /// Maximum bulk bytes of a chunk.
     struct Cost {
@@ -44,10 +46,12 @@ public:
     [[nodiscard]] Cost cost(const Plan& plan) const;
 
     /// Encodes the CHUNK frame of `traced`, whose first ray is `first_ray` of the query. Compacts
-    /// the hits of a multi query in place. Adds to `statistics`.
+    /// the hits of a multi query in place. Adds to `statistics`. `sensor_velocities`: one per ray,
+    /// or none for a sensor that stands still.
     Reply<protocol::Frame> encode(const Plan& plan, const Registry& registry, std::uint64_t id,
                                   std::uint64_t first_ray, const TracedRays& traced,
-                                  JobStatistics& statistics) const;
+                                  JobStatistics& statistics,
+                                  std::span<const Vec3> sensor_velocities) const;
 
 private:
     std::vector<Column> columns_;

@@ -40,18 +40,23 @@ Matrix turned(const Matrix& first, const Matrix& second, double share) {
         turn[j] = {glm::dot(first[0], second[j]), glm::dot(first[1], second[j]),
                    glm::dot(first[2], second[j])};
     const double cosine = std::clamp((turn[0].x + turn[1].y + turn[2].z - 1) / 2, -1.0, 1.0);
-    // The antisymmetric part is the axis times the sine; at half a turn the symmetric part has it.
+    // The antisymmetric part is the axis times the sine. Near half a turn that is rounding, and the
+    // symmetric part, less the cosine, is the axis times itself.
     glm::dvec3 axis =
         glm::dvec3(turn[1].z - turn[2].y, turn[2].x - turn[0].z, turn[0].y - turn[1].x) / 2.0;
     const double sine = glm::length(axis);
     const double angle = std::atan2(sine, cosine) * share;
-    if (sine > 1e-9) {
-        axis /= sine;
+    if (cosine >= 0) {
+        axis /= std::max(sine, 1e-300);
     } else {
-        for (std::size_t j = 0; j < 3; ++j) turn[j][static_cast<int>(j)] += 1;
-        const std::size_t column = turn[0].x >= turn[1].y ? (turn[0].x >= turn[2].z ? 0 : 2)
-                                                          : (turn[1].y >= turn[2].z ? 1 : 2);
-        axis = turn[column] / std::max(glm::length(turn[column]), 1e-300);
+        const std::size_t longest = turn[0].x >= turn[1].y ? (turn[0].x >= turn[2].z ? 0 : 2)
+                                                           : (turn[1].y >= turn[2].z ? 1 : 2);
+        const auto l = static_cast<int>(longest);
+        glm::dvec3 along = turn[longest];
+        for (int j = 0; j < 3; ++j)
+            along[j] = (along[j] + turn[static_cast<std::size_t>(j)][l]) / 2;
+        along[l] -= cosine;
+        axis = (glm::dot(axis, along) < 0 ? -1.0 : 1.0) / glm::length(along) * along;
     }
     const Matrix across{glm::dvec3{0, axis.z, -axis.y}, glm::dvec3{-axis.z, 0, axis.x},
                         glm::dvec3{axis.y, -axis.x, 0}};
@@ -95,11 +100,21 @@ Reply<Trajectory> Trajectory::of(std::span<const double> rows) {
     return made;
 }
 
+std::size_t Trajectory::end_of_line(double time) const {
+    const auto behind = std::upper_bound(times_.begin(), times_.end(), time) - times_.begin();
+    return static_cast<std::size_t>(
+        std::clamp<std::ptrdiff_t>(behind, 1, static_cast<std::ptrdiff_t>(times_.size()) - 1));
+}
+
+glm::dvec3 Trajectory::velocity_at(double time) const {
+    if (times_.size() == 1) return glm::dvec3(0);
+    const std::size_t last = end_of_line(time);
+    return (poses_[last].origin - poses_[last - 1].origin) / (times_[last] - times_[last - 1]);
+}
+
 Pose Trajectory::at(double time) const {
     if (times_.size() == 1) return poses_.front();
-    const auto behind = std::upper_bound(times_.begin(), times_.end(), time) - times_.begin();
-    const auto last = static_cast<std::size_t>(
-        std::clamp<std::ptrdiff_t>(behind, 1, static_cast<std::ptrdiff_t>(times_.size()) - 1));
+    const std::size_t last = end_of_line(time);
     const Pose& a = poses_[last - 1];
     const Pose& b = poses_[last];
     const double share = (time - times_[last - 1]) / (times_[last] - times_[last - 1]);

@@ -24,8 +24,13 @@ public:
     [[nodiscard]] double end() const { return times_.back(); }
     /// The pose at a time from begin() to end().
     [[nodiscard]] Pose at(double time) const;
+    /// Its velocity then; at the time of a pose that of the line which begins there.
+    [[nodiscard]] glm::dvec3 velocity_at(double time) const;
 
 private:
+    /// The pose at which the line that holds a time ends; there are at least two.
+    [[nodiscard]] std::size_t end_of_line(double time) const;
+
     std::vector<double> times_;
     std::vector<Pose> poses_;
 };

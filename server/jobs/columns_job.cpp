@@ -6,9 +6,11 @@
 
 #include <algorithm>
 #include <atomic>
+#include <numeric>
 #include <optional>
 #include <string>
 #include <utility>
+#include <vector>
 
 namespace raynest::server {
 namespace {
@@ -203,7 +205,24 @@ private:
 
     /// Encodes the frame with the columns of these rays. Any thread.
     Reply<protocol::Frame> encode(const Plan& plan, std::uint64_t first, const TracedRays& traced) {
-        return columns_.encode(plan, services_.registry, id_, first, traced, statistics_);
+        return columns_.encode(plan, services_.registry, id_, first, traced, statistics_,
+                               sensor_velocities(first, traced.rows()));
+    }
+
+    /// Velocity of the sensor at these rays; nothing if no column needs it.
+    [[nodiscard]] std::vector<Vec3> sensor_velocities(std::uint64_t first,
+                                                      std::size_t count) const {
+        std::vector<Vec3> velocities;
+        const SentSweep* const sweep = source_.sweep();
+        if (sweep == nullptr || !columns_.read_motion()) return velocities;
+        std::vector<std::uint64_t> numbers(count);
+        if (rows_)
+            steps().order().numbers(first, numbers);
+        else
+            std::iota(numbers.begin(), numbers.end(), source_.first() + first);
+        velocities.reserve(count);
+        for (const std::uint64_t number : numbers) velocities.push_back(sweep->velocity_at(number));
+        return velocities;
     }
 
     /// True if rays may be traced in any order and among others, because each has one hit record

@@ -52,7 +52,9 @@ std::optional<Task> QueryJob::next() {
     if (!work) return steps_ ? steps_->next() : std::nullopt;
     auto& [chunk, task] = *work;
     task.reply_bytes_max = reply_bytes(chunk.count);
-    if (!steps_ && source_.rays() * plan_.hits_max <= inline_cost_max && plan_.has_small_trees() &&
+    // The columns of a posed scene may have to sample its animation.
+    if (!steps_ && plan_.scene.held->velocities == nullptr &&
+        source_.rays() * plan_.hits_max <= inline_cost_max && plan_.has_small_trees() &&
         plan_.traversal != traversal_reference && plan_.is_local())
         task.inline_cost = chunk.count * plan_.hits_max;
     task.mergeable = mergeable(chunk);

@@ -3,6 +3,7 @@
 #include "server/jobs/edit_memory.h"
 #include "server/scheduling/fair_thread_pool.h"
 #include "server/scheduling/peers.h"
+#include "server/store/late_velocities.h"
 
 #include <algorithm>
 #include <exception>
@@ -14,6 +15,8 @@ namespace raynest::server {
 struct ScenePoser::Made {
     Budget::Lease lease;  ///< of the result and of one copy
     Reply<std::shared_ptr<const Snapshot>> snapshot = nullptr;
+    std::shared_ptr<const LateVelocities> velocities = nullptr;
+    std::uint64_t bytes = 0;  ///< of both
 };
 
 ScenePoser::Posed* ScenePoser::place_of(const std::string& principal, const std::string& arena,
@@ -100,12 +103,16 @@ void ScenePoser::pose_scene(const Snapshot& scene, const Moment& moment,
     EditMemory memory(services_.budget, principal, Use::passing, scene.bytes().size());
     auto snapshot = pose(scene, moment, memory.guard({}));
     made.lease.merge(memory.take());
-    if (snapshot)
+    if (snapshot) {
+        made.velocities =
+            std::make_shared<LateVelocities>(**snapshot, moment.animation, moment.seconds);
+        made.bytes = (*snapshot)->bytes().size() + made.velocities->bytes();
         made.snapshot = std::move(*snapshot);
-    else if (memory.refused() != 0)
+    } else if (memory.refused() != 0) {
         made.snapshot = no_room(memory.refused(), principal);
-    else
+    } else {
         made.snapshot = refuse(std::move(snapshot.error()));
+    }
 }
 
 void ScenePoser::done(Kept::iterator posed, Made& made) {
@@ -113,9 +120,9 @@ void ScenePoser::done(Kept::iterator posed, Made& made) {
     Waiters waiting = std::exchange(posed->waiting, {});
     Reply<void> result;
     if (made.snapshot) {
-        made.lease.shrink(std::min(made.lease.bytes(), (*made.snapshot)->bytes().size()));
-        posed->held =
-            services_.scenes.with_memory(std::move(*made.snapshot), std::move(made.lease));
+        made.lease.shrink(std::min(made.lease.bytes(), made.bytes));
+        posed->held = services_.scenes.with_memory(
+            {std::move(*made.snapshot), std::move(made.lease), 0, {}, std::move(made.velocities)});
         posed->used = Clock::now();
     } else {
         own_[principal].kept.erase(posed);

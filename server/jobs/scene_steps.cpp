@@ -3,6 +3,7 @@
 #include "server/jobs/edit_memory.h"
 #include "server/scheduling/fair_thread_pool.h"
 #include "server/scheduling/peers.h"
+#include "server/store/late_velocities.h"
 
 #include <fmt/format.h>
 
@@ -90,15 +91,18 @@ Reply<void> SceneSteps::choose(const Stop& stop) {
         if (sweep.camera) steps = divided_up(sweep.lines(), sweep.lines() / steps);
         const std::uint64_t scans = last_scan - first_scan + 1;
         const std::uint64_t most = sweep_steps_max;
-        if (steps * scans > most)
+        if (steps * scans > most) {
+            const double each_most =
+                std::max(1.0, std::floor(static_cast<double>(most) / static_cast<double>(scans)));
             return refuse(
                 Code::limit_exceeded,
-                fmt::format(
-                    "step_error {:.3g}: parts of the scene move at {:.3g} per second, so "
-                    "that it needs {} steps, the limit is sweep_steps_max = {}; accept "
-                    "{:.2g} or more, or ask for fewer scans at a time",
-                    error, speed, steps * scans, most,
-                    error * static_cast<double>(steps * scans) / static_cast<double>(most)));
+                fmt::format("step_error {:.3g}: parts of the scene move at {:.3g} per second, so "
+                            "that it needs {} steps, the limit is sweep_steps_max = {}; accept "
+                            "{:.2g} or more, or ask for fewer scans at a time",
+                            error, speed, steps * scans, most,
+                            // Told in two digits, which may be less than it is.
+                            1.05 * speed * (sweep.end - sweep.begin) / (2 * each_most)));
+        }
         note_ = fmt::format("the scene moved at up to {:.3g} per second, in {} step{} per {}",
                             speed, steps, steps == 1 ? "" : "s", sweep.camera ? "picture" : "scan");
     } else {
@@ -188,9 +192,11 @@ Reply<void> SceneSteps::make(View& view, const Stop& stop) {
         return services_.budget.refuse("the scene at another time", memory.refused(), principal_,
                                        "start raynestd with a larger --memory");
     if (!posed) return refuse(std::move(posed.error()));
-    view.lease.shrink(std::min<std::uint64_t>(view.lease.bytes(), (*posed)->bytes().size()));
-    view.plan->scene.held =
-        std::make_shared<HeldScene>(HeldScene{std::move(*posed), std::move(view.lease)});
+    auto velocities = std::make_shared<const LateVelocities>(**posed, motion_->animation, seconds);
+    view.lease.shrink(std::min<std::uint64_t>(view.lease.bytes(),
+                                              (*posed)->bytes().size() + velocities->bytes()));
+    view.plan->scene.held = std::make_shared<HeldScene>(
+        HeldScene{std::move(*posed), std::move(view.lease), 0, {}, std::move(velocities)});
     if (plan_.selected == nullptr) return {};
     view.plan->selected =
         std::make_shared<Selected>(plan_.selected->words(), services_.limits.hidden_instances_max,

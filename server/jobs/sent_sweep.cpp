@@ -77,6 +77,7 @@ Reply<void> SentSweep::make(const Stop& stop) {
             return refuse(Code::invalid_field, "elevations and azimuths must be finite");
     std::vector<Pose> poses;
     poses.reserve(order_.all_lines());
+    velocities_.reserve(order_.all_lines());
     for (std::uint64_t i = 0; i < order_.all_lines(); ++i) {
         if (i % 4096 == 0 && stop.requested()) return refuse(Code::cancelled, "");
         const double time = order_.time_of(i);
@@ -86,6 +87,7 @@ Reply<void> SentSweep::make(const Stop& stop) {
                                                    std::to_string(trajectory->begin()) + " to " +
                                                    std::to_string(trajectory->end()));
         poses.push_back(trajectory->at(time));
+        velocities_.emplace_back(trajectory->velocity_at(time));
     }
     if (order_.camera)
         sensor_.emplace(RollingShutter(*order_.camera, std::move(poses)));

@@ -42,12 +42,17 @@ struct SweepOrder {
     [[nodiscard]] double time_of(std::uint64_t line) const {
         return begin + (end - begin) * static_cast<double>(line) / lines();
     }
+    /// The line of a ray, by its number in the sensor.
+    [[nodiscard]] std::uint64_t line_of(std::uint64_t ray) const {
+        const std::uint64_t row = ray / grid().width;
+        return camera ? row : row / channels * columns + ray % columns;
+    }
     [[nodiscard]] ImageSize grid() const {
         return camera ? camera->size : ImageSize{columns, channels * scans};
     }
     /// Bytes of memory while it runs.
     [[nodiscard]] std::uint64_t held_bytes() const {
-        return sent_bytes() + all_lines() * sizeof(Pose);
+        return sent_bytes() + all_lines() * (sizeof(Pose) + sizeof(Vec3));
     }
 };
 
@@ -73,6 +78,10 @@ public:
     void ended();
     /// The sensor, once. After is_made().
     [[nodiscard]] Sensor take_sensor() { return std::move(*sensor_); }
+    /// Velocity of the sensor at a ray, by its number, in the trajectory's units. After is_made().
+    [[nodiscard]] Vec3 velocity_at(std::uint64_t ray) const {
+        return velocities_[order_.line_of(ray)];
+    }
 
 private:
     Reply<void> make(const Stop& stop);
@@ -83,6 +92,7 @@ private:
     UploadCopies copies_;
     enum class Made { no, runs, done } made_ = Made::no;
     std::optional<Sensor> sensor_;  ///< written by the task
+    std::vector<Vec3> velocities_;  ///< of each line; by the task, too
 };
 
 }  // namespace raynest::server

@@ -39,18 +39,15 @@ Reply<std::shared_ptr<const HeldScene>> SceneStore::hold(std::shared_ptr<const S
     }
     auto lease = reserve(snapshot->own_bytes());
     if (!lease) return tl::unexpected(std::move(lease.error()));
-    const auto held = with_memory(std::move(snapshot), std::move(*lease), std::move(shared));
+    const auto held = with_memory({std::move(snapshot), std::move(*lease), 0, std::move(shared)});
     known = held;
     return held;
 }
 
-std::shared_ptr<const HeldScene> SceneStore::with_memory(
-    std::shared_ptr<const Snapshot> snapshot, Budget::Lease lease,
-    std::shared_ptr<const Budget::Lease> shared) const {
-    return {new HeldScene{std::move(snapshot), std::move(lease), 0, std::move(shared)},
-            [dispose = dispose_](const HeldScene* scene) {
-                auto freed = scene->snapshot;
-                delete scene;
+std::shared_ptr<const HeldScene> SceneStore::with_memory(HeldScene scene) const {
+    return {new HeldScene(std::move(scene)), [dispose = dispose_](const HeldScene* held) {
+                auto freed = held->snapshot;
+                delete held;
                 if (freed && *dispose) (*dispose)(std::move(freed));
             }};
 }

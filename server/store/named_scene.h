@@ -10,6 +10,8 @@
 
 namespace raynest::server {
 
+class LateVelocities;
+
 /// A snapshot and its memory reservation. Shared by names, requests and running jobs.
 struct HeldScene {
     std::shared_ptr<const Snapshot> snapshot;
@@ -17,6 +19,8 @@ struct HeldScene {
     mutable std::uint64_t settled = 0;  ///< the last settling of charges that has looked at it
     /// For Snapshot::shared(), which all that share it have together.
     std::shared_ptr<const Budget::Lease> shared_lease = {};
+    /// Null unless the scene is at a moment of an animation.
+    std::shared_ptr<const LateVelocities> velocities = {};
 };
 
 /// Known of a scene also while it is on the disk alone.

@@ -92,9 +92,7 @@ public:
     void set_disposal(Dispose dispose) { *dispose_ = std::move(dispose); }
 
     /// Returns a scene that no name has: with its last reference its memory goes as that of others.
-    [[nodiscard]] std::shared_ptr<const HeldScene> with_memory(
-        std::shared_ptr<const Snapshot> snapshot, Budget::Lease lease,
-        std::shared_ptr<const Budget::Lease> shared = {}) const;
+    [[nodiscard]] std::shared_ptr<const HeldScene> with_memory(HeldScene scene) const;
 
     /// Changes the limits; scenes beyond them stay.
     void set_limits(const protocol::Limits& limits) {

@@ -272,7 +272,7 @@ class Animation(WithDaemon):
     def test_the_other_animation_by_name_and_number(self):
         scene = self.load(travelling(), "drive")
         top = rays_at(np.array([[0, 1.6, -4.]]), np.array([[0, 1., 0]]))
-        for animation in ("Rest", "1"):
+        for animation in ("Rest", "1", 1):
             self.assertAlmostEqual(float(scene.trace(top, time=.5, animation=animation)["t"][0]), .25, delta=1e-5)
 
     def test_cameras_move(self):
@@ -339,6 +339,35 @@ class Animation(WithDaemon):
                     np.testing.assert_array_equal(hits["prim"], np.arange(len(faces)))
                     np.testing.assert_allclose(hits["t"], .25, atol=1e-5)
                     np.testing.assert_allclose(np.abs((hits["ng"] * normals).sum(1)), 1, atol=1e-3)
+
+    def test_velocities_are_those_of_float64(self):
+        """Differences of poses that are known in closed form; on key 2, of the way there."""
+        def rate(of, time):
+            return (of(time) - of(time - 1e-6)) / 1e-6 if time in (1.0, 2.0) else (of(time + 1e-6) - of(time - 1e-6)) / 2e-6
+        down = np.array([[0, 1., 0]])
+        scene = self.load(travelling(), "drive")
+        spots = np.pad(RNG.uniform(-.3, .3, (20, 3)) * [1, 0, 1] + [0, .8, 0], ((0, 0), (0, 1)), constant_values=1)
+        for time in (.25, .5, 1.375, 1.75, 2.0):
+            for name, to_world in poses(time).items():
+                rays = rays_at(spots @ to_world[:3].T, np.tile(down, (20, 1)))
+                hits = scene.trace(rays, fields=("t", "path", "velocity", "radial_velocity"), time=time)
+                np.testing.assert_array_equal(hits["path"], scene.trace(rays, fields=("path",), time=time)["path"])
+                self.assertEqual(set(scene.path_of(hits["path"])), {name})
+                moves = spots @ rate(lambda t: poses(t)[name][:3], time).T
+                np.testing.assert_allclose(hits["velocity"], moves, atol=1e-4)
+                np.testing.assert_allclose(hits["radial_velocity"], -moves[:, 1], atol=1e-4)
+        for morph in (False, True):
+            gltf, expected, faces = self.skinned(morph)
+            scene = self.load(gltf, "strip")
+            for time in (.25, 1.375, 2.0):
+                corners, moves = expected(time)[faces], rate(expected, time)[faces]
+                normals = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+                normals /= np.linalg.norm(normals, axis=1, keepdims=True)
+                shares = RNG.dirichlet((3, 3, 3), len(faces))[..., None]
+                hits = scene.trace(rays_at((shares * corners).sum(1), normals), fields=("prim", "velocity"), time=time)
+                np.testing.assert_array_equal(hits["prim"], np.arange(len(faces)))
+                np.testing.assert_allclose(hits["velocity"], (shares * moves).sum(1), atol=1e-4)
+            self.assertFalse(scene.trace(RAIN, fields=("velocity",))["velocity"].any())  # no time, no motion
 
     def test_the_first_pose_equals_the_scene_as_it_was_loaded(self):
         for morph in (False, True):

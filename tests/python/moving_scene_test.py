@@ -15,7 +15,7 @@ from animation_test import CORNERS, FACES, Gltf, travelling
 from raynest import generators, points, sweeps
 from with_daemon import WithDaemon, main
 
-FIELDS = ("t", "prim", "geom", "path", "position", "normal", "hit", "origin")
+FIELDS = ("t", "prim", "geom", "path", "position", "normal", "hit", "origin", "velocity")
 STREET = "builtin:street?cars=12&length=80&seconds=2"
 
 
@@ -128,6 +128,71 @@ class MovingScene(WithDaemon):
                                  end=100.7, step_error=1e-3)
         off = scene.trace(later, time=.3, fields=("t",))["t"] - (4.5 + 10 * (later.time - 100.2 + .3))
         self.assertLess(np.abs(off).max(), 1e-3 + 1e-5)
+
+    def test_the_error_holds_for_splines_turns_within_turns_and_bent_meshes(self):
+        """Corners of what moves against float64; the speed between the keys is higher than on the way from key to key."""
+        def scene(name, gltf):
+            return self.client.load(str(gltf.write(pathlib.Path(self.folder.name) / f"{name}.glb")), name=name, replace=True)
+        columns, error = 4000, .02
+        spline = np.array([[0, 0, 0], [0, -.4, 0], [40, 0, 0], [40, 0, 0], [10, -.4, 0], [0, 0, 0]])
+        ease = spline * [[0], [1], [0], [0], [1], [0]]
+        u = np.arange(columns) / columns
+        for name, keys, way in (("steep", spline, 10 * u**2 * (3 - 2 * u) + 40 * (u**3 - 2 * u**2 + u + u**3 - u**2)),
+                                ("ease", ease, 10 * u**2 * (3 - 2 * u))):
+            gltf = Gltf()
+            box = gltf.node(name="box", mesh=gltf.mesh(CORNERS, FACES))
+            gltf.animate("Go", (box, "translation", [0, 1], keys, "CUBICSPLINE"))
+            made = generators.sweep([0.0], np.zeros(columns), trajectory=([0.0, 1.0], [standing(-50, 0, 0)] * 2), end=1, step_error=error)
+            seen = scene(name, gltf).trace(made, fields=("t",))["t"]
+            off = np.abs(seen - (49.5 + way))
+            self.assertLess(off.max(), error + 2e-5, name)
+            self.assertGreater(off.max(), error / 2, name)
+        for name, says, make in (("arms", (2, 1.1), self.arms), ("bent", (20, 1.02), self.bent)):
+            answer = scene(name, make())
+            made = generators.sweep([0.0], (0, 360, columns), trajectory=([0.0, 1.0], [standing(0, 9, 0)] * 2), end=.99, step_error=error)
+            answer.trace(made, fields=("t",))
+            speed = float(" ".join(self.client.outcome["notes"]).split("at up to ")[1].split()[0])
+            exact = says[0] if name == "bent" else self.fastest_arm()
+            self.assertGreaterEqual(speed, .999 * exact, name)
+            self.assertLess(speed, 1.9 * exact, name)  # boxes around what turns have corners farther out
+
+    def arms(self):
+        """Six arms of length 1, each of which turns by 170 degrees about the end of the one before."""
+        gltf = Gltf()
+        inner = gltf.node(root=False, name="box", mesh=gltf.mesh(CORNERS * .02, FACES))
+        joints = []
+        for i in range(6):
+            inner = gltf.node(root=i == 5, name=f"arm{i}", children=[inner], translation=[1, 0, 0])
+            joints.append(inner)
+        half = np.radians(170) / 2
+        gltf.animate("Curl", *((each, "rotation", [0, 1], [[0, 0, 0, 1], [0, 0, np.sin(half), np.cos(half)]], "LINEAR") for each in joints))
+        return gltf
+
+    @staticmethod
+    def fastest_arm():
+        time = np.linspace(0, 1, 20_001)
+        end = np.zeros(len(time), complex)
+        for _ in range(6):
+            end = 1 + np.exp(1j * np.radians(170) * time) * end
+        return np.abs(np.diff(end)).max() / (time[1] - time[0])
+
+    def bent(self):
+        """A node at 10 per second with a mesh whose targets move at 10 per second the same way."""
+        gltf = Gltf()
+        mesh = gltf.mesh(CORNERS, FACES)
+        gltf.json["meshes"][mesh]["primitives"][0]["targets"] = [{"POSITION": gltf.accessor(np.tile([10.0, 0, 0], (8, 1)), "VEC3")}]
+        node = gltf.node(name="box", mesh=mesh)
+        gltf.animate("Go", (node, "translation", [0, 1], [[0, 0, 0], [10, 0, 0]], "LINEAR"), (node, "weights", [0, 1], [0, 1], "LINEAR"))
+        return gltf
+
+    def test_the_advice_at_the_limit_of_steps_helps(self):
+        scene = self.client.load(str(travelling().write(pathlib.Path(self.folder.name) / "arm.glb")), name="arm", replace=True)
+        make = lambda error: generators.sweep([0.0], (0, 360, 1000), trajectory=([0.0, 9.0], [standing(0, 5, 0)] * 2), end=.02,
+                                              scans=100, step_error=error)
+        with self.assertRaisesRegex(raynest.Error, "accept") as caught:
+            scene.trace(make(1e-9))
+        advice = float(str(caught.exception).split("accept ")[1].split()[0])
+        self.assertEqual(len(scene.trace(make(advice), fields=("hit",))["hit"]), 100_000)
 
     def test_what_cannot_be_is_told(self):
         scene = self.client.load(str(travelling().write(pathlib.Path(self.folder.name) / "arm.glb")), name="arm",

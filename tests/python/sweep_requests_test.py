@@ -74,6 +74,26 @@ class SweepRequests(WithDaemon):
                         np.testing.assert_array_equal(made.ring, here.ring)
                         np.testing.assert_array_equal(made.time, here.time)
 
+    def test_radial_velocities_are_those_of_the_sensor(self):
+        trajectory = drive(37)
+        rising = (np.linspace(0, 1, 5), np.tile(np.eye(4)[:3], (5, 1, 1)))
+        rising[1][:, 1, 3] = 5 + np.array([0, 1, 1.5, 4, 3.])
+        sweep = generators.sweep(ELEVATIONS, (0, 360, 97), trajectory=trajectory, begin=0, end=0.1, scans=9)
+        picture = generators.rolling_shutter(30, size=(40, 31), trajectory=rising, begin=0.1, end=0.9)
+        rows = (0.1 + 0.8 * np.arange(31) / 31).repeat(40)
+        for made, way, times in ((sweep, trajectory, sweep.time), (picture, rising, rows)):
+            fields = ("t", "hit", "direction", "radial_velocity")
+            seen = self.woods.trace(made, fields=fields)
+            unit = seen["direction"] / np.linalg.norm(seen["direction"], axis=1)[:, None]
+            away = -(sweeps._velocity_at(way, times) * unit).sum(1)
+            self.assertGreater(seen["hit"].sum(), 100)
+            np.testing.assert_allclose(seen["radial_velocity"], np.where(seen["hit"], away, 0), rtol=1e-5, atol=1e-4)
+            parts = [self.woods.trace(made.part(first, count), fields=("radial_velocity",))["radial_velocity"]
+                     for first, count in ((0, 501), (501, made.count - 501))]
+            np.testing.assert_array_equal(np.concatenate(parts), seen["radial_velocity"])
+            every = self.woods.trace(made, kind="all", fields=("t", "radial_velocity"), max_hits=64)
+            np.testing.assert_allclose(every["radial_velocity"], away.repeat(np.diff(every["ray_splits"].astype(int))), rtol=1e-5, atol=1e-4)
+
     def test_a_hundred_scans_are_one_request(self):
         trajectory = drive(300, end=10)
         made = generators.sweep(ELEVATIONS, (0, 360, 200), trajectory=trajectory, begin=0, end=0.1, scans=100)

@@ -50,6 +50,9 @@ OF_HITS: dict[str, tuple[str, int]] = {
     'normal': ('f32', 3),
     'texcoord': ('f32', 2),
     'base_colour': ('f32', 3),
+    'reflectance': ('f32', 1),
+    'velocity': ('f32', 3),
+    'radial_velocity': ('f32', 1),
 }
 
 OF_RAYS: dict[str, tuple[str, int]] = {

@@ -16,21 +16,21 @@
 namespace raynest {
 namespace {
 
-/// Moments from one key to the next at which speeds are measured: an arc of a quarter turn is
-/// longer than its chords by less than 2 in 1000.
-constexpr int pieces = 8;
+/// Moments from one key to the next at which speeds are measured, for each node that turns between
+/// a part and the scene: what these turns add up to changes the faster the more they are.
+constexpr std::uint32_t pieces = 8;
+constexpr std::uint32_t turns_max = 32;
 
-glm::dvec3 mapped(const Affine& m, const glm::dvec3& p) {
-    return {m[0] * p.x + m[1] * p.y + m[2] * p.z + m[3],
-            m[4] * p.x + m[5] * p.y + m[6] * p.z + m[7],
-            m[8] * p.x + m[9] * p.y + m[10] * p.z + m[11]};
-}
-
-/// The most that the linear part of a map stretches by.
+/// Bounds by how much the linear part of a map stretches; 1 for a turn.
 double stretch(const Affine& m) {
-    double sum = 0;
-    for (std::size_t i = 0; i < m.size(); ++i) sum += i % 4 == 3 ? 0 : m[i] * m[i];
-    return std::sqrt(sum);
+    const auto column = [&](std::size_t c) { return glm::dvec3(m[c], m[4 + c], m[8 + c]); };
+    double most = 0;
+    for (std::size_t i = 0; i < 3; ++i) {
+        double sum = 0;
+        for (std::size_t j = 0; j < 3; ++j) sum += std::abs(glm::dot(column(i), column(j)));
+        most = std::max(most, sum);
+    }
+    return std::sqrt(most);
 }
 
 }  // namespace
@@ -42,12 +42,20 @@ public:
           animation_(motion_.animations[animation]) {
         const SceneView& view = scene.view();
         const std::uint32_t first = view.objects[view.root].first_instance;
+        std::map<std::uint32_t, std::uint32_t> mesh_at;
+        for (std::uint32_t m = 0; m < motion_.meshes.size(); ++m)
+            for (const std::uint32_t place : motion_.places.subspan(motion_.meshes[m].first_place,
+                                                                    motion_.meshes[m].place_count))
+                mesh_at.emplace(place, m);
         for (const MovedInstance& moved : motion_.instances) {
             const std::uint32_t object = view.instances[first + moved.outermost].object;
-            follow({moved.node, moved.to_node, view.objects[object].bounds});
+            const auto mesh = mesh_at.find(moved.outermost);
+            follow({moved.node, moved.to_node, view.objects[object].bounds,
+                    mesh == mesh_at.end() ? no_id : mesh->second});
             by_place_.emplace(moved.outermost, &moved);
         }
-        for (const MovedMesh& mesh : motion_.meshes) add(mesh);
+        for (std::uint32_t m = 0; m < motion_.meshes.size(); ++m) add(m);
+        pieces_ = pieces * turns();
     }
 
     Result<void> between(double from, double to) {
@@ -64,24 +72,21 @@ public:
             return too_many(fmt::format("more than {} keys", SpeedSearch::keys_max));
         const std::uint64_t looks =
             motion_.nodes.size() + 8 * followers_.size() + motion_.places.size();
-        if (looks * keys.size() * pieces > SpeedSearch::looks_max)
+        if (looks * keys.size() * pieces_ > SpeedSearch::looks_max)
             return too_many(
                 fmt::format("{} keys of {} moving nodes", keys.size(), motion_.nodes.size()));
-        for (std::size_t i = 0; i + 1 < keys.size(); ++i)
-            for (int k = 0; k < pieces; ++k)
-                times_.push_back(keys[i] + (keys[i + 1] - keys[i]) * k / pieces);
-        times_.push_back(keys.back());
+        keys_ = std::move(keys);
         return {};
     }
 
     bool go_on(const std::function<bool()>& pause) {
-        while (next_ < times_.size()) {
-            look(times_[next_ - 1], times_[next_]);
-            ++next_;
-            if (!std::isfinite(most_)) next_ = times_.size();
+        while (next_ + 1 < keys_.size()) {
+            look(piece_);
+            if (++piece_ > pieces_) piece_ = 0, ++next_;
+            if (!std::isfinite(most_)) next_ = keys_.size();
             if (pause()) break;
         }
-        return next_ >= times_.size();
+        return next_ + 1 >= keys_.size();
     }
     [[nodiscard]] double fastest() const { return most_; }
 
@@ -91,22 +96,49 @@ private:
         std::uint32_t node = 0;
         Affine to_node = identity_affine;
         Box box;
+        std::uint32_t mesh = no_id;  ///< whose vertices move besides
     };
+    /// At the end of a piece of the curves from one key to the next; of piece 0 at its beginning.
+    void look(std::uint32_t piece) {
+        const double begin = keys_[next_], end = keys_[next_ + 1];
+        const double seconds = begin + (end - begin) * piece / pieces_;
+        const double keys_at = piece == pieces_ ? std::nextafter(end, begin) : seconds;
+        constexpr double step = MotionSampling::rate_step;
+        const double speed = farthest({motion_, animation_, seconds - step, keys_at},
+                                      {motion_, animation_, seconds + step, keys_at}) /
+                             (2 * step);
+        if (!std::isfinite(speed)) {
+            most_ = std::numeric_limits<double>::infinity();
+            return;
+        }
+        if (piece == 0) before_ = last_ = std::numeric_limits<double>::infinity();
+        most_ = std::max(most_, speed);
+        // A peak between the moments, by the parabola through three of them.
+        if (const double bend = before_ - 2 * last_ + speed; last_ > before_ && last_ > speed)
+            most_ = std::max(most_, last_ - (speed - before_) * (speed - before_) / (8 * bend));
+        before_ = std::exchange(last_, speed);
+    }
 
-    void look(double begin, double until) {
-        // Just before the end: there a STEP channel jumps.
-        const double end = std::nextafter(until, begin);
-        if (!(end > begin)) return;
-        const double speed = farthest(begin, end) / (end - begin);
-        most_ =
-            std::isfinite(speed) ? std::max(most_, speed) : std::numeric_limits<double>::infinity();
+    /// The most nodes that turn, one within the other.
+    [[nodiscard]] std::uint32_t turns() const {
+        std::vector<std::uint32_t> turning(motion_.nodes.size());
+        for (const MotionChannel& channel :
+             motion_.channels.subspan(animation_.first_channel, animation_.channel_count))
+            if (channel.path == MotionPath::rotation) turning[channel.target] = 1;
+        std::uint32_t most = 1;
+        for (std::size_t i = 0; i < turning.size(); ++i) {
+            if (motion_.nodes[i].parent != no_id) turning[i] += turning[motion_.nodes[i].parent];
+            most = std::max(most, turning[i]);
+        }
+        return std::min(most, turns_max);
     }
 
     void follow(const Follower& follower) {
         if (!follower.box.is_empty()) followers_.push_back(follower);
     }
 
-    void add(const MovedMesh& mesh) {
+    void add(std::uint32_t index) {
+        const MovedMesh& mesh = motion_.meshes[index];
         std::vector<Box> boxes(mesh.joint_count);
         std::vector<double>& reach = reaches_.emplace_back(mesh.weight_count);
         const float* const floats = motion_.floats.data();
@@ -128,7 +160,7 @@ private:
         }
         for (std::uint32_t j = 0; j < mesh.joint_count; ++j) {
             const MotionJoint& joint = motion_.joints[mesh.first_joint + j];
-            follow({joint.node, joint.bind, boxes[j]});
+            follow({joint.node, joint.bind, boxes[j], index});
         }
     }
 
@@ -155,10 +187,10 @@ private:
     }
 
     /// The longest way that anything takes between two moments.
-    double farthest(double begin, double end) const {
-        const MotionSampling first(motion_, animation_, begin), last(motion_, animation_, end);
+    double farthest(const MotionSampling& first, const MotionSampling& last) const {
         const std::vector<Affine> before = first.nodes(), after = last.nodes();
         double most = 0;
+        std::vector<double> of_mesh(motion_.meshes.size());
         for (const Follower& each : followers_) {
             const Affine a = multiply(before[each.node], each.to_node);
             const Affine b = multiply(after[each.node], each.to_node);
@@ -166,14 +198,15 @@ private:
                 const glm::dvec3 p(corner & 1 ? each.box.upper.x : each.box.lower.x,
                                    corner & 2 ? each.box.upper.y : each.box.lower.y,
                                    corner & 4 ? each.box.upper.z : each.box.lower.z);
-                const double way = glm::length(mapped(b, p) - mapped(a, p));
+                const double way = glm::length(map_point(b, p) - map_point(a, p));
                 if (!std::isfinite(way)) return std::numeric_limits<double>::infinity();
                 most = std::max(most, way);
+                if (each.mesh != no_id) of_mesh[each.mesh] = std::max(of_mesh[each.mesh], way);
             }
         }
         for (std::uint32_t m = 0; m < motion_.meshes.size(); ++m)
             if (motion_.meshes[m].weight_count != 0)
-                most = std::max(most, bent(m, first, last, after));
+                most = std::max(most, of_mesh[m] + bent(m, first, last, after));
         return most;
     }
 
@@ -181,10 +214,10 @@ private:
     double bent(std::uint32_t m, const MotionSampling& first, const MotionSampling& last,
                 const std::vector<Affine>& nodes) const {
         const MovedMesh& mesh = motion_.meshes[m];
-        const std::vector<float> before = first.weights(m), after = last.weights(m);
+        const std::vector<double> before = first.exact_weights(m), after = last.exact_weights(m);
         double way = 0;
         for (std::size_t t = 0; t < before.size(); ++t)
-            way += std::abs(double{after[t]} - double{before[t]}) * reaches_[m][t];
+            way += std::abs(after[t] - before[t]) * reaches_[m][t];
         if (way == 0) return 0;
         double most = 0;
         for (const MotionJoint& joint : motion_.joints.subspan(mesh.first_joint, mesh.joint_count))
@@ -204,8 +237,11 @@ private:
     std::vector<Follower> followers_;
     std::vector<std::vector<double>> reaches_;  ///< [mesh][target]: how far it moves a vertex
     std::multimap<std::uint32_t, const MovedInstance*> by_place_;
-    std::vector<double> times_;
-    std::size_t next_ = 1;  ///< of times_
+    std::uint32_t pieces_ = pieces;
+    std::vector<double> keys_;
+    std::size_t next_ = 0;          ///< of keys_
+    std::uint32_t piece_ = 0;       ///< from there to the next key
+    double before_ = 0, last_ = 0;  ///< speeds at the two moments before
     double most_ = 0;
 };
 

@@ -13,7 +13,7 @@ namespace raynest {
 class SpeedMeter;
 
 /// Finds the speed, in the scene's units per second, that nothing exceeds between two moments of an
-/// animation: that of the corners of what moves, found from key to key and several times between.
+/// animation: that of the corners of what moves, found at each key and several times between.
 /// Jumps, between the keys of a STEP channel, have no speed. Not thread-safe.
 class SpeedSearch {
 public:

@@ -16,6 +16,14 @@ inline constexpr Affine identity_affine{1, 0, 0, 0, 0, 1, 0, 0, 0, 0, 1, 0};
 Affine from_trs(const double* translation, const double* rotation, const double* scale);
 /// Returns the map that applies `inner`, then `outer`.
 Affine multiply(const Affine& outer, const Affine& inner);
+/// Maps a point, and a direction.
+[[nodiscard]] inline glm::dvec3 map_vector(const Affine& m, const glm::dvec3& v) {
+    return {m[0] * v.x + m[1] * v.y + m[2] * v.z, m[4] * v.x + m[5] * v.y + m[6] * v.z,
+            m[8] * v.x + m[9] * v.y + m[10] * v.z};
+}
+[[nodiscard]] inline glm::dvec3 map_point(const Affine& m, const glm::dvec3& p) {
+    return map_vector(m, p) + glm::dvec3(m[3], m[7], m[11]);
+}
 /// Rounds a map to float; entries that do not fit become infinite.
 Transform round_affine(const Affine& affine);
 

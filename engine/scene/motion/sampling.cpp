@@ -11,7 +11,7 @@ namespace {
 /// Rotations closer than this are blended straight: the arc between them has no direction.
 constexpr double slerp_cosine_max = 1 - 1e-9;
 
-/// The two keys around a moment, and how far it is from the first to the second, 0 to 1.
+/// The two keys around a moment, and how far another one is from the first to the second.
 struct Between {
     std::size_t from = 0;
     std::size_t to = 0;
@@ -19,8 +19,9 @@ struct Between {
     double seconds = 0;  ///< from key to key
 };
 
-Between keys_around(std::span<const float> times, double t) {
-    const auto behind = std::ranges::upper_bound(times, t, {}, [](float x) { return double{x}; });
+Between keys_around(std::span<const float> times, double moment, double t) {
+    const auto behind =
+        std::ranges::upper_bound(times, moment, {}, [](float x) { return double{x}; });
     const auto to = static_cast<std::size_t>(behind - times.begin());
     if (to == 0) return {};
     if (to == times.size()) return {to - 1, to - 1, 0, 0};
@@ -47,7 +48,7 @@ void turn(const float* a, const float* b, double u, double* out) {
 
 void MotionSampling::read(const MotionSampler& sampler, bool is_rotation, double* out) const {
     const Between keys =
-        keys_around(motion_.floats.subspan(sampler.first_time, sampler.keys), seconds_);
+        keys_around(motion_.floats.subspan(sampler.first_time, sampler.keys), keys_at_, seconds_);
     const std::size_t width = sampler.width;
     const bool cubic = sampler.interpolation == Interpolation::cubic;
     const float* const first = motion_.floats.data() + sampler.first_value;
@@ -96,15 +97,19 @@ std::vector<Affine> MotionSampling::nodes() const {
 }
 
 std::vector<float> MotionSampling::weights(std::uint32_t mesh) const {
+    const std::vector<double> exact = exact_weights(mesh);
+    std::vector<float> weights(exact.size());
+    for (std::size_t i = 0; i < weights.size(); ++i) weights[i] = static_cast<float>(exact[i]);
+    return weights;
+}
+
+std::vector<double> MotionSampling::exact_weights(std::uint32_t mesh) const {
     const MovedMesh& moved = motion_.meshes[mesh];
     const auto rest = motion_.floats.subspan(moved.first_weight, moved.weight_count);
-    std::vector<float> weights(rest.begin(), rest.end());
-    for (const MotionChannel& channel : channels()) {
-        if (channel.path != MotionPath::weights || channel.target != mesh) continue;
-        std::vector<double> exact(weights.size());
-        read(motion_.samplers[channel.sampler], false, exact.data());
-        for (std::size_t i = 0; i < weights.size(); ++i) weights[i] = static_cast<float>(exact[i]);
-    }
+    std::vector<double> weights(rest.begin(), rest.end());
+    for (const MotionChannel& channel : channels())
+        if (channel.path == MotionPath::weights && channel.target == mesh)
+            read(motion_.samplers[channel.sampler], false, weights.data());
     return weights;
 }
 

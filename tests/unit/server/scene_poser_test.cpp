@@ -1,7 +1,7 @@
 // Scenes at other times: how many are made at once, and who waits for them.
 #include "server/jobs/scene_poser.h"
 
-#include "engine/scene/motion/motion.h"
+#include "engine/scene/motion/velocities.h"
 #include "server/ground/waiters.h"
 #include "tests/unit/server/small_daemon.h"
 
@@ -97,6 +97,9 @@ TEST_CASE("a principal has few poses under way; others wait for these, and are m
     CHECK(asking.run_tasks() == 1);
     CHECK(asking.daemon.posted.size() == 5);
 
+    const Snapshot& scene = asking.scene.snapshot();
+    const std::uint64_t each =
+        scene.bytes().size() + Velocities::bytes_for(checked_motion(scene.motion_bytes()));
     std::size_t made = 5;
     while (!asking.daemon.posted.empty()) {
         asking.end_one();
@@ -104,8 +107,7 @@ TEST_CASE("a principal has few poses under way; others wait for these, and are m
         CHECK(begun <= 1);
         made += begun;
         CHECK(asking.daemon.posted.size() <= ScenePoser::kept_max + 1);
-        CHECK(asking.poser.held_by("me") <=
-              ScenePoser::kept_max * asking.scene.snapshot().bytes().size());
+        CHECK(asking.poser.held_by("me") <= ScenePoser::kept_max * each);
     }
     CHECK(made == all.size() + 1);
     Seconds wanted;
