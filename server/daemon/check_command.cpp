@@ -72,7 +72,7 @@ std::string fault_of(const std::filesystem::path& folder, Manifest& manifest,
         const auto stored = read_stored(folder, row.digest, row.bytes, row.content);
         if (!stored) return stored.error().why;
         const auto edits = manifest.edits(row.number);
-        return edits ? "" : edits.error().message;
+        return edits ? gap_in(*edits, row.epoch) : edits.error().message;
     } catch (const std::bad_alloc&) {
         return "this machine has no memory for its " + protocol::bytes_text(row.bytes);
     }

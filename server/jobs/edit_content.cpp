@@ -287,14 +287,13 @@ Reply<std::shared_ptr<const Snapshot>> replay_edits(std::shared_ptr<const Snapsh
                                                     std::uint64_t epoch,
                                                     const std::vector<KeptEdit>& edits,
                                                     const EditGuard& guard) {
+    if (auto gap = gap_in(edits, epoch); !gap.empty()) return refuse(Code::scene_invalid, gap);
     std::shared_ptr<const Snapshot> spare;
     for (const KeptEdit& edit : edits) {
         const auto damaged = [&](const std::string& why) {
             return refuse(Code::scene_invalid,
                           fmt::format("its edit of epoch {} {}", edit.epoch, why));
         };
-        if (edit.before != epoch)
-            return damaged(fmt::format("follows epoch {}, not {}", edit.before, epoch));
         std::uint64_t size = 0;
         if (edit.change.size() < sizeof size) return damaged("is cut");
         std::memcpy(&size, edit.change.data(), sizeof size);
@@ -333,7 +332,6 @@ Reply<std::shared_ptr<const Snapshot>> replay_edits(std::shared_ptr<const Snapsh
         if (!edited) return damaged("does not fit it: " + edited.error().message);
         spare = std::exchange(scene, std::move(*edited));
         if (!gives(*scene, edit.digest)) return damaged("gives another scene than before");
-        epoch = edit.epoch;
     }
     return scene;
 }

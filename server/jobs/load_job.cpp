@@ -25,6 +25,8 @@ namespace {
 /// Address space of an import child: `base` for libraries, and `growth` times its largest scene.
 constexpr std::uint64_t import_base_bytes = 1ULL << 30;
 constexpr std::uint64_t import_growth = 4;
+/// Epochs that a load leaves to edits, once these were faster than its commit.
+constexpr std::uint64_t epochs_free = 1000;
 
 bool is_intact(const UploadFile& file) {
     if (!file.digest) return protocol::upload_checksum(file.bytes.span()) == file.hash;
@@ -146,15 +148,10 @@ public:
             if (!services_.scenes.holds(snapshot_->arena_id()))
                 make_room(snapshot_->bytes().size());
         }
-        if (is_stored_ && !committed_) {
-            auto stored = services_.scenes.prepare_to_store(order_.name, snapshot_,
-                                                            order_.publication, order_.caller);
-            if (!stored) return tl::unexpected(stored.error());
-            stored_ = std::move(*stored);
-            commit_next_ = true;
-            return {};
-        }
+        if (is_stored_ && !committed_) return prepare_to_commit(0);
         if (committed_) {
+            if (services_.scenes.is_outdated(stored_.row, order_.caller))
+                return prepare_to_commit(epochs_free);
             order_.publication.blob = blob_;
             order_.publication.row = stored_.row;
         }
@@ -244,6 +241,20 @@ private:
         return Frames{};
     }
 
+    /// Makes the row that is to be committed next, in the place of one that has been. Io thread.
+    Reply<void> prepare_to_commit(std::uint64_t epochs) {
+        stored_.claim.reset();
+        const std::uint64_t number = stored_.row.number;
+        auto stored = services_.scenes.prepare_to_store(order_.name, snapshot_, order_.publication,
+                                                        order_.caller, epochs);
+        if (!stored) return tl::unexpected(stored.error());
+        stored_ = std::move(*stored);
+        stored_.row.number = number;
+        commit_next_ = true;
+        commit_started_ = false;
+        return {};
+    }
+
     /// Commits the row of the scene, before anybody sees it.
     Task commit() {
         commit_next_ = false;
@@ -254,9 +265,11 @@ private:
         task.run = [this](const Stop&) -> Reply<Frames> {
             // The scene before comes back if this load is stopped now.
             if (stored_.before) blob_before_ = services_.state->pin(stored_.before->digest);
-            stored_.row.number = services_.state->next_number();
-            if (auto put = services_.state->put(stored_.row); !put)
+            StoredScene row = stored_.row;
+            row.number = services_.state->next_number();
+            if (auto put = services_.state->put(row); !put)
                 return not_changed(*services_.state, std::move(put.error()));
+            stored_.row = std::move(row);
             committed_ = true;
             return Frames{};
         };

@@ -3,15 +3,16 @@
 #include "server/requests/request.h"
 #include "server/store/scene_store.h"
 
+#include <utility>
+
 namespace raynest::server {
 
 Reply<Answer> pin(const Services& services, const Caller& caller,
                   const protocol::Opened<wire::Pin>& message) {
-    const auto scene =
-        services.scenes.pin(protocol::text(message->scene()), !message->off(), caller);
-    if (!scene) return tl::unexpected(scene.error());
+    auto name = services.scenes.pin(protocol::text(message->scene()), !message->off(), caller);
+    if (!name) return tl::unexpected(name.error());
     wire::PinnedT pinned;
-    pinned.name = scene->name;
+    pinned.name = std::move(*name);
     pinned.pinned = !message->off();
     return answer_with(caller, pinned, services);
 }

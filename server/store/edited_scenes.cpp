@@ -106,12 +106,16 @@ Reply<std::optional<NamedScene>> SceneStore::publish_edit(const NamedScene& befo
     return std::optional(entry.scene_for(caller));
 }
 
-Reply<NamedScene> SceneStore::pin(std::string_view name, bool pinned, const ConnectionId& caller) {
+Reply<std::string> SceneStore::pin(std::string_view name, bool pinned, const ConnectionId& caller) {
     if (const auto allowed = may_edit(name, caller); !allowed)
         return tl::unexpected(allowed.error());
-    auto scene = find(name, 0, caller);
-    if (scene) meant(name, caller)->pinned = pinned;
-    return scene;
+    // To let go of one that is on the disk needs no memory.
+    if (pinned)
+        if (const auto scene = find(name, 0, caller); !scene) return tl::unexpected(scene.error());
+    Entry& entry = *meant(name, caller);
+    entry.pinned = pinned;
+    entry.used = now_();
+    return entry.name_for(caller);
 }
 
 void SceneStore::edit_was_not_kept(std::uint64_t number) {

@@ -67,6 +67,16 @@ std::int64_t checksum(const KeptEdit& edit) {
 
 }  // namespace
 
+std::string gap_in(const std::vector<KeptEdit>& edits, std::uint64_t epoch) {
+    for (const KeptEdit& edit : edits) {
+        if (edit.before != epoch)
+            return fmt::format("its edit of epoch {} follows epoch {}, not {}", edit.epoch,
+                               edit.before, epoch);
+        epoch = edit.epoch;
+    }
+    return "";
+}
+
 namespace {
 
 /// True for what put() may have written. A checksum tells damage alone: whoever can write rows can

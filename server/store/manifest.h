@@ -44,6 +44,10 @@ struct KeptEdit {
     std::vector<std::byte> change = {};
 };
 
+/// Says which of a row's edits does not follow the one before; the first one follows the scene at
+/// `epoch`. "" if all do.
+[[nodiscard]] std::string gap_in(const std::vector<KeptEdit>& edits, std::uint64_t epoch);
+
 /// The edits of a row, summed up.
 struct KeptEdits {
     KeptEdit last = {};            ///< without its change; epoch 0: there is none

@@ -246,6 +246,10 @@ Reply<NamedScene> SceneStore::publish(const std::string& name,
 
     // Complete the entry before it enters the table, so that a lack of memory changes nothing.
     Entry entry = taken ? found->second : Entry();
+    if (how.blob != nullptr)
+        entry.scene.epoch = how.row.epoch;
+    else if (!equal)
+        entry.scene.epoch = entry.next_epoch();
     entry.used = now_();
     entry.scene.build_seconds = snapshot->statistics().build_seconds;
     if (entry.facts.arena != snapshot->arena_id() || entry.scene.held == nullptr) {
@@ -256,7 +260,6 @@ Reply<NamedScene> SceneStore::publish(const std::string& name,
     }
     if (!equal) {
         entry.scene.name = name;
-        entry.scene.epoch = entry.next_epoch();
         entry.owner = caller.principal;
         entry.loaded = entry.used;
         entry.made_of.clear();
@@ -391,7 +394,9 @@ Reply<NamedScene> SceneStore::open(std::string_view name, const ConnectionId& ca
     if (!scene) return scene;
     Entry& entry = resolve(entries_, name, caller)->second;
     if (entry.held_by(caller)) return scene;
-    if (const auto quota = check_quota(&entry, caller, scene->snapshot().bytes().size()); !quota)
+    // A scene that is charged to the caller already takes nothing more.
+    if (const auto quota = check_quota(&entry, caller, scene->snapshot().bytes().size());
+        !quota && !entry.charged_to(caller.principal))
         return tl::unexpected(quota.error());
     entry.holders[caller.principal].emplace(caller.connection, false);
     return scene;

@@ -116,7 +116,7 @@ public:
     /// it. Equal content under the same name keeps its epoch. Different content fails with
     /// NAME_TAKEN unless `how.replace`. Fails with QUOTA beyond the principal's quota, and with
     /// RESOURCE_EXHAUSTED if the budget has no room. Equal content under two names is stored once,
-    /// whoever owns them.
+    /// whoever owns them. A stored scene is at the epoch of its row, which must not be outdated.
     Reply<NamedScene> publish(const std::string& name, std::shared_ptr<const Snapshot> snapshot,
                               Publication how, const ConnectionId& caller);
 
@@ -130,10 +130,12 @@ public:
     /// Returns what the caller may store under this name.
     [[nodiscard]] DiskRoom disk_room(std::string_view name, const ConnectionId& caller) const;
     /// Checks all that publish() checks, and returns the row; its number is for the caller to fill
-    /// in.
+    /// in. `epochs_free` epochs before its own are left to edits that come first.
     Reply<Stored> prepare_to_store(const std::string& name,
                                    std::shared_ptr<const Snapshot> snapshot, const Publication& how,
-                                   const ConnectionId& caller);
+                                   const ConnectionId& caller, std::uint64_t epochs_free = 0);
+    /// True if edits have used the epoch of such a row meanwhile: it wants a later one.
+    [[nodiscard]] bool is_outdated(const StoredScene& row, const ConnectionId& caller) const;
     /// True if a load of this name changes a scene that is stored, or would be without `temporary`.
     [[nodiscard]] bool is_stored(std::string_view name, const ConnectionId& caller) const;
     /// True if the scene was stored before the start and was not loaded since.
@@ -170,9 +172,9 @@ public:
                                                   std::shared_ptr<const Snapshot> edited,
                                                   const ConnectionId& caller,
                                                   EditPublication how = {});
-    /// Keeps a scene in memory, or no longer, whatever make_room() lets go of. Fails as find() and
-    /// may_edit() do.
-    Reply<NamedScene> pin(std::string_view name, bool pinned, const ConnectionId& caller);
+    /// Keeps a scene in memory, or no longer, whatever make_room() lets go of. Returns its name.
+    /// Fails as may_edit() does, and as find() if it is to stay there.
+    Reply<std::string> pin(std::string_view name, bool pinned, const ConnectionId& caller);
     /// The edits of this row on their way to the disk have failed: what the scene is now is not
     /// kept.
     void edit_was_not_kept(std::uint64_t number);

@@ -49,7 +49,8 @@ Reply<void> SceneStore::check_publication(const std::string& name, const Snapsho
 Reply<SceneStore::Stored> SceneStore::prepare_to_store(const std::string& name,
                                                        std::shared_ptr<const Snapshot> snapshot,
                                                        const Publication& how,
-                                                       const ConnectionId& caller) {
+                                                       const ConnectionId& caller,
+                                                       std::uint64_t epochs_free) {
     if (const auto allowed = check_publication(name, *snapshot, how, caller); !allowed)
         return tl::unexpected(allowed.error());
     const Entry* const taken = own_entry(name, caller);
@@ -67,7 +68,7 @@ Reply<SceneStore::Stored> SceneStore::prepare_to_store(const std::string& name,
     const bool equal = taken != nullptr && taken->has_content(*snapshot);
     stored.row.owner = caller.principal;
     stored.row.name = name;
-    if (!equal) stored.row.epoch = taken == nullptr ? 1 : taken->next_epoch();
+    if (!equal) stored.row.epoch = taken == nullptr ? 1 : taken->next_epoch() + epochs_free;
     if (!how.share.empty()) stored.row.share = how.share;
     stored.row.digest = facts.arena;
     stored.row.content = facts.digest;
@@ -79,6 +80,13 @@ Reply<SceneStore::Stored> SceneStore::prepare_to_store(const std::string& name,
     if (!held) return tl::unexpected(held.error());
     stored.held = std::move(*held);
     return stored;
+}
+
+bool SceneStore::is_outdated(const StoredScene& row, const ConnectionId& caller) const {
+    const Entry* const taken = own_entry(row.name, caller);
+    if (taken == nullptr) return false;
+    const bool equal = taken->facts.digest == row.content || taken->facts.arena == row.digest;
+    return row.epoch < (equal ? taken->scene.epoch : taken->next_epoch());
 }
 
 void SceneStore::DiskUse::add(const Entry& entry) {

@@ -102,6 +102,9 @@ class Room(WithState):
         # A pinned scene is read at once.
         until(lambda: self.scenes()["b"]["state"] == "pinned", lambda: str(self.scenes()))
         self.assertEqual({self.scenes()[name]["state"] for name in "ac"}, {"disk"})
+        # A pin is taken off without reading the scene.
+        self.client.json("pin", "--off", "c")
+        self.assertEqual(self.scenes()["c"]["state"], "disk")
         # A killed daemon has noted what happened more than some seconds before.
         self.client.json("pin", "a")
         self.client.json("pin", "--off", "b")

@@ -318,6 +318,30 @@ with raynest.connect(uri) as owner, raynest.connect(uri) as other:
         self.assertEqual(self.check()[0], 0)
         print(f"{done} kept edits, {ROUNDS // 2} kills, none lost")
 
+    def test_loads_among_edits_keep_epochs_and_their_edits(self):
+        """A load takes its epoch before its row is committed; edits must not take it meanwhile."""
+        client = self.start()
+        client.json("load", WOODS, "--name", "woods")
+        told = set()
+        for number in range(6):
+            with self.edits("woods", True, 100_000) as edits:
+                edits.stdout.readline()
+                loaded = client.json("load", f"{WOODS}&seed={number}", "--name", "woods", "--replace")
+                epoch, digest = edits.stdout.readline().split()  # of an edit behind it, or under way
+                edits.kill()
+                told |= {(int(epoch), digest), (loaded["epoch"], loaded["hash"])}
+                said = [line.split() for line in edits.stdout.read().splitlines() if line.count(" ") == 1 and len(line) > 60]
+                told |= {(int(epoch), digest) for epoch, digest in said}
+            client.json("edit", "woods", "--move", "inst=0=0,1,0", "--keep")
+            now = client.json("info", "woods")
+            client = self.again()
+            after = client.json("info", "woods")
+            self.assertEqual((after["epoch"], after["hash"]), (now["epoch"], now["hash"]))
+            told.add((now["epoch"], now["hash"]))
+        self.assertEqual(len({epoch for epoch, _ in told}), len(told), "an epoch was told of two contents")
+        self.kill()
+        self.assertEqual(self.check()[0], 0)
+
     def test_what_is_kept_and_what_is_not(self):
         client = self.start()
         loaded = client.json("load", WOODS, "--name", "woods")

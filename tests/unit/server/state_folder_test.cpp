@@ -235,6 +235,15 @@ TEST_CASE("a folder of blobs behind a link is left alone") {
     CHECK(fs::exists(documents.path() / "thesis.txt"));
 }
 
+TEST_CASE("an edit that does not follow the one before is named") {
+    const std::vector<KeptEdit> edits = {{.number = 1, .epoch = 3, .before = 2},
+                                         {.number = 1, .epoch = 7, .before = 3}};
+    CHECK(gap_in(edits, 2).empty());
+    CHECK(gap_in({}, 2).empty());
+    CHECK(gap_in(edits, 1) == "its edit of epoch 3 follows epoch 2, not 1");
+    CHECK(gap_in({edits[1]}, 2) == "its edit of epoch 7 follows epoch 3, not 2");
+}
+
 TEST_CASE("a manifest of a release that did not note the content is read, and written on") {
     const Folder test;
     {
