@@ -51,6 +51,10 @@ Result<void> run(Context& context, const ExportOptions& options) {
         return fail(Exit::usage, "a composition places a .glb beside it: name a file for -o");
     std::string glb = options.output;
     if (composes) glb.replace(glb.size() - composition_ending.size(), std::string::npos, ".glb");
+    const std::string file_name = glb.substr(glb.rfind('/') + 1);
+    if (composes && file_name.find_first_of(":\\") != std::string::npos)
+        return fail(Exit::usage, "a composition cannot name " + shown_name(file_name) +
+                                     ": leave ':' and '\\' out of the name of -o");
     std::error_code error;
     if (composes && std::filesystem::exists(glb, error) &&
         !std::filesystem::exists(options.output, error))
@@ -63,10 +67,12 @@ Result<void> run(Context& context, const ExportOptions& options) {
     if (!file) return tl::unexpected<Failure>(file.error());
     std::vector<std::byte> composition;
     if (composes) {
-        ExportOptions same = options;
-        same.epoch = file->outcome.epoch;
-        auto text = receive_file(context, same, "rnscene.json", glb.substr(glb.rfind('/') + 1));
+        // It says where the scene lies, which edits do not change.
+        auto text = receive_file(context, options, "rnscene.json", file_name);
         if (!text) return tl::unexpected<Failure>(text.error());
+        if (text->outcome.origin != file->outcome.origin)
+            return fail(Exit::failed, "the scene '" + options.scene +
+                                          "' was replaced while it was exported: export it again");
         composition = std::move(text->bytes);
     }
     // Both are here before one is written: beside the composition of another epoch a file would

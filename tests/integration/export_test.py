@@ -9,6 +9,7 @@ import json
 import pathlib
 import struct
 import sys
+import threading
 import warnings
 
 import numpy as np
@@ -125,6 +126,49 @@ class Export(WithFiles):
         for text in ("turned/a", "pair/b"):
             self.assertEqual(len(after.path_ids([text])), 1)
 
+    def test_colours_of_vertices_come_back(self):
+        vertices, faces = self.soup(200, 5)
+        shades = np.random.default_rng(2).uniform(0, 1, (len(vertices), 3))
+        lines = ["v {!r} {!r} {!r} {:.4f} {:.4f} {:.4f}".format(*v, *c) for v, c in zip(vertices.tolist(), shades)]
+        before = self.load("shades.obj", "\n".join(lines + ["f {} {} {}".format(*(f + 1)) for f in faces]) + "\n")
+        after = self.source(self.export(before)["glb"])
+        rays = rays_at(before.info)
+        one, two = (scene.trace(rays, fields=("base_colour", "hit")) for scene in (before, after))
+        self.assertGreater(one["base_colour"][one["hit"]].std(), 0.1)
+        np.testing.assert_array_equal(one["base_colour"], two["base_colour"])
+
+    def test_a_scene_that_is_edited_meanwhile_is_exported(self):
+        self.write("part.obj", obj(*self.soup(4000, 6)))
+        before = self.load("edited.rnscene.json", json.dumps({"rnscene": 1, "objects": {"part": {"file": "part.obj"}},
+                                                              "instances": [{"object": "part"}]}))
+        stop = threading.Event()
+
+        def edit_on():
+            with raynest.connect(self.daemon.uri) as other:
+                scene = other.scene("edited")
+                while not stop.is_set():
+                    with scene.edit() as edit:
+                        edit.move(0, (0, 0.01, 0))
+        editor = threading.Thread(target=edit_on)
+        editor.start()
+        try:
+            for i in range(5):
+                made = self.export(before, f"live{i}.rnscene.json")
+                self.assertEqual(self.client.run("export", "edited", "-o", self.scenes / f"shell{i}.rnscene.json").returncode, 0)
+        finally:
+            stop.set()
+            editor.join()
+        self.assertGreater(made["epoch"], 1)
+        self.source(self.scenes / "live0.rnscene.json")
+
+    def test_names_that_are_lost_are_told(self):
+        self.write("a.glb", pathlib.Path(self.export(self.load("a.obj", obj(*self.soup(20, 1))), "a.glb")["glb"]).read_bytes())
+        town = {"rnscene": 1, "objects": {"a": {"file": "a.glb"}, "pair": {"instances": [{"object": "a", "name": "one"}]}},
+                "instances": [{"object": "pair", "name": "north"}, {"object": "pair", "name": "south"}]}
+        notes = " ".join(self.export(self.load("deep.rnscene.json", json.dumps(town)))["notes"])
+        self.assertIn("names above shared parts are left out", notes)
+        self.assertIn("user ids of 2 instances are left out", notes)
+
     def test_materials_keep_what_they_say(self):
         extensions = {
             "KHR_materials_clearcoat": {"clearcoatFactor": 0.5, "clearcoatRoughnessFactor": 0.25},
@@ -162,6 +206,11 @@ class Export(WithFiles):
             self.assertEqual(done.returncode, code, done.stderr)
         with self.assertRaisesRegex(raynest.UsageError, "must end with .glb"):
             self.python.scene("soup").export("x.obj")
+        for name in ("12:30.rnscene.json", "a\\b.rnscene.json"):
+            with self.assertRaisesRegex(raynest.UsageError, "a composition cannot name"):
+                self.python.scene("soup").export(self.scenes / name)
+            refused = self.client.run("export", "soup", "-o", self.scenes / name)
+            self.assertEqual((refused.returncode, "a composition cannot name" in refused.stderr), (2, True), refused.stderr)
         # A .glb of somebody else stays; that of the same composition is replaced.
         theirs = self.scenes / "theirs.glb"
         theirs.write_bytes(b"theirs")

@@ -9,7 +9,7 @@ from ._requests.files import path_text
 from ._requests.job import Progress
 from ._requests.picture import Picture
 from ._session import Session
-from .errors import SceneWarning, UsageError, warn
+from .errors import InvalidError, SceneWarning, UsageError, warn
 
 COMPOSITION = ".rnscene.json"
 
@@ -31,12 +31,21 @@ class Exports:
             raise UsageError(f"export to {text!r}: the name must end with .glb or {COMPOSITION}, after a name of its own")
         if glb != text and os.path.exists(glb) and not os.path.exists(text):
             raise UsageError(f"{glb!r} exists, and the composition would replace it: name another file, or move it away")
+        if glb != text and set(os.path.basename(glb)) & set(":\\"):
+            raise UsageError(f"a composition cannot name {os.path.basename(glb)!r}: leave ':' and '\\' out of the name")
         message = {"scene": self.name, "epoch": epoch, "format": "glb"}
         file = self._file(message, progress)
+        composition: dict[str, Any] = {}
+        if glb != text:
+            # It says where the scene lies, which edits do not change.
+            message.update(format="rnscene.json", file=os.path.basename(glb))
+            composition = self._file(message, progress)
+            if composition["origin"] != file["origin"]:
+                raise InvalidError(f"the scene {self.name!r} was replaced while it was exported: export it again")
         pathlib.Path(glb).write_bytes(file["data"])
         if glb != text:
-            message.update(epoch=file["epoch"], format="rnscene.json", file=os.path.basename(glb))
-            pathlib.Path(text).write_bytes(self._file(message, progress)["data"])
+            pathlib.Path(text).write_bytes(composition["data"])
+        del file["origin"]
         for note in file["notes"]:
             warn(note, SceneWarning)
         return {"glb": glb, "bytes": len(file.pop("data")), **file}
@@ -45,4 +54,4 @@ class Exports:
         answer = Picture("file", {"width": 1, "height": 1, "encode": "file"})
         data = answer.receive(self._client.connection, "Export", message, progress)
         outcome = answer.outcome
-        return {"data": data, **{key: outcome[key] for key in ("scene", "epoch", "hash", "notes")}}
+        return {"data": data, **{key: outcome[key] for key in ("scene", "epoch", "hash", "notes", "origin")}}

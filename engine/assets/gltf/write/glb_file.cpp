@@ -3,10 +3,12 @@
 #include "engine/assets/gltf/write/tables.h"
 #include "engine/assets/images/image.h"
 #include "engine/assets/input/import_request.h"
+#include "engine/shading/texture_lookup.h"
 
 #include <fmt/format.h>
 
 #include <algorithm>
+#include <cmath>
 #include <cstring>
 #include <limits>
 #include <set>
@@ -43,6 +45,20 @@ std::vector<std::byte> words(std::initializer_list<std::uint32_t> values) {
     std::vector<std::byte> made(values.size() * sizeof(std::uint32_t));
     std::memcpy(made.data(), values.begin(), made.size());
     return made;
+}
+
+/// The colours of vertices as glTF has them: linear. The scene's are sRGB bytes, which 16 bits of
+/// linear light give back.
+std::vector<std::byte> linear_colours(const SceneView& view, const GeometryRecord& geometry) {
+    const auto* const colours = view.attribute<std::uint8_t>(geometry.colours);
+    const auto& linear = srgb_to_linear();
+    std::vector<std::uint16_t> made(std::size_t{4} * geometry.vertex_count);
+    for (std::size_t i = 0; i < made.size(); ++i)
+        made[i] = i % 4 == 3
+                      ? static_cast<std::uint16_t>(257 * colours[i])
+                      : static_cast<std::uint16_t>(std::lround(linear[colours[i]] * 65535.0F));
+    const auto bytes = std::as_bytes(std::span(made));
+    return {bytes.begin(), bytes.end()};
 }
 
 }  // namespace
@@ -123,8 +139,12 @@ private:
             };
             attribute("TEXCOORD_0", g.texcoords[0], 8, vec2);
             attribute("TEXCOORD_1", g.texcoords[1], 8, vec2);
-            attribute("COLOR_0", g.colours, 4,
-                      R"("componentType":5121,"normalized":true,"type":"VEC4")");
+            if (g.colours != no_offset)
+                attributes += fmt::format(
+                    R"(,"COLOR_0":{})",
+                    tables_.accessors.add(fmt::format(
+                        R"({{"bufferView":{},"count":{},"componentType":5123,"normalized":true,"type":"VEC4"}})",
+                        tables_.keep_bytes(linear_colours(view_, g)), g.vertex_count)));
             attribute("NORMAL", shading.normals, 12, vec3);
             attribute("TANGENT", shading.tangents, 16, vec4);
             const std::uint32_t indices = accessor(g.indices, 3ULL * g.triangle_count, 4,
@@ -155,10 +175,7 @@ private:
         if (scene_.paths().node_count == 0)
             for (std::uint32_t i = 0; i < view_.instance_count; ++i)
                 ids += view_.instance_infos[i].uid != 0 ? 1U : 0U;
-        if (ids != 0)
-            tables_.warnings.push_back(fmt::format(
-                "user ids of {} instances are left out: those of a glTF scene are indices of nodes",
-                ids));
+        if (ids != 0) tables_.warnings.push_back(renumbered_text(ids));
         if (scene_.origin() != WorldPoint{})
             tables_.warnings.push_back(fmt::format(
                 "coordinates are relative to the scene's origin, {} {} {}: export to .rnscene.json "
@@ -248,6 +265,9 @@ Result<std::uint64_t> GlbFile::memory_max(const Snapshot& scene) {
     constexpr std::uint64_t instancing_bytes = 6 * sizeof(float);
     std::uint64_t bytes = 3 * json + 32 * written + instancing_bytes * view.instance_count;
     std::set<std::uint64_t> planes;
+    for (std::uint32_t i = 0; i < view.geometry_count; ++i)
+        if (const GeometryRecord& g = view.geometries[i]; g.colours != no_offset)
+            bytes += 3 * sizeof(std::uint16_t) * 4 * g.vertex_count;
     for (std::uint32_t i = 0; i < view.texture_count; ++i)
         if (planes.insert(view.textures[i].colour).second)
             bytes += png_bytes_max(view.textures[i].width, view.textures[i].height);

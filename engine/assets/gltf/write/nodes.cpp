@@ -83,6 +83,11 @@ public:
         add_children({view_.root, 0, mask_of_all});
         for (std::size_t i = 0; i < queue_.size() && !tables_.ends(); ++i)
             add_children(Open(queue_[i]));
+        if (scene_.paths().node_count != 0) {
+            tables_.warnings.emplace_back(
+                "names above shared parts are left out: paths have those of the parts alone");
+            tables_.warnings.push_back(renumbered_text(view_.objects[view_.root].placement_count));
+        }
         if (crossed_masks_ != 0)
             tables_.warnings.push_back(fmt::format(
                 "{} placements lie in instances with several masks: the file has the bits that all "

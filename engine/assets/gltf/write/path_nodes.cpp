@@ -43,6 +43,7 @@ public:
             for (const std::uint32_t instance : own_[i]) {
                 if (tables_.ends()) return;
                 children.push_back(place(instance, name));
+                if (children.back() != paths_.nodes[i].source) ++renumbered_;
             }
             for (const std::uint32_t child : below_[i]) {
                 children.insert(children.end(), made[child].begin(), made[child].end());
@@ -53,6 +54,7 @@ public:
             made[i] = std::move(children);
         }
         tables_.roots = std::move(made[0]);
+        if (renumbered_ != 0) tables_.warnings.push_back(renumbered_text(renumbered_));
     }
 
 private:
@@ -79,9 +81,16 @@ private:
     Tables& tables_;
     std::vector<std::vector<std::uint32_t>> below_;  ///< by node: its children
     std::vector<std::vector<std::uint32_t>> own_;    ///< by node: instances of the root
+    std::uint64_t renumbered_ = 0;                   ///< instances whose user id will be another
 };
 
 }  // namespace
+
+std::string renumbered_text(std::uint64_t count) {
+    return fmt::format(
+        "user ids of {} instances are left out: those of a glTF file are indices of its nodes",
+        count);
+}
 
 bool write_path_nodes(const Snapshot& scene, std::span<const std::uint32_t> mesh_of,
                       Tables& tables) {
