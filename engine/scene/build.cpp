@@ -68,7 +68,7 @@ public:
         }
         warn(rounding_warning(description_, content_.bounds));
         if (const auto lost = graph_.skipped.find("singular_instances");
-            lost != graph_.skipped.end()) {
+            lost != graph_.skipped.end() && !graph_.singular.empty()) {
             const bool one = lost->second == 1;
             warn(std::to_string(lost->second) +
                  (one ? " placement is left out, that of "

@@ -408,6 +408,55 @@ class Compositions(WithFiles):
                 self.python.load(self.scenes / "c0.rnscene.json")
             self.python.load(self.scenes / "c4.rnscene.json", replace=True)
 
+    def test_the_order_of_objects_does_not_make_room_for_deeper_ones(self):
+        self.write("a.obj", obj(TRIANGLE, np.array([[0, 1, 2]])))
+        for i in range(8):
+            inner = f"d{i + 1}.rnscene.json" if i < 7 else "a.obj"
+            self.write(f"d{i}.rnscene.json", {"objects": {"a": {"file": inner}}, "instances": [{"object": "a"}]})
+        deep, shallow = {"file": "d0.rnscene.json"}, {"file": "d4.rnscene.json"}
+        for objects in ({"one": shallow, "two": deep}, {"two": deep, "one": shallow}):
+            with self.assertRaisesRegex(raynest.Error, "compositions nest deeper than 8"):
+                self.load("both.rnscene.json", {"objects": objects, "instances": [{"object": name} for name in objects]})
+
+    def test_groups_within_groups_are_limited(self):
+        self.write("a.obj", obj(TRIANGLE, np.array([[0, 1, 2]])))
+        for depth in (33, 5000):
+            groups = {f"g{i}": {"instances": [{"object": f"g{i + 1}"}]} for i in range(depth)}
+            groups[f"g{depth}"] = {"file": "a.obj"}
+            with self.assertRaisesRegex(raynest.Error, "groups nest deeper than 32"):
+                self.load("deep.rnscene.json", {"objects": groups, "instances": [{"object": "g0"}]})
+
+    def test_surveyed_parts_in_groups_keep_their_digits(self):
+        self.write_parts()
+        at = np.array([4_600_000.0, 100, 5_400_000])
+        self.write("far.ply", ply(self.box[0] / 8 + at, self.box[1]))
+        far = {"file": "far.ply", "origin": "auto"}
+        self.write("inner.rnscene.json", {"objects": {"far": far}, "instances": [{"object": "far"}]})
+        group = {"instances": [{"object": "far"}, {"object": "far", "translation": [0, 0.5, 0]}]}
+        alone = self.load("alone.rnscene.json", {"origin": at.tolist(), "objects": {"far": far}, **group})
+        aim = self.rays(3000, 0.2)[:, 3:]
+        rays = np.hstack([at + RANDOM.uniform(-0.2, 0.2, (3000, 3)) - 3 * aim, aim])
+        wanted = alone.trace(rays, fields=("t", "prim"))
+        self.assertGreater(np.isfinite(wanted["t"]).sum(), 1000)
+        inner = {"file": "inner.rnscene.json"}
+        for objects, instances in (({"far": far, "both": group}, [{"object": "both"}]),
+                                   ({"far": inner}, group["instances"])):
+            scene = self.load("grouped.rnscene.json", {"origin": at.tolist(), "objects": objects, "instances": instances})
+            hits = scene.trace(rays, fields=("t", "prim"))
+            self.assertLess((hits["prim"] != wanted["prim"]).sum(), 6)
+            self.assertLess((~np.isclose(hits["t"], wanted["t"], rtol=1e-4)).sum(), 6)
+
+    def test_a_table_beside_records_and_heights_places_nothing(self):
+        (self.scenes / "points").mkdir(exist_ok=True)
+        np.save(self.scenes / "points/balls.npy", np.array([[0, 0, 0, 1.0], [5, 0, 0, 1]], np.float32))
+        np.save(self.scenes / "points/ground.npy", np.zeros((8, 8), np.float32))
+        np.save(self.scenes / "points/table.npy", np.array([[20.0, 0, 0], [30, 0, 0]]))
+        scene = self.load("points/all.rnscene.json", {
+            "objects": {"balls": {"file": "balls.npy", "primitive": "sphere"}, "ground": {"file": "ground.npy", "primitive": "heights"}},
+            "instances": [{"object": "balls"}, {"object": "ground", "translation": [0, -9, 0]}]})
+        down = [[x, 9.0, z, 0, -1, 0] for x, z in ((0, 0), (5, 0), (20, 0), (3, 3))]
+        np.testing.assert_allclose(scene.trace(down, fields=("t",))["t"], [8, 8, np.inf, 18], rtol=1e-6)
+
     def test_a_composition_that_many_objects_name_is_made_once(self):
         self.write("a.obj", obj(TRIANGLE, np.array([[0, 1, 2]])))
         for i in range(7):  # 20^6 compositions if each object made its own

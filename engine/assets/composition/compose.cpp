@@ -19,6 +19,7 @@
 #include <fmt/ranges.h>
 
 #include <algorithm>
+#include <cmath>
 #include <map>
 #include <memory>
 #include <numbers>
@@ -69,8 +70,10 @@ public:
         if (const NamedBytes* const main = find(name)) {
             request.source = name.substr(folder);
             request.files.push_back({request.source, main->bytes});
+            // A second file beside another kind would say where its content is placed.
+            const bool names_others = is_gltf(name) || has_extension(name, ".obj");
             for (const NamedBytes& file : request_.files)
-                if (&file != main && file.name.starts_with(name.substr(0, folder)))
+                if (names_others && &file != main && file.name.starts_with(name.substr(0, folder)))
                     request.files.push_back({file.name.substr(folder), file.bytes});
         }
         auto built = import_file_(request);
@@ -79,9 +82,13 @@ public:
         if (scene) known_.emplace(key, *scene);
         return scene;
     }
-    /// The scene of the composition `name`, empty until it is made. Objects that name the same one
-    /// share it: made for each object, N of them in every file would be N^8 at the deepest level.
-    [[nodiscard]] Scene& composed(const std::string& name, const WorldPoint& origin) {
+    struct Composed {
+        Scene scene;            ///< null until it is made
+        std::size_t depth = 1;  ///< compositions, one within the other, itself included
+    };
+    /// The scene of the composition `name`. Objects that name the same one share it: made for each
+    /// object, N of them in every file would be N^8 at the deepest level.
+    [[nodiscard]] Composed& composed(const std::string& name, const WorldPoint& origin) {
         return composed_[{name, origin}];
     }
     [[nodiscard]] BuildQuality build() const { return request_.build; }
@@ -90,7 +97,7 @@ private:
     const ImportRequest& request_;
     const ImportFile& import_file_;
     std::map<std::string, Scene> known_;
-    std::map<std::pair<std::string, WorldPoint>, Scene> composed_;
+    std::map<std::pair<std::string, WorldPoint>, Composed> composed_;
 };
 
 /// Puts one composition together; those within it have composers of their own.
@@ -129,7 +136,7 @@ private:
         bool is_open = false;  ///< being made: to need it again means that it holds itself
     };
 
-    /// The scene of an object, made when it is first needed. At most scene_depth_max deep.
+    /// The scene of an object, made when it is first needed.
     Result<Scene> scene_of(const std::string& name) {
         const std::size_t number = numbers_.at(name);
         Made& made = made_[number];
@@ -138,8 +145,13 @@ private:
         if (std::exchange(made.is_open, true))
             return fail(ErrorCode::scene_invalid,
                         fmt::format("the object '{}' holds itself", one_line(name)));
+        if (groups_open_ == scene_depth_max)
+            return fail(ErrorCode::limit_exceeded,
+                        fmt::format("groups nest deeper than {} levels", scene_depth_max));
+        ++groups_open_;
         auto scene =
             object.source.empty() ? group(object, false).and_then(Snapshot::open) : file(object);
+        --groups_open_;
         made_[number].is_open = false;
         if (scene) made_[number].scene = *scene;
         return scene;
@@ -183,18 +195,20 @@ private:
         if (std::ranges::find(above_, file.name) != above_.end())
             return fail(ErrorCode::scene_invalid,
                         fmt::format("'{}' holds itself", one_line(file.name)));
-        if (above_.size() >= compositions_nested_max)
+        Files::Composed& made = files_.composed(file.name, object.origin);
+        if (above_.size() + made.depth > compositions_nested_max)
             return fail(ErrorCode::limit_exceeded,
                         fmt::format("compositions nest deeper than {}", compositions_nested_max));
-        Scene& made = files_.composed(file.name, object.origin);
-        if (made) return made;
-        std::vector<std::string> above = above_;
-        above.push_back(file.name);
-        auto scene = Composer(files_, limits_, file.name, std::move(above))
-                         .compose(file.bytes, object.origin)
-                         .and_then(Snapshot::open);
-        if (scene) made = *scene;
-        return scene;
+        if (!made.scene) {
+            std::vector<std::string> above = above_;
+            above.push_back(file.name);
+            Composer composer(files_, limits_, file.name, std::move(above));
+            auto scene = composer.compose(file.bytes, object.origin).and_then(Snapshot::open);
+            if (!scene) return scene;
+            made = {*scene, composer.depth_};
+        }
+        depth_ = std::max(depth_, made.depth + 1);
+        return made.scene;
     }
 
     /// The map from the coordinates of a part to those that are placed: in the world, and up.
@@ -240,6 +254,28 @@ private:
         return made;
     }
 
+    /// Origin of a group, or of a composition within another: near its parts, if these stand far
+    /// from zero for their size. Rays would lose digits on their way through it.
+    Result<WorldPoint> near_parts(const Object& object) {
+        constexpr double far = 16;
+        Box box;
+        std::uint64_t count = 0;
+        for (const Places& places : object.instances) {
+            const auto scene = scene_of(places.object);
+            if (!scene) return tl::unexpected(scene.error());
+            const auto matrices = matrices_of(places);
+            if (!matrices) return tl::unexpected(matrices.error());
+            if (count += matrices->size(); count > limits_.instances_max) return WorldPoint{};
+            for (const Matrix& matrix : *matrices)
+                box.extend(moved_box((*scene)->bounds(), transform_of(matrix * to_group(**scene))));
+        }
+        const glm::dvec3 low(box.lower), high(box.upper), centre = (low + high) / 2.0;
+        const double size = glm::length(high - low);
+        const bool is_far = !box.is_empty() && glm::length(centre) > far * size;
+        if (!is_far || !std::isfinite(size)) return WorldPoint{};
+        return WorldPoint{std::round(centre.x), std::round(centre.y), std::round(centre.z)};
+    }
+
     /// Puts the instances of a group into one scene.
     Result<BuiltArena> group(const Object& object, bool is_scene) {
         std::vector<AddedScene> added;
@@ -247,6 +283,13 @@ private:
         base.build = files_.build();
         base.objects.push_back({object.name, {}, {}, {}, {}, {}, {}});
         if (is_scene) base.origin = composition_.origin;
+        // Edits are in the coordinates that the composition itself has.
+        const bool is_part = !is_scene || (above_.size() > 1 && composition_.edits.empty());
+        if (base.origin == WorldPoint{} && is_part) {
+            const auto origin = near_parts(object);
+            if (!origin) return tl::unexpected(origin.error());
+            base.origin = *origin;
+        }
         base.up = composition_.up;
         bool has_nodes = false;
         Box bounds;
@@ -267,7 +310,13 @@ private:
                 const Matrix placed = less(base.origin) * matrix * to_group(**scene);
                 part.to_scene.push_back(transform_of(placed));
                 part.masks.push_back(places.mask);
-                const glm::dvec3 moved = glm::dvec3(Vec3(placed[3])) - glm::dvec3(placed[3]);
+                // The translation of a part with an origin is round, unlike what lies in it.
+                const Box& box = (*scene)->bounds();
+                const bool is_near_zero = (*scene)->origin() == WorldPoint{} || box.is_empty();
+                const glm::dvec3 at =
+                    is_near_zero ? glm::dvec3(placed[3])
+                                 : glm::dvec3(placed * glm::dvec4(glm::dvec3(box.lower), 1));
+                const glm::dvec3 moved = glm::dvec3(Vec3(at)) - at;
                 base.rounding = std::max(base.rounding, glm::length(moved));
                 bounds.extend(moved_box((*scene)->bounds(), part.to_scene.back()));
             }
@@ -418,6 +467,8 @@ private:
     std::vector<std::string> above_;
     Composition composition_;
     std::vector<Made> made_;
+    std::uint32_t groups_open_ = 0;
+    std::size_t depth_ = 1;  ///< compositions, one within the other, this one included
     std::map<std::string, std::size_t> numbers_;
     std::set<std::string> warned_;
 };

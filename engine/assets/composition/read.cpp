@@ -372,21 +372,59 @@ Light read_light(const Value& value) {
 }
 
 /// Parses the text, and refuses nesting beyond the limit and members that are there twice.
-Json parse(std::string_view text, const ImportLimits& limits) {
-    std::vector<std::set<std::string>> keys;
-    const auto watch = [&](int depth, Json::parse_event_t event, const Json& parsed) {
-        if (depth > static_cast<int>(limits.json_depth_max))
-            refuse(fmt::format("is nested deeper than {} levels", limits.json_depth_max));
-        if (event == Json::parse_event_t::object_start) keys.emplace_back();
-        if (event == Json::parse_event_t::object_end) keys.pop_back();
-        if (event == Json::parse_event_t::key &&
-            !keys.back().insert(parsed.get<std::string>()).second)
-            refuse(fmt::format("has the member '{}' twice in one object",
-                               one_line(parsed.get<std::string>())));
+/// Refuses what is nested too deep, and members that an object has twice. The parser's own callback
+/// would look at all of a list after each of its elements.
+class Watch : public nlohmann::json_sax<Json> {
+public:
+    explicit Watch(const ImportLimits& limits) : limits_(limits) {}
+    bool null() override { return true; }
+    bool boolean(bool) override { return true; }
+    bool number_integer(number_integer_t) override { return true; }
+    bool number_unsigned(number_unsigned_t) override { return true; }
+    bool number_float(number_float_t, const string_t&) override { return true; }
+    bool string(string_t&) override { return true; }
+    bool binary(binary_t&) override { return true; }
+    bool start_object(std::size_t) override {
+        keys_.emplace_back();
+        return enter();
+    }
+    bool key(string_t& name) override {
+        if (!keys_.back().insert(name).second)
+            refuse(fmt::format("has the member '{}' twice in one object", one_line(name)));
         return true;
-    };
+    }
+    bool end_object() override {
+        keys_.pop_back();
+        return leave();
+    }
+    bool start_array(std::size_t) override { return enter(); }
+    bool end_array() override { return leave(); }
+    /// The parser that makes the values says what is wrong.
+    bool parse_error(std::size_t, const std::string&, const nlohmann::detail::exception&) override {
+        return false;
+    }
+
+private:
+    bool enter() {
+        if (++depth_ > limits_.json_depth_max)
+            refuse(fmt::format("is nested deeper than {} levels", limits_.json_depth_max));
+        return true;
+    }
+    bool leave() {
+        --depth_;
+        return true;
+    }
+
+    const ImportLimits& limits_;
+    std::uint64_t depth_ = 0;
+    std::vector<std::set<std::string>> keys_;
+};
+
+Json parse(std::string_view text, const ImportLimits& limits) {
+    Watch watch(limits);
+    Json::sax_parse(text, &watch);
     try {
-        return Json::parse(text, watch);
+        return Json::parse(text);
     } catch (const Json::parse_error& error) {
         refuse(fmt::format("is not valid JSON (byte {})", error.byte));
     } catch (const Json::out_of_range&) {

@@ -1,8 +1,10 @@
 // Compositions and the axis that points up, as an import sees them: files in, a snapshot out.
+#include "engine/assets/composition/read.h"
 #include "engine/assets/gltf/write/glb_file.h"
 #include "engine/assets/import.h"
 #include "tests/unit/engine/assets/samples.h"
 
+#include <ctime>
 #include <map>
 #include <memory>
 #include <string>
@@ -16,6 +18,12 @@ const std::string corner =
     "o corner\nv 0 0 0\nv 1 0 0\nv 0 2 0\nv 0 0 4\nf 1 2 3\nf 1 2 4\nf 1 3 4\nf 2 3 4\n";
 const Box on_map{{0, 0, 0}, {1, 2, 4}};    // +Z up
 const Box upright{{0, 0, -2}, {1, 4, 0}};  // the same with +Y up
+
+double processor_seconds() {
+    timespec now{};
+    clock_gettime(CLOCK_THREAD_CPUTIME_ID, &now);
+    return static_cast<double>(now.tv_sec) + 1e-9 * static_cast<double>(now.tv_nsec);
+}
 
 using Texts = std::map<std::string, std::string>;
 
@@ -195,4 +203,24 @@ TEST_CASE("edits change what the instances of a composition placed, in their ord
                 {"x.rnscene.json", "{\"rnscene\": 1, " + town + R"(], "animations": []})"}});
     REQUIRE_FALSE(animated.has_value());
     CHECK(animated.error().message.find("a composition cannot have") != std::string::npos);
+}
+
+TEST_CASE("a composition of eight times as many objects takes about eight times as long") {
+    const auto time_of = [](int count) {
+        std::string objects, instances;
+        for (int i = 0; i < count; ++i) {
+            const std::string name = "\"o" + std::to_string(i) + "\"";
+            const char* const comma = i == 0 ? "" : ",";
+            objects += comma + name + ": {\"file\": \"a.obj\"}";
+            instances += comma + std::string("{\"object\": ") + name + "}";
+        }
+        const std::string text =
+            "{\"rnscene\": 1, \"objects\": {" + objects + "}, \"instances\": [" + instances + "]}";
+        const double began = processor_seconds();
+        REQUIRE(composition::read(text, {}));
+        return processor_seconds() - began;
+    };
+    time_of(1000);
+    const double few = time_of(3000), many = time_of(24000);
+    CHECK(many < 24 * few);  // 64 times, if each looked at all others
 }
