@@ -72,6 +72,9 @@ Result<void> check_points(const QueryOptions& options, const wire::QueryT& reque
                                      "or write a .npz");
     if (std::ranges::find(request.fields, "position") == request.fields.end())
         return fail(Exit::usage, options.output + " needs the column position among --fields");
+    if (extension_of(options.output) == ".las")
+        for (const std::string& field : request.fields)
+            if (auto fits = check_las_column(field); !fits) return fits;
     if (options.job.detach)
         return fail(Exit::usage,
                     options.output + " goes without --detach: raynest fetch writes a .npz");
@@ -80,8 +83,10 @@ Result<void> check_points(const QueryOptions& options, const wire::QueryT& reque
     return {};
 }
 
-/// Returns what tells these rays, their masks and values from others: a path says not what is in it.
-std::string content_of(const RaySource& rays, const std::vector<TableOption>& tables) {
+/// Returns what tells these rays, their masks and values, or this trajectory, from others: a path
+/// says not what is in it.
+std::string content_of(const RaySource& rays, const std::vector<TableOption>& tables,
+                       std::span<const std::byte> trajectory) {
     constexpr std::uint64_t at_once = 1 << 16;
     std::uint64_t hash = protocol::upload_checksum(std::as_bytes(rays.masks()));
     std::vector<float> values;
@@ -98,19 +103,21 @@ std::string content_of(const RaySource& rays, const std::vector<TableOption>& ta
         hash = protocol::upload_checksum(std::as_bytes(std::span(table.name)), hash);
         hash = protocol::upload_checksum(std::as_bytes(std::span(table.values)), hash);
     }
+    hash = protocol::upload_checksum(trajectory, hash);
     return std::to_string(rays.count()) + " rays, " + std::to_string(hash);
 }
 
 /// Leaves the rays or points of --part. Returns what its file says: which rows of which request it
 /// has.
-Result<Json> take_part(const QueryOptions& options, wire::QueryT& request, RaySource& rays) {
+Result<Json> take_part(const QueryOptions& options, wire::QueryT& request, RaySource& rays,
+                       std::span<const std::byte> trajectory) {
     if (options.output.empty() || options.job.detach)
         return fail(Exit::usage, "--part needs -o FILE.npz, and goes without --detach");
     const bool sensor = request.generator != nullptr && rays.count() == 0;
     const std::uint64_t all = sensor ? sensor_rays(*request.generator) : rays.count();
     std::uint64_t step = sensor ? sensor_band(*request.generator) : 1;
     if (options.part.count > all / step) step = 1;
-    const std::string content = content_of(rays, options.job.tables);
+    const std::string content = content_of(rays, options.job.tables, trajectory);
     const auto range = part_of(options.part, all, step, sensor ? "rays" : "rays or points");
     if (!range) return tl::unexpected<Failure>(range.error());
     if (!sensor) rays.keep(*range);
@@ -127,6 +134,9 @@ Result<Json> take_part(const QueryOptions& options, wire::QueryT& request, RaySo
                 {"reduce", request.reduce},
                 {"max_hits", request.max_hits},
                 {"generate", options.generate},
+                {"step_error", options.step_error},
+                {"time", job.time ? Json(*job.time) : Json()},
+                {"animation", job.animation},
                 {"rays", content},
                 {"intersector", job.intersector},
                 {"set", job.settings},
@@ -247,7 +257,7 @@ Result<void> run(Context& context, const QueryOptions& options) {
     }
     Json part;
     if (options.part.count != 0) {
-        auto taken = take_part(options, request, *rays);
+        auto taken = take_part(options, request, *rays, trajectory);
         if (!taken) return tl::unexpected<Failure>(taken.error());
         part = std::move(*taken);
     }

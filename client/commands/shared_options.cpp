@@ -184,12 +184,12 @@ void add_camera(CommandLine& line, CameraOptions& camera) {
 }
 
 Option add_output(CommandLine& line, std::string& output, const std::vector<std::string>& endings,
-                  const std::string& text) {
+                  const std::string& text, bool to_stdout) {
     return line.add_parsed(
         "-o,--output",
-        [&output, endings](const std::string& value) -> std::string {
+        [&output, endings, to_stdout](const std::string& value) -> std::string {
             output = value;
-            if (value == standard_stream) return "";
+            if (to_stdout && value == standard_stream) return "";
             if (is_device(value)) return "";
             std::string known;
             for (const std::string& ending : endings) {
@@ -202,10 +202,12 @@ Option add_output(CommandLine& line, std::string& output, const std::vector<std:
                     return "";
                 known += (known.empty() ? "" : " or ") + ending;
             }
-            return "'" + value + "' must end in " + known + ", or be - for stdout";
+            return "'" + value + "' must end in " + known +
+                   (to_stdout ? ", or be - for stdout" : "");
         },
-        text + "; - for stdout, -" + endings[0] +
-            " to choose the format there; messages then go to stderr");
+        to_stdout ? text + "; - for stdout, -" + endings[0] +
+                        " to choose the format there; messages then go to stderr"
+                  : text);
 }
 
 void add_kind(CommandLine& line, std::string& kind, std::uint32_t& max_hits,
@@ -236,7 +238,8 @@ void add_kind(CommandLine& line, std::string& kind, std::uint32_t& max_hits,
             }
             return "";
         },
-        "columns, separated by commas, of " + known_fields());
+        "columns, separated by commas, of " + known_fields() +
+            "; of --generate lidar and sweep also ring, and of sweep and rolling_shutter time");
 }
 
 void add_detach(CommandLine& line, JobOptions& job, const std::string* required_output) {

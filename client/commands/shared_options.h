@@ -24,7 +24,7 @@ Option add_moment(CommandLine& line, MomentOptions& moment);
 void add_camera(CommandLine& line, CameraOptions& camera);
 /// Adds -o FILE with one of these endings, in small or capital letters, or "-" for stdout.
 Option add_output(CommandLine& line, std::string& output, const std::vector<std::string>& endings,
-                  const std::string& text);
+                  const std::string& text, bool to_stdout = true);
 /// Adds --kind, --max-hits and --fields. Uses the one check at the end that a command has.
 void add_kind(CommandLine& line, std::string& kind, std::uint32_t& max_hits,
               std::vector<std::string>& fields);

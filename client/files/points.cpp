@@ -112,7 +112,10 @@ Result<Bytes> format_las(std::span<const double> positions, std::span<const Poin
     const PointColumn* of_ray = nullptr;
     const PointColumn* time = nullptr;
     const PointColumn* ring = nullptr;
+    const PointColumn* reflectance = nullptr;
     for (const PointColumn& column : columns) {
+        if (auto fits = check_las_column(column.name); !fits)
+            return tl::unexpected<Failure>(fits.error());
         if (column.name == "return" && column.dtype == "<u2")
             number = &column;
         else if (column.name == "returns" && column.dtype == "<u2")
@@ -121,9 +124,8 @@ Result<Bytes> format_las(std::span<const double> positions, std::span<const Poin
             time = &column;
         else if (column.name == "ring" && column.dtype == "<u2")
             ring = &column;
-        else
-            return fail(Exit::usage, "a .las has no room for the column '" + column.name +
-                                         "': write a .ply or .pcd, or pass --fields position");
+        else if (column.name == "reflectance" && column.dtype == "<f4")
+            reflectance = &column;
     }
     std::array<double, 3> low{}, high{}, scale{}, offset{};
     for (std::size_t axis = 0; axis < 3; ++axis) {
@@ -150,7 +152,11 @@ Result<Bytes> format_las(std::span<const double> positions, std::span<const Poin
                         "a .las holds 5 hits of a ray: pass --max-hits 5, or write a "
                         ".ply or .pcd");
         ++by_return[static_cast<std::size_t>(which - 1)];
-        append_number(rows, std::uint16_t{0});  // intensity
+        float share = 0;
+        if (reflectance != nullptr)
+            std::memcpy(&share, reflectance->values.data() + sizeof share * point, sizeof share);
+        append_number(rows, static_cast<std::uint16_t>(
+                                std::nearbyint(65535 * double{std::clamp(share, 0.0F, 1.0F)})));
         append_number(rows, static_cast<std::uint8_t>(which | of << 3));
         rows.resize(rows.size() + 2);  // class and angle
         const int channel = count_of(ring, point, 0);
@@ -192,6 +198,13 @@ Result<Bytes> format_las(std::span<const double> positions, std::span<const Poin
 }
 
 }  // namespace
+
+Result<void> check_las_column(std::string_view name) {
+    constexpr std::array known{"position", "return", "returns", "time", "ring", "reflectance"};
+    if (std::ranges::find(known, name) != known.end()) return {};
+    return fail(Exit::usage, "a .las has no room for the column '" + std::string(name) +
+                                 "': write a .ply or .pcd, or pass --fields position");
+}
 
 bool is_point_ending(std::string_view ending) {
     return std::ranges::find(point_endings, ending) != point_endings.end();

@@ -24,9 +24,12 @@ inline constexpr std::array<std::string_view, 3> point_endings{".ply", ".pcd", "
 /// True for an ending of the files that this can write.
 [[nodiscard]] bool is_point_ending(std::string_view ending);
 
-/// Returns the file of points x y z, three numbers each, by its ending. A LAS has room for the
-/// columns `return`, from 0, and `returns`, of the same ray, `time` (GPS time) and `ring` (user
-/// data); others fail with exit code 2.
+/// Fails with exit code 2 for a column that a LAS has no room for. It has for `position`, `return`,
+/// from 0, and `returns`, of the same ray, `time` (GPS time), `ring` (user data) and `reflectance`
+/// (intensity).
+Result<void> check_las_column(std::string_view name);
+/// Returns the file of points x y z, three numbers each, by its ending. Fails with exit code 2 for
+/// columns that it has no room for.
 Result<std::vector<std::byte>> format_points(std::string_view ending,
                                              std::span<const double> positions,
                                              std::span<const PointColumn> columns);

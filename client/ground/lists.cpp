@@ -49,7 +49,7 @@ std::vector<std::string> default_fields(std::string_view kind) {
 std::string known_fields() {
     std::string names;
     for (const ColumnWords& column : column_words) names.append(column.name).append(" ");
-    for (const std::string_view counter : metric_words) names.append(counter).append(" ");
+    for (const std::string_view counter : counter_words) names.append(counter).append(" ");
     names.pop_back();
     return names;
 }

@@ -26,6 +26,10 @@ inline constexpr std::array metric_words = {
 #define RAYNEST_MEASURE(name, title) std::string_view(#name),
 #include "engine/integrators/measures.def"
 };
+inline constexpr std::array counter_words = {
+#define RAYNEST_COUNTER(name, title) std::string_view(#name),
+#include "engine/geometry/counters.def"
+};
 inline constexpr std::array palette_words = {
 #define RAYNEST_PALETTE(name, ...) std::string_view(#name),
 #include "engine/integrators/palettes.def"

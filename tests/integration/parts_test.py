@@ -160,6 +160,28 @@ class Parts(DaemonTest):
         made("--rays", self.out / "copy.npy", number=2)
         self.done("merge", self.out / "rays.npz", first, second)
 
+    def test_parts_of_other_sweeps_are_told_apart(self):
+        poses = numpy.zeros((2, 13))
+        poses[:, 0] = 0, 1
+        poses[:, [1, 6, 11]] = 1
+        poses[:, 8] = 2, 3
+        way = self.out / "way.npy"
+        numpy.save(way, poses)
+        first, second = (self.out / f"{number}-sweep.npz" for number in (1, 2))
+
+        def made(number, *words):
+            self.done("query", "woods", "--generate", "sweep", "elevations=-20,0", "azimuths=0:360:64", f"trajectory={way}", *words,
+                      "--fields", "t", "-o", (first, second)[number - 1], "--part", f"{number}/2")
+        made(1, "--step-error", "0.1")
+        made(2, "--step-error", "0.2")
+        self.refused(5, "is of another request .*: step_error is", "merge", self.out / "sweep.npz", first, second)
+        made(1)
+        numpy.save(way, poses + numpy.eye(13)[8])
+        made(2)
+        self.refused(5, "is of another request .*: rays is", "merge", self.out / "sweep.npz", first, second)
+        made(1)
+        self.done("merge", self.out / "sweep.npz", first, second)
+
     def test_a_damaged_block_is_found_out(self):
         whole, made = self.parts("lit.exr", 2, "render", "woods", "--size", "64x48", "--integrator", "ao", "--spp", "2")
         data = bytearray(made[1].read_bytes())

@@ -70,6 +70,11 @@ class Generators(WithDaemon):
         self.check(generators.lidar(elevations, (-60, 120, 100), azimuth_offsets=offsets,
                                     origin_offsets=places, pose=POSE),
                    *self.placed(ways.reshape(-1, 3), turned.reshape(-1, 3)))
+        made = generators.lidar(elevations, (0, 360, 5))
+        np.testing.assert_array_equal(made.ring, np.arange(3).repeat(5))
+        np.testing.assert_array_equal(made.part(7, 4).ring, made.ring[7:11])
+        seen = self.woods.trace(made.part(7, 4), fields=("t", "ring"))
+        np.testing.assert_array_equal(seen["ring"], made.ring[7:11])
         # Without any place its pose is the identity, and with a look-at it stands as a camera does.
         for pose in (None, np.eye(3, 4)):
             origins, ways = self.made(generators.lidar([0], (0, 360, 4), pose=pose))
@@ -118,6 +123,20 @@ class Generators(WithDaemon):
                           generators.hemisphere([down[:3, 3]], [0, 0, -1], samples=1, margin=0)):
             self.assertEqual(self.made(generator, scene)[0].tolist(), [down[:3, 3].tolist()])
         self.assertEqual(scene.trace(generators.pinhole(1, size=(1, 1), pose=down))["t"], [2])
+
+    def test_parts_far_away_keep_their_digits_beside_an_origin(self):
+        """In float64 up to the origin, as those of mesh() do; also of a part that stands in several places."""
+        far = np.array([500000.3, 5300000.7, 120.45])
+        corners, spread = far + np.array([[0, 0, 0], [.3, 0, 0], [0, .3, 0.]]), np.array([[0, 0, 0], [7.25, 0, -3]])
+        scene = self.client.scene_of({"tile": (corners, [[0, 1, 2]]), "box": ([[0, 0, 9], [1, 0, 9], [0, 1, 9]], [[0, 1, 2]])},
+                                     {"tile": ("tile", spread), "box": ("box", far)}, origin=np.round(far))
+        for path, at in (("tile#0", far), ("tile#1", far + spread[1]), ("box", far + [0, 0, 9])):
+            above = at + [.1, .1, 2]
+            hit = scene.trace([[*above, 0, 0, -1]], fields=("t", "path", "uv"))
+            self.assertEqual(scene.path_of(hit["path"]), [path])
+            np.testing.assert_allclose(hit["t"], 2, atol=1e-6)
+            np.testing.assert_allclose(hit["uv"], [[.1, .1]] if path == "box" else [[1 / 3, 1 / 3]], atol=1e-5)
+            self.assertEqual(scene.path_of(scene.trace([[*(at + [.1, .1, 3]), 0, 0, -1]], fields=("path",))["path"]), [path])
 
     def test_azimuths_may_be_an_array_of_floats(self):
         self.assertEqual(generators.lidar([0, 1], np.array([0.0, 360.0, 2048.0])).count, 4096)
@@ -180,6 +199,7 @@ class Generators(WithDaemon):
                 (far, lambda: lidar(look_at=(eye, off)), "with origin="),
                 (far, lambda: points(eye, [0, 0, -1]), "with origin="),
                 (near, lambda: lidar(pose=narrow(pose)), "pass the pose as float64"),
+                (near, lambda: generators.sweep([0.0], trajectory=([0], narrow([pose[:3]])), end=0), "pass the poses as float64"),
                 (near, lambda: lidar(look_at=narrow((eye, off))), "pass the look_at as float64"),
                 (near, lambda: points(narrow(eye), [0, 0, -1]), "pass the points as float64"),
                 (near, lambda: points(narrow(eye), narrow([0, 0, -1])), "pass the points as float64")):

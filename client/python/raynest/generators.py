@@ -47,6 +47,9 @@ class SensorPose(TypedDict, total=False):
 class Generator:
     """A generator, made by the functions below; `count` is its number of rays."""
 
+    _fields: tuple[str, ...] = ()   # columns of this object, which the daemon does not know
+    _starts = "points"              # what says where its rays start
+
     def __init__(self, kind: str, settings: dict[str, str], count: int,
                  points: Optional[Array] = None, sensor: Optional[SensorPose] = None,
                  fov: float = 0.0, start: Optional[Array] = None) -> None:
@@ -85,8 +88,9 @@ class Generator:
     def source(self, origin: Any) -> Source:
         """Returns the generator's message, and its points if it has any, relative to `origin`."""
         shift = np.zeros(3) if origin is None else vector("origin", origin)
-        given = next((name for name in ("pose", "look_at") if name in self._sensor), "points")
+        given = next((name for name in ("pose", "look_at") if name in self._sensor), self._starts)
         stands = None if self._start is None else Starts(self._start, self.count, shift, given)
+        own = {name: functools.partial(getattr, self, name) for name in self._fields}
         if self._points is not None:
             return Source(Rays(self._points, origin=origin), self.count, self._message({}), stands,
                           self._part)
@@ -106,7 +110,10 @@ class Generator:
             if self._fov:
                 place["fov"] = _text("fov", self._fov)
         return Source(Rays(np.empty((0, 8), np.float32)), self.count, self._message(place), stands,
-                      self._part)
+                      self._part, own=own)
+
+    def _numbers(self) -> Array:
+        return self._part[0] + np.arange(self.count)
 
     def _message(self, place: dict[str, str]) -> Message:
         settings = {**self._settings, **place}
@@ -160,10 +167,11 @@ def equirectangular(*, size: tuple[int, int] = (960, 480), **sensor: Unpack[Sens
 
 @none_is_default
 def lidar(elevations: Any, azimuths: tuple[float, float, int] = (0.0, 360.0, 2048), *,
-          azimuth_offsets: Any = (), origin_offsets: Any = (), **sensor: Unpack[SensorPose]) -> Generator:
+          azimuth_offsets: Any = (), origin_offsets: Any = (), **sensor: Unpack[SensorPose]) -> Lidar:
     """A rotating head with a channel for each of `elevations`. `azimuths` is (start, stop, count),
     counter-clockwise; stop itself is left out. `azimuth_offsets` (C,) turn channels, `origin_offsets`
-    (C, 3) move them within the head. Ray c * count + j is channel c at azimuth j."""
+    (C, 3) move them within the head. Ray c * count + j is channel c at azimuth j; `ring` of this object is the
+    channel of each ray, and as one of `fields` a column of the answer."""
     turn = turn_of(azimuths)
     columns = turn[2]
     offsets = _offsets(origin_offsets)
@@ -181,8 +189,21 @@ def lidar(elevations: Any, azimuths: tuple[float, float, int] = (0.0, 360.0, 204
                 "azimuths": _turn_text(turn),
                 "azimuth_offsets": _text("azimuth_offsets", azimuth_offsets),
                 "origin_offsets": _text("origin_offsets", offsets)}
-    return Generator("lidar", {name: text for name, text in settings.items() if text},
-                     channels * columns, sensor=sensor)
+    made = Lidar("lidar", {name: text for name, text in settings.items() if text}, channels * columns, sensor=sensor)
+    made._columns = columns
+    return made
+
+
+class Lidar(Generator):
+    """The rays of a lidar that stands still, from lidar()."""
+
+    _columns: int
+    _fields = ("ring",)
+
+    @property
+    def ring(self) -> Array:
+        """The channel of each ray, uint16."""
+        return (self._numbers() // self._columns).astype(np.uint16)
 
 
 @none_is_default
@@ -267,7 +288,8 @@ class _Way(NamedTuple):
         times = begin + (end - begin) * np.arange(scans * lines) / lines
         if times[0] < known[0] or times[-1] > known[-1]:
             raise UsageError(f"the {kind} lasts from {times[0]} to {times[-1]}, the trajectory from {known[0]} to {known[-1]}")
-        return cls(settings, np.column_stack([known, poses.reshape(-1, 12)]), poses[:1, :, 3], times)
+        start = numbers("the trajectory's poses", trajectory[1])[:1, :3, 3]
+        return cls(settings, np.column_stack([known, poses.reshape(-1, 12)]), start, times)
 
 
 class Moving(Generator):
@@ -276,7 +298,8 @@ class Moving(Generator):
     _way: _Way
     _angles: Array = np.empty(0)    # that follow the poses
     _columns: int                   # rays of a row
-    _fields = ("time",)             # of this object, which the daemon does not know
+    _fields = ("time",)
+    _starts = "poses"
 
     @property
     def time(self) -> Array:
@@ -287,16 +310,12 @@ class Moving(Generator):
         """The lines of rays, by their numbers."""
         return of // self._columns
 
-    def _numbers(self) -> Array:
-        return self._part[0] + np.arange(self.count)
-
     def source(self, origin: Any) -> Source:
         rows = self._way.rows.copy()
         if origin is not None:
             rows[:, [4, 8, 12]] -= vector("origin", origin)
         sent = np.concatenate([rows.ravel(), self._angles]).view(np.uint8)
-        return dataclasses.replace(super().source(origin), upload=sent,
-                                   own={name: functools.partial(getattr, self, name) for name in self._fields})
+        return dataclasses.replace(super().source(origin), upload=sent)
 
 
 class RollingShutter(Moving):

@@ -2,6 +2,7 @@
 from __future__ import annotations
 
 import os
+import re
 import struct
 from typing import Any, Union
 
@@ -24,8 +25,8 @@ _LAS_POINT = np.dtype([("x", "<i4"), ("y", "<i4"), ("z", "<i4"), ("intensity", "
 def save(path: Union[str, os.PathLike[str]], position: Any, /, *, where: Any = None, **columns: Any) -> int:
     """Writes points (N, 3) to a .ply, .pcd or .las, with columns beside them: (N,), or (N, k), which become name_0,
     name_1, ... `where` (N,) chooses the points, such as the column hit. Points that are not finite are left out. LAS
-    has room for the columns time (GPS time), intensity (0 to 1), return (from 0, at most 4), returns (of the same
-    pulse) and ring (as user data); other columns are refused for it. Returns the number of points."""
+    has room for the columns time (GPS time), intensity or reflectance (0 to 1), return (from 0, at most 4), returns (of
+    the same pulse) and ring (as user data); other columns are refused for it. Returns the number of points."""
     name = os.fspath(path)
     write = {".ply": _write_ply, ".pcd": _write_pcd, ".las": _write_las}.get(os.path.splitext(name)[1].lower())
     if write is None:
@@ -42,12 +43,14 @@ def save(path: Union[str, os.PathLike[str]], position: Any, /, *, where: Any = N
     flat: dict[str, Array] = {}
     for key, values in columns.items():
         column = np.asarray(values)
-        if key in ("x", "y", "z"):
-            raise UsageError(f"a column cannot be called {key!r}: that is the position's")
+        if not re.fullmatch(r"\w+", key, re.ASCII):
+            raise UsageError(f"a column cannot be called {key!r}: its name must be of letters, digits and _")
         if column.ndim not in (1, 2) or len(column) != len(points) or column.dtype.kind not in "biuf":
             raise UsageError(f"{key} has shape {column.shape} and type {column.dtype}: it must be numbers, "
                              f"({len(points)},) or ({len(points)}, k)")
         parts = [(key, column)] if column.ndim == 1 else [(f"{key}_{i}", column[:, i]) for i in range(column.shape[1])]
+        if taken := [part for part, _ in parts if part in ("x", "y", "z") or part in flat]:
+            raise UsageError(f"a column cannot be called {taken[0]!r}: there is one already")
         flat.update((part, _plain(part, values[chosen])) for part, values in parts)
     data = write(points[chosen], flat)
     with open(path, "wb") as file:
@@ -124,10 +127,12 @@ def _write_las(points: Array, columns: dict[str, Array]) -> bytes:
     if (of_pulse < number).any():
         raise UsageError("a point has a 'return' beyond the number of 'returns' of its pulse")
     table["returns"] = number | of_pulse << 3
+    if {"intensity", "reflectance"} <= columns.keys():
+        raise UsageError("a .las holds one of the columns 'intensity' and 'reflectance'")
     for name, column in columns.items():
         if name == "time":
             table["time"] = column
-        elif name == "intensity":
+        elif name in ("intensity", "reflectance"):
             table["intensity"] = np.rint(_within(name, column, 1) * 65535)
         elif name == "ring":
             table["user"] = _within(name, column, 255)

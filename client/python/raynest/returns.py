@@ -10,6 +10,7 @@ from typing import Any, Literal, Mapping, Optional
 
 import numpy as np
 
+from . import _limits
 from ._net.frame import Array
 from ._requests.arguments import count_of, numbers, real, whole
 from .errors import UsageError
@@ -46,8 +47,10 @@ def measure(scene: Scene, sweep: Sweep, *, divergence: float = 0.0, footprint: i
 
     `velocities` says what moves, by texts of paths, with * as in edits: {"car-*": v} moves the cars and all their
     parts. If several texts match, the first counts. v is a velocity (3,), or (3, 3): the velocity, the angular
-    velocity in radians, and a point of the axis at the sweep's first time. Everything else stands still. `job` has
-    options of Scene.trace(): epoch, time, hide, origin, ..."""
+    velocity in radians, and a point of the axis at the earliest time of the sweep's rays. Everything else stands still,
+    or with `time` moves as the animation does then. `job` has options of Scene.trace(): epoch, time, hide, origin, ...;
+    `mask` is one for all beams, or one for each. All is measured in one epoch of the scene: InvalidError says that it
+    has gone, if others edit the scene meanwhile."""
     if not isinstance(sweep, Sweep):
         raise TypeError(f"sweep of type {type(sweep).__module__}.{type(sweep).__name__}: measure() needs the rays "
                         "themselves, as raynest.sweeps.lidar() makes them from the same arguments")
@@ -68,16 +71,27 @@ def measure(scene: Scene, sweep: Sweep, *, divergence: float = 0.0, footprint: i
     if velocities is not None and not isinstance(velocities, Mapping):
         raise UsageError("velocities are by the texts of paths: {'car-3': (12, 0, 0)}")
     moves = {text: _motion(text, motion) for text, motion in (velocities or {}).items()}
-    if moves:  # a text that names nothing is refused
-        scene.trace(np.zeros((0, 6)), hide=list(moves), **{key: job[key] for key in ("epoch",) if key in job})
+    texts = list(moves)
+    for first in np.arange(0, len(texts), _limits.list_items_max):  # a text that names nothing is refused
+        scene.trace(np.zeros((0, 6)), hide=texts[first:first + _limits.list_items_max],
+                    **{key: job[key] for key in ("epoch",) if key in job})
+    masks = np.asarray(job.pop("mask", None))
+    if masks.ndim and masks.shape != (len(sweep.rays),):
+        raise UsageError(f"mask of shape {masks.shape} for {len(sweep.rays)} beams: it must be one number, or one for each beam")
     beams = max(1, _TRACED_MAX // len(power))
     parts = []
     for first in np.arange(0, max(1, len(sweep.rays)), beams):
+        if masks.ndim:
+            job["mask"] = np.repeat(masks[first:first + beams], len(power))
+        elif masks.item() is not None:
+            job["mask"] = masks.item()
         rays = sweep.rays[first:first + beams]
         cast = np.empty((len(rays), len(power), 8))
         cast[..., :3], cast[..., 3], cast[..., 7] = rays[:, None, :3], near, far
         cast[..., 4:7] = _spread(rays[:, 3:], offsets)
-        hits = scene.trace(cast.reshape(-1, 8), fields=("t", *_IDS, "normal", "base_colour"), **job)
+        fields = ("t", *_IDS, "normal", "base_colour", *(("velocity",) if "time" in job else ()))
+        hits = scene.trace(cast.reshape(-1, 8), fields=fields, **job)
+        job["epoch"] = scene._client.outcome["epoch"]  # all parts see one scene
         part = _returns_of(hits, cast[..., 4:7].reshape(-1, 3), power, resolution, threshold, returns, prefer)
         part["beam"] += first
         parts.append(part)
@@ -86,11 +100,11 @@ def measure(scene: Scene, sweep: Sweep, *, divergence: float = 0.0, footprint: i
     made["t"] = made["t"] + np.random.default_rng(seed).normal(0, noise, len(beam)) if noise else made["t"]
     made["position"] = sweep.rays[beam, :3] + made["t"][:, None] * sweep.rays[beam, 3:]
     made["ring"], made["time"] = sweep.ring[beam], sweep.time[beam]
-    moving = np.zeros((len(beam), 3))
+    moving = made.pop("velocity", np.zeros((len(beam), 3))).astype(np.float64)
     part_of = _parts_of(scene, made["path"], list(moves), job.get("epoch") or 0)
     for number, (along, turning, pivot) in enumerate(moves.values()):
         of = part_of == number
-        since = (made["time"][of] - sweep.time[:1].min(initial=np.inf))[:, None]
+        since = (made["time"][of] - sweep.time.min(initial=np.inf))[:, None]
         moving[of] = along + np.cross(turning, made["position"][of] - pivot - along * since)
     made["radial_velocity"] = ((moving - sweep.velocity[beam]) * sweep.rays[beam, 3:]).sum(axis=1)
     return made
@@ -141,7 +155,7 @@ def _returns_of(hits: dict[str, Array], ways: Array, power: Array, resolution: f
     count = int(number[-1]) + 1 if len(number) else 0
     normal = hits["normal"][row].astype(np.float64)
     length = np.linalg.norm(normal, axis=1)
-    cosine = np.abs((normal * ways[row]).sum(axis=1)) / np.where(length > 0, length, 1)
+    cosine = np.minimum(np.abs((normal * ways[row]).sum(axis=1)) / np.where(length > 0, length, 1), 1)
     weight = power[row % rays]
     light = weight * cosine * (hits["base_colour"][row] @ _LUMINANCE)
     def total(values: Array) -> Array:
@@ -154,7 +168,7 @@ def _returns_of(hits: dict[str, Array], ways: Array, power: Array, resolution: f
     beam = np.zeros(count, np.int64)
     beam[number] = row // rays
     made: dict[str, Array] = {"beam": beam, "t": total(weight * t.ravel()[row]) / np.where(share > 0, share, 1), "share": share,
-            "intensity": total(light), **{name: hits[name][strongest] for name in _IDS}}
+            "intensity": np.minimum(total(light), 1), **{name: hits[name][strongest] for name in (*_IDS, "velocity") if name in hits}}
     kept = np.flatnonzero(share >= threshold - _ROUNDING)
     if prefer == "strongest":
         kept = kept[np.lexsort((-made["intensity"][kept], beam[kept]))]

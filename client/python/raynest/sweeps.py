@@ -124,16 +124,18 @@ def _turned(first: Array, second: Array, share: Array) -> Array:
     """Rotations between two others, along the shortest arc: first, then `share` of the turn to the second."""
     turn = first.swapaxes(1, 2) @ second
     cosine = np.clip((np.trace(turn, axis1=1, axis2=2) - 1) / 2, -1, 1)
-    # The antisymmetric part is the axis times the sine; at half a turn the symmetric part has it.
+    # The antisymmetric part is the axis times the sine. Near half a turn that is rounding, and the symmetric part,
+    # less the cosine, is the axis times itself.
     axis = np.stack([turn[:, 2, 1] - turn[:, 1, 2], turn[:, 0, 2] - turn[:, 2, 0],
                      turn[:, 1, 0] - turn[:, 0, 1]], -1) / 2
     sine = np.linalg.norm(axis, axis=1)
     angle = np.arctan2(sine, cosine)
-    half = (turn + np.eye(3)) / 2
-    column = np.argmax(np.diagonal(half, axis1=1, axis2=2), axis=1)
-    along = half[np.arange(len(half)), :, column]
+    twice = (turn + turn.swapaxes(1, 2)) / 2 - cosine[:, None, None] * np.eye(3)
+    column = np.argmax(np.diagonal(twice, axis1=1, axis2=2), axis=1)
+    along = twice[np.arange(len(twice)), :, column]
     along = along / np.maximum(np.linalg.norm(along, axis=1), 1e-300)[:, None]
-    unit = np.where((sine > 1e-9)[:, None], axis / np.maximum(sine, 1e-300)[:, None], along)
+    along = np.where((axis * along).sum(axis=1) < 0, -1, 1)[:, None] * along
+    unit = np.where((cosine < 0)[:, None], along, axis / np.maximum(sine, 1e-300)[:, None])
     part = angle[:, None] * share
     x, y, z = unit.T
     zero = np.zeros_like(x)

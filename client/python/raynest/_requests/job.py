@@ -3,7 +3,7 @@ from __future__ import annotations
 
 import difflib
 import reprlib
-from typing import Any, Callable, Mapping, Optional, TypedDict
+from typing import Any, Callable, Mapping, Optional, TypedDict, Union
 
 import numpy as np
 
@@ -35,7 +35,7 @@ class JobOptions(TypedDict, total=False):
     hide: Any                       # what no ray enters: 3, "inst=3", "object=2", "car#3/wheel*", or a list of them
     only: Any                       # the same: if any, rays enter nothing else
     time: Optional[float]           # seconds within the scene's animation; None: the scene as it is
-    animation: Optional[str]        # its name or number; the first one
+    animation: Union[str, int, None]  # its name or number; the first one
     skip_hidden_boxes: Optional[bool]  # boxes that lead to what is hidden alone are not tested, nor counted
 
 
@@ -150,6 +150,8 @@ def job_message(scene: str, options: JobOptions) -> Message:
         raise UsageError("mask must be one number here: rays that trace(), stream() and occluded() send have one each")
     if options.get("time") is not None:
         message["timed"] = True
+    if isinstance(options.get("animation"), int):
+        message["animation"] = str(options["animation"])
     for key, prefix in (("hide", "hidden"), ("only", "only")):
         message.update(selection_lists(key, prefix, options.get(key)))
     params = options.get("params")

@@ -72,7 +72,7 @@ def load_of_parts(parts: Mapping[str, Any], places: Optional[Mapping[str, Any]] 
                   *, origin: Any = None, keep: bool = False, replace: bool = False, build: str = "medium",
                   masks: Masks = (), up: str = "y") -> Load:
     """As Client.scene_of() has it."""
-    upload = Upload("parts.glb", name or "", (File("parts.glb", parts_glb(parts, places)),))
+    upload = Upload("parts.glb", name or "", (File("parts.glb", parts_glb(parts, places, origin is not None)),))
     message: Message = {**upload.message(), **_origin_message(origin), "replace": replace, "build": build,
                         "masks": mask_rules(masks), "up": _axis(up), "temporary": not name and not keep}
     if not name:

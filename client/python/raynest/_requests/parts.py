@@ -14,15 +14,19 @@ from .gltf import BIN, FLOAT, GLB, JSON, JSON_BYTES_MAX, UINT, box_of, triangles
 from ..errors import UsageError
 
 
-def parts_glb(parts: Mapping[str, Any], places: Optional[Mapping[str, Any]]) -> bytes:
-    """Returns the scene as a .glb: a mesh for each part, and a node for each place, in their order."""
+# A part whose vertices are farther from zero than this many times its size is moved nearer before they are rounded.
+_FAR = 16
+
+
+def parts_glb(parts: Mapping[str, Any], places: Optional[Mapping[str, Any]], has_origin: bool = False) -> bytes:
+    """Returns the scene as a .glb: a mesh for each part, and a node for each place, in their order. In a scene with an
+    origin far float64 vertices keep their digits: what is taken from them stands in the nodes."""
     if not isinstance(parts, Mapping) or not parts:
         raise TypeError("parts must be a dict of meshes: {'car': (vertices, faces), ...}")
     body: list[bytes] = []
     document: dict[str, Any] = {"asset": {"version": "2.0"}, "scene": 0, "meshes": [], "accessors": [],
                                 "bufferViews": []}
-    for name, part in parts.items():
-        _add_mesh(document, body, _name("a part", name), part)
+    shifts = [_add_mesh(document, body, _name("a part", name), part, has_origin) for name, part in parts.items()]
     numbers_of = {name: number for number, name in enumerate(parts)}
     nodes: list[dict[str, Any]] = []
     for name, place in (places if places is not None else {part: part for part in parts}).items():
@@ -31,10 +35,12 @@ def parts_glb(parts: Mapping[str, Any], places: Optional[Mapping[str, Any]]) -> 
             raise UsageError(f"the place {name!r} is of {reprlib.repr(part)}, which is no part; there are "
                              + ", ".join(map(repr, parts)))
         node = {"name": _name("a place", name), "mesh": numbers_of[part]}
-        if matrices is None:
+        shift = shifts[numbers_of[part]]
+        if matrices is None and not shift.any():
             nodes.append(node)
             continue
-        by_columns = matrices_of(f"the place {name!r}", matrices).swapaxes(-1, -2)
+        placed = matrices_of(f"the place {name!r}", np.zeros(3) if matrices is None else matrices)
+        by_columns = (placed @ matrices_of("a shift", shift)).swapaxes(-1, -2)
         nodes.extend({**node, "matrix": matrix} for matrix in by_columns.reshape(-1, 16).tolist())
     data = b"".join(body)
     document.update(nodes=nodes, scenes=[{"nodes": list(range(len(nodes)))}],
@@ -79,12 +85,20 @@ def _name(what: str, name: Any) -> str:
     return name
 
 
-def _add_mesh(document: dict[str, Any], body: list[bytes], name: str, part: Any) -> None:
+def _add_mesh(document: dict[str, Any], body: list[bytes], name: str, part: Any, may_shift: bool) -> Array:
+    """Returns what was taken from its vertices, (3,)."""
     if hasattr(part, "vertices") and hasattr(part, "faces"):
         part = part.vertices, part.faces
     if not isinstance(part, (tuple, list)) or len(part) != 2:
         raise TypeError(f"the part {name!r} must be (vertices, faces), or have both")
     points, corners = triangles(*part)
+    shift = np.zeros(3)
+    if may_shift and points.dtype == np.float64:
+        box = np.array(box_of(points))
+        size = float(np.linalg.norm(box[1] - box[0]))
+        if np.isfinite(box).all() and np.abs(box).max() > _FAR * size:
+            shift = np.round(box.mean(axis=0))
+            points = points - shift
     with np.errstate(over="ignore", invalid="ignore"):
         positions = points.astype("<f4")
     low, high = box_of(positions)
@@ -102,3 +116,4 @@ def _add_mesh(document: dict[str, Any], body: list[bytes], name: str, part: Any)
         {"bufferView": view + 1, "componentType": UINT, "type": "SCALAR", "count": corners.size}]
     document["meshes"].append({"name": name, "primitives": [
         {"attributes": {"POSITION": view}, "indices": view + 1}]})
+    return shift
