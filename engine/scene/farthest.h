@@ -16,6 +16,7 @@
 #include <cstddef>
 #include <cstdint>
 #include <limits>
+#include <span>
 #include <utility>
 
 namespace raynest {
@@ -110,12 +111,17 @@ template <class Trees>
 class Farthest {
 public:
     enum class Aim { bound, exact };
-    Farthest(const Trees& trees, std::uint32_t object, const Direction& direction,
-             Aim aim = Aim::bound)
+    Farthest(const Trees& trees, std::uint32_t object, const Direction& direction)
+        : Farthest(trees, object, Reach(direction), Aim::bound) {}
+    /// Of an object in the placement that `reach` has come through. Looks no further once the extent
+    /// is `enough` as a float.
+    Farthest(const Trees& trees, std::uint32_t object, const Reach& reach, Aim aim,
+             float enough = std::numeric_limits<float>::infinity())
         : trees_(trees),
           exact_(aim == Aim::exact),
-          opened_max_(exact_ ? 1 << 16 : 32) {
-        enter(object, Reach(direction), std::numeric_limits<double>::infinity());
+          opened_max_(exact_ ? 1 << 16 : 32),
+          enough_(enough) {
+        enter(object, reach, std::numeric_limits<double>::infinity());
     }
     [[nodiscard]] double distance() const { return farthest_; }
 
@@ -156,7 +162,7 @@ private:
         }
         for (;;) {
             const auto next = std::max_element(distances.begin(), distances.end());
-            if (*next <= farthest_) return;
+            if (*next <= farthest_ || static_cast<float>(farthest_) >= enough_) return;
             visit(level, node.child[next - distances.begin()], std::exchange(*next, nothing));
         }
     }
@@ -165,6 +171,7 @@ private:
     const Trees& trees_;
     const bool exact_;
     const int opened_max_;
+    const float enough_;
     double farthest_ = nothing;
     int opened_ = 0;
 };
@@ -220,22 +227,57 @@ PlacedBox place_box(const Trees& trees, std::uint32_t child, const Transform& to
     return {box, pad};
 }
 
+/// Calls extent(side, reach along it) for each side of a box, and returns the box.
+template <class Extent>
+Box box_of_extents(const Extent& extent) {
+    Box box;
+    tbb::parallel_for(0, 6, [&](int side) {
+        const int axis = side / 2;
+        const float sign = side % 2 == 0 ? -1 : 1;
+        Direction direction{};
+        direction[static_cast<std::size_t>(axis)] = static_cast<double>(sign);
+        // + 0: without -0
+        (sign < 0 ? box.lower : box.upper)[axis] = sign * extent(side, Reach(direction)) + 0.0F;
+    });
+    return box;
+}
+
 /// Computes the box of all vertices of an object as its instances place them (scene_bounds()).
 template <class Trees>
 Box vertex_bounds(const Trees& trees, std::uint32_t root) {
-    Box box;
-    if (trees.tree(root).bounds.is_empty()) return box;
-    tbb::parallel_for(0, 6, [&](int side) {
-        const int axis = side / 2;
-        const double sign = side % 2 == 0 ? -1 : 1;
-        Direction direction{};
-        direction[static_cast<std::size_t>(axis)] = sign;
-        const Farthest<Trees> farthest(trees, root, direction, Farthest<Trees>::Aim::exact);
-        // + 0: without -0
-        const float place = static_cast<float>(sign * farthest.distance()) + 0.0F;
-        (sign < 0 ? box.lower : box.upper)[axis] = place;
+    using Search = Farthest<Trees>;
+    if (trees.tree(root).bounds.is_empty()) return {};
+    return box_of_extents([&](int, const Reach& reach) {
+        return static_cast<float>(Search(trees, root, reach, Search::Aim::exact).distance());
     });
-    return box;
+}
+
+/// Computes the same box after some instances of the root have moved. It was `before`, and their
+/// padded boxes, before and afterwards, lie in `reached`. Others may share a side with one that has
+/// left it, so the search ends with the first that it finds there.
+template <class Trees>
+Box vertex_bounds_after(const Trees& trees, std::uint32_t root, const Box& before,
+                        const Box& reached, std::span<const std::uint32_t> moved) {
+    using Search = Farthest<Trees>;
+    return box_of_extents([&](int side, const Reach& reach) {
+        const int axis = side / 2;
+        const float sign = side % 2 == 0 ? -1 : 1;
+        const auto at = [&](const Box& box) {
+            return sign * (sign < 0 ? box.lower : box.upper)[axis];
+        };
+        if (at(reached) < at(before)) return at(before);
+        float most = -std::numeric_limits<float>::infinity();
+        for (const std::uint32_t instance : moved) {
+            const TreePlacement placement = trees.placement(root, instance);
+            if (trees.tree(placement.object).bounds.is_empty()) continue;
+            const Search search(trees, placement.object, reach.through(placement.to_parent, 0),
+                                Search::Aim::exact);
+            most = std::max(most, static_cast<float>(search.distance()));
+        }
+        if (most >= at(before)) return most;
+        return static_cast<float>(
+            Search(trees, root, reach, Search::Aim::exact, at(before)).distance());
+    });
 }
 
 }  // namespace raynest

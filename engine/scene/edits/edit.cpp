@@ -269,6 +269,22 @@ TouchedObjects touched_by(const SceneView& view, const SceneChanges& changes, bo
     return touched;
 }
 
+/// The box of a scene after its instances have moved.
+Box bounds_after(const SceneView& view, const Snapshot& before, const SceneChanges& changes,
+                 const Box& reached) {
+    constexpr std::size_t few = 16;
+    std::vector<std::uint32_t> moved;
+    bool is_simple =
+        changes.deformed.empty() && changes.moves.size() <= few && before.record_types().empty();
+    for (std::size_t i = 0; is_simple && i < changes.moves.size(); ++i) {
+        is_simple = changes.moves[i].instance.below.empty();
+        moved.push_back(changes.moves[i].instance.outermost);
+    }
+    const ViewTrees trees(view);
+    return is_simple ? vertex_bounds_after(trees, view.root, before.bounds(), reached, moved)
+                     : vertex_bounds(trees, view.root);
+}
+
 /// Applies moves, masks, user ids and vertices in a copy of the arena.
 Result<std::shared_ptr<const Snapshot>> change_in_place(const Snapshot& scene,
                                                         const SceneChanges& changes,
@@ -328,7 +344,7 @@ Result<std::shared_ptr<const Snapshot>> change_in_place(const Snapshot& scene,
     }
     // A move within the scene leaves no side of it and reaches none.
     if (!is_inside(refitted.reached, scene.bounds()))
-        arena.set_bounds(vertex_bounds(ViewTrees(arena.view()), root));
+        arena.set_bounds(bounds_after(arena.view(), scene, changes, refitted.reached));
 
     BuiltArena built;
     built.edits = scene.statistics().edits;
