@@ -17,10 +17,13 @@ public:
     LateVelocities(const Snapshot& scene, std::uint32_t animation, double seconds)
         : motion_(checked_motion(scene.motion_bytes())),
           animation_(animation),
-          seconds_(seconds) {}
+          seconds_(seconds),
+          placed_(scene.view().instance_infos +
+                  scene.view().objects[scene.view().root].first_instance) {}
     [[nodiscard]] const Velocities& get() const {
-        std::call_once(
-            once_, [this] { made_.emplace(motion_, motion_.animations[animation_], seconds_); });
+        std::call_once(once_, [this] {
+            made_.emplace(motion_, motion_.animations[animation_], seconds_, placed_);
+        });
         return *made_;
     }
     /// To reserve for it.
@@ -30,6 +33,7 @@ private:
     const Motion motion_;
     const std::uint32_t animation_;
     const double seconds_;
+    const InstanceInfo* const placed_;
     mutable std::once_flag once_;
     mutable std::optional<Velocities> made_;
 };

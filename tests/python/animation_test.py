@@ -397,6 +397,32 @@ class Animation(WithDaemon):
                 hit = scene.trace(top, fields=("t", "path"), time=1.0)
                 self.assertEqual(scene.path_of(int(hit["path"][0])), name)
 
+    def test_an_edit_stays_on_what_the_animation_moves(self):
+        """Moved, turned and scaled: also how fast it goes, and beside a node that stands still."""
+        scene = self.load(travelling(), "drive")
+        turned = np.array([[0, 0, 1.5, 2], [0, 1.5, 0, 3], [-1.5, 0, 0, -1]])
+        with scene.edit() as edit:
+            edit.move("arm", turned)
+            edit.move("still", (0, 5, 0))
+        spots = np.pad(RNG.uniform(-.3, .3, (20, 3)) * [1, 0, 1] + [0, .8, 0], ((0, 0), (0, 1)), constant_values=1)
+        at = lambda t: np.vstack([turned, [0, 0, 0, 1]]) @ poses(t)["arm/box"]
+        for time in (0.0, .25, .5, 1.375):
+            rays = rays_at(spots @ at(time)[:3].T, np.tile([0, 1., 0], (20, 1)))
+            hits = scene.trace(rays, fields=("t", "path", "velocity"), time=time)
+            np.testing.assert_allclose(hits["t"], .25, atol=2e-5)
+            self.assertEqual(set(scene.path_of(hits["path"])), {"arm/box"})
+            before = max(time - 1e-6, 0)
+            moves = spots @ (at(time + 1e-6)[:3] - at(before)[:3]).T / (time + 1e-6 - before)
+            np.testing.assert_allclose(hits["velocity"], moves, atol=2e-4)
+            still = scene.trace(rays_at(np.array([[-4, 5.8, 0.]]), np.array([[0, 1., 0]])), fields=("t", "velocity"), time=time)
+            self.assertAlmostEqual(float(still["t"][0]), .25, delta=1e-5)
+            self.assertFalse(still["velocity"].any())
+        with scene.edit() as edit:  # back to where it was
+            edit.move("arm", np.linalg.inv(np.vstack([turned, [0, 0, 0, 1]])))
+            edit.move("still", (0, -5, 0))
+        wanted = self.load(travelling(), "fresh").info_at(.5)
+        np.testing.assert_allclose(scene.info_at(.5)["box_max"], wanted["box_max"], atol=1e-5)
+
     def test_the_daemon_keeps_the_last_few_alone(self):
         scene = self.load(self.skinned(True)[0], "strip")
         for time in np.linspace(0, 1, 6):

@@ -31,13 +31,22 @@ public:
     Poser(const Snapshot& scene, const Moment& moment)
         : motion_(motion_of(scene)),
           sampling_(motion_, motion_.animations[moment.animation], moment.seconds),
-          to_scene_(sampling_.nodes()) {}
+          to_scene_(sampling_.nodes()),
+          at_rest_(MotionSampling::nodes_at_rest(motion_)),
+          placed_(scene.view().instance_infos +
+                  scene.view().objects[scene.view().root].first_instance) {}
 
     /// The vertices of the result belong to this.
     SceneChanges changes() {
         SceneChanges changes;
         for (const MovedInstance& moved : motion_.instances) {
-            const Transform placed = round_affine(multiply(to_scene_[moved.node], moved.to_node));
+            Affine exact = multiply(to_scene_[moved.node], moved.to_node);
+            if (const auto change = change_of(multiply(at_rest_[moved.node], moved.to_node),
+                                              placed_[moved.outermost].to_parent)) {
+                if (to_scene_[moved.node] == at_rest_[moved.node]) continue;
+                exact = multiply(*change, exact);
+            }
+            const Transform placed = round_affine(exact);
             Transform inverse;
             if (invert(placed, inverse))
                 changes.moves.push_back({moved.outermost, placed});
@@ -136,6 +145,8 @@ private:
     const Motion motion_;
     const MotionSampling sampling_;
     const std::vector<Affine> to_scene_;  ///< by node
+    const std::vector<Affine> at_rest_;   ///< likewise
+    const InstanceInfo* const placed_;    ///< of outermost instances, as edits have left them
     std::deque<PosedVertices> vertices_;
 };
 
@@ -189,7 +200,7 @@ Result<Moment> find_moment(const Snapshot& scene, std::string_view animation, do
 
 std::uint64_t bytes_to_pose(const Snapshot& scene) {
     const Motion motion = motion_of(scene);
-    std::uint64_t bytes = motion.nodes.size() * (sizeof(Affine) + sizeof(MotionNode::trs)) +
+    std::uint64_t bytes = motion.nodes.size() * (2 * sizeof(Affine) + sizeof(MotionNode::trs)) +
                           motion.instances.size() * 2 * sizeof(InstanceMove);
     for (const MovedPart& part : motion.parts)
         bytes += std::uint64_t{part.vertices} * (2 * sizeof(Vec3) + sizeof(Vec4));

@@ -41,7 +41,8 @@ Result<Moment> find_moment(const Snapshot& scene, std::string_view animation, do
 std::uint64_t bytes_to_pose(const Snapshot& scene);
 
 /// Returns the scene at a moment that it has. Nodes that the animation does not move are where the
-/// scene was loaded with them, whatever edits have done to what follows them. Keys are met exactly;
+/// scene was loaded with them. What edits have done to an instance as it was loaded is done to it
+/// where the animation has it. Keys are met exactly;
 /// what lies between is computed in double. An instance whose scale becomes 0 is hidden. Rays hit
 /// what they would hit in a scene loaded in this pose, bit for bit. Costs what edit_scene() costs,
 /// and the vertices that move. Asks the guard for all of that. Thread-safe. Fails as edit_scene() does. Throws std::bad_alloc.

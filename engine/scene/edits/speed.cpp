@@ -47,11 +47,15 @@ public:
             for (const std::uint32_t place : motion_.places.subspan(motion_.meshes[m].first_place,
                                                                     motion_.meshes[m].place_count))
                 mesh_at.emplace(place, m);
+        const std::vector<Affine> at_rest = MotionSampling::nodes_at_rest(motion_);
         for (const MovedInstance& moved : motion_.instances) {
             const std::uint32_t object = view.instances[first + moved.outermost].object;
+            const auto change = change_of(multiply(at_rest[moved.node], moved.to_node),
+                                          view.instance_infos[first + moved.outermost].to_parent);
             const auto mesh = mesh_at.find(moved.outermost);
             follow({moved.node, moved.to_node, view.objects[object].bounds,
-                    mesh == mesh_at.end() ? no_id : mesh->second});
+                    mesh == mesh_at.end() ? no_id : mesh->second,
+                    change.value_or(identity_affine)});
             by_place_.emplace(moved.outermost, &moved);
         }
         for (std::uint32_t m = 0; m < motion_.meshes.size(); ++m) add(m);
@@ -96,7 +100,8 @@ private:
         std::uint32_t node = 0;
         Affine to_node = identity_affine;
         Box box;
-        std::uint32_t mesh = no_id;  ///< whose vertices move besides
+        std::uint32_t mesh = no_id;       ///< whose vertices move besides
+        Affine change = identity_affine;  ///< by edits
     };
     /// At the end of a piece of the curves from one key to the next; of piece 0 at its beginning.
     void look(std::uint32_t piece) {
@@ -198,7 +203,8 @@ private:
                 const glm::dvec3 p(corner & 1 ? each.box.upper.x : each.box.lower.x,
                                    corner & 2 ? each.box.upper.y : each.box.lower.y,
                                    corner & 4 ? each.box.upper.z : each.box.lower.z);
-                const double way = glm::length(map_point(b, p) - map_point(a, p));
+                const double way =
+                    glm::length(map_vector(each.change, map_point(b, p) - map_point(a, p)));
                 if (!std::isfinite(way)) return std::numeric_limits<double>::infinity();
                 most = std::max(most, way);
                 if (each.mesh != no_id) of_mesh[each.mesh] = std::max(of_mesh[each.mesh], way);

@@ -35,6 +35,39 @@ Affine multiply(const Affine& a, const Affine& b) {
     return out;
 }
 
+std::optional<Affine> invert(const Affine& map) {
+    const auto column = [&](std::size_t c) { return glm::dvec3(map[c], map[4 + c], map[8 + c]); };
+    const glm::dvec3 x = column(0), y = column(1), z = column(2);
+    const double volume = glm::dot(glm::cross(x, y), z);
+    if (volume == 0 || !std::isfinite(volume)) return std::nullopt;
+    const std::array<glm::dvec3, 3> rows{glm::cross(y, z) / volume, glm::cross(z, x) / volume,
+                                         glm::cross(x, y) / volume};
+    Affine inverse;
+    for (std::size_t r = 0; r < 3; ++r) {
+        for (std::size_t c = 0; c < 3; ++c) inverse[4 * r + c] = rows[r][static_cast<int>(c)];
+        inverse[4 * r + 3] = -glm::dot(rows[r], column(3));
+    }
+    return inverse;
+}
+
+std::optional<Affine> change_of(const Affine& before, const Transform& now) {
+    bool is_same = true;
+    for (std::size_t row = 0; row < 12; row += 4) {
+        double most = 0;
+        for (std::size_t c = 0; c < 4; ++c) most = std::max(most, std::abs(before[row + c]));
+        for (std::size_t i = row; i < row + 4; ++i) {
+            const double room = 0x1p-23 * std::abs(before[i]) + 1e-12 * most;
+            is_same = is_same && std::abs(static_cast<double>(now.m[i]) - before[i]) <= room;
+        }
+    }
+    if (is_same) return std::nullopt;
+    const auto back = invert(before);
+    if (!back) return std::nullopt;
+    Affine placed;
+    std::copy(now.m.begin(), now.m.end(), placed.begin());
+    return multiply(placed, *back);
+}
+
 Transform round_affine(const Affine& affine) {
     Transform transform;
     for (std::size_t i = 0; i < 12; ++i) transform.m[i] = static_cast<float>(affine[i]);

@@ -4,6 +4,7 @@
 #include "engine/math/vec.h"
 
 #include <array>
+#include <optional>
 
 namespace raynest {
 
@@ -24,6 +25,12 @@ Affine multiply(const Affine& outer, const Affine& inner);
 [[nodiscard]] inline glm::dvec3 map_point(const Affine& m, const glm::dvec3& p) {
     return map_vector(m, p) + glm::dvec3(m[3], m[7], m[11]);
 }
+/// Returns the map back; nothing if it flattens.
+std::optional<Affine> invert(const Affine& map);
+/// Returns what has been done to an instance that was placed by `before`: the map that leads from
+/// there to `now`, in the space that both lead to. Nothing if `now` is `before`, but for rounding,
+/// or if that flattens.
+std::optional<Affine> change_of(const Affine& before, const Transform& now);
 /// Rounds a map to float; entries that do not fit become infinite.
 Transform round_affine(const Affine& affine);
 

@@ -29,6 +29,10 @@ public:
 
     /// Returns the map of each node to the scene.
     [[nodiscard]] std::vector<Affine> nodes() const;
+    /// The same as the scene was loaded.
+    [[nodiscard]] static std::vector<Affine> nodes_at_rest(const Motion& motion) {
+        return MotionSampling(motion, {}, 0).nodes();
+    }
     /// Returns the weights of a mesh, by its index.
     [[nodiscard]] std::vector<float> weights(std::uint32_t mesh) const;
     [[nodiscard]] std::vector<double> exact_weights(std::uint32_t mesh) const;
@@ -41,7 +45,7 @@ private:
     }
 
     const Motion& motion_;
-    const MotionAnimation& animation_;
+    const MotionAnimation animation_;
     const double seconds_;
     const double keys_at_;
 };

@@ -22,7 +22,8 @@ glm::dvec3 column(const Affine& map, std::size_t c) {
 
 }  // namespace
 
-Velocities::Velocities(const Motion& motion, const MotionAnimation& animation, double seconds)
+Velocities::Velocities(const Motion& motion, const MotionAnimation& animation, double seconds,
+                       const InstanceInfo* placed)
     : motion_(motion) {
     const double keys_at =
         seconds >= double{animation.seconds} ? std::nextafter(seconds, 0) : seconds;
@@ -37,23 +38,16 @@ Velocities::Velocities(const Motion& motion, const MotionAnimation& animation, d
     }
     carried_.reserve(motion.instances.size());
     for (const MovedInstance& moved : motion.instances) {
-        const Affine map = multiply(maps[moved.node], moved.to_node);
-        const glm::dvec3 x = column(map, 0), y = column(map, 1), z = column(map, 2);
-        const double volume = glm::dot(glm::cross(x, y), z);
-        if (volume == 0 || !std::isfinite(volume)) continue;  // hidden
-        // The rate of the map, less its translation: rates have no 1 in their last row.
-        Affine rate = rates[moved.node];
-        const glm::dvec3 drift = map_point(rate, column(moved.to_node, 3));
-        const Affine linear = multiply(rate, moved.to_node);
-        const std::array<glm::dvec3, 3> inverse{
-            glm::cross(y, z) / volume, glm::cross(z, x) / volume, glm::cross(x, y) / volume};
-        Affine turning{};
-        for (std::size_t row = 0; row < 3; ++row)
-            for (std::size_t k = 0; k < 3; ++k)
-                for (int axis = 0; axis < 3; ++axis)
-                    turning[4 * row + static_cast<std::size_t>(axis)] +=
-                        linear[4 * row + k] * inverse[k][axis];
-        carried_.push_back({moved.outermost, turning, column(map, 3), drift});
+        Affine map = multiply(maps[moved.node], moved.to_node);
+        Affine rate = multiply(rates[moved.node], moved.to_node);
+        if (auto change = change_of(map, placed[moved.outermost].to_parent)) {
+            map = multiply(*change, map);
+            for (const std::size_t i : {3U, 7U, 11U}) (*change)[i] = 0;
+            rate = multiply(*change, rate);
+        }
+        if (const auto back = invert(map))
+            carried_.push_back(
+                {moved.outermost, multiply(rate, *back), column(map, 3), column(rate, 3)});
     }
     std::ranges::stable_sort(carried_, {}, &Carried::outermost);
     for (std::uint32_t m = 0; m < motion.meshes.size(); ++m) {

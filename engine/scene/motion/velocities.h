@@ -1,6 +1,7 @@
 // How fast the points of a scene move at a moment of an animation.
 #pragma once
 
+#include "engine/geometry/views.h"
 #include "engine/scene/motion/motion.h"
 #include "engine/scene/motion/skinning.h"
 
@@ -15,9 +16,11 @@ namespace raynest {
 /// compiled once per CPU target. Thread-safe.
 class Velocities {
 public:
-    /// At a key those that begin there, at the animation's end those that end there. The tables
-    /// outlive it.
-    Velocities(const Motion& motion, const MotionAnimation& animation, double seconds);
+    /// At a key those that begin there, at the animation's end those that end there. `placed` are
+    /// the outermost instances at that moment, with what edits have done to them. The tables outlive
+    /// it.
+    Velocities(const Motion& motion, const MotionAnimation& animation, double seconds,
+               const InstanceInfo* placed);
     /// Bytes of one, and of what making it takes.
     [[nodiscard]] static std::uint64_t bytes_for(const Motion& motion);
 
