@@ -340,35 +340,6 @@ class Animation(WithDaemon):
                     np.testing.assert_allclose(hits["t"], .25, atol=1e-5)
                     np.testing.assert_allclose(np.abs((hits["ng"] * normals).sum(1)), 1, atol=1e-3)
 
-    def test_velocities_are_those_of_float64(self):
-        """Differences of poses that are known in closed form; on key 2, of the way there."""
-        def rate(of, time):
-            return (of(time) - of(time - 1e-6)) / 1e-6 if time in (1.0, 2.0) else (of(time + 1e-6) - of(time - 1e-6)) / 2e-6
-        down = np.array([[0, 1., 0]])
-        scene = self.load(travelling(), "drive")
-        spots = np.pad(RNG.uniform(-.3, .3, (20, 3)) * [1, 0, 1] + [0, .8, 0], ((0, 0), (0, 1)), constant_values=1)
-        for time in (.25, .5, 1.375, 1.75, 2.0):
-            for name, to_world in poses(time).items():
-                rays = rays_at(spots @ to_world[:3].T, np.tile(down, (20, 1)))
-                hits = scene.trace(rays, fields=("t", "path", "velocity", "radial_velocity"), time=time)
-                np.testing.assert_array_equal(hits["path"], scene.trace(rays, fields=("path",), time=time)["path"])
-                self.assertEqual(set(scene.path_of(hits["path"])), {name})
-                moves = spots @ rate(lambda t: poses(t)[name][:3], time).T
-                np.testing.assert_allclose(hits["velocity"], moves, atol=1e-4)
-                np.testing.assert_allclose(hits["radial_velocity"], -moves[:, 1], atol=1e-4)
-        for morph in (False, True):
-            gltf, expected, faces = self.skinned(morph)
-            scene = self.load(gltf, "strip")
-            for time in (.25, 1.375, 2.0):
-                corners, moves = expected(time)[faces], rate(expected, time)[faces]
-                normals = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
-                normals /= np.linalg.norm(normals, axis=1, keepdims=True)
-                shares = RNG.dirichlet((3, 3, 3), len(faces))[..., None]
-                hits = scene.trace(rays_at((shares * corners).sum(1), normals), fields=("prim", "velocity"), time=time)
-                np.testing.assert_array_equal(hits["prim"], np.arange(len(faces)))
-                np.testing.assert_allclose(hits["velocity"], (shares * moves).sum(1), atol=1e-4)
-            self.assertFalse(scene.trace(RAIN, fields=("velocity",))["velocity"].any())  # no time, no motion
-
     def test_the_first_pose_equals_the_scene_as_it_was_loaded(self):
         for morph in (False, True):
             scene = self.load(self.skinned(morph)[0], "strip")
@@ -396,32 +367,6 @@ class Animation(WithDaemon):
                 top = rays_at((to_world @ [0, .8, 0, 1])[:3][None], np.array([[0, 1., 0]]))
                 hit = scene.trace(top, fields=("t", "path"), time=1.0)
                 self.assertEqual(scene.path_of(int(hit["path"][0])), name)
-
-    def test_an_edit_stays_on_what_the_animation_moves(self):
-        """Moved, turned and scaled: also how fast it goes, and beside a node that stands still."""
-        scene = self.load(travelling(), "drive")
-        turned = np.array([[0, 0, 1.5, 2], [0, 1.5, 0, 3], [-1.5, 0, 0, -1]])
-        with scene.edit() as edit:
-            edit.move("arm", turned)
-            edit.move("still", (0, 5, 0))
-        spots = np.pad(RNG.uniform(-.3, .3, (20, 3)) * [1, 0, 1] + [0, .8, 0], ((0, 0), (0, 1)), constant_values=1)
-        at = lambda t: np.vstack([turned, [0, 0, 0, 1]]) @ poses(t)["arm/box"]
-        for time in (0.0, .25, .5, 1.375):
-            rays = rays_at(spots @ at(time)[:3].T, np.tile([0, 1., 0], (20, 1)))
-            hits = scene.trace(rays, fields=("t", "path", "velocity"), time=time)
-            np.testing.assert_allclose(hits["t"], .25, atol=2e-5)
-            self.assertEqual(set(scene.path_of(hits["path"])), {"arm/box"})
-            before = max(time - 1e-6, 0)
-            moves = spots @ (at(time + 1e-6)[:3] - at(before)[:3]).T / (time + 1e-6 - before)
-            np.testing.assert_allclose(hits["velocity"], moves, atol=2e-4)
-            still = scene.trace(rays_at(np.array([[-4, 5.8, 0.]]), np.array([[0, 1., 0]])), fields=("t", "velocity"), time=time)
-            self.assertAlmostEqual(float(still["t"][0]), .25, delta=1e-5)
-            self.assertFalse(still["velocity"].any())
-        with scene.edit() as edit:  # back to where it was
-            edit.move("arm", np.linalg.inv(np.vstack([turned, [0, 0, 0, 1]])))
-            edit.move("still", (0, -5, 0))
-        wanted = self.load(travelling(), "fresh").info_at(.5)
-        np.testing.assert_allclose(scene.info_at(.5)["box_max"], wanted["box_max"], atol=1e-5)
 
     def test_the_daemon_keeps_the_last_few_alone(self):
         scene = self.load(self.skinned(True)[0], "strip")

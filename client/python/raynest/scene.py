@@ -24,6 +24,7 @@ from ._requests.query import Query, query_message
 from ._requests.rays import Rays, Source, Starts, flat_pairs, masked, segments, spread, vector
 from ._requests.words import rows_of, scene_info
 from ._session import Session
+from ._timed import trace_at_times
 from .edits import Edit
 from .errors import InvalidError, RayWarning, UsageError, warn
 from .generators import Generator as RayGenerator, one_sample
@@ -98,34 +99,33 @@ class Scene(Renders, Paths):
               fields: Union[str, Sequence[str], None] = None, max_hits: Optional[int] = None,
               reduce: str = "", origin: Any = None, progress: Progress = None,
               detach: bool = False, **job: Unpack[JobOptions]) -> Union[Columns, Job]:
-        """Traces rays and returns their hits as a dict of arrays with a row per ray. With `detach`
-        it returns a Job that goes on without this client; its fetch() returns the dict.
+        """Traces rays and returns their hits as a dict of arrays with a row per ray. With `detach` it returns a Job that
+        goes on without this client; its fetch() returns the dict.
 
-        `rays` is (N, 6) [ox oy oz dx dy dz], (N, 8) [ox oy oz tmin dx dy dz tmax], or origins
-        (N, 3) with `directions` (N, 3); one of the latter may be a single (3,). One ray may also be
-        (6,) or (8,); [] has no rays; masked rows are invalid rays. Directions need not have unit
-        length: t is in units of theirs. float32 arrays of the first two forms, and directions with
-        one common origin, are sent without a copy; all others are converted while they are sent. A
-        generator of raynest.generators in place of `rays` makes them in the daemon. `mask` may be an
-        array (N,) with a mask for each ray that is sent, at most 64 different ones: a ray enters the
-        instances that share a bit with its mask.
+        `rays` is (N, 6) [ox oy oz dx dy dz], (N, 8) [ox oy oz tmin dx dy dz tmax], or origins (N, 3) with `directions`
+        (N, 3); one of the latter may be a single (3,). One ray may also be (6,) or (8,); [] has no rays; masked rows are
+        invalid rays. Directions need not have unit length: t is in units of theirs. float32 arrays of the first two
+        forms, and directions with one common origin, are sent without a copy; all others are converted while they are
+        sent. A generator of raynest.generators in place of `rays` makes them in the daemon. `mask` may be an array (N,)
+        with a mask for each ray that is sent, at most 64 different ones: a ray enters the instances that share a bit
+        with its mask. `time` may be an array (N,), too: each ray that is sent meets the scene as its animation has it
+        then, in a request for each time, or with `time_step` for each stretch of so many seconds, at its middle.
 
-        If the scene has an origin, it is subtracted first, in float64. `origin` replaces it for
-        this call: with (0, 0, 0), rays and answers are relative to the scene's origin. A detached job
-        takes no `origin`.
+        If the scene has an origin, it is subtracted first, in float64. `origin` replaces it for this call: with
+        (0, 0, 0), rays and answers are relative to the scene's origin. A detached job takes no `origin`.
 
-        kind "closest", the default, gives the nearest hit; "any" only whether there is one (column
-        hit); "multi" the nearest `max_hits` (8); "all" every hit. A ray with more than `max_hits`
-        (4096) in "all" keeps the nearest, has flag 2, and counts in Client.outcome["truncated"]. In
-        "multi" and "all" the hits of ray i are rows ray_splits[i] to ray_splits[i + 1] of the hit
-        columns; a ray through an edge that triangles share hits each of them, at one t. "null"
-        traces nothing and answers misses. `fields` are the columns, by default t prim geom path uv,
-        and for "any" hit. A miss has t = inf and ids of all ones.
-
-        `reduce` "hit_fraction", for generators.hemisphere(), gives one column of that name: the
-        share of each point's rays that hit, and 0 for an invalid point or normal. "visible_pixels"
-        gives the columns path, ascending, and pixels, the number of rays that meet that path first.
+        kind "closest", the default, gives the nearest hit; "any" only whether there is one (column hit); "multi" the
+        nearest `max_hits` (8); "all" every hit. A ray with more than `max_hits` (4096) in "all" keeps the nearest, has
+        flag 2, and counts in Client.outcome["truncated"]. In "multi" and "all" the hits of ray i are rows ray_splits[i]
+        to ray_splits[i + 1] of the hit columns; a ray through an edge that triangles share hits each of them, at one t.
+        "null" traces nothing and answers misses. `fields` are the columns, by default t prim geom path uv, and for "any"
+        hit. A miss has t = inf and ids of all ones. `reduce` "hit_fraction", for generators.hemisphere(), gives one column of that
+        name: the share of each point's rays that hit, and 0 for an invalid point or normal. "visible_pixels" gives the
+        columns path, ascending, and pixels, the number of rays that meet that path first.
         """
+        if np.ndim(job.get("time")) or job.get("time_step") is not None:
+            return trace_at_times(self.trace, lambda: self._client.outcome, rays, directions, dict(
+                job, kind=kind, fields=fields, max_hits=max_hits, reduce=reduce, origin=origin, progress=progress, detach=detach))
         if detach:
             if origin is not None:
                 raise UsageError("a detached job answers in world coordinates: pass those and leave "

@@ -34,7 +34,8 @@ class JobOptions(TypedDict, total=False):
     worker: Optional[Worker]        # "auto" lets the daemon choose
     hide: Any                       # what no ray enters: 3, "inst=3", "object=2", "car#3/wheel*", or a list of them
     only: Any                       # the same: if any, rays enter nothing else
-    time: Optional[float]           # seconds within the scene's animation; None: the scene as it is
+    time: Any                       # seconds within the scene's animation; None: the scene as it is. trace() takes (N,)
+    time_step: Optional[float]      # seconds within which it takes the rays' times for one; None: all times are exact
     animation: Union[str, int, None]  # its name or number; the first one
     skip_hidden_boxes: Optional[bool]  # boxes that lead to what is hidden alone are not tested, nor counted
 
@@ -144,10 +145,12 @@ def job_message(scene: str, options: JobOptions) -> Message:
     if unknown:
         raise TypeError(_no_option(sorted(unknown)[0]))
     message: Message = {key: value for key, value in options.items()
-                        if key not in ("params", "deadline", "hide", "only")}
+                        if key not in ("params", "deadline", "hide", "only", "time_step")}
     message["scene"] = scene
     if np.ndim(options.get("mask")):
         raise UsageError("mask must be one number here: rays that trace(), stream() and occluded() send have one each")
+    if np.ndim(options.get("time")) or options.get("time_step") is not None:
+        raise UsageError("time must be one number here: trace() takes one for each ray that is sent, and a time_step")
     if options.get("time") is not None:
         message["timed"] = True
     if isinstance(options.get("animation"), int):
