@@ -98,6 +98,23 @@ class AnimatedParts(WithDaemon):
         with self.assertRaisesRegex(raynest.UsageError, "one number here"):
             scene.render(time=[0, 1])
 
+    def test_a_lidar_measures_returns_and_velocities_of_what_moves_meanwhile(self):
+        gltf = animation_test.Gltf()
+        box = gltf.node(name="box", mesh=gltf.mesh(animation_test.CORNERS, animation_test.FACES))
+        gltf.animate("Go", (box, "translation", [0, 1], [[5, -.4, 0], [15, -.4, 0]], "LINEAR"))
+        scene = self.load(gltf, "goes")
+        poses = np.tile(np.eye(3, 4), (2, 1, 1))
+        poses[:, :, 1], poses[:, :, 2] = (0, 0, -1), (0, 1, 0)
+        poses[1, 0, 3] = 2
+        sweep = raynest.sweeps.lidar([0], np.zeros(40), end=1, trajectory=([0, 1], poses))
+        for step, off in ((None, 2e-5), (.1, .5)):
+            made = raynest.returns.measure(scene, sweep, divergence=1e-3, footprint=7, time=sweep.time, time_step=step)
+            self.assertEqual(len(made["t"]), 40)
+            np.testing.assert_allclose(made["t"], 4.5 + 8 * sweep.time, atol=off)
+            np.testing.assert_allclose(made["radial_velocity"], 8, atol=1e-3)
+        with self.assertRaisesRegex(raynest.UsageError, "one for each beam"):
+            raynest.returns.measure(scene, sweep, time=sweep.time[1:])
+
 
 if __name__ == "__main__":
     main()

@@ -342,7 +342,8 @@ class PointClouds(WithDaemon):
             self.same(table, 1e-9 if far else 4e-5)
 
     def test_las_comes_back(self):
-        data = self.save("a.las", **{"return": np.arange(1000) % 3, "returns": 3 + np.arange(1000) % 2})
+        kinds = np.arange(1000) % 32
+        data = self.save("a.las", **{"return": np.arange(1000) % 3, "returns": 3 + np.arange(1000) % 2, "classification": kinds})
         version, start, kind, size, count = (*struct.unpack_from("<BB", data, 24)[1:],
                                              *struct.unpack_from("<I", data, 96),
                                              *struct.unpack_from("<BHI", data, 104))
@@ -353,6 +354,7 @@ class PointClouds(WithDaemon):
         place = np.ascontiguousarray(raw[:, :12]).view("<i4") * scale + offset
         np.testing.assert_allclose(place, self.points[self.kept], atol=1e-6)
         np.testing.assert_array_equal(raw[:, 17], self.columns["ring"][self.kept])
+        np.testing.assert_array_equal(raw[:, 15], kinds[self.kept])
         np.testing.assert_array_equal(np.ascontiguousarray(raw[:, 20:28]).view("<f8")[:, 0],
                                       self.columns["time"][self.kept])
         np.testing.assert_array_equal((raw[:, 14] & 7) - 1, (np.arange(1000) % 3)[self.kept])
@@ -426,6 +428,8 @@ class PointClouds(WithDaemon):
                                   ("a.ply", {"a b": self.hit}, "cannot be called 'a b'"),
                                   ("a.pcd", {"n_0": self.hit, "n": np.zeros((1000, 2))}, "cannot be called 'n_0'"),
                                   ("a.las", {"ring": np.full(1000, 256)}, "'ring' from 0 to 255"),
+                                  ("a.las", {"classification": np.full(1000, 32)}, "'classification' from 0 to 31"),
+                                  ("a.las", {"intensity": np.zeros(1000), "reflectance": np.zeros(1000)}, "one of the columns"),
                                   ("a.las", {"return": np.full(1000, 5)}, "'return' from 0 to 4"),
                                   ("a.las", {"return": np.full(1000, 2), "returns": np.full(1000, 2)}, "beyond the number"),
                                   ("a.las", {"returns": np.full(1000, 6)}, "'returns' from 0 to 5"),

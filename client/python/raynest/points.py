@@ -26,7 +26,8 @@ def save(path: Union[str, os.PathLike[str]], position: Any, /, *, where: Any = N
     """Writes points (N, 3) to a .ply, .pcd or .las, with columns beside them: (N,), or (N, k), which become name_0,
     name_1, ... `where` (N,) chooses the points, such as the column hit. Points that are not finite are left out. LAS
     has room for the columns time (GPS time), intensity or reflectance (0 to 1), return (from 0, at most 4), returns (of
-    the same pulse) and ring (as user data); other columns are refused for it. Returns the number of points."""
+    the same pulse), ring (as user data) and classification (0 to 31); other columns are refused for it. Returns the
+    number of points."""
     name = os.fspath(path)
     write = {".ply": _write_ply, ".pcd": _write_pcd, ".las": _write_las}.get(os.path.splitext(name)[1].lower())
     if write is None:
@@ -134,6 +135,8 @@ def _write_las(points: Array, columns: dict[str, Array]) -> bytes:
             table["time"] = column
         elif name in ("intensity", "reflectance"):
             table["intensity"] = np.rint(_within(name, column, 1) * 65535)
+        elif name == "classification":
+            table["classification"] = _within(name, column, 31)
         elif name == "ring":
             table["user"] = _within(name, column, 255)
         elif name not in ("return", "returns"):

@@ -48,8 +48,9 @@ def measure(scene: Scene, sweep: Sweep, *, divergence: float = 0.0, footprint: i
     `velocities` says what moves, by texts of paths, with * as in edits: {"car-*": v} moves the cars and all their
     parts. If several texts match, the first counts. v is a velocity (3,), or (3, 3): the velocity, the angular
     velocity in radians, and a point of the axis at the earliest time of the sweep's rays. Everything else stands still,
-    or with `time` moves as the animation does then. `job` has options of Scene.trace(): epoch, time, hide, origin, ...;
-    `mask` is one for all beams, or one for each. All is measured in one epoch of the scene: InvalidError says that it
+    or with `time` moves as the animation does then: at one time, or with time=sweep.time at that of each beam, and
+    perhaps a `time_step` (see Scene.trace()). `job` has more options of that: epoch, hide, origin, ..., and `mask`, one
+    for all beams or one for each. All is measured in one epoch of the scene: InvalidError says that it
     has gone, if others edit the scene meanwhile."""
     if not isinstance(sweep, Sweep):
         raise TypeError(f"sweep of type {type(sweep).__module__}.{type(sweep).__name__}: measure() needs the rays "
@@ -75,21 +76,20 @@ def measure(scene: Scene, sweep: Sweep, *, divergence: float = 0.0, footprint: i
     for first in np.arange(0, len(texts), _limits.list_items_max):  # a text that names nothing is refused
         scene.trace(np.zeros((0, 6)), hide=texts[first:first + _limits.list_items_max],
                     **{key: job[key] for key in ("epoch",) if key in job})
-    masks = np.asarray(job.pop("mask", None))
-    if masks.ndim and masks.shape != (len(sweep.rays),):
-        raise UsageError(f"mask of shape {masks.shape} for {len(sweep.rays)} beams: it must be one number, or one for each beam")
+    of_beams = {name: np.asarray(job.pop(name)) for name in ("mask", "time") if np.ndim(job.get(name))}
+    for name, values in of_beams.items():
+        if values.shape != (len(sweep.rays),):
+            raise UsageError(f"{name} of shape {values.shape} for {len(sweep.rays)} beams: it must be one number, or one for each beam")
+    fields = ("t", *_IDS, "normal", "base_colour", *(("velocity",) if "time" in job or "time" in of_beams else ()))
     beams = max(1, _TRACED_MAX // len(power))
     parts = []
     for first in np.arange(0, max(1, len(sweep.rays)), beams):
-        if masks.ndim:
-            job["mask"] = np.repeat(masks[first:first + beams], len(power))
-        elif masks.item() is not None:
-            job["mask"] = masks.item()
+        for name, values in of_beams.items():
+            job[name] = np.repeat(values[first:first + beams], len(power))
         rays = sweep.rays[first:first + beams]
         cast = np.empty((len(rays), len(power), 8))
         cast[..., :3], cast[..., 3], cast[..., 7] = rays[:, None, :3], near, far
         cast[..., 4:7] = _spread(rays[:, 3:], offsets)
-        fields = ("t", *_IDS, "normal", "base_colour", *(("velocity",) if "time" in job else ()))
         hits = scene.trace(cast.reshape(-1, 8), fields=fields, **job)
         job["epoch"] = scene._client.outcome["epoch"]  # all parts see one scene
         part = _returns_of(hits, cast[..., 4:7].reshape(-1, 3), power, resolution, threshold, returns, prefer)
