@@ -110,6 +110,18 @@ std::uint64_t ray_count(const Sensor& sensor) {
     return ray_grid(sensor).pixels();
 }
 
+Pose pose_of_ray(const Sensor& sensor, std::uint64_t ray) {
+    const std::uint64_t width = ray_grid(sensor).width;
+    return std::visit(
+        [&](const auto& kind) -> Pose {
+            if constexpr (std::is_same_v<decltype(kind), const Pinhole&>)
+                return kind.sensor_pose.pose;
+            else
+                return kind.pose(ray % width, ray / width);
+        },
+        sensor);
+}
+
 void generate_rays(const Sensor& sensor, std::uint64_t first, std::span<Ray> out) {
     const std::uint64_t width = ray_grid(sensor).width;
     std::visit(

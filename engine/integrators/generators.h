@@ -27,6 +27,7 @@ struct Orthographic {
     ImageSize size;
     double width = 0, height = 0;  ///< of the window
 
+    [[nodiscard]] const Pose& pose(std::uint64_t, std::uint64_t) const { return sensor_pose.pose; }
     [[nodiscard]] Ray ray(std::uint64_t column, std::uint64_t row) const {
         return ray_at(static_cast<double>(column) + 0.5, static_cast<double>(row) + 0.5);
     }
@@ -45,6 +46,7 @@ class Equirectangular {
 public:
     Equirectangular(const SensorPose& sensor_pose, ImageSize size);
     [[nodiscard]] const ImageSize& rays() const { return size_; }
+    [[nodiscard]] const Pose& pose(std::uint64_t, std::uint64_t) const { return sensor_pose_.pose; }
     [[nodiscard]] Ray ray(std::uint64_t column, std::uint64_t row) const {
         const glm::dvec2& azimuth = columns_[column];
         const glm::dvec2& elevation = rows_[row];
@@ -74,6 +76,7 @@ public:
         return {static_cast<std::uint32_t>(heads_.size()),
                 static_cast<std::uint32_t>(beams_.size())};
     }
+    [[nodiscard]] const Pose& pose(std::uint64_t, std::uint64_t) const { return sensor_pose_.pose; }
     [[nodiscard]] Ray ray(std::uint64_t azimuth, std::uint64_t channel) const {
         const Beam& beam = beams_[channel];
         const glm::dvec2& head = heads_[azimuth];
@@ -108,11 +111,14 @@ public:
         return {static_cast<std::uint32_t>(heads_.size()),
                 static_cast<std::uint32_t>(poses_.size() / heads_.size() * beams_.size())};
     }
+    [[nodiscard]] const Pose& pose(std::uint64_t column, std::uint64_t row) const {
+        return poses_[row / beams_.size() * heads_.size() + column];
+    }
     [[nodiscard]] Ray ray(std::uint64_t column, std::uint64_t row) const {
         const glm::dvec2& beam = beams_[row % beams_.size()];
         const glm::dvec2& head = heads_[column];
-        const Pose& pose = poses_[row / beams_.size() * heads_.size() + column];
-        return SensorPose{pose, tmin_, tmax_}.ray({beam.x * head.x, beam.x * head.y, beam.y});
+        return SensorPose{pose(column, row), tmin_, tmax_}.ray(
+            {beam.x * head.x, beam.x * head.y, beam.y});
     }
 
 private:
@@ -130,6 +136,7 @@ public:
         : camera_(camera),
           poses_(std::move(poses)) {}
     [[nodiscard]] const ImageSize& rays() const { return camera_.size; }
+    [[nodiscard]] const Pose& pose(std::uint64_t, std::uint64_t row) const { return poses_[row]; }
     [[nodiscard]] Ray ray(std::uint64_t column, std::uint64_t row) const {
         Pinhole camera = camera_;
         camera.sensor_pose.pose = poses_[row];
@@ -150,6 +157,8 @@ using Sensor = std::variant<Pinhole, Orthographic, Equirectangular, Lidar, Sweep
 /// Rays come row by row: of an image from the top, of a lidar channel by channel.
 [[nodiscard]] ImageSize ray_grid(const Sensor& sensor);
 [[nodiscard]] std::uint64_t ray_count(const Sensor& sensor);
+/// Where the sensor stands when it measures a ray.
+[[nodiscard]] Pose pose_of_ray(const Sensor& sensor, std::uint64_t ray);
 /// Rays [first, first + out.size()).
 void generate_rays(const Sensor& sensor, std::uint64_t first, std::span<Ray> out);
 /// Rays of these numbers, as many as `out` takes.

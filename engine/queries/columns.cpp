@@ -27,19 +27,29 @@ constexpr Type f32{FieldType::f32, 1}, vec2{FieldType::f32, 2}, vec3{FieldType::
 constexpr Type point = vec3, truth = u8;
 constexpr bool hit = false, ray = true;
 struct Reads {
-    bool rays, motion;
+    bool rays, motion, sensor;
 };
-constexpr Reads record{false, false}, rays{true, false}, motion{true, true};
+constexpr Reads record{false, false, false}, rays{true, false, false}, motion{true, true, false},
+    sensor{true, false, true};
 }  // namespace def
 
 /// In the order of Field.
 constexpr std::array fields = {
-#define RAYNEST_FIELD(name, kind, of, reads, shown, text)                                  \
-    FieldInfo{#name,           def::kind.type,    def::kind.width,         false, def::of, \
-              def::reads.rays, def::reads.motion, FieldInfo::Shown::shown, {}},
+#define RAYNEST_FIELD(name, kind, of, reads, shown, text) \
+    FieldInfo{#name,                                      \
+              def::kind.type,                             \
+              def::kind.width,                            \
+              false,                                      \
+              def::of,                                    \
+              def::reads.rays,                            \
+              def::reads.motion,                          \
+              def::reads.sensor,                          \
+              FieldInfo::Shown::shown,                    \
+              {}},
 #include "engine/queries/fields.def"
-#define RAYNEST_COUNTER(name, title) \
-    FieldInfo{#name, FieldType::u32, 1, true, true, false, false, FieldInfo::Shown::asked, title},
+#define RAYNEST_COUNTER(name, title)                                          \
+    FieldInfo{#name, FieldType::u32,          1,    true, true, false, false, \
+              false, FieldInfo::Shown::asked, title},
 #include "engine/geometry/counters.def"
 };
 static_assert(fields.size() == static_cast<std::size_t>(Field::count_));
@@ -222,14 +232,29 @@ void write_always(const ColumnSource& source, std::byte* out, Value&& value) {
     });
 }
 
+const SensorAt& sensor_of(const ColumnSource& source, std::size_t element) {
+    return source.sensors[source.ray_of.empty() ? element : source.ray_of[element]];
+}
+
+void write_sensor_positions(const ColumnSource& source, std::byte* out) {
+    for_each_element(source, [&](std::size_t i, const HitRecord& hit, const Ray& ray) {
+        Vec3 place(0);
+        if (hit.hit != 0 && !source.sensors.empty()) {
+            const Pose& pose = sensor_of(source, i).pose;
+            const glm::dvec3 from = glm::dvec3(ray.origin) - pose.origin +
+                                    static_cast<double>(hit.t) * glm::dvec3(ray.direction);
+            place = Vec3(glm::dot(pose.x, from), glm::dot(pose.y, from), glm::dot(pose.z, from));
+        }
+        std::memcpy(out + i * sizeof place, &place, sizeof place);
+    });
+}
+
 void write_radial_velocities(const ColumnSource& source, std::byte* out) {
-    const std::span<const Vec3> sensor = source.sensor_velocities;
     for_each_element(source, [&](std::size_t i, const HitRecord& hit, const Ray& ray) {
         float along = 0;
         if (hit.hit != 0) {
             glm::dvec3 relative = velocity(source, ray, hit);
-            const std::size_t of = source.ray_of.empty() ? i : source.ray_of[i];
-            if (!sensor.empty()) relative -= glm::dvec3(sensor[of]);
+            if (!source.sensors.empty()) relative -= glm::dvec3(sensor_of(source, i).velocity);
             const glm::dvec3 way(ray.direction);
             along = static_cast<float>(glm::dot(relative, way) / glm::length(way));
         }
@@ -412,6 +437,8 @@ void write_column(const Column& column, const ColumnSource& source, std::byte* o
             return each(Vec3(0), [&](Hit h, At ray) { return Vec3(velocity(source, ray, h)); });
         case Field::radial_velocity:
             return write_radial_velocities(source, out);
+        case Field::sensor_position:
+            return write_sensor_positions(source, out);
         case Field::origin:
             return always([](Hit, At ray) { return ray.origin; });
         case Field::direction:

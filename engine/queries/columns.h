@@ -6,6 +6,7 @@
 
 #include "engine/geometry/hit.h"
 #include "engine/geometry/path.h"
+#include "engine/geometry/pinhole.h"
 #include "engine/geometry/ray.h"
 #include "engine/geometry/views.h"
 #include "engine/result.h"
@@ -50,7 +51,9 @@ struct FieldInfo {
     bool counter;         ///< needs a counting function
     bool of_ray;          ///< one per ray, however many hits it has
     bool reads_rays;      ///< write_column() looks at the rays
-    bool reads_motion;    ///< it needs ColumnSource::velocities
+    bool
+        reads_motion;  ///< it needs ColumnSource::velocities, and ColumnSource::sensors if there are some
+    bool reads_sensor;  ///< it needs ColumnSource::sensors
     /// Is it a column of a query that names none?
     enum class Shown : std::uint8_t { asked, hits, any } shown;
     std::string_view title;  ///< of a counter
@@ -74,6 +77,12 @@ Result<void> check_level(const Column& column, std::uint32_t levels);
 /// Gives outward normals of records; null where a primitive type has none.
 using RecordNormal = void (*)(const void* record, const float point[3], float normal[3]) noexcept;
 
+/// A sensor at the time of a ray.
+struct SensorAt {
+    Pose pose;
+    Vec3 velocity{0};
+};
+
 /// Input of a chunk of results. Without `hits` every ray missed. `ray_of` gives the ray of each hit
 /// where hits are compacted (CSR order); empty: hit i belongs to ray i. `order` gives the hit of
 /// each element where answers come in another order than rays were traced; empty: element i is hit
@@ -91,8 +100,7 @@ struct ColumnSource {
     const PathTable* paths = nullptr;          ///< null: user ids are those of instances
     const GeometryShading* shading = nullptr;  ///< one per geometry; null: vertices have no normals
     const Velocities* velocities = nullptr;    ///< null: the scene stands still
-    /// Velocity of the sensor at each ray, in the order of the answers; empty: it stands still.
-    std::span<const Vec3> sensor_velocities = {};
+    std::span<const SensorAt> sensors = {};  ///< of each ray, in the order of the answers; or none
 };
 
 /// Writes an element of field_bytes() per hit (counters: per ray), canonical for misses. A counter

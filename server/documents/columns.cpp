@@ -73,8 +73,7 @@ void write_columns(std::span<Target> columns, const ColumnSource& all, std::size
     for (std::size_t at = 0; at < count; at += block) {
         const std::size_t n = std::min(block, count - at);
         ColumnSource part = all;
-        if (all.ray_of.empty() && !all.sensor_velocities.empty())
-            part.sensor_velocities = all.sensor_velocities.subspan(at, n);
+        if (all.ray_of.empty() && !all.sensors.empty()) part.sensors = all.sensors.subspan(at, n);
         if (!all.order.empty()) {
             part.order = all.order.subspan(at, n);
         } else {
@@ -155,6 +154,11 @@ bool Columns::read_rays() const {
                        [](const Column& column) { return field_info(column.field).reads_rays; });
 }
 
+bool Columns::read_sensor() const {
+    return std::any_of(columns_.begin(), columns_.end(),
+                       [](const Column& column) { return field_info(column.field).reads_sensor; });
+}
+
 bool Columns::read_motion() const {
     return std::any_of(columns_.begin(), columns_.end(),
                        [](const Column& column) { return field_info(column.field).reads_motion; });
@@ -175,7 +179,7 @@ Columns::Cost Columns::cost(const Plan& plan) const {
 Reply<protocol::Frame> Columns::encode(const Plan& plan, const Registry& registry, std::uint64_t id,
                                        std::uint64_t first_ray, const TracedRays& traced,
                                        JobStatistics& statistics,
-                                       std::span<const Vec3> sensor_velocities) const {
+                                       std::span<const SensorAt> sensors) const {
     const bool many = plan.csr();
     const std::size_t rows = traced.rows();
     Compacted csr;
@@ -208,7 +212,7 @@ Reply<protocol::Frame> Columns::encode(const Plan& plan, const Registry& registr
             .push_back({columns_[i], bulk.block(first_column + i).data()});
     ColumnSource source = plan.source(registry);
     source.rays = traced.rays;
-    source.sensor_velocities = sensor_velocities;
+    source.sensors = sensors;
     if (const auto& velocities = plan.scene.held->velocities; velocities && read_motion())
         source.velocities = &velocities->get();
     if (many) {

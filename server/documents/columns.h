@@ -33,6 +33,8 @@ public:
     [[nodiscard]] bool read_rays() const;
     /// True if a column says how fast something moves.
     [[nodiscard]] bool read_motion() const;
+    /// True if a column says where something is for the sensor.
+    [[nodiscard]] bool read_sensor() const;
 
     /// Maximum bulk bytes of a chunk.
     struct Cost {
@@ -46,12 +48,11 @@ public:
     [[nodiscard]] Cost cost(const Plan& plan) const;
 
     /// Encodes the CHUNK frame of `traced`, whose first ray is `first_ray` of the query. Compacts
-    /// the hits of a multi query in place. Adds to `statistics`. `sensor_velocities`: one per ray,
-    /// or none for a sensor that stands still.
+    /// the hits of a multi query in place. Adds to `statistics`. `sensors`: one per ray, or none.
     Reply<protocol::Frame> encode(const Plan& plan, const Registry& registry, std::uint64_t id,
                                   std::uint64_t first_ray, const TracedRays& traced,
                                   JobStatistics& statistics,
-                                  std::span<const Vec3> sensor_velocities) const;
+                                  std::span<const SensorAt> sensors) const;
 
 private:
     std::vector<Column> columns_;

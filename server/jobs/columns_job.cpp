@@ -206,23 +206,22 @@ private:
     /// Encodes the frame with the columns of these rays. Any thread.
     Reply<protocol::Frame> encode(const Plan& plan, std::uint64_t first, const TracedRays& traced) {
         return columns_.encode(plan, services_.registry, id_, first, traced, statistics_,
-                               sensor_velocities(first, traced.rows()));
+                               sensors(first, traced.rows()));
     }
 
-    /// Velocity of the sensor at these rays; nothing if no column needs it.
-    [[nodiscard]] std::vector<Vec3> sensor_velocities(std::uint64_t first,
-                                                      std::size_t count) const {
-        std::vector<Vec3> velocities;
-        const SentSweep* const sweep = source_.sweep();
-        if (sweep == nullptr || !columns_.read_motion()) return velocities;
+    /// The sensor at each of these rays; nothing if there is none, or no column needs it.
+    [[nodiscard]] std::vector<SensorAt> sensors(std::uint64_t first, std::size_t count) const {
+        std::vector<SensorAt> made;
+        if (!source_.has_sensor() || !(columns_.read_motion() || columns_.read_sensor()))
+            return made;
         std::vector<std::uint64_t> numbers(count);
         if (rows_)
             steps().order().numbers(first, numbers);
         else
             std::iota(numbers.begin(), numbers.end(), source_.first() + first);
-        velocities.reserve(count);
-        for (const std::uint64_t number : numbers) velocities.push_back(sweep->velocity_at(number));
-        return velocities;
+        made.reserve(count);
+        for (const std::uint64_t number : numbers) made.push_back(source_.sensor_at(number));
+        return made;
     }
 
     /// True if rays may be traced in any order and among others, because each has one hit record
@@ -284,6 +283,10 @@ Reply<std::unique_ptr<QueryJob>> columns_job(const Services& services, const Cal
                                              Plan plan, RaySource source, Columns columns) {
     if (const auto known = columns.check_outputs(*plan.variant); !known)
         return tl::unexpected(known.error());
+    if (columns.read_sensor() && !source.has_sensor())
+        return refuse(Code::invalid_field,
+                      "the column sensor_position is of rays that a generator with a sensor makes: "
+                      "the daemon does not know where the sensor of these stands");
     const Columns::Cost cost = columns.cost(plan);
     if (const auto fits = check_frame_bytes(plan, cost, caller); !fits)
         return tl::unexpected(fits.error());

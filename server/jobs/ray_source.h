@@ -2,6 +2,7 @@
 #pragma once
 
 #include "engine/integrators/generators.h"
+#include "engine/queries/columns.h"
 #include "server/execution/chunk_queue.h"
 #include "server/execution/ray_input.h"
 #include "server/jobs/sent_sweep.h"
@@ -89,6 +90,14 @@ public:
     /// The trajectory that the client sends; null if it sends none.
     [[nodiscard]] SentSweep* sweep() const {
         return sensor() != nullptr ? (*sensor())->sent().get() : nullptr;
+    }
+    /// True if a sensor makes the rays.
+    [[nodiscard]] bool has_sensor() const { return sensor() != nullptr; }
+    /// The sensor at a ray, by its number there. Any thread that traces its rays.
+    [[nodiscard]] SensorAt sensor_at(std::uint64_t number) const {
+        const SentSweep* const moving = sweep();
+        return {pose_of_ray((*sensor())->get(), number),
+                moving != nullptr ? moving->velocity_at(number) : Vec3(0)};
     }
     /// Nothing: the scene stands still.
     [[nodiscard]] const std::optional<MovingScene>& motion() const { return motion_; }

@@ -84,6 +84,7 @@ export const COLUMNS = {
   reflectance: ["f32", 1],
   velocity: ["f32", 3],
   radial_velocity: ["f32", 1],
+  sensor_position: ["f32", 3],
   nodes: ["u32", 1],
   boxes: ["u32", 1],
   leaves: ["u32", 1],

@@ -1,5 +1,5 @@
 // Puts the page together: the daemon, what is shown, the picture, and the panels.
-import { asCommand, asPython, inWorld } from "./commands.js";
+import { asCommand, asPython, inWorld, shellWord } from "./commands.js";
 import { cameraOfRays, frame as frameBox, rounded } from "./camera.js";
 import { steer } from "./controls.js";
 import { byId, element, fillSelect } from "./dom.js";
@@ -9,11 +9,12 @@ import { Hover } from "./panels/hover.js";
 import { showDialog, startKeys } from "./keys.js";
 import { Legend } from "./legend.js";
 import { lightRow } from "./light.js";
-import { Model } from "./model.js";
+import { boxOf, Model } from "./model.js";
 import { Overlay } from "./overlay.js";
 import { buildPanels } from "./panels/panels.js";
 import { Picture } from "./picture.js";
 import { Daemon } from "./raynest.js";
+import { momentOf } from "./requests.js";
 import { logOut, redeemCode, whoAmI } from "./session.js";
 import { keepView, keptView } from "./settings.js";
 import { Selection } from "./panels/selection.js";
@@ -183,13 +184,19 @@ function chooseFirst() {
   return true;
 }
 
+function howToLoad(scene) {
+  const [, owner, name] = /^(.*)\/([^/]*)$/.exec(scene) ?? [];
+  return owner === undefined ? `load it: raynest load FILE --name ${shellWord(scene)}.`
+    : `have ${owner} load it: raynest load FILE --name ${shellWord(name)} --share public.`;
+}
+
 /** Offers the loaded scenes in place of one that a link names, or that has been unloaded. */
 function sceneIsGone(scene) {
   missing = scene;
   const was = lastInfo?.name === scene;
   model.forget();
   fillSelect(byId("scene"), [["", "choose"], ...model.scenes.filter((name) => name !== scene).map((name) => [name, name])], "");
-  say(`The scene "${scene}" is not loaded${was ? " any more; the picture is the last one of it" : ""}. Choose another one, or load it: raynest load FILE --name ${scene}. The page shows it as soon as it is there.`, true);
+  say(`The scene "${scene}" is not loaded${was ? " any more; the picture is the last one of it" : ""}. Choose another one, or ${howToLoad(scene)} The page shows it as soon as it is there.`, true);
 }
 
 const follower = new Follower(app, {
@@ -265,14 +272,14 @@ async function chooseScene(camera) {
   if (camera) picture.restart();
 }
 
-/** Takes the pose of a camera of the file from the rays that it makes. */
+/** Takes the pose of a camera of the file, at the moment that is shown, from the rays that it makes. */
 async function chooseCamera(name) {
   const { low, high } = model.box;
   const target = { center: low.map((x, i) => (x + high[i]) / 2), radius: Math.max(Math.hypot(...high.map((x, i) => x - low[i])) / 2, 1e-6) };
-  const settings = ["size=2x2", ...(name === "automatic" ? [] : [`camera=${name}`])], { scene } = store.values;
-  for await (const { type, columns } of daemon.request("Query", { job: { scene }, kind: "null",
+  const settings = ["size=2x2", ...(name === "automatic" ? [] : [`camera=${name}`])], { scene, time } = store.values;
+  for await (const { type, columns } of daemon.request("Query", { job: { scene, ...momentOf(store.values) }, kind: "null",
     fields: ["origin", "direction"], generator: { kind: "camera", settings } })) {
-    if (type === "Chunk" && store.values.scene === scene) store.set({ camera: cameraOfRays(columns, target), cameraName: name });
+    if (type === "Chunk" && store.values.scene === scene && store.values.time === time) store.set({ camera: cameraOfRays(columns, target), cameraName: name });
   }
 }
 
@@ -290,6 +297,10 @@ byId("camera").onchange = async ({ target }) => {
 fillSelect(byId("view"), viewOptions(), store.values.view);
 byId("view").onchange = ({ target }) => store.set({ view: target.value, range: "p99" });
 byId("level").onchange = ({ target }) => store.set({ level: target.value });
+// A camera of the file goes where the animation takes it, until somebody moves it.
+store.on(["time", "animation"], ({ camera, cameraName }) => {
+  if (camera && cameraName !== "" && model.info?.cameras?.[Number(cameraName)] !== undefined) chooseCamera(cameraName).catch(failed);
+});
 store.on(["cameraName"], ({ cameraName }) => { byId("camera").value = cameraName; });
 store.on(["level"], ({ level }) => { byId("level").value = level; });
 function showView({ view }) {
@@ -361,7 +372,10 @@ async function copy(text, what) {
 }
 const ready = (run) => () => { if (picture.image && model.info) run(); };
 const switchTheme = startTheme(() => legend.draw());
-const frameScene = ready(() => showCamera(frameBox(store.values.camera, model.box.low, model.box.high)));
+/** The box of the scene at the moment that is shown. */
+const boxNow = async () => (store.values.time === "" ? model.box
+  : boxOf(await daemon.ask("Info", { scene: store.values.scene, ...momentOf(store.values) })));
+const frameScene = ready(() => boxNow().then(({ low, high }) => showCamera(frameBox(store.values.camera, low, high)), failed));
 const show = ready(() => showDialog("This view again", element("div", {}, element("h2", {}, "Command"), element("pre", { tabIndex: 0, id: "command" }, texts()[0]),
   element("h2", {}, "Python"), element("pre", { tabIndex: 0, id: "python" }, texts()[1])),
   ...[["Copy as command", () => copy(texts()[0], "Command")], ["Copy as Python", () => copy(texts()[1], "Python")], ["Copy link", () => copy(location.href, "Link")],

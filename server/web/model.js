@@ -70,12 +70,14 @@ export class Model extends EventTarget {
     return [origin_x, origin_y, origin_z].map(Number);
   }
 
-  get box() {
-    const { box_min: a, box_max: b } = this.info;
-    const low = [a.x, a.y, a.z].map(Number), high = [b.x, b.y, b.z].map(Number);
-    return low.every((x, i) => Number.isFinite(x) && Number.isFinite(high[i]) && x <= high[i])
-      ? { low, high } : { low: [-1, -1, -1], high: [1, 1, 1] };
-  }
+  get box() { return boxOf(this.info); }
 
   #changed() { this.dispatchEvent(new Event("change")); }
+}
+
+/** The box that an Info tells; one about zero for an empty scene. */
+export function boxOf({ box_min: a, box_max: b }) {
+  const low = [a.x, a.y, a.z].map(Number), high = [b.x, b.y, b.z].map(Number);
+  return low.every((x, i) => Number.isFinite(x) && Number.isFinite(high[i]) && x <= high[i])
+    ? { low, high } : { low: [-1, -1, -1], high: [1, 1, 1] };
 }

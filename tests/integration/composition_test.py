@@ -446,6 +446,29 @@ class Compositions(WithFiles):
             self.assertLess((hits["prim"] != wanted["prim"]).sum(), 6)
             self.assertLess((~np.isclose(hits["t"], wanted["t"], rtol=1e-4)).sum(), 6)
 
+    def test_groups_far_from_zero_keep_their_own_coordinates(self):
+        """An edit that places a group says where its zero is, near or far."""
+        self.write("a.obj", obj(TRIANGLE, np.array([[0, 1, 2]])))
+        for at in (5, 1000):
+            scene = self.load("row.rnscene.json", {
+                "objects": {"a": {"file": "a.obj"}, "row": {"instances": [{"object": "a", "translation": [at, 0, 0]}]}},
+                "instances": [{"object": "row", "name": "st"}]})
+            with scene.edit() as edit:
+                edit.place("st", np.eye(3, 4))
+            ray = [[at + 0.2, 0.2, 3, 0, 0, -1]]
+            self.assertEqual(scene.trace(ray, fields=("t",))["t"], [3], at)
+            with scene.edit() as edit:
+                edit.move("st", np.diag([-1.0, 1, -1, 1]), frame="own")
+            self.assertEqual(scene.trace([[-at - 0.2, 0.2, 3, 0, 0, -1]], fields=("t",))["t"], [3], at)
+
+    def test_a_group_that_places_nothing_is_empty(self):
+        self.write_parts()
+        for places in ([], [{"object": "car", "matrices": []}]):
+            scene = self.load("none.rnscene.json", {
+                "objects": {"car": {"file": "cars/car.gltf"}, "none": {"instances": places}, "ball": {"file": "parts/ball.obj"}},
+                "instances": [{"object": "none"}, {"object": "ball"}]})
+            self.assertEqual(scene.info["instanced_triangles"], 60)
+
     def test_a_table_beside_records_and_heights_places_nothing(self):
         (self.scenes / "points").mkdir(exist_ok=True)
         np.save(self.scenes / "points/balls.npy", np.array([[0, 0, 0, 1.0], [5, 0, 0, 1]], np.float32))

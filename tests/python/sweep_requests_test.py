@@ -94,6 +94,29 @@ class SweepRequests(WithDaemon):
             every = self.woods.trace(made, kind="all", fields=("t", "radial_velocity"), max_hits=64)
             np.testing.assert_allclose(every["radial_velocity"], away.repeat(np.diff(every["ray_splits"].astype(int))), rtol=1e-5, atol=1e-4)
 
+    def test_positions_in_the_axes_of_the_sensor(self):
+        trajectory = drive(37)
+        fields = ("t", "hit", "sensor_position")
+        sweep = generators.sweep(ELEVATIONS, (0, 360, 97), trajectory=trajectory, begin=0, end=0.1, scans=9)
+        around, up = np.radians(360 * np.arange(97) / 97), np.radians(ELEVATIONS)[:, None]
+        ways = np.tile(np.stack(np.broadcast_arrays(np.cos(up) * np.cos(around), np.cos(up) * np.sin(around), np.sin(up)),
+                                -1).reshape(-1, 3), (9, 1))
+        pose = np.eye(3, 4)
+        pose[:, :3], pose[:, 3] = turn([1, 2, 3], 1.0), (3, 7, 2)
+        lidar = generators.lidar(ELEVATIONS, (0, 360, 97), pose=pose)
+        camera = generators.pinhole(20, size=(30, 20), pose=pose)
+        x, y = np.meshgrid((np.arange(30) + .5 - 15) / 20, -(np.arange(20) + .5 - 10) / 20)
+        for made, way in ((sweep, ways), (lidar, ways[:4 * 97]), (camera, np.stack([x, y, -np.ones_like(x)], -1).reshape(-1, 3))):
+            seen = self.woods.trace(made, fields=fields)
+            self.assertGreater(seen["hit"].sum(), 20)
+            local = np.where(seen["hit"][:, None], np.where(seen["hit"], seen["t"], 0)[:, None] * way, 0)
+            np.testing.assert_allclose(seen["sensor_position"], local, rtol=1e-5, atol=2e-5)
+            part = self.woods.trace(made.part(50, 33), fields=fields)["sensor_position"]
+            np.testing.assert_array_equal(part, seen["sensor_position"][50:83])
+        for rays in (np.ones((2, 6)), generators.hemisphere([[0, 9, 0]], [0, 1, 0])):
+            with self.assertRaisesRegex(raynest.Error, "sensor_position is of rays that a generator"):
+                self.woods.trace(rays, fields=("sensor_position",))
+
     def test_a_hundred_scans_are_one_request(self):
         trajectory = drive(300, end=10)
         made = generators.sweep(ELEVATIONS, (0, 360, 200), trajectory=trajectory, begin=0, end=0.1, scans=100)

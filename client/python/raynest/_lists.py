@@ -53,6 +53,7 @@ OF_HITS: dict[str, tuple[str, int]] = {
     'reflectance': ('f32', 1),
     'velocity': ('f32', 3),
     'radial_velocity': ('f32', 1),
+    'sensor_position': ('f32', 3),
 }
 
 OF_RAYS: dict[str, tuple[str, int]] = {

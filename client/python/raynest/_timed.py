@@ -10,7 +10,7 @@ from ._requests.arguments import numbers, real
 from ._requests.columns import OF_HITS
 from .errors import UsageError
 
-# Of the outcome of several requests: what they add up to.
+# These add up over several requests, in their outcome.
 _SUMS = ("rays", "hits", "misses", "invalid", "truncated", "seconds")
 
 

@@ -92,8 +92,12 @@ public:
         return composed_[{name, origin}];
     }
     [[nodiscard]] BuildQuality build() const { return request_.build; }
+    /// True if the scene that is loaded has an origin: then objects have coordinates of their own.
+    [[nodiscard]] bool has_origin() const { return has_origin_; }
+    void set_has_origin(bool has_origin) { has_origin_ = has_origin; }
 
 private:
+    bool has_origin_ = false;
     const ImportRequest& request_;
     const ImportFile& import_file_;
     std::map<std::string, Scene> known_;
@@ -122,6 +126,7 @@ public:
         if (origin != WorldPoint{}) composition_.origin = origin;
         if (!is_origin(composition_.origin))
             return fail(ErrorCode::scene_invalid, "has an 'origin' beyond 1e15");
+        if (above_.size() == 1) files_.set_has_origin(composition_.origin != WorldPoint{});
         made_.resize(composition_.objects.size());
         for (std::size_t i = 0; i < composition_.objects.size(); ++i)
             numbers_.emplace(composition_.objects[i].name, i);
@@ -285,7 +290,7 @@ private:
         if (is_scene) base.origin = composition_.origin;
         // Edits are in the coordinates that the composition itself has.
         const bool is_part = !is_scene || (above_.size() > 1 && composition_.edits.empty());
-        if (base.origin == WorldPoint{} && is_part) {
+        if (base.origin == WorldPoint{} && is_part && files_.has_origin()) {
             const auto origin = near_parts(object);
             if (!origin) return tl::unexpected(origin.error());
             base.origin = *origin;
@@ -299,6 +304,7 @@ private:
             if (!scene) return tl::unexpected(scene.error());
             const auto matrices = matrices_of(places);
             if (!matrices) return tl::unexpected(matrices.error());
+            if (matrices->empty()) continue;
             // Many entries may name one table.
             if (count += matrices->size(); count > limits_.instances_max)
                 return fail(ErrorCode::limit_exceeded,

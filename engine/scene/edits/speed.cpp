@@ -20,6 +20,8 @@ namespace {
 /// a part and the scene: what these turns add up to changes the faster the more they are.
 constexpr std::uint32_t pieces = 8;
 constexpr std::uint32_t turns_max = 32;
+/// A spline of rotations may speed up and slow down several times from key to key.
+constexpr std::uint32_t turns_of_spline = 4;
 
 /// Bounds by how much the linear part of a map stretches; 1 for a turn.
 double stretch(const Affine& m) {
@@ -39,7 +41,9 @@ class SpeedMeter {
 public:
     SpeedMeter(const Snapshot& scene, std::uint32_t animation)
         : motion_(checked_motion(scene.motion_bytes())),
-          animation_(motion_.animations[animation]) {
+          animation_(motion_.animations[animation]),
+          placed_(scene.view().instance_infos +
+                  scene.view().objects[scene.view().root].first_instance) {
         const SceneView& view = scene.view();
         const std::uint32_t first = view.objects[view.root].first_instance;
         std::map<std::uint32_t, std::uint32_t> mesh_at;
@@ -53,10 +57,11 @@ public:
             const auto change = change_of(multiply(at_rest[moved.node], moved.to_node),
                                           view.instance_infos[first + moved.outermost].to_parent);
             const auto mesh = mesh_at.find(moved.outermost);
-            follow({moved.node, moved.to_node, view.objects[object].bounds,
-                    mesh == mesh_at.end() ? no_id : mesh->second,
-                    change.value_or(identity_affine)});
-            by_place_.emplace(moved.outermost, &moved);
+            const Follower follower{moved.node, moved.to_node, view.objects[object].bounds,
+                                    mesh == mesh_at.end() ? no_id : mesh->second,
+                                    change.value_or(identity_affine)};
+            follow(follower);
+            if (follower.mesh != no_id) carried_.insert_or_assign(moved.outermost, follower);
         }
         for (std::uint32_t m = 0; m < motion_.meshes.size(); ++m) add(m);
         pieces_ = pieces * turns();
@@ -95,13 +100,13 @@ public:
     [[nodiscard]] double fastest() const { return most_; }
 
 private:
-    /// A box that follows a node.
+    /// A box that follows a node, and what happens to it besides.
     struct Follower {
         std::uint32_t node = 0;
         Affine to_node = identity_affine;
         Box box;
         std::uint32_t mesh = no_id;       ///< whose vertices move besides
-        Affine change = identity_affine;  ///< by edits
+        Affine change = identity_affine;  ///< in the scene
     };
     /// At the end of a piece of the curves from one key to the next; of piece 0 at its beginning.
     void look(std::uint32_t piece) {
@@ -129,13 +134,23 @@ private:
         std::vector<std::uint32_t> turning(motion_.nodes.size());
         for (const MotionChannel& channel :
              motion_.channels.subspan(animation_.first_channel, animation_.channel_count))
-            if (channel.path == MotionPath::rotation) turning[channel.target] = 1;
+            if (channel.path == MotionPath::rotation)
+                turning[channel.target] =
+                    motion_.samplers[channel.sampler].interpolation == Interpolation::cubic
+                        ? turns_of_spline
+                        : 1;
         std::uint32_t most = 1;
         for (std::size_t i = 0; i < turning.size(); ++i) {
             if (motion_.nodes[i].parent != no_id) turning[i] += turning[motion_.nodes[i].parent];
             most = std::max(most, turning[i]);
         }
         return std::min(most, turns_max);
+    }
+
+    [[nodiscard]] Affine placed_at(std::uint32_t outermost) const {
+        Affine made;
+        std::ranges::copy(placed_[outermost].to_parent.m, made.begin());
+        return made;
     }
 
     void follow(const Follower& follower) {
@@ -163,9 +178,12 @@ private:
                 }
             }
         }
+        Affine widest = identity_affine;  // of those that place the mesh
+        for (const std::uint32_t place : motion_.places.subspan(mesh.first_place, mesh.place_count))
+            if (const Affine at = placed_at(place); stretch(at) > stretch(widest)) widest = at;
         for (std::uint32_t j = 0; j < mesh.joint_count; ++j) {
             const MotionJoint& joint = motion_.joints[mesh.first_joint + j];
-            follow({joint.node, joint.bind, boxes[j], index});
+            follow({joint.node, joint.bind, boxes[j], index, widest});
         }
     }
 
@@ -225,24 +243,28 @@ private:
         for (std::size_t t = 0; t < before.size(); ++t)
             way += std::abs(after[t] - before[t]) * reaches_[m][t];
         if (way == 0) return 0;
-        double most = 0;
+        double of_joints = mesh.joint_count == 0 ? 1 : 0, of_places = 0;
         for (const MotionJoint& joint : motion_.joints.subspan(mesh.first_joint, mesh.joint_count))
-            most = std::max(most, stretch(multiply(nodes[joint.node], joint.bind)));
+            of_joints = std::max(of_joints, stretch(multiply(nodes[joint.node], joint.bind)));
         for (const std::uint32_t place :
              motion_.places.subspan(mesh.first_place, mesh.place_count)) {
-            const auto [first_of, end_of] = by_place_.equal_range(place);
-            for (auto at = first_of; at != end_of; ++at)
-                most =
-                    std::max(most, stretch(multiply(nodes[at->second->node], at->second->to_node)));
+            const auto carried = carried_.find(place);
+            of_places = std::max(
+                of_places,
+                stretch(carried == carried_.end()
+                            ? placed_at(place)
+                            : multiply(carried->second.change, multiply(nodes[carried->second.node],
+                                                                        carried->second.to_node))));
         }
-        return way * (most > 0 ? most : 1);
+        return way * of_joints * of_places;
     }
 
     const Motion motion_;
     const MotionAnimation& animation_;
+    const InstanceInfo* const placed_;  ///< the outermost instances
     std::vector<Follower> followers_;
-    std::vector<std::vector<double>> reaches_;  ///< [mesh][target]: how far it moves a vertex
-    std::multimap<std::uint32_t, const MovedInstance*> by_place_;
+    std::vector<std::vector<double>> reaches_;   ///< [mesh][target]: how far it moves a vertex
+    std::map<std::uint32_t, Follower> carried_;  ///< by outermost instance
     std::uint32_t pieces_ = pieces;
     std::vector<double> keys_;
     std::size_t next_ = 0;          ///< of keys_

@@ -25,7 +25,7 @@ function objects({ model, selection }) {
   const table = sortableTable("Objects", [
     { title: "Name", value: (row) => row.name || `(${row.object})` }, number("Triangles", (row) => row.triangles),
     number("Instances", (row) => Number(row.placements)), number("Memory", (row) => row.bytes, bytesText), measured("SAH", "sah_cost"),
-    measured("EPO", "epo"), measured("Fill", "box_share"), number("Depth", (row) => row.height)],
+    measured("EPO", "epo"), measured("Fill", "box_share"), number("Depth", (row) => row.height), number("No.", (row) => row.object, String)],
   { choose: (row) => selection.choose({ kind: "object", object: row.object, name: row.name }) },
   { titles: { SAH: "Node visits that a ray through its box is expected to need", EPO: "Node visits where a ray ends, in trees that do not hold what it hits", Fill: "Area of its triangles over half that of their boxes: 1 is good, 0 is bad",
     Depth: "Nodes on the longest path of its tree" }, empty: WAITING });
@@ -39,7 +39,7 @@ function objects({ model, selection }) {
 
 function materials({ store, model, selection }) {
   const table = sortableTable("Materials", [{ title: "Name", value: (row) => row.name || `(${row.index})` }, { title: "Alpha", value: (row) => row.alpha },
-    number("Triangles", (row) => row.triangles)], { choose: (row) => selection.choose({ kind: "material", material: row.index, name: row.name }) });
+    number("Triangles", (row) => row.triangles), number("No.", (row) => row.index, String)], { choose: (row) => selection.choose({ kind: "material", material: row.index, name: row.name }) });
   const show = () => { table.show(model.materials, !model.info ? NO_SCENE : model.info.materials ? WAITING : "The scene has no materials."); mark(); };
   const mark = () => table.mark((row) => selection.hasMaterial(row.index));
   model.addEventListener("change", show);

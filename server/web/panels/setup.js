@@ -104,7 +104,7 @@ function difference({ store, model }) {
     element("p", { className: "hint" }, "Red pixels cost more than with the other setting, blue ones less. Views of cost and depth show it."));
 }
 
-function cameraFields({ store, showCamera }) {
+function cameraFields({ store, model, showCamera }) {
   const control = element("select", { id: "control" });
   fillSelect(control, [["orbit", "orbit"], ["first", "first person"], ["free", "free"]], store.values.control);
   control.onchange = () => store.set({ control: control.value });
@@ -120,13 +120,16 @@ function cameraFields({ store, showCamera }) {
   const fov = element("input", { type: "number", min: 1, max: 170, step: "any", id: "fov" });
   fov.onchange = () => { if (fov.value && fov.reportValidity()) showCamera({ ...store.values.camera, fov: Number(fov.value) }); };
   const facts = element("div");
-  store.on(["camera", "control", "upAxis"], ({ camera, control: kind, upAxis }) => {
+  const show = ({ camera, control: kind, upAxis }) => {
     if (!camera) return;
     const own = Object.keys(AXES).find((name) => AXES[name].every((x, i) => x === camera.up[i]));
     [control.value, axis.value, projection.value] = [kind, own ?? upAxis, camera.projection];
     if (document.activeElement !== fov) fov.value = camera.fov;
-    facts.replaceChildren(pairs([["Eye", vectorText(camera.eye)], ["Looks at", vectorText(camera.at)]]));
-  }, true);
+    const place = (point) => vectorText(add(point, model.origin));
+    facts.replaceChildren(pairs([["Eye", place(camera.eye)], ["Looks at", place(camera.at)]]));
+  };
+  store.on(["camera", "control", "upAxis"], show, true);
+  model.addEventListener("change", () => show(store.values));
   return element("div", {}, field("Control", control), field("Projection", projection), field("Up axis", axis),
                  field("Angle of view", fov), facts);
 }
