@@ -68,7 +68,12 @@ Reply<SceneStore::Stored> SceneStore::prepare_to_store(const std::string& name,
     const bool equal = taken != nullptr && taken->has_content(*snapshot);
     stored.row.owner = caller.principal;
     stored.row.name = name;
-    if (!equal) stored.row.epoch = taken == nullptr ? 1 : taken->next_epoch() + epochs_free;
+    // Edits may be told of epochs that are reserved while the row is written; then this daemon may die.
+    if (!equal)
+        stored.row.epoch =
+            taken == nullptr
+                ? 1
+                : std::max(taken->next_epoch(), taken->epoch_reserved + 1) + epochs_free;
     if (!how.share.empty()) stored.row.share = how.share;
     stored.row.digest = facts.arena;
     stored.row.content = facts.digest;

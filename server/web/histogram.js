@@ -21,8 +21,9 @@ export function statistics(values) {
 export function rangeOf(setting, stats, diverging) {
   if (Array.isArray(setting)) return { low: setting[0], high: setting[1] };
   if (diverging) {
-    const largest = setting === "auto" ? Math.max(Math.abs(stats.min), Math.abs(stats.max)) : stats.p99Size;
-    const most = Math.max(largest, 1e-9);
+    // Where few pixels differ, the range is theirs.
+    const largest = setting === "auto" || stats.p99Size === 0 ? Math.max(Math.abs(stats.min), Math.abs(stats.max)) : stats.p99Size;
+    const most = Math.max(largest, Number.isInteger(largest) ? 1 : 1e-9);
     return { low: -most, high: most };
   }
   const low = Math.min(0, stats.min);

@@ -255,19 +255,23 @@ async function chooseScene(camera) {
   const { patch, ignored } = fitted(store.values, model);
   store.set(patch);
   if (fitLink) notUnderstood([...link.ignored, ...ignored]);
+  const linked = fitLink && cameraName !== "" && info.cameras?.[Number(cameraName)] !== undefined;
   fitLink = false;
   const changed = before && versionOf(before) !== versionOf(info);
   let again = cameraName;
   if (changed || (before && came)) {
     again = sameCamera(cameraName, before, info);
     const gone = cameraName && !again ? " Its camera is gone: the view stays." : "";
-    followed = `"${scene}" ${came ? "is loaded again" : wasEdited(info) ? "was edited" : "was replaced"}: ${changesText(before, info)}.${gone}${ignored.length ? ` Not in it: ${listed(ignored)}.` : ""}`;
+    const isSame = wasEdited(info) && !came && Number(before.instances) === Number(info.instances);
+    const shown = !isSame && (store.values.hidden.length || store.values.isolated.length) ? " What was hidden is shown again: the numbers of instances are others." : "";
+    if (shown) store.set({ hidden: [], isolated: [] });
+    followed = `"${scene}" ${came ? "is loaded again" : wasEdited(info) ? "was edited" : "was replaced"}: ${changesText(before, info)}.${gone}${shown}${ignored.length ? ` Not in it: ${listed(ignored)}.` : ""}`;
     notice(followed);
     if (cameraName !== again) store.set({ cameraName: again });
     app.selection.follow();
   }
   // A camera of the file, and the one that sees the whole scene, are as the new content has them.
-  if (!camera) await chooseCamera(info.cameras?.length ? "0" : "automatic");
+  if (!camera) await chooseCamera(linked ? cameraName : info.cameras?.length ? "0" : "automatic");
   else if (changed && again) await chooseCamera(again);
   if (camera) picture.restart();
 }

@@ -3,6 +3,9 @@
 /** "85,940": a whole number in full; BigInt and text, too. */
 export const countText = (value) => (typeof value === "number" && !Number.isInteger(value) ? valueText(value) : BigInt(value ?? 0).toLocaleString("en"));
 
+/** "1 tree", "2 trees" */
+export const counted = (count, one, many) => `${countText(count)} ${count === 1 ? one : many}`;
+
 /** A measured number in at most `digits` digits; "1.2e-7" where it is tiny or huge, never "-0". */
 export function valueText(value, digits = 6) {
   if (!Number.isFinite(value)) return String(value);
@@ -16,6 +19,12 @@ export const measuredText = (value, digits) => (value === null || value === unde
 
 /** A point or a direction. */
 export const vectorText = (values, digits = 6) => [...values].map((value) => valueText(value, digits).replaceAll(",", "")).join(", ");
+
+/** A point that is relative to `origin`, in the world, with the digits that it has there. */
+export function placeText(values, origin, digits = 6) {
+  const whole = (x) => Math.ceil(Math.log10(Math.abs(x) + 1));
+  return [...values].map((x, i) => valueText(x + origin[i], digits + Math.max(0, whole(x + origin[i]) - whole(x))).replaceAll(",", "")).join(", ");
+}
 
 /** As the command line has it: "17 B", "32.8 MiB". */
 export function bytesText(bytes) {

@@ -203,7 +203,7 @@ browserTest("boxes of a range of tree depths of a level", async ({ open }) => {
   const page = await open(daemon, { ...FOREST, panel: "objects", boxes: "0:1:2:0" });
   await fine(page);
   const text = () => page.textContent("#boxes-hint");
-  await page.waitForFunction(() => /^\d+ boxes of 1 trees/.test(document.getElementById("boxes-hint").textContent));
+  await page.waitForFunction(() => /^[\d,]+ boxes? of 1 tree\b/.test(document.getElementById("boxes-hint").textContent));
   const count = Number.parseInt(await text(), 10);
   assert.ok(count >= 8 && count <= 72, await text());
   await page.selectOption("#boxes-level", "1");
@@ -212,7 +212,7 @@ browserTest("boxes of a range of tree depths of a level", async ({ open }) => {
   await page.check("#boxes-one");
   await page.waitForFunction(() => /Select an instance/.test(document.getElementById("boxes-hint").textContent));
   await clickPixel(page, 160, 120);
-  await page.waitForFunction(() => /^\d+ boxes of 1 trees/.test(document.getElementById("boxes-hint").textContent));
+  await page.waitForFunction(() => /^[\d,]+ boxes? of 1 tree\b/.test(document.getElementById("boxes-hint").textContent));
   await page.fill("#boxes-most", "47");
   await page.press("#boxes-most", "Enter");
   await page.selectOption("#boxes-level", "");

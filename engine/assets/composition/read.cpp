@@ -371,7 +371,6 @@ Light read_light(const Value& value) {
     return light;
 }
 
-/// Parses the text, and refuses nesting beyond the limit and members that are there twice.
 /// Refuses what is nested too deep, and members that an object has twice. The parser's own callback
 /// would look at all of a list after each of its elements.
 class Watch : public nlohmann::json_sax<Json> {
@@ -420,6 +419,7 @@ private:
     std::vector<std::set<std::string>> keys_;
 };
 
+/// Parses the text, and refuses nesting beyond the limit and members that are there twice.
 Json parse(std::string_view text, const ImportLimits& limits) {
     Watch watch(limits);
     Json::sax_parse(text, &watch);

@@ -2,6 +2,7 @@
 import { levelColour } from "./explain.js";
 import { askDocument, latest } from "../documents.js";
 import { element, field, fillSelect } from "../dom.js";
+import { counted } from "../numbers.js";
 import { momentOf } from "../requests.js";
 
 const BOXES_MAX = 1200;
@@ -52,7 +53,7 @@ export function boxesSection(app) {
         depth_min: chosen.least, depth_max: chosen.most, ...(chosen.one ? { one: true, first: String(path) } : {}) }, { signal });
       const boxes = document.trees.flatMap((tree) => tree.boxes.map((box) => placed(tree, box, model.origin)));
       overlay.boxes("trees", boxes);
-      hint.textContent = `${boxes.length} boxes of ${document.trees.length} trees${document.complete ? "" : "; more are left out: choose fewer depths, or one instance"}.`;
+      hint.textContent = `${counted(boxes.length, "box", "boxes")} of ${counted(document.trees.length, "tree", "trees")}${document.complete ? "" : "; more are left out: choose fewer depths, or one instance"}.`;
     });
   }
   store.on(["boxes", "scene", "time", "animation"], () => { levels(); show(); });

@@ -1,8 +1,8 @@
 // The picture as a PNG file with its legend, and a report of one self-contained HTML file.
-import { add, cameraTable } from "../camera.js";
+import { cameraTable } from "../camera.js";
 import { askBytes, askDocument } from "../documents.js";
 import { element } from "../dom.js";
-import { bytesText, valueText, vectorText } from "../numbers.js";
+import { bytesText, placeText, valueText } from "../numbers.js";
 import { compares, jobOf } from "../requests.js";
 import { rankingOf } from "./selection.js";
 import { fillTemplate } from "../template.js";
@@ -19,10 +19,14 @@ function save(blob, name) {
 
 /** What a picture is of, in one line: scene, metric and camera. */
 function captionOf({ store, model, picture }) {
-  const { camera, cameraName, scene } = store.values;
+  const { camera, cameraName, scene, time, animation, hidden, isolated } = store.values;
   const named = cameraName === "" ? "" : cameraName === "automatic" ? "whole scene" : model.info?.cameras?.[Number(cameraName)] || `camera ${cameraName}`;
-  const at = (point) => `(${vectorText(add(point, model.origin), 4)})`;
-  return { scene, metric: picture.image.view.label, camera: `${named ? `${named}, ` : ""}from ${at(camera.eye)} to ${at(camera.at)}, ${valueText(camera.fov, 4)}°` };
+  const at = (point) => `(${placeText(point, model.origin, 4)})`;
+  const lens = camera.projection === "orthographic" ? "orthographic" : `${valueText(camera.fov, 4)}°`;
+  const moment = time === "" ? "" : `, at ${valueText(time, 4)} s of ${model.info?.animations?.[animation] || `animation ${animation}`}`;
+  const parts = [hidden.length ? `${hidden.length} hidden` : "", isolated.length ? `${isolated.length} isolated` : ""].filter(Boolean);
+  return { scene, metric: `${picture.image.view.label}${compares(store.values) ? ", difference" : ""}${parts.length ? ` (${parts.join(", ")})` : ""}`,
+    camera: `${named ? `${named}, ` : ""}from ${at(camera.eye)} to ${at(camera.at)}, ${lens}${moment}` };
 }
 
 const CAPTION = { line: 20, margin: 10, font: "13px system-ui, sans-serif" };

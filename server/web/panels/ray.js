@@ -2,7 +2,7 @@
 import { pixelGenerator } from "../camera.js";
 import { element, pairs } from "../dom.js";
 import { COUNTERS } from "../lists.js";
-import { countText, valueText, vectorText } from "../numbers.js";
+import { countText, placeText, valueText, vectorText } from "../numbers.js";
 import { explanation } from "./explain.js";
 import { lightPath } from "./path.js";
 import { jobOf } from "../requests.js";
@@ -50,7 +50,7 @@ export function recordRows({ x, y, hit, columns, path }, { origin = [0, 0, 0], o
       ["Instance", number(columns.inst[0])], ["uid", number(columns.uid[0])], ["Object", named(objects, columns.object[0])],
       ["Mask", columns.mask[0].toString(16)], ["Box share", valueText(columns.box_share[0], 4)], ["Tree depth", number(columns.tree_depth[0])], ["u, v", vectorText(columns.uv)],
       ["Normal", vectorText(columns.ng)], ["Side", columns.front[0] ? "front" : "back"],
-      ["Position", vectorText(columns.position.map((v, i) => v + origin[i]))]);
+      ["Position", placeText(columns.position, origin)]);
   }
   return rows;
 }

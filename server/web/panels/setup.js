@@ -3,7 +3,7 @@ import { AXES, add, cross, distance, dot, length, sub, unit, basis, scale, round
 import { element, field, fillSelect, pairs } from "../dom.js";
 import { followsLight, lightSection } from "../light.js";
 import { timeSection } from "./time.js";
-import { bytesText, countText, timeText, valueText, vectorText } from "../numbers.js";
+import { bytesText, countText, placeText, timeText, valueText } from "../numbers.js";
 
 const SIZES = [["fit", "As large as shown"], ["320x180", "320 x 180"], ["640x360", "640 x 360"], ["960x540", "960 x 540"],
                ["1280x720", "1280 x 720"], ["1920x1080", "1920 x 1080"]];
@@ -114,8 +114,9 @@ function cameraFields({ store, model, showCamera }) {
   const axis = element("select", { id: "up-axis" });
   fillSelect(axis, Object.keys(AXES).map((name) => [name, `${name.toUpperCase()} up`]), store.values.upAxis);
   axis.onchange = () => {
-    store.set({ upAxis: axis.value });
-    showCamera(level(store.values.camera, AXES[axis.value]));
+    const { value } = axis;  // which the store's listener below sets to what the camera has
+    store.set({ upAxis: value });
+    showCamera(level(store.values.camera, AXES[value]));
   };
   const fov = element("input", { type: "number", min: 1, max: 170, step: "any", id: "fov" });
   fov.onchange = () => { if (fov.value && fov.reportValidity()) showCamera({ ...store.values.camera, fov: Number(fov.value) }); };
@@ -125,7 +126,7 @@ function cameraFields({ store, model, showCamera }) {
     const own = Object.keys(AXES).find((name) => AXES[name].every((x, i) => x === camera.up[i]));
     [control.value, axis.value, projection.value] = [kind, own ?? upAxis, camera.projection];
     if (document.activeElement !== fov) fov.value = camera.fov;
-    const place = (point) => vectorText(add(point, model.origin));
+    const place = (point) => placeText(point, model.origin);
     facts.replaceChildren(pairs([["Eye", place(camera.eye)], ["Looks at", place(camera.at)]]));
   };
   store.on(["camera", "control", "upAxis"], show, true);

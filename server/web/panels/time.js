@@ -1,8 +1,6 @@
 // The section "Time": moments of the scene's animations. It is there where the scene has any.
 import { element, field, fillSelect } from "../dom.js";
 
-const STEPS = 200;
-
 export function timeSection({ store, model }) {
   const place = element("section", { id: "time-section", hidden: true });
   const animation = element("select", { id: "animation" });
@@ -13,15 +11,13 @@ export function timeSection({ store, model }) {
   animation.onchange = () => store.set({ animation: Number(animation.value), time: 0 });
   slider.oninput = () => {
     const value = Number(slider.value), end = Number(seconds());
-    // The last step may miss the end by rounding, which the daemon takes for outside.
-    store.set({ time: value > end * (1 - 1e-4) ? end : Math.min(end, Number(value.toPrecision(6))) });
+    store.set({ time: Math.min(end, Number(value.toPrecision(6))) });
   };
   const show = () => {
     const names = model.info?.animations ?? [], { time } = store.values;
     place.hidden = names.length === 0;
     fillSelect(animation, names.map((name, i) => [String(i), name || `animation ${i}`]), String(store.values.animation));
     slider.max = seconds();
-    slider.step = seconds() / STEPS * (1 - 1e-6) || 1;
     slider.value = time === "" ? 0 : time;
     text.textContent = time === "" ? "as it was loaded and edited" : `${Number(time).toFixed(2)} s of ${Number(seconds()).toFixed(2)} s`;
     stop.disabled = time === "";

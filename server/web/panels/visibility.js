@@ -15,7 +15,15 @@ export function visibility(app) {
       inform("Nothing is selected: click in the picture or a table");
       return [];
     }
-    if (chosen.kind === "object") return [`o${chosen.object}`];
+    if (chosen.kind === "material") {
+      inform("A material cannot be hidden: choose an object or an instance");
+      return [];
+    }
+    if (chosen.kind === "object") {
+      if (model.objects.find(({ object }) => object === chosen.object)?.triangles !== 0) return [`o${chosen.object}`];
+      inform("It has no triangles of its own: choose one of its instances, or an object in it");
+      return [];
+    }
     const rows = await selection.placements();
     const found = [...new Set(rows.map(({ instance }) => instance).filter((instance) => instance !== null))].map((instance) => `i${instance}`);
     if (found.length === 0) inform("It lies in no instance, so it cannot be hidden");
@@ -27,7 +35,7 @@ export function visibility(app) {
   return {
     focus: guarded(async () => {
       const boxes = (await selection.placements()).map(({ box }) => box).filter(Boolean);
-      if (boxes.length === 0) return inform("Nothing is selected: click in the picture or a table");
+      if (boxes.length === 0) return inform(selection.chosen ? "No pixel shows it: choose one of its instances" : "Nothing is selected: click in the picture or a table");
       const bound = (end, pick) => [0, 1, 2].map((axis) => pick(...boxes.map((box) => box[end][axis])) - model.origin[axis]);
       return showCamera(frame(store.values.camera, bound(0, Math.min), bound(1, Math.max)));
     }),

@@ -153,7 +153,7 @@ def job_message(scene: str, options: JobOptions) -> Message:
         raise UsageError("time must be one number here: trace() takes one for each ray that is sent, and a time_step")
     if options.get("time") is not None:
         message["timed"] = True
-    if isinstance(options.get("animation"), int):
+    if isinstance(options.get("animation"), (int, np.integer)) and not isinstance(options["animation"], bool):
         message["animation"] = str(options["animation"])
     for key, prefix in (("hide", "hidden"), ("only", "only")):
         message.update(selection_lists(key, prefix, options.get(key)))
