@@ -75,7 +75,7 @@ browserTest("columns that do not fit are left out until they are asked for, and 
   const few = await heads();
   assert.deepEqual(few.slice(0, 3), ["Name", "Triangles", "Instances"]);
   await page.locator("#panel-objects .more").first().click();
-  assert.deepEqual(await heads(), ["Name", "Triangles", "Instances", "Memory", "SAH", "EPO", "Fill", "Depth"]);
+  assert.deepEqual(await heads(), ["Name", "Triangles", "Instances", "Memory", "SAH", "EPO", "Fill", "Depth", "No."]);
   assert.ok(few.length < 7);
   // A value that was not measured is no 0.
   const epos = () => page.evaluate(() => [...document.querySelectorAll("#panel-objects table")[0].querySelectorAll("tbody tr")].map((row) => row.cells[5].textContent));
