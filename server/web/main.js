@@ -263,7 +263,7 @@ async function chooseScene(camera) {
     again = sameCamera(cameraName, before, info);
     const gone = cameraName && !again ? " Its camera is gone: the view stays." : "";
     const isSame = wasEdited(info) && !came && Number(before.instances) === Number(info.instances);
-    const shown = !isSame && (store.values.hidden.length || store.values.isolated.length) ? " What was hidden is shown again: the numbers of instances are others." : "";
+    const shown = !isSame && (store.values.hidden.length || store.values.isolated.length) ? " What was hidden or isolated has other numbers now: all of it is shown." : "";
     if (shown) store.set({ hidden: [], isolated: [] });
     followed = `"${scene}" ${came ? "is loaded again" : wasEdited(info) ? "was edited" : "was replaced"}: ${changesText(before, info)}.${gone}${shown}${ignored.length ? ` Not in it: ${listed(ignored)}.` : ""}`;
     notice(followed);

@@ -65,7 +65,7 @@ browserTest("what was hidden and is gone is shown, and no link is blamed", async
   await page.waitForFunction(() => globalThis.raynest.store.values.hidden.join() === "i2");
   await fine(page);
   await daemon.loadMeshes(name, [LEFT], "--replace");
-  await says(page, "notice", "What was hidden or isolated is not in the scene any more: all of it is shown.");
+  await says(page, "notice", "What was hidden or isolated has other numbers now: all of it is shown.");
   await fine(page);
   assert.doesNotMatch(await page.textContent("#notice"), /link/);
   assert.deepEqual(await app(page, ({ store }) => store.values.hidden), []);

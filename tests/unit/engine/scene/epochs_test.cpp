@@ -86,7 +86,8 @@ TEST_CASE("epochs that are held take the memory of what has changed") {
     }
     // The changes since the first shared epoch lie in the same pages mostly.
     CHECK(epochs[count]->own_bytes() < whole / 2);
-    CHECK(resident_bytes() - before < count * (whole / 4));
+    // The system may take pages of others back meanwhile.
+    CHECK(resident_bytes() < before + count * (whole / 4));
     for (std::uint32_t i = 0; i <= count; i += 20) {
         CAPTURE(i);
         CHECK(digest_of_bytes(*epochs[i]) == epochs[i]->digest());
