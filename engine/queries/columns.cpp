@@ -183,9 +183,7 @@ glm::dvec3 velocity(const ColumnSource& source, const Ray& ray, const HitRecord&
         static_cast<std::uint32_t>(geometry - scene.geometries -
                                    object_of(source, hit).first_geometry),
         corners, {1 - u - v, u, v});
-    Affine to_scene;
-    std::ranges::copy(scene.instance_infos[index].to_parent.m, to_scene.begin());
-    return carried + map_vector(to_scene, bent);
+    return carried + map_vector(affine_of(scene.instance_infos[index].to_parent), bent);
 }
 
 /// Calls f(i, hit, ray) for every element.

@@ -51,9 +51,8 @@ struct FieldInfo {
     bool counter;         ///< needs a counting function
     bool of_ray;          ///< one per ray, however many hits it has
     bool reads_rays;      ///< write_column() looks at the rays
-    bool
-        reads_motion;  ///< it needs ColumnSource::velocities, and ColumnSource::sensors if there are some
-    bool reads_sensor;  ///< it needs ColumnSource::sensors
+    bool reads_motion;    ///< it needs ColumnSource::velocities, and sensors if there are some
+    bool reads_sensor;    ///< it needs ColumnSource::sensors
     /// Is it a column of a query that names none?
     enum class Shown : std::uint8_t { asked, hits, any } shown;
     std::string_view title;  ///< of a counter

@@ -119,9 +119,9 @@ class Scene(Renders, Paths):
         flag 2, and counts in Client.outcome["truncated"]. In "multi" and "all" the hits of ray i are rows ray_splits[i]
         to ray_splits[i + 1] of the hit columns; a ray through an edge that triangles share hits each of them, at one t.
         "null" traces nothing and answers misses. `fields` are the columns, by default t prim geom path uv, and for "any"
-        hit. A miss has t = inf and ids of all ones. `reduce` "hit_fraction", for generators.hemisphere(), gives one column of that
-        name: the share of each point's rays that hit, and 0 for an invalid point or normal. "visible_pixels" gives the
-        columns path, ascending, and pixels, the number of rays that meet that path first.
+        hit. A miss has t = inf and ids of all ones. `reduce` "hit_fraction", for generators.hemisphere(), gives one
+        column of that name: the share of each point's rays that hit, and 0 for an invalid point or normal.
+        "visible_pixels" gives the columns path, ascending, and pixels, the number of rays that meet that path first.
         """
         if np.ndim(job.get("time")) or job.get("time_step") is not None:
             return trace_at_times(self.trace, lambda: self._client.outcome, rays, directions, dict(

@@ -1,6 +1,5 @@
 #include "engine/assets/builtin/play.h"
 
-#include <algorithm>
 #include <cmath>
 #include <numbers>
 
@@ -8,12 +7,6 @@ namespace raynest {
 namespace {
 
 constexpr float keys_per_period = 12;
-
-Affine affine_of(const Transform& transform) {
-    Affine made{};
-    std::copy(transform.m.begin(), transform.m.end(), made.begin());
-    return made;
-}
 
 }  // namespace
 

@@ -148,9 +148,7 @@ private:
     }
 
     [[nodiscard]] Affine placed_at(std::uint32_t outermost) const {
-        Affine made;
-        std::ranges::copy(placed_[outermost].to_parent.m, made.begin());
-        return made;
+        return affine_of(placed_[outermost].to_parent);
     }
 
     void follow(const Follower& follower) {

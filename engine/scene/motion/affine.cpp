@@ -63,9 +63,7 @@ std::optional<Affine> change_of(const Affine& before, const Transform& now) {
     if (is_same) return std::nullopt;
     const auto back = invert(before);
     if (!back) return std::nullopt;
-    Affine placed;
-    std::copy(now.m.begin(), now.m.end(), placed.begin());
-    return multiply(placed, *back);
+    return multiply(affine_of(now), *back);
 }
 
 Transform round_affine(const Affine& affine) {

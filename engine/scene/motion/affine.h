@@ -3,6 +3,7 @@
 
 #include "engine/math/vec.h"
 
+#include <algorithm>
 #include <array>
 #include <optional>
 
@@ -24,6 +25,12 @@ Affine multiply(const Affine& outer, const Affine& inner);
 }
 [[nodiscard]] inline glm::dvec3 map_point(const Affine& m, const glm::dvec3& p) {
     return map_vector(m, p) + glm::dvec3(m[3], m[7], m[11]);
+}
+/// Returns the same map in double.
+[[nodiscard]] inline Affine affine_of(const Transform& transform) {
+    Affine made{};
+    std::ranges::copy(transform.m, made.begin());
+    return made;
 }
 /// Returns the map back; nothing if it flattens.
 std::optional<Affine> invert(const Affine& map);
