@@ -70,9 +70,11 @@ export function move(camera, across, upward, ahead) {
   return { ...camera, eye: add(camera.eye, by), at: add(camera.at, by) };
 }
 
-/** Brings the eye nearer to the point looked at, or away from it. */
-export const dolly = (camera, factor) =>
-  ({ ...camera, eye: add(camera.at, scale(sub(camera.eye, camera.at), factor)) });
+/** Brings the eye nearer to the point looked at, or away from it; never so near that its digits end the way back. */
+export function dolly(camera, factor) {
+  const far = distance(camera), least = 1e-5 * Math.max(...camera.eye.map(Math.abs), ...camera.at.map(Math.abs));
+  return { ...camera, eye: add(camera.at, scale(sub(camera.eye, camera.at), Math.max(far * factor, least) / far)) };
+}
 
 /** Returns the camera that sees a box whole from where this one looks. */
 export function frame(camera, low, high) {
@@ -125,7 +127,9 @@ export function cameraOfRays({ origin, direction }, target) {
   // Keep the nearest axis as up, so that orbiting keeps the horizon level.
   const axis = Object.values(AXES).flatMap((a) => [a, scale(a, -1)]).sort((a, b) => dot(b, up) - dot(a, up))[0];
   const level = Math.abs(dot(cross(axis, ahead), up)) < 1e-4 && dot(axis, up) > 0.1;
-  return rounded({ eye, at: add(eye, scale(ahead, reach)), up: level ? axis : up, fov,
+  // What is nothing beside the distance is noise of the rays.
+  const at = add(eye, scale(ahead, reach)).map((x) => (Math.abs(x) < 2e-7 * reach ? 0 : x));
+  return rounded({ eye, at, up: level ? axis : up, fov,
                    projection: orthographic ? "orthographic" : "perspective" });
 }
 

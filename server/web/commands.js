@@ -20,7 +20,7 @@ function parts(state, [width, height]) {
 }
 
 /** True for a picture that is a heat map of the command line. */
-const isHeatMap = (view, { kind, camera }) => camera.projection !== "orthographic" && Boolean(view.measured || (view.counter && kind === "closest"));
+export const isHeatMap = (view, { kind, camera }) => camera.projection !== "orthographic" && Boolean(view.measured || (view.counter && kind === "closest"));
 
 /** The state with its camera in the world; the page's is relative to the scene's origin. */
 export const inWorld = (state, origin) => ({ ...state, camera: { ...state.camera,
@@ -78,6 +78,16 @@ function generatorWords(state, [width, height]) {
   return [kind, ...settings];
 }
 
+/** What a heat map is compared with, as Python's `diff` takes it. */
+function pythonDiff(compare) {
+  const [, kind, value] = /^(\w+):(.*)$/s.exec(compare);
+  if (kind === "scene") return `client.scene(${literal(value)})`;
+  if (kind === "mask") return `{"mask": 0x${value}}`;
+  if (kind === "intersector") return `{"intersector": ${literal(value)}}`;
+  const [name, ...rest] = value.split("=");
+  return `{"params": ${JSON.stringify({ [name]: rest.join("=") })}}`;
+}
+
 /** Returns a Python program that gives the same counts, picture or columns. */
 export function asPython(state, size) {
   const { view, camera, metric, range } = parts(state, size);
@@ -95,7 +105,9 @@ export function asPython(state, size) {
   let lines;
   if (isHeatMap(view, state)) {
     const span = Array.isArray(state.range) ? point(state.range) : literal(range);
-    lines = [`counts = scene.heatmap(${[...where, `fov=${camera.fov}`, `metric=${literal(metric)}`, `range=${span}`, ...job].join(",\n                       ")})`];
+    const colours = [...(state.palette === DEFAULTS.palette ? [] : [`palette=${literal(state.palette)}`]), ...(state.log ? ['scale="log"'] : []),
+                     ...(compares(state) ? [`diff=${pythonDiff(state.compare)}`] : [])];
+    lines = [`counts = scene.heatmap(${[...where, `fov=${camera.fov}`, `metric=${literal(metric)}`, `range=${span}`, ...colours, ...job].join(",\n                       ")})`];
   } else if (view.lit && !orthographic) {
     const light = lightOptions(state).map(([, name, value]) => `${name}=${Array.isArray(value) ? point(value) : JSON.stringify(value)}`);
     lines = [`pixels = scene.render(${[...where, `fov=${camera.fov}`, ...light, 'encode="raw"', ...job].join(",\n                      ")})`];

@@ -2,6 +2,7 @@
 // are restarted. The daemon is asked twice a second while the page can be seen.
 
 const LOOK_MS = 500;
+const LOOKS_PER_LIST = 4;  // the list of scenes is asked for once in so many looks
 
 /**
  * Calls `on.changed(info)` when the scene has other content or another epoch than `model.info`, `on.gone()` when it
@@ -11,6 +12,7 @@ export class Follower {
   #app;
   #on;
   #busy = false;
+  #looks = 0;
 
   constructor(app, on) {
     this.#app = app;
@@ -30,6 +32,7 @@ export class Follower {
         await this.#on.loaded();
         return;
       }
+      if (this.#looks++ % LOOKS_PER_LIST === 0) await model.refreshScenes({ background: true });
       const info = await daemon.ask("Info", { scene }, { background: true });
       // Another scene may have been chosen meanwhile.
       if (store.values.scene === scene && model.version === shown && versionOf(info) !== shown) await this.#on.changed(info);
@@ -53,20 +56,33 @@ const count = (value) => Number(value ?? 0).toLocaleString("en");
 export function changesText(before, after) {
   const differ = [["triangles", "instanced_triangles"], ["instances", "instances"], ["levels", "levels"], ["materials", "materials"]]
     .filter(([, key]) => Number(before[key] ?? 0) !== Number(after[key] ?? 0)).map(([name, key]) => `${name} ${count(before[key])} → ${count(after[key])}`);
-  const [old, now] = [before.cameras ?? [], after.cameras ?? []];
-  const [gone, come] = [old.filter((name) => !now.includes(name)), now.filter((name) => !old.includes(name))];
-  if (gone.length) differ.push(`cameras gone: ${gone.join(", ")}`);
-  if (come.length) differ.push(`new cameras: ${come.join(", ")}`);
+  for (const key of ["cameras", "animations"]) {
+    const [old, now] = [before[key] ?? [], after[key] ?? []];
+    const [gone, come] = [old.filter((name) => !now.includes(name)), now.filter((name) => !old.includes(name))];
+    if (gone.length) differ.push(`${key} gone: ${gone.join(", ")}`);
+    if (come.length) differ.push(`new ${key}: ${come.join(", ")}`);
+  }
   if (before.hash === after.hash) return "the same content";
   if (differ.length) return differ.join("; ");
   return wasEdited(after) ? "parts of it stand elsewhere, or have other shapes or masks" : "other content with the same counts";
 }
 
-/** Returns the choice in the list of cameras that the new content has for the old one: by name, else by number; "" where it is gone. */
+/** Returns the number that one of `before` has in `after`: that of its name, else its own; -1 where it is gone. */
+function sameNumber(number, before = [], after = []) {
+  if (before[number]) return after.indexOf(before[number]);
+  return number < after.length ? number : -1;
+}
+
+/** Returns the number of the animation that the new content has for the old one, null where it is gone. */
+export function sameAnimation(number, before, after) {
+  const at = sameNumber(number, before.animations, after.animations);
+  return at < 0 ? null : at;
+}
+
+/** Returns the choice in the list of cameras that the new content has for the old one; "" where it is gone. */
 export function sameCamera(chosen, before, after) {
   const names = after.cameras ?? [];
   if (!/^\d+$/.test(chosen)) return chosen === "automatic" && names.length ? "" : chosen;
-  const name = before.cameras?.[Number(chosen)];
-  const at = name ? names.indexOf(name) : Number(chosen) < names.length ? Number(chosen) : -1;
+  const at = sameNumber(Number(chosen), before.cameras, names);
   return at < 0 ? "" : String(at);
 }

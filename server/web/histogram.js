@@ -55,12 +55,12 @@ export function histogram(values, scale, count) {
   return bins;
 }
 
-/** Returns round values inside the scale for its ticks: 1, 2 or 5 times a power of ten. */
+/** Returns round values inside the scale for its ticks: 1, 2 or 5 times a power of ten; on a logarithmic one the low end, and 1 or 3 times. */
 export function ticks(scale, count) {
   const found = [];
-  if (scale.log) {
-    for (let decade = 1; decade < scale.high - scale.low; decade *= 10) {
-      for (const digit of [1, 3]) if (scale.low + digit * decade <= scale.high) found.push(scale.low + digit * decade);
+  if (scale.log && scale.high > 1) {
+    for (let decade = 1; decade <= scale.high; decade *= 10) {
+      for (const value of [decade, 3 * decade]) if (value > scale.low && value <= scale.high) found.push(value);
     }
     return [scale.low, ...found.filter((_, i) => found.length <= count || i % Math.ceil(found.length / count) === 0)];
   }

@@ -108,6 +108,14 @@ export class Legend {
     this.#paint(this.#canvas.getContext("2d"), dpr, wide, scale);
   }
 
+  /** Returns the histogram and its colours as a canvas of `width` pixels, `dpr` for each of the text's; null where the picture has none. */
+  painted(width, dpr) {
+    if (!this.#image?.view.value) return null;
+    const canvas = element("canvas", { width, height: Math.round(HEIGHT * dpr) });
+    this.#paint(canvas.getContext("2d"), dpr, width / dpr, this.scale);
+    return canvas;
+  }
+
   #paint(context, dpr, wide, scale) {
     const style = getComputedStyle(document.documentElement);
     const colour = (name) => style.getPropertyValue(name);

@@ -1,9 +1,9 @@
 // Puts the page together: the daemon, what is shown, the picture, and the panels.
-import { asCommand, asPython, inWorld, shellWord } from "./commands.js";
+import { asCommand, asPython, inWorld, isHeatMap, shellWord } from "./commands.js";
 import { cameraOfRays, frame as frameBox, rounded } from "./camera.js";
 import { steer } from "./controls.js";
 import { byId, element, fillSelect } from "./dom.js";
-import { changesText, Follower, sameCamera, versionOf, wasEdited } from "./follow.js";
+import { changesText, Follower, sameAnimation, sameCamera, versionOf, wasEdited } from "./follow.js";
 import { downloadPng, downloadReport } from "./panels/download.js";
 import { Hover } from "./panels/hover.js";
 import { showDialog, startKeys } from "./keys.js";
@@ -14,7 +14,7 @@ import { Overlay } from "./overlay.js";
 import { buildPanels } from "./panels/panels.js";
 import { Picture } from "./picture.js";
 import { Daemon } from "./raynest.js";
-import { momentOf } from "./requests.js";
+import { compares, momentOf } from "./requests.js";
 import { logOut, redeemCode, whoAmI } from "./session.js";
 import { keepView, keptView } from "./settings.js";
 import { Selection } from "./panels/selection.js";
@@ -132,33 +132,46 @@ frame.addEventListener("keydown", (event) => {
 });
 
 picture.addEventListener("image", () => {
+  if (!picture.image.fine) waitingSince = null;  // what moves is not waited for
   // The record under a pointer that rests is that of the new picture.
   if (picture.image.complete && pointer && !app.hover.found) hoverAt(...pointer);
   // The daemon traces what is loaded now, which may be newer than what the page has been told.
   if (picture.image.started && model.info && picture.image.started.hash !== model.info.hash) follower.look();
   if (picture.image.complete || !picture.image.fine || picture.image.linear) legend.show(picture.image, picture.image.fine ? 0 : LEGEND_MS);
-  say("");
+  say(model.isEmpty ? "This scene holds nothing that a ray can hit." : "");
   draw();
 });
 picture.addEventListener("failed", ({ error }) => {
   const { hidden, isolated } = store.values;
   // A link may hide what the scene lacks, and the page what the scene had before it was replaced.
-  if (error.name === "INVALID_FIELD" && hidden.length + isolated.length && /there is no (outermost instance|object)/.test(error.message)) {
-    const linked = String([link.state.hidden ?? [], link.state.isolated ?? []]) === String([hidden, isolated]) && !followed;
-    if (linked) notUnderstood([...hidden.length ? [`hidden=${hidden}`] : [], ...isolated.length ? [`isolated=${isolated}`] : []]);
-    else notice(`${followed ? `${followed} ` : ""}What was hidden or isolated is not in the scene any more: all of it is shown.`);
-    store.set({ hidden: [], isolated: [] });
+  const [, what, count] = /there is no (outermost instance|object) \d+: the scene has (\d+)/.exec(error.name === "INVALID_FIELD" ? error.message : "") ?? [];
+  const isThere = (id) => (id[0] === "i") !== (what === "outermost instance") || Number(id.slice(1)) < Number(count);
+  const patch = { hidden: hidden.filter(isThere), isolated: isolated.filter(isThere) };
+  if (count !== undefined && patch.hidden.length + patch.isolated.length < hidden.length + isolated.length) {
+    const gone = [["hidden", hidden], ["isolated", isolated]].map(([key, ids]) => [key, ids.filter((id) => !isThere(id))]).filter(([, ids]) => ids.length);
+    if (followed) notice(`${followed} What was hidden or isolated and is not in the scene any more is left out.`);
+    else notUnderstood(gone.map(([key, ids]) => `${key}=${ids}`));
+    store.set(patch);
     return;
   }
   failed(error);
 });
 store.on(["palette", "range", "log", "opacity", "exposure", "tonemap"], draw);
 store.on(["size"], () => { fit(); picture.restart(); });
-store.on(["scene", "camera", "view"], () => { area.rectangle = null; });
+function clearRectangle() {
+  area.rectangle = null;
+  area.dispatchEvent(new Event("change"));
+  draw();
+}
+store.on(["scene", "camera", "view"], clearRectangle);
 new ResizeObserver(() => {
   const before = [canvas.width, canvas.height];
   fit();
-  if (before[0] !== canvas.width || before[1] !== canvas.height) picture.moved();
+  if (before[0] === canvas.width && before[1] === canvas.height) return;
+  // Its pixels show other places now.
+  app.hover.resized();
+  clearRectangle();
+  picture.moved();
 }).observe(frame);
 
 // ---- scene, camera, view ----------------------------------------------------------------------
@@ -195,9 +208,19 @@ function sceneIsGone(scene) {
   missing = scene;
   const was = lastInfo?.name === scene;
   model.forget();
-  fillSelect(byId("scene"), [["", "choose"], ...model.scenes.filter((name) => name !== scene).map((name) => [name, name])], "");
-  say(`The scene "${scene}" is not loaded${was ? " any more; the picture is the last one of it" : ""}. Choose another one, or ${howToLoad(scene)} The page shows it as soon as it is there.`, true);
+  listScenes();
+  const shows = was ? " any more; the picture is the last one of it" : lastInfo ? `; the picture is of "${lastInfo.name}"` : "";
+  say(`The scene "${scene}" is not loaded${shows}. Choose another one, or ${howToLoad(scene)} The page shows it as soon as it is there.`, true);
 }
+
+/** Fills the list of scenes where it is not what it was: one that is open loses its place. */
+function listScenes() {
+  const { scene } = store.values, shown = [...byId("scene").options].map(({ value }) => value).filter(Boolean);
+  const names = [...new Set([...model.scenes, ...scene && model.info ? [scene] : []])].filter((name) => name !== missing).sort();
+  if (names.join("\n") === shown.join("\n") && byId("scene").value === (missing ? "" : scene)) return;
+  fillSelect(byId("scene"), [...missing ? [["", "choose"]] : [], ...names.map((name) => [name, name])], missing ? "" : scene);
+}
+model.addEventListener("change", listScenes);
 
 const follower = new Follower(app, {
   gone: async (scene) => {
@@ -232,9 +255,12 @@ const listed = (parts) => {
   return [...short, ...parts.length > 4 ? [`${parts.length - 4} more`] : []].join(", ");
 };
 
+const misread = new Set();  // parts of the link: some are found when a picture is traced
+
 /** Says in one line which parts of the link have their default in the picture. */
 function notUnderstood(parts) {
-  if (parts.length) notice(`Not understood in this link: ${listed(parts)}. Defaults are shown.`);
+  for (const part of parts) misread.add(part);
+  if (parts.length) notice(`Not understood in this link: ${listed([...misread])}. Defaults are shown.`);
 }
 
 let lastInfo = null;  // of the scene that was shown last
@@ -248,10 +274,13 @@ async function chooseScene(camera) {
   lastInfo = info;
   const came = missing === scene;
   missing = "";
-  fillSelect(byId("scene"), [...new Set([...model.scenes, scene])].sort().map((name) => [name, name]), scene);
+  listScenes();
   fillSelect(byId("camera"), [["", "own"], ...info.cameras?.length ? info.cameras.map((name, i) => [String(i), name || `camera ${i}`]) : [["automatic", "whole scene"]]], cameraName);
   const levels = Array.from({ length: info.levels }, (_, level) => [String(level), level === 0 ? "0 (root)" : String(level)]);
   fillSelect(byId("level"), [["", "all"], ...levels], store.values.level);
+  const moving = before && store.values.time !== "" ? sameAnimation(store.values.animation, before, info) : store.values.animation;
+  if (moving === null) store.set({ time: "", animation: 0 });
+  else store.set({ animation: moving });
   const { patch, ignored } = fitted(store.values, model);
   store.set(patch);
   if (fitLink) notUnderstood([...link.ignored, ...ignored]);
@@ -261,7 +290,7 @@ async function chooseScene(camera) {
   let again = cameraName;
   if (changed || (before && came)) {
     again = sameCamera(cameraName, before, info);
-    const gone = cameraName && !again ? " Its camera is gone: the view stays." : "";
+    const gone = `${cameraName && !again ? " Its camera is gone: the view stays." : ""}${moving === null ? " Its animation is gone: no moment of one is shown." : ""}`;
     const isSame = wasEdited(info) && !came && Number(before.instances) === Number(info.instances);
     const shown = !isSame && (store.values.hidden.length || store.values.isolated.length) ? " What was hidden or isolated has other numbers now: all of it is shown." : "";
     if (shown) store.set({ hidden: [], isolated: [] });
@@ -381,7 +410,8 @@ const boxNow = async () => (store.values.time === "" ? model.box
   : boxOf(await daemon.ask("Info", { scene: store.values.scene, ...momentOf(store.values) })));
 const frameScene = ready(() => boxNow().then(({ low, high }) => showCamera(frameBox(store.values.camera, low, high)), failed));
 const show = ready(() => showDialog("This view again", element("div", {}, element("h2", {}, "Command"), element("pre", { tabIndex: 0, id: "command" }, texts()[0]),
-  element("h2", {}, "Python"), element("pre", { tabIndex: 0, id: "python" }, texts()[1])),
+  element("h2", {}, "Python"), element("pre", { tabIndex: 0, id: "python" }, texts()[1]),
+  compares(store.values) && !isHeatMap(viewOf(store.values.view), store.values) ? element("p", { className: "hint" }, "Both give the columns of one setting; the difference is left out.") : null),
   ...[["Copy as command", () => copy(texts()[0], "Command")], ["Copy as Python", () => copy(texts()[1], "Python")], ["Copy link", () => copy(location.href, "Link")],
       ["PNG", () => downloadPng(app)], ["Report", () => downloadReport(app, texts()).catch(failed)]]
     .map(([text, onclick]) => element("button", { type: "button", onclick }, text))));
@@ -396,7 +426,7 @@ const actions = [
       projection: store.values.camera.projection === "orthographic" ? "perspective" : "orthographic" })) },
   { key: "C", text: "This view as command, Python, link, PNG or report", run: show },
   { key: "T", text: "Light or dark", run: switchTheme },
-  { key: "Escape", text: "Let go of the kept ray, selection and rectangle", run: () => { app.hover.unpin(); app.path?.clear(); app.selection.choose(null); area.rectangle = null; area.dispatchEvent(new Event("change")); draw(); } },
+  { key: "Escape", text: "Let go of the kept ray, selection and rectangle", run: () => { app.hover.unpin(); app.path?.clear(); app.selection.choose(null); clearRectangle(); } },
 ];
 const help = startKeys(actions);
 for (const [id, text, title, run] of [["share", "Share", "Copy as command, Python or link; PNG; report (C)", show],

@@ -17,11 +17,17 @@ export class Model extends EventTarget {
     this.daemon = daemon;
   }
 
+  /** Asks for the names of scenes, which come and go. */
+  async refreshScenes(options = {}) {
+    const { names } = await this.daemon.askPages("Scenes", {}, ["names"], options);
+    const differ = names.join("\n") !== this.scenes.join("\n");
+    this.scenes = names;
+    if (differ) this.#changed();
+  }
+
   /** Asks for scenes and intersectors. */
   async refresh() {
-    const [scenes, variants] = await Promise.all([this.daemon.askPages("Scenes", {}, ["names"]),
-                                                  this.daemon.askPages("Variants", {}, ["variants"])]);
-    this.scenes = scenes.names;
+    const [variants] = await Promise.all([this.daemon.askPages("Variants", {}, ["variants"]), this.refreshScenes()]);
     this.variants = variants.variants.filter(({ queries = [] }) => queries.includes("closest") || queries.length === 0);
     this.#changed();
   }
@@ -72,12 +78,18 @@ export class Model extends EventTarget {
 
   get box() { return boxOf(this.info); }
 
+  /** True for a scene without anything that a ray can hit. */
+  get isEmpty() { return Boolean(this.info) && !hasBox(this.info); }
+
   #changed() { this.dispatchEvent(new Event("change")); }
 }
 
-/** The box that an Info tells; one about zero for an empty scene. */
-export function boxOf({ box_min: a, box_max: b }) {
-  const low = [a.x, a.y, a.z].map(Number), high = [b.x, b.y, b.z].map(Number);
-  return low.every((x, i) => Number.isFinite(x) && Number.isFinite(high[i]) && x <= high[i])
-    ? { low, high } : { low: [-1, -1, -1], high: [1, 1, 1] };
+const ends = ({ box_min: a, box_max: b }) => ({ low: [a.x, a.y, a.z].map(Number), high: [b.x, b.y, b.z].map(Number) });
+
+function hasBox(info) {
+  const { low, high } = ends(info);
+  return low.every((x, i) => Number.isFinite(x) && Number.isFinite(high[i]) && x <= high[i]);
 }
+
+/** The box that an Info tells; one about zero for an empty scene. */
+export const boxOf = (info) => (hasBox(info) ? ends(info) : { low: [-1, -1, -1], high: [1, 1, 1] });

@@ -1,12 +1,12 @@
 // Decides which pictures are traced. A change first gives a coarse picture of at most 1/16 of the rays, then
-// the fine one. A camera that moves cancels the fine picture, which it makes useless, and lets a coarse one
+// the fine one. A camera or a time that moves cancels the fine picture, which it makes useless, and lets a coarse one
 // end, so that there is something to see while it moves; every other change cancels both.
 import { Image } from "./image.js";
 import { pictureRequests } from "./requests.js";
 import { lightOf } from "./light.js";
 import { traceHeat, traceLit, traceQuery, traceRender } from "./tracer.js";
 import { viewOf } from "./views.js";
-import { RAY_KEYS } from "./store.js";
+import { RAY_KEYS, TIME_KEYS } from "./store.js";
 
 const COARSE_SHARE = 4;  // of each side: 1/16 of the rays
 const COARSE_LEAST = [160, 90];
@@ -33,8 +33,9 @@ export class Picture extends EventTarget {
     this.#daemon = daemon;
     this.#store = store;
     this.#size = size;
-    store.on(["camera"], () => this.moved());
-    store.on(["scene", "view", "level", "compare", "kind", ...RAY_KEYS], () => this.restart());
+    const others = RAY_KEYS.filter((key) => !TIME_KEYS.includes(key));
+    store.on(["camera", ...TIME_KEYS], () => this.moved());
+    store.on(["scene", "view", "level", "compare", "kind", ...others], () => this.restart());
     store.on(["integrator", "samples", "seed", "depth", "aoDistance", "env", "sun"], ({ view }) => { if (viewOf(view).lit) this.restart(); });
   }
 

@@ -13,8 +13,11 @@ export const DEFAULTS = {
   integrator: "path", samples: 64, seed: 0, depth: 8, aoDistance: 0, env: "auto", sun: "", exposure: "", tonemap: "", sample: 0,
 };
 
+/** The moment that is shown. */
+export const TIME_KEYS = ["time", "animation"];
+
 /** What decides which rays hit what, beside scene and camera. */
-export const RAY_KEYS = ["intersector", "settings", "mask", "hidden", "isolated", "skipHiddenBoxes", "time", "animation"];
+export const RAY_KEYS = ["intersector", "settings", "mask", "hidden", "isolated", "skipHiddenBoxes", ...TIME_KEYS];
 
 const same = (a, b) => a === b || JSON.stringify(a) === JSON.stringify(b);
 

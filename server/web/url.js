@@ -105,7 +105,8 @@ export function fitted(state, model) {
   if (state.intersector !== "auto" && !model.variants.some(({ name }) => name === state.intersector)) drop("intersector", `intersector=${state.intersector}`);
   if (state.time !== "" && !(state.time <= Number(model.info.animation_seconds?.[state.animation] ?? -1))) {
     drop("time", `time=${state.time}`);
-    patch.animation = DEFAULTS.animation;
+    if (state.animation >= (model.info.animations?.length ?? 0) && state.animation !== DEFAULTS.animation) drop("animation", `animation=${state.animation}`);
+    else patch.animation = DEFAULTS.animation;
   }
   const ran = model.resolve(patch.intersector ?? state.intersector);
   const params = model.variants.find(({ name }) => name === ran)?.params ?? [];

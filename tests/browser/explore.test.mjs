@@ -279,6 +279,25 @@ browserTest("the slider shows moments of an animation, and the link keeps them",
   await until(async () => await centres() !== seen[0], "other centres");
   await until(async () => await boxes() !== seen[1], "other boxes");
   await page.getByRole("tab", { name: "Setup" }).click();
+  // A coarse picture that has begun comes to its end while somebody drags.
+  const coarse = () => app(page, ({ picture }) => picture.counts.coarse), drawn = await coarse();
+  await page.evaluate(async () => {
+    for (let i = 0; i < 20; ++i) {
+      globalThis.raynest.store.set({ time: 1 + i / 50 });
+      await Promise.resolve();
+    }
+  });
+  await until(async () => await coarse() > drawn, "a coarse picture");
+  await fine(page);
+  // It plays until it is stopped.
+  const time = () => app(page, ({ store }) => store.values.time);
+  await page.click("#time-play");
+  const moments = new Set();
+  await until(async () => moments.add(await time()).size > 4, "moments");
+  await page.click("#time-play");
+  const stopped = await time();
+  await fine(page);
+  assert.equal(await time(), stopped);
   await page.click("#time-off");
   await until(async () => await sum(page) === still, "the scene as it was loaded");
   await page.selectOption("#scene", "forest");

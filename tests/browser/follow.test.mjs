@@ -53,6 +53,35 @@ browserTest("an edited scene is shown, and the page says that it was edited", as
   await page.waitForFunction(() => document.querySelector("#record")?.textContent.includes("miss"));
 });
 
+browserTest("the list of scenes follows loads and unloads", async ({ open }) => {
+  const page = await open(daemon, { scene: "forest", size: SIZE });
+  await fine(page);
+  const name = `come${Math.random()}`.replace(".", "");
+  const listed = () => page.evaluate(() => [...document.querySelectorAll("#scene option")].map(({ value }) => value));
+  await daemon.loadMeshes(name, [LEFT]);
+  await until(async () => (await listed()).includes(name), "the new scene");
+  await daemon.json("unload", name);
+  await until(async () => !(await listed()).includes(name), "the scene that went");
+  assert.equal(await page.inputValue("#scene"), "forest");
+});
+
+browserTest("a picture of another size has no record and no rectangle of the former one", async ({ open }) => {
+  const page = await open(daemon, { scene: "forest", size: "fit" });
+  await fine(page);
+  await page.mouse.click(400, 300);
+  await page.waitForFunction(() => globalThis.raynest.hover.pinned);
+  await app(page, ({ area }) => { area.rectangle = [[1, 1], [5, 5]]; });
+  await page.setViewportSize({ width: 900, height: 600 });
+  await page.waitForFunction(() => !globalThis.raynest.hover.pinned && !globalThis.raynest.area.rectangle);
+  await says(page, "ray-hint", "The view has changed");
+});
+
+browserTest("a scene without anything to hit says so", async ({ open }) => {
+  await daemon.loadMeshes("nothing", []);
+  const page = await open(daemon, { scene: "nothing", size: SIZE });
+  await says(page, "message", "nothing that a ray can hit");
+});
+
 browserTest("what was hidden and is gone is shown, and no link is blamed", async ({ open }) => {
   const name = `hide${Math.random()}`.replace(".", "");
   await daemon.loadMeshes(name, [LEFT, RIGHT, WIDE]);

@@ -185,11 +185,11 @@ export const windowPoint = (page, x, y) => page.evaluate(([px, py]) => {
   return [box.left + ((px + 0.5) * box.width) / canvas.width, box.top + ((py + 0.5) * box.height) / canvas.height];
 }, [x, y]);
 
-/** Counts into `sent` of the page what it asks the daemon, besides whether the scene is still the same: message Info. */
+/** Counts into `sent` of the page what it asks the daemon, besides whether scenes are still the same: messages Info and Scenes. */
 export const countSent = (page) => page.evaluate(() => {
   globalThis.sent = 0;
   const { send } = WebSocket.prototype;
-  WebSocket.prototype.send = function count(data) { if (!String(data).startsWith("Info ")) ++globalThis.sent; send.call(this, data); };
+  WebSocket.prototype.send = function count(data) { if (!/^(Info|Scenes) /.test(String(data))) ++globalThis.sent; send.call(this, data); };
 });
 
 export const axePath = () => installed.resolve("axe-core/axe.min.js");

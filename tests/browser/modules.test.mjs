@@ -26,6 +26,51 @@ test("numbers of what is hidden stay with their scene", async () => {
   assert.deepEqual(lists.map((name) => other[name]), [undefined, undefined, undefined]);
 });
 
+test("ticks of a logarithmic scale are round, whatever the range begins with", async () => {
+  const { ticks } = await import(new URL("histogram.js", web));
+  assert.deepEqual(ticks({ low: 1.4659, high: 40, log: true }, 9), [1.4659, 3, 10, 30]);
+  assert.deepEqual(ticks({ low: 0, high: 100, log: true }, 9), [0, 1, 3, 10, 30, 100]);
+  assert.ok(ticks({ low: 0, high: 0.5, log: true }, 5).length > 2, "below 1, too");
+});
+
+test("a camera far from zero can come back from where it went near", async () => {
+  const { distance, dolly, rounded } = await import(new URL("camera.js", web));
+  let camera = { eye: [563.5, 10, 20], at: [563.5, 10, 0], up: [0, 1, 0], fov: 45 };
+  for (let i = 0; i < 400; ++i) camera = rounded(dolly(camera, 0.9));
+  for (let i = 0; i < 400; ++i) camera = rounded(dolly(camera, 1.1));
+  assert.ok(distance(camera) > 20, String(distance(camera)));
+});
+
+test("what the rays of a camera look at has no digits of noise", async () => {
+  const { cameraOfRays } = await import(new URL("camera.js", web));
+  const at = [-2.6e-8, 5.3e-8, 0], eye = [3, 4, 5], ahead = eye.map((x, i) => at[i] - x);
+  const right = [0.005, 0, -0.003], up = [-0.002, 0.005, -0.003];
+  const turned = (s, t) => ahead.map((x, i) => x + s * right[i] + t * up[i]);
+  const rays = { origin: [eye, eye, eye, eye].flat(), direction: [turned(-1, 1), turned(1, 1), turned(-1, -1), turned(1, -1)].flat() };
+  for (const x of cameraOfRays(rays, { center: [0, 0, 0], radius: 2 }).at) assert.ok(x === 0 || Math.abs(x) > 1e-6, String(x));
+});
+
+test("an animation is followed by its name", async () => {
+  const { changesText, sameAnimation } = await import(new URL("follow.js", web));
+  const before = { animations: ["walk", "run"], hash: "1" };
+  assert.equal(sameAnimation(1, before, { animations: ["run"] }), 0);
+  assert.equal(sameAnimation(1, before, { animations: ["walk"] }), null);
+  assert.equal(sameAnimation(1, { animations: ["", ""] }, { animations: ["", "", ""] }), 1);
+  assert.equal(sameAnimation(0, before, {}), null);
+  assert.equal(changesText(before, { animations: ["run", "jump"], hash: "2" }), "animations gone: walk; new animations: jump");
+});
+
+test("Python that is copied says what a heat map is compared with, and its colours", async () => {
+  const { asPython } = await import(new URL("commands.js", web));
+  const { DEFAULTS } = await import(new URL("store.js", web));
+  const state = { ...DEFAULTS, scene: "a", camera: { eye: [0, 0, 5], at: [0, 0, 0], up: [0, 1, 0], fov: 45, projection: "perspective" } };
+  assert.doesNotMatch(asPython(state, [8, 8]), /diff|palette|scale/);
+  for (const [compare, diff] of [["mask:1", '{"mask": 0x1}'], ["scene:b", 'client.scene("b")'], ["intersector:opaque", '{"intersector": "opaque"}'],
+    ["set:cutoff=0.9", '{"params": {"cutoff":"0.9"}}']]) assert.ok(asPython({ ...state, compare }, [8, 8]).includes(`diff=${diff})`), compare);
+  const coloured = asPython({ ...state, palette: "viridis", log: true }, [8, 8]);
+  assert.ok(coloured.includes('palette="viridis"') && coloured.includes('scale="log"'), coloured);
+});
+
 test("a column outside its frame is refused", async () => {
   const { decodeFrame } = await import(new URL("frames.js", web));
   const frame = (block) => {

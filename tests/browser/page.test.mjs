@@ -74,6 +74,12 @@ browserTest("what a link says badly has its default, and is named", async ({ ope
     assert.equal(await page.textContent("#notice"), "");
     await page.close();
   }
+  // Its parts are named together, also those that are found when the picture is traced; good ones stay.
+  const mixed = await open(daemon, { ...good, view: "nosuch", hidden: "i99999,i3" });
+  await fine(mixed);
+  await until(async () => { const note = await mixed.textContent("#notice"); return note.includes("view=nosuch") && note.includes("hidden=i99999."); }, "both are named");
+  assert.deepEqual(await mixed.evaluate(() => globalThis.raynest.store.values.hidden), ["i3"]);
+  await mixed.close();
   // A good link has nothing to say.
   const page = await open(daemon, { ...good, level: "1", view: "boxes", range: "1,50", set: "cutoff=0.3", hidden: "i3" });
   await fine(page);

@@ -29,7 +29,7 @@ function captionOf({ store, model, picture }) {
     camera: `${named ? `${named}, ` : ""}from ${at(camera.eye)} to ${at(camera.at)}, ${lens}${moment}` };
 }
 
-const CAPTION = { line: 20, margin: 10, font: "13px system-ui, sans-serif" };
+const CAPTION = { line: 20, margin: 10, swatch: 10, font: "13px system-ui, sans-serif" };
 
 /** Breaks words into lines that fit. */
 function lines(context, text, width) {
@@ -41,30 +41,47 @@ function lines(context, text, width) {
   return made;
 }
 
-/** Draws picture, legend and what it is of into one canvas. */
-function composed(app, legend) {
-  const { canvas: picture } = app, { scene, metric, camera } = captionOf(app);
-  const strip = !legend || legend.hidden || !legend.width ? 0 : Math.round((legend.height * picture.width) / legend.width);
+/** Draws a key's colours and words in one line, with its base line at `y`. */
+function drawKey(context, key, y) {
+  let x = CAPTION.margin;
+  for (const [word, colour] of key) {
+    context.fillStyle = `rgb(${colour.join(" ")})`;
+    context.fillRect(x, y - CAPTION.swatch + 1, CAPTION.swatch, CAPTION.swatch);
+    context.fillStyle = inkOf("--ink");
+    context.fillText(word.toLowerCase(), x + 1.5 * CAPTION.swatch, y);
+    x += 1.5 * CAPTION.swatch + context.measureText(word.toLowerCase()).width + CAPTION.margin;
+  }
+}
+
+/** Draws picture, legend and what it is of into one canvas. Its texts are as large as on the page, in a large picture larger. */
+function composed(app) {
+  const { canvas: picture, legend, frame } = app, { scene, metric, camera } = captionOf(app), { key } = app.picture.image.view;
+  const grown = Math.max(picture.width / Math.max(frame.clientWidth, 1), 1), wide = picture.width / grown;
+  const strip = legend.painted(picture.width, grown);
   const canvas = element("canvas", { width: picture.width, height: picture.height });
   const context = canvas.getContext("2d");
   context.font = CAPTION.font;
-  const caption = [`${scene}: ${metric}`, `Camera: ${camera}`].flatMap((text) => lines(context, text, picture.width - 2 * CAPTION.margin));
-  canvas.height = picture.height + strip + caption.length * CAPTION.line + CAPTION.margin;
-  context.fillStyle = getComputedStyle(document.documentElement).getPropertyValue("--raised");
+  const caption = [`${scene}: ${metric}`, `Camera: ${camera}`].flatMap((text) => lines(context, text, wide - 2 * CAPTION.margin));
+  const rows = caption.length + (key ? 1 : 0), below = picture.height + (strip?.height ?? 0);
+  canvas.height = below + Math.ceil(grown * (rows * CAPTION.line + CAPTION.margin));
+  context.fillStyle = inkOf("--raised");
   context.fillRect(0, 0, canvas.width, canvas.height);
   context.drawImage(picture, 0, 0);
-  if (strip) context.drawImage(legend, 0, picture.height, picture.width, strip);
-  context.fillStyle = getComputedStyle(document.documentElement).getPropertyValue("--ink");
+  if (strip) context.drawImage(strip, 0, picture.height);
+  context.setTransform(grown, 0, 0, grown, 0, below);
   context.font = CAPTION.font;
-  caption.forEach((text, i) => context.fillText(text, CAPTION.margin, picture.height + strip + (i + 1) * CAPTION.line));
+  context.fillStyle = inkOf("--ink");
+  caption.forEach((text, i) => context.fillText(text, CAPTION.margin, (i + 1) * CAPTION.line));
+  if (key) drawKey(context, key, rows * CAPTION.line);
   return canvas;
 }
+
+const inkOf = (name) => getComputedStyle(document.documentElement).getPropertyValue(name);
 
 const fileName = (state, extension) => `${state.scene.replace(/[^\w.-]+/g, "_")}-${state.view}.${extension}`;
 
 export function downloadPng(app) {
-  const canvas = composed(app, document.querySelector("#legend canvas"));
-  canvas.toBlob((blob) => save(blob, fileName(app.store.values, "png")), "image/png");
+  composed(app).toBlob((blob) => save(blob, fileName(app.store.values, "png")), "image/png");
 }
 
 /** The bytes of an answer as base64. */

@@ -27,6 +27,9 @@ export class Hover extends EventTarget {
 
   leave() { this.#wanted = null; }
 
+  /** The picture has another size. */
+  resized() { this.#drop(Boolean(this.pinned)); }
+
   /** Keeps the ray of a pixel, and chooses what it hits. */
   pin(x, y, chooses = true) {
     return this.#ask(x, y, (record) => {

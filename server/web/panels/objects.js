@@ -70,7 +70,7 @@ function instances(app) {
       table.show(document.rows, "The scene has no instances.");
       mark();
       const last = first + BigInt(document.rows.length);
-      range.textContent = total === 0n ? "none" : `${countText(first)} to ${countText(last - 1n)} of ${countText(total)}`;
+      range.textContent = total <= PAGE ? `${countText(total)} in all` : `Paths ${countText(first)} to ${countText(last - 1n)} of ${countText(total)}`;
       before.disabled = first === 0n;
       after.disabled = last >= total;
     });

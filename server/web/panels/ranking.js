@@ -66,7 +66,7 @@ function build(app, place) {
     rest.textContent = [others.rows ? `${countText(others.rows)} others: ${percentText(others.share)}.` : "",
                         `${kind.value === "materials" ? "Boxes" : "Trees above them"}: ${percentText(remainder.share)}.`].join(" ");
     hint.textContent = `${document.size.join(" x ")} rays, ${countText(document.total.work)} boxes and primitives tested. ` +
-      `Wasted is the part spent on rays that hit nothing in it.${refining ? " More rays refine it." : ""}`;
+      `Wasted is the part spent on rays that hit nothing in it.${store.values.kind === "any" ? " They look for closest hits, also where the picture is of any." : ""}${refining ? " More rays refine it." : ""}`;
     findings.replaceChildren(...document.findings.length === 0 ? [element("p", { className: "hint" }, "Nothing stands out.")]
       : document.findings.map((finding) => element("button", { type: "button", className: "finding", onclick: () =>
           chooseNumbered(...numberOf(finding), finding.subject) },
@@ -113,6 +113,7 @@ function build(app, place) {
   model.addEventListener("change", levels);
   picture.addEventListener("image", ask);
   store.on(["panel", "camera", "scene", ...RAY_KEYS, "size"], ask);
+  store.on(["kind"], () => show());
   say("Counting.");
   levels();
 }

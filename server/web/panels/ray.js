@@ -6,6 +6,7 @@ import { countText, placeText, valueText, vectorText } from "../numbers.js";
 import { explanation } from "./explain.js";
 import { lightPath } from "./path.js";
 import { jobOf } from "../requests.js";
+import { viewOf } from "../views.js";
 
 const FIELDS = ["t", "prim", "geom", "path", "inst", "uid", "uv", "ng", "front", "position", "material", "flags", "object", "mask", "box_share", "tree_depth", "origin", "direction"];
 const MISS = 0xffffffffffffffffn;
@@ -19,9 +20,13 @@ export async function askPixel({ daemon, store, model, canvas }, x, y, signal) {
   const state = store.values, { width, height } = canvas;
   const counted = Object.keys(COUNTERS);
   const columns = {};
-  for await (const { type, columns: found } of daemon.request("Query", {
-    job: jobOf(state), fields: [...FIELDS, ...counted], generator: pixelGenerator(state.camera, x, y, width, height),
-  }, { signal })) if (type === "Chunk") Object.assign(columns, found);
+  // The work is that of the picture's kind; only a closest hit has a record.
+  const asked = viewOf(state.view).counter && state.kind === "any" ? [["closest", FIELDS], ["any", counted]] : [["closest", [...FIELDS, ...counted]]];
+  for (const [kind, fields] of asked) {
+    for await (const { type, columns: found } of daemon.request("Query", {
+      job: jobOf(state), kind, fields, generator: pixelGenerator(state.camera, x, y, width, height),
+    }, { signal })) if (type === "Chunk") Object.assign(columns, found);
+  }
   const hit = columns.path[0] !== MISS;
   const path = hit ? await pathName(daemon, state.scene, model.version, columns.path[0], signal) : null;
   return { x, y, hit, columns, path };

@@ -88,15 +88,16 @@ function rays({ store }) {
 function difference({ store, model }) {
   const select = element("select", { id: "compare" });
   select.onchange = () => store.set({ compare: select.value });
+  const setting = element("input", { type: "text", placeholder: "cutoff=0.3", maxLength: 100, id: "compare-setting" });
+  setting.onchange = () => store.set({ compare: setting.value ? `set:${setting.value}` : "" });
   const show = (state) => {
     const options = [["", "nothing"], { group: "Intersector", options: model.variants.map(({ name }) => [`intersector:${name}`, name]) },
       { group: "Scene", options: model.scenes.filter((name) => name !== state.scene).map((name) => [`scene:${name}`, name]) }];
     const known = options.flatMap((entry) => entry.options ?? [entry]).some(([value]) => value === state.compare);
-    if (!known) options.push([state.compare, state.compare]);
+    if (!known) options.push([state.compare, state.compare.replace(/^(set|mask):/, (_, kind) => (kind === "set" ? "" : "mask "))]);
     fillSelect(select, options, state.compare);
+    setting.value = state.compare.startsWith("set:") ? state.compare.slice("set:".length) : "";
   };
-  const setting = element("input", { type: "text", placeholder: "cutoff=0.3", maxLength: 100, id: "compare-setting" });
-  setting.onchange = () => store.set({ compare: setting.value ? `set:${setting.value}` : "" });
   store.on(["compare", "scene"], show);
   model.addEventListener("change", () => show(store.values));
   show(store.values);
@@ -152,8 +153,9 @@ function sceneFacts({ model }) {
       ...(info.record_types ?? []).map((type, i) => ["Primitives", `${countText(info.record_counts[i])} ${type}`]),
       ["Intersector", info.intersector ? `auto is ${info.intersector}` : "none knows these primitives"],
       ["Instances", countText(info.instances)], ["Levels", info.levels], ["Materials", countText(info.materials ?? 0)],
+      ...(Number(info.degenerate_triangles) ? [["Degenerate", `${countText(info.degenerate_triangles)} triangles, which nothing can hit`]] : []),
       ["Memory", bytesText(info.bytes)], ["Tree height", info.tree_height], ["SAH cost", valueText(info.sah_cost, 4)],
-      ["Digest", info.hash.slice(0, 16)]]) : element("p", { className: "hint" }, "No scene is shown."));
+      ["Digest", info.hash.slice(0, 16)], ...(info.warnings ?? []).map((warning) => ["Warning", warning])]) : element("p", { className: "hint" }, "No scene is shown."));
   };
   model.addEventListener("change", show);
   show();
