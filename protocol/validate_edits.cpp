@@ -22,7 +22,7 @@ Result<void> validate(const wire::Edit& message, const Limits& limits) {
 }
 
 Result<void> validate(const wire::Edited& message, const Limits& limits) {
-    return Checks(limits).name("hash", message.hash()).result();
+    return Checks(limits).name("hash", message.hash()).texts("notes", message.notes()).result();
 }
 
 Result<void> validate(const wire::Pin& message, const Limits& limits) {

@@ -6,6 +6,7 @@
 #include "client/ground/numbers.h"
 #include "client/output/output.h"
 #include "client/requests/send_file.h"
+#include "protocol/control.h"
 #include "protocol/edit_row.h"
 
 #include <algorithm>
@@ -15,7 +16,9 @@
 #include <iterator>
 #include <optional>
 #include <sstream>
+#include <string>
 #include <string_view>
+#include <vector>
 
 namespace raynest::client {
 namespace {
@@ -202,6 +205,7 @@ Result<void> run(Context& context, const EditOptions& options) {
         if (!edited) return tl::unexpected<Failure>(edited.error());
         context.progress.clear();
         const wire::Edited& done = *edited->table;
+        const std::vector<std::string> notes = protocol::strings(done.notes());
         if (context.json) {
             print_json(Json{{"scene", options.scene},
                             {"epoch", done.epoch()},
@@ -210,9 +214,11 @@ Result<void> run(Context& context, const EditOptions& options) {
                             {"refits", done.refits()},
                             {"rebuilds", done.rebuilds()},
                             {"kept", done.kept()},
-                            {"seconds", done.seconds()}});
+                            {"seconds", done.seconds()},
+                            {"notes", notes}});
             return {};
         }
+        for (const std::string& note : notes) print_note(note);
         std::cout << options.scene << " is at epoch " << done.epoch() << ": " << done.instances()
                   << (done.instances() == 1 ? " instance has changed" : " instances have changed")
                   << (done.kept() ? ", kept\n" : "\n");

@@ -235,14 +235,9 @@ Result<void> run(Context& context, const QueryOptions& options) {
         request.generator = std::make_unique<wire::GeneratorT>(generate->at(origin));
         if (!options.step_error.empty())
             request.generator->settings.push_back("step_error=" + options.step_error);
-        if (!generate->trajectory.empty()) {
-            auto read = read_trajectory(generate->trajectory, origin);
-            if (!read) return tl::unexpected<Failure>(read.error());
-            trajectory = std::move(*read);
-            request.generator->settings.push_back(
-                "poses=" +
-                std::to_string(trajectory.size() / (trajectory_row_numbers * sizeof(double))));
-        }
+        auto sent = read_sent_numbers(*generate, origin, *request.generator);
+        if (!sent) return tl::unexpected<Failure>(sent.error());
+        trajectory = std::move(*sent);
     }
     context.progress.update(0, 0, "reading");
     Result<RaySource> rays = RaySource(options.rays, origin);

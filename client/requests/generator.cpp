@@ -54,8 +54,8 @@ struct CountOfSent {
     std::string_view instead;
 };
 constexpr std::array counts_of_sent = {CountOfSent{"poses", "trajectory=FILE.npy"},
-                                       CountOfSent{"channels", "elevations=START:STOP:COUNT"},
-                                       CountOfSent{"columns", "azimuths=START:STOP:COUNT"}};
+                                       CountOfSent{"channels", "elevations=FILE.npy"},
+                                       CountOfSent{"columns", "azimuths=FILE.npy"}};
 
 /// True for sensors in motion, whose rays have times.
 bool moves(const wire::GeneratorT& generator) {
@@ -79,6 +79,15 @@ Result<void> take(Generate& to, const std::string& key, const std::string& value
     }
     if (key == "trajectory") {
         to.trajectory = value;
+        return {};
+    }
+    if (value.ends_with(".npy") && (key == "elevations" || key == "azimuths")) {
+        if (to.message.kind != "sweep")
+            return fail(Exit::usage,
+                        key +
+                            ": angles from a file are those of --generate sweep; a trajectory of "
+                            "one row stands still, with begin=0 and end=0");
+        (key == "elevations" ? to.elevations : to.azimuths) = value;
         return {};
     }
     const auto counts = std::ranges::find(counts_of_sent, key, &CountOfSent::key);
@@ -165,12 +174,14 @@ struct Grid {
 Grid grid_of(const wire::GeneratorT& generator) {
     if (has_channels(generator)) {
         const std::string elevations = setting_of(generator, "elevations");
+        const std::string azimuths = setting_of(generator, "azimuths");
         const bool steps = elevations.find(':') != std::string::npos;
         const std::uint64_t channels =
-            steps ? number_at_end(elevations)
-                  : 1 + static_cast<std::uint64_t>(std::ranges::count(elevations, ','));
+            elevations.empty() ? number_at_end(setting_of(generator, "channels"))
+            : steps            ? number_at_end(elevations)
+                    : 1 + static_cast<std::uint64_t>(std::ranges::count(elevations, ','));
         const std::string scans = setting_of(generator, "scans");
-        return {number_at_end(setting_of(generator, "azimuths")),
+        return {number_at_end(azimuths.empty() ? setting_of(generator, "columns") : azimuths),
                 scans.empty() ? channels : channels * number_at_end(scans)};
     }
     const std::string size = setting_of(generator, "size");
@@ -256,27 +267,59 @@ std::uint64_t sensor_band(const wire::GeneratorT& generator) {
                : std::max<std::uint64_t>(1, tile_rows * grid_of(generator).width);
 }
 
-Result<std::vector<std::byte>> read_trajectory(const std::string& path, const WorldPoint& origin) {
-    constexpr std::uint64_t numbers = trajectory_row_numbers;
+namespace {
+
+/// Appends the numbers of an array of shape (N, `width`), or (N,) where that is 1, and returns N, at
+/// most `most`. `what` is what a row holds.
+Result<std::uint64_t> append_rows(const std::string& path, std::uint64_t width, std::uint64_t most,
+                                  const std::string& what, std::vector<double>& values) {
     constexpr std::uint64_t header_bytes_max = 128ULL << 10;
-    const std::uint64_t most = protocol::Limits{}.trajectory_poses_max;
     const auto blame = [&](const std::string& why) {
         return fail(Exit::invalid, shown_name(path) + " " + why);
     };
-    auto file = read_file(path, most * numbers * sizeof(double) + header_bytes_max);
+    auto file = read_file(path, most * width * sizeof(double) + header_bytes_max);
     if (!file) return tl::unexpected<Failure>(file.error());
-    const auto array = parse_npy(std::as_const(*file).span());
+    auto array = parse_npy(std::as_const(*file).span());
     if (!array) return blame(array.error().message);
-    if (array->shape.size() != 2 || array->shape[0] == 0 || array->shape[0] > most ||
-        array->shape[1] != numbers)
-        return blame("must have the shape (N, 13), of 1 to " + std::to_string(most) +
-                     " rows: a time, and a 3x4 matrix row by row");
+    std::vector<std::uint64_t>& shape = array->shape;
+    if (shape.empty() || shape.size() != (width == 1 ? 1 : 2) || shape[0] == 0 || shape[0] > most ||
+        (width != 1 && shape[1] != width))
+        return blame("must have the shape (N" + (width == 1 ? "," : ", " + std::to_string(width)) +
+                     "), of 1 to " + std::to_string(most) + " rows: " + what);
+    shape.resize(2, 1);
+    for (std::uint64_t row = 0; row < shape[0]; ++row)
+        for (std::uint64_t i = 0; i < width; ++i) values.push_back(value_at(*array, row, i));
+    return shape[0];
+}
+
+}  // namespace
+
+Result<std::vector<std::byte>> read_sent_numbers(const Generate& generate, const WorldPoint& origin,
+                                                 wire::GeneratorT& to) {
+    constexpr std::uint64_t numbers = 13;
+    const protocol::Limits limits;
     std::vector<double> values;
-    values.reserve(array->shape[0] * numbers);
-    for (std::uint64_t row = 0; row < array->shape[0]; ++row)
-        for (std::uint64_t i = 0; i < numbers; ++i)
-            values.push_back(value_at(*array, row, i) -
-                             (i != 0 && i % 4 == 0 ? origin[i / 4 - 1] : 0));
+    const auto append = [&](const std::string& path, const char* setting, std::uint64_t width,
+                            std::uint64_t most, const std::string& what) -> Result<void> {
+        if (path.empty()) return {};
+        const auto count = append_rows(path, width, most, what, values);
+        if (!count) return tl::unexpected<Failure>(count.error());
+        to.settings.push_back(std::string(setting) + "=" + std::to_string(*count));
+        return {};
+    };
+    if (auto done = append(generate.trajectory, "poses", numbers, limits.trajectory_poses_max,
+                           "a time, and a 3x4 matrix row by row");
+        !done)
+        return tl::unexpected<Failure>(done.error());
+    for (std::size_t row = 0; row < values.size(); row += numbers)
+        for (std::size_t axis = 0; axis < 3; ++axis) values[row + 4 * (axis + 1)] -= origin[axis];
+    // In the order in which the daemon reads them.
+    if (auto done =
+            append(generate.elevations, "channels", 1, limits.sweep_channels_max, "degrees");
+        !done)
+        return tl::unexpected<Failure>(done.error());
+    if (auto done = append(generate.azimuths, "columns", 1, limits.azimuths_max, "degrees"); !done)
+        return tl::unexpected<Failure>(done.error());
     const auto bytes = std::as_bytes(std::span(values));
     return std::vector<std::byte>(bytes.begin(), bytes.end());
 }

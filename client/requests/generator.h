@@ -19,6 +19,8 @@ struct Generate {
     wire::GeneratorT message;     ///< without pose and lookat
     std::string points;           ///< file of the points where rays start
     std::string trajectory;       ///< file of the poses of a sensor in motion
+    std::string elevations;       ///< file of degrees; empty: they are among the message's settings
+    std::string azimuths;         ///< likewise
     std::vector<double> pose;     ///< 12 numbers or empty
     std::vector<double> look_at;  ///< 6 or 9 numbers or empty
 
@@ -31,11 +33,12 @@ struct Generate {
 /// Reads the words of --generate; exit code 2 if one is not key=value.
 Result<Generate> parse_generate(std::span<const std::string> words);
 
-/// A time and a 3x4 matrix.
-inline constexpr std::uint64_t trajectory_row_numbers = 13;
-/// Reads a trajectory, an array of shape (N, 13): the bytes that follow the request, with positions
-/// relative to this origin. Exit code 5 for anything else.
-Result<std::vector<std::byte>> read_trajectory(const std::string& path, const WorldPoint& origin);
+/// Reads the files of a sensor in motion: the bytes that follow the request, with positions relative
+/// to this origin; nothing for other generators. Adds their counts to the settings of `to`. Exit code 5
+/// for a trajectory that is not an array of shape (N, 13), a time and a 3x4 matrix in each row, and for
+/// angles that are not one of shape (N,).
+Result<std::vector<std::byte>> read_sent_numbers(const Generate& generate, const WorldPoint& origin,
+                                                 wire::GeneratorT& to);
 
 /// The columns `ring` and `time` of a lidar or a sweep: they follow from the numbers of its rays, so
 /// that the client makes them.

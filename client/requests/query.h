@@ -34,7 +34,7 @@ struct QueryChunk {
 
 /// Runs `request`. `rays` are its rays or the points of a hemisphere; other generators have none.
 /// `consume` gets every chunk in the order of rays, and may fail. A detached request ends when its
-/// last ray is sent. `trajectory` is that of a sweep (read_trajectory()).
+/// last ray is sent. `trajectory` is that of a sweep (read_sent_numbers()).
 Result<Outcome> run_query(Connection& connection, const wire::QueryT& request,
                           const RaySource& rays, Progress& progress,
                           const std::function<Result<void>(const QueryChunk&)>& consume,

@@ -1,4 +1,4 @@
-// A camera's pose is the transform of its node without scale.
+// The pose of a camera or a light is the transform of its node without scale.
 #pragma once
 
 #include "engine/math/vec.h"
@@ -16,5 +16,14 @@ namespace raynest {
 /// follows. Rows of 4, as in a Transform, in double, so that a large scale is removed before
 /// rounding. Nothing if a direction is missing or the position is not finite in float32.
 [[nodiscard]] std::optional<Transform> camera_pose(const std::array<double, 12>& to_world);
+
+/// Where a pose stands.
+[[nodiscard]] inline Vec3 place_of(const Transform& pose) {
+    return {pose.m[3], pose.m[7], pose.m[11]};
+}
+/// Where a pose looks, or shines, to: its -Z, a unit vector.
+[[nodiscard]] inline Vec3 ahead_of(const Transform& pose) {
+    return -glm::normalize(Vec3(pose.m[2], pose.m[6], pose.m[10]));
+}
 
 }  // namespace raynest

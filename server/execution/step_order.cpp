@@ -7,7 +7,7 @@
 namespace raynest::server {
 
 StepOrder::StepOrder(const SweepGrid& grid, std::uint64_t first, std::uint64_t count,
-                     std::uint64_t steps)
+                     std::uint64_t steps, std::span<const std::uint64_t> cuts)
     : grid_(grid),
       first_(first),
       end_(first + count) {
@@ -19,8 +19,9 @@ StepOrder::StepOrder(const SweepGrid& grid, std::uint64_t first, std::uint64_t c
         scans_.push_back({begin - first_, std::min((scan + 1) * each, end_) - begin});
         const std::uint64_t row = begin / grid.columns;
         const std::uint64_t last = (begin + scans_.back().count - 1) / grid.columns;
-        for (std::uint64_t s = 0; s < steps; ++s) {
-            Step step{place, 0, scan, s * grid.columns / steps, (s + 1) * grid.columns / steps};
+        std::uint64_t from = 0;
+        for (const std::uint64_t to : ends_of(scan, steps, cuts)) {
+            Step step{place, 0, scan, std::exchange(from, to), to};
             for (const std::uint64_t edge : {row, last}) {
                 const Range rays = rays_of(edge, step.begin, step.end);
                 step.count += rays.end - rays.first;
@@ -32,6 +33,19 @@ StepOrder::StepOrder(const SweepGrid& grid, std::uint64_t first, std::uint64_t c
             steps_.push_back(step);
         }
     }
+}
+
+std::vector<std::uint64_t> StepOrder::ends_of(std::uint64_t scan, std::uint64_t steps,
+                                              std::span<const std::uint64_t> cuts) const {
+    std::vector<std::uint64_t> ends;
+    for (std::uint64_t s = 1; s <= steps; ++s) ends.push_back(s * grid_.columns / steps);
+    const std::uint64_t before = scan * grid_.columns;
+    auto cut = std::ranges::upper_bound(cuts, before);
+    for (; cut != cuts.end() && *cut < before + grid_.columns; ++cut) ends.push_back(*cut - before);
+    std::ranges::sort(ends);
+    const auto twice = std::ranges::unique(ends);
+    ends.erase(twice.begin(), twice.end());
+    return ends;
 }
 
 StepOrder::Range StepOrder::rays_of(std::uint64_t row, std::uint64_t begin,

@@ -32,8 +32,10 @@ public:
     };
 
     /// Orders rays [first, first + count) of a sweep. Each scan has `steps` equal ones, at most one per
-    /// column; those without a ray are left out.
-    StepOrder(const SweepGrid& grid, std::uint64_t first, std::uint64_t count, std::uint64_t steps);
+    /// column, and others begin at `cuts`: columns, counted through all scans, ascending. Steps without a
+    /// ray are left out.
+    StepOrder(const SweepGrid& grid, std::uint64_t first, std::uint64_t count, std::uint64_t steps,
+              std::span<const std::uint64_t> cuts = {});
 
     [[nodiscard]] const SweepGrid& grid() const { return grid_; }
     [[nodiscard]] std::span<const Step> steps() const { return steps_; }
@@ -59,6 +61,9 @@ private:
     };
     /// The rays of a row of the sweep that are of these columns and of the order.
     [[nodiscard]] Range rays_of(std::uint64_t row, std::uint64_t begin, std::uint64_t end) const;
+    /// Where the steps of a scan end, ascending.
+    [[nodiscard]] std::vector<std::uint64_t> ends_of(std::uint64_t scan, std::uint64_t steps,
+                                                     std::span<const std::uint64_t> cuts) const;
     /// The first row of a scan that the order has.
     [[nodiscard]] std::uint64_t first_row(std::uint64_t scan) const;
 

@@ -18,7 +18,9 @@
 #include <algorithm>
 #include <chrono>
 #include <optional>
+#include <string>
 #include <utility>
+#include <vector>
 
 namespace raynest::server {
 namespace {
@@ -108,6 +110,7 @@ public:
         edited.refits = edits.refits;
         edited.rebuilds = edits.rebuilds;
         edited.kept = after_->kept;
+        edited.notes = notes_;
         edited.seconds = std::chrono::duration<double>(Clock::now() - started_).count();
         Frames frames;
         frames.push_back(*protocol::encode(id_, edited));
@@ -163,7 +166,21 @@ private:
         instances_ = static_cast<std::uint32_t>(batch.size());
         auto edited = edit_scene(scene, batch.changes(), std::move(spare_), guard);
         if (!edited) return failed(refuse(std::move(edited.error())).value());
+        note_lost_animations(**edited);
         return std::move(*edited);
+    }
+
+    /// Added parts stand still, and a scene with primitives of its own becomes a part of another.
+    void note_lost_animations(const Snapshot& edited) {
+        const auto moves = [](const Snapshot& scene) { return !scene.motion_bytes().empty(); };
+        for (const EditContent::Source& source : order_.content.sources)
+            if (moves(*source.held->snapshot))
+                notes_.push_back("the animations of '" + source.name +
+                                 "' do not play here: what an edit adds is moved by edits");
+        if (moves(before_->snapshot()) && !moves(edited))
+            notes_.emplace_back(
+                "the scene's own animations do not play any more: it has primitives beside its "
+                "instances, and these became a part of what it is now");
     }
 
     /// Puts on the disk what must be there before anybody sees the edit. On a thread of the
@@ -231,6 +248,7 @@ private:
     std::shared_ptr<const Snapshot> spare_;     ///< in whose memory the edited scene may be made
     std::shared_ptr<const Snapshot> snapshot_;  ///< written by the task
     std::uint32_t instances_ = 0;               ///< likewise
+    std::vector<std::string> notes_;            ///< likewise
     std::optional<NamedScene> after_;
     EditPublication publication_;
     enum class Keep { not_asked, waits, runs, done } keeping_ = Keep::not_asked;

@@ -11,6 +11,8 @@
 #include <atomic>
 #include <chrono>
 #include <cmath>
+#include <numeric>
+#include <ranges>
 #include <thread>
 
 namespace raynest::server {
@@ -56,11 +58,27 @@ std::pair<std::uint64_t, std::uint64_t> SceneSteps::lines_of(const StepOrder::St
     return {step.scan * rows, std::min<std::uint64_t>((step.scan + 1) * rows, sweep.lines())};
 }
 
+Reply<std::vector<std::uint64_t>> SceneSteps::find_cuts(double from, double to) const {
+    const auto jumps = jumps_between(plan_.scene.snapshot(), motion_->animation, from, to);
+    if (!jumps) return refuse(jumps.error());
+    std::vector<std::uint64_t> cuts;
+    const auto lines = std::views::iota(std::uint64_t{0}, sweep_.order().all_lines());
+    for (const double jump : *jumps) {
+        // The first line that sees what came of it.
+        const std::uint64_t line = *std::ranges::partition_point(
+            lines, [&](std::uint64_t l) { return seconds_at(l) < jump; });
+        if (line != 0 && (cuts.empty() || cuts.back() != line)) cuts.push_back(line);
+    }
+    return cuts;
+}
+
 Reply<void> SceneSteps::choose(const Stop& stop) {
     const SweepOrder& sweep = sweep_.order();
     const std::uint64_t each = sweep.grid().pixels() / sweep.scans;
     const std::uint64_t first_scan = first_ / each, last_scan = (first_ + count_ - 1) / each;
     std::uint64_t steps = 1;
+    std::uint64_t rows = sweep.lines();  // of a camera's step
+    std::vector<std::uint64_t> cuts;
     if (motion_) {
         // The speed is that of all scans, so that a part has the steps of the whole.
         const double from = seconds_at(0), to = seconds_at(sweep.all_lines() - 1);
@@ -87,11 +105,18 @@ Reply<void> SceneSteps::choose(const Stop& stop) {
         if (!std::isnan(wanted))
             steps = static_cast<std::uint64_t>(
                 std::clamp(wanted, 1.0, static_cast<double>(sweep.lines())));
-        // A camera's steps have whole rows.
-        if (sweep.camera) steps = divided_up(sweep.lines(), sweep.lines() / steps);
+        auto found = find_cuts(from, to);
+        if (!found) return tl::unexpected(found.error());
+        cuts = std::move(*found);
+        // A camera's steps have whole rows, all of them as many, and begin where parts jump.
+        if (sweep.camera) {
+            rows = divided_up(rows, divided_up(rows, rows / steps));
+            for (const std::uint64_t cut : cuts) rows = std::gcd(rows, cut);
+            steps = divided_up(sweep.lines(), rows);
+        }
         const std::uint64_t scans = last_scan - first_scan + 1;
         const std::uint64_t most = sweep_steps_max;
-        if (steps * scans > most) {
+        if (steps * scans + cuts.size() > most) {
             const double each_most =
                 std::max(1.0, std::floor(static_cast<double>(most) / static_cast<double>(scans)));
             return refuse(
@@ -99,23 +124,25 @@ Reply<void> SceneSteps::choose(const Stop& stop) {
                 fmt::format("step_error {:.3g}: parts of the scene move at {:.3g} per second, so "
                             "that it needs {} steps, the limit is sweep_steps_max = {}; accept "
                             "{:.2g} or more, or ask for fewer scans at a time",
-                            error, speed, steps * scans, most,
+                            error, speed, steps * scans + cuts.size(), most,
                             // Told in two digits, which may be less than it is.
                             1.05 * speed * (sweep.end - sweep.begin) / (2 * each_most)));
         }
         note_ = fmt::format("the scene moved at up to {:.3g} per second, in {} step{} per {}",
                             speed, steps, steps == 1 ? "" : "s", sweep.camera ? "picture" : "scan");
+        if (!cuts.empty())
+            note_ += fmt::format(", and others where parts of it jump, {} time{}", cuts.size(),
+                                 cuts.size() == 1 ? "" : "s");
     } else {
         note_ = "the scene has no animation: it stood still";
     }
     if (sweep.camera) {
         // The rows of a step are a scan of their own, for they lie one behind the other.
-        const std::uint64_t rows = divided_up(sweep.lines(), steps);
         order_.emplace(SweepGrid{sweep.grid().width, rows, divided_up(sweep.lines(), rows)}, first_,
                        count_, 1);
     } else {
-        order_.emplace(SweepGrid{sweep.columns, sweep.channels, sweep.scans}, first_, count_,
-                       steps);
+        order_.emplace(SweepGrid{sweep.columns, sweep.channels, sweep.scans}, first_, count_, steps,
+                       cuts);
     }
     return {};
 }

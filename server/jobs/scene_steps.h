@@ -19,6 +19,7 @@
 #include <optional>
 #include <string>
 #include <utility>
+#include <vector>
 
 namespace raynest::server {
 
@@ -63,6 +64,8 @@ private:
     Reply<void> choose(const Stop& stop);
     Reply<void> make(View& view, const Stop& stop);
     [[nodiscard]] double seconds_at(std::uint64_t line) const;
+    /// Lines where a step must begin because parts of the scene jump there, ascending.
+    [[nodiscard]] Reply<std::vector<std::uint64_t>> find_cuts(double from, double to) const;
     /// The lines of a step: [first, end).
     [[nodiscard]] std::pair<std::uint64_t, std::uint64_t> lines_of(
         const StepOrder::Step& step) const;

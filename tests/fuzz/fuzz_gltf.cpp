@@ -125,7 +125,8 @@ int LLVMFuzzerTestOneInput(const std::uint8_t* data, std::size_t size) {
         const auto outermost =
             static_cast<std::uint32_t>(scene->objects[scene->root].instances.size());
         const auto cameras = static_cast<std::uint32_t>(scene->cameras.size());
-        fuzz::require(read_motion(scene->motion, outermost, cameras).has_value());
+        const auto lights = static_cast<std::uint32_t>(scene->lights.size());
+        fuzz::require(read_motion(scene->motion, outermost, cameras, lights).has_value());
     }
     return 0;
 }

@@ -112,7 +112,15 @@ void order_steps(std::span<const std::uint8_t> bytes) {
     const std::uint64_t all = grid.columns * grid.channels * grid.scans;
     const std::uint64_t first = all * bytes[3] / 256;
     const std::uint64_t count = 1 + (all - first - 1) * bytes[4] / 255;
-    const server::StepOrder order(grid, first, count, 1 + bytes[5] % 50U);
+    std::vector<std::uint64_t> cuts;
+    for (std::size_t i = 6; i < bytes.size() && i < 9; ++i)
+        cuts.push_back(bytes[i] * grid.columns * grid.scans / 256);
+    std::ranges::sort(cuts);
+    const server::StepOrder order(grid, first, count, 1 + bytes[5] % 50U, cuts);
+    for (const std::uint64_t cut : cuts)
+        for (const auto& step : order.steps())
+            fuzz::require(step.scan != cut / grid.columns || cut % grid.columns <= step.begin ||
+                          cut % grid.columns >= step.end);
     std::vector<std::uint64_t> place_of(count, count);
     std::uint64_t places = 0;
     for (const auto& step : order.steps()) {

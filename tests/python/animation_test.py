@@ -282,6 +282,31 @@ class Animation(WithDaemon):
         eye = scene.render(size=(64, 48), time=2.0, look_at=((5, 2, 9), (5, 2, 8)), fov=np.degrees(1))
         self.assertLess((np.abs(moved.astype(int) - eye).max(axis=-1) > 2).mean(), .02)
 
+    def test_an_edit_says_which_animations_it_loses(self):
+        self.load(travelling(), "drive")
+        scene = self.client.mesh([[0, 0, 0], [1, 0, 0], [0, 1, 0]], [[0, 1, 2]], name="still", keep=True)
+        with scene.edit() as edit:
+            edit.add("drive", (5, 0, 0), name="car")
+        self.assertEqual(edit.notes, ["the animations of 'car' do not play here: what an edit adds is moved by edits"])
+        with scene.edit() as edit:
+            edit.move("car", (0, 1, 0))
+        self.assertEqual(edit.notes, [])
+
+    def test_lights_move(self):
+        gltf = Gltf()
+        gltf.node(name="floor", mesh=gltf.mesh(np.array([[-5, 0, -3], [5, 0, -3], [5, 0, 3], [-5, 0, 3]], float), [[0, 2, 1], [0, 3, 2]]))
+        lamp = gltf.node(name="lamp", translation=[-4, 1, 0], extensions={"KHR_lights_punctual": {"light": 0}})
+        gltf.json["extensions"] = {"KHR_lights_punctual": {"lights": [{"type": "point", "intensity": 50}]}}
+        gltf.json["extensionsUsed"] = ["KHR_lights_punctual"]
+        gltf.animate("Carry", (lamp, "translation", [0, 2], [[-4, 1, 0], [4, 1, 0]], "LINEAR"))
+        scene = self.load(gltf, "torch")
+        for time, brightest in ((None, -4), (0.0, -4), (1.0, 0), (2.0, 4)):
+            seen = scene.render(look_at=((0, 12, 0), (0, 0, 0), (0, 0, -1)), fov=60, size=(96, 64), integrator="direct",
+                                environment="none", spp=1, encode="raw", **({} if time is None else {"time": time}))
+            row = np.asarray(seen, float)[32, :, :3].sum(axis=1)
+            place = (np.argmax(row) + .5 - 48) / 64 * 2 * 12 * np.tan(np.radians(30))
+            self.assertAlmostEqual(place, brightest, delta=.5, msg=f"at {time}")
+
     def skinned(self, morph):
         """A strip of two segments that bends at its middle, or grows by targets."""
         gltf = Gltf()

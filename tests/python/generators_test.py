@@ -70,6 +70,15 @@ class Generators(WithDaemon):
         self.check(generators.lidar(elevations, (-60, 120, 100), azimuth_offsets=offsets,
                                     origin_offsets=places, pose=POSE),
                    *self.placed(ways.reshape(-1, 3), turned.reshape(-1, 3)))
+        # Free lists of angles, also clockwise, and more channels than a text has.
+        for up, around in ((elevations, np.array([30, -5, -90.5, 720])), (np.linspace(-80, 80, 600), np.array([7.5])),
+                           (np.linspace(-80, 80, 600), (0, 360, 2))):
+            a = np.radians(around if isinstance(around, np.ndarray) else np.array([0, 180]))[None]
+            e = np.radians(up)[:, None] + 0 * a
+            ways = np.stack([np.cos(e) * np.cos(a), np.cos(e) * np.sin(a), np.sin(e)], -1).reshape(-1, 3)
+            made = generators.lidar(up, around, pose=POSE)
+            self.check(made, *self.placed(ways))
+            np.testing.assert_array_equal(made.ring, np.arange(len(up)).repeat(a.size))
         made = generators.lidar(elevations, (0, 360, 5))
         np.testing.assert_array_equal(made.ring, np.arange(3).repeat(5))
         np.testing.assert_array_equal(made.part(7, 4).ring, made.ring[7:11])
@@ -305,7 +314,8 @@ class Generators(WithDaemon):
                 ("pose must be numbers", lambda: generators.pinhole(9, pose="up")),
                 ("width, height", lambda: generators.orthographic(5)),
                 ("channels", lambda: generators.lidar([])),
-                ("channels", lambda: generators.lidar(np.zeros(513))),
+                ("elevations", lambda: generators.lidar(np.zeros(4097))),
+                ("without azimuth_offsets and look_at", lambda: generators.lidar([0, 1], np.arange(9), azimuth_offsets=[1, 2], look_at=([0, 0, 1], [1, 0, 0]))),
                 ("azimuths", lambda: generators.lidar([0], (0, 360, 65537))),
                 ("elevations", lambda: generators.lidar([0, 1], azimuth_offsets=[1])),
                 ("origin_offsets", lambda: generators.lidar([0], origin_offsets=[1])),

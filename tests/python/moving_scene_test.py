@@ -129,6 +129,25 @@ class MovingScene(WithDaemon):
         off = scene.trace(later, time=.3, fields=("t",))["t"] - (4.5 + 10 * (later.time - 100.2 + .3))
         self.assertLess(np.abs(off).max(), 1e-3 + 1e-5)
 
+    def test_a_jump_is_seen_from_its_column_on(self):
+        gltf = Gltf()
+        box = gltf.node(name="box", mesh=gltf.mesh(CORNERS, FACES), translation=[5, -.4, 0])
+        gltf.animate("Jump", (box, "translation", [0, .3, .3037, .7, .8, 1], [[5, -.4, 0], [9, -.4, 0], [7, -.4, 0], [7, -.4, 0], [5, -.4, 0], [5, -.4, 0]], "STEP"))
+        scene = self.client.load(str(gltf.write(pathlib.Path(self.folder.name) / "jump.glb")), name="jump", replace=True)
+
+        def face(times):
+            return np.select([times < np.float32(.3), times < np.float32(.3037), times < np.float32(.8)], [4.5, 8.5, 6.5], 4.5)
+
+        known, poses = [0.0, 1.0], [standing(0, 0, 0)] * 2
+        for columns, scans in ((1000, 1), (7, 100), (250, 4)):
+            made = generators.sweep([0.0, .01], np.zeros(columns), trajectory=(known, poses), begin=0, end=1 / scans * .99, scans=scans, step_error=1.0)
+            seen = scene.trace(made, fields=("t",))["t"]
+            np.testing.assert_allclose(seen, face(made.time), atol=1e-4, err_msg=f"{scans} scans of {columns} columns")
+        self.assertIn("where parts of it jump, 3 times", " ".join(self.client.outcome["notes"]))
+        shot = generators.rolling_shutter(5000.0, size=(2, 60), begin=0, end=.99, step_error=1.0, trajectory=(
+            known, [[[0, 0, -1, 0], [0, 1, 0, 0], [1, 0, 0, 0]]] * 2))
+        np.testing.assert_allclose(scene.trace(shot, fields=("t",))["t"], face(shot.time), atol=1e-3)
+
     def test_the_error_holds_for_splines_turns_within_turns_and_bent_meshes(self):
         """Corners of what moves against float64; the speed between the keys is higher than on the way from key to key."""
         def scene(name, gltf):

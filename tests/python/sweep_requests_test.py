@@ -229,6 +229,28 @@ class SweepRequests(WithDaemon):
         done = self.cli.run("merge", self.out / "all.npz", *(self.out / f"part-{part}.npz" for part in (1, 2, 3)))
         self.assertEqual(done.returncode, 0, done.stderr)
         self.same(read("all.npz"), whole)
+        # Angles from files, in any order.
+        up, around = np.linspace(-30, 12, 5), np.array([90, 45, 44, -170.5, 360, 1e-3, 0.0])
+        np.save(self.out / "up.npy", up), np.save(self.out / "around.npy", around.astype(np.float32))
+        words = ["query", "woods", "--generate", "sweep", f"trajectory={self.out / 'drive.npy'}", f"azimuths={self.out / 'around.npy'}",
+                 f"elevations={self.out / 'up.npy'}", "begin=0.1", "end=0.2", "scans=3", "--fields", ",".join(fields), "-o"]
+        exact = self.woods.trace(generators.sweep(up, around.astype(np.float32), trajectory=(times, poses), begin=.1, end=.2, scans=3), fields=fields)
+        for part in (1, 2):
+            done = self.cli.run(*words, self.out / f"part-{part}.npz", "--part", f"{part}/2")
+            self.assertEqual(done.returncode, 0, done.stderr)
+        self.assertEqual(self.cli.run("merge", self.out / "all.npz", self.out / "part-1.npz", self.out / "part-2.npz").returncode, 0)
+        self.same(read("all.npz"), exact)
+        for wrong, said in ((np.zeros((2, 2)), "must have the shape (N,), of 1 to 4096 rows: degrees"), (np.zeros(4097), "must have the shape"),
+                            (np.array([0, np.inf]), "must be finite")):
+            np.save(self.out / "up.npy", wrong)
+            done = self.cli.run(*words, self.out / "no.npz")
+            self.assertIn(said, done.stderr)
+            self.assertIn(done.returncode, (2, 5))
+        done = self.cli.run("query", "woods", "--generate", "lidar", "elevations=1", f"azimuths={self.out / 'around.npy'}")
+        self.assertEqual(done.returncode, 2, done.stderr)
+        self.assertIn("of --generate sweep", done.stderr)
+        words = ("query", "woods", "--generate", "sweep", f"trajectory={self.out / 'drive.npy'}", "elevations=-25,-3.5,0,12.25",
+                 "azimuths=0:360:600", "begin=0.1", "end=0.2", "scans=4", "--fields", ",".join(fields), "-o")
         for wrong, code, said in ((np.zeros((3, 12)), 5, "must have the shape"), (np.zeros((0, 13)), 5, "must have the shape"),
                                   (np.full((2, 13), np.nan), 2, "pose 0 of the trajectory or its time is not finite")):
             np.save(self.out / "drive.npy", wrong)

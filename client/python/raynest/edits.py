@@ -52,6 +52,7 @@ class Edit:
     hash: str       # of the content after the edit
     kept: bool      # the scene, as it is now, is there after a restart
     seconds: float  # that the daemon took
+    notes: list[str]  # what the edit has lost: animations of what it added
 
     def __init__(self, apply: Callable[[Change], Message], epoch: int = 0, keep: bool = False,
                  added: Optional[Callable[[Any, str], str]] = None) -> None:
@@ -238,8 +239,8 @@ class Change(NamedTuple):
         with connection.interrupts, contextlib.closing(frames):
             for kind, news in frames:
                 if kind == "Edited":
-                    return {key: news[key] for key in ("epoch", "instances", "refits", "rebuilds", "hash", "kept",
-                                                       "seconds")}
+                    told = ("epoch", "instances", "refits", "rebuilds", "hash", "kept", "seconds")
+                    return {**{key: news[key] for key in told}, "notes": list(news["notes"] or ())}
         raise ProtocolError("the daemon ended an edit without an answer")
 
 

@@ -166,13 +166,24 @@ def equirectangular(*, size: tuple[int, int] = (960, 480), **sensor: Unpack[Sens
 
 
 @none_is_default
-def lidar(elevations: Any, azimuths: tuple[float, float, int] = (0.0, 360.0, 2048), *,
-          azimuth_offsets: Any = (), origin_offsets: Any = (), **sensor: Unpack[SensorPose]) -> Lidar:
+def lidar(elevations: Any, azimuths: Any = (0.0, 360.0, 2048), *,
+          azimuth_offsets: Any = (), origin_offsets: Any = (), **sensor: Unpack[SensorPose]) -> Union[Lidar, Sweep]:
     """A rotating head with a channel for each of `elevations`. `azimuths` is (start, stop, count),
     counter-clockwise; stop itself is left out. `azimuth_offsets` (C,) turn channels, `origin_offsets`
     (C, 3) move them within the head. Ray c * count + j is channel c at azimuth j; `ring` of this object is the
-    channel of each ray, and as one of `fields` a column of the answer."""
-    turn = turn_of(azimuths)
+    channel of each ray, and as one of `fields` a column of the answer.
+
+    `azimuths` may also be an array of other than three angles, in any order, also clockwise, and `elevations` more than
+    fit into a text: that is a sweep() which stands still at `pose`, without offsets, camera and look_at."""
+    turn = turn_of(azimuths) if isinstance(azimuths, tuple) or np.shape(azimuths) in ((3,), ()) else None
+    if turn is None or np.size(elevations) > _limits.list_items_max:
+        if given := [name for name, value in (("azimuth_offsets", np.size(azimuth_offsets)), ("origin_offsets", np.size(origin_offsets)),
+                                              *((key, sensor.get(key) is not None) for key in ("camera", "look_at"))) if value]:
+            raise UsageError(f"a lidar whose angles are a list goes without {' and '.join(given)}: give it a pose")
+        pose = sensor.get("pose")
+        standing = np.eye(3, 4) if pose is None else numbers("pose", pose)
+        return sweep(elevations, turn or azimuths, trajectory=([0.0], standing[None]), begin=0.0, end=0.0,
+                     tmin=sensor.get("tmin"), tmax=sensor.get("tmax"))
     columns = turn[2]
     offsets = _offsets(origin_offsets)
     each = {"elevations": numbers("elevations", elevations).size,

@@ -24,10 +24,10 @@ Result<void> read_materials(const Model& model, const ImportLimits& limits,
                             SceneDescription& scene);
 
 /// Reads the lights of the chosen scene.
-void read_lights(const Model& model, SceneDescription& scene);
+void read_lights(const Model& model, MotionWriter& motion, SceneDescription& scene);
 
-/// Reads objects, instances and cameras of the chosen scene, and what moves of them; `rules` set
-/// masks.
+/// Reads objects, instances, cameras and lights of the chosen scene, and what moves of them; `rules`
+/// set masks.
 Result<void> read_nodes(const Model& model, const ImportLimits& limits, MaskRules& rules,
                         SceneDescription& scene);
 

@@ -52,7 +52,6 @@ Result<SceneDescription> describe_gltf(const ImportRequest& request, const Impor
     scene.chosen_variant = model->chosen_variant;
     if (auto done = gltf::read_nodes(*model, limits, *rules, scene); !done)
         return gltf::error_of(done);
-    gltf::read_lights(*model, scene);
     loading.reset();
     if (auto done = gltf::read_materials(*model, limits, scene); !done) return gltf::error_of(done);
     if (model->hidden_instances != 0) scene.skipped["hidden_instances"] = model->hidden_instances;

@@ -8,7 +8,7 @@
 
 namespace raynest::gltf {
 
-void read_lights(const Model& model, SceneDescription& scene) {
+void read_lights(const Model& model, MotionWriter& motion, SceneDescription& scene) {
     if (model.lights.empty()) return;
     for (const PlacedNode& entry : nodes_with(model, &Node::light)) {
         const Node& node = model.nodes[entry.node];
@@ -31,11 +31,9 @@ void read_lights(const Model& model, SceneDescription& scene) {
             continue;
         }
         LightDescription description{name, light.record};
-        const auto column = [&](std::size_t c) {
-            return Vec3(pose->m[c], pose->m[4 + c], pose->m[8 + c]);
-        };
-        description.light.position = column(3);
-        description.light.direction = -glm::normalize(column(2));
+        description.light.position = place_of(*pose);
+        description.light.direction = ahead_of(*pose);
+        motion.place_light(static_cast<std::uint32_t>(scene.lights.size()), entry.node);
         scene.lights.push_back(std::move(description));
     }
 }

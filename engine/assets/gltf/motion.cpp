@@ -179,6 +179,10 @@ void MotionWriter::place_camera(std::uint32_t camera, std::uint32_t node) {
     if (moves(node)) tables_.cameras.push_back({camera, number_of(node)});
 }
 
+void MotionWriter::place_light(std::uint32_t light, std::uint32_t node) {
+    if (moves(node)) tables_.lights.push_back({light, number_of(node)});
+}
+
 void MotionWriter::finish() {
     if (moves_.empty()) return;
     // The build leaves singular instances out, so those behind them have smaller numbers.

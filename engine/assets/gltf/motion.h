@@ -49,6 +49,7 @@ public:
     void place(std::uint32_t outermost, std::uint32_t node, std::uint32_t object,
                const Matrix& to_node);
     void place_camera(std::uint32_t camera, std::uint32_t node);
+    void place_light(std::uint32_t light, std::uint32_t node);
 
     /// Writes the tables into the scene. Call it last.
     void finish();

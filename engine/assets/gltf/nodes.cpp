@@ -309,6 +309,7 @@ Result<void> read_nodes(const Model& model, const ImportLimits& limits, MaskRule
     SceneWriter writer(model, sharing, traceable, *masks, motion, scene);
     if (auto done = writer.write(); !done) return done;
     read_cameras(model, motion, scene);
+    read_lights(model, motion, scene);
     motion.finish();
     return {};
 }

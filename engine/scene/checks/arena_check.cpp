@@ -208,7 +208,8 @@ private:
 
     Result<void> check_motion() {
         auto read = read_motion({start_of<std::byte>(Section::motion), size_of(Section::motion)},
-                                view_.objects[view_.root].instance_count, view_.camera_count);
+                                view_.objects[view_.root].instance_count, view_.camera_count,
+                                static_cast<std::uint32_t>(size_of(Section::lights)));
         if (!read) return tl::unexpected(read.error());
         return {};
     }

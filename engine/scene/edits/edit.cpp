@@ -294,6 +294,8 @@ Result<std::shared_ptr<const Snapshot>> change_in_place(const Snapshot& scene,
     EditedArena arena(std::move(copy.arena), scene.view());
     for (const InstanceMask& change : changes.masks) set_mask(arena, change);
     for (const CameraMove& move : changes.cameras) arena.set_camera(move.camera, move.to_world);
+    for (const LightMove& move : changes.lights)
+        arena.set_light(move.light, move.position, move.direction);
     if (scene.paths().node_count == 0)
         for (const InstanceUid& change : changes.uids) set_uid(arena, change);
     for (const MeshMaterial& change : changes.materials)
@@ -410,8 +412,8 @@ Result<std::shared_ptr<const Snapshot>> edit_scene(const Snapshot& scene,
             return tl::unexpected(done.error());
     if (auto on = guard.allows(0); !on) return tl::unexpected(on.error());
     if (!changes.moves.empty() || !changes.masks.empty() || !changes.deformed.empty() ||
-        !changes.cameras.empty() || !changes.uids.empty() || !changes.materials.empty() ||
-        (changes.removed.empty() && changes.added.empty()))
+        !changes.cameras.empty() || !changes.lights.empty() || !changes.uids.empty() ||
+        !changes.materials.empty() || (changes.removed.empty() && changes.added.empty()))
         if (auto done = advance(change_in_place(now(), changes, std::move(spare))); !done)
             return tl::unexpected(done.error());
     if (!changes.removed.empty() || !changes.added.empty())

@@ -51,6 +51,12 @@ struct CameraMove {
     Transform to_world;
 };
 
+struct LightMove {
+    std::uint32_t light = 0;
+    Vec3 position{0};
+    Vec3 direction{0, 0, -1};  ///< unit vector, away from the light
+};
+
 struct SceneChanges {
     std::vector<InstanceMove> moves = {};
     std::vector<InstanceMask> masks = {};
@@ -58,6 +64,7 @@ struct SceneChanges {
     std::vector<AddedScene> added = {};
     std::vector<MeshVertices> deformed = {};
     std::vector<CameraMove> cameras = {};
+    std::vector<LightMove> lights = {};
     std::vector<InstanceUid> uids = {};  ///< ascending: what lies within another comes behind it
     std::vector<MeshMaterial> materials = {};
     bool is_last = false;  ///< no edit follows this one: it gets a whole arena, on huge pages

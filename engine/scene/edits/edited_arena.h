@@ -63,6 +63,12 @@ public:
         camera.to_world = to_world;
         touch(camera);
     }
+    void set_light(std::uint32_t index, const Vec3& position, const Vec3& direction) {
+        LightRecord& light = section<LightRecord>(format::Section::lights)[index];
+        light.position = position;
+        light.direction = direction;
+        touch(light);
+    }
     void set_bounds(const Box& bounds) {
         header().bounds = bounds;
         touch(header().bounds);

@@ -56,6 +56,9 @@ public:
         for (const MovedCamera& moved : motion_.cameras)
             if (const auto at = camera_pose(to_scene_[moved.node]))
                 changes.cameras.push_back({moved.camera, *at});
+        for (const MovedLight& moved : motion_.lights)
+            if (const auto at = camera_pose(to_scene_[moved.node]))
+                changes.lights.push_back({moved.light, place_of(*at), ahead_of(*at)});
         for (std::uint32_t m = 0; m < motion_.meshes.size(); ++m) {
             const MovedMesh& mesh = motion_.meshes[m];
             if (mesh.place_count == 0) continue;

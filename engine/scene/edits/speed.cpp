@@ -291,4 +291,40 @@ double SpeedSearch::fastest() const {
     return meter_->fastest();
 }
 
+Result<std::vector<double>> jumps_between(const Snapshot& scene, std::uint32_t animation,
+                                          double from, double to) {
+    const Motion motion = checked_motion(scene.motion_bytes());
+    const MotionAnimation& played = motion.animations[animation];
+    std::vector<double> jumps;
+    const auto once = [&] {
+        std::ranges::sort(jumps);
+        jumps.erase(std::ranges::unique(jumps).begin(), jumps.end());
+        return jumps.size() <= SpeedSearch::keys_max;
+    };
+    const auto too_many = [] {
+        return fail(ErrorCode::limit_exceeded,
+                    fmt::format("parts jump more than {} times; ask for less of that time at once",
+                                SpeedSearch::keys_max));
+    };
+    for (const MotionChannel& channel :
+         motion.channels.subspan(played.first_channel, played.channel_count)) {
+        const MotionSampler& sampler = motion.samplers[channel.sampler];
+        if (sampler.interpolation != Interpolation::step) continue;
+        const auto times = motion.floats.subspan(sampler.first_time, sampler.keys);
+        const float* const values = motion.floats.data() + sampler.first_value;
+        for (auto at = std::ranges::upper_bound(times, from);
+             at != times.end() && double{*at} <= to; ++at) {
+            const auto key = static_cast<std::size_t>(at - times.begin());
+            const float* const now = values + key * sampler.width;
+            // The first key's value holds before it, too.
+            if (key == 0 || std::equal(now, now + sampler.width, now - sampler.width)) continue;
+            jumps.push_back(double{*at});
+            // Channels mostly share their times.
+            if (jumps.size() > 4 * SpeedSearch::keys_max && !once()) return too_many();
+        }
+    }
+    if (!once()) return too_many();
+    return jumps;
+}
+
 }  // namespace raynest

@@ -7,6 +7,7 @@
 #include <cstdint>
 #include <functional>
 #include <memory>
+#include <vector>
 
 namespace raynest {
 
@@ -14,7 +15,7 @@ class SpeedMeter;
 
 /// Finds the speed, in the scene's units per second, that nothing exceeds between two moments of an
 /// animation: that of the corners of what moves, found at each key and several times between.
-/// Jumps, between the keys of a STEP channel, have no speed. Not thread-safe.
+/// Jumps have no speed: jumps_between() tells them. Not thread-safe.
 class SpeedSearch {
 public:
     /// Keys between the two moments, at most; and how often a node or a corner is looked at.
@@ -39,5 +40,11 @@ private:
     explicit SpeedSearch(std::unique_ptr<SpeedMeter> meter);
     std::unique_ptr<SpeedMeter> meter_;
 };
+
+/// Returns when parts jump, from `from` on, without it, to `to`: at the keys of STEP channels that have
+/// another value than the one before. Ascending, each once. Fails with limit_exceeded beyond
+/// SpeedSearch::keys_max. Throws std::bad_alloc.
+Result<std::vector<double>> jumps_between(const Snapshot& scene, std::uint32_t animation,
+                                          double from, double to);
 
 }  // namespace raynest

@@ -7,7 +7,7 @@
 namespace raynest {
 namespace {
 
-constexpr std::size_t list_count = 14;
+constexpr std::size_t list_count = 15;
 constexpr std::size_t list_alignment = 8;
 using Counts = std::array<std::uint64_t, list_count>;
 
@@ -51,10 +51,12 @@ bool all_finite(std::span<const double> numbers) {
 
 class Check {
 public:
-    Check(const Motion& motion, std::uint32_t outermost, std::uint32_t cameras)
+    Check(const Motion& motion, std::uint32_t outermost, std::uint32_t cameras,
+          std::uint32_t lights)
         : motion_(motion),
           outermost_(outermost),
-          cameras_(cameras) {}
+          cameras_(cameras),
+          lights_(lights) {}
 
     Result<void> check() const {
         if (!std::ranges::all_of(motion_.floats, [](float x) { return std::isfinite(x); }))
@@ -80,6 +82,9 @@ public:
         for (const MovedCamera& moved : motion_.cameras)
             if (!is_follower(moved, moved.camera, cameras_))
                 return broken("cameras that the scene lacks");
+        for (const MovedLight& moved : motion_.lights)
+            if (!is_follower(moved, moved.light, lights_))
+                return broken("lights that the scene lacks");
         for (const MotionJoint& joint : motion_.joints)
             if (joint.node >= motion_.nodes.size() || !all_finite(joint.bind))
                 return broken("joints without nodes");
@@ -157,6 +162,7 @@ private:
     const Motion& motion_;
     const std::uint32_t outermost_;
     const std::uint32_t cameras_;
+    const std::uint32_t lights_;
 };
 
 }  // namespace
@@ -181,14 +187,14 @@ std::vector<std::byte> motion_bytes(MotionTables& tables) {
 }
 
 Result<Motion> read_motion(std::span<const std::byte> bytes, std::uint32_t outermost,
-                           std::uint32_t cameras) {
+                           std::uint32_t cameras, std::uint32_t lights) {
     Motion motion;
     if (bytes.empty()) return motion;
     if (!find_lists(bytes, motion)) return broken("another length than its tables");
     if (motion.floats.size() > motion_floats_max ||
         motion.animations.size() > motion_animations_max)
         return broken("more than it may have");
-    if (auto sound = Check(motion, outermost, cameras).check(); !sound)
+    if (auto sound = Check(motion, outermost, cameras, lights).check(); !sound)
         return tl::unexpected(sound.error());
     return motion;
 }

@@ -1,6 +1,6 @@
-// The animations of a scene: which instances, cameras and vertices move, and how.
+// The animations of a scene: which instances, cameras, lights and vertices move, and how.
 //
-//   nodes ──► instances, cameras, skins' joints        channels ──► nodes and weights of meshes
+//   nodes ──► instances, cameras, lights, skins' joints        channels ──► nodes and weights of meshes
 //
 // A scene carries them as one run of bytes, the tables below one behind the other. FORMAT.md draws
 // it. Nothing here knows of files: glTF is one that such tables can be made of.
@@ -74,6 +74,11 @@ struct MovedCamera {
     std::uint32_t node = 0;
 };
 
+struct MovedLight {
+    std::uint32_t light = 0;
+    std::uint32_t node = 0;
+};
+
 struct MotionJoint {
     std::uint32_t node = 0;
     std::uint32_t unused = 0;
@@ -119,6 +124,7 @@ struct MotionLists {
     List<MotionNode> nodes;
     List<MovedInstance> instances;
     List<MovedCamera> cameras;
+    List<MovedLight> lights;
     List<MotionJoint> joints;
     List<MovedMesh> meshes;
     List<MovedPart> parts;
@@ -132,8 +138,8 @@ struct MotionLists {
     template <class Visit>
     void each(const Visit& visit) {
         visit(animations), visit(channels), visit(samplers), visit(nodes), visit(instances);
-        visit(cameras), visit(joints), visit(meshes), visit(parts), visit(targets);
-        visit(places), visit(joint_numbers), visit(floats), visit(names);
+        visit(cameras), visit(lights), visit(joints), visit(meshes), visit(parts);
+        visit(targets), visit(places), visit(joint_numbers), visit(floats), visit(names);
     }
 };
 template <class T>
@@ -149,10 +155,10 @@ using MotionTables = MotionLists<MotionVector>;
 /// Returns the bytes of tables.
 std::vector<std::byte> motion_bytes(MotionTables& tables);
 /// Reads tables out of bytes that stay. Empty bytes are a scene that does not move. Checks every
-/// index, length and number, those of instances and cameras against the scene's. Fails with
+/// index, length and number, those of instances, cameras and lights against the scene's. Fails with
 /// scene_invalid.
 Result<Motion> read_motion(std::span<const std::byte> bytes, std::uint32_t outermost,
-                           std::uint32_t cameras);
+                           std::uint32_t cameras, std::uint32_t lights);
 /// The same of bytes that read_motion() has accepted, without a look at them.
 Motion checked_motion(std::span<const std::byte> bytes);
 /// Returns the bytes after instances were removed, `removed` ascending.

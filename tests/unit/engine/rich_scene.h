@@ -10,8 +10,8 @@
 
 namespace raynest::test {
 
-/// Returns an animation of "third", of the first camera, and of the vertices of "lone", which are
-/// `corners`: a target and a joint move them.
+/// Returns an animation of "third", of the first camera and light, and of the vertices of "lone",
+/// which are `corners`: a target and a joint move them.
 inline MotionTables rich_motion(const std::vector<Vec3>& corners) {
     MotionTables motion;
     const auto add = [&](std::vector<float> floats) {
@@ -26,6 +26,7 @@ inline MotionTables rich_motion(const std::vector<Vec3>& corners) {
     motion.nodes[1].parent = 0;
     motion.instances.push_back({3, 1});
     motion.cameras.push_back({0, 0});
+    motion.lights.push_back({0, 0});
     motion.joints.push_back({0});
     motion.places.push_back(2);
     MovedPart part;

@@ -15,9 +15,10 @@ namespace {
 
 constexpr std::uint32_t outermost = 4;
 constexpr std::uint32_t cameras = 1;
+constexpr std::uint32_t lights = 1;
 
 bool is_read(MotionTables tables) {
-    return read_motion(motion_bytes(tables), outermost, cameras).has_value();
+    return read_motion(motion_bytes(tables), outermost, cameras, lights).has_value();
 }
 
 MotionTables good_tables() {
@@ -51,6 +52,8 @@ TEST_CASE("motion tables are refused for each index, length and number that is w
         [](MotionTables& m) { m.instances[0].outermost = outermost; },
         [](MotionTables& m) { m.instances[0].node = 2; },
         [](MotionTables& m) { m.cameras[0].camera = cameras; },
+        [](MotionTables& m) { m.lights[0].light = lights; },
+        [](MotionTables& m) { m.lights[0].node = 2; },
         [](MotionTables& m) { m.joints[0].node = 2; },
         [](MotionTables& m) { m.places[0] = outermost; },
         [](MotionTables& m) { m.meshes[0].place_count = 2; },
@@ -72,8 +75,8 @@ TEST_CASE("motion tables are refused for each index, length and number that is w
     MotionTables tables = good_tables();
     std::vector<std::byte> bytes = motion_bytes(tables);
     bytes.pop_back();
-    CHECK(!read_motion(bytes, outermost, cameras));
-    CHECK(read_motion({}, outermost, cameras)->animations.empty());
+    CHECK(!read_motion(bytes, outermost, cameras, lights));
+    CHECK(read_motion({}, outermost, cameras, lights)->animations.empty());
 }
 
 TEST_CASE("instances that an edit removes take no others' motion with them") {
@@ -105,6 +108,8 @@ TEST_CASE("a pose moves what its tables say, and the scene stays") {
     const InstanceInfo* const infos = view.instance_infos + view.objects[view.root].first_instance;
     CHECK(infos[3].to_parent.m[7] == 1.5F);  // half of 3
     CHECK(view.cameras[0].to_world.m[7] == 1.5F);
+    CHECK((*posed)->shading().lights[0].position == Vec3(0, 1.5F, 0));
+    CHECK((*posed)->shading().lights[0].direction == Vec3(0, 0, -1));
     // The cubic channel is at 0.5 of its way: half of the target's 0.5, and the joint moved by 1.5.
     const ObjectRecord& lone =
         view.objects[view.instances[view.objects[view.root].first_instance + 2].object];
