@@ -337,9 +337,9 @@ void add_film(CommandLine& line, RenderOptions& render) {
                    static_cast<std::uint32_t>(limits.samples_max),
                    "samples per pixel (16, with --noise 1024; primary has 1)");
     line.add_option("--tonemap", render.tonemap,
-                    "for .png and .npy: agx | aces | reinhard | none (agx; for ao none)");
+                    "for all but .exr: agx | aces | reinhard | none (agx; for ao none)");
     line.add_option("--exposure", render.exposure,
-                    "for .png and .npy: stops, or auto (auto; for ao 0)");
+                    "for all but .exr: stops, or auto (auto; for ao 0)");
     line.add_number("--env-rotate", render.environment_rotate, -360.0F, 360.0F,
                     "a number of degrees from -360 to 360",
                     "turns the picture of --env by this angle from north eastwards (0)")

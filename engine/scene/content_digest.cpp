@@ -162,12 +162,6 @@ public:
         for (std::uint64_t i = warnings - header.variants; i < warnings; ++i)
             add_name(text, names[i]);
         text.add(materials);
-        for (std::uint32_t i = 0; i < scene_.shading.light_count; ++i) {
-            LightRecord light = scene_.shading.lights[i];
-            add_name(text, light.name);
-            light.name = 0;
-            text.add(light);
-        }
         const auto motion = format::section_size(scene_.bytes.data(), Section::motion);
         text.add(motion), text.add(long_run(section<std::byte>(Section::motion), motion));
         add_paths(text);
@@ -181,6 +175,17 @@ public:
             add_name(text, camera.name);
             camera.name = 0;
             text.add(camera);
+        }
+        return sum(text);
+    }
+
+    Sha256 lights() {
+        Text text("lights");
+        for (std::uint32_t i = 0; i < scene_.shading.light_count; ++i) {
+            LightRecord light = scene_.shading.lights[i];
+            add_name(text, light.name);
+            light.name = 0;
+            text.add(light);
         }
         return sum(text);
     }
@@ -356,7 +361,8 @@ Result<void> ContentDigests::set_scene(const CheckedArena& scene) {
     Hasher hasher(scene);
     Text text("scene");
     text.add(std::uint32_t{format::version});
-    text.add(rest_), text.add(hasher.cameras()), text.add(at(scene.view.root).whole);
+    text.add(rest_), text.add(hasher.cameras()), text.add(hasher.lights());
+    text.add(at(scene.view.root).whole);
     const Sha256 whole = hasher.sum(text);
     if (auto sound = hasher.state(); !sound) return sound;
     scene_ = digest_text(whole);

@@ -2,6 +2,7 @@
 
 #include "engine/scene/edits/batch.h"
 #include "engine/scene/edits/edit.h"
+#include "protocol/answer.h"
 #include "protocol/control.h"
 #include "protocol/text.h"
 #include "server/ground/limited_log.h"
@@ -113,7 +114,7 @@ public:
         edited.notes = notes_;
         edited.seconds = std::chrono::duration<double>(Clock::now() - started_).count();
         Frames frames;
-        frames.push_back(*protocol::encode(id_, edited));
+        frames.push_back(protocol::answer(id_, edited));
         return frames;
     }
 
@@ -173,10 +174,20 @@ private:
     /// Added parts stand still, and a scene with primitives of its own becomes a part of another.
     void note_lost_animations(const Snapshot& edited) {
         const auto moves = [](const Snapshot& scene) { return !scene.motion_bytes().empty(); };
-        for (const EditContent::Source& source : order_.content.sources)
-            if (moves(*source.held->snapshot))
-                notes_.push_back("the animations of '" + source.name +
-                                 "' do not play here: what an edit adds is moved by edits");
+        notes_.clear();  // of an attempt that another edit came before
+        std::size_t lost = 0;
+        const EditContent::Source* first = nullptr;
+        for (const EditContent::Source& source : order_.content.sources) {
+            if (!moves(*source.held->snapshot)) continue;
+            if (lost++ == 0) first = &source;
+        }
+        if (first != nullptr) {
+            constexpr std::size_t name_most = 100;
+            notes_.push_back(fmt::format(
+                "the animations of '{}'{} do not play here: what an edit adds is moved by edits",
+                protocol::clean_text(first->name, name_most),
+                lost == 1 ? "" : fmt::format(" and {} more", lost - 1)));
+        }
         if (moves(before_->snapshot()) && !moves(edited))
             notes_.emplace_back(
                 "the scene's own animations do not play any more: it has primitives beside its "

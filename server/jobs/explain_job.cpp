@@ -1,5 +1,6 @@
 #include "server/jobs/explain_job.h"
 
+#include "protocol/answer.h"
 #include "protocol/text.h"
 #include "server/documents/scene_info.h"
 #include "server/jobs/services.h"
@@ -21,7 +22,7 @@ Frames ExplainJob::greeting() {
     wire::StartedT message = started(plan_, services_.limits);
     message.camera = camera_;
     Frames frames;
-    frames.push_back(*protocol::encode(id_, message));
+    frames.push_back(protocol::answer(id_, message));
     return frames;
 }
 
@@ -43,7 +44,7 @@ Frames ExplainJob::farewell() {
     Frames frames;
     wire::DoneT message = done();
     for (std::string& note : notes_) message.notes.push_back(std::move(note));
-    frames.push_back(*protocol::encode(id_, message));
+    frames.push_back(protocol::answer(id_, message));
     return frames;
 }
 

@@ -1,6 +1,7 @@
 #include "server/jobs/load_job.h"
 
 #include "engine/assets/sandbox/import_child.h"
+#include "protocol/answer.h"
 #include "protocol/hash.h"
 #include "protocol/text.h"
 #include "server/documents/scene_info.h"
@@ -49,7 +50,7 @@ public:
         if (order_.files.empty() || order_.known) return frames;
         wire::NeedT need;
         for (std::uint32_t i = 0; i < order_.files.size(); ++i) need.files.push_back(i);
-        frames.push_back(*protocol::encode(id_, need));
+        frames.push_back(protocol::answer(id_, need));
         return frames;
     }
 
@@ -191,7 +192,7 @@ public:
         loaded.seconds = seconds();
         loaded.reused = reused_;
         Frames frames;
-        frames.push_back(*protocol::encode(id_, loaded));
+        frames.push_back(protocol::answer(id_, loaded));
         return frames;
     }
 

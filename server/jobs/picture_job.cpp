@@ -1,5 +1,6 @@
 #include "server/jobs/picture_job.h"
 
+#include "protocol/answer.h"
 #include "protocol/hash.h"
 #include "protocol/text.h"
 #include "server/documents/plan_text.h"
@@ -43,7 +44,7 @@ Frames PictureJob::greeting() {
     wire::StartedT message = started(plan_, services_.limits);
     message.camera = protocol::clean_text(request_.camera.name, services_.limits.name_bytes_max);
     Frames frames;
-    frames.push_back(*protocol::encode(id_, message));
+    frames.push_back(protocol::answer(id_, message));
     return frames;
 }
 
@@ -80,7 +81,7 @@ bool PictureJob::finished() const {
 
 Frames PictureJob::farewell() {
     Frames frames;
-    frames.push_back(*protocol::encode(id_, done_));
+    frames.push_back(protocol::answer(id_, done_));
     return frames;
 }
 

@@ -1,5 +1,6 @@
 #include "server/jobs/query_job.h"
 
+#include "protocol/answer.h"
 #include "protocol/control.h"
 #include "server/jobs/services.h"
 #include "server/scheduling/inline_budget.h"
@@ -31,7 +32,7 @@ Frames QueryJob::greeting() {
     wire::StartedT message = started(plan_, services_.limits);
     message.rays = source_.rays();
     Frames frames;
-    frames.push_back(*protocol::encode(id_, message));
+    frames.push_back(protocol::answer(id_, message));
     return frames;
 }
 
@@ -77,7 +78,7 @@ Frames QueryJob::farewell() {
     if (plan_.untraced) message.traversal = "none";
     if (steps_) message.notes.push_back(steps_->note());
     Frames frames;
-    frames.push_back(*protocol::encode(id_, message));
+    frames.push_back(protocol::answer(id_, message));
     return frames;
 }
 

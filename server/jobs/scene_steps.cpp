@@ -33,7 +33,7 @@ std::size_t views_max() {
 }  // namespace
 
 struct SceneSteps::View {
-    std::size_t step = 0;
+    std::size_t stretch = 0;
     Budget::Lease lease;
     Budget::Lease selection;
     std::optional<Plan> plan;
@@ -45,17 +45,37 @@ struct SceneSteps::View {
 double SceneSteps::seconds_at(std::uint64_t line) const {
     const SweepOrder& sweep = sweep_.order();
     const double time = sweep.time_of(line);
-    return motion_->seconds ? *motion_->seconds + (time - sweep.begin) : time;
+    const double seconds = motion_->seconds ? *motion_->seconds + (time - sweep.begin) : time;
+    // Keys are float32, and so is the end (find_moment()).
+    return static_cast<double>(static_cast<float>(seconds)) == end_ ? end_ : seconds;
 }
 
-std::pair<std::uint64_t, std::uint64_t> SceneSteps::lines_of(const StepOrder::Step& step) const {
+void SceneSteps::find_stretches(std::span<const std::uint64_t> edges) {
     const SweepOrder& sweep = sweep_.order();
-    if (!sweep.camera) {
-        const std::uint64_t before = step.scan * sweep.columns;
-        return {before + step.begin, before + step.end};
+    for (std::size_t i = 0; i < order_->steps().size(); ++i) {
+        const StepOrder::Step& step = order_->steps()[i];
+        const std::uint64_t before = step.scan * sweep.lines();
+        Stretch stretch{i, i + 1, before + step.begin, before + step.end};
+        if (sweep.camera) {
+            const auto end = std::ranges::upper_bound(edges, step.scan * order_->grid().channels);
+            stretch = {i, i + 1, *std::prev(end), *end};
+        }
+        if (stretches_.empty() || stretches_.back().begin != stretch.begin)
+            stretches_.push_back(stretch);
+        else
+            stretches_.back().end_step = i + 1;
     }
-    const std::uint64_t rows = order_->grid().channels;
-    return {step.scan * rows, std::min<std::uint64_t>((step.scan + 1) * rows, sweep.lines())};
+}
+
+std::span<const StepOrder::Step> SceneSteps::steps_of(std::size_t stretch) const {
+    const Stretch& of = stretches_[stretch];
+    return order_->steps().subspan(of.first_step, of.end_step - of.first_step);
+}
+
+std::size_t SceneSteps::stretch_at(std::uint64_t place) const {
+    const auto behind =
+        std::ranges::upper_bound(stretches_, order_->step_at(place), {}, &Stretch::first_step);
+    return static_cast<std::size_t>(behind - stretches_.begin()) - 1;
 }
 
 Reply<std::vector<std::uint64_t>> SceneSteps::find_cuts(double from, double to) const {
@@ -77,9 +97,13 @@ Reply<void> SceneSteps::choose(const Stop& stop) {
     const std::uint64_t each = sweep.grid().pixels() / sweep.scans;
     const std::uint64_t first_scan = first_ / each, last_scan = (first_ + count_ - 1) / each;
     std::uint64_t steps = 1;
-    std::uint64_t rows = sweep.lines();  // of a camera's step
+    std::uint64_t rows = sweep.lines();                  // of a camera, that are ordered together
+    std::vector<std::uint64_t> edges{0, sweep.lines()};  // of the camera's stretches
     std::vector<std::uint64_t> cuts;
     if (motion_) {
+        end_ = animations_of(plan_.scene.snapshot(), motion_->animation + std::size_t{1})
+                   .at(motion_->animation)
+                   .seconds;
         // The speed is that of all scans, so that a part has the steps of the whole.
         const double from = seconds_at(0), to = seconds_at(sweep.all_lines() - 1);
         const std::string animation = std::to_string(motion_->animation);
@@ -108,23 +132,37 @@ Reply<void> SceneSteps::choose(const Stop& stop) {
         auto found = find_cuts(from, to);
         if (!found) return tl::unexpected(found.error());
         cuts = std::move(*found);
-        // A camera's steps have whole rows, all of them as many, and begin where parts jump.
+        std::erase_if(cuts, [&](std::uint64_t line) {
+            return line / sweep.lines() < first_scan || line / sweep.lines() > last_scan;
+        });
+        // A camera's steps have whole rows, all of them as many but where parts jump.
         if (sweep.camera) {
             rows = divided_up(rows, divided_up(rows, rows / steps));
-            for (const std::uint64_t cut : cuts) rows = std::gcd(rows, cut);
             steps = divided_up(sweep.lines(), rows);
+            edges = cuts;
+            for (std::uint64_t s = 0; s < steps; ++s) edges.push_back(s * rows);
+            edges.push_back(sweep.lines());
+            std::ranges::sort(edges);
+            for (const std::uint64_t cut : cuts) rows = std::gcd(rows, cut);
         }
         const std::uint64_t scans = last_scan - first_scan + 1;
-        const std::uint64_t most = sweep_steps_max;
-        if (steps * scans + cuts.size() > most) {
+        if (scans + cuts.size() > sweep_steps_max)
+            return refuse(
+                Code::limit_exceeded,
+                fmt::format("parts of the scene jump {} times, and each time begins a step; "
+                            "the limit is sweep_steps_max = {}; ask for fewer scans at a "
+                            "time",
+                            cuts.size(), sweep_steps_max));
+        const std::uint64_t most = sweep_steps_max - cuts.size();
+        if (steps * scans > most) {
             const double each_most =
-                std::max(1.0, std::floor(static_cast<double>(most) / static_cast<double>(scans)));
+                std::floor(static_cast<double>(most) / static_cast<double>(scans));
             return refuse(
                 Code::limit_exceeded,
                 fmt::format("step_error {:.3g}: parts of the scene move at {:.3g} per second, so "
                             "that it needs {} steps, the limit is sweep_steps_max = {}; accept "
                             "{:.2g} or more, or ask for fewer scans at a time",
-                            error, speed, steps * scans + cuts.size(), most,
+                            error, speed, steps * scans + cuts.size(), sweep_steps_max,
                             // Told in two digits, which may be less than it is.
                             1.05 * speed * (sweep.end - sweep.begin) / (2 * each_most)));
         }
@@ -144,6 +182,7 @@ Reply<void> SceneSteps::choose(const Stop& stop) {
         order_.emplace(SweepGrid{sweep.columns, sweep.channels, sweep.scans}, first_, count_, steps,
                        cuts);
     }
+    find_stretches(edges);
     return {};
 }
 
@@ -167,7 +206,7 @@ std::optional<Task> SceneSteps::next() {
         };
         return task;
     }
-    if (chosen_ != Chosen::done || next_ == order_->steps().size()) return std::nullopt;
+    if (chosen_ != Chosen::done || next_ == stretches_.size()) return std::nullopt;
     std::size_t used;
     {
         const std::lock_guard lock(mutex_);
@@ -191,13 +230,13 @@ std::optional<Task> SceneSteps::next() {
         };
         return task;
     }
-    view->step = next_++;
+    view->stretch = next_++;
     view->lease = std::move(*lease);
     view->selection = std::move(*selection);
-    view->left = order_->steps()[view->step].count;
+    for (const StepOrder::Step& step : steps_of(view->stretch)) view->left += step.count;
     {
         const std::lock_guard lock(mutex_);
-        views_.emplace(view->step, view);
+        views_.emplace(view->stretch, view);
     }
     return task_of(std::move(view));
 }
@@ -207,9 +246,8 @@ Reply<void> SceneSteps::make(View& view, const Stop& stop) {
     view.plan = plan_;
     if (!motion_) return {};
     const Snapshot& scene = plan_.scene.snapshot();
-    const StepOrder::Step& step = order_->steps()[view.step];
-    const auto [begin, end] = lines_of(step);
-    const double seconds = (seconds_at(begin) + seconds_at(end - 1)) / 2;
+    const Stretch& stretch = stretches_[view.stretch];
+    const double seconds = (seconds_at(stretch.begin) + seconds_at(stretch.end - 1)) / 2;
     EditMemory memory(services_.budget, principal_, Use::passing, scene.bytes().size());
     auto posed =
         pose(scene, {motion_->animation, seconds}, memory.guard([&] { return stop.requested(); }));
@@ -237,23 +275,22 @@ void SceneSteps::ended(ChunkQueue& queue) {
     for (const auto& [number, view] : views_) {
         if (view->is_queued || !view->is_made) continue;
         view->is_queued = true;
-        const StepOrder::Step& step = order_->steps()[number];
-        queue.add(step.first, step.count);
+        for (const StepOrder::Step& step : steps_of(number)) queue.add(step.first, step.count);
     }
 }
 
 std::shared_ptr<const Plan> SceneSteps::plan_of(const Chunk& chunk) const {
-    const std::size_t step = order_->step_at(chunk.first);
+    const std::size_t stretch = stretch_at(chunk.first);
     const std::lock_guard lock(mutex_);
-    const std::shared_ptr<View>& view = views_.at(step);
+    const std::shared_ptr<View>& view = views_.at(stretch);
     return {view, &*view->plan};
 }
 
 void SceneSteps::answered(const Chunk& chunk, std::uint64_t count) {
-    const std::size_t step = order_->step_at(chunk.first);
+    const std::size_t stretch = stretch_at(chunk.first);
     std::shared_ptr<View> released;  // is freed without the lock
     const std::lock_guard lock(mutex_);
-    const auto view = views_.find(step);
+    const auto view = views_.find(stretch);
     view->second->left -= count;
     if (view->second->left != 0) return;
     released = std::move(view->second);

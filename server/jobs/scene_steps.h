@@ -17,6 +17,7 @@
 #include <memory>
 #include <mutex>
 #include <optional>
+#include <span>
 #include <string>
 #include <utility>
 #include <vector>
@@ -60,15 +61,22 @@ public:
 
 private:
     struct View;
+    /// A part of the sweep that sees the scene at one moment: a step of the order, of a camera one or several.
+    struct Stretch {
+        std::size_t first_step, end_step;  ///< of the order
+        std::uint64_t begin, end;          ///< lines, those of a whole sweep
+    };
 
     Reply<void> choose(const Stop& stop);
     Reply<void> make(View& view, const Stop& stop);
     [[nodiscard]] double seconds_at(std::uint64_t line) const;
     /// Lines where a step must begin because parts of the scene jump there, ascending.
     [[nodiscard]] Reply<std::vector<std::uint64_t>> find_cuts(double from, double to) const;
-    /// The lines of a step: [first, end).
-    [[nodiscard]] std::pair<std::uint64_t, std::uint64_t> lines_of(
-        const StepOrder::Step& step) const;
+    /// Chooses the stretches; `edges` are lines where those of a camera begin and the last one ends.
+    void find_stretches(std::span<const std::uint64_t> edges);
+    [[nodiscard]] std::span<const StepOrder::Step> steps_of(std::size_t stretch) const;
+    /// The stretch of a place. Any thread.
+    [[nodiscard]] std::size_t stretch_at(std::uint64_t place) const;
     [[nodiscard]] Task task_of(std::shared_ptr<View> view);
 
     const Services& services_;
@@ -81,9 +89,11 @@ private:
     std::optional<SpeedSearch> search_;  ///< of the first tasks, which follow each other
     std::optional<StepOrder> order_;     ///< written by the last one of them
     std::string note_;                   ///< likewise
-    std::size_t next_ = 0;               ///< step
+    double end_ = 0;                     ///< of the animation; likewise
+    std::vector<Stretch> stretches_;     ///< likewise
+    std::size_t next_ = 0;               ///< of them
     mutable std::mutex mutex_;
-    std::map<std::size_t, std::shared_ptr<View>> views_;  ///< by step: those in use
+    std::map<std::size_t, std::shared_ptr<View>> views_;  ///< by stretch: those in use
 };
 
 }  // namespace raynest::server

@@ -10,6 +10,7 @@
 #include "server/ground/stop.h"
 #include "server/jobs/received_file.h"
 
+#include <algorithm>
 #include <cstdint>
 #include <optional>
 #include <utility>
@@ -52,7 +53,11 @@ struct SweepOrder {
     }
     /// Bytes of memory while it runs.
     [[nodiscard]] std::uint64_t held_bytes() const {
-        return sent_bytes() + all_lines() * (sizeof(Pose) + sizeof(Vec3));
+        constexpr std::uint64_t steps_most = 64ULL << 10;  // of a scene that moves
+        constexpr std::uint64_t step_bytes = 128;          // in all tables of steps and scans
+        const std::uint64_t steps =
+            step_error ? scans + std::min<std::uint64_t>(all_lines(), steps_most) : 0;
+        return sent_bytes() + all_lines() * (sizeof(Pose) + sizeof(Vec3)) + steps * step_bytes;
     }
 };
 

@@ -1,5 +1,6 @@
 #include "server/jobs/unload_job.h"
 
+#include "protocol/answer.h"
 #include "server/store/scene_store.h"
 #include "server/store/state_folder.h"
 
@@ -42,7 +43,7 @@ public:
     [[nodiscard]] bool finished() const override { return !unload_; }
     Frames farewell() override {
         Frames frames;
-        frames.push_back(*protocol::encode(id_, unloaded_));
+        frames.push_back(protocol::answer(id_, unloaded_));
         return frames;
     }
 

@@ -2,6 +2,8 @@
 
 #include "server/ground/address.h"
 
+#include <sys/stat.h>
+
 #include <set>
 #include <utility>
 
@@ -24,7 +26,11 @@ std::vector<Place> places_of(const Address& address, const SocketAccess& socket)
                                            : std::vector{Place::loopback};
     // Connecting needs the right to write. Another program has set the mode of an inherited socket.
     constexpr unsigned others_write = 0022;
-    const bool is_shared = local->descriptor >= 0 || (socket.mode & others_write) != 0;
+    struct stat file {};
+    unsigned mode = socket.mode;
+    if (local->descriptor >= 0)
+        mode = ::stat(local->path.c_str(), &file) == 0 ? file.st_mode : others_write;
+    const bool is_shared = (mode & others_write) != 0;
     return is_shared ? std::vector{Place::own_user, Place::other_user}
                      : std::vector{Place::own_user};
 }

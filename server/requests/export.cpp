@@ -1,5 +1,6 @@
 // EXPORT: a scene as a file that other programs read: binary glTF, or the composition beside it.
 #include "engine/assets/gltf/write/glb_file.h"
+#include "protocol/answer.h"
 #include "protocol/text.h"
 #include "server/jobs/payload_sender.h"
 #include "server/jobs/services.h"
@@ -53,7 +54,7 @@ public:
                 message.notes.push_back(
                     protocol::clean_text(line, services_.limits.text_bytes_max));
         Frames frames;
-        frames.push_back(*protocol::encode(caller_.request_id, message));
+        frames.push_back(protocol::answer(caller_.request_id, message));
         return frames;
     }
     std::optional<Task> next() override { return sender_.next(); }
@@ -71,7 +72,7 @@ public:
     }
     Frames farewell() override {
         Frames frames;
-        frames.push_back(*protocol::encode(caller_.request_id, wire::DoneT{}));
+        frames.push_back(protocol::answer(caller_.request_id, wire::DoneT{}));
         return frames;
     }
 

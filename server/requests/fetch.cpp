@@ -1,5 +1,6 @@
 // FETCH: sends the answer of a detached job, frame by frame, under the credit of the caller. A job
 // that still refines a picture has a latest one, which is sent with a DONE that says so.
+#include "protocol/answer.h"
 #include "server/requests/request.h"
 #include "server/scheduling/detached.h"
 
@@ -66,7 +67,7 @@ public:
         done.notes.push_back("job " + std::to_string(source_->record().number) +
                              " goes on: this is its picture so far");
         Frames frames;
-        frames.push_back(*protocol::encode(id_, done));
+        frames.push_back(protocol::answer(id_, done));
         return frames;
     }
     [[nodiscard]] std::optional<Progress> progress() const override {

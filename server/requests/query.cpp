@@ -14,6 +14,7 @@
 #include <algorithm>
 #include <array>
 #include <optional>
+#include <span>
 #include <string>
 #include <string_view>
 #include <utility>
@@ -73,6 +74,17 @@ Reply<void> check_reduce(const wire::Query& query) {
     return {};
 }
 
+/// Fails with INVALID_FIELD if a name that only the client needs is none of the query's columns: Started
+/// repeats these names.
+Reply<void> check_hidden(std::span<const std::string> hidden, std::span<const std::string> fields) {
+    for (auto name = hidden.begin(); name != hidden.end(); ++name)
+        if (std::ranges::find(fields, *name) == fields.end() ||
+            std::find(hidden.begin(), name, *name) != name)
+            return refuse(Code::invalid_field, "hidden: '" + protocol::clean_text(*name, 64) +
+                                                   "' must be one of fields, and there once");
+    return {};
+}
+
 /// Has the scene move while its sweep is measured, if it has an animation. The CPU traces it: each
 /// step is another scene, and a GPU would be sent each.
 Reply<void> set_motion(Plan& plan, const wire::Job& job, RaySource& source,
@@ -116,6 +128,8 @@ Reply<Answer> query(const Services& services, const Caller& caller,
         return tl::unexpected(known.error());
     plan->untraced = kind->untraced;
     plan->hidden = protocol::strings(message->hidden());
+    if (auto known = check_hidden(plan->hidden, protocol::strings(message->fields())); !known)
+        return tl::unexpected(known.error());
     plan->reads_rays = reduce.empty() && columns->read_rays();
     if (plan->csr()) plan->hits_max = message->max_hits();
     if (plan->hits_max == 0) plan->hits_max = kind->query == query_all ? all_hits : multi_hits;

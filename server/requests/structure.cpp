@@ -1,5 +1,6 @@
 // STRUCTURE: how a scene is built, as a JSON document: objects, placements, boxes of trees, the texts
 // of paths, or how good its trees are.
+#include "protocol/answer.h"
 #include "protocol/text.h"
 #include "server/documents/structure_json.h"
 #include "server/jobs/payload_sender.h"
@@ -56,7 +57,7 @@ public:
     [[nodiscard]] std::uint64_t held_bytes() const override { return lease_.bytes(); }
     Frames farewell() override {
         Frames frames;
-        frames.push_back(*protocol::encode(id_, wire::DoneT{}));
+        frames.push_back(protocol::answer(id_, wire::DoneT{}));
         return frames;
     }
 

@@ -1,4 +1,5 @@
 // WAIT: answers once a detached job has ended.
+#include "protocol/answer.h"
 #include "server/documents/job_info.h"
 #include "server/requests/request.h"
 
@@ -19,7 +20,7 @@ public:
     [[nodiscard]] bool finished() const override { return awaited_->ended(); }
     Frames farewell() override {
         Frames frames;
-        frames.push_back(*protocol::encode(id_, job_info(*awaited_, services_.admission)));
+        frames.push_back(protocol::answer(id_, job_info(*awaited_, services_.admission)));
         return frames;
     }
     [[nodiscard]] std::optional<Progress> progress() const override {

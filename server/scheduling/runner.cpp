@@ -1,5 +1,6 @@
 #include "server/scheduling/runner.h"
 
+#include "protocol/answer.h"
 #include "protocol/control.h"
 #include "protocol/text.h"
 #include "server/ground/io_turn.h"
@@ -329,7 +330,7 @@ void Runner::return_input(Active& active, std::uint64_t bytes) {
     wire::CreditT credit;
     credit.bytes = std::exchange(active.returned, 0);
     active.input_credit += credit.bytes;
-    sink_->send(*protocol::encode(active.id, credit));
+    sink_->send(protocol::answer(active.id, credit));
 }
 
 void Runner::stop(Active& active, protocol::Error error) {
@@ -454,7 +455,7 @@ void Runner::tick(Clock::time_point now) {
                 message.samples = progress->samples;
                 message.noise = progress->noise;
                 message.left_ms = progress->left_ms;
-                sink_->send(*protocol::encode(active->id, message));
+                sink_->send(protocol::answer(active->id, message));
             }
             // Pump: the job may have waited for something other than its client.
             pump(active);

@@ -1,5 +1,6 @@
 #include "server/sessions/conversation.h"
 
+#include "protocol/answer.h"
 #include "protocol/text.h"
 #include "server/ground/io_turn.h"
 #include "server/ground/limited_log.h"
@@ -219,7 +220,7 @@ void Conversation::greet(protocol::Frame frame) {
     welcome.jobs_max = static_cast<std::uint32_t>(services_.limits.jobs_max);
     welcome.principal = caller_.principal;
     welcome.role = role_name(caller_.role);
-    sink_.send(*protocol::encode(frame.header.request_id, welcome));
+    sink_.send(protocol::answer(frame.header.request_id, welcome));
     log_limited(LogLevel::debug, "greeted", caller_.principal,
                 {{"principal", caller_.principal},
                  {"client", std::string(protocol::text((*hello)->client()))}});
@@ -231,7 +232,7 @@ void Conversation::ping(protocol::Frame frame) {
     if (!ping) return refuse_request(id, ping.error());
     wire::PongT pong;
     pong.payload = (*ping)->payload();
-    sink_.send(*protocol::encode(id, pong));
+    sink_.send(protocol::answer(id, pong));
 }
 
 void Conversation::credit(protocol::Frame frame) {
@@ -412,7 +413,7 @@ void Conversation::release_inputs() {
         if (!job->error()) {
             wire::DetachedT detached;
             detached.job = job->record().number;
-            sink_.send(*protocol::encode(id, detached));
+            sink_.send(protocol::answer(id, detached));
         }
         fed = feeding_.erase(fed);
     }

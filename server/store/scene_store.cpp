@@ -29,6 +29,21 @@ protocol::Error unknown(std::string_view name) {
             "scene '" + std::string(name) + "' is not loaded; see `Scenes`, or `Load` it", 0};
 }
 
+/// Names those that a scene is shared with, at most so many that any list of scenes fits into a frame.
+std::string share_text(const std::set<std::string>& share) {
+    constexpr std::size_t bytes_most = 1024;
+    std::string text;
+    std::size_t left = share.size();
+    for (const std::string& principal : share) {
+        const std::string name = protocol::in_list(principal);
+        if (!text.empty() && text.size() + name.size() > bytes_most)
+            return text + ", and " + std::to_string(left) + " more";
+        text.append(text.empty() ? "" : ",").append(name);
+        --left;
+    }
+    return text;
+}
+
 }  // namespace
 
 bool SceneStore::Entry::held_by(const ConnectionId& caller) const {
@@ -275,7 +290,15 @@ Reply<NamedScene> SceneStore::publish(const std::string& name,
         entry.epoch_reserved = entry.stored.epoch;
     }
     if (!how.made_of.empty()) entry.made_of = std::move(how.made_of);
-    if (!how.share.empty()) entry.share = {how.share.begin(), how.share.end()};
+    std::size_t ended = 0;
+    if (!how.share.empty()) {
+        entry.share = {how.share.begin(), how.share.end()};
+        // Whom the owner leaves out now sees nothing of it any more, also not by a hold from before.
+        if (!entry.share.contains("public"))
+            ended = std::erase_if(entry.holders, [&](const auto& holder) {
+                return holder.first != entry.owner && !entry.share.contains(holder.first);
+            });
+    }
     if (!how.temporary) entry.kept = true;
     const bool temporary = how.temporary && (!entry.held_by(caller) || entry.temporary_of(caller));
     entry.holders[caller.principal].insert_or_assign(caller.connection, temporary);
@@ -293,8 +316,9 @@ Reply<NamedScene> SceneStore::publish(const std::string& name,
     });
     if (before != last) {
         if (before->second.release(caller)) entries_.erase(before);
-        settle_charges();
+        ++ended;
     }
+    if (ended != 0) settle_charges();
     return scene;
 }
 
@@ -462,10 +486,7 @@ SceneStore::Page SceneStore::page(const ConnectionId& caller, std::size_t first,
     for (const auto& [name, known] : entries_) {
         if (!found_by(known, caller, held)) continue;
         if (page.total++ < first || page.scenes.size() == most) continue;
-        std::string share;
-        for (const std::string& principal : known.share)
-            share.append(share.empty() ? "" : ",").append(protocol::in_list(principal));
-        page.scenes.push_back({known.scene_for(caller), known.owner, std::move(share),
+        page.scenes.push_back({known.scene_for(caller), known.owner, share_text(known.share),
                                now - known.loaded, now - known.used, known.connections(),
                                known.facts,
                                known.scene.held       ? (known.pinned ? "pinned" : "memory")

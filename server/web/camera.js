@@ -73,7 +73,7 @@ export function move(camera, across, upward, ahead) {
 /** Brings the eye nearer to the point looked at, or away from it; never so near that its digits end the way back. */
 export function dolly(camera, factor) {
   const far = distance(camera), least = 1e-5 * Math.max(...camera.eye.map(Math.abs), ...camera.at.map(Math.abs));
-  return { ...camera, eye: add(camera.at, scale(sub(camera.eye, camera.at), Math.max(far * factor, least) / far)) };
+  return { ...camera, eye: add(camera.at, scale(sub(camera.eye, camera.at), Math.max(far * factor, Math.min(far, least)) / far)) };
 }
 
 /** Returns the camera that sees a box whole from where this one looks. */

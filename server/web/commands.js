@@ -1,5 +1,6 @@
 // The request of the picture as a command line and as Python.
 import { add, generator, halfHeight } from "./camera.js";
+import { rangeOf } from "./histogram.js";
 import { compares } from "./requests.js";
 import { sunOf } from "./light.js";
 import { DEFAULTS } from "./store.js";
@@ -14,7 +15,8 @@ const literal = (text) => JSON.stringify(text);
 function parts(state, [width, height]) {
   const view = viewOf(state.view), { camera } = state;
   const lookat = [...camera.eye, ...camera.at, ...camera.up].join(",");
-  const range = Array.isArray(state.range) ? state.range.join(":") : state.range;
+  const limits = Array.isArray(state.range) ? rangeOf(state.range, {}, compares(state)) : null;
+  const range = limits ? [limits.low, limits.high] : state.range;
   return { view, camera, lookat, range, size: `${width}x${height}`, mask: state.mask,
            metric: state.level === "" || view.measured ? view.id : `${view.id}.${state.level}` };
 }
@@ -59,7 +61,7 @@ export function asCommand(state, size) {
   const camera = [`--lookat=${p.lookat}`, "--fov", String(p.camera.fov), "--size", p.size];
   let words;
   if (isHeatMap(p.view, state)) {
-    words = ["heatmap", state.scene, "-o", "heat.png", "--metric", p.metric, "--palette", state.palette, "--range", p.range,
+    words = ["heatmap", state.scene, "-o", "heat.png", "--metric", p.metric, "--palette", state.palette, "--range", [p.range].flat().join(":"),
              "--scale", state.log ? "log" : "linear", ...camera, ...common];
     if (compares(state)) words.push("--diff", state.compare.replace(/^(intersector|mask):/, "$1=").replace(/^(scene|set):/, ""));
   } else if (p.view.lit && !orthographic) {
@@ -104,7 +106,7 @@ export function asPython(state, size) {
   if (state.time !== "") job.push(`time=${state.time}`, `animation="${state.animation}"`);
   let lines;
   if (isHeatMap(view, state)) {
-    const span = Array.isArray(state.range) ? point(state.range) : literal(range);
+    const span = Array.isArray(range) ? point(range) : literal(range);
     const colours = [...(state.palette === DEFAULTS.palette ? [] : [`palette=${literal(state.palette)}`]), ...(state.log ? ['scale="log"'] : []),
                      ...(compares(state) ? [`diff=${pythonDiff(state.compare)}`] : [])];
     lines = [`counts = scene.heatmap(${[...where, `fov=${camera.fov}`, `metric=${literal(metric)}`, `range=${span}`, ...colours, ...job].join(",\n                       ")})`];

@@ -69,7 +69,7 @@ export function changesText(before, after) {
 
 /** Returns the number that one of `before` has in `after`: that of its name, else its own; -1 where it is gone. */
 function sameNumber(number, before = [], after = []) {
-  if (before[number]) return after.indexOf(before[number]);
+  if (before[number] && after[number] !== before[number]) return after.indexOf(before[number]);
   return number < after.length ? number : -1;
 }
 

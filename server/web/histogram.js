@@ -19,6 +19,8 @@ export function statistics(values) {
 
 /** Returns the range that a setting stands for: p99, auto or [low, high]. */
 export function rangeOf(setting, stats, diverging) {
+  // Both sides of a difference are as long.
+  if (Array.isArray(setting) && diverging) setting = [-1, 1].map((sign) => sign * Math.max(...setting.map(Math.abs)));
   if (Array.isArray(setting)) return { low: setting[0], high: setting[1] };
   if (diverging) {
     // Where few pixels differ, the range is theirs.
@@ -62,7 +64,8 @@ export function ticks(scale, count) {
     for (let decade = 1; decade <= scale.high; decade *= 10) {
       for (const value of [decade, 3 * decade]) if (value > scale.low && value <= scale.high) found.push(value);
     }
-    return [scale.low, ...found.filter((_, i) => found.length <= count || i % Math.ceil(found.length / count) === 0)];
+    if (found.length > 1) return [scale.low, ...found.filter((_, i) => found.length <= count || i % Math.ceil(found.length / count) === 0)];
+    found.length = 0;  // within one decade the scale is nearly linear
   }
   const wanted = (scale.high - scale.low) / count;
   const power = 10 ** Math.floor(Math.log10(wanted));

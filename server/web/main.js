@@ -220,7 +220,7 @@ function listScenes() {
   if (names.join("\n") === shown.join("\n") && byId("scene").value === (missing ? "" : scene)) return;
   fillSelect(byId("scene"), [...missing ? [["", "choose"]] : [], ...names.map((name) => [name, name])], missing ? "" : scene);
 }
-model.addEventListener("change", listScenes);
+for (const event of ["change", "scenes"]) model.addEventListener(event, listScenes);
 
 const follower = new Follower(app, {
   gone: async (scene) => {

@@ -22,7 +22,8 @@ export class Model extends EventTarget {
     const { names } = await this.daemon.askPages("Scenes", {}, ["names"], options);
     const differ = names.join("\n") !== this.scenes.join("\n");
     this.scenes = names;
-    if (differ) this.#changed();
+    // What panels show of the scene stays as it is.
+    if (differ) this.dispatchEvent(new Event("scenes"));
   }
 
   /** Asks for scenes and intersectors. */

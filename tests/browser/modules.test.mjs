@@ -67,6 +67,8 @@ test("Python that is copied says what a heat map is compared with, and its colou
   assert.doesNotMatch(asPython(state, [8, 8]), /diff|palette|scale/);
   for (const [compare, diff] of [["mask:1", '{"mask": 0x1}'], ["scene:b", 'client.scene("b")'], ["intersector:opaque", '{"intersector": "opaque"}'],
     ["set:cutoff=0.9", '{"params": {"cutoff":"0.9"}}']]) assert.ok(asPython({ ...state, compare }, [8, 8]).includes(`diff=${diff})`), compare);
+  // A range of a difference is as long on both sides, as the daemon wants it.
+  assert.ok(asPython({ ...state, compare: "mask:1", range: [1, 20] }, [8, 8]).includes("range=(-20, 20)"));
   const coloured = asPython({ ...state, palette: "viridis", log: true }, [8, 8]);
   assert.ok(coloured.includes('palette="viridis"') && coloured.includes('scale="log"'), coloured);
 });

@@ -291,6 +291,14 @@ class Animation(WithDaemon):
         with scene.edit() as edit:
             edit.move("car", (0, 1, 0))
         self.assertEqual(edit.notes, [])
+        # However many there are, and whatever they are called.
+        with scene.edit() as edit:
+            for number in range(500):
+                edit.add("drive", (5, number, 0), name=f"{number} " + 80 * "n")
+            edit.add("drive", name=4000 * "x")
+        self.assertEqual(len(edit.notes), 1)
+        self.assertLess(len(edit.notes[0]), 300)
+        self.assertRegex(edit.notes[0], "n' and 500 more do not play here")
 
     def test_lights_move(self):
         gltf = Gltf()

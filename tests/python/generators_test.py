@@ -332,7 +332,7 @@ class Generators(WithDaemon):
                     [0, 0, 0], [0, 0, 1])))):
             with self.assertRaisesRegex(raynest.UsageError, says):
                 call()
-        with self.assertRaisesRegex(TypeError, "there are pose, camera"):
+        with self.assertRaisesRegex(TypeError, "has no argument unheard. It has .*pose, camera"):
             generators.lidar([0], unheard=1)
 
 

@@ -9,6 +9,9 @@ import warnings
 import numpy as np
 
 import raynest
+import raynest.returns
+import raynest.sweeps
+from raynest import generators
 from with_daemon import FIELDS, MISS, WithDaemon, main, rain
 
 
@@ -218,6 +221,26 @@ class Rays(WithDaemon):
                              ("intersect", "did you mean intersector="), ("tmax", "a range each")):
             with self.assertRaisesRegex(TypeError, says):
                 self.woods.trace(rays, **{option: 1})
+
+    def test_names_that_only_the_client_needs_are_columns_of_the_query(self):
+        for hidden in ([f"{n}" + 240 * "x" for n in range(240)], ["prim"], ["t", "t"]):
+            with self.assertRaisesRegex(raynest.UsageError, "hidden: .* must be one of fields"):
+                for _ in self.client.connection.exchange("Query", {"job": {"scene": "woods"}, "fields": ["t"], "hidden": hidden, "generator":
+                                                                   {"kind": "camera", "settings": ["size=4x4"]}}):
+                    pass
+        self.assertGreater(self.client.ping(), 0)
+
+    def test_a_misspelt_argument_is_answered_with_the_nearest(self):
+        way = {"trajectory": ([0.0], [np.eye(4)])}
+        still = raynest.sweeps.lidar([0], end=0, **way)
+        for call, says in ((lambda: self.client.load("builtin:forest", nam="a"), r"load\(\) has no argument nam: did you mean name=\?"),
+                           (lambda: self.client.mesh([], vertexes=1), "mesh.* did you mean vertices="), (lambda: raynest.connect(tokn="a"), "token="),
+                           (lambda: generators.lidar([0], azimuth=1), "azimuths="), (lambda: generators.pinhole(1, lookat=1), "look_at="),
+                           (lambda: generators.sweep([0], step_eror=1, **way), "step_error="), (lambda: raynest.sweeps.lidar([0], ende=1, **way), "end="),
+                           (lambda: raynest.returns.measure(self.woods, still, divergenz=1), "divergence="),
+                           (lambda: raynest.returns.measure(self.woods, still, hid=1), "hide=")):
+            with self.assertRaisesRegex(TypeError, says):
+                call()
 
     def test_tiny_windows_only_cost_time(self):
         rays = rain(60000)

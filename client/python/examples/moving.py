@@ -1,5 +1,6 @@
 #!/usr/bin/env python3
 """Scans a scene with a lidar while a part of it moves: each frame is an edit and a sweep."""
+import argparse
 import time
 
 import numpy as np
@@ -9,7 +10,8 @@ import terminal
 
 
 def options():
-    parser = terminal.parser(__doc__, "moving.py builtin:forest --part birch-17 --by 0.5,0,0 --frames 20")
+    parser = terminal.parser(__doc__, "moving.py builtin:forest --part birch-17 --by 0.5,0,0 --frames 20",
+                             loaded=False)
     parser.add_argument("--part", default="birch-1*",
                         help="text of a path; * stands for any text (%(default)s)")
     parser.add_argument("--by", type=numbers, default=(0.5, 0, 0), metavar="DX,DY,DZ",
@@ -23,10 +25,11 @@ def options():
 
 def numbers(text):
     """Parses DX,DY,DZ; the type of an option."""
-    values = tuple(float(word) for word in text.split(","))
-    if len(values) != 3:
-        raise ValueError(text)
-    return values
+    try:
+        x, y, z = (float(word) for word in text.split(","))
+    except ValueError:
+        raise argparse.ArgumentTypeError(f"'{text}' is not DX,DY,DZ") from None
+    return x, y, z
 
 
 def main():

@@ -14,7 +14,7 @@ SENSOR = 1.9           # metres over the ground, above the middle of the first c
 
 
 def options():
-    parser = terminal.parser(__doc__, "street.py --cars 50 --seconds 10 -o sweep.ply")
+    parser = terminal.parser(__doc__, "street.py --cars 50 --seconds 10 -o sweep.ply", "builtin:street", loaded=False)
     parser.add_argument("--cars", type=terminal.count, default=50, help="(%(default)s)")
     parser.add_argument("--speed", type=float, default=12, help="metres per second (%(default)s)")
     parser.add_argument("--rate", type=terminal.count, default=10, help="sweeps per second (%(default)s)")
@@ -25,7 +25,6 @@ def options():
                         help="by how much another car may be off: the cars move several times in a sweep (once)")
     parser.add_argument("-o", "--output", help="a .npz with the points of each sweep, in the world; or the last "
                         "sweep as a .ply, .pcd or .las")
-    parser.set_defaults(source="")
     return parser.parse_args()
 
 
@@ -95,7 +94,7 @@ def sweep_of(scene, traffic, args, begin, steps):
 def main():
     args = options()
     client = raynest.connect(args.server)
-    scene = client.load(args.source or f"builtin:street?cars={args.cars}", "street", replace=True)
+    scene = client.load(f"builtin:street?cars={args.cars}" if args.source == "builtin:street" else args.source, "street", replace=True)
     traffic = Traffic(args.cars, args.speed)
     period = 1 / args.rate
     # The cars that come towards the sensor are the fastest as it sees them.

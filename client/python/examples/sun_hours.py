@@ -1,6 +1,7 @@
 #!/usr/bin/env python3
 """Hours of direct sun in a day: for points with normals, at a place on earth, behind what a scene has.
 Up is y, east is x, and north -z, as in glTF; with --up z north is y."""
+import argparse
 import datetime
 import math
 
@@ -12,6 +13,14 @@ import terminal
 HOURS = 3600.0
 
 
+def day(text):
+    """Parses YYYY-MM-DD; the type of an option."""
+    try:
+        return datetime.date.fromisoformat(text)
+    except ValueError:
+        raise argparse.ArgumentTypeError(f"'{text}' is not a day as YYYY-MM-DD") from None
+
+
 def options():
     parser = terminal.parser(__doc__, "sun_hours.py builtin:forest --place 52.5,13.4 --day 2026-06-21")
     terminal.add_up(parser)
@@ -19,7 +28,7 @@ def options():
                         help=".npy of hours, one per point (%(default)s)")
     parser.add_argument("--place", default="52.5,13.4", metavar="LATITUDE,LONGITUDE",
                         help="in degrees, north and east (%(default)s)")
-    parser.add_argument("--day", type=datetime.date.fromisoformat, default=datetime.date(2026, 6, 21),
+    parser.add_argument("--day", type=day, default=datetime.date(2026, 6, 21),
                         metavar="YYYY-MM-DD", help="(%(default)s)")
     parser.add_argument("--minutes", type=terminal.count, default=10,
                         help="between looks at the sun, at most 720 (%(default)s)")

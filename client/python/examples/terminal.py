@@ -11,15 +11,15 @@ import raynest
 AXES = {"y": ((0, 2), 1), "z": ((0, 1), 2)}  # the axes of the ground, and the one that points up
 
 
-def parser(description, example):
-    """Returns a parser whose help starts with an example."""
+def parser(description, example, source="builtin:forest", loaded=True):
+    """Returns a parser whose help starts with an example. `loaded`: the source may be a scene's name."""
     made = argparse.ArgumentParser(usage=f"{example}\n\n%(prog)s [SOURCE] [options]",
                                    description=description)
     # No option begins with a digit: -33.9,151.2 is a value, as -1 is.
     made._negative_number_matcher = re.compile(r"^-[\d.]")
-    made.add_argument("source", nargs="?", default="builtin:forest", metavar="SOURCE",
-                      help=".glb, .gltf, builtin:NAME or root:PATH, or the name of a loaded "
-                      "scene (%(default)s)")
+    made.add_argument("source", nargs="?", default=source, metavar="SOURCE",
+                      help=f".glb, .gltf, builtin:NAME or root:PATH{', or the name of a loaded scene' if loaded else ''} "
+                      "(%(default)s)")
     made.add_argument("--server", help="tcp://HOST:PORT or unix:PATH (RAYNEST_SERVER)")
     made.add_argument("--quiet", action="store_true", help="no progress")
     return made
@@ -38,10 +38,10 @@ def count(text):
 
 
 def scene(client, source, origin=None):
-    """Returns the loaded scene of that name, or loads the source."""
+    """Returns the loaded scene of that name, or loads the source, under a name of its own: others may have edited theirs."""
     if any(source == info["name"] for info in client.scenes()):
         return client.scene(source)
-    return client.load(source, origin=origin)
+    return client.load(source, "example-" + re.sub(r"\W+", "-", os.path.basename(source)), origin=origin, replace=True)
 
 
 def from_above(scene, ground, up="y"):

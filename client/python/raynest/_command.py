@@ -105,8 +105,8 @@ def _carried(known: Prepared, words: Sequence[str]) -> tuple[list[Union[str, Car
         if mark == "@":
             name, sign, path = word.partition("=@")
             prefix += name + sign
-        elif option in ("points", "trajectory") and value:
-            prefix, path = option + "=", value
+        elif option in ("points", "trajectory", "elevations", "azimuths") and value:
+            prefix, path, word = option + "=", value, value
         else:
             path = word if mark is not None else ""
         if path and (path in STANDARD or os.path.isfile(path)):

@@ -27,7 +27,7 @@ from . import _limits
 from ._lists import GENERATORS
 from ._net.control import Message
 from ._net.frame import Array
-from ._requests.arguments import Unpack, count_of, float32, none_is_default, numbers, real, whole
+from ._requests.arguments import Call, Unpack, count_of, float32, none_is_default, numbers, real, whole
 from ._requests.picture import camera_message, size_message
 from ._requests.rays import Rays, Source, Starts, pair, vector
 from .errors import UsageError
@@ -42,6 +42,11 @@ class SensorPose(TypedDict, total=False):
     look_at: Optional[Sequence[Any]]    # (eye, at) or (eye, at, up); else the pose is the identity
     tmin: Optional[float]
     tmax: Optional[float]       # in units of t
+
+
+def of_sensor(function: Call) -> Call:
+    """none_is_default() of a function that takes the arguments of all sensors."""
+    return none_is_default(function, tuple(SensorPose.__annotations__))
 
 
 class Generator:
@@ -128,7 +133,7 @@ def one_sample(generator: Message) -> Message:
 
 # ---- sensors ------------------------------------------------------------------------------------
 
-@none_is_default
+@of_sensor
 def camera(*, fov: float = 0.0, size: tuple[int, int] = (960, 540),
            **sensor: Unpack[SensorPose]) -> Generator:
     """The rays of a picture: `camera` is one of the scene, by default the first, or `look_at`;
@@ -138,7 +143,7 @@ def camera(*, fov: float = 0.0, size: tuple[int, int] = (960, 540),
     return _image("camera", size, sensor, {}, fov=real("fov", fov))
 
 
-@none_is_default
+@of_sensor
 def pinhole(fx: float, fy: Optional[float] = None, cx: Optional[float] = None,
             cy: Optional[float] = None, *, size: tuple[int, int] = (960, 540),
             **sensor: Unpack[SensorPose]) -> Generator:
@@ -147,7 +152,7 @@ def pinhole(fx: float, fy: Optional[float] = None, cx: Optional[float] = None,
     return _image("pinhole", size, sensor, _lens(fx, fy, cx, cy))
 
 
-@none_is_default
+@of_sensor
 def orthographic(window: tuple[float, float], *, size: tuple[int, int] = (960, 540),
                  **sensor: Unpack[SensorPose]) -> Generator:
     """Parallel rays through a window of this width and height in the scene."""
@@ -159,13 +164,13 @@ def orthographic(window: tuple[float, float], *, size: tuple[int, int] = (960, 5
     return _image("orthographic", size, sensor, {"window": window_text})
 
 
-@none_is_default
+@of_sensor
 def equirectangular(*, size: tuple[int, int] = (960, 480), **sensor: Unpack[SensorPose]) -> Generator:
     """All directions: 360 degrees wide with ahead in the middle, and 180 degrees high."""
     return _image("equirectangular", size, sensor, {})
 
 
-@none_is_default
+@of_sensor
 def lidar(elevations: Any, azimuths: Any = (0.0, 360.0, 2048), *,
           azimuth_offsets: Any = (), origin_offsets: Any = (), **sensor: Unpack[SensorPose]) -> Union[Lidar, Sweep]:
     """A rotating head with a channel for each of `elevations`. `azimuths` is (start, stop, count),
@@ -179,7 +184,7 @@ def lidar(elevations: Any, azimuths: Any = (0.0, 360.0, 2048), *,
     if turn is None or np.size(elevations) > _limits.list_items_max:
         if given := [name for name, value in (("azimuth_offsets", np.size(azimuth_offsets)), ("origin_offsets", np.size(origin_offsets)),
                                               *((key, sensor.get(key) is not None) for key in ("camera", "look_at"))) if value]:
-            raise UsageError(f"a lidar whose angles are a list goes without {' and '.join(given)}: give it a pose")
+            raise UsageError(f"a lidar whose angles are a list goes without {' and '.join(given)}; `pose` says where it stands")
         pose = sensor.get("pose")
         standing = np.eye(3, 4) if pose is None else numbers("pose", pose)
         return sweep(elevations, turn or azimuths, trajectory=([0.0], standing[None]), begin=0.0, end=0.0,
@@ -396,10 +401,6 @@ def _image(kind: str, size: tuple[int, int], sensor: SensorPose, settings: dict[
 
 
 def _given(sensor: SensorPose) -> SensorPose:
-    unknown = sensor.keys() - SensorPose.__annotations__.keys()
-    if unknown:
-        raise TypeError(f"a sensor has no option {', '.join(sorted(unknown))}; there are "
-                        f"{', '.join(SensorPose.__annotations__)}")
     given = {name: value for name, value in sensor.items() if value is not None}
     places = [name for name in ("pose", "camera", "look_at") if name in given]
     if len(places) > 1:

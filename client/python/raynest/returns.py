@@ -5,6 +5,7 @@
 """
 from __future__ import annotations
 
+import inspect
 import re
 from typing import Any, Literal, Mapping, Optional
 
@@ -12,7 +13,8 @@ import numpy as np
 
 from . import _limits
 from ._net.frame import Array
-from ._requests.arguments import count_of, numbers, real, whole
+from ._requests.arguments import count_of, numbers, real, unknown_argument, whole
+from ._requests.job import JobOptions
 from .errors import UsageError
 from .scene import Scene
 from .sweeps import Sweep
@@ -24,6 +26,7 @@ _FOOTPRINT_MAX = 1024
 # Luminance of red, green and blue, by ITU-R BT.709.
 _LUMINANCE = np.array([0.2126, 0.7152, 0.0722])
 _ROUNDING = 1e-9  # of a share, a sum of powers
+_CHOSEN = ("kind", "fields", "reduce", "max_hits", "detach")
 _IDS = ("prim", "geom", "path", "uid")
 
 
@@ -67,7 +70,10 @@ def measure(scene: Scene, sweep: Sweep, *, divergence: float = 0.0, footprint: i
     if ends.shape != (2,) or not 0 <= ends[0] < ends[1]:
         raise UsageError(f"range={range!r}: it is (near, far), and must begin at 0 or above, and end after that")
     near, far = ends
-    if taken := job.keys() & {"kind", "fields", "reduce", "max_hits", "detach"}:
+    if unknown := job.keys() - JobOptions.__annotations__.keys() - {"origin", "progress", *_CHOSEN}:
+        raise unknown_argument("measure", min(unknown), (*(name for name in inspect.signature(measure).parameters if name != "job"),
+                                                         *JobOptions.__annotations__))
+    if taken := job.keys() & set(_CHOSEN):
         raise UsageError(f"measure() chooses {', '.join(sorted(taken))} itself: leave it out")
     if velocities is not None and not isinstance(velocities, Mapping):
         raise UsageError("velocities are by the texts of paths: {'car-3': (12, 0, 0)}")

@@ -15,7 +15,7 @@ import numpy as np
 
 from . import _limits
 from ._net.frame import Array
-from ._requests.arguments import count_of, numbers, real
+from ._requests.arguments import count_of, none_is_default, numbers, real
 from .errors import UsageError
 
 # Columns of a pose may be off unit length and right angles by so much.
@@ -35,6 +35,7 @@ class Sweep(NamedTuple):
         return Sweep(*(column[chosen] for column in self))
 
 
+@none_is_default
 def lidar(elevations: Any, azimuths: Any = (0.0, 360.0, 2048), *, begin: float = 0.0, end: float = 0.1,
           trajectory: Any) -> Sweep:
     """A rotating head that moves while it turns. `elevations` (C,) and azimuths are in degrees. `azimuths` is

@@ -1,5 +1,6 @@
 #include "engine/scene/edits/pose.h"
 
+#include "engine/math/finite.h"
 #include "engine/scene/camera_pose.h"
 #include "engine/scene/motion/sampling.h"
 #include "engine/scene/motion/skinning.h"
@@ -34,7 +35,8 @@ public:
           to_scene_(sampling_.nodes()),
           at_rest_(MotionSampling::nodes_at_rest(motion_)),
           placed_(scene.view().instance_infos +
-                  scene.view().objects[scene.view().root].first_instance) {}
+                  scene.view().objects[scene.view().root].first_instance),
+          lights_(scene.shading().lights) {}
 
     /// The vertices of the result belong to this.
     SceneChanges changes() {
@@ -56,9 +58,14 @@ public:
         for (const MovedCamera& moved : motion_.cameras)
             if (const auto at = camera_pose(to_scene_[moved.node]))
                 changes.cameras.push_back({moved.camera, *at});
-        for (const MovedLight& moved : motion_.lights)
-            if (const auto at = camera_pose(to_scene_[moved.node]))
-                changes.lights.push_back({moved.light, place_of(*at), ahead_of(*at)});
+        for (const MovedLight& moved : motion_.lights) {
+            const auto at = camera_pose(to_scene_[moved.node]);
+            const Vec3 place = place_of(at ? *at : round_affine(to_scene_[moved.node]));
+            // One whose scale is 0 has a place, but no direction: it keeps its own.
+            if (is_finite(place))
+                changes.lights.push_back(
+                    {moved.light, place, at ? ahead_of(*at) : lights_[moved.light].direction});
+        }
         for (std::uint32_t m = 0; m < motion_.meshes.size(); ++m) {
             const MovedMesh& mesh = motion_.meshes[m];
             if (mesh.place_count == 0) continue;
@@ -150,6 +157,7 @@ private:
     const std::vector<Affine> to_scene_;  ///< by node
     const std::vector<Affine> at_rest_;   ///< likewise
     const InstanceInfo* const placed_;    ///< of outermost instances, as edits have left them
+    const LightRecord* const lights_;
     std::deque<PosedVertices> vertices_;
 };
 

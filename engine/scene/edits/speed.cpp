@@ -192,8 +192,11 @@ private:
             keys.erase(std::ranges::unique(keys).begin(), keys.end());
             return keys.size() <= SpeedSearch::keys_max;
         };
+        std::vector<bool> seen(motion_.samplers.size());
         for (const MotionChannel& channel :
              motion_.channels.subspan(animation_.first_channel, animation_.channel_count)) {
+            if (seen[channel.sampler]) continue;
+            seen[channel.sampler] = true;
             const MotionSampler& sampler = motion_.samplers[channel.sampler];
             const auto times = motion_.floats.subspan(sampler.first_time, sampler.keys);
             const auto first = std::ranges::upper_bound(times, from);
@@ -295,6 +298,13 @@ Result<std::vector<double>> jumps_between(const Snapshot& scene, std::uint32_t a
                                           double from, double to) {
     const Motion motion = checked_motion(scene.motion_bytes());
     const MotionAnimation& played = motion.animations[animation];
+    // Nodes of which something that rays can meet hangs.
+    std::vector<bool> carries(motion.nodes.size());
+    for (const MovedInstance& moved : motion.instances) carries[moved.node] = true;
+    for (const MotionJoint& joint : motion.joints) carries[joint.node] = true;
+    for (std::size_t i = motion.nodes.size(); i-- > 0;)
+        if (carries[i] && motion.nodes[i].parent != no_id) carries[motion.nodes[i].parent] = true;
+    std::vector<bool> seen(motion.samplers.size());  // which channels mostly share
     std::vector<double> jumps;
     const auto once = [&] {
         std::ranges::sort(jumps);
@@ -309,7 +319,10 @@ Result<std::vector<double>> jumps_between(const Snapshot& scene, std::uint32_t a
     for (const MotionChannel& channel :
          motion.channels.subspan(played.first_channel, played.channel_count)) {
         const MotionSampler& sampler = motion.samplers[channel.sampler];
-        if (sampler.interpolation != Interpolation::step) continue;
+        if (sampler.interpolation != Interpolation::step || seen[channel.sampler] ||
+            (channel.path != MotionPath::weights && !carries[channel.target]))
+            continue;
+        seen[channel.sampler] = true;
         const auto times = motion.floats.subspan(sampler.first_time, sampler.keys);
         const float* const values = motion.floats.data() + sampler.first_value;
         for (auto at = std::ranges::upper_bound(times, from);

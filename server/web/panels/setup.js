@@ -96,10 +96,11 @@ function difference({ store, model }) {
     const known = options.flatMap((entry) => entry.options ?? [entry]).some(([value]) => value === state.compare);
     if (!known) options.push([state.compare, state.compare.replace(/^(set|mask):/, (_, kind) => (kind === "set" ? "" : "mask "))]);
     fillSelect(select, options, state.compare);
-    setting.value = state.compare.startsWith("set:") ? state.compare.slice("set:".length) : "";
   };
+  const showSetting = ({ compare }) => { setting.value = compare.startsWith("set:") ? compare.slice("set:".length) : ""; };
   store.on(["compare", "scene"], show);
-  model.addEventListener("change", () => show(store.values));
+  store.on(["compare"], showSetting, true);
+  for (const event of ["change", "scenes"]) model.addEventListener(event, () => show(store.values));
   show(store.values);
   return element("div", {}, field("Compare", select), field("or a parameter", setting),
     element("p", { className: "hint" }, "Red pixels cost more than with the other setting, blue ones less. Views of cost and depth show it."));

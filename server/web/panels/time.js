@@ -9,7 +9,10 @@ export function timeSection({ store, model, picture }) {
   const stop = element("button", { type: "button", id: "time-off", onclick: () => { begin(false); store.set({ time: "", animation: 0 }); } }, "As it was loaded");
   const play = element("button", { type: "button", id: "time-play", onclick: () => begin(!started) });
   const seconds = () => model.info?.animation_seconds?.[store.values.animation] ?? 0;
-  animation.onchange = () => store.set({ animation: Number(animation.value), time: 0 });
+  animation.onchange = () => {
+    store.set({ animation: Number(animation.value), time: 0 });
+    if (started) begin(true);
+  };
   let started = null;  // {at, from}: since when it plays, and from which moment
   function begin(plays) {
     started = plays ? { at: performance.now(), from: Number(store.values.time) } : null;
@@ -24,7 +27,7 @@ export function timeSection({ store, model, picture }) {
     return store.set({ time: Number(due.toPrecision(6)) });
   }
   picture.addEventListener("image", () => { if (started) requestAnimationFrame(() => { if (started) advance(); }); });
-  store.on(["scene"], () => begin(false));
+  store.on(["scene", "time"], ({ time }) => { if (time === "") begin(false); });
   begin(false);
   slider.oninput = () => {
     begin(false);

@@ -222,6 +222,29 @@ TEST_CASE("a shared scene is found by those whom it is shared with") {
     CHECK_FALSE(store.find("me/car", 0, you));
 }
 
+TEST_CASE("whom a new share leaves out sees nothing any more, also who held the scene") {
+    Budget budget(1 << 30);
+    SceneStore store(budget);
+    const ConnectionId you = of("you", 2), them = of("them", 3);
+    REQUIRE(store.publish("car", square(1), {.share = {"you", "them"}}, of("me")));
+    for (const ConnectionId& holder : {you, them}) REQUIRE(store.open("me/car", holder));
+    REQUIRE(store.publish("car", square(2), {.replace = true, .share = {"them"}}, of("me")));
+    CHECK(store.find("me/car", 0, you).error().code == Code::scene_unknown);
+    CHECK(store.find("me/car", 0, them));
+    CHECK(*store.unload("car", of("me")) == std::vector<std::string>{"them (1 connection)"});
+}
+
+TEST_CASE("whom a scene is shared with is told in few bytes") {
+    Budget budget(1 << 30);
+    SceneStore store(budget);
+    std::vector<std::string> many;
+    for (int i = 0; i < 512; ++i) many.push_back(std::to_string(1000 + i) + std::string(100, ','));
+    REQUIRE(store.publish("car", square(1), {.share = many}, of("me")));
+    const std::string told = store.list(of("me")).at(0).share;
+    CHECK(told.size() < 1100);
+    CHECK(told.ends_with(" more"));
+}
+
 TEST_CASE("an administrator sees and unloads every scene") {
     Budget budget(1 << 30);
     SceneStore store(budget);

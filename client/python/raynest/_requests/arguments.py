@@ -1,6 +1,7 @@
 """Checks of arguments whose errors the schema alone would report late or in fewer words."""
 from __future__ import annotations
 
+import difflib
 import functools
 import inspect
 import math
@@ -28,16 +29,30 @@ else:
 Call = TypeVar("Call", bound=Callable[..., Any])
 
 
-def none_is_default(function: Call) -> Call:
+def unknown_argument(function: str, name: str, known: Iterable[str]) -> TypeError:
+    """The error of an argument that a function has not, with the nearest that it has."""
+    known = [each for each in known if each != "self"]
+    near = difflib.get_close_matches(name, known, 1)
+    meant = f": did you mean {near[0]}=?" if near else "."
+    return TypeError(f"{function}() has no argument {name}{meant} It has {', '.join(known)}")
+
+
+def none_is_default(function: Call, more: Iterable[str] = ()) -> Call:
     """Returns `function`, changed so that None means an argument's default: programs can then pass
-    on options that their own users left out."""
+    on options that their own users left out. A misspelt argument is answered with the nearest one, of
+    its own and of `more` where it takes any."""
     parameters = inspect.signature(function).parameters
+    known = [name for name, parameter in parameters.items() if parameter.kind is not parameter.VAR_KEYWORD]
+    checks = len(known) == len(parameters) or bool(more)
+    known += more
     defaults = {name: parameter.default for name, parameter in parameters.items()
                 if parameter.default is not parameter.empty}
     names = tuple(parameters)
 
     @functools.wraps(function)
     def call(*arguments: Any, **options: Any) -> Any:
+        if checks and (unknown := options.keys() - set(known)):
+            raise unknown_argument(function.__name__, min(unknown), known)
         first = (defaults.get(name) if value is None else value
                  for name, value in zip(names, arguments))
         options = {name: defaults.get(name) if value is None else value
