@@ -41,6 +41,10 @@ Result<void> run(Context& context, const FetchOptions& options) {
     }
 
     if (kind == "blame") {
+        if (!options.output.empty())
+            return fail(Exit::usage, job_text(*job->info) +
+                                         " is a ranking, which is printed: leave "
+                                         "out -o");
         if (auto started = context.connection.start(request); !started) return started;
         const auto answer = receive_picture(context.connection, context.progress, document_room());
         context.progress.clear();

@@ -92,11 +92,12 @@ tl::unexpected<Failure> not_a_scene(const std::string& source) {
     constexpr std::array packed = {".xz", ".gz", ".bz2", ".zst", ".zip", ".7z", ".tar", ".tgz"};
     if (std::ranges::find(packed, extension_of(source)) != packed.end())
         return fail(Exit::invalid, source + " is packed; unpack it and load what comes out");
-    return fail(Exit::invalid,
-                source +
-                    " is not a .glb, .gltf, .rnscene.json, .obj, .ply, .stl, .off, .npz, .las or "
-                    ".npy file, nor builtin:NAME; "
-                    "convert it to .glb, for example with trimesh or Blender");
+    return fail(
+        Exit::invalid,
+        source +
+            " is not a .glb, .gltf, .rnscene.json, .obj, .ply, .stl, .off, .las, .tif, .npz or "
+            ".npy file, nor builtin:NAME; "
+            "convert it to .glb, for example with trimesh or Blender");
 }
 
 /// The first bytes of a file, enough for sniff(); nothing where it cannot be read.

@@ -57,6 +57,8 @@ def merge(out: str, paths: Sequence[str]) -> str:
         raise UsageError("name the parts behind the file that they become")
     parts = []
     for path in paths:
+        if os.path.splitext(path)[1].lower() != ending:
+            raise InvalidError(f"{path}: does not end in {ending}, as {out} does", "FILE_INVALID")
         try:
             with open(path, "rb") as file:
                 parts.append(read(path, file.read()))
