@@ -253,7 +253,7 @@ void Conversation::cancel(protocol::Frame frame) {
 }
 
 void Conversation::start(const Request& request, protocol::Frame frame,
-                         std::optional<Clock::time_point> deadline) {
+                         std::optional<Clock::time_point> deadline, Waits waits) {
     const std::uint64_t id = frame.header.request_id;
     if (id == 0 || runner_->knows(id) || feeding_.contains(id) || parked_.contains(id))
         return refuse_request(id, {Code::invalid_field,
@@ -276,13 +276,16 @@ void Conversation::start(const Request& request, protocol::Frame frame,
     Reply<Answer> answer = request.answer(services_, caller_, frame);
     using Awake = std::weak_ptr<SceneWaker::Awake>;
     if (!answer && services_.waker != nullptr)
-        if (const auto asleep = services_.scenes.take_asleep())
-            return park(request, std::move(frame), deadline, [&](Awake awake) {
+        if (const auto asleep = services_.scenes.take_asleep()) {
+            if (const auto may = waits.once_more(asleep->facts.arena); !may)
+                return refuse_request(id, may.error());
+            return park(request, std::move(frame), deadline, std::move(waits), [&](Awake awake) {
                 services_.waker->wake(*asleep, caller_.principal, std::move(awake));
             });
+        }
     if (!answer && services_.poser != nullptr)
         if (const auto wanted = services_.poser->take_wanted())
-            return park(request, std::move(frame), deadline, [&](Awake awake) {
+            return park(request, std::move(frame), deadline, std::move(waits), [&](Awake awake) {
                 services_.poser->make(*wanted, caller_.principal, std::move(awake));
             });
     if (!answer) return refuse_request(id, answer.error());
@@ -295,7 +298,7 @@ void Conversation::start(const Request& request, protocol::Frame frame,
     if (draining_ && !fetches) return refuse_request(id, {Code::draining, why_draining_, 0});
     if (services_.changes != nullptr && services_.changes->is_closed() &&
         ChangeGate::concerns(accepted.kind))
-        return park(request, std::move(frame), deadline,
+        return park(request, std::move(frame), deadline, std::move(waits),
                     [&](Awake awake) { services_.changes->wait(std::move(awake)); });
     if (const auto room = check_room(); !room) return refuse_request(id, room.error());
     if (deadline) accepted.deadline_ms = milliseconds_until(*deadline, Clock::now());
@@ -320,7 +323,7 @@ Reply<void> Conversation::check_room() const {
 }
 
 void Conversation::park(const Request& request, protocol::Frame frame,
-                        std::optional<Clock::time_point> deadline,
+                        std::optional<Clock::time_point> deadline, Waits waits,
                         const std::function<void(std::weak_ptr<SceneWaker::Awake>)>& wait) {
     const std::uint64_t id = frame.header.request_id;
     if (const auto room = check_room(); !room) return refuse_request(id, room.error());
@@ -334,7 +337,8 @@ void Conversation::park(const Request& request, protocol::Frame frame,
         deadline = deadline_after(Clock::now(), request.deadline_ms(frame, services_.limits));
     auto awake = std::make_shared<SceneWaker::Awake>(
         [this, id](const Reply<void>& ready) { resume(id, ready); });
-    parked_.emplace(id, Parked{std::move(frame), std::move(*lease), *deadline, awake});
+    parked_.emplace(
+        id, Parked{std::move(frame), std::move(*lease), *deadline, std::move(waits), awake});
     wait(std::move(awake));
 }
 
@@ -343,8 +347,11 @@ void Conversation::resume(std::uint64_t id, const Reply<void>& ready) {
     if (!ready) return refuse_parked(parked, ready.error());
     protocol::Frame frame = std::move(parked->second.frame);
     const Clock::time_point deadline = parked->second.deadline;
+    Waits waits = std::move(parked->second.waits);
     parked_.erase(parked);
-    guard(id, [&] { start(*find_request(frame.header.type), std::move(frame), deadline); });
+    guard(id, [&] {
+        start(*find_request(frame.header.type), std::move(frame), deadline, std::move(waits));
+    });
     let_go_on();
 }
 

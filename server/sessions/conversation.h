@@ -14,6 +14,7 @@
 #include "server/scheduling/detached.h"
 #include "server/scheduling/runner.h"
 #include "server/sessions/arriving_frame.h"
+#include "server/sessions/waits.h"
 
 #include <cstdint>
 #include <functional>
@@ -101,9 +102,9 @@ private:
     /// Covers a bulk part with memory; false if its request wants none, or memory is short.
     bool cover(const protocol::FrameHeader& header);
     void handle(protocol::Frame frame);
-    /// `deadline`: of a request that was parked.
+    /// `deadline` and `waits`: of a request that was parked.
     void start(const Request& request, protocol::Frame frame,
-               std::optional<Clock::time_point> deadline = std::nullopt);
+               std::optional<Clock::time_point> deadline = std::nullopt, Waits waits = {});
     /// Calls `act`; an exception ends the request alone.
     void guard(std::uint64_t id, const std::function<void()>& act);
     /// A request that waits for its scene, or for a takeover.
@@ -111,13 +112,14 @@ private:
         protocol::Frame frame;
         Budget::Lease lease;  ///< of the frame's bytes
         Clock::time_point deadline;
+        Waits waits;
         std::shared_ptr<SceneWaker::Awake> awake;  ///< begins it once more
     };
     using ParkedRequests = std::map<std::uint64_t, Parked>;
-    /// Calls `wait` with what begins the request once more. `deadline`: of one that was parked
-    /// before.
+    /// Calls `wait` with what begins the request once more. `deadline` and `waits`: of one that was
+    /// parked before.
     void park(const Request& request, protocol::Frame frame,
-              std::optional<Clock::time_point> deadline,
+              std::optional<Clock::time_point> deadline, Waits waits,
               const std::function<void(std::weak_ptr<SceneWaker::Awake>)>& wait);
     void resume(std::uint64_t id, const Reply<void>& ready);
     /// Ends a parked request with an error.

@@ -18,7 +18,7 @@ import { compares, momentOf } from "./requests.js";
 import { logOut, redeemCode, whoAmI } from "./session.js";
 import { keepView, keptView } from "./settings.js";
 import { Selection } from "./panels/selection.js";
-import { Store } from "./store.js";
+import { Store, TIME_KEYS } from "./store.js";
 import { Surface } from "./surface.js";
 import { startTheme } from "./theme.js";
 import { lookOf } from "./tonemap.js";
@@ -38,7 +38,7 @@ const picture = new Picture(daemon, store, tracedSize);
 const legend = new Legend(store, byId("legend"));
 const area = Object.assign(new EventTarget(), { rectangle: null });
 byId("legend").append(lightRow({ store, picture }));
-const app = { daemon, store, model, picture, legend, area, canvas, frame, failed, inform, showCamera };
+const app = { daemon, store, model, picture, legend, area, canvas, frame, failed, inform, showCamera, showMoment };
 app.hover = new Hover(app);
 app.overlay = new Overlay(app, byId("overlay"));
 app.selection = new Selection(app);
@@ -136,7 +136,9 @@ picture.addEventListener("image", () => {
   // The record under a pointer that rests is that of the new picture.
   if (picture.image.complete && pointer && !app.hover.found) hoverAt(...pointer);
   // The daemon traces what is loaded now, which may be newer than what the page has been told.
-  if (picture.image.started && model.info && picture.image.started.hash !== model.info.hash) follower.look();
+  // At a moment of an animation its content is of that moment; its epoch is the scene's.
+  const { started } = picture.image, kind = store.values.time === "" ? "hash" : "epoch";
+  if (started && model.info && String(started[kind]) !== String(model.info[kind])) follower.look();
   if (picture.image.complete || !picture.image.fine || picture.image.linear) legend.show(picture.image, picture.image.fine ? 0 : LEGEND_MS);
   say(model.isEmpty ? "This scene holds nothing that a ray can hit." : "");
   draw();
@@ -267,12 +269,15 @@ let lastInfo = null;  // of the scene that was shown last
 
 /** Asks for everything about the scene, and says what is not as it was when the page showed it last. */
 async function chooseScene(camera) {
-  const { scene, cameraName } = store.values;
+  const { scene: asked, cameraName } = store.values;
+  const info = await model.choose(asked);
+  if (store.values.scene !== asked) return;
+  // A short name of another's scene becomes the one that it has here.
+  const scene = info.name || asked;
+  store.set({ scene });
   const before = lastInfo?.name === scene ? lastInfo : null;
-  const info = await model.choose(scene);
-  if (store.values.scene !== scene) return;
   lastInfo = info;
-  const came = missing === scene;
+  const came = missing === asked;
   missing = "";
   listScenes();
   fillSelect(byId("camera"), [["", "own"], ...info.cameras?.length ? info.cameras.map((name, i) => [String(i), name || `camera ${i}`]) : [["automatic", "whole scene"]]], cameraName);
@@ -305,14 +310,46 @@ async function chooseScene(camera) {
   if (camera) picture.restart();
 }
 
-/** Takes the pose of a camera of the file, at the moment that is shown, from the rays that it makes. */
-async function chooseCamera(name) {
+/** Returns the pose of a camera of the file, at the moment of a state, from the rays that it makes. */
+async function poseOf(name, state) {
   const { low, high } = model.box;
   const target = { center: low.map((x, i) => (x + high[i]) / 2), radius: Math.max(Math.hypot(...high.map((x, i) => x - low[i])) / 2, 1e-6) };
-  const settings = ["size=2x2", ...(name === "automatic" ? [] : [`camera=${name}`])], { scene, time } = store.values;
-  for await (const { type, columns } of daemon.request("Query", { job: { scene, ...momentOf(store.values) }, kind: "null",
-    fields: ["origin", "direction"], generator: { kind: "camera", settings } })) {
-    if (type === "Chunk" && store.values.scene === scene && store.values.time === time) store.set({ camera: cameraOfRays(columns, target), cameraName: name });
+  const settings = ["size=2x2", ...(name === "automatic" ? [] : [`camera=${name}`])];
+  let pose = null;
+  for await (const { type, columns } of daemon.request("Query", { job: { scene: state.scene, ...momentOf(state) }, kind: "null",
+    fields: ["origin", "direction"], generator: { kind: "camera", settings } })) if (type === "Chunk") pose = cameraOfRays(columns, target);
+  return pose;
+}
+
+/** Shows the scene through a camera of the file, at the moment that is shown. */
+async function chooseCamera(name) {
+  const asked = store.values, camera = await poseOf(name, asked), now = store.values;
+  if (camera && TIME_KEYS.concat("scene").every((key) => asked[key] === now[key])) store.set({ camera, cameraName: name });
+}
+
+const isOfFile = (name) => name !== "" && model.info?.cameras?.[Number(name)] !== undefined;
+let posed = "";       // the moment whose camera is shown
+let wanted = null;    // the next moment
+let isPosing = false;
+/** Shows another moment, through the camera of the file as it stands then. One that comes meanwhile takes its turn afterwards. */
+async function showMoment(moment) {
+  wanted = moment;
+  if (isPosing) return;
+  isPosing = true;
+  try {
+    while (wanted) {
+      const patch = wanted, state = { ...store.values, ...patch };
+      wanted = null;
+      const camera = isOfFile(state.cameraName) ? await poseOf(state.cameraName, state) : null;
+      const { scene, cameraName } = store.values;
+      if (scene !== state.scene) return;
+      posed = JSON.stringify(momentOf(state));
+      store.set(camera && cameraName === state.cameraName ? { ...patch, camera } : patch);
+    }
+  } catch (error) {
+    failed(error);
+  } finally {
+    isPosing = false;
   }
 }
 
@@ -331,8 +368,10 @@ fillSelect(byId("view"), viewOptions(), store.values.view);
 byId("view").onchange = ({ target }) => store.set({ view: target.value, range: "p99" });
 byId("level").onchange = ({ target }) => store.set({ level: target.value });
 // A camera of the file goes where the animation takes it, until somebody moves it.
-store.on(["time", "animation"], ({ camera, cameraName }) => {
-  if (camera && cameraName !== "" && model.info?.cameras?.[Number(cameraName)] !== undefined) chooseCamera(cameraName).catch(failed);
+store.on(TIME_KEYS, (state) => {
+  const isPosed = posed === JSON.stringify(momentOf(state));
+  posed = "";
+  if (state.camera && !isPosed && isOfFile(state.cameraName)) chooseCamera(state.cameraName).catch(failed);
 });
 store.on(["cameraName"], ({ cameraName }) => { byId("camera").value = cameraName; });
 store.on(["level"], ({ level }) => { byId("level").value = level; });

@@ -57,12 +57,14 @@ function instances(app) {
     { title: "Object", value: (row) => row.mesh, least: 84 }, { title: "Centre", value: place, least: 400 }, { title: "Mask", value: (row) => row.mask.toString(16) }],
   { choose: (row) => selection.choose({ kind: "placements", first: BigInt(row.path), count: 1n, object: row.object, name: row.name }) }, { by: 1, empty: WAITING });
   const range = element("span", { className: "hint" });
-  let first = 0n, total = 0n;
+  let first = 0n, total = 0n, moment = "";
+  const momentNow = () => JSON.stringify(momentOf(store.values));
   const step = (text, by) => element("button", { type: "button", onclick: () => load(first + by * PAGE) }, text);
   const [before, after] = [step("Previous", -1n), step("Next", 1n)];
   const run = latest(failed);
   function load(from) {
     first = from < 0n ? 0n : from;
+    moment = momentNow();
     return run(async (signal) => {
       const document = await askDocument(daemon, "Structure", { scene: store.values.scene, ...momentOf(store.values), kind: "placements",
         first: String(first), count: Number(PAGE) }, { signal });
@@ -90,7 +92,8 @@ function instances(app) {
     if (model.info) load(0n);
   };
   model.addEventListener("change", change);
-  store.on(["time", "animation"], () => { if (model.info) load(first); });
+  // Another moment has other places, which nobody asks for while the panel is hidden.
+  store.on(["time", "animation", "panel"], () => { if (model.info && store.values.panel === "objects" && moment !== momentNow()) load(first); });
   change();
   return [table.node, element("div", { className: "buttons" }, before, after, range)];
 }

@@ -1,7 +1,7 @@
 // The section "Time": moments of the scene's animations, one by one or played. It is there where the scene has any.
 import { element, field, fillSelect } from "../dom.js";
 
-export function timeSection({ store, model, picture }) {
+export function timeSection({ store, model, picture, showMoment }) {
   const place = element("section", { id: "time-section", hidden: true });
   const animation = element("select", { id: "animation" });
   const slider = element("input", { type: "range", id: "time", min: 0, step: "any", ariaLabel: "Time in seconds" });
@@ -24,7 +24,9 @@ export function timeSection({ store, model, picture }) {
     const end = Number(seconds());
     if (!started || !(end > 0)) return begin(false);
     const due = (started.from + (performance.now() - started.at) / 1000) % end;
-    return store.set({ time: Number(due.toPrecision(6)) });
+    const time = Math.min(end, Number(due.toPrecision(9)));
+    // The same moment has no other picture to wait for.
+    return time === store.values.time ? requestAnimationFrame(advance) : showMoment({ time });
   }
   picture.addEventListener("image", () => { if (started) requestAnimationFrame(() => { if (started) advance(); }); });
   store.on(["scene", "time"], ({ time }) => { if (time === "") begin(false); });
@@ -32,7 +34,7 @@ export function timeSection({ store, model, picture }) {
   slider.oninput = () => {
     begin(false);
     const value = Number(slider.value), end = Number(seconds());
-    store.set({ time: Math.min(end, Number(value.toPrecision(6))) });
+    showMoment({ time: Math.min(end, Number(value.toPrecision(6))) });
   };
   const show = () => {
     const names = model.info?.animations ?? [], { time } = store.values;
