@@ -12,11 +12,17 @@ export const shellWord = (text) => (/^[\w./:=,@%+-]+$/.test(text) ? text : `'${t
 /** A string literal of Python; JSON's escapes are Python's. */
 const literal = (text) => JSON.stringify(text);
 
+/** The range as requests and programs have it: p99, auto or [low, high], of a difference as long on both sides. */
+export function chosenRange(state) {
+  if (!Array.isArray(state.range)) return state.range;
+  const { low, high } = rangeOf(state.range, {}, compares(state));
+  return [low, high];
+}
+
 function parts(state, [width, height]) {
   const view = viewOf(state.view), { camera } = state;
   const lookat = [...camera.eye, ...camera.at, ...camera.up].join(",");
-  const limits = Array.isArray(state.range) ? rangeOf(state.range, {}, compares(state)) : null;
-  const range = limits ? [limits.low, limits.high] : state.range;
+  const range = chosenRange(state);
   return { view, camera, lookat, range, size: `${width}x${height}`, mask: state.mask,
            metric: state.level === "" || view.measured ? view.id : `${view.id}.${state.level}` };
 }

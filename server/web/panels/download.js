@@ -1,8 +1,8 @@
 // The picture as a PNG file with its legend, and a report of one self-contained HTML file.
 import { cameraTable } from "../camera.js";
+import { chosenRange } from "../commands.js";
 import { askBytes, askDocument } from "../documents.js";
 import { element } from "../dom.js";
-import { rangeOf } from "../histogram.js";
 import { bytesText, placeText, valueText } from "../numbers.js";
 import { compares, jobOf } from "../requests.js";
 import { rankingOf } from "./selection.js";
@@ -106,7 +106,7 @@ export async function downloadReport(app, commands) {
   const { width, height } = canvas, job = jobOf(state), camera = cameraTable(state.camera);
   const costs = view.counter || view.measured, metric = costs ? view.fields(state)[0] : "total";
   const heatmap = { job, camera, width, height, metric, palette: state.palette, scale: state.log ? "log" : "linear", encode: "json+png",
-    range: costs ? [Array.isArray(state.range) ? Object.values(rangeOf(state.range, {}, compares(state))) : state.range].flat().join(":") : "p99", ...(compares(state) && costs ? { other: jobOf(state, state.compare) } : {}) };
+    range: costs ? [chosenRange(state)].flat().join(":") : "p99", ...(compares(state) && costs ? { other: jobOf(state, state.compare) } : {}) };
   const [text, heat, ranking, shown] = await Promise.all([fetch("report.html").then((answer) => answer.text()), askDocument(daemon, "Heatmap", heatmap), rankingOf(app, { top: 0 }),
     costs ? askBytes(daemon, "Render", { job, camera, width, height, integrator: "primary", encode: "png" }).then((bytes) => new Blob([bytes]))
       : new Promise((resolve) => { canvas.toBlob(resolve, "image/png"); })]);
