@@ -208,17 +208,17 @@ function howToLoad(scene) {
 /** Offers the loaded scenes in place of one that a link names, or that has been unloaded. */
 function sceneIsGone(scene) {
   missing = scene;
-  const was = lastInfo?.name === scene;
+  const was = lastScene === scene;
   model.forget();
   listScenes();
-  const shows = was ? " any more; the picture is the last one of it" : lastInfo ? `; the picture is of "${lastInfo.name}"` : "";
+  const shows = was ? " any more; the picture is the last one of it" : lastInfo ? `; the picture is of "${lastScene}"` : "";
   say(`The scene "${scene}" is not loaded${shows}. Choose another one, or ${howToLoad(scene)} The page shows it as soon as it is there.`, true);
 }
 
 /** Fills the list of scenes where it is not what it was: one that is open loses its place. */
 function listScenes() {
   const { scene } = store.values, shown = [...byId("scene").options].map(({ value }) => value).filter(Boolean);
-  const names = [...new Set([...model.scenes, ...scene && model.info ? [scene] : []])].filter((name) => name !== missing).sort();
+  const names = [...new Set([...model.scenes.filter((name) => name !== model.info?.name), ...scene && model.info ? [scene] : []])].filter((name) => name !== missing).sort();
   if (names.join("\n") === shown.join("\n") && byId("scene").value === (missing ? "" : scene)) return;
   fillSelect(byId("scene"), [...missing ? [["", "choose"]] : [], ...names.map((name) => [name, name])], missing ? "" : scene);
 }
@@ -265,18 +265,18 @@ function notUnderstood(parts) {
   if (parts.length) notice(`Not understood in this link: ${listed([...misread])}. Defaults are shown.`);
 }
 
-let lastInfo = null;  // of the scene that was shown last
+let lastInfo = null, lastScene = "";  // of the scene that was shown last
 
 /** Asks for everything about the scene, and says what is not as it was when the page showed it last. */
 async function chooseScene(camera) {
   const { scene: asked, cameraName } = store.values;
   const info = await model.choose(asked);
   if (store.values.scene !== asked) return;
-  // A short name of another's scene becomes the one that it has here.
-  const scene = info.name || asked;
+  // A short name of another's scene becomes the one that it has here. A full name stays: a link is for others, too.
+  const scene = asked.includes("/") ? asked : info.name || asked;
   store.set({ scene });
-  const before = lastInfo?.name === scene ? lastInfo : null;
-  lastInfo = info;
+  const before = lastScene === scene ? lastInfo : null;
+  [lastInfo, lastScene] = [info, scene];
   const came = missing === asked;
   missing = "";
   listScenes();
