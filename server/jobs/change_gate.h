@@ -25,7 +25,7 @@ public:
 
     /// True for jobs that change stored scenes.
     [[nodiscard]] static bool concerns(std::string_view kind) {
-        return kind == "load" || kind == "edit" || kind == "unload";
+        return kind == "load" || kind == "edit" || kind == "unload" || kind == "pin";
     }
     [[nodiscard]] bool is_closed() const { return closed_; }
     void close() { closed_ = true; }

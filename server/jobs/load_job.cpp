@@ -117,9 +117,10 @@ public:
         // An import tells what it needs only while it runs, and then cannot wait for stored scenes
         // to go.
         constexpr std::uint64_t part_kept_free = 4;
-        make_room(services_.state == nullptr
-                      ? 2 * announced_
-                      : std::max(2 * announced_, services_.budget.limit() / part_kept_free));
+        if (!retried_)
+            make_room(services_.state == nullptr
+                          ? 2 * announced_
+                          : std::max(2 * announced_, services_.budget.limit() / part_kept_free));
         memory_.emplace(services_.budget, principal, Use::lasting,
                         services_.peers.reclaimable_bytes(principal));
         decide_whether_to_store();
@@ -127,6 +128,11 @@ public:
         task.pool = &services_.blocking;
         task.run = [this, remedy = memory_remedy()](const Stop& stop) -> Reply<Frames> {
             auto snapshot = import(stop, remedy);
+            if (!snapshot && snapshot.error().code == Code::resource_exhausted &&
+                services_.state != nullptr && !retried_) {
+                refused_ = snapshot.error();
+                return Frames{};
+            }
             if (!snapshot) return tl::unexpected(snapshot.error());
             snapshot_ = std::move(*snapshot);
             huge_bytes_ = snapshot_->huge_bytes();
@@ -141,6 +147,7 @@ public:
             copies_.ended();
             return {};
         }
+        if (refused_) return retry();
         if (!committed_) {
             order_.lease = {};
             memory_.reset();
@@ -148,6 +155,9 @@ public:
             reused_ = services_.scenes.shows(snapshot_->digest(), order_.caller);
             if (!services_.scenes.holds(snapshot_->arena_id()))
                 make_room(snapshot_->bytes().size());
+            else
+                services_.scenes.make_room_in_quota(snapshot_->bytes().size(),
+                                                    order_.caller.principal);
         }
         if (is_stored_ && !committed_) return prepare_to_commit(0);
         if (committed_) {
@@ -177,7 +187,7 @@ public:
     }
 
     [[nodiscard]] bool finished() const override {
-        return import_started_ && (!is_stored_ || commit_started_);
+        return import_started_ && !refused_ && (!is_stored_ || commit_started_);
     }
     [[nodiscard]] bool needs_input() const override {
         return !import_started_ && !order_.known && current_ < order_.files.size();
@@ -217,6 +227,21 @@ private:
     void make_room(std::uint64_t bytes) {
         services_.peers.make_memory(bytes, order_.caller.principal, Use::lasting);
         services_.scenes.make_room(bytes, order_.caller.principal);
+    }
+
+    /// The import found too little memory. Has it begin once more if stored scenes that nobody uses
+    /// can leave theirs.
+    Reply<void> retry() {
+        const auto refused = *std::exchange(refused_, std::nullopt);
+        const std::string& principal = order_.caller.principal;
+        memory_.reset();
+        const std::uint64_t before = services_.budget.room(principal, Use::lasting);
+        services_.scenes.make_room(services_.budget.limit(), principal);
+        if (services_.budget.room(principal, Use::lasting) <= before)
+            return tl::unexpected(refused);
+        retried_ = true;
+        import_started_ = false;
+        return {};
     }
 
     /// A scene is stored if it outlives the daemon.
@@ -355,6 +380,8 @@ private:
     std::size_t current_ = 0;  ///< index of the file that is being received
     UploadCopies copies_;
     bool import_started_ = false;
+    std::optional<protocol::Error> refused_;  ///< of an import without memory; written by the task
+    bool retried_ = false;
     std::optional<ImportMemory> memory_;  ///< of the import child, then of its scene
     bool reused_ = false;
     std::shared_ptr<const Snapshot> snapshot_;  ///< written by the import task

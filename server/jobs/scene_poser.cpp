@@ -47,6 +47,7 @@ Reply<NamedScene> ScenePoser::find(const NamedScene& base, std::string_view anim
     posed->used = Clock::now();
     NamedScene found = base;
     found.held = posed->held;
+    found_.push_back(posed->held);
     return found;
 }
 
@@ -142,7 +143,7 @@ void ScenePoser::drop_all_but(std::size_t most, const std::string& principal) {
     Kept& kept = own->second.kept;
     std::size_t idle = kept.size() - under_way(principal);
     for (auto at = kept.begin(); at != kept.end() && idle > most;) {
-        if (at->held == nullptr) {
+        if (at->is_in_use()) {
             ++at;
             continue;
         }
@@ -163,7 +164,7 @@ void ScenePoser::drop_idle() {
     const auto now = Clock::now();
     for (auto own = own_.begin(); own != own_.end();) {
         std::erase_if(own->second.kept, [&](const Posed& posed) {
-            return posed.held != nullptr && now - posed.used > kept_time;
+            return !posed.is_in_use() && now - posed.used > kept_time;
         });
         const bool is_over = own->second.kept.empty() && own->second.queue.empty();
         own = is_over ? own_.erase(own) : std::next(own);

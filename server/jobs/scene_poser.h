@@ -14,6 +14,8 @@
 #include <optional>
 #include <string>
 #include <string_view>
+#include <utility>
+#include <vector>
 
 namespace raynest::server {
 
@@ -38,15 +40,21 @@ public:
     struct Wanted {
         NamedScene base;
         Moment moment;
+        /// Scenes that find() has returned to the request before. While they are held, make() does not
+        /// drop them, so that a request of several moments gets all.
+        std::vector<std::shared_ptr<const HeldScene>> found = {};
     };
 
     /// Returns `base` at a moment, under its name and epoch. Fails as find_moment() does, and if it
     /// is not made yet: then take_wanted() says what lacks.
     Reply<NamedScene> find(const NamedScene& base, std::string_view animation, double seconds,
                            const Caller& caller);
-    /// Returns the scene because of which find() has failed, once.
+    /// Returns the scene because of which find() has failed, once; call it before each request.
     [[nodiscard]] std::optional<Wanted> take_wanted() {
-        return std::exchange(wanted_, std::nullopt);
+        auto found = std::exchange(found_, {});
+        auto wanted = std::exchange(wanted_, std::nullopt);
+        if (wanted) wanted->found = std::move(found);
+        return wanted;
     }
     /// Makes it in a task of `principal`, then calls `ready` unless that has expired. While the
     /// principal has kept_max under way, it makes nothing and calls `ready` when one of them is
@@ -65,6 +73,9 @@ private:
         std::shared_ptr<const HeldScene> held;  ///< null: it is being made
         Waiters waiting = {};
         Clock::time_point used = Clock::now();
+
+        /// A request holds it: to let go of it here would free nothing.
+        [[nodiscard]] bool is_in_use() const { return held == nullptr || held.use_count() > 1; }
     };
     struct Made;
     using Kept = std::list<Posed>;
@@ -88,6 +99,7 @@ private:
     const Post post_;
     std::map<std::string, Own> own_;  ///< by principal
     std::optional<Wanted> wanted_;
+    std::vector<std::shared_ptr<const HeldScene>> found_;  ///< since the last take_wanted()
 };
 
 }  // namespace raynest::server

@@ -103,8 +103,12 @@ Reply<void> read_files(const Services& services, const wire::Load& message, Load
         total += message.file_bytes()->Get(static_cast<flatbuffers::uoffset_t>(i));
     // Refuse an upload that does not fit now, before it is sent. Memory is reserved piece by piece.
     const std::string& principal = order.caller.principal;
-    if (total >
-        services.budget.room(principal, Use::lasting, services.peers.reclaimable_bytes(principal)))
+    const auto fits = [&] {
+        return total <= services.budget.room(principal, Use::lasting,
+                                             services.peers.reclaimable_bytes(principal));
+    };
+    if (!fits()) services.scenes.make_room(total, principal);
+    if (!fits())
         return services.budget.refuse(
             "the upload", total, principal,
             services.scenes.remedy(principal, "start raynestd with a larger --memory"));

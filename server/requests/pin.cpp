@@ -1,7 +1,10 @@
 // PIN: a scene stays in memory, or no longer.
+#include "protocol/answer.h"
 #include "protocol/text.h"
+#include "server/jobs/disk_job.h"
 #include "server/requests/request.h"
 #include "server/store/scene_store.h"
+#include "server/store/state_folder.h"
 
 #include <utility>
 
@@ -14,7 +17,25 @@ Reply<Answer> pin(const Services& services, const Caller& caller,
     wire::PinnedT pinned;
     pinned.name = std::move(*name);
     pinned.pinned = !message->off();
-    return answer_with(caller, pinned, services);
+    if (services.state == nullptr) return answer_with(caller, pinned, services);
+    JobSubmission accepted;
+    accepted.kind = "pin";
+    accepted.scene = pinned.name;
+    accepted.job = disk_job(
+        services,
+        [&services, id = caller.request_id, pinned = std::move(pinned)]() -> Reply<DiskChange> {
+            const auto write = [&services, uses = services.scenes.take_uses()]() -> Reply<void> {
+                const auto written = services.state->put(uses);
+                if (written) return {};
+                services.state->note(uses);
+                return refuse(Code::resource_exhausted,
+                              written.error().message +
+                                  "; after a restart the scene may be as it "
+                                  "was");
+            };
+            return DiskChange{protocol::answer(id, pinned), write};
+        });
+    return Answer{std::move(accepted)};
 }
 
 }  // namespace raynest::server

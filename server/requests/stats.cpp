@@ -32,20 +32,11 @@ struct OwnPart {
         if (gauge == "scene_bytes") return scenes(true).bytes + scenes(false).bytes;
         if (gauge == "scenes_unlisted_bytes") return scenes(false).bytes;
         if (gauge == "scenes_on_disk") return services.scenes.asleep_of(principal);
-        if (gauge == "memory_used_bytes") return memory();
+        if (gauge == "memory_used_bytes") return services.budget.held_by(principal);
         return whole;
     }
 
 private:
-    [[nodiscard]] std::uint64_t memory() const {
-        std::uint64_t bytes =
-            of("scene_bytes", 0) + services.peers.held_by(principal, Resource::memory) +
-            (services.poser == nullptr ? 0 : services.poser->held_by(principal)) +
-            (services.selections == nullptr ? 0 : services.selections->held_by(principal));
-        for (const auto& [number, job] : services.detached.all())
-            if (job->record().principal == principal) bytes += job->bytes();
-        return bytes;
-    }
 };
 
 constexpr bool is_part(std::string_view gauge) {

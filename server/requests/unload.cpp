@@ -1,10 +1,12 @@
 // UNLOAD: drops references to one scene, to all scenes of the caller, or to those unused for a
 // given time. Running jobs and other connections keep theirs.
+#include "protocol/answer.h"
 #include "protocol/text.h"
 #include "server/ground/limited_log.h"
-#include "server/jobs/unload_job.h"
+#include "server/jobs/disk_job.h"
 #include "server/requests/request.h"
 #include "server/store/scene_store.h"
+#include "server/store/state_folder.h"
 
 #include <algorithm>
 #include <chrono>
@@ -68,8 +70,18 @@ Reply<Answer> unload(const Services& services, const Caller& caller,
         JobSubmission accepted;
         accepted.kind = "unload";
         accepted.scene = order.scene;
-        accepted.job = unload_job(services, caller.request_id, [&services, caller, order] {
-            return unload_now(services, caller, order);
+        accepted.job = disk_job(services, [&services, caller, order]() -> Reply<DiskChange> {
+            const auto unloaded = unload_now(services, caller, order);
+            if (!unloaded) return tl::unexpected(unloaded.error());
+            // Also for nothing: the memory that was freed may have held the last pin of a blob.
+            const auto remove = [&services,
+                                 rows = services.scenes.take_dropped()]() -> Reply<void> {
+                const auto removed = services.state->remove(rows);
+                if (removed) return {};
+                return refuse(Code::resource_exhausted,
+                              removed.error().message + "; after a restart it is there again");
+            };
+            return DiskChange{protocol::answer(caller.request_id, *unloaded), remove};
         });
         return Answer{std::move(accepted)};
     }

@@ -36,7 +36,7 @@ DetachedJob::DetachedJob(const JobContext& context, JobRecord record, Principal 
 }
 
 void DetachedJob::Answer::add(protocol::Frame frame) {
-    frame_bytes += frame.header.frame_bytes();
+    frame_bytes += waiting_frame_bytes + frame.header.frame_bytes();
     bulk_bytes += frame.header.bulk_bytes;
     largest_bulk = std::max(largest_bulk, frame.header.bulk_bytes);
     frames.push_back(std::move(frame));
@@ -72,7 +72,7 @@ void DetachedJob::send(protocol::Frame frame) {
         if (feeder_ != nullptr) feeder_->send(std::move(frame));
         return;
     }
-    const std::uint64_t bytes = kept_bytes() + frame.header.frame_bytes();
+    const std::uint64_t bytes = kept_bytes() + waiting_frame_bytes + frame.header.frame_bytes();
     if (bytes > room_.bytes()) {
         auto more = more_room_(bytes - room_.bytes());
         if (!more) {

@@ -23,6 +23,9 @@
 
 namespace raynest::server {
 
+/// Memory of a frame that waits or is kept, besides its bytes.
+inline constexpr std::uint64_t waiting_frame_bytes = 256;
+
 /// Receives the frames for a client; implemented by sessions and detached jobs.
 class Sink {
 public:

@@ -274,6 +274,7 @@ void Conversation::start(const Request& request, protocol::Frame frame,
     (void)services_.scenes.take_asleep();
     if (services_.poser != nullptr) (void)services_.poser->take_wanted();
     Reply<Answer> answer = request.answer(services_, caller_, frame);
+    const auto posed = services_.poser == nullptr ? std::nullopt : services_.poser->take_wanted();
     using Awake = std::weak_ptr<SceneWaker::Awake>;
     if (!answer && services_.waker != nullptr)
         if (const auto asleep = services_.scenes.take_asleep()) {
@@ -283,11 +284,12 @@ void Conversation::start(const Request& request, protocol::Frame frame,
                 services_.waker->wake(*asleep, caller_.principal, std::move(awake));
             });
         }
-    if (!answer && services_.poser != nullptr)
-        if (const auto wanted = services_.poser->take_wanted())
-            return park(request, std::move(frame), deadline, std::move(waits), [&](Awake awake) {
-                services_.poser->make(*wanted, caller_.principal, std::move(awake));
-            });
+    if (!answer && posed) {
+        waits.hold(posed->found);
+        return park(request, std::move(frame), deadline, std::move(waits), [&](Awake awake) {
+            services_.poser->make(*posed, caller_.principal, std::move(awake));
+        });
+    }
     if (!answer) return refuse_request(id, answer.error());
     if (auto* frames = std::get_if<Frames>(&*answer)) {
         for (protocol::Frame& reply : *frames) sink_.send(std::move(reply));

@@ -23,8 +23,6 @@ constexpr seconds flush_time{5};
 constexpr std::chrono::milliseconds soon{700};
 /// Time after that for the peer to read the last frame and to close.
 constexpr seconds linger_time{1};
-/// Memory of a waiting frame besides its bytes.
-constexpr std::uint64_t waiting_frame_bytes = 256;
 
 /// Damaged messages of a connection in a minute; one more ends it.
 constexpr unsigned damaged_messages_max = 64;

@@ -1,10 +1,14 @@
-// How often a request has waited for each scene that it needs.
+// Keeps what a request has met while it waited for the scenes that it needs.
 #pragma once
 
 #include "server/ground/errors.h"
+#include "server/store/named_scene.h"
 
 #include <map>
+#include <memory>
 #include <string>
+#include <utility>
+#include <vector>
 
 namespace raynest::server {
 
@@ -21,9 +25,13 @@ public:
                       "raynestd with a larger --memory");
     }
 
+    /// Holds what it has of them already until it begins: others would drive it out meanwhile.
+    void hold(std::vector<std::shared_ptr<const HeldScene>> scenes) { held_ = std::move(scenes); }
+
 private:
     static constexpr unsigned most = 16;  ///< others may need the memory in between, too
     std::map<std::string, unsigned> counts_;
+    std::vector<std::shared_ptr<const HeldScene>> held_;
 };
 
 }  // namespace raynest::server

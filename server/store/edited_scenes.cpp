@@ -70,7 +70,10 @@ Reply<std::optional<NamedScene>> SceneStore::publish_edit(const NamedScene& befo
         return std::optional<NamedScene>();
     // An edit that was to follow this one on the disk has failed meanwhile.
     if (how.keep && !how.blob && !entry.blob) return std::optional<NamedScene>();
-    auto held = hold(std::move(edited), entry.scene.held->lease.principal());
+    if (const std::uint64_t bytes = edited->bytes().size(); bytes > entry.facts.bytes)
+        if (const auto quota = check_quota(&entry, entry.owner, bytes); !quota)
+            return tl::unexpected(quota.error());
+    auto held = hold(std::move(edited), entry.is_owners() ? entry.owner : caller.principal);
     if (!held) return tl::unexpected(held.error());
     const auto replaced = std::exchange(entry.scene.held, std::move(*held));
     entry.facts = facts_of(entry.scene.snapshot());

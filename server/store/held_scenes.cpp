@@ -1,11 +1,44 @@
-// The memory of scenes: each arena once, and what epochs share once.
+// The memory of scenes: each arena once, what epochs share once, and who is charged for it.
 #include "server/store/scene_store.h"
 
+#include <algorithm>
 #include <memory>
+#include <new>
 #include <string>
 #include <utility>
 
 namespace raynest::server {
+
+bool SceneStore::Entry::charged_to(const std::string& principal) const {
+    return (kept && owner == principal) || holders.contains(principal);
+}
+
+std::uint64_t SceneStore::Entry::charge(const std::string& principal) const {
+    if (!scene.held) return 0;
+    if (owner == principal) return is_owners() ? facts.bytes : 0;
+    const auto found = holders.find(principal);
+    if (found == holders.end()) return 0;
+    std::uint64_t opened = 0;
+    for (const auto& [connection, hold] : found->second) opened = std::max(opened, hold.bytes);
+    return std::min(opened, facts.bytes);
+}
+
+void SceneStore::settle_charges() noexcept {
+    const std::uint64_t settled = ++last_settling_;
+    for (const auto& [name, entry] : entries_)
+        if (const auto& held = entry.scene.held; held && entry.charged_to(held->lease.principal()))
+            held->settled = settled;
+    for (const auto& [name, entry] : entries_) {
+        const auto& held = entry.scene.held;
+        if (!held || held->settled == settled) continue;
+        try {
+            held->lease.charge(entry.is_owners() ? entry.owner : entry.holders.begin()->first);
+        } catch (const std::bad_alloc&) {
+            // It stays as it is until the next holder leaves.
+        }
+        held->settled = settled;
+    }
+}
 
 void SceneStore::forget_freed() {
     const auto is_freed = [](const auto& known) { return known.second.expired(); };

@@ -52,16 +52,12 @@ bool SceneStore::Entry::held_by(const ConnectionId& caller) const {
 }
 
 bool SceneStore::Entry::temporary_of(const ConnectionId& caller) const {
-    return held_by(caller) && holders.at(caller.principal).at(caller.connection);
+    return held_by(caller) && holders.at(caller.principal).at(caller.connection).temporary;
 }
 
 bool SceneStore::Entry::visible_to(const ConnectionId& caller) const {
     return owner == caller.principal || caller.role == Role::admin || share.contains("public") ||
            share.contains(caller.principal) || held_by(caller);
-}
-
-bool SceneStore::Entry::charged_to(const std::string& principal) const {
-    return (kept && owner == principal) || holders.contains(principal);
 }
 
 std::string SceneStore::Entry::name_for(const ConnectionId& caller) const {
@@ -87,6 +83,12 @@ bool SceneStore::Entry::release(const ConnectionId& caller) noexcept {
         found->second.erase(caller.connection);
         if (found->second.empty()) holders.erase(found);
     }
+    if (!is_owners())
+        for (auto holder = holders.begin(); holder != holders.end();) {
+            std::erase_if(holder->second,
+                          [this](const auto& known) { return known.second.bytes < facts.bytes; });
+            holder = holder->second.empty() ? holders.erase(holder) : std::next(holder);
+        }
     return !kept && holders.empty();
 }
 
@@ -178,28 +180,19 @@ void SceneStore::disconnect(const ConnectionId& caller) noexcept {
     settle_charges();
 }
 
-void SceneStore::settle_charges() noexcept {
-    const std::uint64_t settled = ++last_settling_;
-    for (const auto& [name, entry] : entries_)
-        if (const auto& held = entry.scene.held; held && entry.charged_to(held->lease.principal()))
-            held->settled = settled;
-    for (const auto& [name, entry] : entries_) {
-        const auto& held = entry.scene.held;
-        if (!held || held->settled == settled) continue;
-        try {
-            held->lease.charge(entry.kept ? entry.owner : entry.holders.begin()->first);
-        } catch (const std::bad_alloc&) {
-            // It stays as it is until the next holder leaves.
-        }
-        held->settled = settled;
-    }
-}
-
-std::string SceneStore::remedy(const std::string& principal, const std::string& larger) const {
+std::string SceneStore::remedy(const std::string& principal, const std::string& larger,
+                               Short of) const {
     if (entries_.empty()) return larger;
     std::vector<const Entry*> candidates;
     for (const auto& [name, entry] : entries_)
-        if (entry.kept && entry.owner == principal) candidates.push_back(&entry);
+        // One on the disk alone takes no memory.
+        if (entry.kept && entry.owner == principal &&
+            (of == Short::names_or_disk || entry.scene.held))
+            candidates.push_back(&entry);
+    if (candidates.empty() && of == Short::memory &&
+        std::ranges::none_of(
+            entries_, [&](const auto& known) { return known.second.charge(principal) != 0; }))
+        return larger;
     if (candidates.empty())
         return "unload a scene, close the connections that hold scenes without a name, or " +
                larger;
@@ -213,9 +206,8 @@ std::string SceneStore::remedy(const std::string& principal, const std::string& 
            "), or " + larger;
 }
 
-Reply<void> SceneStore::check_quota(const Entry* changed, const ConnectionId& caller,
+Reply<void> SceneStore::check_quota(const Entry* changed, const std::string& principal,
                                     std::uint64_t bytes) const {
-    const std::string& principal = caller.principal;
     const std::uint64_t bytes_max = quotas_.of(principal).scene_bytes;
     const Claim claimed = claims_.of(principal);
     std::uint64_t scenes = claimed.scenes;
@@ -223,7 +215,7 @@ Reply<void> SceneStore::check_quota(const Entry* changed, const ConnectionId& ca
     for (const auto& [name, entry] : entries_) {
         if (&entry == changed || !entry.charged_to(principal)) continue;
         ++scenes;
-        if (entry.scene.held) held += entry.facts.bytes;
+        held += entry.charge(principal);
     }
     if (scenes >= limits_.principal_scenes_max)
         return refuse(Code::quota, principal + " holds " + counted(scenes, "scene") +
@@ -231,7 +223,8 @@ Reply<void> SceneStore::check_quota(const Entry* changed, const ConnectionId& ca
                                        std::to_string(limits_.principal_scenes_max) + "; " +
                                        remedy(principal,
                                               "start raynestd with a larger "
-                                              "--principal-scenes-max"));
+                                              "--principal-scenes-max",
+                                              Short::names_or_disk));
     if (bytes > bytes_max || held > bytes_max - bytes)
         return refuse(Code::quota,
                       principal + " holds " + protocol::bytes_text(held) + " of scenes, " +
@@ -243,7 +236,7 @@ Reply<void> SceneStore::check_quota(const Entry* changed, const ConnectionId& ca
 
 Reply<void> SceneStore::check_quota(std::string_view name, const ConnectionId& caller,
                                     std::uint64_t bytes) const {
-    return check_quota(own_entry(name, caller), caller, bytes);
+    return check_quota(own_entry(name, caller), caller.principal, bytes);
 }
 
 Reply<NamedScene> SceneStore::publish(const std::string& name,
@@ -301,7 +294,8 @@ Reply<NamedScene> SceneStore::publish(const std::string& name,
     }
     if (!how.temporary) entry.kept = true;
     const bool temporary = how.temporary && (!entry.held_by(caller) || entry.temporary_of(caller));
-    entry.holders[caller.principal].insert_or_assign(caller.connection, temporary);
+    entry.holders[caller.principal].insert_or_assign(caller.connection,
+                                                     Entry::Hold{temporary, entry.facts.bytes});
     NamedScene scene = entry.scene_for(caller);
     if (taken)
         found->second = std::move(entry);
@@ -418,11 +412,13 @@ Reply<NamedScene> SceneStore::open(std::string_view name, const ConnectionId& ca
     if (!scene) return scene;
     Entry& entry = resolve(entries_, name, caller)->second;
     if (entry.held_by(caller)) return scene;
-    // A scene that is charged to the caller already takes nothing more.
-    if (const auto quota = check_quota(&entry, caller, scene->snapshot().bytes().size());
-        !quota && !entry.charged_to(caller.principal))
+    // Bytes that are charged to the caller already take nothing more.
+    if (const auto quota = check_quota(&entry, caller.principal, entry.facts.bytes);
+        !quota && !(entry.charged_to(caller.principal) &&
+                    entry.charge(caller.principal) == entry.facts.bytes))
         return tl::unexpected(quota.error());
-    entry.holders[caller.principal].emplace(caller.connection, false);
+    entry.holders[caller.principal].emplace(caller.connection,
+                                            Entry::Hold{false, entry.facts.bytes});
     return scene;
 }
 

@@ -9,6 +9,9 @@
 // opened it. Unloading drops the name and the reference of the caller's connection. The name is
 // then free; connections that still hold the scene can go on using it. Replacing a name's content
 // publishes a new epoch for all holders. The last reference frees the memory.
+//
+// A holder is charged for the content that it opened, the owner for what stands there now. Once the
+// owner has let go of a scene, those who opened less than there is now lose it.
 #pragma once
 
 #include "protocol/limits.h"
@@ -153,6 +156,8 @@ public:
     /// Frees memory of stored scenes that nobody uses, the least recently used first, until the
     /// principal has room for `bytes`, within its quota and --memory.
     void make_room(std::uint64_t bytes, const std::string& principal);
+    /// The same for memory that is there already, and counts towards the quota alone.
+    void make_room_in_quota(std::uint64_t bytes, const std::string& principal);
     /// Returns the rows of names that unload() has dropped since the last call.
     [[nodiscard]] std::vector<StoredScene> take_dropped() { return std::exchange(dropped_, {}); }
 
@@ -167,7 +172,8 @@ public:
     [[nodiscard]] Reply<EditPlan> plan_edit(const NamedScene& before, std::uint64_t change_bytes,
                                             bool keep, bool whole, const ConnectionId& caller);
     /// Publishes what an edit made of `before` as the scene's next epoch, for all who hold it.
-    /// Returns nothing if it is at another epoch meanwhile. Fails as may_edit() and publish() do.
+    /// Returns nothing if it is at another epoch meanwhile. Fails as may_edit() and publish() do;
+    /// the quota is the owner's, and asked for where the scene has grown.
     Reply<std::optional<NamedScene>> publish_edit(const NamedScene& before,
                                                   std::shared_ptr<const Snapshot> edited,
                                                   const ConnectionId& caller,
@@ -278,9 +284,11 @@ public:
     /// Returns that of each of these principals, in one pass over all scenes.
     [[nodiscard]] std::map<std::string, Usage> usage_of(
         const std::vector<std::string>& principals) const;
+    enum class Short { memory, names_or_disk };
     /// Returns advice on how to make room for scenes: to unload the principal's least recently used
-    /// ones, if any, or what raises the limit, `larger`.
-    [[nodiscard]] std::string remedy(const std::string& principal, const std::string& larger) const;
+    /// ones, if any help, or what raises the limit, `larger`.
+    [[nodiscard]] std::string remedy(const std::string& principal, const std::string& larger,
+                                     Short of = Short::memory) const;
 
 private:
     struct Entry {
@@ -320,14 +328,23 @@ private:
         /// The epoch before the last edit. The next edit is made in its memory, if nobody reads it
         /// then.
         std::shared_ptr<const HeldScene> spare;
-        /// Connections of each principal; the value is true if it loaded the scene as temporary.
-        std::map<std::string, std::map<std::uint64_t, bool>> holders;
+        struct Hold {
+            bool temporary = false;   ///< the connection loaded the scene as temporary
+            std::uint64_t bytes = 0;  ///< of the content that it opened
+        };
+        /// Connections of each principal.
+        std::map<std::string, std::map<std::uint64_t, Hold>> holders;
 
         [[nodiscard]] bool held_by(const ConnectionId& caller) const;
         [[nodiscard]] bool temporary_of(const ConnectionId& caller) const;
         [[nodiscard]] bool visible_to(const ConnectionId& caller) const;
+        /// True while the scene is its owner's, by its name or by a connection.
+        [[nodiscard]] bool is_owners() const { return kept || holders.contains(owner); }
         /// True if the scene counts towards the quotas of this principal.
         [[nodiscard]] bool charged_to(const std::string& principal) const;
+        /// Returns the bytes in memory that count towards the quotas of this principal: of what
+        /// another owner has put in the scene's place, no more than what the principal opened.
+        [[nodiscard]] std::uint64_t charge(const std::string& principal) const;
         /// Returns the name by which the caller finds the scene.
         [[nodiscard]] std::string name_for(const ConnectionId& caller) const;
         [[nodiscard]] NamedScene scene_for(const ConnectionId& caller) const;
@@ -337,7 +354,8 @@ private:
             return std::max(scene.epoch + 1, epoch_free);
         }
         [[nodiscard]] std::size_t connections() const;
-        /// Drops the reference of the caller's connection; true if no reference is left.
+        /// Drops the reference of the caller's connection; true if no reference is left. Where it was
+        /// the owner's last one, the holds of those who opened less than there is now end, too.
         bool release(const ConnectionId& caller) noexcept;
     };
     /// Scenes by name without owner. Of one owner and name, at most one is listed, and a connection
@@ -372,7 +390,7 @@ private:
                                        const HeldNames& held);
     /// Does the work of unload() but to settle the charges.
     std::vector<std::string> drop(Entries::iterator found, const ConnectionId& caller);
-    Reply<void> check_quota(const Entry* changed, const ConnectionId& caller,
+    Reply<void> check_quota(const Entry* changed, const std::string& principal,
                             std::uint64_t bytes) const;
     struct DiskUse {
         std::uint64_t bytes = 0;

@@ -389,6 +389,15 @@ void StateFolder::note(const std::vector<SceneUse>& uses) {
     pins_->uses.insert(pins_->uses.end(), uses.begin(), uses.end());
 }
 
+Result<void> StateFolder::put(const std::vector<SceneUse>& uses) {
+    const std::lock_guard lock(mutex_);
+    // Uses that were noted before would come after these.
+    commit_locked();
+    collect_locked();
+    if (const auto good = usable(); !good) return good;
+    return manifest_->put(uses);
+}
+
 bool StateFolder::has_work() {
     const std::lock_guard guard(pins_->mutex);
     return !pins_->ended.empty() || !pins_->undone.empty() || !pins_->keeping.empty() ||

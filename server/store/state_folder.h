@@ -124,6 +124,8 @@ public:
 
     /// Notes uses for the next daemon; at the next collect() or close(). Does not block.
     void note(const std::vector<SceneUse>& uses);
+    /// Notes them at once.
+    [[nodiscard]] Result<void> put(const std::vector<SceneUse>& uses);
 
     [[nodiscard]] const std::filesystem::path& path() const { return folder_; }
     /// Moves a damaged blob, the file of this inode, out of the way, so that a load writes it anew.

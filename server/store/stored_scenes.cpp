@@ -113,7 +113,7 @@ DiskRoom SceneStore::room_for(const Entry* changed, const std::string& owner) co
     const std::uint64_t others = use.bytes + claims_.of(owner).disk_bytes;
     return {bytes_max - std::min(bytes_max, others), owner,
             quotas_.limit_text(owner, &Quota::disk_bytes) + "; " +
-                remedy(owner, quotas_.remedy(owner, &Quota::disk_bytes)),
+                remedy(owner, quotas_.remedy(owner, &Quota::disk_bytes), Short::names_or_disk),
             std::move(use.blobs)};
 }
 
@@ -247,19 +247,23 @@ std::vector<std::string> SceneStore::quarantine(const std::string& arena, const 
     return names;
 }
 
-void SceneStore::make_room(std::uint64_t bytes, const std::string& principal) {
+void SceneStore::make_room_in_quota(std::uint64_t bytes, const std::string& principal) {
     const std::uint64_t bytes_max = quotas_.of(principal).scene_bytes;
     std::uint64_t held = charged_to(principal, true).bytes + charged_to(principal, false).bytes;
     const auto beyond_quota = [&] { return bytes <= bytes_max && held > bytes_max - bytes; };
-    const auto beyond_budget = [&] { return budget_.room(principal, Use::lasting) < bytes; };
-    if (!beyond_quota() && !beyond_budget()) return;
-    std::vector<Droppable> scenes = droppable(principal);
-    // The principal's own scenes first: others' do not help it beyond its quota.
-    for (Droppable& scene : scenes) {
+    if (!beyond_quota()) return;
+    for (Droppable& scene : droppable(principal)) {
         if (!beyond_quota()) break;
         if (scene.charged_bytes != 0 && scene.let_go()) held -= scene.charged_bytes;
     }
-    for (Droppable& scene : scenes) {
+}
+
+void SceneStore::make_room(std::uint64_t bytes, const std::string& principal) {
+    // The principal's own scenes first: others' do not help it beyond its quota.
+    make_room_in_quota(bytes, principal);
+    const auto beyond_budget = [&] { return budget_.room(principal, Use::lasting) < bytes; };
+    if (!beyond_budget()) return;
+    for (Droppable& scene : droppable(principal)) {
         if (!beyond_budget()) break;
         scene.let_go();
     }
@@ -274,7 +278,7 @@ std::vector<SceneStore::Droppable> SceneStore::droppable(const std::string& prin
         if (is_new) scenes.emplace_back();
         Droppable& scene = scenes[place->second];
         scene.used = std::max(scene.used, entry.used);
-        if (entry.charged_to(principal)) scene.charged_bytes += entry.facts.bytes;
+        scene.charged_bytes += entry.charge(principal);
         scene.entries.push_back(&entry);
     }
     std::ranges::stable_sort(scenes, {}, &Droppable::used);
@@ -321,7 +325,7 @@ SceneStore::Total SceneStore::charged_to(const std::string& principal, bool list
     for (const auto& [name, entry] : entries_) {
         if (entry.listed != listed || !entry.charged_to(principal)) continue;
         ++total.scenes;
-        if (entry.scene.held) total.bytes += entry.facts.bytes;
+        total.bytes += entry.charge(principal);
     }
     return total;
 }
@@ -336,7 +340,7 @@ std::map<std::string, SceneStore::Usage> SceneStore::usage_of(
             const auto usage = all.find(principal);
             if (usage == all.end()) return;
             ++usage->second.scenes;
-            if (entry.scene.held) usage->second.bytes += entry.facts.bytes;
+            usage->second.bytes += entry.charge(principal);
         };
         if (entry.kept) charge(entry.owner);
         for (const auto& [holder, connections] : entry.holders)

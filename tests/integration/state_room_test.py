@@ -7,6 +7,8 @@ import sqlite3
 import subprocess
 import time
 
+import numpy
+
 from daemon import IMPORTS_GROW, PATIENCE, Client, main, second_principal, skip_sanitized, until
 from with_state import WOODS, WithState
 
@@ -76,6 +78,47 @@ class Room(WithState):
             for name in hits:
                 self.assertEqual(self.hits(name), hits[name])
         self.assertLessEqual(client.json("stats")["memory_used_bytes"], 128 << 20)
+
+    def test_scenes_that_nobody_uses_make_room_for_a_load(self):
+        skip_sanitized(self, self.raynestd, IMPORTS_GROW)
+        client = self.start("--memory", "96M", "--principal-scene-bytes-max", "85M")
+        corners = numpy.random.default_rng(1).integers(0, 4, (100_000, 3, 3)).astype(numpy.float32)
+        numpy.savez_compressed(self.folder / "mesh.npz", vertices=corners.reshape(-1, 3),
+                               faces=numpy.arange(corners.size // 3, dtype=numpy.uint32).reshape(-1, 3))
+        names = [f"s{number}" for number in range(9)]
+        for number, name in enumerate(names):
+            client.json("load", f"builtin:forest?trees=200&seed={number}", "--name", name)
+        # The import takes several times the bytes of its scene: it finds out while it runs.
+        client.json("load", self.folder / "mesh.npz", "--name", "mesh")
+        states = [self.scenes()[name]["state"] for name in names]
+        self.assertIn("disk", states)
+        # Content that is in memory already counts twice for who loads it under two names.
+        for name in names:
+            self.hits(name)
+        self.hits("mesh")
+        client.json("load", self.folder / "mesh.npz", "--name", "again")
+        self.assertEqual(client.json("stats")["scenes"], len(names) + 2)
+        # Scenes in the way are named, and not those on the disk alone: they take no memory.
+        for name in ("mesh", "again", *names):
+            client.run("pin", name)
+        refused = client.run("load", "builtin:forest?trees=200&seed=99", "--name", "more")
+        self.assertEqual(refused.returncode, 6, refused.stderr)
+        scenes = self.scenes()
+        proposed = [name for name in scenes if f"'{name}'" in refused.stderr]
+        self.assertTrue(proposed, refused.stderr)
+        self.assertNotIn("disk", [scenes[name]["state"] for name in proposed])
+
+    def test_a_pin_is_on_the_disk_before_its_answer(self):
+        client = self.start()
+        client.json("load", WOODS, "--name", "a")
+        for off in ((), ("--off",), ()):
+            client.json("pin", *off, "a")
+            self.kill()
+            client = self.start()
+            if off:
+                self.assertEqual(self.scenes()["a"]["state"], "disk")
+            else:
+                until(lambda: self.scenes()["a"]["state"] == "pinned", lambda: str(self.scenes()))
 
     def test_pins_and_the_order_of_use_outlive_the_daemon(self):
         client = self.start()

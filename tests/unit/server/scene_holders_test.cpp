@@ -70,6 +70,85 @@ TEST_CASE("unloading takes nothing from another connection, and its name works o
     CHECK(size_of(scenes.find("town", 0, store.b)) == 2);
 }
 
+/// More of them take more bytes.
+std::shared_ptr<const Snapshot> many_squares(int count) {
+    SceneDescription scene = test::tree_scene();
+    for (int i = 0; i < count; ++i)
+        scene.objects[scene.root].instances.push_back(
+            test::place(0, test::translation(30.0F + static_cast<float>(i), 0, 0)));
+    return test::build_scene(scene);
+}
+
+TEST_CASE("a holder is charged for what it opened, whatever the owner puts in its place") {
+    Store store;
+    SceneStore& scenes = store.scenes;
+    const std::uint64_t small = many_squares(0)->bytes().size();
+    const std::uint64_t large = many_squares(200)->bytes().size();
+    REQUIRE(large > 2 * small);
+    store.limits.principal_scene_bytes_max = large + small;
+    scenes.set_limits(store.limits);
+    const auto used = [&](const char* who) { return scenes.usage_of({who}).at(who).bytes; };
+    REQUIRE(scenes.publish("town", many_squares(0), store.shared, store.a));
+    REQUIRE(scenes.open("town", store.stranger));
+    CHECK(used("you") == small);
+    REQUIRE(scenes.publish("town", many_squares(200), {.replace = true}, store.a));
+    CHECK(used("me") == large);
+    CHECK(used("you") == small);
+    CHECK(scenes.find("me/town", 0, store.stranger)->snapshot().bytes().size() == large);
+    // Its own loads have as much room as before.
+    CHECK(scenes.check_quota("mine", store.stranger, large));
+    // To open what stands there now is to agree to its bytes.
+    const ConnectionId later{"you", scenes.connect()};
+    REQUIRE(scenes.open("me/town", later));
+    CHECK(used("you") == large);
+    scenes.disconnect(later);
+    CHECK(used("you") == small);
+    const ConnectionId other{"other", scenes.connect()};
+    REQUIRE(scenes.open("me/town", other));
+
+    // Once the owner lets go of it, it is theirs who have agreed to it.
+    REQUIRE(scenes.unload("town", store.a));
+    CHECK(scenes.find("me/town", 0, store.stranger).error().code == Code::scene_unknown);
+    CHECK(scenes.find("me/town", 0, other));
+    CHECK(used("you") == 0);
+    CHECK(used("other") == large);
+    CHECK(used("me") == 0);
+    CHECK(store.budget.held_by("other") >= large);
+    CHECK(store.budget.held_by("me") == 0);
+    CHECK(store.budget.held_by("you") == 0);
+}
+
+TEST_CASE("a temporary scene stays its owner's while a connection of his holds it") {
+    Store store;
+    SceneStore& scenes = store.scenes;
+    REQUIRE(
+        scenes.publish("t", many_squares(0), {.temporary = true, .share = {"public"}}, store.a));
+    REQUIRE(scenes.open("me/t", store.stranger));
+    REQUIRE(scenes.publish("t", many_squares(200), {.replace = true, .temporary = true}, store.a));
+    CHECK(scenes.usage_of({"you"}).at("you").bytes == many_squares(0)->bytes().size());
+    scenes.disconnect(store.a);
+    CHECK(scenes.size() == 0);
+    CHECK(store.budget.used() == 0);
+}
+
+TEST_CASE("an edit that adds is asked for its owner's quota of bytes") {
+    Store store;
+    SceneStore& scenes = store.scenes;
+    store.limits.principal_scene_bytes_max = many_squares(20)->bytes().size();
+    scenes.set_limits(store.limits);
+    const auto before = scenes.publish("town", many_squares(0), {}, store.a);
+    REQUIRE(before);
+    const auto refused = scenes.publish_edit(*before, many_squares(200), store.a);
+    REQUIRE_FALSE(refused);
+    CHECK(refused.error().code == Code::quota);
+    CHECK(scenes.find("town", 0, store.a)->epoch == before->epoch);
+    CHECK(scenes.publish_edit(*before, many_squares(20), store.a).value());
+    // An edit that takes no more is allowed whatever the quota has become.
+    store.limits.principal_scene_bytes_max = 1;
+    scenes.set_limits(store.limits);
+    CHECK(scenes.publish_edit(*scenes.find("town", 0, store.a), many_squares(19), store.a).value());
+}
+
 TEST_CASE("a connection that reloads a name drops the unloaded scene") {
     Store store;
     SceneStore& scenes = store.scenes;

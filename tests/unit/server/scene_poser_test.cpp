@@ -8,6 +8,7 @@
 #include <doctest/doctest.h>
 
 #include <functional>
+#include <list>
 #include <memory>
 #include <string>
 #include <utility>
@@ -116,6 +117,40 @@ TEST_CASE("a principal has few poses under way; others wait for these, and are m
         if (wanted.size() == 2 * ScenePoser::kept_max) wanted.push_back(1);
     }
     CHECK(asking.found == wanted);
+}
+
+TEST_CASE("requests of two moments each get both, however many there are") {
+    Asking asking;
+    struct Pair {
+        double first = 0;
+        std::vector<std::shared_ptr<const HeldScene>> held = {};
+        Asking::Request again = std::make_shared<ScenePoser::Ready>();
+        bool has_both = false;
+    };
+    std::list<Pair> pairs;
+    Caller caller;
+    caller.principal = "me";
+    const auto look = [&](Pair& pair) {
+        (void)asking.poser.take_wanted();
+        pair.has_both = asking.poser.find(asking.scene, "", pair.first, caller) &&
+                        asking.poser.find(asking.scene, "", pair.first + 0.01, caller);
+        const auto wanted = asking.poser.take_wanted();
+        pair.held = wanted ? wanted->found : decltype(pair.held){};
+        if (wanted) asking.poser.make(*wanted, "me", pair.again);
+    };
+    for (int i = 0; i < 10; ++i) {
+        Pair& pair = pairs.emplace_back(Pair{0.09 * i});
+        *pair.again = [&](const Reply<void>&) { look(pair); };
+    }
+    for (Pair& pair : pairs) look(pair);
+    std::size_t made = 0;
+    for (std::size_t turn = 0; turn < 100; ++turn) {
+        made += asking.run_tasks();
+        if (asking.daemon.posted.empty()) break;
+        asking.end_one();
+    }
+    CHECK(made == 2 * pairs.size());
+    for (const Pair& pair : pairs) CHECK(pair.has_both);
 }
 
 TEST_CASE("a request that was cancelled while it waited is not made, and holds up nobody") {
