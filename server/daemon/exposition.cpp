@@ -6,6 +6,7 @@
 #include "server/scheduling/admission.h"
 #include "server/scheduling/peers.h"
 #include "server/store/scene_store.h"
+#include "server/store/state_folder.h"
 
 #include <prometheus/metric_family.h>
 #include <prometheus/text_serializer.h>
@@ -147,6 +148,22 @@ void add_principals(const Services& services, const Principal& reader, Families&
         add_principal(services, principal, uses.at(principal), families);
 }
 
+void add_state(const Services& services, Families& families) {
+    const StateFolder& state = *services.state;
+    families.add("raynest_state_bytes", MetricType::Gauge, "",
+                 "bytes of stored scenes and kept edits",
+                 static_cast<double>(services.scenes.stored_bytes()));
+    std::error_code error;
+    if (const auto space = std::filesystem::space(state.path(), error); !error)
+        families.add("raynest_state_free_bytes", MetricType::Gauge, "",
+                     "free bytes of the state folder's disk", static_cast<double>(space.available));
+    families.add("raynest_state_failed", MetricType::Gauge, "",
+                 "1 if the disk has failed: nothing more is stored before a restart",
+                 state.stores() ? 0 : 1);
+    add_durations(state.commits(), "raynest_state_commit_seconds",
+                  "time of the commits that loads and kept edits wait for", families);
+}
+
 /// The names that Prometheus' client libraries give to these.
 void add_process(Families& families) {
     families.add("process_start_time_seconds", MetricType::Gauge, "", "Unix time of the start",
@@ -201,6 +218,7 @@ std::string exposition(const Services& services, const Principal& reader,
                   "time from the cancellation of a job to the end of its last task", families);
     add_durations(metrics.load_seconds, "raynest_scene_load_duration_seconds",
                   "time from the request for a scene to its publication", families);
+    if (services.state != nullptr) add_state(services, families);
     add_principals(services, reader, families);
     add_process(families);
     return families.text();

@@ -264,6 +264,9 @@ public:
     [[nodiscard]] Total asleep() const;
     /// Returns how many of a principal's names have their scene on the disk alone.
     [[nodiscard]] std::size_t asleep_of(const std::string& owner) const;
+    /// Bytes of all scenes in the state folder, kept edits among them. Two names of one content count
+    /// once.
+    [[nodiscard]] std::uint64_t stored_bytes() const;
     /// Returns when each stored scene was used and whether it is pinned, as far as that differs from
     /// what was returned before.
     [[nodiscard]] std::vector<SceneUse> take_uses();

@@ -201,6 +201,14 @@ Result<void> StateFolder::usable() const {
     return fail(ErrorCode::io_failed, disk_failed());
 }
 
+Result<void> StateFolder::timed(const std::function<Result<void>()>& commit) {
+    const auto begun = std::chrono::steady_clock::now();
+    auto done = commit();
+    commits_.add(std::chrono::duration<double>(std::chrono::steady_clock::now() - begun).count());
+    if (manifest_->failed()) failed_ = true;
+    return done;
+}
+
 BlobPin StateFolder::pin(const std::string& digest) {
     // Made before the lock is taken: its end takes that, too, also its end for want of memory.
     // And `live` keeps what the end needs until the next collect(), so that it may not keep the
@@ -301,16 +309,18 @@ void StateFolder::commit_locked() {
     if (edits.empty()) return;
     Result<void> done = usable();
     if (done)
-        done = manifest_->together([&]() -> Result<void> {
-            for (const auto& edit : edits) {
-                if (broken_.contains(edit->edit.number)) continue;
-                Result<void> put;
-                if (edit->row) put = manifest_->put(*edit->row);
-                if (put && edit->row) put = manifest_->remove_edits(edit->ended);
-                if (put) put = manifest_->put(edit->edit);
-                if (!put) return put;
-            }
-            return {};
+        done = timed([&] {
+            return manifest_->together([&]() -> Result<void> {
+                for (const auto& edit : edits) {
+                    if (broken_.contains(edit->edit.number)) continue;
+                    Result<void> put;
+                    if (edit->row) put = manifest_->put(*edit->row);
+                    if (put && edit->row) put = manifest_->remove_edits(edit->ended);
+                    if (put) put = manifest_->put(edit->edit);
+                    if (!put) return put;
+                }
+                return {};
+            });
         });
     for (const auto& edit : edits) {
         const bool follows_broken = broken_.contains(edit->edit.number);
@@ -332,7 +342,7 @@ Result<void> StateFolder::reserve(std::uint64_t number, std::uint64_t epoch) {
     const std::lock_guard lock(mutex_);
     if (const auto good = usable(); !good) return good;
     commit_locked();
-    return manifest_->put(KeptEdit{.number = number, .epoch = epoch});
+    return timed([&] { return manifest_->put(KeptEdit{.number = number, .epoch = epoch}); });
 }
 
 Result<std::vector<KeptEdit>> StateFolder::edits(std::uint64_t number) {
@@ -352,7 +362,7 @@ Result<void> StateFolder::put(const StoredScene& scene) {
     const std::lock_guard lock(mutex_);
     commit_locked();
     if (const auto good = usable(); !good) return good;
-    if (const auto put = manifest_->put(scene); !put) return put;
+    if (const auto put = timed([&] { return manifest_->put(scene); }); !put) return put;
     const Row before =
         std::exchange(rows_[{scene.owner, scene.name}], {scene.digest, scene.number});
     if (!before.digest.empty()) let_go(before.digest);
@@ -395,7 +405,7 @@ Result<void> StateFolder::put(const std::vector<SceneUse>& uses) {
     commit_locked();
     collect_locked();
     if (const auto good = usable(); !good) return good;
-    return manifest_->put(uses);
+    return timed([&] { return manifest_->put(uses); });
 }
 
 bool StateFolder::has_work() {

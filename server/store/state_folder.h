@@ -11,6 +11,7 @@
 #pragma once
 
 #include "engine/scene/snapshot.h"
+#include "server/ground/metrics.h"
 #include "server/store/manifest.h"
 
 #include <atomic>
@@ -140,6 +141,11 @@ public:
     [[nodiscard]] std::shared_ptr<void> lock_name(const std::string& owner, const std::string& name,
                                                   const Stopped& stopped);
 
+    /// False once the disk has failed: nothing more is stored before a restart. Any thread.
+    [[nodiscard]] bool stores() const { return !failed_; }
+    /// Times of commits that loads and edits wait for. Any thread.
+    [[nodiscard]] const DurationHistogram& commits() const { return commits_; }
+
 private:
     StateFolder(std::filesystem::path folder, Manifest manifest)
         : folder_(std::move(folder)),
@@ -156,6 +162,8 @@ private:
     /// Fails once the disk has failed. Called with mutex_ locked, which the manifest's word of that
     /// needs.
     [[nodiscard]] Result<void> usable() const;
+    /// Runs a commit, and notes its time and whether the disk has failed. Called with mutex_ locked.
+    Result<void> timed(const std::function<Result<void>()>& commit);
 
     const std::filesystem::path folder_;
     std::vector<StoredScene> found_;
@@ -164,6 +172,7 @@ private:
     std::atomic<std::uint64_t> last_number_{0};
     std::atomic<std::uint64_t> last_temporary_{0};
     std::atomic<bool> failed_{false};
+    DurationHistogram commits_;
     std::atomic<bool> closed_{false};
     std::mutex mutex_;                  ///< of the manifest, and of what follows
     std::optional<Manifest> manifest_;  ///< nothing: closed_

@@ -351,6 +351,12 @@ std::map<std::string, SceneStore::Usage> SceneStore::usage_of(
     return all;
 }
 
+std::uint64_t SceneStore::stored_bytes() const {
+    DiskUse use;
+    for (const auto& [name, entry] : entries_) use.add(entry);
+    return use.bytes;
+}
+
 SceneStore::Total SceneStore::unlisted() const {
     Total total;
     for (const auto& [name, entry] : entries_) {

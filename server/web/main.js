@@ -296,7 +296,8 @@ async function chooseScene(camera) {
   if (changed || (before && came)) {
     again = sameCamera(cameraName, before, info);
     const gone = `${cameraName && !again ? " Its camera is gone: the view stays." : ""}${moving === null ? " Its animation is gone: no moment of one is shown." : ""}`;
-    const isSame = wasEdited(info) && !came && Number(before.instances) === Number(info.instances);
+    // Parts that come and go in one edit leave their number as it is, but build the tree anew.
+    const isSame = wasEdited(info) && !came && ["instances", "rebuilds"].every((count) => Number(before[count] ?? 0) === Number(info[count] ?? 0));
     const shown = !isSame && (store.values.hidden.length || store.values.isolated.length) ? " What was hidden or isolated has other numbers now: all of it is shown." : "";
     if (shown) store.set({ hidden: [], isolated: [] });
     followed = `"${scene}" ${came ? "is loaded again" : wasEdited(info) ? "was edited" : "was replaced"}: ${changesText(before, info)}.${gone}${shown}${ignored.length ? ` Not in it: ${listed(ignored)}.` : ""}`;

@@ -100,6 +100,27 @@ browserTest("what was hidden and is gone is shown, and no link is blamed", async
   assert.deepEqual(await app(page, ({ store }) => store.values.hidden), []);
 });
 
+browserTest("what was hidden is shown where an edit takes one part away and brings another", async ({ open }) => {
+  const name = `swap${Math.random()}`.replace(".", "");
+  await daemon.loadMeshes(name, [LEFT, RIGHT, WIDE]);
+  await daemon.loadMeshes(`${name}-part`, [LEFT]);
+  const page = await open(daemon, { scene: name, size: SIZE, camera: "0,0,4,0,0,0,0,1,0,45" });
+  await fine(page);
+  await app(page, ({ store }) => store.set({ hidden: ["i2"] }));
+  await fine(page);
+  const hidden = () => app(page, ({ store }) => store.values.hidden);
+  assert.deepEqual(await hidden(), ["i2"]);
+  // Parts that only move keep their numbers.
+  await daemon.json("edit", name, "--move", "new=0,0.1,0");
+  await says(page, "notice", "was edited");
+  assert.deepEqual(await hidden(), ["i2"]);
+  const { instances } = await daemon.json("info", name);
+  await daemon.json("edit", name, "--remove", "old", "--add", `${name}-part=0,0,0`);
+  assert.equal((await daemon.json("info", name)).instances, instances);
+  await says(page, "notice", "What was hidden or isolated has other numbers now: all of it is shown.");
+  assert.deepEqual(await hidden(), []);
+});
+
 browserTest("a scene that is unloaded and comes back is shown again, and so is the first one of an empty daemon", async ({ open }) => {
   const own = new TestDaemon();
   try {

@@ -22,6 +22,7 @@ import time
 import numpy
 
 from daemon import LONG, PATIENCE, Client, Daemon, is_sanitized, main
+from metrics_test import scrape
 from with_state import WOODS, WithState
 
 GOINGDOWN = 0x8004587D  # _IOR('X', 125, __u32)
@@ -180,7 +181,7 @@ class Disk(WithState):
             self.skipTest("cannot mount a tmpfs")
         self.addCleanup(subprocess.run, ["umount", "-l", backing], capture_output=True)
         self.make_disk("ext4", backing / "image")
-        self.start("--principal-disk-bytes-max", "1G")
+        self.start("--principal-disk-bytes-max", "1G", "--http", "127.0.0.1:0")
         good = {}
         for number in range(40):
             done = self.client.run("--json", "load", f"builtin:forest?trees=300&seed={number}", "--name", f"s{number}")
@@ -193,6 +194,7 @@ class Disk(WithState):
         self.assertIn("has failed (", done.stderr)
         # Nothing is written after that: a second flush would succeed without the bytes.
         self.client.fails(6, "has failed: ", "load", "builtin:flake?depth=1", "--name", "later")
+        self.assertEqual(scrape(self.daemon.http)["raynest_state_failed"], 1)
         for name in good:
             self.hits(name)
         self.assertLessEqual(good.items(), {name: scene["hash"] for name, scene in self.scenes().items()}.items())

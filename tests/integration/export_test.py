@@ -101,9 +101,51 @@ class Export(WithFiles):
         self.assertGreater(np.isfinite(one["t"]).sum(), 50)
         self.assertEqual(one["t"].tobytes(), two["t"].tobytes())
         self.assertEqual(pathlib.Path(made["glb"]).name, "far.glb")
-        notes = self.export(self.source("builtin:flake?depth=2"))["notes"]
-        self.assertIn("records of type 'sphere' are left out", " ".join(notes))
-        self.assertIn("nothing that rays can hit", " ".join(notes))
+
+    def test_spheres_come_back(self):
+        flake = self.source("builtin:flake?depth=2")
+        made = self.export(flake)
+        self.assertRegex(" ".join(made["notes"]), r"^[0-9]+ spheres are written as points with `_RADIUS`")
+        self.same_hits(flake, self.source(made["glb"]))
+        random = np.random.default_rng(3)
+        rows = ["{} {} {} {} {} {} {}".format(*random.uniform(-9, 9, 3), random.uniform(0.2, 0.6), *random.integers(0, 256, 3))
+                for _ in range(800)]
+        names = [*(f"property float {name}" for name in ("x", "y", "z", "radius")),
+                 *(f"property uchar {name}" for name in ("red", "green", "blue"))]
+        lines = ["ply", "format ascii 1.0", f"element vertex {len(rows)}", *names, "end_header", *rows]
+        before = self.load("cloud.ply", "\n".join(lines) + "\n")
+        for name in ("alone.glb", "spheres.rnscene.json"):
+            self.export(before, name)
+            after = self.source(self.scenes / name)
+            rays = rays_at(before.info)
+            one, two = (scene.trace(rays, fields=("t", "prim", "ng", "base_colour", "hit")) for scene in (before, after))
+            self.assertGreater(one["hit"].sum(), 50)
+            for field in one:
+                self.assertEqual(one[field].tobytes(), two[field].tobytes(), field)
+
+    def test_spheres_of_a_file_are_checked(self):
+        def points(radii, count=2, kind=5126):
+            data = np.arange(3 * count, dtype=np.float32).tobytes() + np.asarray(radii).tobytes()
+            uri = "data:application/octet-stream;base64," + base64.b64encode(data).decode()
+            return json.dumps({
+                "asset": {"version": "2.0"}, "scene": 0, "scenes": [{"nodes": [0]}], "nodes": [{"mesh": 0}],
+                "meshes": [{"primitives": [{"mode": 0, "attributes": {"POSITION": 0, "_RADIUS": 1}}]}],
+                "accessors": [{"bufferView": 0, "componentType": 5126, "count": count, "type": "VEC3"},
+                              {"bufferView": 1, "componentType": kind, "count": len(radii), "type": "SCALAR"}],
+                "bufferViews": [{"buffer": 0, "byteLength": 12 * count},
+                                {"buffer": 0, "byteOffset": 12 * count, "byteLength": len(data) - 12 * count}],
+                "buffers": [{"uri": uri, "byteLength": len(data)}]})
+        good = self.load("points.gltf", points(np.float32([0.5, 0.25])))
+        hit = good.trace([[0, 1, 9, 0, 0, -1], [3, 4, 9, 0, 0, -1]], fields=("t", "prim"))
+        np.testing.assert_array_equal(hit["t"], np.float32([6.5, 3.75]))
+        np.testing.assert_array_equal(hit["prim"], [0, 1])
+        for radii, kind, why in (([np.nan, 1], 5126, "_RADIUS of nan"), ([0, 1], 5126, "_RADIUS of 0"),
+                                 ([-1, 1], 5126, "_RADIUS of -1"), ([np.inf, 1], 5126, "_RADIUS of inf"),
+                                 ([1, 1, 1], 5126, "has 2 vertices but 3 elements of _RADIUS")):
+            with self.subTest(why), self.assertRaisesRegex(raynest.errors.Error, why):
+                self.load("bad.gltf", points(np.float32(radii), kind=kind))
+        with self.assertRaisesRegex(raynest.errors.Error, "_RADIUS of the wrong type"):
+            self.load("bad.gltf", points(np.uint16([1, 1, 1, 1][:2]), kind=5123))
 
     def test_what_is_composed_edited_and_masked(self):
         for name, seed in (("a", 1), ("b", 2)):

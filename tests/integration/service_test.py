@@ -141,7 +141,7 @@ class Service(Programs):
         subprocess.run([self.raynestd, "tls", "init", tls], check=True, capture_output=True,
                        timeout=PATIENCE)
         daemon = Daemon(self.raynestd, "--http", "127.0.0.1:0", "--listen", "tls://127.0.0.1:0",
-                        "--tls-cert", tls / "cert.pem", "--tls-key", tls / "key.pem")
+                        "--state", self.folder / "state", "--tls-cert", tls / "cert.pem", "--tls-key", tls / "key.pem")
         self.addCleanup(daemon.stop)
         from urllib.request import urlopen
         with urlopen(daemon.http + "/metrics", timeout=PATIENCE) as answer:

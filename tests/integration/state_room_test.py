@@ -3,6 +3,7 @@
 
   state_room_test.py RAYNESTD RAYNEST
 """
+import os
 import sqlite3
 import subprocess
 import time
@@ -10,6 +11,7 @@ import time
 import numpy
 
 from daemon import IMPORTS_GROW, PATIENCE, Client, main, second_principal, skip_sanitized, until
+from metrics_test import scrape
 from with_state import WOODS, WithState
 
 
@@ -107,6 +109,23 @@ class Room(WithState):
         proposed = [name for name in scenes if f"'{name}'" in refused.stderr]
         self.assertTrue(proposed, refused.stderr)
         self.assertNotIn("disk", [scenes[name]["state"] for name in proposed])
+
+    def test_the_folder_is_watched(self):
+        client = self.start("--http", "127.0.0.1:0")
+        before = scrape(self.daemon.http)
+        self.assertEqual((before["raynest_state_bytes"], before["raynest_state_failed"]), (0, 0))
+        disk = os.statvfs(self.state)
+        self.assertAlmostEqual(before["raynest_state_free_bytes"], disk.f_frsize * disk.f_bavail, delta=1 << 30)
+        client.json("load", WOODS, "--name", "woods")
+        client.json("edit", "woods", "--move", "birch-1=0,0,1", "--keep")
+        after = scrape(self.daemon.http)
+        size = self.scenes()["woods"]["bytes"]
+        self.assertGreater(after["raynest_state_bytes"], size)
+        self.assertLess(after["raynest_state_bytes"], 1.1 * size)
+        count = "raynest_state_commit_seconds_count"
+        self.assertGreaterEqual(after[count] - before[count], 2)
+        client.json("unload", "woods")
+        self.assertEqual(scrape(self.daemon.http)["raynest_state_bytes"], 0)
 
     def test_a_pin_is_on_the_disk_before_its_answer(self):
         client = self.start()

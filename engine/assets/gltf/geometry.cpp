@@ -1,13 +1,15 @@
 // Meshes: a glTF primitive becomes one geometry, and a mesh becomes one object.
 //
 // Triangles, strips and fans become triangle lists in file order. Points and lines are counted and
-// leave an empty geometry, so that a hit's geometry index is the primitive's. Primitives often
+// leave an empty geometry, so that a hit's geometry index is the primitive's. A mesh of nothing but
+// points with `_RADIUS`, as an export writes them, is one of spheres. Primitives often
 // share one large vertex buffer, so each takes only the vertices it uses.
 #include "engine/assets/gltf/budget.h"
 #include "engine/assets/gltf/describe.h"
 #include "engine/assets/gltf/facing.h"
 #include "engine/assets/gltf/skins.h"
 #include "engine/assets/input/messages.h"
+#include "engine/geometry/sphere_shape.h"
 #include "engine/scene/motion/skinning.h"
 #include "engine/scene/snapshot.h"
 #include "engine/scene/texture_levels.h"
@@ -16,6 +18,7 @@
 
 #include <algorithm>
 #include <cmath>
+#include <cstring>
 
 namespace raynest::gltf {
 namespace {
@@ -55,7 +58,14 @@ public:
         object.name = mesh.name;
         MotionWriter* const motion = motion_.deforms(index) ? &motion_ : nullptr;
         if (motion != nullptr) motion->begin_mesh(static_cast<std::uint32_t>(index));
-        for (const Primitive& primitive : model_.meshes[in_file].primitives) {
+        const std::vector<Primitive>& primitives = model_.meshes[in_file].primitives;
+        if (motion == nullptr && !primitives.empty() &&
+            std::ranges::all_of(primitives, is_of_spheres)) {
+            for (const Primitive& primitive : primitives)
+                if (auto done = add_spheres(mesh, primitive, object); !done) return error_of(done);
+            return object;
+        }
+        for (const Primitive& primitive : primitives) {
             if (primitive.mode < mode_points || primitive.mode > mode_fan) {
                 return refuse(
                     fmt::format("has a primitive with the unknown mode {}", primitive.mode));
@@ -87,6 +97,53 @@ public:
     }
 
 private:
+    static bool is_of_spheres(const Primitive& primitive) {
+        return primitive.mode == mode_points && primitive.radius != no_id &&
+               primitive.position != no_id && primitive.indices == no_id;
+    }
+
+    Result<void> add_spheres(const Mesh& mesh, const Primitive& primitive,
+                             ObjectDescription& object) {
+        const Accessor& position = model_.accessors[primitive.position];
+        const Accessor& radius = model_.accessors[primitive.radius];
+        if (!position.fault.empty()) return refuse("needs " + position.fault);
+        const std::vector<std::uint32_t> all;
+        const Deformed deformed{where_, mesh, primitive,
+                                [&](const Accessor& accessor, bool type_allowed, const char* name) {
+                                    return read_attribute(accessor, position, all, type_allowed,
+                                                          name);
+                                },
+                                nullptr};
+        if (auto done = budget_.take_triangles(position.count, limits_.triangles_max); !done)
+            return done;
+        if (auto done = budget_.take_bytes(position.count * (sizeof(Sphere) + sizeof(Box))); !done)
+            return done;
+        GeometryDescription geometry;
+        if (auto done = read_positions(deformed, geometry); !done) return done;
+        if (auto done = check_positions(geometry); !done) return done;
+        if (auto done = read_colours(deformed, geometry); !done) return done;
+        const auto radii = deformed.read(
+            radius, radius.width == 1 && radius.component == Component::f32, "_RADIUS");
+        if (!radii) return error_of(radii);
+        const std::size_t before = object.record_bounds.size();
+        object.record_type = "sphere";
+        object.records.resize((before + radii->size()) * sizeof(Sphere));
+        for (std::size_t i = 0; i < radii->size(); ++i) {
+            const Sphere sphere{geometry.positions[i], (*radii)[i]};
+            if (!(sphere.radius > 0 && sphere.radius <= coordinate_max))
+                return refuse(fmt::format("has a _RADIUS of {}", sphere.radius));
+            object.record_bounds.push_back(bounds(sphere));
+            std::memcpy(object.records.data() + (before + i) * sizeof(Sphere), &sphere,
+                        sizeof(Sphere));
+        }
+        if (!geometry.colours.empty()) object.record_colours.resize(4 * before, 255);
+        if (!geometry.colours.empty() || !object.record_colours.empty())
+            geometry.colours.resize(4 * radii->size(), 255);
+        object.record_colours.insert(object.record_colours.end(), geometry.colours.begin(),
+                                     geometry.colours.end());
+        return {};
+    }
+
     tl::unexpected<Error> refuse(const std::string& why) const {
         return fail(ErrorCode::scene_invalid, where_ + ' ' + why);
     }

@@ -292,7 +292,8 @@ Result<void> read_nodes(const Model& model, const ImportLimits& limits, MaskRule
     auto meshes = read_meshes(model, used, limits, motion, scene);
     if (!meshes) return error_of(meshes);
     std::vector<bool> traceable;
-    for (const ObjectDescription& mesh : *meshes) traceable.push_back(own_triangles(mesh) != 0);
+    for (const ObjectDescription& mesh : *meshes)
+        traceable.push_back(own_triangles(mesh) != 0 || !mesh.record_bounds.empty());
     for (const std::uint32_t index : order) {
         const Node& node = model.nodes[index];
         if (node.mesh != no_id && !traceable[node.mesh]) {

@@ -61,6 +61,7 @@ std::vector<AttributePlace> attributes_of(Primitive& primitive) {
                                        {"COLOR_0", &primitive.colour, false},
                                        {"NORMAL", &primitive.normal, true},
                                        {"TANGENT", &primitive.tangent, true}};
+    if (primitive.mode == 0) places.push_back({"_RADIUS", &primitive.radius, false});
     for (std::size_t set = 0; set < primitive.joint_sets.size(); ++set) {
         JointSet& joints = primitive.joint_sets[set];
         places.push_back({fmt::format("JOINTS_{}", set), &joints.joints, false});

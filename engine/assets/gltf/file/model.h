@@ -132,6 +132,7 @@ struct Primitive {
     std::uint32_t colour = no_id;
     std::uint32_t normal = no_id;
     std::uint32_t tangent = no_id;
+    std::uint32_t radius = no_id;  ///< of points, `_RADIUS`: they are spheres
     std::uint32_t material = no_id;
     std::vector<MorphTarget> targets;
     std::vector<JointSet> joint_sets;

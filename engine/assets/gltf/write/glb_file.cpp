@@ -3,6 +3,8 @@
 #include "engine/assets/gltf/write/tables.h"
 #include "engine/assets/images/image.h"
 #include "engine/assets/input/import_request.h"
+#include "engine/geometry/record_colours.h"
+#include "engine/geometry/sphere_shape.h"
 #include "engine/shading/texture_lookup.h"
 
 #include <fmt/format.h>
@@ -47,6 +49,12 @@ std::vector<std::byte> words(std::initializer_list<std::uint32_t> values) {
     return made;
 }
 
+template <class T>
+std::vector<std::byte> copied(const std::vector<T>& values) {
+    const auto bytes = std::as_bytes(std::span(values));
+    return {bytes.begin(), bytes.end()};
+}
+
 /// The colours of vertices as glTF has them: linear. The scene's are sRGB bytes, which 16 bits of
 /// linear light give back.
 std::vector<std::byte> linear_colours(const SceneView& view, const GeometryRecord& geometry) {
@@ -86,6 +94,8 @@ public:
         for (std::uint32_t i = 0; i < view_.object_count; ++i) {
             if (stop_()) return fail(ErrorCode::field_invalid, "was stopped");
             if (view_.objects[i].triangle_count != 0) mesh_of[i] = add_mesh(view_.objects[i]);
+            if (view_.objects[i].record_type == primitive_type("sphere"))
+                mesh_of[i] = add_spheres(view_.objects[i]);
         }
         write_nodes(scene_, mesh_of, tables_);
         if (stop_()) return fail(ErrorCode::field_invalid, "was stopped");
@@ -142,9 +152,8 @@ private:
             if (g.colours != no_offset)
                 attributes += fmt::format(
                     R"(,"COLOR_0":{})",
-                    tables_.accessors.add(fmt::format(
-                        R"({{"bufferView":{},"count":{},"componentType":5123,"normalized":true,"type":"VEC4"}})",
-                        tables_.keep_bytes(linear_colours(view_, g)), g.vertex_count)));
+                    add_made(linear_colours(view_, g), g.vertex_count,
+                             R"("componentType":5123,"normalized":true,"type":"VEC4")"));
             attribute("NORMAL", shading.normals, 12, vec3);
             attribute("TANGENT", shading.tangents, 16, vec4);
             const std::uint32_t indices = accessor(g.indices, 3ULL * g.triangle_count, 4,
@@ -154,18 +163,66 @@ private:
             if (g.material != no_id) list += fmt::format(",\"material\":{}", g.material);
             list += '}';
         }
+        return add_mesh(object, list);
+    }
+
+    std::uint32_t add_mesh(const ObjectRecord& object, std::string_view primitives) {
         std::string name;
         if (const char* text = view_.names + object.name; *text != '\0')
             name = fmt::format("\"name\":{},", json_text(text));
-        return tables_.meshes.add(fmt::format(R"({{{}"primitives":[{}]}})", name, list));
+        return tables_.meshes.add(fmt::format(R"({{{}"primitives":[{}]}})", name, primitives));
+    }
+
+    std::uint32_t add_made(std::vector<std::byte> bytes, std::uint64_t count,
+                           std::string_view kind) {
+        return tables_.accessors.add(fmt::format(R"({{"bufferView":{},"count":{},{}}})",
+                                                 tables_.keep_bytes(std::move(bytes)), count,
+                                                 kind));
+    }
+
+    /// Adds points with an attribute of the application, `_RADIUS`.
+    std::uint32_t add_spheres(const ObjectRecord& object) {
+        std::vector<Vec3> centres(object.record_count);
+        std::vector<float> radii(object.record_count);
+        Box box;
+        for (std::uint32_t i = 0; i < object.record_count; ++i) {
+            Sphere sphere;
+            std::memcpy(&sphere, view_.record_of(object, i), sizeof(sphere));
+            centres[i] = sphere.center;
+            radii[i] = sphere.radius;
+            box.lower = glm::min(box.lower, sphere.center);
+            box.upper = glm::max(box.upper, sphere.center);
+        }
+        std::string list = fmt::format(
+            R"({{"mode":0,"attributes":{{"POSITION":{},"_RADIUS":{})",
+            add_made(
+                copied(centres), object.record_count,
+                fmt::format(
+                    R"("componentType":5126,"type":"VEC3","min":[{},{},{}],"max":[{},{},{}])",
+                    box.lower.x, box.lower.y, box.lower.z, box.upper.x, box.upper.y, box.upper.z)),
+            add_made(copied(radii), object.record_count,
+                     R"("componentType":5126,"type":"SCALAR")"));
+        if (record_colours(view_, object) != nullptr)
+            list +=
+                fmt::format(R"(,"COLOR_0":{})",
+                            add_made(linear_colours(view_, view_.geometries[object.first_geometry]),
+                                     object.record_count,
+                                     R"("componentType":5123,"normalized":true,"type":"VEC4")"));
+        return add_mesh(object, list + "}}");
     }
 
     /// Says what the file lacks.
     void warn() {
         for (std::size_t i = 0; i < scene_.record_types().size(); ++i)
-            tables_.warnings.push_back(
-                fmt::format("{} records of type '{}' are left out: glTF has triangles alone",
-                            scene_.record_counts()[i], scene_.record_types()[i]));
+            if (scene_.record_types()[i] == "sphere")
+                tables_.warnings.push_back(fmt::format(
+                    "{} spheres are written as points with `_RADIUS`, which raynest reads; "
+                    "other programs show points",
+                    scene_.record_counts()[i]));
+            else
+                tables_.warnings.push_back(fmt::format(
+                    "{} records of type '{}' are left out: glTF has triangles and points alone",
+                    scene_.record_counts()[i], scene_.record_types()[i]));
         if (tables_.meshes.count == 0)
             tables_.warnings.emplace_back(
                 "the file has no mesh: there is nothing that rays can hit");
@@ -178,8 +235,8 @@ private:
         if (ids != 0) tables_.warnings.push_back(renumbered_text(ids));
         if (scene_.origin() != WorldPoint{})
             tables_.warnings.push_back(fmt::format(
-                "coordinates are relative to the scene's origin, {} {} {}: export to .rnscene.json "
-                "keeps it",
+                "the coordinates of the .glb are relative to the scene's origin, {} {} {}, which a "
+                ".rnscene.json keeps",
                 scene_.origin()[0], scene_.origin()[1], scene_.origin()[2]));
     }
 
@@ -268,6 +325,8 @@ Result<std::uint64_t> GlbFile::memory_max(const Snapshot& scene) {
     for (std::uint32_t i = 0; i < view.geometry_count; ++i)
         if (const GeometryRecord& g = view.geometries[i]; g.colours != no_offset)
             bytes += 3 * sizeof(std::uint16_t) * 4 * g.vertex_count;
+    for (std::uint32_t i = 0; i < view.object_count; ++i)
+        bytes += 3 * std::uint64_t{view.objects[i].record_count} * sizeof(Sphere);
     for (std::uint32_t i = 0; i < view.texture_count; ++i)
         if (planes.insert(view.textures[i].colour).second)
             bytes += png_bytes_max(view.textures[i].width, view.textures[i].height);
