@@ -216,6 +216,11 @@ Reply<Answer> heatmap(const Services& services, const Caller& caller,
         plan.notes.push_back(protocol::clean_text(difference_note(plan, other->counted),
                                                   services.limits.text_bytes_max));
     }
+    if (const EditStatistics& edits = plan.scene.snapshot().statistics().edits;
+        edits.refits + edits.rebuilds != 0 && !necessary)
+        plan.notes.push_back(
+            "the scene was edited: its trees, and so these counts, may differ from those of the "
+            "same content loaded afresh");
     if (std::string note = idle_options_note(*message.table, form->file); !note.empty())
         plan.notes.push_back(std::move(note));
     if (const auto known = check_level(metric.counter, levels); !known)

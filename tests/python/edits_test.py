@@ -69,6 +69,33 @@ class Edits(WithDaemon):
             edit.move(number, np.array([[1, 0, 0, 0], [0, 1, 0, -500], [0, 0, 1, 0], [0, 0, 0, 1]]))
         np.testing.assert_array_equal(self.trace()["inst"] == number, self.before["inst"] == number)
 
+    def test_each_instance_gets_its_mask(self):
+        seen = np.unique(self.before["inst"][self.before["inst"] < 2**32 - 1])[:3].tolist()
+        with self.scene.edit() as edit:
+            edit.set_mask("*", 8).set_mask(seen, [1, 2, 4])
+        for number, mask in zip(seen, (1, 2, 4)):
+            found = self.trace(mask=mask)["inst"]
+            self.assertEqual(set(found[found < 2**32 - 1].tolist()), {number})
+        for masks, why in (([1, 2], "2 masks for 3 targets"), ([1, 2, -1], "whole number"), ([1, 2, 2**32], "whole number"),
+                           ([1, 2, 0.5], "whole number")):
+            with self.assertRaisesRegex((raynest.UsageError, TypeError), why), self.scene.edit() as edit:
+                edit.set_mask(seen, masks)
+
+    def test_a_batch_of_no_changes_is_not_sent(self):
+        with self.scene.edit() as edit:
+            pass
+        self.assertEqual((edit.instances, edit.refits, edit.kept, list(edit.notes)), (0, 0, False, []))
+        self.assertEqual(self.scene.info["epoch"], self.epoch)
+
+    def test_counts_of_an_edited_scene_say_so(self):
+        def notes():
+            self.scene.heatmap(size=(8, 8))
+            return [note for note in self.client.outcome["notes"] if "was edited" in note]
+        self.assertEqual(notes(), [])
+        with self.scene.edit() as edit:
+            edit.move(0, (0, 1, 0))
+        self.assertRegex(" ".join(notes()), "these counts, may differ from those of the same content loaded afresh")
+
     def test_hidden_instances_are_those_that_hide_leaves_out(self):
         shown = self.trace(hide=["inst=1", "inst=2"])
         with self.scene.edit() as edit:

@@ -46,13 +46,14 @@ class Edit:
     in their order, except that additions and removals come last. If the block raises, nothing is sent."""
 
     epoch: int      # of the scene after the edit
-    instances: int  # how many have changed
-    refits: int     # edits since the tree of the scene's root was built
-    rebuilds: int   # how often it was built again
-    hash: str       # of the content after the edit
-    kept: bool      # the scene, as it is now, is there after a restart
-    seconds: float  # that the daemon took
-    notes: list[str]  # what the edit has lost: animations of what it added
+    # As they are here after a batch of no changes, which is not sent.
+    instances: int = 0     # how many have changed
+    refits: int = 0        # edits since the tree of the scene's root was built
+    rebuilds: int = 0      # how often it was built again
+    hash: str = ""         # of the content after the edit
+    kept: bool = False     # the scene, as it is now, is there after a restart
+    seconds: float = 0     # that the daemon took
+    notes: Sequence[str] = ()  # what the edit has lost: animations of what it added
 
     def __init__(self, apply: Callable[[Change], Message], epoch: int = 0, keep: bool = False,
                  added: Optional[Callable[[Any, str], str]] = None) -> None:
@@ -116,10 +117,14 @@ class Edit:
         self._rows.append(rows)
         return self
 
-    def set_mask(self, which: Which, mask: int) -> Edit:
-        """Sets the mask of instances: rays whose own mask shares no bit with it do not enter them."""
+    def set_mask(self, which: Which, mask: Any) -> Edit:
+        """Sets the mask of instances, one number for all, or one for each: rays whose own mask shares no bit with it do
+        not enter them."""
         rows = self._targets(which)
-        rows["what"], rows["value"] = _MASK, whole("a mask", mask, 2**32 - 1, 0)
+        masks = [whole("a mask", each, 2**32 - 1, 0) for each in np.atleast_1d(np.asarray(mask, object)).ravel()]
+        if np.ndim(mask) != 0 and len(masks) != len(rows):
+            raise _uneven(f"{len(masks)} masks", rows)
+        rows["what"], rows["value"] = _MASK, masks if np.ndim(mask) != 0 else masks[0]
         self._rows.append(rows)
         return self
 
