@@ -70,11 +70,14 @@ Result<void> check_points(const QueryOptions& options, const wire::QueryT& reque
         return fail(Exit::usage, options.output +
                                      " needs hits: leave --kind any and --reduce out, "
                                      "or write a .npz");
-    if (std::ranges::find(request.fields, "position") == request.fields.end())
-        return fail(Exit::usage, options.output + " needs the column position among --fields");
+    const std::string_view place = place_of(request.fields);
+    if (place.empty())
+        return fail(Exit::usage, options.output +
+                                     " needs the column position among --fields, or "
+                                     "sensor_position for points in the sensor's frame");
     if (extension_of(options.output) == ".las")
         for (const std::string& field : request.fields)
-            if (auto fits = check_las_column(field); !fits) return fits;
+            if (auto fits = check_las_column(field); field != place && !fits) return fits;
     if (options.job.detach)
         return fail(Exit::usage,
                     options.output + " goes without --detach: raynest fetch writes a .npz");
@@ -271,7 +274,8 @@ Result<void> run(Context& context, const QueryOptions& options) {
         request.hidden.emplace_back(name);
     };
     const bool may_be_rows = options.output.empty() || options.job.detach;
-    const bool has_points = std::ranges::any_of(request.fields, is_point_field);
+    const bool has_points = std::ranges::any_of(request.fields, is_point_field) ||
+                            is_point_ending(extension_of(options.output));
     if (request.reduce.empty()) {
         if ((may_be_rows || has_points) && !has_splits(request.kind)) need("hit");
         if (may_be_rows) need("flags");

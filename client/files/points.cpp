@@ -206,6 +206,12 @@ Result<void> check_las_column(std::string_view name) {
                                  "': write a .ply or .pcd, or pass --fields position");
 }
 
+std::string_view place_of(std::span<const std::string> columns) {
+    for (const std::string_view place : {"position", "sensor_position"})
+        if (std::ranges::find(columns, place) != columns.end()) return place;
+    return "";
+}
+
 bool is_point_ending(std::string_view ending) {
     return std::ranges::find(point_endings, ending) != point_endings.end();
 }

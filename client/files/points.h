@@ -24,6 +24,10 @@ inline constexpr std::array<std::string_view, 3> point_endings{".ply", ".pcd", "
 /// True for an ending of the files that this can write.
 [[nodiscard]] bool is_point_ending(std::string_view ending);
 
+/// Returns which of these columns is where the points stand: `position`, or without it
+/// `sensor_position`; "" if there is neither.
+[[nodiscard]] std::string_view place_of(std::span<const std::string> columns);
+
 /// Fails with exit code 2 for a column that a LAS has no room for. It has for `position`, `return`,
 /// from 0, and `returns`, of the same ray, `time` (GPS time), `ring` (user data) and `reflectance`
 /// (intensity).

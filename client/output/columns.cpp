@@ -4,6 +4,8 @@
 #include "client/files/points.h"
 #include "client/requests/generator.h"
 
+#include <algorithm>
+#include <array>
 #include <cstring>
 #include <limits>
 #include <span>
@@ -114,10 +116,10 @@ std::vector<std::byte> Columns::npz(std::string_view part) const {
 
 std::vector<std::uint64_t> Columns::hit_rows() const {
     std::vector<std::uint64_t> rows;
-    const auto position = columns_.find("position");
-    if (position == columns_.end()) return rows;
+    const auto place = columns_.find(std::string(place_of(order_)));
+    if (place == columns_.end()) return rows;
     const auto hit = columns_.find("hit");
-    for (std::uint64_t row = 0; row < position->second.count; ++row) {
+    for (std::uint64_t row = 0; row < place->second.count; ++row) {
         if (has_splits_ || hit == columns_.end() || hit->second.bytes[row] != std::byte{0})
             rows.push_back(row);
     }
@@ -129,15 +131,26 @@ Result<std::vector<std::byte>> Columns::points(std::string_view ending) const {
     std::vector<std::uint64_t> rays;  // of each hit, where a ray may have several
     for (std::uint64_t ray = 0; has_splits_ && ray + 1 < splits_.size(); ++ray)
         rays.insert(rays.end(), splits_[ray + 1] - splits_[ray], ray);
+    const std::string_view place = place_of(order_);
     std::vector<double> positions(3 * hits.size());
     std::vector<PointColumn> beside;
     for (const std::string& name : order_) {
         const Column& column = columns_.find(name)->second;
         if (!column.shown) continue;
         const std::vector<std::uint64_t>& rows = has_splits_ && !is_hit_field(name) ? rays : hits;
-        if (name == "position") {
-            for (std::size_t i = 0; i < rows.size(); ++i)
-                std::memcpy(&positions[3 * i], column.bytes.data() + 24 * rows[i], 24);
+        if (name == place) {
+            for (std::size_t i = 0; i < rows.size(); ++i) {
+                const std::byte* const from =
+                    column.bytes.data() + 3 * column.value_bytes * rows[i];
+                std::array<float, 3> of_sensor{};
+                if (column.value_bytes == sizeof(double)) {
+                    std::memcpy(&positions[3 * i], from, 3 * sizeof(double));
+                } else {
+                    std::memcpy(of_sensor.data(), from, sizeof(of_sensor));
+                    std::ranges::copy(of_sensor,
+                                      positions.begin() + static_cast<std::ptrdiff_t>(3 * i));
+                }
+            }
             continue;
         }
         const std::size_t size = column.value_bytes;

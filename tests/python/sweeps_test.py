@@ -406,6 +406,24 @@ class PointClouds(WithDaemon):
                 self.assertEqual((self.folder / ("theirs" + ending)).read_bytes(),
                                  (self.folder / ("ours" + ending)).read_bytes())
 
+    def test_points_in_the_frame_of_the_sensor(self):
+        # The columns that --generate lidar makes, of a sensor that stands turned and away from zero.
+        sensor = ("--generate", "lidar", "elevations=-30,-20,-10", "azimuths=0:360:200", "pose=0,0,1,5,1,0,0,6,0,1,0,-3")
+        pose = np.array([[0, 0, 1, 5], [1, 0, 0, 6], [0, 1, 0, -3]], float)
+        fields = ("sensor_position", "position", "hit", "ring")
+        hits = self.woods.trace(raynest.generators.lidar((-30, -20, -10), (0, 360, 200), pose=pose), fields=fields)
+        self.assertTrue(0 < hits["hit"].sum())
+        for ending, beside in ((".ply", {"ring": hits["ring"]}), (".pcd", {"ring": hits["ring"]}), (".las", {})):
+            words = ("--fields", ",".join(("sensor_position", *beside)))
+            self.query("theirs" + ending, *sensor, *words)
+            points.save(self.folder / ("ours" + ending), hits["sensor_position"], where=hits["hit"], **beside)
+            with self.subTest(ending):
+                self.assertEqual((self.folder / ("theirs" + ending)).read_bytes(),
+                                 (self.folder / ("ours" + ending)).read_bytes())
+        # Beside `position` it is a column like others.
+        self.query("both.ply", *sensor, "--fields", "position,sensor_position")
+        self.assertIn(b"sensor_position_2", (self.folder / "both.ply").read_bytes()[:600])
+
     def test_the_command_line_refuses_what_makes_no_points(self):
         through = np.zeros((400, 6), np.float32)  # along the ground, through many leaves
         through[:, 0], through[:, 1], through[:, 2], through[:, 3] = -60, 4, np.linspace(-40, 40, 400), 1
