@@ -187,7 +187,7 @@ public:
     }
 
     [[nodiscard]] bool finished() const override {
-        return import_started_ && !refused_ && (!is_stored_ || commit_started_);
+        return import_started_ && (!is_stored_ || commit_started_);
     }
     [[nodiscard]] bool needs_input() const override {
         return !import_started_ && !order_.known && current_ < order_.files.size();
