@@ -105,7 +105,7 @@ class Export(WithFiles):
     def test_spheres_come_back(self):
         flake = self.source("builtin:flake?depth=2")
         made = self.export(flake)
-        self.assertRegex(" ".join(made["notes"]), r"^[0-9]+ spheres are written as points with `_RADIUS`")
+        self.assertRegex(" ".join(made["notes"]), r"^[0-9]+ spheres are written as points with _RADIUS")
         self.same_hits(flake, self.source(made["glb"]))
         random = np.random.default_rng(3)
         rows = ["{} {} {} {} {} {} {}".format(*random.uniform(-9, 9, 3), random.uniform(0.2, 0.6), *random.integers(0, 256, 3))

@@ -58,7 +58,7 @@ Result<SceneDescription> describe_gltf(const ImportRequest& request, const Impor
     for (const char* shape : {"points", "lines"}) {
         if (const auto found = scene.skipped.find(shape); found != scene.skipped.end()) {
             scene.warnings.push_back(fmt::format(
-                "{} of {} left out: rays hit triangles, and points that have a `_RADIUS`",
+                "{} of {} left out: rays hit triangles, and points that have a _RADIUS",
                 found->second == 1 ? "1 primitive" : fmt::format("{} primitives", found->second),
                 shape));
         }

@@ -216,7 +216,7 @@ private:
         for (std::size_t i = 0; i < scene_.record_types().size(); ++i)
             if (scene_.record_types()[i] == "sphere")
                 tables_.warnings.push_back(fmt::format(
-                    "{} spheres are written as points with `_RADIUS`, which raynest reads; "
+                    "{} spheres are written as points with _RADIUS, which raynest reads; "
                     "other programs show points",
                     scene_.record_counts()[i]));
             else
