@@ -1,4 +1,4 @@
-// What both ends need of OpenSSL: owners of what it has made, its errors in words, and the digest
+// OpenSSL as both ends need it: owners of what it has made, its errors in words, and the digest
 // by which a client asks whether the daemon has a scene already.
 #pragma once
 

@@ -14,7 +14,7 @@
 
 namespace raynest {
 
-/// What a module exports, by the symbol below. Both sides are C++ of one build.
+/// Exported by a module, by the symbol below. Both sides are C++ of one build.
 struct IntegratorCode {
     std::uint64_t types;  ///< integrator_types(), read before the rest
     Result<std::unique_ptr<const Integrator>> (*make)(std::string_view name,

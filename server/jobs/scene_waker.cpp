@@ -137,7 +137,7 @@ void SceneWaker::done(const AsleepScene& scene, Read& read) {
         result = refuse(Code::resource_exhausted,
                         "the stored scene could not be read: " + read.fault->why + "; try again");
     }
-    // Whoever has come since nobody waited any more asks again.
+    // Requests that have come since nobody waited any more ask again.
     auto waiting = waiting_.extract(scene.facts.arena);
     if (!waiting.empty()) waiting.mapped().who.wake_all(result);
 }

@@ -55,7 +55,7 @@ struct ParsedOptions {
     std::string fault = {};  ///< the error, without the words around it
 };
 
-/// What is wrong with an option, where its value alone is good.
+/// Says why an option is wrong whose value alone is good.
 struct OptionFault {
     std::string option;  ///< without dashes
     std::string value;   ///< as it was given, to find its line in a file; empty: any

@@ -414,8 +414,7 @@ Reply<NamedScene> SceneStore::open(std::string_view name, const ConnectionId& ca
     if (entry.held_by(caller)) return scene;
     // Bytes that are charged to the caller already take nothing more.
     if (const auto quota = check_quota(&entry, caller.principal, entry.facts.bytes);
-        !quota && !(entry.charged_to(caller.principal) &&
-                    entry.charge(caller.principal) == entry.facts.bytes))
+        !quota && entry.charge(caller.principal) != entry.facts.bytes)
         return tl::unexpected(quota.error());
     entry.holders[caller.principal].emplace(caller.connection,
                                             Entry::Hold{false, entry.facts.bytes});
