@@ -154,8 +154,26 @@ class CompositionEdits(WithFiles):
                 ({"hide": "house"}, "edits is no list")):
             with self.subTest(said), self.assertRaisesRegex(raynest.InvalidError, said):
                 self.load_town("wrong", edits=edits)
-        with self.assertRaisesRegex(raynest.InvalidError, "has 'animations', which a composition cannot have: a glTF"):
-            self.load_town("wrong", animations=[])
+
+    def test_an_animation_moves_what_an_edit_would(self):
+        drive = {"name": "drive", "channels": [
+            {"instance": "garden", "path": "translation", "times": [0, 2], "values": [[0, 0, 10], [6, 0, 10]]},
+            {"instance": "tree", "path": "scale", "times": [0, 1], "values": [[1, 2, 0.5], [1, 3, 0.5]]}]}
+        scene = self.load_town("played", animations=[drive])
+        there = json.loads(json.dumps(TOWN["instances"]))
+        there[1]["translation"] = [3, 0, 10]
+        there[3]["scale"] = [1, 3, 0.5]
+        moved = self.load_town("moved", instances=there)
+        # Without a time all stands where the entries say.
+        for played, still in ((self.answers(scene, time=1), self.answers(moved)),
+                              (self.answers(scene), self.answers(self.load_town("rest")))):
+            for one, other in zip(played, still):
+                np.testing.assert_array_equal(one, other)
+        self.assertGreater((self.answers(scene, time=1)[0] != self.answers(scene)[0]).sum(), 50)
+        # Composed into another scene it does not play, and that is said.
+        with self.assertWarnsRegex(raynest.SceneWarning, "its animations are left out"):
+            self.load("outer.rnscene.json", json.dumps({
+                "rnscene": 1, "objects": {"town": {"file": "played.rnscene.json"}}, "instances": [{"object": "town"}]}))
 
 
 if __name__ == "__main__":

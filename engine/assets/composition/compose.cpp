@@ -1,7 +1,8 @@
 #include "engine/assets/composition/compose.h"
 
+#include "engine/assets/composition/animate.h"
+#include "engine/assets/composition/matrix_table.h"
 #include "engine/assets/composition/read.h"
-#include "engine/assets/formats/npy_array.h"
 #include "engine/assets/formats/obj_names.h"
 #include "engine/assets/input/messages.h"
 #include "engine/assets/input/uploaded_files.h"
@@ -229,34 +230,7 @@ private:
             return fail(ErrorCode::scene_invalid,
                         fmt::format("there is no file '{}' beneath the composition's folder",
                                     one_line(places.table)));
-        const auto array = parse_npy(*file, limits_);
-        if (!array) return tl::unexpected(array.error());
-        using Shape = std::vector<std::uint64_t>;
-        const Shape row_shape(array->shape.begin() + 1, array->shape.end());
-        if (row_shape != Shape{3} && row_shape != Shape{3, 4} && row_shape != Shape{4, 4})
-            return refuse_array(one_line(*name),
-                                "holds neither offsets nor matrices: its shape is to be (N, 3), "
-                                "(N, 3, 4) or (N, 4, 4)");
-        const std::uint64_t width = array->width();
-        if (array->shape[0] > limits_.instances_max)
-            return fail(ErrorCode::limit_exceeded,
-                        fmt::format("'{}' has {} rows; at most {} are allowed", one_line(*name),
-                                    array->shape[0], limits_.instances_max));
-        std::vector<Matrix> made(array->shape[0], Matrix(1));
-        for (std::uint64_t row = 0; row < made.size(); ++row) {
-            for (std::uint64_t i = 12; i < width; ++i)
-                if (array->at(row, i) != (i == 15 ? 1 : 0))
-                    return refuse_array(
-                        one_line(*name),
-                        fmt::format("has a matrix, number {}, whose last row is not 0 0 0 1: rows "
-                                    "of a matrix stand one behind the other",
-                                    row));
-            for (std::uint64_t i = 0; i < std::min<std::uint64_t>(width, 12); ++i) {
-                const int at = static_cast<int>(i);
-                (width == 3 ? made[row][3][at] : made[row][at % 4][at / 4]) = array->at(row, i);
-            }
-        }
-        return made;
+        return composition::read_matrices(*file, limits_);
     }
 
     /// Origin of a group, or of a composition within another: near its parts, if these stand far
@@ -296,6 +270,7 @@ private:
             base.origin = *origin;
         }
         base.up = composition_.up;
+        composition::Animator animator;
         bool has_nodes = false;
         Box bounds;
         std::uint64_t count = 0;
@@ -327,7 +302,9 @@ private:
                 bounds.extend(moved_box((*scene)->bounds(), part.to_scene.back()));
             }
             take_along(part, places, *matrices, base);
-            if ((*scene)->statistics().instances != 0) added.push_back(std::move(part));
+            if ((*scene)->statistics().instances == 0) continue;
+            animator.add(places, matrices->size(), to_group(**scene));
+            added.push_back(std::move(part));
         }
         if (is_scene) {
             for (const Camera& camera : composition_.cameras) add_camera(camera, base);
@@ -340,7 +317,10 @@ private:
             base.warnings.push_back(std::move(text));
         const auto empty = Snapshot::build(base);
         if (!empty) return tl::unexpected(empty.error());
-        auto linked = link_scenes(**empty, {}, added);
+        auto motion = is_scene ? animator.tables(composition_.animations, base.origin)
+                               : std::vector<std::byte>();
+        if (!motion) return tl::unexpected(motion.error());
+        auto linked = link_scenes(**empty, {}, added, {}, std::move(*motion));
         if (!linked && linked.error().code == ErrorCode::field_invalid)
             return fail(ErrorCode::scene_invalid, linked.error().message);
         if (!linked) return linked;

@@ -1,18 +1,16 @@
 #include "engine/assets/composition/read.h"
 
-#include "engine/assets/input/mask_rules.h"
-#include "engine/assets/input/messages.h"
+#include "engine/assets/composition/read_animation.h"
+#include "engine/assets/composition/value.h"
 #include "engine/scene/motion/affine.h"
 #include "engine/scene/snapshot.h"
 #include "engine/shading/types.h"
 
 #include <fmt/format.h>
-#include <nlohmann/json.hpp>
 
 #include <algorithm>
 #include <array>
 #include <cmath>
-#include <initializer_list>
 #include <numbers>
 #include <optional>
 #include <set>
@@ -21,93 +19,6 @@
 
 namespace raynest::composition {
 namespace {
-
-using Json = nlohmann::json;
-
-/// Ends the reading; read() makes an error of it.
-struct Refusal {
-    Error error;
-};
-
-[[noreturn]] void refuse(std::string why, ErrorCode code = ErrorCode::scene_invalid) {
-    throw Refusal{{code, std::move(why)}};
-}
-
-/// A value and its place in the text, "instances[3].matrix".
-class Value {
-public:
-    Value(const Json& json, std::string place) : json_(json), place_(std::move(place)) {}
-
-    [[nodiscard]] const std::string& place() const { return place_; }
-    [[noreturn]] void refuse_it(std::string_view why) const {
-        refuse(fmt::format("{} {}", place_.empty() ? "the text" : place_, why));
-    }
-
-    /// Fails where there are members beside these.
-    const Value& only(std::initializer_list<std::string_view> known) const {
-        if (!json_.is_object()) refuse_it("is no object of members in braces");
-        for (const auto& [key, value] : json_.items()) {
-            if (std::ranges::find(known, key) != known.end()) continue;
-            std::string list;
-            for (const std::string_view name : known)
-                list += (list.empty() ? "" : ", ") + std::string(name);
-            refuse_it(fmt::format("has a member '{}', which is none of {}", one_line(key), list));
-        }
-        return *this;
-    }
-    [[nodiscard]] bool has(const char* key) const { return json_.contains(key); }
-    [[nodiscard]] Value at(const char* key) const {
-        if (!has(key)) refuse_it(fmt::format("has no '{}'", key));
-        return {json_.at(key), place_.empty() ? key : place_ + "." + key};
-    }
-    [[nodiscard]] std::string text() const {
-        if (!json_.is_string()) refuse_it("is no text");
-        return json_.get<std::string>();
-    }
-    [[nodiscard]] double number() const {
-        const double value = json_.is_number() ? json_.get<double>() : double{NAN};
-        if (!std::isfinite(value)) refuse_it("is no finite number");
-        return value;
-    }
-    [[nodiscard]] bool is_list() const { return json_.is_array(); }
-    [[nodiscard]] bool is_text() const { return json_.is_string(); }
-    [[nodiscard]] std::uint32_t bits() const {
-        std::optional<std::uint32_t> mask;
-        if (json_.is_string()) mask = MaskRules::parse_mask(text());
-        if (json_.is_number_unsigned() && json_.get<std::uint64_t>() <= 0xFFFFFFFFU)
-            mask = json_.get<std::uint32_t>();
-        if (!mask) refuse_it("is no number from 0 to 4294967295, nor a text such as \"0xF0\"");
-        return *mask;
-    }
-    [[nodiscard]] std::vector<Value> list() const {
-        if (!is_list()) refuse_it("is no list in brackets");
-        std::vector<Value> items;
-        for (std::size_t i = 0; i < json_.size(); ++i)
-            items.emplace_back(json_[i], fmt::format("{}[{}]", place_, i));
-        return items;
-    }
-    template <class Visit>
-    void each_member(Visit&& visit) const {
-        if (!json_.is_object()) refuse_it("is no object of members in braces");
-        for (const auto& [key, value] : json_.items())
-            visit(key, Value(value, fmt::format("{}.{}", place_, one_line(key))));
-    }
-    template <std::size_t N>
-    [[nodiscard]] std::array<double, N> numbers() const {
-        std::array<double, N> made{};
-        if (!is_list() || json_.size() != N) refuse_it(fmt::format("is no list of {} numbers", N));
-        for (std::size_t i = 0; i < N; ++i) made[i] = Value(json_[i], place_).number();
-        return made;
-    }
-    [[nodiscard]] glm::dvec3 vector() const {
-        const auto xyz = numbers<3>();
-        return {xyz[0], xyz[1], xyz[2]};
-    }
-
-private:
-    const Json& json_;
-    std::string place_;
-};
 
 Matrix matrix_of_rows(std::span<const double> rows) {
     Matrix made(1);
@@ -135,21 +46,24 @@ Matrix read_matrix(const Value& value) {
     return matrix_of_rows(numbers);
 }
 
-/// Translation x rotation x scale, as glTF has them.
-Matrix read_parts(const Value& place) {
-    std::array<double, 4> rotation{0, 0, 0, 1};
-    glm::dvec3 translation(0), scale(1);
+/// Translation, rotation and scale, as glTF has them.
+PoseParts read_parts(const Value& place) {
+    PoseParts parts;
     if (place.has("rotation")) {
-        rotation = place.at("rotation").numbers<4>();
-        if (rotation == std::array<double, 4>{})
+        parts.rotation = place.at("rotation").numbers<4>();
+        if (parts.rotation == std::array<double, 4>{})
             place.at("rotation").refuse_it("is a quaternion of length 0");
     }
     if (place.has("scale")) {
         const Value by = place.at("scale");
-        scale = by.is_list() ? by.vector() : glm::dvec3(by.number());
+        parts.scale = by.is_list() ? by.vector() : glm::dvec3(by.number());
     }
-    if (place.has("translation")) translation = place.at("translation").vector();
-    return matrix_of_rows(from_trs(&translation.x, rotation.data(), &scale.x));
+    if (place.has("translation")) parts.translation = place.at("translation").vector();
+    return parts;
+}
+
+Matrix matrix_of_parts(const PoseParts& parts) {
+    return matrix_of_rows(from_trs(&parts.translation.x, parts.rotation.data(), &parts.scale.x));
 }
 
 /// A matrix, or the parts of one. `more` counts other members that say the same.
@@ -159,7 +73,7 @@ std::optional<Matrix> read_pose(const Value& value, bool more = false) {
         value.refuse_it(
             "says twice where it stands: give one of 'matrix', 'matrices', or 'translation' with "
             "'rotation' and 'scale'");
-    if (is_posed) return read_parts(value);
+    if (is_posed) return matrix_of_parts(read_parts(value));
     if (value.has("matrix")) return read_matrix(value.at("matrix"));
     return std::nullopt;
 }
@@ -180,6 +94,7 @@ Places read_places(const Value& value) {
     const auto pose = read_pose(value, value.has("matrices"));
     if (!value.has("matrices")) {
         places.matrices.push_back(pose.value_or(Matrix(1)));
+        if (!value.has("matrix")) places.parts = read_parts(value);
     } else if (const Value matrices = value.at("matrices"); matrices.is_text()) {
         places.table = matrices.text();
     } else {
@@ -464,12 +379,8 @@ Result<Composition> read(std::string_view text, const ImportLimits& limits) try 
     const Value root(json, "");
     if (!json.is_object() || !json.contains("rnscene"))
         refuse("has no member 'rnscene': a composition begins with {\"rnscene\": 1, ...}");
-    if (json.contains("animations"))
-        refuse(
-            "has 'animations', which a composition cannot have: a glTF file that is loaded by "
-            "itself plays its own");
     root.only({"$schema", "rnscene", "origin", "up", "objects", "instances", "cameras", "lights",
-               "edits"});
+               "animations", "edits"});
     if (root.at("rnscene").number() != 1)
         refuse("is of another version: this RayNest reads \"rnscene\": 1");
     Composition made;
@@ -488,6 +399,9 @@ Result<Composition> read(std::string_view text, const ImportLimits& limits) try 
     if (root.has("lights"))
         for (const Value& light : root.at("lights").list())
             made.lights.push_back(read_light(light));
+    if (root.has("animations"))
+        for (const Value& animation : root.at("animations").list())
+            made.animations.push_back(read_animation(animation));
     if (root.has("edits"))
         for (const Value& change : root.at("edits").list())
             made.edits.push_back(read_change(change));

@@ -7,20 +7,31 @@
 #include "engine/result.h"
 #include "engine/scene/description.h"
 #include "engine/scene/edits/batch.h"
+#include "engine/scene/motion/motion.h"
 
+#include <array>
 #include <cstdint>
+#include <optional>
 #include <string>
 #include <string_view>
 #include <vector>
 
 namespace raynest::composition {
 
+/// As in glTF: scaled, then turned by a quaternion x, y, z, w, then moved.
+struct PoseParts {
+    glm::dvec3 translation{0};
+    std::array<double, 4> rotation{0, 0, 0, 1};
+    glm::dvec3 scale{1};
+};
+
 /// An object of the scene at one or more places.
 struct Places {
     std::string object;
-    std::string name;              ///< its step in path texts
-    std::vector<Matrix> matrices;  ///< from the object's space to that of the group
-    std::string table;             ///< a .npy of matrices in place of these
+    std::string name;                ///< its step in path texts
+    std::vector<Matrix> matrices;    ///< from the object's space to that of the group
+    std::optional<PoseParts> parts;  ///< of one that no matrix places
+    std::string table;               ///< a .npy of matrices in place of these
     std::uint32_t mask = 0xFFFFFFFFU;
     std::uint32_t uid = no_id;  ///< the column `uid` of its hits; no_id: none
 };
@@ -63,12 +74,28 @@ struct Change {
     std::string material;                ///< of set_material, as find_material() takes it
 };
 
+/// Keys of a part of where an instance stands, as those of a node in glTF.
+struct Channel {
+    std::string place;     ///< in the text
+    std::string instance;  ///< the name of an outermost one, "car#1" of several
+    MotionPath path = MotionPath::translation;
+    Interpolation interpolation = Interpolation::linear;
+    std::vector<float> times;   ///< seconds, ascending
+    std::vector<float> values;  ///< 3 of each key, of rotations 4; cubic keys have 3 times as many
+};
+
+struct Animation {
+    std::string name;
+    std::vector<Channel> channels;
+};
+
 struct Composition {
     WorldPoint origin{};
     UpAxis up = UpAxis::y;
     std::vector<Object> objects;  ///< the last one is the scene itself, a group
     std::vector<Camera> cameras;
     std::vector<Light> lights;
+    std::vector<Animation> animations;
     std::vector<Change> edits;
 };
 

@@ -61,8 +61,9 @@ public:
           has_nodes_(nodes_name(base, added)),
           content_(base) {}
 
-    Result<BuiltArena> link() {
+    Result<BuiltArena> link(std::vector<std::byte> motion) {
         if (auto kept = keep_base(); !kept) return tl::unexpected(kept.error());
+        if (!motion.empty()) content_.content().motion = std::move(motion);
         for (const AddedScene& added : added_)
             if (auto done = add(added); !done) return tl::unexpected(done.error());
         const SceneView& view = base_.view();
@@ -209,8 +210,9 @@ private:
 }  // namespace
 
 Result<BuiltArena> link_scenes(const Snapshot& base, std::span<const std::uint32_t> removed,
-                               std::span<const AddedScene> added, const EditGuard& guard) {
-    return Link(base, removed, added, guard).link();
+                               std::span<const AddedScene> added, const EditGuard& guard,
+                               std::vector<std::byte> motion) {
+    return Link(base, removed, added, guard).link(std::move(motion));
 }
 
 Result<BuiltArena> unshare(const Snapshot& base, std::span<const InstancePlace> ways,

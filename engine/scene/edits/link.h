@@ -14,8 +14,10 @@
 #include "engine/scene/edits/uids.h"
 #include "engine/scene/snapshot.h"
 
+#include <cstddef>
 #include <cstdint>
 #include <span>
+#include <vector>
 
 namespace raynest {
 
@@ -26,8 +28,10 @@ namespace raynest {
 /// placement is singular, not finite or reaches beyond coordinate_max, or if own primitives and
 /// instances of the root would have to be parted; with limit_exceeded beyond the limits of a scene,
 /// path_nodes_max among them; and once the guard stops. Thread-safe. Throws std::bad_alloc.
+/// `motion`: tables of the result, in place of the base's (motion/motion.h).
 Result<BuiltArena> link_scenes(const Snapshot& base, std::span<const std::uint32_t> removed,
-                               std::span<const AddedScene> added, const EditGuard& guard = {});
+                               std::span<const AddedScene> added, const EditGuard& guard = {},
+                               std::vector<std::byte> motion = {});
 
 /// Returns the same scene with objects of their own on the ways to these instances, so that a
 /// change there shows at no other place. Ids and texts of paths stay. Where nodes name the paths,

@@ -2,6 +2,7 @@
 #include "engine/assets/composition/read.h"
 #include "engine/assets/gltf/write/glb_file.h"
 #include "engine/assets/import.h"
+#include "engine/scene/edits/pose.h"
 #include "tests/unit/engine/assets/samples.h"
 
 #include <ctime>
@@ -197,12 +198,83 @@ TEST_CASE("edits change what the instances of a composition placed, in their ord
         CHECK(refused.error().code == ErrorCode::scene_invalid);
         CHECK(refused.error().message.find(said) != std::string::npos);
     }
-    const auto animated =
-        import("x.rnscene.json",
-               {{"a.obj", corner},
-                {"x.rnscene.json", "{\"rnscene\": 1, " + town + R"(], "animations": []})"}});
-    REQUIRE_FALSE(animated.has_value());
-    CHECK(animated.error().message.find("a composition cannot have") != std::string::npos);
+}
+
+TEST_CASE("a composition's animations move its instances, and say what they cannot") {
+    const std::string objects =
+        R"("objects": {"a": {"file": "a.obj"}, "pair": {"instances": [{"object": "a"}]}}, )"
+        R"("instances": [{"object": "a", "name": "one", "scale": 2}, )"
+        R"({"object": "pair", "name": "two", "translation": [5, 0, 0]}, )"
+        R"({"object": "a", "name": "many", "translation": [0, 0, 1]}, )"
+        R"({"object": "a", "name": "many", "translation": [0, 0, 2]}, )"
+        R"({"object": "a", "name": "fixed", "matrix": [1,0,0,0, 0,1,0,0, 0,0,1,9]}], )";
+    const auto imported = [&](const std::string& animations, const std::string& more = "") {
+        return import("x.rnscene.json",
+                      {{"a.obj", corner},
+                       {"x.rnscene.json", "{\"rnscene\": 1, " + more + objects +
+                                              "\"animations\": [" + animations + "]}"}});
+    };
+    const std::string drive =
+        R"({"name": "drive", "channels": [)"
+        R"({"instance": "two", "path": "translation", "times": [0, 4], "values": [[5,0,0],[9,0,0]]},)"
+        R"({"instance": "one", "path": "scale", "times": [1, 2], "values": [2, 3]},)"
+        R"({"instance": "many#1", "path": "rotation", "times": [0], "values": [[0,0,0,1]],)"
+        R"( "interpolation": "step"}]})";
+    for (const std::string origin : {"", R"("origin": [100, 0, 0], )"}) {
+        CAPTURE(origin);
+        const auto scene = imported(drive, origin);
+        REQUIRE(scene.has_value());
+        const auto motion = checked_motion((*scene)->motion_bytes());
+        REQUIRE(motion.animations.size() == 1);
+        CHECK(name_of(motion, motion.animations[0]) == "drive");
+        CHECK(motion.animations[0].seconds == 4);
+        const auto moment = find_moment(**scene, "drive", 2);
+        REQUIRE(moment.has_value());
+        const auto posed = pose(**scene, *moment);
+        REQUIRE(posed.has_value());
+        const auto at = [](const Snapshot& of, std::uint32_t place) {
+            const SceneView& view = of.view();
+            return view.instance_infos[view.objects[view.root].first_instance + place].to_parent.m;
+        };
+        const float shift = origin.empty() ? 0 : -100;
+        CHECK(at(**scene, 1)[3] == 5 + shift);
+        CHECK(at(**posed, 1)[3] == 7 + shift);
+        CHECK(at(**posed, 0)[0] == 3);
+        CHECK(at(**posed, 3)[11] == 2);
+        CHECK(at(**posed, 4)[11] == 9);
+    }
+    const auto channel = [](const std::string& text) { return "{\"channels\": [{" + text + "}]}"; };
+    const std::string keys = R"(, "path": "translation", "times": [0], "values": [[0,0,0]])";
+    for (const auto& [animation, said] : Texts{
+             {channel("\"instance\": \"three\"" + keys), "none of its instances"},
+             {channel("\"instance\": \"many\"" + keys), "stands at several places"},
+             {channel("\"instance\": \"many#2\"" + keys), "none of its instances"},
+             {channel("\"instance\": \"two/a\"" + keys), "none of its instances"},
+             {channel("\"instance\": \"fixed\"" + keys), "which a matrix places"},
+             {channel(R"("instance": "one", "path": "weights", "times": [0], "values": [1])"),
+              "is none of translation, rotation, scale"},
+             {channel(R"("instance": "one", "path": "scale", "times": [1, 1], "values": [1, 1])"),
+              "is not behind the time before it"},
+             {channel(R"("instance": "one", "path": "scale", "times": [-1], "values": [1])"),
+              "is no time from 0"},
+             {channel(R"("instance": "one", "path": "scale", "times": [0], "values": [0])"),
+              "is flat"},
+             {channel(
+                  R"("instance": "one", "path": "rotation", "times": [0], "values": [[0,0,0,0]])"),
+              "length 0"},
+             {channel(R"("instance": "one", "path": "scale", "times": [0, 1], "values": [1])"),
+              "2 times and 1 values"},
+             {channel(R"("instance": "one", "path": "scale", "times": [], "values": [])"),
+              "at least one time"},
+             {channel(R"("instance": "one", "path": "scale", "times": [0], "values": [1e39])"),
+              "does not fit"},
+             {R"({"channels": []})", "moves nothing"}}) {
+        CAPTURE(animation);
+        const auto refused = imported(animation);
+        REQUIRE_FALSE(refused.has_value());
+        CHECK(refused.error().code == ErrorCode::scene_invalid);
+        CHECK(refused.error().message.find(said) != std::string::npos);
+    }
 }
 
 TEST_CASE("a composition of eight times as many objects takes about eight times as long") {
