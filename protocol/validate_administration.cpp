@@ -12,6 +12,10 @@ Result<void> validate(const wire::Admin& message, const Limits& limits) {
         .result();
 }
 
+Result<void> validate(const wire::Restore& message, const Limits& limits) {
+    return Checks(limits).texts("scenes", message.scenes()).result();
+}
+
 Result<void> validate(const wire::AdminReport& message, const Limits& limits) {
     return Checks(limits)
         .text("text", message.text())

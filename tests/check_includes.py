@@ -32,7 +32,7 @@ def rooms(names, *engine):
 ENGINE = ["engine"]
 SYSTEM = ["engine/result.h", "engine/system"]
 BUILT = up_to("engine/packs") + ["engine/scene", "engine/scene/selection"]
-CLIENT = ["client/" + room for room in ("ground", "net", "files", "requests", "output", "load_test", "commands")]
+CLIENT = ["client/" + room for room in ("ground", "net", "files", "requests", "output", "load_test", "arguments", "commands")]
 
 # Row -> what its files may include besides each other: rows that stand above it, or single headers of
 # such rows, so no circle of folders can arise. A file belongs to the longest row that matches it.
@@ -54,7 +54,7 @@ ALLOWED = {
     "engine/assets/formats": up_to("engine/bvh") + ["engine/scene", "engine/packs/registry.h",
                                                     "engine/assets/input", "engine/assets/images",
                                                     "engine/assets/gltf/file/uri.h"],
-    "engine/assets/composition": up_to("engine/bvh") + ["engine/scene", "engine/scene/edits", "engine/scene/motion/affine.h",
+    "engine/assets/composition": up_to("engine/bvh") + ["engine/scene", "engine/scene/edits", "engine/scene/motion",
                                                         "engine/shading/types.h",
                                                         "engine/assets/input", "engine/assets/formats"],
     "engine/assets/gltf/write": up_to("engine/bvh") + ["engine/scene", "engine/scene/motion", "engine/shading/types.h",
@@ -103,7 +103,8 @@ ALLOWED = {
     "client/requests": ["client/net", "client/files", "client/ground", "protocol"],
     "client/output": ["client/requests", "client/files", "client/ground", "protocol"],
     "client/load_test": ["client/ground", "protocol"],
-    "client/commands": ["client/load_test", "client/output", "client/requests", "client/net",
+    "client/arguments": ["client/requests", "client/files", "client/net", "client/ground", "protocol"],
+    "client/commands": ["client/arguments", "client/load_test", "client/output", "client/requests", "client/net",
                         "client/files", "client/ground", "protocol"],
     "client": [*CLIENT, "protocol"],
     "tests": ["client", *CLIENT, "server", "protocol", *ENGINE],
@@ -122,7 +123,7 @@ HEAVY = {
     "boost/beast": {"server/http": 1},
     "flatbuffers/": {"protocol": 1, "server/http": 1},
     # the daemon, and its commands for TLS and tokens
-    "CLI/": {"server/options": 1, "server/daemon": 1, "client/commands": 1},
+    "CLI/": {"server/options": 1, "server/daemon": 1, "client/arguments": 1},
     "toml++/": {"server/options": 1, "client/net": 1},
     "openssl/": {"protocol": 1, "engine/scene": 1, "server/security": 6, "server/net": 1,
                  "client/net": 1},

@@ -1,6 +1,6 @@
 // raynest animate SCENE -o FILM.mp4: pictures of the moments of an animation, as files or a film.
+#include "client/arguments/shared_options.h"
 #include "client/commands/deliver.h"
-#include "client/commands/shared_options.h"
 #include "client/files/files.h"
 #include "client/ground/child_process.h"
 #include "client/output/output.h"

@@ -1,6 +1,6 @@
 // raynest cancel ID: cancels a job and drops its answer.
+#include "client/arguments/shared_options.h"
 #include "client/commands/commands.h"
-#include "client/commands/shared_options.h"
 #include "client/ground/json.h"
 #include "client/output/job_text.h"
 #include "client/output/output.h"

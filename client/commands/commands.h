@@ -3,7 +3,7 @@
 // file with declare(), which adds its options to the command line, and run().
 #pragma once
 
-#include "client/commands/command_line.h"
+#include "client/arguments/command_line.h"
 #include "client/ground/failure.h"
 #include "client/ground/progress.h"
 #include "client/net/access.h"
@@ -141,6 +141,15 @@ struct LoginOptions {
 struct LogoutOptions {
     std::string uri;  ///< empty: --server
 };
+/// A copy of all stored scenes, and the way back.
+struct BackupOptions {
+    std::string output;
+};
+struct RestoreOptions {
+    std::string file;
+    std::vector<std::string> scenes;  ///< OWNER/NAME; empty: all
+};
+struct GcOptions {};
 struct AdminOptions {
     std::string act;     ///< connections | drain | reload | kick | quota
     std::string target;  ///< of kick: a connection's number or a principal; of quota: a principal

@@ -1,6 +1,6 @@
 // raynest edit: parts of a scene move, hide, go and come.
+#include "client/arguments/shared_options.h"
 #include "client/commands/commands.h"
-#include "client/commands/shared_options.h"
 #include "client/files/files.h"
 #include "client/ground/json.h"
 #include "client/ground/numbers.h"

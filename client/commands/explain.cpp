@@ -1,7 +1,7 @@
 // raynest explain SCENE --ray ... | --pixel X,Y: how one ray found its hit, as a tree; with an
 // integrator, the rays of a path.
+#include "client/arguments/shared_options.h"
 #include "client/commands/commands.h"
-#include "client/commands/shared_options.h"
 #include "client/ground/numbers.h"
 #include "client/output/explanation.h"
 #include "client/output/outcome_text.h"

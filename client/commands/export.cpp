@@ -1,6 +1,6 @@
 // raynest export SCENE -o FILE: a scene of the daemon as a file that other programs read.
+#include "client/arguments/shared_options.h"
 #include "client/commands/commands.h"
-#include "client/commands/shared_options.h"
 #include "client/files/files.h"
 #include "client/ground/json.h"
 #include "client/output/outcome_text.h"

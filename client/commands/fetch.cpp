@@ -1,7 +1,7 @@
 // raynest fetch ID [-o FILE]: delivers the answer of a detached job in the form that its own
 // command gives.
+#include "client/arguments/shared_options.h"
 #include "client/commands/deliver.h"
-#include "client/commands/shared_options.h"
 #include "client/files/files.h"
 #include "client/output/output_file.h"
 #include "client/requests/listings.h"

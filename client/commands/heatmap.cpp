@@ -1,7 +1,7 @@
 // raynest heatmap SCENE -o FILE: what each pixel's ray costs, as a picture, as raw counts or as a
 // report; compared with another scene or setting, and checked against limits.
+#include "client/arguments/shared_options.h"
 #include "client/commands/deliver.h"
-#include "client/commands/shared_options.h"
 #include "client/files/exr_header.h"
 #include "client/ground/json.h"
 #include "client/ground/lists.h"

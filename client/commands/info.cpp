@@ -1,6 +1,6 @@
 // raynest info SCENE: counts, cameras and skipped parts of a scene; or its meshes and materials.
+#include "client/arguments/shared_options.h"
 #include "client/commands/commands.h"
-#include "client/commands/shared_options.h"
 #include "client/ground/json.h"
 #include "client/ground/text.h"
 #include "client/output/output.h"

@@ -1,6 +1,6 @@
 // raynest load SOURCE: uploads the files that the daemon lacks and waits until the scene is built.
+#include "client/arguments/shared_options.h"
 #include "client/commands/commands.h"
-#include "client/commands/shared_options.h"
 #include "client/files/files.h"
 #include "client/ground/json.h"
 #include "client/ground/numbers.h"

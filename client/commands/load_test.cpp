@@ -1,6 +1,6 @@
 // raynest load-test SCENE: measures round trips and throughput of queries, beside bare sockets.
+#include "client/arguments/shared_options.h"
 #include "client/commands/commands.h"
-#include "client/commands/shared_options.h"
 #include "client/ground/json.h"
 #include "client/load_test/driver.h"
 #include "client/load_test/echo.h"

@@ -1,6 +1,6 @@
 #include "client/commands/parse.h"
 
-#include "client/commands/shared_options.h"
+#include "client/arguments/shared_options.h"
 #include "client/net/connection.h"
 #include "client/requests/scene_source.h"
 

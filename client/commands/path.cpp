@@ -1,6 +1,6 @@
 // raynest path SCENE PATH: lists the steps of a path, given by its id or text.
+#include "client/arguments/shared_options.h"
 #include "client/commands/commands.h"
-#include "client/commands/shared_options.h"
 #include "client/ground/json.h"
 #include "client/output/output.h"
 

@@ -2,8 +2,8 @@
 // hits as a table, as JSON lines, as a .npz of columns or as a point cloud.
 #include "client/requests/query.h"
 
+#include "client/arguments/shared_options.h"
 #include "client/commands/deliver.h"
-#include "client/commands/shared_options.h"
 #include "client/files/files.h"
 #include "client/files/points.h"
 #include "client/ground/json.h"

@@ -1,6 +1,6 @@
 // raynest render SCENE -o FILE: a picture, encoded by the daemon, or raw pixels.
+#include "client/arguments/shared_options.h"
 #include "client/commands/deliver.h"
-#include "client/commands/shared_options.h"
 #include "client/files/files.h"
 #include "client/output/output_file.h"
 #include "client/requests/film.h"

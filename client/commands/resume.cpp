@@ -1,7 +1,7 @@
 // raynest resume FILE.exr --spp N: adds samples to a lit picture, with the bytes of rendering N at
 // once.
+#include "client/arguments/shared_options.h"
 #include "client/commands/deliver.h"
-#include "client/commands/shared_options.h"
 #include "client/output/output_file.h"
 #include "client/requests/film.h"
 #include "protocol/limits.h"

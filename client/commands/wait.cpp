@@ -1,6 +1,6 @@
 // raynest wait ID: waits until a detached job has ended.
+#include "client/arguments/shared_options.h"
 #include "client/commands/commands.h"
-#include "client/commands/shared_options.h"
 #include "client/ground/interrupt.h"
 #include "client/ground/text.h"
 #include "client/output/job_text.h"

@@ -15,6 +15,7 @@
 #include <iostream>
 #include <optional>
 #include <system_error>
+#include <utility>
 
 namespace raynest::client {
 namespace {
@@ -78,37 +79,70 @@ Result<void> write_all(int file, const std::string& path, std::span<const std::b
     return {};
 }
 
-Result<void> write_in_place(const Destination& to, const std::string& path,
-                            std::span<const std::byte> bytes) {
-    const int how = O_WRONLY | O_CLOEXEC | (to.exists ? O_TRUNC : O_CREAT);
-    const Descriptor file(::open(to.path.c_str(), how, 0666));
-    if (!file && interrupted()) return fail(Exit::interrupted, "interrupted");
-    if (!file) return cannot_write(path, std::strerror(errno));
-    return write_all(file.number(), path, bytes);
+}  // namespace
+
+Result<OutputFile> OutputFile::open(const std::string& path, mode_t mode) {
+    OutputFile output;
+    output.path_ = is_stdout(path) ? "stdout" : path;
+    if (is_stdout(path)) return output;
+    const auto to = destination_of(path);
+    if (!to) return tl::unexpected<Failure>(to.error());
+    output.target_ = to->path;
+    output.mode_ = to->mode;
+    if (to->in_place) {
+        const int how = O_WRONLY | O_CLOEXEC | (to->exists ? O_TRUNC : O_CREAT);
+        output.file_ = Descriptor(::open(to->path.c_str(), how, mode));
+        if (output.file_) return output;
+        if (interrupted()) return fail(Exit::interrupted, "interrupted");
+        return cannot_write(path, std::strerror(errno));
+    }
+    // Leave out the file's own name, which may already have the maximum length.
+    const std::string stem = folder_of(to->path) + ".raynest-" + std::to_string(::getpid()) + "-";
+    for (int i = 0; i < names_max; ++i) {
+        const std::string name = stem + std::to_string(i);
+        constexpr int how = O_WRONLY | O_CREAT | O_EXCL | O_CLOEXEC;
+        output.file_ = Descriptor(::open(name.c_str(), how, mode));
+        if (!output.file_ && errno != EEXIST) return cannot_write(path, std::strerror(errno));
+        if (!output.file_) continue;
+        output.temporary_ = name;
+        return output;
+    }
+    return cannot_write(path, "its folder is full of unfinished files");
 }
 
-Result<void> replace(const Destination& to, const std::string& path,
-                     std::span<const std::byte> bytes) {
-    // Leave out the file's own name, which may already have the maximum length.
-    const std::string stem = folder_of(to.path) + ".raynest-" + std::to_string(::getpid()) + "-";
-    std::string temporary;
-    Descriptor file;
-    for (int i = 0; !file && i < names_max; ++i) {
-        temporary = stem + std::to_string(i);
-        file = Descriptor(::open(temporary.c_str(), O_WRONLY | O_CREAT | O_EXCL | O_CLOEXEC, 0666));
-        if (!file && errno != EEXIST) return cannot_write(path, std::strerror(errno));
-    }
-    Result<void> written = file ? write_all(file.number(), path, bytes)
-                                : cannot_write(path, "its folder is full of unfinished files");
-    if (written && to.mode && ::fchmod(file.number(), *to.mode) != 0)
-        written = cannot_write(path, std::strerror(errno));
-    if (written && std::rename(temporary.c_str(), to.path.c_str()) != 0)
-        written = cannot_write(path, std::strerror(errno));
-    if (!written && file) ::unlink(temporary.c_str());
+OutputFile::OutputFile(OutputFile&& other) noexcept
+    : path_(std::move(other.path_)),
+      target_(std::move(other.target_)),
+      file_(std::move(other.file_)),
+      temporary_(std::exchange(other.temporary_, {})),
+      mode_(other.mode_) {}
+
+OutputFile::~OutputFile() {
+    if (!temporary_.empty()) ::unlink(temporary_.c_str());
+}
+
+Result<void> OutputFile::write(std::span<const std::byte> bytes) {
+    auto written = write_all(file_ ? file_.number() : STDOUT_FILENO, path_, bytes);
+    if (!written && !file_) end_if_unread();
     return written;
 }
 
-}  // namespace
+Result<void> OutputFile::finish() {
+    if (temporary_.empty()) return {};
+    if (mode_ && ::fchmod(file_.number(), *mode_) != 0)
+        return cannot_write(path_, std::strerror(errno));
+    if (std::rename(temporary_.c_str(), target_.c_str()) != 0)
+        return cannot_write(path_, std::strerror(errno));
+    temporary_.clear();
+    return {};
+}
+
+Result<void> OutputFile::finish_on_disk() {
+    // Pipes and devices have none.
+    if (file_ && ::fsync(file_.number()) != 0 && errno != EINVAL && errno != EROFS)
+        return cannot_write(path_, std::strerror(errno));
+    return finish();
+}
 
 bool is_stdout(const std::string& path) {
     return path == standard_stream ||
@@ -130,14 +164,10 @@ Result<void> check_writable(const std::string& path) {
 }
 
 Result<void> write_file(const std::string& path, std::span<const std::byte> bytes) {
-    if (is_stdout(path)) {
-        auto written = write_all(STDOUT_FILENO, "stdout", bytes);
-        if (!written) end_if_unread();
-        return written;
-    }
-    const auto to = destination_of(path);
-    if (!to) return tl::unexpected<Failure>(to.error());
-    return to->in_place ? write_in_place(*to, path, bytes) : replace(*to, path, bytes);
+    auto file = OutputFile::open(path);
+    if (!file) return tl::unexpected<Failure>(file.error());
+    if (auto written = file->write(bytes); !written) return written;
+    return file->finish();
 }
 
 }  // namespace raynest::client

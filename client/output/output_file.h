@@ -6,9 +6,13 @@
 // place; a link stays a link.
 #pragma once
 
+#include "client/ground/descriptor.h"
 #include "client/ground/failure.h"
 
+#include <sys/types.h>
+
 #include <cstddef>
+#include <optional>
 #include <ostream>
 #include <span>
 #include <string>
@@ -24,6 +28,32 @@ namespace raynest::client {
 /// Fails for a path that write_file() could not write. Called before long work, whose result would
 /// otherwise be lost.
 Result<void> check_writable(const std::string& path);
+
+/// A file that is written piece by piece. What was written of a new one goes with this, unless it is
+/// finished.
+class OutputFile {
+public:
+    /// `mode`: of a new file, less the umask.
+    static Result<OutputFile> open(const std::string& path, mode_t mode = 0666);
+    OutputFile(OutputFile&& other) noexcept;
+    OutputFile& operator=(OutputFile&&) = delete;
+    ~OutputFile();
+
+    Result<void> write(std::span<const std::byte> bytes);
+    /// Puts a new file in its place.
+    Result<void> finish();
+    /// The same, once the bytes are on the disk.
+    Result<void> finish_on_disk();
+
+private:
+    OutputFile() = default;
+
+    std::string path_;            ///< as messages name it
+    std::string target_;          ///< with links resolved
+    Descriptor file_;             ///< none: stdout
+    std::string temporary_;       ///< empty: written in place
+    std::optional<mode_t> mode_;  ///< of the replaced file
+};
 
 /// Writes a whole file. After a failure no part of a new file remains.
 Result<void> write_file(const std::string& path, std::span<const std::byte> bytes);

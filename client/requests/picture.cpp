@@ -148,6 +148,35 @@ Result<ReceivedPicture> receive_picture(Connection& connection, Progress& progre
     }
 }
 
+Result<std::uint64_t> receive_bytes(Connection& connection, Progress& progress, Outcome& outcome,
+                                    const BytesConsumer& consume) {
+    std::uint64_t received = 0;
+    std::uint64_t total = 0;
+    while (true) {
+        const auto frame = connection.next();
+        if (!frame) return tl::unexpected<Failure>(frame.error());
+        if (auto taken = take_news(*frame, outcome); !taken)
+            return tl::unexpected<Failure>(taken.error());
+        if (is<wire::Done>(*frame)) {
+            if (total == 0 || received != total)
+                return daemon_sent("the end of an answer before its last piece");
+            return total;
+        }
+        if (!is<wire::Picture>(*frame)) continue;
+        const auto piece = open_sent<wire::Picture>(*frame);
+        if (!piece) return tl::unexpected<Failure>(piece.error());
+        const protocol::BlockView* data = protocol::find_block(piece->blocks, "data");
+        if (received == 0) total = (*piece)->total();
+        if (data == nullptr || (*piece)->offset() != received || (*piece)->total() != total ||
+            data->bytes.size() > total - received)
+            return daemon_sent("pieces of a file that do not fit together");
+        if (auto consumed = consume(data->bytes); !consumed)
+            return tl::unexpected<Failure>(consumed.error());
+        received += data->bytes.size();
+        progress.update(received, total, "downloading");
+    }
+}
+
 Result<std::vector<std::byte>> npy_file(const ReceivedPicture& picture, const char* dtype,
                                         std::vector<std::uint64_t> shape) {
     if (picture.bytes.size() != 4ULL * picture.width * picture.height)

@@ -11,6 +11,7 @@
 #include <cstddef>
 #include <cstdint>
 #include <functional>
+#include <span>
 #include <string>
 #include <utility>
 #include <vector>
@@ -76,6 +77,12 @@ using PassConsumer = std::function<Result<void>(const ReceivedPicture&)>;
 Result<ReceivedPicture> receive_picture(Connection& connection, Progress& progress,
                                         const Room& room, ReceivedPicture picture = {},
                                         const PassConsumer& consume_pass = {});
+/// Takes the bytes of a payload in their order.
+using BytesConsumer = std::function<Result<void>(std::span<const std::byte>)>;
+/// Reads the answer of a running request whose payload may be larger than the memory. Returns the
+/// payload's size. Fails unless it is whole.
+Result<std::uint64_t> receive_bytes(Connection& connection, Progress& progress, Outcome& outcome,
+                                    const BytesConsumer& consume);
 
 /// Places the camera of a request, which `run` then asks for, in the scene's world.
 template <class Request, class Run>

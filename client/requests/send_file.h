@@ -20,7 +20,15 @@ struct Among {
     std::uint64_t total = 0;   ///< of all; 0: there is this one alone
 };
 
-/// Sends file number `number` of the running request. An empty file needs no frame.
+/// Copies the bytes of a file from `offset` on.
+using ReadFile = std::function<Result<void>(std::uint64_t offset, std::span<std::byte> into)>;
+
+/// Sends file number `number` of the running request, which has `bytes`. An empty file needs no
+/// frame.
+Result<void> send_file(Connection& connection, std::uint32_t number, std::uint64_t bytes,
+                       const ReadFile& read, Progress& progress, const FrameConsumer& consume,
+                       const Among& among = {});
+/// The same for a file in memory.
 Result<void> send_file(Connection& connection, std::uint32_t number,
                        std::span<const std::byte> bytes, Progress& progress,
                        const FrameConsumer& consume, const Among& among = {});

@@ -25,7 +25,8 @@ public:
 
     /// True for jobs that change stored scenes.
     [[nodiscard]] static bool concerns(std::string_view kind) {
-        return kind == "load" || kind == "edit" || kind == "unload" || kind == "pin";
+        return kind == "load" || kind == "edit" || kind == "unload" || kind == "pin" ||
+               kind == "restore";
     }
     [[nodiscard]] bool is_closed() const { return closed_; }
     void close() { closed_ = true; }

@@ -7,24 +7,25 @@ namespace {
 
 class DiskJob final : public Job {
 public:
-    DiskJob(const Services& services, std::function<Reply<DiskChange>()> change)
+    DiskJob(const Services& services, std::function<Reply<WriteToDisk>()> change)
         : services_(services),
           change_(std::move(change)) {}
 
     std::optional<Task> next() override {
         if (!change_) return std::nullopt;
-        auto changed = std::exchange(change_, nullptr)();
+        auto write = std::exchange(change_, nullptr)();
         Task task;
-        if (!changed) {
-            task.run = [error = changed.error()](const Stop&) -> Reply<Frames> {
+        if (!write) {
+            task.run = [error = write.error()](const Stop&) -> Reply<Frames> {
                 return tl::unexpected(error);
             };
             return task;
         }
-        answer_.push_back(std::move(changed->answer));
         task.pool = services_.disk;
-        task.run = [write = std::move(changed->write)](const Stop&) -> Reply<Frames> {
-            if (const auto written = write(); !written) return tl::unexpected(written.error());
+        task.run = [this, write = std::move(*write)](const Stop&) -> Reply<Frames> {
+            auto answer = write();
+            if (!answer) return tl::unexpected(answer.error());
+            answer_.push_back(std::move(*answer));
             return Frames{};
         };
         return task;
@@ -34,13 +35,14 @@ public:
 
 private:
     const Services& services_;
-    std::function<Reply<DiskChange>()> change_;
-    Frames answer_;
+    std::function<Reply<WriteToDisk>()> change_;
+    Frames answer_;  ///< written by the task
 };
 
 }  // namespace
 
-std::unique_ptr<Job> disk_job(const Services& services, std::function<Reply<DiskChange>()> change) {
+std::unique_ptr<Job> disk_job(const Services& services,
+                              std::function<Reply<WriteToDisk>()> change) {
     return std::make_unique<DiskJob>(services, std::move(change));
 }
 

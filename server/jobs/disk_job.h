@@ -11,13 +11,11 @@
 
 namespace raynest::server {
 
-struct DiskChange {
-    protocol::Frame answer;
-    std::function<Reply<void>()> write;  ///< on a thread for the disk
-};
+/// Writes to the disk, and returns the answer. On a thread for the disk.
+using WriteToDisk = std::function<Reply<protocol::Frame>()>;
 
 /// `change` changes what is in memory, on the io thread, once the job runs.
 [[nodiscard]] std::unique_ptr<Job> disk_job(const Services& services,
-                                            std::function<Reply<DiskChange>()> change);
+                                            std::function<Reply<WriteToDisk>()> change);
 
 }  // namespace raynest::server

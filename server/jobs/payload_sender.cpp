@@ -50,10 +50,10 @@ Reply<Frames> PayloadSender::make_piece(std::uint64_t offset, std::uint64_t coun
     protocol::Bulk bulk;
     bulk.add("data", wire::Dtype::u8, 1, count);
     bulk.allocate();
-    if (read_)
-        read_(offset, bulk.block(0));
-    else
+    if (!read_)
         std::memcpy(bulk.block(0).data(), payload_.bytes.data() + offset, count);
+    else if (const auto read = read_(offset, bulk.block(0)); !read)
+        return tl::unexpected(read.error());
     wire::PictureT message;
     message.width = payload_.width;
     message.height = payload_.height;

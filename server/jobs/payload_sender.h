@@ -30,8 +30,8 @@ public:
         read_ = {};
         sent_ = 0;
     }
-    /// Copies the bytes of a payload from this offset on; they are there. Called by tasks.
-    using Read = std::function<void(std::uint64_t offset, std::span<std::byte> into)>;
+    /// Copies the bytes of a payload from this offset on. Called by tasks.
+    using Read = std::function<Reply<void>(std::uint64_t offset, std::span<std::byte> into)>;
     /// The same for one of `total` bytes that is not whole in memory; `payload` has no bytes.
     void set(Payload payload, std::uint64_t total, Read read) {
         set(std::move(payload));

@@ -1,12 +1,16 @@
 // ADMIN: lists and ends connections, tells and changes quotas, reloads and drains the daemon.
+#include "protocol/answer.h"
 #include "protocol/text.h"
 #include "server/ground/limited_log.h"
+#include "server/jobs/disk_job.h"
 #include "server/requests/administration.h"
 #include "server/requests/quota_use.h"
 #include "server/requests/request.h"
 #include "server/scheduling/admission.h"
 #include "server/security/quotas.h"
 #include "server/security/tokens.h"
+#include "server/store/backup.h"
+#include "server/store/state_folder.h"
 
 #include <utility>
 
@@ -85,6 +89,29 @@ Reply<std::size_t> kick(Administration& daemon, std::uint64_t connection,
                                        "' here; raynest admin connections lists who is connected");
 }
 
+/// Removes damaged blobs and what a restore has replaced.
+Reply<Answer> collect_garbage(const Services& services, const Caller& caller) {
+    if (services.state == nullptr)
+        return refuse(Code::unsupported,
+                      "there is nothing to collect: this daemon stores no scenes; start raynestd "
+                      "with --state DIR");
+    JobSubmission accepted;
+    accepted.kind = "gc";
+    accepted.job = disk_job(services, [&services, id = caller.request_id]() -> Reply<WriteToDisk> {
+        return [&services, id]() -> Reply<protocol::Frame> {
+            const auto removed = remove_set_aside(services.state->path());
+            if (!removed) return refuse(removed.error());
+            wire::AdminReportT report;
+            report.text = *removed == 0 ? "there is nothing to remove"
+                                        : protocol::bytes_text(*removed) +
+                                              " removed: damaged scenes, and what a restore "
+                                              "has replaced";
+            return protocol::answer(id, report);
+        };
+    });
+    return Answer{std::move(accepted)};
+}
+
 }  // namespace
 
 Reply<Answer> admin(const Services& services, const Caller& caller,
@@ -116,10 +143,12 @@ Reply<Answer> admin(const Services& services, const Caller& caller,
     } else if (act == "drain") {
         daemon.drain();
         report.text = "the daemon takes no more work and ends when its jobs have ended";
+    } else if (act == "gc") {
+        return collect_garbage(services, caller);
     } else {
         return refuse(Code::invalid_field, "unknown act '" + act +
                                                "': use one of connections, drain, reload, kick, "
-                                               "quota");
+                                               "quota, gc");
     }
     return answer_with(caller, report, services);
 }

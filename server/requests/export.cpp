@@ -103,9 +103,11 @@ private:
         auto file = gltf::GlbFile::make(scene, [&stop] { return stop.requested(); });
         if (!file) return refused(file.error());
         file_ = std::move(*file);
-        sender_.set(
-            std::move(payload), file_->bytes(),
-            [this](std::uint64_t offset, std::span<std::byte> into) { file_->read(offset, into); });
+        sender_.set(std::move(payload), file_->bytes(),
+                    [this](std::uint64_t offset, std::span<std::byte> into) -> Reply<void> {
+                        file_->read(offset, into);
+                        return {};
+                    });
         return {};
     }
 

@@ -23,17 +23,17 @@ Reply<Answer> pin(const Services& services, const Caller& caller,
     accepted.scene = pinned.name;
     accepted.job = disk_job(
         services,
-        [&services, id = caller.request_id, pinned = std::move(pinned)]() -> Reply<DiskChange> {
-            const auto write = [&services, uses = services.scenes.take_uses()]() -> Reply<void> {
+        [&services, id = caller.request_id, pinned = std::move(pinned)]() -> Reply<WriteToDisk> {
+            return [&services, id, pinned,
+                    uses = services.scenes.take_uses()]() -> Reply<protocol::Frame> {
                 const auto written = services.state->put(uses);
-                if (written) return {};
+                if (written) return protocol::answer(id, pinned);
                 services.state->note(uses);
                 return refuse(Code::resource_exhausted,
                               written.error().message +
                                   "; after a restart the scene may be as it "
                                   "was");
             };
-            return DiskChange{protocol::answer(id, pinned), write};
         });
     return Answer{std::move(accepted)};
 }

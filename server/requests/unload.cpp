@@ -70,18 +70,17 @@ Reply<Answer> unload(const Services& services, const Caller& caller,
         JobSubmission accepted;
         accepted.kind = "unload";
         accepted.scene = order.scene;
-        accepted.job = disk_job(services, [&services, caller, order]() -> Reply<DiskChange> {
-            const auto unloaded = unload_now(services, caller, order);
+        accepted.job = disk_job(services, [&services, caller, order]() -> Reply<WriteToDisk> {
+            auto unloaded = unload_now(services, caller, order);
             if (!unloaded) return tl::unexpected(unloaded.error());
             // Also for nothing: the memory that was freed may have held the last pin of a blob.
-            const auto remove = [&services,
-                                 rows = services.scenes.take_dropped()]() -> Reply<void> {
+            return [&services, id = caller.request_id, unloaded = std::move(*unloaded),
+                    rows = services.scenes.take_dropped()]() -> Reply<protocol::Frame> {
                 const auto removed = services.state->remove(rows);
-                if (removed) return {};
+                if (removed) return protocol::answer(id, unloaded);
                 return refuse(Code::resource_exhausted,
                               removed.error().message + "; after a restart it is there again");
             };
-            return DiskChange{protocol::answer(caller.request_id, *unloaded), remove};
         });
         return Answer{std::move(accepted)};
     }

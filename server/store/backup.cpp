@@ -166,6 +166,36 @@ std::uint64_t bytes_below(const fs::path& path) {
     return bytes;
 }
 
+/// Opens a folder of the state. A link in its place leads to what is somebody else's; through its
+/// descriptor a folder stays the one that was opened.
+File folder_of_files(const fs::path& folder) {
+    return File(folder, O_RDONLY | O_DIRECTORY | O_NOFOLLOW);
+}
+
+std::vector<fs::path> files_in(const File& folder) {
+    std::error_code error;
+    std::vector<fs::path> files;
+    if (!folder.is_open()) return files;
+    for (const auto& file : fs::directory_iterator(opened(folder), error))
+        files.push_back(file.path());
+    return files;
+}
+
+/// Removes files and folders; returns their bytes.
+Result<std::uint64_t> remove_all(const std::vector<fs::path>& garbage) {
+    std::uint64_t bytes = 0;
+    for (const fs::path& path : garbage) {
+        const std::uint64_t here = bytes_below(path);
+        std::error_code error;
+        fs::remove_all(path, error);
+        if (error)
+            return fail(ErrorCode::io_failed,
+                        "cannot remove " + path.string() + ": " + error.message());
+        bytes += here;
+    }
+    return bytes;
+}
+
 /// Refuses two folders that are one, or of which one lies within the other: gc and restore take away
 /// what is not the state's own.
 Result<void> check_apart(const fs::path& state, const fs::path& backup) {
@@ -292,29 +322,21 @@ Result<std::uint64_t> remove_garbage(const fs::path& folder) {
         if (!rows) return tl::unexpected(rows.error());
         for (const StoredScene& row : *rows) used.insert(row.digest);
     }
-    std::error_code error;
-    // A link in the place of a folder leads to what is somebody else's. Through its descriptor a
-    // folder stays the one that was opened.
-    const File blobs(folder / "blobs", O_RDONLY | O_DIRECTORY | O_NOFOLLOW);
-    const File damaged(folder / "damaged", O_RDONLY | O_DIRECTORY | O_NOFOLLOW);
-    std::vector<fs::path> garbage = {folder / "restoring", folder / "restoring.unfinished"};
+    const File damaged = folder_of_files(folder / "damaged");
+    const File blobs = folder_of_files(folder / "blobs");
+    std::vector<fs::path> garbage = files_in(damaged);
+    for (const fs::path& file : files_in(blobs))
+        if (!used.contains(file.filename().string())) garbage.push_back(file);
+    for (const char* part : {"restoring", "restoring.unfinished"}) garbage.push_back(folder / part);
     if (!was_half_restored) garbage.push_back(folder / "replaced");
-    for (const File* part : {&damaged, &blobs}) {
-        if (!part->is_open()) continue;
-        for (const auto& file : fs::directory_iterator(opened(*part), error))
-            if (part == &damaged || !used.contains(file.path().filename().string()))
-                garbage.push_back(file.path());
-    }
-    std::uint64_t bytes = 0;
-    for (const fs::path& path : garbage) {
-        const std::uint64_t here = bytes_below(path);
-        fs::remove_all(path, error);
-        if (error)
-            return fail(ErrorCode::io_failed,
-                        "cannot remove " + path.string() + ": " + error.message());
-        bytes += here;
-    }
-    return bytes;
+    return remove_all(garbage);
+}
+
+Result<std::uint64_t> remove_set_aside(const fs::path& folder) {
+    const File damaged = folder_of_files(folder / "damaged");
+    std::vector<fs::path> garbage = files_in(damaged);
+    garbage.push_back(folder / "replaced");
+    return remove_all(garbage);
 }
 
 }  // namespace raynest::server

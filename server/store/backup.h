@@ -33,4 +33,8 @@ namespace raynest::server {
 /// with io_failed, and removes nothing if the manifest cannot be read. Blocks.
 [[nodiscard]] Result<std::uint64_t> remove_garbage(const std::filesystem::path& folder);
 
+/// Removes damaged blobs, and what a restore has replaced, also while a daemon uses the folder.
+/// Returns their bytes. Fails with io_failed. Blocks.
+[[nodiscard]] Result<std::uint64_t> remove_set_aside(const std::filesystem::path& folder);
+
 }  // namespace raynest::server

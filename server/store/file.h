@@ -46,6 +46,12 @@ private:
     int number_;
 };
 
+/// Has the names in a folder on the disk; errno tells why if that fails.
+[[nodiscard]] inline bool flush_folder(const std::filesystem::path& folder) {
+    const File file(folder, O_RDONLY | O_DIRECTORY);
+    return file.is_open() && ::fsync(file.number()) == 0;
+}
+
 /// The system's words for an errno.
 [[nodiscard]] inline std::string reason(int error) {
     return error == not_a_file ? "it is no regular file" : std::generic_category().message(error);

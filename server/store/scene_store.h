@@ -146,6 +146,14 @@ public:
 
     /// Enters the scenes of a state folder; they are on the disk alone.
     void adopt(StateFolder& state);
+    /// Whether a scene of a backup can come back: its name is free, or stands for a damaged scene,
+    /// which needs this blob, or is another's.
+    enum class Place { free, damaged, taken };
+    [[nodiscard]] Place place_for(const StoredScene& row) const;
+    /// Enters one whose row has been committed under a free name; it is on the disk alone.
+    void adopt(const ReturningScene& scene);
+    /// The blob of damaged scenes is whole again: what was said of the damage is forgotten.
+    void mend(const std::string& digest);
     /// Returns the scene because of which find() has failed, once.
     [[nodiscard]] std::optional<AsleepScene> take_asleep();
     /// Brings all scenes of this content into memory. Fails as hold() does.
@@ -420,6 +428,9 @@ private:
     /// Returns all such scenes, the least recently used first.
     std::vector<Droppable> droppable(const std::string& principal);
     [[nodiscard]] static AsleepScene asleep_scene(const Entry& entry);
+    /// Makes the entry of a stored scene that is on the disk alone.
+    [[nodiscard]] Entry stored_entry(const StoredScene& row, const KeptEdits& edits,
+                                     BlobPin blob) const;
     /// Returns the error for a scene on the disk alone, and remembers it for take_asleep().
     protocol::Error asleep(const Entry& entry) const;
     /// Fails with NAME_TAKEN or QUOTA if publish() may not publish this.

@@ -25,12 +25,6 @@ namespace {
 
 /// Bytes that are written or read between two looks at whether to go on.
 constexpr std::size_t step_bytes = 8 << 20;
-constexpr std::string_view temporary_prefix = ".new-";
-
-bool flush_folder(const fs::path& folder) {
-    const File file(folder, O_RDONLY | O_DIRECTORY);
-    return file.is_open() && ::fsync(file.number()) == 0;
-}
 
 std::string disk_failed(const std::string& why = {}) {
     return "the disk of the state folder has failed" + (why.empty() ? why : " (" + why + ")") +
@@ -188,9 +182,16 @@ Result<void> StateFolder::reopen() {
     return {};
 }
 
-fs::path StateFolder::temporary(std::string_view prefix) {
+fs::path StateFolder::new_path() {
     // The daemon before this one may still write its own.
-    return folder_ / "blobs" / fmt::format("{}{}-{}", prefix, ::getpid(), ++last_temporary_);
+    return folder_ / "blobs" / fmt::format(".new-{}-{}", ::getpid(), ++last_temporary_);
+}
+
+tl::unexpected<Error> StateFolder::flush_failed(int error) {
+    // The system forgets a failed flush: the next one would succeed without the bytes. Whatever the
+    // reason is, making room mends nothing.
+    failed_ = true;
+    return fail(ErrorCode::io_failed, disk_failed(reason(error)));
 }
 
 Result<void> StateFolder::usable() const {
@@ -248,7 +249,7 @@ Result<BlobPin> StateFolder::keep(const std::string& digest, std::span<const std
 Result<void> StateFolder::write_blob(const std::string& digest, std::span<const std::byte> arena,
                                      const Stopped& stopped) {
     const fs::path folder = folder_ / "blobs";
-    const fs::path temporary = this->temporary(temporary_prefix);
+    const fs::path temporary = new_path();
     const auto refused = [&](int error) {
         ::unlink(temporary.c_str());
         const bool full = error == ENOSPC || error == EDQUOT || error == EFBIG;
@@ -259,13 +260,6 @@ Result<void> StateFolder::write_blob(const std::string& digest, std::span<const 
                                protocol::bytes_text(arena.size()))
                  : "the scene could not be stored in the state folder: " + reason(error) +
                        "; see to its disk");
-    };
-    const auto flush_failed = [&](int error) {
-        // The system forgets a failed flush: the next one would succeed without the bytes. Whatever
-        // the reason is, making room mends nothing.
-        failed_ = true;
-        ::unlink(temporary.c_str());
-        return fail(ErrorCode::io_failed, disk_failed(reason(error)));
     };
     {
         const File file(temporary, O_WRONLY | O_CREAT | O_EXCL, S_IRUSR | S_IWUSR);
@@ -281,7 +275,11 @@ Result<void> StateFolder::write_blob(const std::string& digest, std::span<const 
             if (done < 0) return refused(errno);
             rest = rest.subspan(static_cast<std::size_t>(done));
         }
-        if (::fsync(file.number()) != 0) return flush_failed(errno);
+        if (::fsync(file.number()) != 0) {
+            auto error = flush_failed(errno);
+            ::unlink(temporary.c_str());
+            return error;
+        }
     }
     {
         const std::lock_guard guard(pins_->mutex);
@@ -328,10 +326,7 @@ void StateFolder::commit_locked() {
         if (done && follows_broken)
             edit->outcome = fail(ErrorCode::io_failed, "an edit before it could not be kept");
         if (done && !follows_broken && edit->row) {
-            const StoredScene& row = *edit->row;
-            const Row before =
-                std::exchange(rows_[{row.owner, row.name}], {row.digest, row.number});
-            if (!before.digest.empty()) let_go(before.digest);
+            enter_locked(*edit->row);
         }
     }
     if (!done)
@@ -363,11 +358,14 @@ Result<void> StateFolder::put(const StoredScene& scene) {
     commit_locked();
     if (const auto good = usable(); !good) return good;
     if (const auto put = timed([&] { return manifest_->put(scene); }); !put) return put;
-    const Row before =
-        std::exchange(rows_[{scene.owner, scene.name}], {scene.digest, scene.number});
-    if (!before.digest.empty()) let_go(before.digest);
+    enter_locked(scene);
     collect_locked();
     return {};
+}
+
+void StateFolder::enter_locked(const StoredScene& row) {
+    const Row before = std::exchange(rows_[{row.owner, row.name}], {row.digest, row.number});
+    if (!before.digest.empty()) let_go(before.digest);
 }
 
 Result<void> StateFolder::remove(const std::vector<StoredScene>& scenes) {
@@ -457,7 +455,7 @@ void StateFolder::collect_locked() {
                                 [&](const auto& row) { return row.second.digest == digest; }))
             continue;
         // To unlink a large file takes long; a load of this content may write it anew from now on.
-        const fs::path old = temporary(".old-");
+        const fs::path old = new_path();
         if (::rename(blob(digest).c_str(), old.c_str()) == 0) unused.push_back(old);
     }
     guard.unlock();

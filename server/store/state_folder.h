@@ -52,6 +52,27 @@ struct BlobFault {
     std::uint64_t inode = 0;          ///< of the file that was read
 };
 
+/// What a backup consists of: a copy of the manifest, whose file goes with it, and what it names.
+struct StateCopy {
+    std::filesystem::path manifest;
+    std::uint64_t manifest_bytes = 0;
+    std::vector<StoredScene> rows;
+    std::vector<BlobPin> pins;
+
+    StateCopy() = default;
+    StateCopy(const StateCopy&) = delete;
+    StateCopy& operator=(const StateCopy&) = delete;
+    ~StateCopy();
+};
+
+/// A scene that comes back from a backup.
+struct ReturningScene {
+    StoredScene row;           ///< as it is there
+    KeptEdits edits;           ///< likewise
+    std::uint64_t number = 0;  ///< the new one of its row
+    BlobPin blob = {};
+};
+
 /// Reads the blob of a scene in the state folder `folder`, and checks its digest and its arena.
 /// Blocks; throws std::bad_alloc.
 [[nodiscard]] tl::expected<std::shared_ptr<const Snapshot>, BlobFault> read_stored(
@@ -129,6 +150,20 @@ public:
     [[nodiscard]] Result<void> put(const std::vector<SceneUse>& uses);
 
     [[nodiscard]] const std::filesystem::path& path() const { return folder_; }
+    /// Returns the path of a file to be made, which no scene has. The next start removes it.
+    [[nodiscard]] std::filesystem::path new_path();
+    /// Stores nothing more after a failed flush, and returns the error that says so.
+    tl::unexpected<Error> flush_failed(int error);
+    /// Copies the manifest as it is now. Fails with io_failed.
+    [[nodiscard]] Result<std::unique_ptr<StateCopy>> copy();
+    /// Takes flushed files as the blobs of these digests, unless such a blob is there, and keeps
+    /// them. Fails with io_failed.
+    [[nodiscard]] Result<std::map<std::string, BlobPin>> take_blobs(
+        const std::map<std::string, std::filesystem::path>& files);
+    /// Commits the rows of scenes, whose blobs are kept, with their edits in the manifest of the
+    /// backup: of all or none.
+    [[nodiscard]] Result<void> put(const std::vector<ReturningScene>& scenes, Manifest& backup);
+
     /// Moves a damaged blob, the file of this inode, out of the way, so that a load writes it anew.
     /// One that has been written anew stays.
     void set_aside(const std::string& digest, std::uint64_t inode);
@@ -156,7 +191,8 @@ private:
     void let_go(const std::string& digest);
     void collect_locked();
     void commit_locked();
-    [[nodiscard]] std::filesystem::path temporary(std::string_view prefix);
+    /// Notes that a row stands for its owner and name.
+    void enter_locked(const StoredScene& row);
     [[nodiscard]] Result<void> write_blob(const std::string& digest,
                                           std::span<const std::byte> arena, const Stopped& stopped);
     /// Fails once the disk has failed. Called with mutex_ locked, which the manifest's word of that

@@ -141,36 +141,59 @@ void SceneStore::adopt(StateFolder& state) {
     };
     for (std::size_t i = 0; i < state.found().size(); ++i) {
         const StoredScene& row = state.found()[i];
-        const KeptEdits& edits = state.found_edits()[i];
-        Entry entry;
-        entry.scene.name = row.name;
-        entry.scene.epoch = row.epoch;
-        entry.scene.build_seconds = row.build_seconds;
-        // An older release did not note the content: the blob's digest stands for it.
-        entry.facts = {row.content.empty() ? row.digest : row.content, row.digest, row.bytes,
-                       row.instanced_triangles};
-        entry.blob = state.pin(row.digest);
-        entry.stored = row;
-        entry.edits = edits.count;
-        entry.edit_bytes = edits.bytes;
-        entry.epoch_reserved = std::max(row.epoch, edits.epoch_last);
-        entry.epoch_free = entry.epoch_reserved + 1;
-        if (edits.count != 0) {
-            entry.scene.epoch = edits.last.epoch;
-            entry.facts = {edits.last.digest, fmt::format("{} at {}", row.number, edits.last.epoch),
-                           edits.last.bytes, edits.last.instanced_triangles};
-        }
+        Entry entry = stored_entry(row, state.found_edits()[i], state.pin(row.digest));
         entry.from_before = true;
-        entry.owner = row.owner;
-        entry.share = {row.share.begin(), row.share.end()};
-        entry.kept = true;
-        entry.loaded = now_();
         const auto use = state.found_uses().find(row.number);
         entry.used =
             then(use != state.found_uses().end() ? use->second.used_ms : row.used * ms_of_second);
         entry.pinned = use != state.found_uses().end() && use->second.pinned;
         entries_.emplace(row.name, std::move(entry));
     }
+}
+
+SceneStore::Entry SceneStore::stored_entry(const StoredScene& row, const KeptEdits& edits,
+                                           BlobPin blob) const {
+    Entry entry;
+    entry.scene.name = row.name;
+    entry.scene.epoch = row.epoch;
+    entry.scene.build_seconds = row.build_seconds;
+    // An older release did not note the content: the blob's digest stands for it.
+    entry.facts = {row.content.empty() ? row.digest : row.content, row.digest, row.bytes,
+                   row.instanced_triangles};
+    entry.blob = std::move(blob);
+    entry.stored = row;
+    entry.edits = edits.count;
+    entry.edit_bytes = edits.bytes;
+    entry.epoch_reserved = std::max(row.epoch, edits.epoch_last);
+    entry.epoch_free = entry.epoch_reserved + 1;
+    if (edits.count != 0) {
+        entry.scene.epoch = edits.last.epoch;
+        entry.facts = {edits.last.digest, fmt::format("{} at {}", row.number, edits.last.epoch),
+                       edits.last.bytes, edits.last.instanced_triangles};
+    }
+    entry.owner = row.owner;
+    entry.share = {row.share.begin(), row.share.end()};
+    entry.kept = true;
+    entry.loaded = entry.used = now_();
+    return entry;
+}
+
+SceneStore::Place SceneStore::place_for(const StoredScene& row) const {
+    const Entry* const entry = own_entry(row.name, {row.owner});
+    if (entry == nullptr) return Place::free;
+    return entry->damage.empty() || entry->stored.digest != row.digest ? Place::taken
+                                                                       : Place::damaged;
+}
+
+void SceneStore::adopt(const ReturningScene& scene) {
+    StoredScene row = scene.row;
+    row.number = scene.number;
+    entries_.emplace(row.name, stored_entry(row, scene.edits, scene.blob));
+}
+
+void SceneStore::mend(const std::string& digest) {
+    for (auto& [name, entry] : entries_)
+        if (entry.stored.digest == digest && !entry.scene.held) entry.damage.clear();
 }
 
 std::vector<SceneUse> SceneStore::take_uses() {

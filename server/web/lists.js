@@ -31,6 +31,8 @@ export const MESSAGES = {
   Fetch: 34,
   CancelJob: 35,
   Admin: 48,
+  Backup: 49,
+  Restore: 50,
   Credit: 64,
   Welcome: 129,
   Pong: 130,

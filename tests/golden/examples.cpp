@@ -152,6 +152,11 @@ void add_scene_requests(Collection& all) {
     wire::PinT pin;
     pin.scene = "forest";
     all.add(17, pin);
+    all.add(18, wire::BackupT{});
+    wire::RestoreT restore;
+    restore.bytes = 10240;
+    restore.scenes = {"alice/forest"};
+    all.add(19, restore);
 }
 
 void add_work_requests(Collection& all) {

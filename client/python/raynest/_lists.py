@@ -123,5 +123,6 @@ ACTING: list[str] = [
     'Edit',
     'Page',
     'CancelJob',
+    'Restore',
     'Admin',
 ]

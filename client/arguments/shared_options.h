@@ -1,7 +1,7 @@
 // The options that several commands have.
 #pragma once
 
-#include "client/commands/command_line.h"
+#include "client/arguments/command_line.h"
 #include "client/requests/film.h"
 #include "client/requests/request_options.h"
 

@@ -1,4 +1,4 @@
-#include "client/commands/command_line.h"
+#include "client/arguments/command_line.h"
 
 #include <CLI/CLI.hpp>
 

@@ -1,4 +1,4 @@
-#include "client/commands/shared_options.h"
+#include "client/arguments/shared_options.h"
 
 #include "client/files/files.h"
 #include "client/ground/lists.h"
