@@ -13,7 +13,6 @@
 #include "engine/scene/edits/linked_paths.h"
 #include "engine/scene/edits/materials.h"
 #include "engine/scene/edits/names.h"
-#include "engine/scene/path_table.h"
 #include "engine/scene/precision.h"
 
 #include <fmt/format.h>
@@ -35,7 +34,6 @@ namespace {
 using composition::Camera;
 using composition::Change;
 using composition::Composition;
-using composition::Light;
 using composition::Object;
 using composition::Places;
 using Scene = std::shared_ptr<const Snapshot>;
@@ -274,6 +272,7 @@ private:
         bool has_nodes = false;
         Box bounds;
         std::uint64_t count = 0;
+        const auto entries = object.entries_by_name();
         for (const Places& places : object.instances) {
             auto scene = scene_of(places.object);
             if (!scene) return tl::unexpected(scene.error());
@@ -287,6 +286,7 @@ private:
                                         one_line(object.name), limits_.instances_max));
             has_nodes |= (*scene)->paths().node_count != 0 || places.uid != no_id;
             AddedScene part{*scene, path_step_text(places.name), {}, {}, places.uid};
+            part.is_numbered = entries.at(places.name) > 1;
             for (const Matrix& matrix : *matrices) {
                 const Matrix placed = less(base.origin) * matrix * to_group(**scene);
                 part.to_scene.push_back(transform_of(placed));
@@ -308,7 +308,7 @@ private:
         }
         if (is_scene) {
             for (const Camera& camera : composition_.cameras) add_camera(camera, base);
-            for (const Light& light : composition_.lights) add_light(light, base);
+            for (const auto& light : composition_.lights) add_light(light, base);
         }
         if (has_nodes)
             if (auto fits = check_names(added); !fits) return tl::unexpected(fits.error());
@@ -432,7 +432,7 @@ private:
         }
     }
 
-    static void add_light(const Light& light, SceneDescription& base) {
+    static void add_light(const composition::Light& light, SceneDescription& base) {
         LightRecord record = light.record;
         const glm::dvec3 origin(base.origin[0], base.origin[1], base.origin[2]);
         record.position = Vec3(light.position - origin);

@@ -10,7 +10,9 @@
 #include "engine/scene/motion/motion.h"
 
 #include <array>
+#include <cstddef>
 #include <cstdint>
+#include <map>
 #include <optional>
 #include <string>
 #include <string_view>
@@ -47,6 +49,13 @@ struct Object {
     std::string variant;            ///< of KHR_materials_variants
     bool has_up = false;            ///< options.z_up was given
     std::vector<Places> instances;  ///< of a group
+
+    /// How many instances have each name. Where they are several, each has a number.
+    [[nodiscard]] std::map<std::string_view, std::size_t> entries_by_name() const {
+        std::map<std::string_view, std::size_t> counts;
+        for (const Places& places : instances) ++counts[places.name];
+        return counts;
+    }
 };
 
 /// A camera in the world, before the origin is subtracted.

@@ -21,6 +21,7 @@ struct AddedScene {
     std::vector<Transform> to_scene;
     std::vector<std::uint32_t> masks;  ///< one for each
     std::uint32_t uid = no_id;         ///< user id of all placements; no_id: none
+    bool is_numbered = false;          ///< a number even where there is only one placement
 };
 
 }  // namespace raynest

@@ -144,7 +144,7 @@ private:
         const std::uint64_t each =
             has_nodes_ && is_one_node(*added.scene) ? view.objects[view.root].placement_count : 1;
         std::uint64_t number = next_of(name);
-        if (number == no_id && (copies > 1 || each > 1)) number = 0;
+        if (number == no_id && (copies > 1 || each > 1 || added.is_numbered)) number = 0;
         if (number != no_id) {
             if (each > (no_id - 1 - number) / std::max(copies, 1U))
                 return fail(ErrorCode::limit_exceeded,
