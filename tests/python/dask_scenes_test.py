@@ -63,6 +63,13 @@ class OnlyHere(WithCluster):
             self.same(self.traced(cluster, form), self.client.scene("hills").trace(RAYS, fields=FIELDS))
         self.same(self.traced(cluster, parts, load={"places": places}),
                   self.client.scene_of(parts, places).trace(RAYS, fields=FIELDS))
+        kinds = {**parts, "ball": raynest.Spheres([[0, 0, 0], [9, 0, 0]], 4), "pair": {"ball": "ball", "stone": "stone"}}
+        stand = {**places, "pair": raynest.Place("pair", [(0, 20, 0), (9, 25, 3)], mask=[1, 2], uid=7)}
+        with self.client.scene_of(kinds, stand) as scene:
+            whole = scene.trace(RAYS, fields=(*FIELDS, "uid"))
+            self.assertIn(7, whole["uid"])
+            for form, load in ((kinds, {"places": stand}), (scene, {})):
+                self.same(self.traced(cluster, form, load=load, fields=(*FIELDS, "uid")), whole)
         far = {"origin": (1e6, 0, 0)}
         self.same(many.trace(cluster.client, (vertices + (1e6, 0, 0), faces), RAYS[:, (0, 1, 2, 4, 5, 6)] + (1e6, 0, 0, 0, 0, 0),
                              fields=FIELDS, load=far, setup=self.setup),

@@ -154,13 +154,19 @@ class Client(Session):
                  up: str = "y", progress: Progress = None) -> Scene:
         """Loads a scene made of parts, which Scene.edit() can move.
 
-        `parts` are meshes by name: (vertices, faces), or an object that has both, such as a mesh of
-        trimesh. `places` says where they stand, by names of their own: {"ground": "ground", "car": ("car",
-        matrices)}. A place is the name of a part, alone or with an offset (3,) or a matrix (3, 4) or (4, 4);
-        or with several of these, (N, 3), (N, 3, 4) or (N, 4, 4), whose paths are "car#0", "car#1", ...
-        Without `places` each part stands once where its vertices are. Places are the outermost instances,
-        numbered in their order. Each part is stored once, however often it is placed. Everything else is as
-        in load() and mesh().
+        `parts` are meshes by name: (vertices, faces), or an object that has both, such as a mesh of trimesh; or
+        raynest.Spheres(centres, radii), or raynest.Records(primitive, rows) of another type. A part that is a dict of
+        places is a group, of any parts and of other groups: {"car": {"body": "body", "wheel": ("wheel", wheels)}}.
+
+        `places` says where they stand, by names of their own: {"ground": "ground", "car": ("car", matrices)}. A place
+        is the name of a part, alone or with an offset (3,) or a matrix (3, 4) or (4, 4); or with several of these,
+        (N, 3), (N, 3, 4) or (N, 4, 4), whose paths are "car#0", "car#1", ... A group's places have paths below,
+        "car#0/wheel#3", unless it holds but one. raynest.Place("car", matrices, mask=, uid=, visible=) says more of
+        each place. Without `places` each part that is in no group stands once where its vertices are.
+
+        Places are the outermost instances, numbered in their order. Each part and each group is stored once, however
+        often it is placed. `masks` by path are for meshes without groups, at places without mask= and uid=.
+        Everything else is as in load() and mesh().
         """
         scene = self._load(load_of_parts(parts, places, name, origin=origin, keep=keep, replace=replace, build=build,
                                          masks=masks, up=up), progress)[0]

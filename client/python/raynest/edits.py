@@ -12,11 +12,11 @@ from . import _limits
 from ._net.connection import Connection
 from ._net.control import Message
 from ._net.frame import Array
-from ._requests.arguments import numbers, whole
-from ._requests.parts import matrices_of
+from ._requests.arguments import numbers, user_ids, whole
+from ._requests.places import matrices_of
 from ._requests.upload import FileSender
+from ._session import Session
 from .errors import ProtocolError, UsageError
-
 
 
 class Uids:
@@ -24,7 +24,7 @@ class Uids:
     at any depth, with all that lies in them."""
 
     def __init__(self, uids: Any) -> None:
-        self.uids = np.atleast_1d(_user_ids("uids", uids))
+        self.uids = np.atleast_1d(user_ids("uids", uids))
 
     def __repr__(self) -> str:
         return f"Uids({reprlib.repr(self.uids.tolist())})"
@@ -131,7 +131,7 @@ class Edit:
     def set_uid(self, which: Which, uid: Any) -> Edit:
         """Gives instances, and everything in them, a user id: one number for all, or one for each."""
         rows = self._targets(which)
-        uids = _user_ids("uid", uid)
+        uids = user_ids("uid", uid)
         if uids.ndim == 1 and len(uids) != len(rows):
             raise _uneven(f"{len(uids)} uids", rows)
         rows["what"], rows["value"] = _UID, uids
@@ -231,6 +231,31 @@ class Edit:
             setattr(self, key, value)
 
 
+class Editable:
+    """The part of a scene that changes it."""
+
+    name: str
+    _client: Session
+
+    def edit(self, *, epoch: int = 0, keep: bool = False) -> Edit:
+        """Begins a batch of changes, which becomes the scene's next epoch when the block ends:
+
+            with scene.edit() as edit:
+                edit.move("car#3", (0.5, 0, 0))
+                edit.hide("tree-1*")
+        Requests that run keep the epoch that they began with. Only the scene's owner and administrators may edit it. With
+        `epoch` the edit fails unless the scene is at that epoch. With `keep` the block ends when the changed scene is on the
+        disk of a daemon with --state; without it, a restart brings back what was loaded or kept last."""
+        return Edit(lambda change: change.apply(self._client.connection, self.name), epoch, keep)
+
+    def add(self, scene: Any, matrices: Any = (0, 0, 0), name: str = "", mask: int = 2**32 - 1, *, epoch: int = 0,
+            keep: bool = False) -> Edit:
+        """Adds placements of another loaded scene: an edit() of one Edit.add(). Returns that edit."""
+        with self.edit(epoch=epoch, keep=keep) as edit:
+            edit.add(scene, matrices, name, mask)
+        return edit
+
+
 class Change(NamedTuple):
     """The changes of an Edit, for any scene that has what they name."""
 
@@ -254,16 +279,6 @@ def _name_of(scene: Any, _: str) -> str:
     if not isinstance(text, str) or not text:
         raise TypeError(f"{reprlib.repr(scene)} is no scene: give a loaded one, or its name")
     return text
-
-
-def _user_ids(name: str, uids: Any) -> Array:
-    found = numbers(name, uids)
-    if found.shape == (0,):     # of any type
-        return found.astype("<u4")
-    if found.ndim > 1 or found.dtype.kind not in "iu" or (found < 0).any() or (found > 2**32 - 2).any():
-        raise UsageError(f"{name} of {reprlib.repr(uids)}: user ids are whole numbers from 0 to 4294967294: give one, or "
-                         "a list of them")
-    return found
 
 
 def _some(rows: Array) -> Array:

@@ -25,14 +25,14 @@ from ._requests.rays import Rays, Source, Starts, flat_pairs, masked, segments, 
 from ._requests.words import rows_of, scene_info
 from ._session import Session
 from ._timed import trace_at_times
-from .edits import Edit
+from .edits import Editable
 from .errors import InvalidError, RayWarning, UsageError, warn
 from .generators import Generator as RayGenerator, one_sample
 from .images import HeatView, with_view
 from .job import Job
 
 
-class Scene(Renders, Paths):
+class Scene(Renders, Paths, Editable):
     """A scene, made by Client.load(), mesh() or scene(). Rays, cameras and positions are in the
     world: the scene's origin is subtracted before they are sent and added to answers, in float64."""
 
@@ -444,19 +444,6 @@ class Scene(Renders, Paths):
         answer: dict[str, Any] = self._at(None, ask)
         self._warn_of_eye(look_at)
         return answer
-
-    # ---- edits ----------------------------------------------------------------------------------
-
-    def edit(self, *, epoch: int = 0, keep: bool = False) -> Edit:
-        """Begins a batch of changes, which becomes the scene's next epoch when the block ends:
-
-            with scene.edit() as edit:
-                edit.move("car#3", (0.5, 0, 0))
-                edit.hide("tree-1*")
-        Requests that run keep the epoch that they began with. Only the scene's owner and administrators may edit it. With
-        `epoch` the edit fails unless the scene is at that epoch. With `keep` the block ends when the changed scene is on the
-        disk of a daemon with --state; without it, a restart brings back what was loaded or kept last."""
-        return Edit(lambda change: change.apply(self._client.connection, self.name), epoch, keep)
 
     # ---- what it is -----------------------------------------------------------------------------
 

@@ -125,6 +125,16 @@ def numbers(what: str, value: Any) -> Array:
     return out
 
 
+def user_ids(name: str, uids: Any) -> Array:
+    found = numbers(name, uids)
+    if found.shape == (0,):     # of any type
+        return found.astype("<u4")
+    if found.ndim > 1 or found.dtype.kind not in "iu" or (found < 0).any() or (found > 2**32 - 2).any():
+        raise UsageError(f"{name} of {reprlib.repr(uids)}: user ids are whole numbers from 0 to 4294967294: give one, or "
+                         "a list of them")
+    return found
+
+
 def has_shape(value: Any, *shape: int) -> bool:
     """False also for rows of several lengths, which have no shape."""
     try:

@@ -1,6 +1,7 @@
 """The message of a Load, from files, triangles or parts."""
 from __future__ import annotations
 
+import hashlib
 import os
 from typing import Any, Mapping, NamedTuple, Optional, Sequence, Union
 
@@ -9,9 +10,11 @@ import numpy as np
 from .._net.control import Message
 from ..errors import UsageError
 from .arguments import Masks, mask_rules
+from .composed import composition_of
 from .files import path_text
 from .gltf import mesh_glb
 from .parts import parts_glb
+from .places import read_parts
 from .precision import ROUNDING_WORDS
 from .principals import split_principals
 from .rays import vector
@@ -72,11 +75,22 @@ def load_of_parts(parts: Mapping[str, Any], places: Optional[Mapping[str, Any]] 
                   *, origin: Any = None, keep: bool = False, replace: bool = False, build: str = "medium",
                   masks: Masks = (), up: str = "y") -> Load:
     """As Client.scene_of() has it."""
-    upload = Upload("parts.glb", name or "", (File("parts.glb", parts_glb(parts, places, origin is not None)),))
+    made = read_parts(parts, places)
+    rules, axis = mask_rules(masks), _axis(up)
+    if made.are_meshes:
+        files: tuple[File, ...] = (File("parts.glb", parts_glb(made.meshes, made.places, origin is not None)),)
+    else:
+        if rules:
+            raise UsageError("masks by path are for scenes of meshes without groups, whose places have no mask= or uid=: give "
+                             "the places their masks, as raynest.Place('car', matrices, mask=2)")
+        files, axis = composition_of(made, origin is not None, up), ""
+    upload = Upload(files[0].name, name or "", files)
     message: Message = {**upload.message(), **_origin_message(origin), "replace": replace, "build": build,
-                        "masks": mask_rules(masks), "up": _axis(up), "temporary": not name and not keep}
+                        "masks": rules, "up": axis, "temporary": not name and not keep}
     if not name:
-        message["name"] = _own_name(f"parts-{message['file_digests'][:8].hex()}", message)
+        digests = message["file_digests"]   # of a composition, which names no content, and of its files
+        seal = digests if len(files) == 1 else hashlib.sha256(digests).digest()
+        message["name"] = _own_name(f"parts-{seal[:8].hex()}", message)
     return Load(message, upload.read)
 
 

@@ -1,0 +1,102 @@
+"""Scenes made of parts as a composition: a .rnscene.json and, in memory, the files that it names."""
+from __future__ import annotations
+
+import io
+import json
+import zipfile
+from typing import Any, Iterator
+
+import numpy as np
+
+from .. import _limits
+from .._net.frame import Array
+from ..errors import UsageError
+from .arguments import float32
+from .gltf import JSON_BYTES_MAX, triangles
+from .parts import shift_of
+from .places import Parts, Place, Spheres
+from .upload import File
+
+_TABLE_ROWS = 1000  # more matrices are a file of their own
+
+
+def composition_of(parts: Parts, has_origin: bool, up: str) -> tuple[File, ...]:
+    """Returns the files, the composition first. In a scene with an origin, far float64 coordinates keep their digits."""
+    files = [File("parts.rnscene.json", b"")]
+    objects: dict[str, Any] = {}
+    for name, mesh in parts.meshes.items():
+        points, corners = triangles(*mesh)
+        if not np.isfinite(float32(points)).all():
+            raise UsageError(f"the part {name!r} has vertices that are not finite in float32")
+        points, origin = _kept(points, points, has_origin)
+        objects[name] = {"file": _keep(files, _npz(vertices=points, faces=corners.astype("<u4")), ".npz"), **origin}
+    for name, records in parts.records.items():
+        rows = records.rows
+        rows, origin = _kept(rows, rows[:, :3], has_origin and isinstance(records, Spheres))
+        objects[name] = {"file": _keep(files, _npy(rows), ".npy"), "primitive": records.primitive, **origin}
+    for name, group in parts.groups.items():
+        objects[name] = {"instances": _instances(files, group)}
+    document = {"rnscene": 1, "up": up, "objects": objects, "instances": _instances(files, parts.places)}
+    text = json.dumps(document, separators=(",", ":")).encode()
+    if len(text) > JSON_BYTES_MAX:
+        raise UsageError(f"the places take {len(text)} bytes of text, at most {JSON_BYTES_MAX} are taken: make groups of them, "
+                         "or leave out masks and user ids that differ from place to place")
+    if len(files) > _limits.upload_files_max:
+        raise UsageError(f"meshes, records and tables of over {_TABLE_ROWS} matrices make {len(files) - 1} files, at most "
+                         f"{_limits.upload_files_max - 1} are taken: join parts that stand together")
+    return (files[0]._replace(data=text), *files[1:])
+
+
+def _kept(rows: Array, points: Array, may_shift: bool) -> tuple[Array, dict[str, Any]]:
+    """Rows as they are sent, and the origin to take from their points before these become float32."""
+    shift = shift_of(points) if may_shift else np.zeros(3)
+    return (rows.astype("<f8"), {"origin": shift.tolist()}) if shift.any() else (float32(rows), {})
+
+
+def _instances(files: list[File], places: dict[str, Place]) -> list[dict[str, Any]]:
+    return [entry for name, place in places.items() for entry in _entries(files, name, place)]
+
+
+def _entries(files: list[File], name: str, place: Place) -> Iterator[dict[str, Any]]:
+    """An entry for each stretch of places with one mask and one user id. Paths are numbered through all of them."""
+    matrices = place.matrices
+    count = len(matrices) if matrices is not None and matrices.ndim == 3 else 1
+    columns = {word: np.broadcast_to(values, count)
+               for word, values in (("mask", place.mask), ("uid", place.uid)) if values is not None}
+    differs = np.zeros(max(count - 1, 0), bool)
+    for column in columns.values():
+        differs |= column[1:] != column[:-1]
+    starts = [0, *(np.flatnonzero(differs) + 1).tolist(), count]
+    for first, end in zip(starts, starts[1:]):
+        if first == end:
+            continue
+        entry: dict[str, Any] = {"object": place.part, "name": name,
+                                 **{word: int(column[first]) for word, column in columns.items()}}
+        if matrices is not None:
+            rows = matrices.reshape(-1, 4, 4)[first:end, :3]
+            if len(rows) > _TABLE_ROWS:
+                entry["matrices"] = _keep(files, _npy(rows), ".npy")
+            else:
+                entry["matrices"] = rows.reshape(-1, 12).tolist()
+        yield entry
+
+
+def _keep(files: list[File], data: bytes, ending: str) -> str:
+    files.append(File(f"{len(files)}{ending}", data))
+    return files[-1].name
+
+
+def _npz(**arrays: Array) -> bytes:
+    """As numpy.savez() makes it, whose files have the date of today in some versions of Python."""
+    file = io.BytesIO()
+    with zipfile.ZipFile(file, "w") as archive:
+        for name, array in arrays.items():
+            with archive.open(zipfile.ZipInfo(name + ".npy"), "w", force_zip64=True) as entry:
+                np.lib.format.write_array(entry, array, allow_pickle=False)
+    return file.getvalue()
+
+
+def _npy(rows: Array) -> bytes:
+    file = io.BytesIO()
+    np.save(file, rows, allow_pickle=False)
+    return file.getvalue()
