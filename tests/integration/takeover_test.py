@@ -4,6 +4,10 @@
   takeover_test.py RAYNESTD RAYNEST
 """
 import array
+import concurrent.futures
+import contextlib
+import datetime
+import fcntl
 import json
 import os
 import pathlib
@@ -45,6 +49,18 @@ class Running:
 
     def text(self):
         return self.log.read_text(errors="replace")
+
+    def at(self, event):
+        """When its log first said so, in s since 1970."""
+        line = next(line for line in self.text().splitlines() if f" {event} " in line)
+        return datetime.datetime.fromisoformat(line.split()[0]).timestamp()
+
+    def open_files(self):
+        files = set()
+        for link in pathlib.Path(f"/proc/{self.process.pid}/fd").iterdir():
+            with contextlib.suppress(OSError):  # closed meanwhile
+                files.add(os.readlink(link))
+        return files
 
     def says(self, event):
         if event != "READY":
@@ -109,6 +125,28 @@ class Takeover(WithState):
     def successor(self, *arguments):
         return Running(self, "--takeover", *arguments)
 
+    def hand_over(self, before):
+        """Starts a successor. Returns it, and the seconds after which it and the one before came to each step."""
+        times, begun = {}, time.time()
+        after = Running(self, "--takeover", ready=False)
+
+        def look():
+            files, at = after.open_files(), time.time() - begun
+            for step, file in (("got the lock and the sockets", "lock"), ("opened the manifest", "manifest.sqlite")):
+                if str(self.state / file) in files:
+                    times.setdefault(step, at)
+            return after.says("READY") or after.process.poll() is not None
+
+        until(look, after.text)
+        self.assertIsNone(after.process.poll(), after.text())
+        until(lambda: before.says("handed_over") and after.says("took_over"), before.text)
+        before.ended()
+        ended = time.time() - begun
+        times |= {"asked": before.at("takeover_asked") - begun,
+                  "serves": after.at("took_over") - begun,
+                  "the one before accepts no more": before.at("handed_over") - begun, "and has ended": ended}
+        return after, times
+
     def refused_successor(self, says, *arguments):
         refused = Running(self, "--takeover", *arguments, ready=False)
         self.assertEqual(refused.process.wait(PATIENCE), 1, refused.text())
@@ -124,7 +162,6 @@ class Takeover(WithState):
     def test_50_clients_see_a_takeover_and_nobody_is_refused(self):
         clients, takeovers = 50, 100 if LONG else 3
         daemon = self.daemon_of()
-        begun = time.monotonic()
         expected = self.python(self.uri).load(WOODS, "woods", share=("public",)).trace(RAYS, fields=("t", "prim"))
         expected = b"".join(expected[name].tobytes() for name in ("t", "prim"))
         counts, slowest = [0] * clients, [0.0] * clients
@@ -163,7 +200,8 @@ class Takeover(WithState):
                 client.close()
 
         def knock():
-            """Connects all the time without any second try."""
+            """Connects all the time without any second try, and tries to lock the folder."""
+            lock = self.enterContext(open(self.state / "lock", "rb"))
             families = ((socket.AF_INET, ("127.0.0.1", int(self.uri.rsplit(":", 1)[1]))),
                         (socket.AF_UNIX, self.local[5:]))
             while not over.is_set():
@@ -173,6 +211,10 @@ class Takeover(WithState):
                             end.connect(address)
                     except OSError as error:
                         problems.append(f"refused: {error!r}")
+                with contextlib.suppress(BlockingIOError):
+                    fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
+                    fcntl.flock(lock, fcntl.LOCK_UN)
+                    problems.append("nobody held the lock")
                 again[0] += 2
                 time.sleep(0.002)
 
@@ -180,17 +222,16 @@ class Takeover(WithState):
         for thread in threads:
             thread.start()
         timeline = []
+        pool = self.enterContext(concurrent.futures.ThreadPoolExecutor(1))
         try:
             for _ in range(takeovers):
                 seen = list(counts)
                 until(lambda: all(now > then for now, then in zip(counts, seen)), lambda: str(problems[:3]), 4 * PATIENCE)
-                before, asked = daemon, time.monotonic()
-                daemon = self.successor()
-                serves = time.monotonic()
-                until(lambda: before.says("handed_over"), before.text)
-                before.ended()
-                timeline.append((asked - begun, serves - asked, time.monotonic() - asked,
-                                 float(before.text().split("handed_over")[1].split("seconds=")[1].split()[0])))
+                seen = sum(counts)
+                third = pool.submit(self.refused, "--ready-file", self.folder / "third")
+                daemon, times = self.hand_over(daemon)
+                self.assertIn("another daemon uses", third.result())
+                timeline.append((times, sum(counts) - seen))
             seen = list(counts)
             until(lambda: all(now > then for now, then in zip(counts, seen)), lambda: str(problems[:3]), 4 * PATIENCE)
         finally:
@@ -198,10 +239,11 @@ class Takeover(WithState):
             for thread in threads:
                 thread.join()
         print(f"{takeovers} takeovers under {clients} clients: {sum(counts)} requests, {again[0]} bare connections, "
-              f"{len(problems)} problems; the slowest request took {max(slowest):.2f} s", file=sys.stderr)
-        for at, serves, ended, changes in timeline[:5]:
-            print(f"  {at:7.2f} s asked, +{serves:.2f} s the successor serves (changes waited {changes:.2f} s), "
-                  f"+{ended:.2f} s the one before has ended", file=sys.stderr)
+              f"{len(problems)} failed; {takeovers} third daemons refused; the slowest request took "
+              f"{max(slowest):.2f} s", file=sys.stderr)
+        times, answered = timeline[-1]
+        print("the last one began", *(f"+{at:.2f} s {step}" for step, at in sorted(times.items(), key=lambda s: s[1])),
+              f"{answered} requests ended meanwhile", sep=", ", file=sys.stderr)
         self.assertEqual(problems, [])
         self.assertTrue((self.folder / "socket").exists())
         daemon.stop()
