@@ -110,7 +110,7 @@ class Disk(WithState):
         os.sync()
         self.preload(NO_FLUSH, NO_FLUSH="nothing")
         lost = {}
-        for what in ("/blobs/", "/manifest.sqlite"):
+        for what in ("/blobs/", "/manifest.sqlite", "/manifest.sqlite-wal"):  # the last: synchronous=NORMAL
             os.environ["NO_FLUSH"] = what
             self.start().json("load", "builtin:flake?depth=2", "--name", "second", "--replace")
             self.lose_power()
@@ -123,7 +123,7 @@ class Disk(WithState):
                 self.client.json("load", "builtin:flake?depth=2", "--name", "second", "--replace")
                 self.client.json("unload", "second")
             self.daemon.stop()
-        self.assertEqual(lost, {"/blobs/": True, "/manifest.sqlite": None})
+        self.assertEqual(lost, {"/blobs/": True, "/manifest.sqlite": None, "/manifest.sqlite-wal": None})
 
     def test_a_disk_that_fails_is_written_no_more(self):
         """The file system lies in a small tmpfs: it believes that it has room, and its disk then fails."""
