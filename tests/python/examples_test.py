@@ -9,6 +9,7 @@ import pathlib
 import re
 import subprocess
 import sys
+from xml.etree import ElementTree
 
 import numpy as np
 
@@ -23,6 +24,12 @@ import visibility
 
 SECONDS_MAX = 4 * PATIENCE  # of a whole program
 FOREST = "builtin:forest?trees=20"
+
+
+def points_of(path):
+    """The dots of a path of distortion.py: metres ahead of the sensor and to its right."""
+    return 0.02 * np.cumsum([[int(number) for number in step] for step in
+                             re.findall(r"m(-?\d+) (-?\d+)h0", path.get("d"))], axis=0)
 
 
 class Examples(DaemonTest):
@@ -93,6 +100,21 @@ class Examples(DaemonTest):
         # It does not see the car that it stands on.
         near = np.linalg.norm(clouds["sweep_00000"] - (-50, 1.9, -1.5 * 3.25), axis=1)
         self.assertGreater(near.min(), 1.5)
+
+    def test_a_picture_shows_what_motion_does_to_a_sweep(self):
+        said = self.example("distortion.py", "--channels", 16, "--azimuths", 720, "-o", "a.svg")
+        self.assertEqual(len(re.findall(r": [\d,]+ points", said)), 2)
+        still, moving = ElementTree.parse(self.out / "a.svg").getroot().findall("./{*}g/{*}svg")
+        # Points on cars are the last dots, a path for each shade of time. Those of the car ahead, which is seen when the
+        # turn begins and when it ends, are torn apart: it drove on by about a metre.
+        gaps = []
+        for panel in (still, moving):
+            ahead = [points_of(path) for path in (panel.findall(".//{*}path")[2], panel.findall(".//{*}path")[11])]
+            nearest = [points[(abs(points[:, 1]) < 1) & (points[:, 0] > 5)][:, 0].min() for points in ahead]
+            gaps.append(nearest[1] - nearest[0])
+        self.assertLess(abs(gaps[0]), 0.1)
+        self.assertTrue(0.8 < gaps[1] < 1.5, gaps)
+        self.assertEqual(len(moving.findall(".//{*}rect[@stroke-dasharray]")), len(still.findall(".//{*}rect")))
 
     def test_a_lidar_elsewhere_sees_no_further_than_its_range(self):
         self.example("lidar.py", FOREST, "-o", "b.npy", "--at", 5, 30, -5, "--range", 40,
@@ -242,7 +264,7 @@ class Examples(DaemonTest):
     def test_commands_of_the_readme_run_as_printed(self):
         text = (CLIENT / "README.md").read_text(encoding="utf-8").split("## Examples\n")[1]
         commands = re.findall(r"^\$ (.*)$", text, re.MULTILINE)
-        self.assertEqual(sum("examples/" in command for command in commands), 7)
+        self.assertEqual(sum("examples/" in command for command in commands), 8)
         # As at the root of a source tree that was built, where python3 is the one that runs this.
         root = self.out / "root"
         (root / "build/bin").mkdir(parents=True)
@@ -260,7 +282,7 @@ class Examples(DaemonTest):
                               timeout=SECONDS_MAX, check=False)
         self.assertEqual(done.returncode, 0, done.stderr)
         self.assertIn("times raynest query", done.stdout)
-        for made in ("sweep.ply", "sees.npy", "sun.npy"):
+        for made in ("sweep.ply", "distortion.svg", "sees.npy", "sun.npy"):
             self.assertGreater((root / made).stat().st_size, 1000, made)
 
     def test_pieces_of_the_readme_print_what_it_says(self):
