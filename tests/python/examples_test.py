@@ -105,8 +105,8 @@ class Examples(DaemonTest):
         said = self.example("distortion.py", "--channels", 16, "--azimuths", 720, "-o", "a.svg")
         self.assertEqual(len(re.findall(r": [\d,]+ points", said)), 2)
         still, moving = ElementTree.parse(self.out / "a.svg").getroot().findall("./{*}g/{*}svg")
-        # Points on cars are the last dots, a path for each shade of time. Those of the car ahead, which is seen when the
-        # turn begins and when it ends, are torn apart: it drove on by about a metre.
+        # Points on cars are the last dots, a path for each shade of time. Those of the car ahead, which is seen when
+        # the turn begins and when it ends, are torn apart: it drove on by about a metre.
         gaps = []
         for panel in (still, moving):
             ahead = [points_of(path) for path in (panel.findall(".//{*}path")[2], panel.findall(".//{*}path")[11])]

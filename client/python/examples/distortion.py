@@ -52,8 +52,7 @@ def sweep_of(scene, args, place, velocity, driver, moving):
     sweep = raynest.generators.sweep(np.linspace(-25, 10, args.channels), (0, 360, args.azimuths), begin=times[0],
                                      end=times[1], trajectory=(times, poses),
                                      step_error=args.step_error if moving else None)
-    seen = scene.trace(sweep, fields=("position", "inst", "hit", "time"), hide=[driver],
-                       time=args.begin)
+    seen = scene.trace(sweep, fields=("position", "inst", "hit", "time"), hide=[driver], time=args.begin)
     hit = seen["hit"]
     return seen["position"][hit], seen["inst"][hit], (seen["time"][hit] - args.begin) / args.period
 
@@ -62,8 +61,8 @@ def dots(points, colour, gap, width):
     """A dot for each square of `gap` metres that points (N, 2), in metres, fall into: at the first of them."""
     _, first = np.unique(np.round(points / gap).astype(int), axis=0, return_index=True)
     steps = np.diff(np.round(points[np.sort(first)] / GRID).astype(int), axis=0, prepend=0)
-    path = "".join(f"m{x} {y}h0" for x, y in steps)
-    return f'\n<path transform="scale({SCALE * GRID:g})" d="{path}" stroke="{colour}" stroke-width="{width / SCALE / GRID:g}"/>'
+    path, scale = "".join(f"m{x} {y}h0" for x, y in steps), SCALE * GRID
+    return f'\n<path transform="scale({scale:g})" d="{path}" stroke="{colour}" stroke-width="{width / scale:g}"/>'
 
 
 def outlines(cars, place, style):
