@@ -3,17 +3,44 @@
 #include "tests/fuzz/target.h"
 
 #include <array>
+#include <bit>
+#include <cstdint>
 #include <string>
 
 using namespace raynest;
 
 namespace {
 
-constexpr std::array names{"x.ply", "x.stl", "x.obj", "x.off", "x.npz", "x.las", "x.mtl"};
+constexpr std::array names{"x.ply", "x.stl", "x.obj", "x.off", "x.npz", "x.las", "x.mtl", "x.tif"};
 
 fuzz::Input seed(std::size_t format, const std::string& text) {
     const std::string whole = std::string(1, static_cast<char>(format)) + text;
     return {whole.begin(), whole.end()};
+}
+
+/// A GeoTIFF of 2 x 2 heights in one strip.
+std::string tiff() {
+    std::string file("II*\0\x08\0\0\0", 8);
+    const auto add = [&file](std::uint64_t value, int bytes) {
+        for (int i = 0; i < bytes; ++i) file.push_back(static_cast<char>(value >> (8 * i)));
+    };
+    constexpr std::uint32_t shorts = 3, longs = 4, doubles = 12, tags = 12;
+    constexpr std::uint32_t behind = 8 + 2 + 12 * tags + 4;
+    add(tags, 2);
+    const auto tag = [&](std::uint32_t number, std::uint32_t type, std::uint32_t count,
+                         std::uint32_t value) {
+        add(number, 2), add(type, 2), add(count, 4), add(value, 4);
+    };
+    tag(256, shorts, 1, 2), tag(257, shorts, 1, 2);                              // columns, rows
+    tag(258, shorts, 1, 16), tag(259, shorts, 1, 1), tag(262, shorts, 1, 1);     // bits, not packed
+    tag(273, longs, 1, behind), tag(277, shorts, 1, 1), tag(278, shorts, 1, 2);  // one strip
+    tag(279, longs, 1, 8), tag(339, shorts, 1, 2);                               // signed
+    tag(33550, doubles, 3, behind + 8), tag(33922, doubles, 6, behind + 32);     // georeference
+    add(0, 4);
+    for (std::uint32_t height = 1; height <= 4; ++height) add(height, 2);
+    for (const double number : {1.0, 1.0, 0.0, 0.0, 0.0, 0.0, 500000.0, 5000000.0, 0.0})
+        add(std::bit_cast<std::uint64_t>(number), 8);
+    return file;
 }
 
 }  // namespace
@@ -46,6 +73,7 @@ std::vector<fuzz::Input> fuzz::seeds() {
             seed(4, npz + std::string(60, '\0') + "PK\5\6" + std::string(18, '\0')),
             seed(5, las),
             seed(5, coloured),
+            seed(7, tiff()),
             seed(6, "newmtl a\nKd 1 0.5 0\nd 0.5\nmap_Kd -s 1 1 1 a.png\nKe 1\n")};
 }
 

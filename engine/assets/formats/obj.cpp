@@ -40,6 +40,7 @@ public:
           materials_(request, limits, content_) {}
 
     Result<FileContent> read() {
+        if (text_.is_utf16()) return text_.refuse("is UTF-16, which is not read: save it as UTF-8");
         for (; !text_.at_end(); text_.next_line()) {
             if (auto done = read_line(); !done) return tl::unexpected<Error>(done.error());
         }
@@ -48,6 +49,10 @@ public:
                 fmt::format("{} left out; only faces can be hit",
                             counted(count, std::string("line of '") + what + "' is",
                                     std::string("lines of '") + what + "' are")));
+        if (lacking_ != 0)
+            content_.warnings.push_back(fmt::format(
+                "{} a normal or texture coordinate that is not there; these are left out",
+                counted(lacking_, "corner names", "corners name")));
         if (!shades_.empty()) shades_.resize(4 * positions_.size(), no_shade);
         colours_ = bytes_of_shades(shades_);
         first_use_.assign(positions_.size(), no_id);
@@ -109,36 +114,41 @@ private:
         return {};
     }
 
-    /// Reads an index and makes it count from 0. Negative ones count back from the end.
-    Result<std::uint32_t> read_index(const char* of, std::size_t count) {
+    /// Reads an index and makes it count from 0. Negative ones count back from the end. Rays need
+    /// vertices alone: of other things no_id stands for what is not there.
+    Result<std::uint32_t> read_index(bool is_vertex, std::size_t count) {
         std::int64_t index = 0;
         if (!text_.whole(index))
             return text_.refuse(text_.next_word() +
                                 " is no corner of a face such as 1, 1/2 or 1/2/3");
         const auto end = static_cast<std::int64_t>(count);
-        if (index == 0 || index > end || index < -end)
+        const bool is_there = index != 0 && index <= end && index >= -end;
+        if (!is_there && is_vertex)
             return text_.refuse(fmt::format(
-                "the face uses {} {} of {} before it; they count from 1", of, index, count));
+                "the face uses vertex {} of {} before it; they count from 1", index, count));
+        if (!is_there) {
+            ++lacking_;
+            return no_id;
+        }
         return static_cast<std::uint32_t>(index > 0 ? index - 1 : end + index);
     }
 
     Result<Corner> read_corner() {
         Corner corner;
-        const auto take = [&](std::uint32_t& place, const char* of,
-                              std::size_t count) -> Result<void> {
-            const auto index = read_index(of, count);
+        const auto take = [&](std::uint32_t& place, std::size_t count) -> Result<void> {
+            const auto index = read_index(&place == &corner.position, count);
             if (!index) return tl::unexpected<Error>(index.error());
             place = *index;
             return {};
         };
-        Result<void> done = take(corner.position, "vertex", positions_.size());
+        Result<void> done = take(corner.position, positions_.size());
         if (done && text_.take('/') && !text_.is_word_end()) {
             if (!text_.take('/')) {
-                done = take(corner.texcoord, "texture coordinate", texcoords_.size());
+                done = take(corner.texcoord, texcoords_.size());
                 if (done && text_.take('/') && !text_.is_word_end())
-                    done = take(corner.normal, "normal", normals_.size());
+                    done = take(corner.normal, normals_.size());
             } else if (!text_.is_word_end()) {
-                done = take(corner.normal, "normal", normals_.size());
+                done = take(corner.normal, normals_.size());
             }
         }
         if (!done) return tl::unexpected<Error>(done.error());
@@ -155,7 +165,10 @@ private:
             if (!corner) return tl::unexpected<Error>(corner.error());
             polygon_.push_back(*corner);
         }
-        if (polygon_.size() < 3) return text_.refuse("a face has at least three corners");
+        if (polygon_.size() < 3) {
+            ++left_out_["f with fewer than three corners"];
+            return {};
+        }
         std::vector<Corner>& to = patch().corners;
         if (polygon_.size() == 3) {
             to.insert(to.end(), polygon_.begin(), polygon_.end());
@@ -251,6 +264,7 @@ private:
     std::vector<ObjObject> objects_;
     std::map<std::string, std::uint32_t, std::less<>> object_of_;
     std::map<std::string, std::uint64_t> left_out_;
+    std::uint64_t lacking_ = 0;  ///< normals and texture coordinates that are not there
     std::string name_;
     std::uint32_t object_ = no_id;
     std::uint32_t material_ = no_id;

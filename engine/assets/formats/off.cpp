@@ -46,15 +46,15 @@ Result<FileContent> read_off(const ImportRequest& request, const ImportLimits&) 
         text.skip_comments('#');
         row.clear();
         const std::size_t colour_at = has_normals ? 6 : 3;
-        while (!text.is_line_end()) {
+        // The end of a line counts before the colour alone.
+        while (row.size() < colour_at || !text.is_line_end()) {
+            if (row.size() < colour_at) text.skip_comments('#');
             double value = 0;
             if (!text.number(value))
-                return text.refuse(fmt::format("vertex {}: {} is no number", i, text.next_word()));
+                return text.refuse(fmt::format("vertex {} of {} needs {} numbers; {} is none", i,
+                                               vertices, colour_at, text.next_word()));
             if (row.size() < 16) row.push_back(value);
         }
-        if (row.size() < colour_at)
-            return text.refuse(fmt::format("vertex {} of {} has {} numbers; it needs {}", i,
-                                           vertices, row.size(), colour_at));
         geometry.positions.emplace_back(row[0], row[1], row[2]);
         if (has_normals) geometry.rest.normals.push_back(Vec3(glm::dvec3(row[3], row[4], row[5])));
         if (row.size() < colour_at + 3) continue;
@@ -66,6 +66,7 @@ Result<FileContent> read_off(const ImportRequest& request, const ImportLimits&) 
     if (!shades.empty()) shades.resize(4 * geometry.positions.size(), no_shade);
     geometry.rest.colours = bytes_of_shades(shades);
     std::vector<std::uint32_t> corners, triangles;
+    bool has_face_colours = false;
     for (std::int64_t i = 0; i < faces; ++i) {
         text.skip_comments('#');
         std::int64_t count = 0;
@@ -75,17 +76,20 @@ Result<FileContent> read_off(const ImportRequest& request, const ImportLimits&) 
         corners.clear();
         for (std::int64_t c = 0; c < count; ++c) {
             std::int64_t corner = 0;
+            text.skip_comments('#');
             if (!text.whole(corner) || !text.is_word_end() || corner < 0 || corner >= vertices)
                 return text.refuse(fmt::format("face {} of {} needs {} vertices from 0 to {}", i,
                                                faces, count, vertices - 1));
             corners.push_back(static_cast<std::uint32_t>(corner));
         }
+        has_face_colours = has_face_colours || !text.is_line_end();
         text.next_line();
         if (corners.size() < 3) continue;
         triangles.clear();
         triangulate(geometry.positions, corners, triangles);
         for (const std::uint32_t place : triangles) geometry.rest.indices.push_back(corners[place]);
     }
+    if (has_face_colours) content.warnings.emplace_back(face_colours_left_out);
     return content;
 }
 

@@ -1,4 +1,5 @@
 #include "engine/assets/formats/formats.h"
+#include "engine/assets/formats/shades.h"
 #include "engine/assets/formats/text_reader.h"
 
 #include <algorithm>
@@ -7,6 +8,7 @@
 #include <cmath>
 #include <cstring>
 #include <optional>
+#include <utility>
 
 namespace raynest {
 namespace {
@@ -159,6 +161,14 @@ public:
         }
         return true;
     }
+    /// Ends a row: in a text each has a line of its own. False if it has more numbers than the header
+    /// says.
+    bool end_row() {
+        if (is_binary()) return true;
+        const bool is_whole = text_.is_line_end();
+        text_.next_line();
+        return is_whole;
+    }
     [[nodiscard]] bool is_binary() const { return encoding_ != Encoding::ascii; }
     [[nodiscard]] std::uint64_t left() const {
         return encoding_ == Encoding::ascii ? rest_.size() - text_.offset() : rest_.size();
@@ -189,6 +199,8 @@ constexpr std::array<std::string_view, slots> slot_names{
 
 std::size_t slot_of(std::string_view name) {
     if (name.starts_with("diffuse_")) name.remove_prefix(8);
+    for (const std::size_t colour : {red, green, blue, alpha})
+        if (name == slot_names[colour].substr(0, 1)) return colour;
     return static_cast<std::size_t>(std::find(slot_names.begin(), slot_names.end(), name) -
                                     slot_names.begin());
 }
@@ -208,11 +220,17 @@ public:
                                     element.count, one_line(element.name, 40)));
         }
         if (element.name == "vertex") return read_vertices(element);
-        if (element.name == "face") return read_faces(element);
-        if (element.name == "tristrips" && element.count != 0)
-            return fail(ErrorCode::scene_unsupported,
-                        "holds triangle strips: save it with faces, for example with MeshLab");
+        if (element.name != "face" && element.name != "tristrips") return skip(element);
+        if (!geometry_.positions.empty() || early_) return read_faces(element);
+        early_.emplace(element, values_);
         return skip(element);
+    }
+
+    /// Reads the faces that precede the vertices.
+    Result<void> finish() {
+        if (!early_) return {};
+        values_ = early_->second;
+        return read_faces(early_->first);
     }
 
     FileContent take() {
@@ -226,6 +244,11 @@ public:
             content.objects.back().geometries.push_back(std::move(geometry_));
         }
         content.is_float32 = is_float32_;
+        if (long_rows_ != 0)
+            content.warnings.push_back(
+                fmt::format("{} more numbers than the header says, which are left out",
+                            counted(long_rows_, "row has", "rows have")));
+        if (has_face_colours_) content.warnings.emplace_back(face_colours_left_out);
         return content;
     }
 
@@ -256,6 +279,7 @@ private:
                     return values_.refuse(element, row, std::string(cut));
                 if (places[i] != slots) of[places[i]] = value;
             }
+            end_row();
             geometry_.positions.emplace_back(of[x], of[y], of[z]);
             if (has[nx] && has[ny] && has[nz])
                 geometry_.rest.normals.push_back(Vec3(glm::dvec3(of[nx], of[ny], of[nz])));
@@ -292,8 +316,29 @@ private:
         return true;
     }
 
+    /// Appends the triangles of strips: each corner makes one with the two before it, turned the other
+    /// way each time. `no_id` ends a strip.
+    void add_strips(const std::vector<std::uint32_t>& corners) {
+        std::size_t first = 0;
+        for (std::size_t i = 0; i < corners.size(); ++i) {
+            if (corners[i] == no_id) first = i + 1;
+            if (i < first + 2) continue;
+            const std::size_t turned = (i - first) % 2;
+            geometry_.rest.indices.insert(
+                geometry_.rest.indices.end(),
+                {corners[i - 2 + turned], corners[i - 1 - turned], corners[i]});
+        }
+    }
+
+    /// Reads faces or strips of triangles.
     Result<void> read_faces(const Element& element) {
-        has_faces_ = element.count != 0;
+        const bool are_strips = element.name == "tristrips";
+        has_faces_ = has_faces_ || element.count != 0;
+        has_face_colours_ =
+            has_face_colours_ ||
+            (element.count != 0 && std::ranges::any_of(element.properties, [](const Property& p) {
+                 return slot_of(p.name) == red;
+             }));
         std::vector<std::uint32_t> corners, triangles;
         for (std::uint64_t row = 0; row < element.count; ++row) {
             corners.clear();
@@ -314,16 +359,20 @@ private:
                 for (std::uint64_t i = 0; i < length; ++i) {
                     if (!values_.read(property.type, value))
                         return values_.refuse(element, row, std::string(cut));
+                    if (are_strips && value == -1) {
+                        corners.push_back(no_id);
+                        continue;
+                    }
                     if (!(value >= 0 && value < static_cast<double>(geometry_.positions.size())))
-                        return values_.refuse(
-                            element, row,
-                            fmt::format(
-                                "uses vertex {} of {}: the vertices come first and count from 0",
-                                value, geometry_.positions.size()));
+                        return values_.refuse(element, row,
+                                              fmt::format("uses vertex {} of {}: they count from 0",
+                                                          value, geometry_.positions.size()));
                     corners.push_back(static_cast<std::uint32_t>(value));
                 }
             }
-            if (corners.size() < 3) continue;
+            end_row();
+            if (are_strips) add_strips(corners);
+            if (are_strips || corners.size() < 3) continue;
             triangles.clear();
             triangulate(geometry_.positions, corners, triangles);
             for (const std::uint32_t place : triangles)
@@ -334,18 +383,24 @@ private:
 
     Result<void> skip(const Element& element) {
         double ignored = 0;
-        for (std::uint64_t row = 0; row < element.count; ++row)
+        for (std::uint64_t row = 0; row < element.count; ++row) {
             for (const Property& property : element.properties)
                 if (property.count ? !skip_list(property) : !values_.read(property.type, ignored))
                     return values_.refuse(element, row, std::string(cut));
+            values_.end_row();
+        }
         return {};
     }
+    void end_row() { long_rows_ += values_.end_row() ? 0U : 1U; }
 
     Values values_;
     FileGeometry geometry_;
     std::vector<double> radii_;
+    std::optional<std::pair<Element, Values>> early_;  ///< faces before all vertices, and where
     bool has_faces_ = false;
+    bool has_face_colours_ = false;
     bool is_float32_ = false;
+    std::uint64_t long_rows_ = 0;  ///< with more numbers than the header says
 };
 
 }  // namespace
@@ -357,6 +412,7 @@ Result<FileContent> read_ply(const ImportRequest& request, const ImportLimits&) 
     PlyReader reader({bytes.subspan(header->bytes), header->encoding});
     for (const Element& element : header->elements)
         if (auto done = reader.read(element); !done) return tl::unexpected<Error>(done.error());
+    if (auto done = reader.finish(); !done) return tl::unexpected<Error>(done.error());
     return reader.take();
 }
 

@@ -5,9 +5,14 @@
 #include <cmath>
 #include <cstdint>
 #include <limits>
+#include <string_view>
 #include <vector>
 
 namespace raynest {
+
+/// A warning of readers that take the colours of vertices.
+constexpr std::string_view face_colours_left_out =
+    "the colours of its faces are left out: those of vertices are read";
 
 /// A shade that the file leaves out.
 constexpr float no_shade = std::numeric_limits<float>::quiet_NaN();

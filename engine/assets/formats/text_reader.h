@@ -29,6 +29,11 @@ public:
     }
 
     [[nodiscard]] bool at_end() const { return at_ == end_; }
+    /// True for UTF-16: every other byte is NUL, which counts as a blank, so numbers would fall apart.
+    [[nodiscard]] bool is_utf16() const {
+        const std::string_view text(begin_, static_cast<std::size_t>(end_ - begin_));
+        return text.starts_with("\xFE\xFF") || text.starts_with("\xFF\xFE");
+    }
     [[nodiscard]] std::size_t offset() const { return static_cast<std::size_t>(at_ - begin_); }
 
     /// Returns the next word of this line; empty at its end.
@@ -118,8 +123,10 @@ private:
         return c == ' ' || c == '\t' || c == '\0' || c == '\v' || c == '\f';
     }
     static bool is_break(char c) { return c == '\n' || c == '\r'; }
+    /// A comment may follow at once; the '#' of "1.#QNAN" begins none.
     [[nodiscard]] bool is_word_end(const char* at) const {
-        return at == end_ || is_blank(*at) || is_break(*at);
+        return at == end_ || is_blank(*at) || is_break(*at) ||
+               (*at == '#' && at != begin_ && at[-1] != '.');
     }
     /// A number out of range is tiny if its exponent is negative.
     static bool is_tiny(const char* from, const char* to) {

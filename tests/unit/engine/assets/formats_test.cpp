@@ -255,6 +255,55 @@ TEST_CASE("names in an OBJ and its MTL files, as all readers of them find them")
     }
 }
 
+TEST_CASE("rows of PLY and OFF end where their formats say") {
+    const std::string header =
+        "ply\nformat ascii 1.0\nelement vertex 3\nproperty float x\nproperty float y\n"
+        "property float z\nelement face 2\nproperty list uchar int vertex_indices\nend_header\n";
+    const auto more = must_read("a.ply", header + "0 0 0 7\n1 0 0\n0 1 0\n3 0 1 2 9 9\n3 0 2 1\n");
+    CHECK(more.objects[0].geometries[0].indices == std::vector<std::uint32_t>{0, 1, 2, 0, 2, 1});
+    REQUIRE(more.warnings.size() == 1);
+    CHECK(more.warnings[0] == "2 rows have more numbers than the header says, which are left out");
+    const auto split = must_read("a.ply", header + "0 0\n0\n1 0 0\n0 1 0\n3 0\n1 2\n3 0 2 1\n");
+    CHECK(split.warnings.empty());
+    // OFF: the end of a line counts before a colour alone.
+    const auto off = must_read("a.off", "OFF\n3 1 0\n0 0\n0#a\n1 0 0\n\n0 1 0\n3 0\n1 # b\n2\n");
+    CHECK(off.objects[0].geometries[0].indices == std::vector<std::uint32_t>{0, 1, 2});
+    CHECK(off.warnings.empty());
+    const auto coloured = must_read("a.off", "OFF\n3 1 0\n0 0 0\n1 0 0\n0 1 0\n3 0 1 2 255 0 0\n");
+    REQUIRE(coloured.warnings.size() == 1);
+    CHECK(coloured.warnings[0].find("colours of its faces") != std::string::npos);
+}
+
+TEST_CASE("PLY has strips, and faces before the vertices") {
+    const std::string vertices =
+        "element vertex 4\nproperty float x\nproperty float y\nproperty float z\n";
+    const std::string points = "0 0 0\n1 0 0\n0 1 0\n1 1 0\n", head = "ply\nformat ascii 1.0\n";
+    const auto strips =
+        must_read("a.ply", head + vertices +
+                               "element tristrips 1\nproperty list int int vertex_indices\n"
+                               "end_header\n" +
+                               points + "8 0 1 2 3 -1 1 3 2\n");
+    CHECK(strips.objects[0].geometries[0].indices ==
+          std::vector<std::uint32_t>{0, 1, 2, 2, 1, 3, 1, 3, 2});
+    const auto early =
+        must_read("a.ply", head + "element face 1\nproperty list uchar int vertex_indices\n" +
+                               vertices + "end_header\n4 0 1 3 2\n" + points);
+    CHECK(area_of(early.objects[0].geometries[0]) == doctest::Approx(1));
+}
+
+TEST_CASE("an OBJ's face needs vertices alone") {
+    const auto scene = must_read(
+        "a.obj", triangle + "vn 0 0 1#up\nf 1/1/1 2/2/2 3/0/1\nf 1 2\nf 1//1 2//1 3//1\n");
+    CHECK(scene.objects[0].geometries[0].indices.size() == 6);
+    REQUIRE(scene.warnings.size() == 2);
+    const std::string warnings = scene.warnings[0] + scene.warnings[1];
+    CHECK(warnings.find("4 corners name a normal or texture coordinate that is not there") !=
+          std::string::npos);
+    CHECK(warnings.find("fewer than three corners") != std::string::npos);
+    CHECK(refusal("a.obj", triangle + "f 1 2 4\n").find("uses vertex 4 of 3") != std::string::npos);
+    CHECK(refusal("a.obj", std::string("\xFF\xFEv\0 \0", 6)).find("UTF-16") != std::string::npos);
+}
+
 TEST_CASE("damaged files are refused by the line") {
     for (const auto& [name, text, words] : {
              std::tuple{"a.obj", "v 0 0 0\nf 1 1 2\n", "line 2: the face uses vertex 2 of 1"},
@@ -265,7 +314,7 @@ TEST_CASE("damaged files are refused by the line") {
                         "line 4"},
              std::tuple{"a.ply", "ply\nformat ascii 2.0\nend_header\n", "no triangle"},
              std::tuple{"a.stl", "solid x\nvertex 1 2 3\nvertex 1 2 3\nendfacet\n", "2 vertices"},
-             std::tuple{"a.off", "OFF 3 1\n0 0 0\n0 0 1\n0 1 0\n3 0 1\n2\n", "face 0 of 1"},
+             std::tuple{"a.off", "OFF 3 1\n0 0 0\n0 0 1\n0 1 0\n3 0 1\n", "face 0 of 1"},
              std::tuple{"a.off", "OFF -1 1 0\n", "no count"},
              std::tuple{"a.laz", "x", "laszip"},
          })
