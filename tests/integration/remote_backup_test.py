@@ -22,19 +22,19 @@ class RemoteBackup(WithState):
         super().setUp()
         self.tar = self.folder / "scenes.tar"
 
-    def daemon_of_an_admin(self, *arguments):
+    def daemon_of_an_admin(self, *arguments, under=()):
         """Starts a daemon, and returns a client on its Unix socket, whose own user is an admin."""
         self.sockets = getattr(self, "sockets", 0) + 1
         uri = f"unix:{self.folder}/socket-{self.sockets}"
-        daemon = Daemon(self.raynestd, "--listen", uri, *arguments)
+        daemon = Daemon(self.raynestd, "--listen", uri, *arguments, under=under)
         self.addCleanup(daemon.folder.cleanup)
         self.addCleanup(daemon.process.wait)
         self.addCleanup(daemon.process.kill)
         self.user = Client(self.raynest, daemon.uri)
         return daemon, Client(self.raynest, uri)
 
-    def start(self, *arguments):
-        self.daemon, self.client = self.daemon_of_an_admin("--state", self.state, *arguments)
+    def start(self, *arguments, under=()):
+        self.daemon, self.client = self.daemon_of_an_admin("--state", self.state, *arguments, under=under)
         return self.client
 
     def load(self, *names):
