@@ -52,7 +52,7 @@ struct BlobFault {
     std::uint64_t inode = 0;          ///< of the file that was read
 };
 
-/// What a backup consists of: a copy of the manifest, whose file goes with it, and what it names.
+/// The contents of a backup: a copy of the manifest, whose file goes with it, and all that it names.
 struct StateCopy {
     std::filesystem::path manifest;
     std::uint64_t manifest_bytes = 0;

@@ -245,7 +245,7 @@ class ScenesOfParts(WithDaemon):
         other = self.client.scene_of({"ball": Spheres([[0, 0, 0]], 0.1252), "up": {"ball": ("ball", (0, 1, 0))}}, keep=True)
         self.assertNotEqual(other.name, scene.name)
         self.assertNotEqual(other.info["hash"], scene.info["hash"])
-        # What is in a group stands there alone.
+        # A part in a group stands there alone.
         self.assertEqual(scene.trace([[0, 9, 0, 0, -1, 0]], fields=("t",))["t"][0], np.float32(9 - 1 - 0.1251))
         self.assertEqual(scene.info["instances"], 1)
 

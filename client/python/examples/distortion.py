@@ -31,7 +31,7 @@ def options():
 
 
 def cars_at(scene, time):
-    """What stands on the road, seen straight from above: (low, high, velocity) of each car, by its number."""
+    """The cars on the road, seen straight from above: (low, high, velocity) of each car, by its number."""
     ground = np.stack(np.meshgrid(np.arange(-60, 60, 0.1), np.arange(-6, 6, 0.1)), -1).reshape(-1, 2)
     seen = scene.trace(terminal.from_above(scene, ground), fields=("position", "velocity", "inst", "hit"), time=time,
                        only=["car-*"])

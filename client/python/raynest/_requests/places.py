@@ -1,4 +1,4 @@
-"""What Client.scene_of() takes: parts of several kinds, and the places where they stand."""
+"""The arguments of Client.scene_of(): parts of several kinds, and the places where they stand."""
 from __future__ import annotations
 
 import graphlib
@@ -69,7 +69,7 @@ class Place:
 
 
 class Parts(NamedTuple):
-    """What a scene is made of, checked."""
+    """The makings of a scene, checked."""
 
     meshes: dict[str, Mesh]
     records: dict[str, Records]
