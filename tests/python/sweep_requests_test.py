@@ -266,6 +266,19 @@ class SweepRequests(WithDaemon):
             self.assertEqual(done.returncode, 2, done.stderr)
             self.assertIn(f"on the command line it is {instead}", done.stderr)
 
+    def test_a_lidar_with_a_trajectory_is_a_sweep(self):
+        trajectory = drive(4)
+        for azimuths in ((0, 360, 300), np.array([90.0, 30.0, 60.0, 0.0])):
+            made = generators.lidar(ELEVATIONS, azimuths, trajectory=trajectory, end=0.05, scans=2, tmax=40)
+            other = generators.sweep(ELEVATIONS, azimuths, trajectory=trajectory, end=0.05, scans=2, tmax=40)
+            fields = ("t", "prim", "origin", "direction", "time", "ring")
+            self.same(self.woods.trace(made, fields=fields), self.woods.trace(other, fields=fields))
+        for settings, said in (({"trajectory": trajectory, "pose": np.eye(4)}, "in motion goes without pose"),
+                               ({"trajectory": trajectory, "azimuth_offsets": [0, 1, 2]}, "goes without azimuth_offsets"),
+                               ({"end": 0.1}, "end goes with a trajectory"), ({"step_error": 0.1}, "goes with a trajectory")):
+            with self.assertRaisesRegex(raynest.UsageError, said):
+                generators.lidar(ELEVATIONS, **settings)
+
     def test_what_is_wrong_gets_a_line(self):
         times, poses = drive(4)
 

@@ -172,23 +172,36 @@ def equirectangular(*, size: tuple[int, int] = (960, 480), **sensor: Unpack[Sens
 
 @of_sensor
 def lidar(elevations: Any, azimuths: Any = (0.0, 360.0, 2048), *,
-          azimuth_offsets: Any = (), origin_offsets: Any = (), **sensor: Unpack[SensorPose]) -> Union[Lidar, Sweep]:
+          azimuth_offsets: Any = (), origin_offsets: Any = (), trajectory: Any = None, begin: Optional[float] = None,
+          end: Optional[float] = None, scans: Optional[int] = None, step_error: Optional[float] = None,
+          **sensor: Unpack[SensorPose]) -> Union[Lidar, Sweep]:
     """A rotating head with a channel for each of `elevations`. `azimuths` is (start, stop, count),
     counter-clockwise; stop itself is left out. `azimuth_offsets` (C,) turn channels, `origin_offsets`
     (C, 3) move them within the head. Ray c * count + j is channel c at azimuth j; `ring` of this object is the
     channel of each ray, and as one of `fields` a column of the answer.
 
+    With a `trajectory` it moves while it turns, as sweep() has it, which takes begin, end, scans and step_error too.
+
     `azimuths` may also be an array of other than three angles, in any order, also clockwise, and `elevations` more than
-    fit into a text: that is a sweep() which stands still at `pose`, without offsets, camera and look_at."""
+    fit into a text: that is a sweep() which stands still at `pose`. A sweep goes without offsets, camera and look_at."""
+    motion: dict[str, Any] = {name: value for name, value in (("begin", begin), ("end", end), ("scans", scans),
+                                                              ("step_error", step_error)) if value is not None}
+    if motion and trajectory is None:
+        raise UsageError(f"{next(iter(motion))} goes with a trajectory")
     turn = turn_of(azimuths) if isinstance(azimuths, tuple) or np.shape(azimuths) in ((3,), ()) else None
-    if turn is None or np.size(elevations) > _limits.list_items_max:
+    if trajectory is not None or turn is None or np.size(elevations) > _limits.list_items_max:
+        is_moving = trajectory is not None
         if given := [name for name, value in (("azimuth_offsets", np.size(azimuth_offsets)), ("origin_offsets", np.size(origin_offsets)),
+                                              ("pose", is_moving and sensor.get("pose") is not None),
                                               *((key, sensor.get(key) is not None) for key in ("camera", "look_at"))) if value]:
-            raise UsageError(f"a lidar whose angles are a list goes without {' and '.join(given)}; `pose` says where it stands")
-        pose = sensor.get("pose")
-        standing = np.eye(3, 4) if pose is None else numbers("pose", pose)
-        return sweep(elevations, turn or azimuths, trajectory=([0.0], standing[None]), begin=0.0, end=0.0,
-                     tmin=sensor.get("tmin"), tmax=sensor.get("tmax"))
+            raise UsageError(f"a lidar {'in motion' if is_moving else 'whose angles are a list'} goes without "
+                             f"{' and '.join(given)}; `{'trajectory' if is_moving else 'pose'}` says where it stands")
+        if not is_moving:
+            pose = sensor.get("pose")
+            trajectory = [0.0], (np.eye(3, 4) if pose is None else numbers("pose", pose))[None]
+            motion = {"begin": 0.0, "end": 0.0}
+        return sweep(elevations, turn or azimuths, trajectory=trajectory, tmin=sensor.get("tmin"), tmax=sensor.get("tmax"),
+                     **motion)
     columns = turn[2]
     offsets = _offsets(origin_offsets)
     each = {"elevations": numbers("elevations", elevations).size,
