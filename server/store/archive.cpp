@@ -9,6 +9,7 @@
 #include <algorithm>
 #include <cerrno>
 #include <cstring>
+#include <ctime>
 #include <string_view>
 #include <utility>
 
@@ -67,7 +68,7 @@ Head head_of(const std::string& name, std::uint64_t bytes) {
     put_octal(head, owner_field, 0);
     put_octal(head, group_field, 0);
     put_size(head, bytes);
-    put_octal(head, time_field, 0);
+    put_octal(head, time_field, static_cast<std::uint64_t>(std::time(nullptr)));
     head[type_at] = std::byte{'0'};
     put(head, magic_field, magic);
     put(head, sum_field, fmt::format("{:06o}", sum_of(head)) + std::string("\0 ", 2));

@@ -3,6 +3,7 @@
 // are the same.
 //
 // RAYNEST_CHAOS_SEEDS sets the number of seeds per point.
+#include "protocol/edit_row.h"
 #include "protocol/hash.h"
 #include "tests/integration/chaos_proxy.h"
 #include "tests/integration/daemon.h"
@@ -131,6 +132,42 @@ Learnt upload(std::uint16_t port) {
         .learnt();
 }
 
+/// Loads a scene, moves and hides a part of it, and drops it.
+Learnt edit(std::uint16_t port) {
+    wire::LoadT load;
+    load.source = "builtin:forest?trees=2";
+    load.name = "sent";
+    std::array<protocol::EditRow, 2> rows{};
+    rows[0] = {protocol::EditRow::move,
+               0,
+               protocol::EditRow::number,
+               protocol::EditRow::world,
+               {1, 0, 0, 0.5, 0, 1, 0, 0, 0, 0, 1, 0}};
+    rows[1] = {protocol::EditRow::set_mask, 0, protocol::EditRow::text, 2, {}};
+    wire::EditT edit;
+    edit.scene = "sent";
+    edit.epoch = 1;
+    edit.rows = rows.size();
+    edit.targets = {"birch-*"};
+    protocol::Bulk bulk;
+    bulk.add("data", wire::Dtype::u8, 1, sizeof rows);
+    bulk.allocate();
+    std::memcpy(bulk.block(0).data(), rows.data(), sizeof rows);
+    wire::UnloadT unload;
+    unload.scene = "sent";
+    Client client(port);
+    return client.say(0, wire::HelloT{})
+        .until(Message::Welcome)
+        .say(5, load)
+        .until(Message::Loaded)
+        .say(6, edit)
+        .send(protocol::encode(6, wire::UploadT{}, std::move(bulk)).value())
+        .until(Message::Edited)
+        .say(7, unload)
+        .until(Message::Unloaded)
+        .learnt();
+}
+
 struct Script {
     Learnt (*run)(std::uint16_t port);
     std::vector<Point> points;
@@ -158,7 +195,14 @@ std::vector<Script> scripts() {
           {Message::Upload, control},
           {Message::Upload, bulk},
           {Message::Loaded, header},
-          {Message::Loaded, control}}}};
+          {Message::Loaded, control}}},
+        {edit,
+         {{Message::Edit, header},
+          {Message::Edit, control},
+          {Message::Upload, header},
+          {Message::Upload, bulk},
+          {Message::Edited, header},
+          {Message::Edited, control}}}};
 }
 
 std::uint64_t seeds() {
