@@ -82,10 +82,10 @@ def sweep_of(scene, traffic, args, begin, steps):
             edit.place(traffic.names, traffic.poses((first + last) / 2))
             edit.move(traffic.wheels, traffic.turns(last - first), frame="own")
         editing += time.perf_counter() - started
-        sweep = raynest.sweeps.lidar(np.linspace(-25, 10, args.channels), chosen, begin=first, end=last,
-                                     trajectory=(times, poses))
+        sweep = raynest.generators.sweep(np.linspace(-25, 10, args.channels), chosen, begin=first, end=last,
+                                         trajectory=(times, poses))
         # The sensor does not see the car that it stands on.
-        seen = scene.trace(sweep.rays, fields=("t", "position", "inst", "hit"), epoch=edit.epoch, hide=["car-0"])
+        seen = scene.trace(sweep, fields=("t", "position", "inst", "hit"), epoch=edit.epoch, hide=["car-0"])
         parts.append({"position": seen["position"], "where": seen["hit"], "ring": sweep.ring, "time": sweep.time,
                       "distance": seen["t"], "instance": seen["inst"]})
     return {name: np.concatenate([part[name] for part in parts]) for name in parts[0]}, edit, editing
