@@ -8,7 +8,6 @@
 #include <algorithm>
 #include <filesystem>
 #include <fstream>
-#include <iterator>
 #include <map>
 #include <memory>
 #include <string>
@@ -29,7 +28,9 @@ struct Files {
     }
     static std::string read(const fs::path& file) {
         std::ifstream stream(file, std::ios::binary);
-        return {std::istreambuf_iterator<char>(stream), {}};
+        std::string bytes(fs::file_size(file), '\0');
+        stream.read(bytes.data(), static_cast<std::streamsize>(bytes.size()));
+        return bytes;
     }
 };
 
