@@ -42,7 +42,7 @@ void print_scenes(const Json& report) {
     print("restored", " is back");
     print("mended", " was damaged and is whole again");
     print("kept", " stays as it is here: to have the backup's, unload it, then restore it");
-    print("missing", " is damaged in the backup, too");
+    print("missing", " is damaged in the backup");
 }
 
 }  // namespace

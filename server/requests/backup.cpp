@@ -11,9 +11,9 @@
 #include <sys/stat.h>
 
 #include <filesystem>
+#include <map>
 #include <memory>
 #include <optional>
-#include <set>
 #include <string>
 #include <utility>
 
@@ -70,16 +70,18 @@ private:
         if (!copy) return refuse(copy.error());
         copy_ = std::move(*copy);
         source_.add("manifest.sqlite", copy_->manifest, copy_->manifest_bytes);
-        std::set<std::string> added;
+        std::map<std::string, bool> is_whole;  // by digest
         for (const StoredScene& row : copy_->rows) {
-            if (!added.insert(row.digest).second) continue;
             const auto blob = services_.state->path() / "blobs" / row.digest;
+            const auto [known, is_new] = is_whole.try_emplace(row.digest, false);
             struct stat found {};
+            if (is_new)
+                known->second = ::lstat(blob.c_str(), &found) == 0 && S_ISREG(found.st_mode) &&
+                                static_cast<std::uint64_t>(found.st_size) == row.bytes;
             // One that is damaged keeps no other from its backup.
-            if (::lstat(blob.c_str(), &found) == 0 && S_ISREG(found.st_mode) &&
-                static_cast<std::uint64_t>(found.st_size) == row.bytes)
+            if (is_new && known->second)
                 source_.add("blobs/" + row.digest, blob, row.bytes);
-            else if (notes_.size() < services_.limits.list_items_max)
+            else if (!known->second && notes_.size() < services_.limits.list_items_max)
                 notes_.push_back("the scene " + row.owner + "/" + row.name +
                                  " is damaged: the backup has its name alone");
         }

@@ -1,5 +1,5 @@
-// RESTORE: brings scenes of a backup back while the daemon goes on. Those whose names are free, and
-// those that are damaged and of which the backup has the same content; all others stay as they are.
+// RESTORE: brings scenes of a backup back while the daemon goes on: those whose names are free, and
+// those that are damaged here. All others stay as they are.
 //
 //   Uploads ──► files of the state folder ──► rows ──► (names locked ──► committed ──► entered)...
 #include "protocol/answer.h"
@@ -34,6 +34,9 @@ constexpr std::size_t batch_scenes = 128;
 /// Bytes of the manifest in memory, for each of its own: its rows, and the edits of one scene.
 constexpr std::uint64_t manifest_copies = 2;
 
+/// An epoch that a manifest can have; what is told of it may grow for ever.
+constexpr std::uint64_t epoch_most = 1ULL << 60;
+
 std::string full_name(const StoredScene& row) {
     return row.owner + "/" + row.name;
 }
@@ -51,10 +54,10 @@ public:
 
     ~RestoreJob() override {
         // Rows of a job that was stopped between their commit and their entry.
-        for (ReturningScene& scene : committed_) {
-            scene.row.number = scene.number;
-            services_.state->undo(scene.row, nullptr);
-        }
+        for (const ReturningScene& scene : committed_)
+            services_.state->undo(
+                scene.new_row(),
+                scene.before ? std::make_unique<StoredScene>(*scene.before) : nullptr);
     }
 
     Reply<std::uint64_t> feed(protocol::Frame frame) override {
@@ -166,19 +169,25 @@ private:
             return services_.budget.refuse("the backup's manifest", needed, caller_.principal,
                                            "start raynestd with a larger --memory");
         lease_ = std::move(*lease);
+        // Its errors name a file that nobody knows.
+        const auto damaged = refuse(Code::scene_invalid,
+                                    "the manifest of the backup is damaged, or a newer release of "
+                                    "raynestd wrote it; nothing was changed");
         auto manifest = Manifest::open(target_.manifest(), true);
-        if (!manifest) return not_restored(manifest.error());
+        if (!manifest) return damaged;
         manifest_.emplace(std::move(*manifest));
         auto rows = manifest_->rows();
-        if (!rows) return not_restored(rows.error());
+        if (!rows) return damaged;
         std::set<std::string> unknown(wanted_.begin(), wanted_.end());
         for (StoredScene& row : *rows) {
             unknown.erase(full_name(row));
             if (!wanted_.empty() && std::ranges::find(wanted_, full_name(row)) == wanted_.end())
                 continue;
             auto edits = manifest_->sum_of_edits(row.number);
-            if (!edits) return not_restored(edits.error());
+            if (!edits || row.epoch > epoch_most || edits->epoch_last > epoch_most) return damaged;
             ReturningScene& scene = rows_.emplace_back();
+            const auto changes = manifest_->edits(row.number);
+            scene.is_damaged = !changes || !gap_in(*changes, row.epoch).empty();
             scene.row = std::move(row);
             scene.edits = std::move(*edits);
         }
@@ -198,14 +207,17 @@ private:
         return {};
     }
 
-    /// Keeps loads from the next names; waits for those under way. On a blocking thread.
+    /// Keeps loads from the next names; waits for those under way. Looks for their blobs. On a
+    /// blocking thread.
     Reply<void> lock(const Stop& stop) {
         batch_end_ = std::min(next_row_ + batch_scenes, rows_.size());
+        stored_.clear();
         for (std::size_t i = next_row_; i < batch_end_; ++i) {
             const StoredScene& row = rows_[i].row;
             locks_.push_back(services_.state->lock_name(row.owner, row.name,
                                                         [&stop] { return stop.requested(); }));
             if (!locks_.back()) return refuse(Code::cancelled, "");
+            if (services_.state->has_blob(row.digest)) stored_.insert(row.digest);
         }
         return {};
     }
@@ -213,32 +225,42 @@ private:
     /// Chooses those of the next that come back.
     void choose() {
         for (; next_row_ < batch_end_; ++next_row_) {
+            using State = SceneStore::Place::State;
             ReturningScene& scene = rows_[next_row_];
-            const std::string name = full_name(scene.row);
-            const auto place = services_.scenes.place_for(scene.row);
-            if (place == SceneStore::Place::taken)
-                taken_.push_back(name);
-            else if (!target_.blobs().contains(scene.row.digest))
-                missing_.push_back(name);
-            else if (place == SceneStore::Place::damaged)
-                mended_.push_back({name, scene.row.digest});
-            else
+            const StoredScene& row = scene.row;
+            const auto place = services_.scenes.place_for(row);
+            if (place.state == State::taken) {
+                taken_.push_back(full_name(row));
+            } else if (const auto blob = target_.blobs().find(row.digest);
+                       blob == target_.blobs().end() || blob->second.bytes != row.bytes ||
+                       scene.is_damaged) {
+                missing_.push_back(full_name(row));
+            } else if (place.state == State::damaged && place.row.digest == row.digest &&
+                       !stored_.contains(row.digest)) {
+                // Its kept edits stay, also those made since the backup.
+                mended_.push_back({full_name(row), row.digest});
+            } else {
+                if (place.state == State::damaged) scene.before = place.row;
+                scene.later = std::max(place.epoch, row.epoch) - row.epoch;
                 returning_.push_back(std::move(scene));
+            }
         }
     }
 
     /// Has their blobs and rows on the disk. On a thread for the disk.
     Reply<void> commit() {
         std::map<std::string, std::filesystem::path> files;
-        for (std::size_t i = mended_entered_; i < mended_.size(); ++i)
-            files.insert(*target_.blobs().find(mended_[i].digest));
-        for (const ReturningScene& scene : returning_)
-            files.insert(*target_.blobs().find(scene.row.digest));
-        const auto pins = services_.state->take_blobs(files);
+        const auto need = [&](const std::string& digest) {
+            if (!pins_.contains(digest)) files[digest] = target_.blobs().at(digest).file;
+        };
+        for (std::size_t i = mended_entered_; i < mended_.size(); ++i) need(mended_[i].digest);
+        for (const ReturningScene& scene : returning_) need(scene.row.digest);
+        auto pins = services_.state->take_blobs(files);
         if (!pins) return not_restored(pins.error());
+        pins_.merge(*pins);
         for (ReturningScene& scene : returning_) {
             scene.number = services_.state->next_number();
-            scene.blob = pins->at(scene.row.digest);
+            scene.blob = pins_.at(scene.row.digest);
         }
         if (const auto put = services_.state->put(returning_, *manifest_); !put)
             return not_restored(put.error());
@@ -250,6 +272,7 @@ private:
     void enter() {
         for (const ReturningScene& scene : committed_) {
             services_.scenes.adopt(scene);
+            if (scene.before) services_.state->forget(scene.before->number);
             restored_.push_back(full_name(scene.row));
         }
         committed_.clear();
@@ -301,6 +324,8 @@ private:
     std::size_t next_row_ = 0;
     std::size_t batch_end_ = 0;
     std::vector<std::shared_ptr<void>> locks_;
+    std::map<std::string, BlobPin> pins_;    ///< of blobs that were taken, until the end
+    std::set<std::string> stored_;           ///< digests of this batch's blobs that are there
     std::vector<ReturningScene> returning_;  ///< of this batch
     std::vector<ReturningScene> committed_;  ///< likewise, once their rows are on the disk
     struct Mended {

@@ -1,5 +1,6 @@
 #include "server/store/archive.h"
 
+#include "engine/scene/digest.h"
 #include "server/store/manifest.h"
 
 #include <fcntl.h>
@@ -169,7 +170,7 @@ Result<void> ArchiveSource::read(std::uint64_t offset, std::span<std::byte> into
 
 ArchiveTarget::~ArchiveTarget() {
     if (!manifest_.empty()) ::unlink(manifest_.c_str());
-    for (const auto& [digest, file] : blobs_) ::unlink(file.c_str());
+    for (const auto& [digest, blob] : blobs_) ::unlink(blob.file.c_str());
 }
 
 Result<void> ArchiveTarget::begin(std::span<const std::byte> head) {
@@ -196,17 +197,38 @@ Result<void> ArchiveTarget::begin(std::span<const std::byte> head) {
     const bool is_manifest = name == manifest_name;
     if ((type != '0' && type != '\0') || (!is_blob && !is_manifest))
         return refused("it holds what no backup has");
-    std::filesystem::path& place = is_blob ? blobs_[std::string(name)] : manifest_;
+    if (is_blob) blob_ = name;
+    Blob* const blob = is_blob ? &blobs_[blob_] : nullptr;
+    std::filesystem::path& place = is_blob ? blob->file : manifest_;
     if (!place.empty()) return refused("it holds a file twice");
+    if (is_blob) blob->bytes = left_;
     place = state_.new_path();
     file_ = std::make_unique<File>(place, O_WRONLY | O_CREAT | O_EXCL, S_IRUSR | S_IWUSR);
     if (!file_->is_open()) return disk_refuses(errno);
     return {};
 }
 
+Result<void> ArchiveTarget::hash_piece() {
+    Sha256 digest{};
+    if (!hash_bytes(std::exchange(piece_, {}), digest)) return no_sha256();
+    digests_.insert(digests_.end(), digest.begin(), digest.end());
+    return {};
+}
+
 Result<void> ArchiveTarget::end_file() {
-    if (file_ && ::fsync(file_->number()) != 0) return state_.flush_failed(errno);
+    if (file_ == nullptr) return {};
+    if (::fsync(file_->number()) != 0) return state_.flush_failed(errno);
     file_ = nullptr;
+    const std::string blob = std::exchange(blob_, {});
+    if (blob.empty()) return {};
+    if (!piece_.empty())
+        if (auto hashed = hash_piece(); !hashed) return hashed;
+    Sha256 whole{};
+    if (!hash_bytes(std::as_bytes(std::span(digests_)), whole)) return no_sha256();
+    digests_.clear();
+    if (digest_text(whole) == blob) return {};
+    ::unlink(blobs_.at(blob).file.c_str());
+    blobs_.erase(blob);
     return {};
 }
 
@@ -222,6 +244,14 @@ Result<void> ArchiveTarget::take(std::span<const std::byte> bytes) {
                 at += static_cast<std::size_t>(done);
             }
             left_ -= count;
+            for (auto rest = bytes.first(count); !blob_.empty() && !rest.empty();) {
+                const std::size_t more = std::min(digest_piece_bytes - piece_.size(), rest.size());
+                piece_.insert(piece_.end(), rest.begin(),
+                              rest.begin() + static_cast<std::ptrdiff_t>(more));
+                rest = rest.subspan(more);
+                if (piece_.size() == digest_piece_bytes)
+                    if (auto hashed = hash_piece(); !hashed) return hashed;
+            }
             bytes = bytes.subspan(count);
             if (left_ != 0) continue;
         }

@@ -63,23 +63,30 @@ public:
     [[nodiscard]] Result<void> finish();
 
     [[nodiscard]] const std::filesystem::path& manifest() const { return manifest_; }
-    /// The files of blobs, flushed, by digest.
-    [[nodiscard]] const std::map<std::string, std::filesystem::path>& blobs() const {
-        return blobs_;
-    }
+    struct Blob {
+        std::filesystem::path file;
+        std::uint64_t bytes = 0;
+    };
+    /// The blobs, flushed, by digest. Those whose bytes have another are left out.
+    [[nodiscard]] const std::map<std::string, Blob>& blobs() const { return blobs_; }
 
 private:
     [[nodiscard]] Result<void> begin(std::span<const std::byte> head);
     [[nodiscard]] Result<void> end_file();
+    /// Hashes a piece of a blob, as arena_digest() does.
+    [[nodiscard]] Result<void> hash_piece();
 
     StateFolder& state_;
     std::vector<std::byte> head_;  ///< what has come of the next one
     std::unique_ptr<File> file_;   ///< null: what comes is skipped
     std::uint64_t left_ = 0;       ///< bytes of the file that are to come
     std::size_t padding_ = 0;      ///< and of its padding
+    std::string blob_;             ///< the digest that the file is to have; empty: it is no blob
+    std::vector<std::byte> piece_;
+    std::vector<unsigned char> digests_;  ///< of the pieces before it
     bool ended_ = false;
     std::filesystem::path manifest_;
-    std::map<std::string, std::filesystem::path> blobs_;
+    std::map<std::string, Blob> blobs_;
 };
 
 }  // namespace raynest::server

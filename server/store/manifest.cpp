@@ -77,10 +77,6 @@ std::string gap_in(const std::vector<KeptEdit>& edits, std::uint64_t epoch) {
     return "";
 }
 
-namespace {
-
-/// True for what put() may have written. A checksum tells damage alone: whoever can write rows can
-/// write checksums, too.
 bool is_sound(const StoredScene& scene) {
     constexpr std::uint64_t most = 1ULL << 62;
     constexpr std::int64_t seconds_max = std::int64_t{1} << 40;
@@ -93,8 +89,6 @@ bool is_sound(const StoredScene& scene) {
            is_name(scene.owner) && is_name(scene.name) && is_digest(scene.digest) &&
            (scene.content.empty() || is_digest(scene.content));
 }
-
-}  // namespace
 
 bool is_digest(std::string_view text) {
     constexpr std::size_t digits = 64;
@@ -205,12 +199,14 @@ Result<void> Manifest::check() {
     if (found < 1) return damaged(fmt::format("it has version {}", found));
     if (foreign.step() != SQLITE_DONE)
         return damaged("it has what raynestd has not put there: " + foreign.text());
-    // A column that is computed may have any length.
-    Statement computed(*this,
-                       "SELECT c.name FROM sqlite_schema t, pragma_table_xinfo(t.name) c WHERE "
-                       "t.type = 'table' AND c.hidden <> 0 LIMIT 1");
+    // A column that is computed may have any length, and so may one that rows do not have.
+    Statement computed(
+        *this,
+        "SELECT c.name FROM sqlite_schema t, pragma_table_xinfo(t.name) c WHERE "
+        "t.type = 'table' AND (c.hidden <> 0 OR ifnull(c.dflt_value, '''''') <> '''''') "
+        "LIMIT 1");
     if (computed.step() != SQLITE_DONE)
-        return damaged("its column " + computed.text() + " is computed");
+        return damaged("its column " + computed.text() + " is computed, or has a default");
     has_edits_ = found > 1;
     has_content_ = found > 2;
     return {};

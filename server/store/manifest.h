@@ -64,6 +64,10 @@ struct SceneUse {
     bool pinned = false;
 };
 
+/// True for what a row may have. A checksum tells damage alone: whoever can write rows can write
+/// checksums, too.
+[[nodiscard]] bool is_sound(const StoredScene& scene);
+
 /// True for what names a blob: 64 hex digits.
 [[nodiscard]] bool is_digest(std::string_view text);
 

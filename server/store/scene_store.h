@@ -146,11 +146,15 @@ public:
 
     /// Enters the scenes of a state folder; they are on the disk alone.
     void adopt(StateFolder& state);
-    /// Whether a scene of a backup can come back: its name is free, or stands for a damaged scene,
-    /// which needs this blob, or is another's.
-    enum class Place { free, damaged, taken };
+    /// What a scene of a backup finds under its owner and name.
+    struct Place {
+        enum class State { free, damaged, taken } state = State::free;
+        StoredScene row = {};     ///< of a damaged scene
+        std::uint64_t epoch = 1;  ///< the first that was not told there
+    };
     [[nodiscard]] Place place_for(const StoredScene& row) const;
-    /// Enters one whose row has been committed under a free name; it is on the disk alone.
+    /// Enters one whose row has been committed, under a free name or in the place of a damaged scene;
+    /// it is on the disk alone.
     void adopt(const ReturningScene& scene);
     /// The blob of damaged scenes is whole again: what was said of the damage is forgotten.
     void mend(const std::string& digest);

@@ -15,6 +15,32 @@ StateCopy::~StateCopy() {
     if (!manifest.empty()) ::unlink(manifest.c_str());
 }
 
+StoredScene ReturningScene::new_row() const {
+    StoredScene made = row;
+    made.number = number;
+    made.epoch += later;
+    return made;
+}
+
+KeptEdits ReturningScene::new_edits() const {
+    KeptEdits made = edits;
+    made.last.number = number;
+    made.last.epoch += later;
+    made.last.before += later;
+    made.epoch_last += later;
+    return made;
+}
+
+bool StateFolder::has_blob(const std::string& digest) const {
+    struct stat found {};
+    return ::lstat(blob(digest).c_str(), &found) == 0;
+}
+
+Result<void> StateFolder::put_locked(const StoredScene& row) {
+    if (is_sound(row)) return manifest_->put(row);
+    return fail(ErrorCode::io_failed, "the scene '" + row.name + "' has what no row may have");
+}
+
 Result<std::unique_ptr<StateCopy>> StateFolder::copy() {
     const std::lock_guard lock(mutex_);
     commit_locked();
@@ -69,15 +95,15 @@ Result<void> StateFolder::put(const std::vector<ReturningScene>& scenes, Manifes
     commit_locked();
     if (const auto good = usable(); !good) return good;
     const auto put_one = [&](const ReturningScene& scene) -> Result<void> {
-        StoredScene row = scene.row;
-        row.number = scene.number;
-        if (auto put = manifest_->put(row); !put) return put;
+        if (auto put = put_locked(scene.new_row()); !put) return put;
         auto edits = backup.edits(scene.row.number);
         if (!edits) return tl::unexpected(edits.error());
         edits->push_back({.number = scene.number, .epoch = scene.edits.epoch_last});
         if (scene.edits.epoch_last <= scene.edits.last.epoch) edits->pop_back();
         for (KeptEdit& edit : *edits) {
             edit.number = scene.number;
+            edit.epoch += scene.later;
+            edit.before += scene.later;
             if (auto put = manifest_->put(edit); !put) return put;
         }
         return {};
@@ -90,11 +116,7 @@ Result<void> StateFolder::put(const std::vector<ReturningScene>& scenes, Manifes
         });
     });
     if (!put) return put;
-    for (const ReturningScene& scene : scenes) {
-        StoredScene row = scene.row;
-        row.number = scene.number;
-        enter_locked(row);
-    }
+    for (const ReturningScene& scene : scenes) enter_locked(scene.new_row());
     return {};
 }
 

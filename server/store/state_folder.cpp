@@ -312,7 +312,7 @@ void StateFolder::commit_locked() {
                 for (const auto& edit : edits) {
                     if (broken_.contains(edit->edit.number)) continue;
                     Result<void> put;
-                    if (edit->row) put = manifest_->put(*edit->row);
+                    if (edit->row) put = put_locked(*edit->row);
                     if (put && edit->row) put = manifest_->remove_edits(edit->ended);
                     if (put) put = manifest_->put(edit->edit);
                     if (!put) return put;
@@ -357,7 +357,7 @@ Result<void> StateFolder::put(const StoredScene& scene) {
     const std::lock_guard lock(mutex_);
     commit_locked();
     if (const auto good = usable(); !good) return good;
-    if (const auto put = timed([&] { return manifest_->put(scene); }); !put) return put;
+    if (const auto put = timed([&] { return put_locked(scene); }); !put) return put;
     enter_locked(scene);
     collect_locked();
     return {};

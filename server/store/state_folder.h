@@ -70,7 +70,13 @@ struct ReturningScene {
     StoredScene row;           ///< as it is there
     KeptEdits edits;           ///< likewise
     std::uint64_t number = 0;  ///< the new one of its row
+    std::uint64_t later = 0;   ///< what is added to its epochs
     BlobPin blob = {};
+    std::optional<StoredScene> before = {};  ///< of the damaged scene in whose place it comes
+    bool is_damaged = false;                 ///< in the backup
+    /// The row and the sum of edits that it has from now on.
+    [[nodiscard]] StoredScene new_row() const;
+    [[nodiscard]] KeptEdits new_edits() const;
 };
 
 /// Reads the blob of a scene in the state folder `folder`, and checks its digest and its arena.
@@ -160,6 +166,7 @@ public:
     /// them. Fails with io_failed.
     [[nodiscard]] Result<std::map<std::string, BlobPin>> take_blobs(
         const std::map<std::string, std::filesystem::path>& files);
+    [[nodiscard]] bool has_blob(const std::string& digest) const;
     /// Commits the rows of scenes, whose blobs are kept, with their edits in the manifest of the
     /// backup: of all or none.
     [[nodiscard]] Result<void> put(const std::vector<ReturningScene>& scenes, Manifest& backup);
@@ -191,6 +198,8 @@ private:
     void let_go(const std::string& digest);
     void collect_locked();
     void commit_locked();
+    /// Puts a row, unless the next start would refuse it.
+    [[nodiscard]] Result<void> put_locked(const StoredScene& row);
     /// Notes that a row stands for its owner and name.
     void enter_locked(const StoredScene& row);
     [[nodiscard]] Result<void> write_blob(const std::string& digest,

@@ -180,15 +180,19 @@ SceneStore::Entry SceneStore::stored_entry(const StoredScene& row, const KeptEdi
 
 SceneStore::Place SceneStore::place_for(const StoredScene& row) const {
     const Entry* const entry = own_entry(row.name, {row.owner});
-    if (entry == nullptr) return Place::free;
-    return entry->damage.empty() || entry->stored.digest != row.digest ? Place::taken
-                                                                       : Place::damaged;
+    if (entry == nullptr) return {};
+    return {entry->damage.empty() ? Place::State::taken : Place::State::damaged, entry->stored,
+            std::max(entry->next_epoch(), entry->epoch_reserved + 1)};
 }
 
 void SceneStore::adopt(const ReturningScene& scene) {
-    StoredScene row = scene.row;
-    row.number = scene.number;
-    entries_.emplace(row.name, stored_entry(row, scene.edits, scene.blob));
+    Entry entry = stored_entry(scene.new_row(), scene.new_edits(), scene.blob);
+    if (const Entry* const damaged = own_entry(scene.row.name, {scene.row.owner})) {
+        entry.holders = damaged->holders;
+        entry.pinned = damaged->pinned;
+        std::erase_if(entries_, [&](const auto& known) { return &known.second == damaged; });
+    }
+    entries_.emplace(scene.row.name, std::move(entry));
 }
 
 void SceneStore::mend(const std::string& digest) {

@@ -1,6 +1,7 @@
 // The stream of a backup: the same bytes come out, however they are cut, and sizes of any length.
 #include "server/store/archive.h"
 
+#include "engine/scene/digest.h"
 #include "tests/temporary_folder.h"
 
 #include <doctest/doctest.h>
@@ -34,8 +35,8 @@ struct Files {
     }
 };
 
-std::string digest(char digit) {
-    return std::string(64, digit);
+std::string digest_of(const std::string& bytes) {
+    return arena_digest(std::as_bytes(std::span(bytes))).value();
 }
 
 std::vector<std::byte> stream_of(ArchiveSource& source, std::uint64_t piece) {
@@ -47,14 +48,15 @@ std::vector<std::byte> stream_of(ArchiveSource& source, std::uint64_t piece) {
 }
 
 TEST_CASE_FIXTURE(Files, "a backup comes out as it went in, however it is cut") {
-    const std::map<std::string, std::string> contents = {{digest('a'), ""},
-                                                         {digest('b'), std::string(512, 'b')},
-                                                         {digest('c'), std::string(70'001, 'c')}};
+    std::map<std::string, std::string> contents;
+    for (const std::size_t size :
+         {std::size_t{0}, std::size_t{512}, digest_piece_bytes, std::size_t{170'001}})
+        contents[digest_of(std::string(size, 'c'))] = std::string(size, 'c');
     ArchiveSource source;
     const std::string manifest(1'000, 'm');
     source.add("manifest.sqlite", write("m", manifest), manifest.size());
     for (const auto& [name, bytes] : contents)
-        source.add("blobs/" + name, write(name.substr(0, 1), bytes), bytes.size());
+        source.add("blobs/" + name, write(name.substr(0, 9), bytes), bytes.size());
     const auto state = StateFolder::open(path).value();
     for (const std::uint64_t piece :
          {std::uint64_t{1}, std::uint64_t{511}, std::uint64_t{100'000}}) {
@@ -68,7 +70,19 @@ TEST_CASE_FIXTURE(Files, "a backup comes out as it went in, however it is cut") 
             REQUIRE(target.finish());
             CHECK(read(target.manifest()) == manifest);
             REQUIRE(target.blobs().size() == contents.size());
-            for (const auto& [name, file] : target.blobs()) CHECK(read(file) == contents.at(name));
+            for (const auto& [name, blob] : target.blobs()) {
+                CHECK(read(blob.file) == contents.at(name));
+                CHECK(blob.bytes == contents.at(name).size());
+            }
+        }
+        // A blob whose bytes have changed is left out, alone.
+        std::vector<std::byte> flipped = whole;
+        flipped[flipped.size() - 2 * tar_block_bytes - 600] ^= std::byte{1};
+        {
+            ArchiveTarget target(*state);
+            REQUIRE(target.take(flipped));
+            REQUIRE(target.finish());
+            CHECK(target.blobs().size() == contents.size() - 1);
         }
         CHECK(fs::is_empty(path / "blobs"));
         // One byte less of the last file and its padding is one that was cut off.
@@ -83,7 +97,7 @@ TEST_CASE_FIXTURE(Files, "a file beyond 8 GiB keeps its size") {
     const fs::path large = write("large", "x");
     fs::resize_file(large, bytes);  // sparse
     ArchiveSource source;
-    source.add("blobs/" + digest('d'), large, bytes);
+    source.add("blobs/" + std::string(64, 'd'), large, bytes);
     CHECK(source.bytes() == 512 + (9ULL << 30) + 512 + 1024);
     std::vector<std::byte> head(tar_block_bytes);
     REQUIRE(source.read(0, head));
@@ -99,7 +113,7 @@ TEST_CASE_FIXTURE(Files, "a file beyond 8 GiB keeps its size") {
     const auto state = StateFolder::open(path).value();
     ArchiveTarget target(*state);
     REQUIRE(target.take(head));
-    CHECK(target.blobs().contains(digest('d')));
+    CHECK(target.blobs().contains(std::string(64, 'd')));
     std::vector<std::byte> wrong = head;
     wrong[124 + 11] ^= std::byte{1};
     ArchiveTarget other(*state);

@@ -183,6 +183,21 @@ TEST_CASE("a write that is stopped leaves nothing") {
     CHECK(names_in(test.blobs).empty());
 }
 
+TEST_CASE("nothing is written that the next start would refuse, nor read that has any length") {
+    const Folder test;
+    {
+        const auto state = test.open();
+        test.store(*state, "a", *test.one);
+        StoredScene late = row("b", *test.one, state->next_number());
+        late.epoch = 1ULL << 62;
+        CHECK_FALSE(state->put(late));
+    }
+    CHECK(test.open()->found().size() == 1);
+    test.run("ALTER TABLE scenes ADD COLUMN more TEXT NOT NULL DEFAULT 'long'");
+    CHECK(test.refusal().find("its column more is computed, or has a default") !=
+          std::string::npos);
+}
+
 TEST_CASE("a manifest that is not as it was written refuses the start") {
     const Folder test;
     test.store(*test.open(), "a", *test.one);
