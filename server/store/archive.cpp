@@ -169,8 +169,8 @@ Result<void> ArchiveSource::read(std::uint64_t offset, std::span<std::byte> into
 }
 
 ArchiveTarget::~ArchiveTarget() {
-    if (!manifest_.empty()) ::unlink(manifest_.c_str());
-    for (const auto& [digest, blob] : blobs_) ::unlink(blob.file.c_str());
+    if (!manifest_.empty()) state_.discard(std::move(manifest_));
+    for (auto& [digest, blob] : blobs_) state_.discard(std::move(blob.file));
 }
 
 Result<void> ArchiveTarget::begin(std::span<const std::byte> head) {

@@ -53,7 +53,7 @@ public:
     explicit ArchiveTarget(StateFolder& state) : state_(state) {}
     ArchiveTarget(const ArchiveTarget&) = delete;
     ArchiveTarget& operator=(const ArchiveTarget&) = delete;
-    /// Removes the files.
+    /// Discards the files that are still there.
     ~ArchiveTarget();
 
     /// Fails with scene_invalid where the bytes are no backup, and with io_failed if the disk is full

@@ -6,13 +6,23 @@
 #include <unistd.h>
 
 #include <cerrno>
+#include <new>
 #include <utility>
 
 namespace raynest::server {
 namespace fs = std::filesystem;
 
 StateCopy::~StateCopy() {
-    if (!manifest.empty()) ::unlink(manifest.c_str());
+    if (!manifest.empty()) state.discard(std::move(manifest));
+}
+
+void StateFolder::discard(fs::path file) noexcept {
+    try {
+        const std::lock_guard guard(pins_->mutex);
+        pins_->discarded.push_back(std::move(file));
+    } catch (const std::bad_alloc&) {
+        // The next start removes it.
+    }
 }
 
 StoredScene ReturningScene::new_row() const {
@@ -51,7 +61,7 @@ Result<std::unique_ptr<StateCopy>> StateFolder::copy() {
         opened = std::move(*again);
     }
     Manifest& manifest = manifest_ ? *manifest_ : *opened;
-    auto copy = std::make_unique<StateCopy>();
+    auto copy = std::make_unique<StateCopy>(*this);
     copy->manifest = new_path();
     if (const auto copied = manifest.copy_to(copy->manifest); !copied)
         return fail(ErrorCode::io_failed, copied.error().message +

@@ -409,7 +409,7 @@ Result<void> StateFolder::put(const std::vector<SceneUse>& uses) {
 bool StateFolder::has_work() {
     const std::lock_guard guard(pins_->mutex);
     return !pins_->ended.empty() || !pins_->undone.empty() || !pins_->keeping.empty() ||
-           !pins_->forgotten.empty() || !pins_->uses.empty();
+           !pins_->forgotten.empty() || !pins_->uses.empty() || !pins_->discarded.empty();
 }
 
 void StateFolder::collect() {
@@ -429,6 +429,7 @@ void StateFolder::collect_locked() {
     auto undone = std::exchange(pins_->undone, {});
     const auto forgotten = std::exchange(pins_->forgotten, {});
     const auto uses = std::exchange(pins_->uses, {});
+    std::vector<fs::path> unused = std::exchange(pins_->discarded, {});
     guard.unlock();
     if (!uses.empty() && usable()) (void)manifest_->put(uses);
     // The next start removes those that fail here.
@@ -445,7 +446,6 @@ void StateFolder::collect_locked() {
             rows_.erase(row);
         let_go(scene.digest);
     }
-    std::vector<fs::path> unused;
     guard.lock();
     for (const std::string& digest : std::exchange(pins_->ended, {})) {
         const auto live = pins_->live.find(digest);

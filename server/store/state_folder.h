@@ -59,10 +59,12 @@ struct StateCopy {
     std::vector<StoredScene> rows;
     std::vector<BlobPin> pins;
 
-    StateCopy() = default;
+    explicit StateCopy(class StateFolder& folder) : state(folder) {}
     StateCopy(const StateCopy&) = delete;
     StateCopy& operator=(const StateCopy&) = delete;
     ~StateCopy();
+
+    class StateFolder& state;
 };
 
 /// A scene that comes back from a backup.
@@ -158,6 +160,8 @@ public:
     [[nodiscard]] const std::filesystem::path& path() const { return folder_; }
     /// Returns the path of a file to be made, which no scene has. The next start removes it.
     [[nodiscard]] std::filesystem::path new_path();
+    /// Removes such a file, at the next collect(): to unlink a large one takes long.
+    void discard(std::filesystem::path file) noexcept;
     /// Stores nothing more after a failed flush, and returns the error that says so.
     tl::unexpected<Error> flush_failed(int error);
     /// Copies the manifest as it is now. Fails with io_failed.
@@ -237,6 +241,7 @@ private:
         std::vector<std::shared_ptr<Keeping>> keeping;
         std::vector<std::uint64_t> forgotten;
         std::vector<SceneUse> uses;
+        std::vector<std::filesystem::path> discarded;
     };
     const std::shared_ptr<Pins> pins_ = std::make_shared<Pins>();
     std::mutex names_mutex_;
