@@ -1,5 +1,6 @@
 #include "client/commands/may_repeat.h"
 
+#include "client/output/output_file.h"
 #include "client/requests/scene_source.h"
 
 #include <filesystem>
@@ -56,6 +57,12 @@ bool is_safe(const LoadOptions& load, const Failure& /*why*/) {
 bool is_safe(const QueryOptions& query, const Failure& why) {
     return is_job_safe(query.job, why) && (query.rays_file.empty() || is_file(query.rays_file)) &&
            (query.masks_file.empty() || is_file(query.masks_file));
+}
+/// What went into a pipe cannot be taken back.
+bool is_safe(const BackupOptions& backup, const Failure& /*why*/) {
+    std::error_code ignored;
+    return !is_stdout(backup.output) &&
+           (!std::filesystem::exists(backup.output, ignored) || is_file(backup.output));
 }
 template <class Command>
 bool is_safe(const Command& command, const Failure& why) {

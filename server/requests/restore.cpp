@@ -36,6 +36,8 @@ constexpr std::uint64_t manifest_copies = 2;
 
 /// An epoch that a manifest can have; what is told of it may grow for ever.
 constexpr std::uint64_t epoch_most = 1ULL << 60;
+/// Bytes of a scene, far beyond what a machine has.
+constexpr std::uint64_t bytes_most = 1ULL << 48;
 
 std::string full_name(const StoredScene& row) {
     return row.owner + "/" + row.name;
@@ -54,10 +56,7 @@ public:
 
     ~RestoreJob() override {
         // Rows of a job that was stopped between their commit and their entry.
-        for (const ReturningScene& scene : committed_)
-            services_.state->undo(
-                scene.new_row(),
-                scene.before ? std::make_unique<StoredScene>(*scene.before) : nullptr);
+        for (const ReturningScene& scene : committed_) undo(scene);
     }
 
     Reply<std::uint64_t> feed(protocol::Frame frame) override {
@@ -147,20 +146,38 @@ private:
         return task;
     }
 
+    /// Takes the row of a scene away again that nobody has seen yet.
+    void undo(const ReturningScene& scene) const {
+        services_.state->undo(
+            scene.new_row(), scene.before ? std::make_unique<StoredScene>(*scene.before) : nullptr);
+    }
+
     /// Writes what has come. On a thread for the disk.
     Reply<void> write() {
         for (Received& piece : writing_) {
             if (auto taken = target_.take(piece.data); !taken) return not_restored(taken.error());
             freed_ += piece.frame.header.bulk_bytes;
             piece.frame.bulk = {};
+            // It comes first as a rule; then only what is wanted takes room.
+            if (!manifest_ && target_.has_manifest()) {
+                if (auto read = read_rows(); !read) return read;
+                std::set<std::string> digests;
+                for (const ReturningScene& scene : rows_) digests.insert(scene.row.digest);
+                target_.want(std::move(digests));
+            }
         }
         writing_.clear();
         return {};
     }
 
-    /// Reads the rows of the scenes that are wanted, and keeps their blobs. Likewise.
+    /// Sees to it that all has come. Likewise.
     Reply<void> open() {
         if (auto finished = target_.finish(); !finished) return not_restored(finished.error());
+        return manifest_ ? Reply<void>() : read_rows();
+    }
+
+    /// Reads the rows of the scenes that are wanted. Likewise.
+    Reply<void> read_rows() {
         std::error_code error;
         const std::uint64_t needed =
             manifest_copies * std::filesystem::file_size(target_.manifest(), error);
@@ -187,7 +204,8 @@ private:
             if (!edits || row.epoch > epoch_most || edits->epoch_last > epoch_most) return damaged;
             ReturningScene& scene = rows_.emplace_back();
             const auto changes = manifest_->edits(row.number);
-            scene.is_damaged = !changes || !gap_in(*changes, row.epoch).empty();
+            scene.is_damaged =
+                !changes || !gap_in(*changes, row.epoch).empty() || edits->last.bytes > bytes_most;
             scene.row = std::move(row);
             scene.edits = std::move(*edits);
         }
@@ -270,12 +288,17 @@ private:
 
     /// Has everybody see them.
     void enter() {
-        for (const ReturningScene& scene : committed_) {
+        for (const ReturningScene& scene : std::exchange(committed_, {})) {
+            // A temporary scene, which waits for nobody's lock, has taken the name meanwhile.
+            if (services_.scenes.place_for(scene.row).state == SceneStore::Place::State::taken) {
+                undo(scene);
+                taken_.push_back(full_name(scene.row));
+                continue;
+            }
             services_.scenes.adopt(scene);
             if (scene.before) services_.state->forget(scene.before->number);
             restored_.push_back(full_name(scene.row));
         }
-        committed_.clear();
         for (; mended_entered_ < mended_.size(); ++mended_entered_)
             services_.scenes.mend(mended_[mended_entered_].digest);
         locks_.clear();
@@ -349,9 +372,10 @@ Reply<Answer> restore_scenes(const Services& services, const Caller& caller,
                       "scenes of a backup come back to a daemon that stores scenes alone: start "
                       "raynestd with --state DIR");
     if (message->bytes() == 0) return refuse(Code::invalid_field, "the backup is empty");
+    std::vector<std::string> wanted = protocol::strings(message->scenes());
     std::error_code error;
     const auto space = std::filesystem::space(services.state->path(), error);
-    if (!error && space.available < message->bytes())
+    if (!error && wanted.empty() && space.available < message->bytes())
         return refuse(Code::resource_exhausted,
                       "the backup has " + protocol::bytes_text(message->bytes()) +
                           ", more than is free on the disk of the state folder; make room there");
@@ -360,8 +384,8 @@ Reply<Answer> restore_scenes(const Services& services, const Caller& caller,
     accepted.deadline_ms = message->deadline_ms();
     accepted.input_bytes = message->bytes();
     accepted.answer_bytes = caller.window_bytes;
-    accepted.job = std::make_unique<RestoreJob>(services, caller, message->bytes(),
-                                                protocol::strings(message->scenes()));
+    accepted.job =
+        std::make_unique<RestoreJob>(services, caller, message->bytes(), std::move(wanted));
     return Answer{std::move(accepted)};
 }
 

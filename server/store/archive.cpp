@@ -197,6 +197,7 @@ Result<void> ArchiveTarget::begin(std::span<const std::byte> head) {
     const bool is_manifest = name == manifest_name;
     if ((type != '0' && type != '\0') || (!is_blob && !is_manifest))
         return refused("it holds what no backup has");
+    if (is_blob && wanted_ && !wanted_->contains(std::string(name))) return {};
     if (is_blob) blob_ = name;
     Blob* const blob = is_blob ? &blobs_[blob_] : nullptr;
     std::filesystem::path& place = is_blob ? blob->file : manifest_;
@@ -220,6 +221,7 @@ Result<void> ArchiveTarget::end_file() {
     if (::fsync(file_->number()) != 0) return state_.flush_failed(errno);
     file_ = nullptr;
     const std::string blob = std::exchange(blob_, {});
+    has_manifest_ = has_manifest_ || blob.empty();
     if (blob.empty()) return {};
     if (!piece_.empty())
         if (auto hashed = hash_piece(); !hashed) return hashed;

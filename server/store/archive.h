@@ -15,6 +15,8 @@
 #include <filesystem>
 #include <map>
 #include <memory>
+#include <optional>
+#include <set>
 #include <span>
 #include <string>
 #include <vector>
@@ -63,6 +65,10 @@ public:
     [[nodiscard]] Result<void> finish();
 
     [[nodiscard]] const std::filesystem::path& manifest() const { return manifest_; }
+    /// True once all of the manifest has come.
+    [[nodiscard]] bool has_manifest() const { return has_manifest_; }
+    /// Skips blobs that come from now on but those of these digests.
+    void want(std::set<std::string> digests) { wanted_ = std::move(digests); }
     struct Blob {
         std::filesystem::path file;
         std::uint64_t bytes = 0;
@@ -85,6 +91,8 @@ private:
     std::vector<std::byte> piece_;
     std::vector<unsigned char> digests_;  ///< of the pieces before it
     bool ended_ = false;
+    bool has_manifest_ = false;
+    std::optional<std::set<std::string>> wanted_;  ///< nothing: all
     std::filesystem::path manifest_;
     std::map<std::string, Blob> blobs_;
 };

@@ -180,6 +180,26 @@ class RemoteBackup(WithState):
         self.assertEqual(sorted(self.scenes(other)), names)
         self.hits(names[-1], other)
 
+    def test_a_stream_is_not_begun_anew(self):
+        self.start()
+        self.run_ok("load", "builtin:terrain?size=300", "--name", "t")
+        self.run_ok("backup", self.tar)
+        environment = {**os.environ, "RAYNEST_RECONNECT": str(PATIENCE)}
+        backup = subprocess.Popen([self.raynest, "--server", self.client.uri, "backup", "-"], env=environment,
+                                  stdin=subprocess.DEVNULL, stdout=subprocess.PIPE, stderr=subprocess.PIPE)
+        self.addCleanup(backup.kill)
+        begin = backup.stdout.read(1 << 16)
+        self.kill()
+        again = Daemon(self.raynestd, "--listen", self.client.uri, "--state", self.state)
+        self.addCleanup(again.folder.cleanup)
+        self.addCleanup(again.process.wait)
+        self.addCleanup(again.process.kill)
+        rest, said = backup.communicate(timeout=PATIENCE)
+        self.assertIn(backup.returncode, (1, 3), said)
+        self.assertLess(len(begin) + len(rest), self.tar.stat().st_size)
+        # Into a file it is.
+        self.assertEqual(self.client.run("backup", self.folder / "second.tar").returncode, 0)
+
     def scenes_on_disk(self):
         """The content of each stored scene as its last load made it."""
         manifest = sqlite3.connect(f"file:{self.state}/manifest.sqlite?mode=ro", uri=True)

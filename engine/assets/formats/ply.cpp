@@ -199,8 +199,6 @@ constexpr std::array<std::string_view, slots> slot_names{
 
 std::size_t slot_of(std::string_view name) {
     if (name.starts_with("diffuse_")) name.remove_prefix(8);
-    for (const std::size_t colour : {red, green, blue, alpha})
-        if (name == slot_names[colour].substr(0, 1)) return colour;
     return static_cast<std::size_t>(std::find(slot_names.begin(), slot_names.end(), name) -
                                     slot_names.begin());
 }
@@ -221,16 +219,18 @@ public:
         }
         if (element.name == "vertex") return read_vertices(element);
         if (element.name != "face" && element.name != "tristrips") return skip(element);
-        if (!geometry_.positions.empty() || early_) return read_faces(element);
-        early_.emplace(element, values_);
+        if (!geometry_.positions.empty()) return read_faces(element);
+        early_.emplace_back(element, values_);
         return skip(element);
     }
 
     /// Reads the faces that precede the vertices.
     Result<void> finish() {
-        if (!early_) return {};
-        values_ = early_->second;
-        return read_faces(early_->first);
+        for (const auto& [element, values] : early_) {
+            values_ = values;
+            if (auto done = read_faces(element); !done) return done;
+        }
+        return {};
     }
 
     FileContent take() {
@@ -396,7 +396,7 @@ private:
     Values values_;
     FileGeometry geometry_;
     std::vector<double> radii_;
-    std::optional<std::pair<Element, Values>> early_;  ///< faces before all vertices, and where
+    std::vector<std::pair<Element, Values>> early_;  ///< faces before all vertices, and where
     bool has_faces_ = false;
     bool has_face_colours_ = false;
     bool is_float32_ = false;

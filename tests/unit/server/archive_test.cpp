@@ -86,6 +86,18 @@ TEST_CASE_FIXTURE(Files, "a backup comes out as it went in, however it is cut") 
         }
         state->collect();
         CHECK(fs::is_empty(path / "blobs"));
+        {
+            ArchiveTarget target(*state);
+            const std::size_t manifest_end = tar_block_bytes + 1'024;
+            REQUIRE(target.take(std::span(whole).first(manifest_end)));
+            REQUIRE(target.has_manifest());
+            const std::string one = digest_of(std::string(512, 'c'));
+            target.want({one});
+            REQUIRE(target.take(std::span(whole).subspan(manifest_end)));
+            REQUIRE(target.finish());
+            REQUIRE(target.blobs().size() == 1);
+            CHECK(target.blobs().contains(one));
+        }
         // One byte less of the last file and its padding is one that was cut off.
         ArchiveTarget cut(*state);
         REQUIRE(cut.take(std::span(whole).first(whole.size() - 2 * tar_block_bytes)));

@@ -289,6 +289,19 @@ TEST_CASE("PLY has strips, and faces before the vertices") {
         must_read("a.ply", head + "element face 1\nproperty list uchar int vertex_indices\n" +
                                vertices + "end_header\n4 0 1 3 2\n" + points);
     CHECK(area_of(early.objects[0].geometries[0]) == doctest::Approx(1));
+    const auto both =
+        must_read("a.ply", head + "element face 1\nproperty list uchar int vertex_indices\n" +
+                               "element tristrips 1\nproperty list int int vertex_indices\n" +
+                               vertices + "end_header\n3 0 1 2\n3 1 3 2\n" + points);
+    CHECK(both.objects[0].geometries[0].indices == std::vector<std::uint32_t>{0, 1, 2, 1, 3, 2});
+    // A property of one letter is no colour.
+    const auto range = must_read(
+        "a.ply", head +
+                     "element vertex 3\nproperty float x\nproperty float y\nproperty float z\n"
+                     "property uchar red\nproperty uchar green\nproperty uchar blue\n"
+                     "property float r\nelement face 1\nproperty list uchar int vertex_indices\n"
+                     "end_header\n0 0 0 255 0 0 0\n1 0 0 255 0 0 0\n0 1 0 255 0 0 0\n3 0 1 2\n");
+    CHECK(range.objects[0].geometries[0].colours[0] == 255);
 }
 
 TEST_CASE("an OBJ's face needs vertices alone") {
