@@ -89,6 +89,15 @@ class Inputs(WithDaemon):
         with self.assertRaisesRegex(raynest.UsageError, "origin of .* finite"):
             self.client.mesh(points, corners, origin=[1, 2, np.nan])
         self.client.mesh(np.ma.array(points), corners)  # masks nothing
+        ragged = [[0, 0, 0], [1]]
+        for make, says in (
+                (lambda: self.client.mesh(ragged, corners), "^vertices must be numbers, in rows of one length"),
+                (lambda: self.client.mesh(points, ragged), "^faces must be numbers, in rows of one length"),
+                (lambda: self.woods.trace([DOWN] * 2, mask=ragged), "^mask must be numbers, in rows of one length"),
+                (lambda: self.woods.trace([DOWN] * 2, time=ragged), "^time must be numbers, in rows of one length"),
+                (lambda: self.woods.path_of(ragged), "^a path id must be numbers, in rows of one length")):
+            with self.subTest(says=says), self.assertRaisesRegex(raynest.UsageError, says):
+                make()
         with self.assertWarnsRegex(raynest.SceneWarning, "1 of 1 triangles .* scale it up"):
             self.client.mesh(points * 1e-25, [[0, 1, 2]])
 

@@ -7,11 +7,14 @@ one mesh, is hit; places have masks and user ids; and bad parts are refused with
 import json
 import pathlib
 import tempfile
+import warnings
+from unittest import mock
 
 import numpy as np
 
 import raynest
 from raynest import Place, Records, Spheres
+from raynest._requests import parts
 from with_daemon import WithDaemon, main
 
 FIELDS = ("t", "prim", "uv", "ng", "path", "inst", "mask")
@@ -234,6 +237,36 @@ class ScenesOfParts(WithDaemon):
         self.assertGreater(same.mean(), 0.998)
         np.testing.assert_allclose(hits["t"][same], wanted["t"][same], atol=2e-3)
 
+    def test_wide_parts_keep_the_digits_that_a_mesh_keeps(self):
+        """About the origin, however large the part is, and whatever its vertices are numbers of."""
+        at = np.array([448123.13, 5412345.37, 312.11])
+        near = np.array([[0, 0, 0], [1, 0, 0], [0, 1, 0]])
+        faces = [[0, 1, 2], [3, 4, 5]]
+        for vertices, origin in (
+                (at + np.vstack([near, 200000 + 5000 * near]), at),
+                (at + np.vstack([near, -300000 - 5000 * near]), at + 100),
+                (np.vstack([at + near, at * (0, 0, 0) + near]), at), (np.vstack([at + near, 0 * near]), at + 400),
+                (np.vstack([at + near, 0 * near]).astype(int), at.astype(int)),
+                (np.vstack([at + 10 * near, at + 20 * near]).astype(np.float32), at)):
+            part = {"wide": (vertices, faces)}
+            first = vertices[:3].astype(float)
+            start = first.mean(0) + np.linspace(-1, 1, 2001)[:, None] * (first[1] - first[0]) * (1, 0, 0) + (0, 0, 5)
+            rays = np.hstack([start, np.tile((0, 0, -1), (len(start), 1))])
+            with warnings.catch_warnings():
+                warnings.simplefilter("ignore", raynest.SceneWarning)
+                wanted = self.client.mesh(vertices, faces, origin=origin).trace(rays, fields=("t", "prim"))
+                scenes = [self.client.scene_of(part, origin=origin),
+                          self.client.scene_of({**part, "ball": Spheres([at + 1000], 1)}, origin=origin)]
+            self.assertGreater((wanted["prim"] == 0).sum(), 500)
+            for scene in scenes:
+                hits = scene.trace(rays, fields=("t", "prim"))
+                same = hits["prim"] == wanted["prim"]
+                self.assertGreater(same.mean(), 0.998)
+                np.testing.assert_allclose(hits["t"][same], wanted["t"][same], atol=1e-3)
+        balls = Spheres(np.vstack([[0, 0, 0], at + (5, 5, 0)]), 0.1)
+        hit = self.client.scene_of({"cloud": balls}, origin=at).trace([[*(at + (5, 5, 5)), 0, 0, -1]], fields=("t",))
+        np.testing.assert_allclose(hit["t"], 4.9, atol=1e-5)
+
     def test_equal_content_is_sent_once(self):
         sent = []
         progress = lambda done, total, stage: sent.append(total) if stage == "uploading" else None
@@ -269,7 +302,10 @@ class ScenesOfParts(WithDaemon):
 
     def test_bad_parts_and_places_are_named(self):
         cube, ball = box(1, 1, 1), Spheres([[0, 0, 0]], 1)
-        three = [(0, 0, 0), (1, 0, 0), (2, 0, 0)]
+        three, ragged = [(0, 0, 0), (1, 0, 0), (2, 0, 0)], [[1], [1, 2]]
+        flat = np.tile(np.eye(4), (3, 1, 1))
+        flat[1, 2, 2] = 0
+        many = {f"part {i}": cube for i in range(600)}
         of = self.client.scene_of
         chain = {f"g{i}": {"x": f"g{i + 1}"} for i in range(3000)}
         for make, words in (
@@ -277,6 +313,11 @@ class ScenesOfParts(WithDaemon):
                 (lambda: of({"a": ball}, ["a"]), "places of .* must be a dict"), (lambda: of({1: ball}), "no name of a part"),
                 (lambda: of({"a": ball, "g": {"": "a"}}), "no name of a place"),
                 (lambda: of({"a": ball}, {"x": "b"}), "the place 'x' is of 'b', which is no part; there are 'a'"),
+                (lambda: of(many, {"x": "prat 312"}), "is of 'prat 312', which is no part: did you mean 'part 312'\\?$"),
+                (lambda: of(many, {"x": "zzz"}), "there are 'part 0', 'part 1', 'part 2', 'part 3', 'part 4' and 595 more$"),
+                (lambda: of({"a\0b": cube}), r"no name of a part: leave '\\x00' out"),
+                (lambda: of({"a": cube, "g": {"\x85": "a"}}), r"no name of a place: leave '\\x85' out"),
+                (lambda: of({"a": cube}, {"p\ud800": "a"}), r"no name of a place: leave '\\ud800' out"),
                 (lambda: of({"a": ball, "g": {"x": ("b", (0, 0, 0))}}), "the place 'x' in the group 'g' is of 'b', which is no"),
                 (lambda: of({"a": ball, "g": {"x": ball}}), "'x' in the group 'g' is of <raynest.*which is no part"),
                 (lambda: of({"a": ball, "g": {}}), "the group 'g' is empty"),
@@ -288,7 +329,17 @@ class ScenesOfParts(WithDaemon):
                 (lambda: of({"a": ball}, masks={"a": 2}), "masks by path are for .*raynest.Place"),
                 (lambda: of({"a": cube}, {"x": Place("a", uid=3)}, masks={"x": 2}), "masks by path"),
                 (lambda: of({"a": (CUBE * np.nan, SIDES), "b": ball}), "the part 'a' has vertices that are not finite"),
+                (lambda: of({"a": (ragged, SIDES)}), "^the part 'a': vertices must be numbers, in rows of one length"),
+                (lambda: of({"a": (CUBE, ragged), "b": ball}), "^the part 'a': faces must be numbers, in rows of one"),
+                (lambda: of({"a": (CUBE, []), "b": cube}), "^the part 'a': the mesh has no triangles"),
+                (lambda: of({"a": (CUBE, SIDES + 1), "b": ball}), "^the part 'a': faces go from 1 to 8"),
+                (lambda: of({"a": (CUBE[:, :2], SIDES)}), "^the part 'a': vertices must be numbers of shape"),
+                (lambda: of({"a": (CUBE, SIDES[:, :2])}), "^the part 'a': faces must be integers"),
+                (lambda: of({"a": (np.ma.masked_greater(CUBE, 0), SIDES)}), "^the part 'a': some vertices are masked"),
+                (lambda: of({"a": (CUBE, np.ma.masked_greater(SIDES, 6))}), "^the part 'a': some faces are masked"),
                 (lambda: Place("a", np.zeros((3, 2))), "matrices has shape"),
+                (lambda: Place("a", three[:2], mask=ragged), "mask must be numbers, in rows of one length"),
+                (lambda: Place("a", three[:2], visible=ragged), "visible must be numbers, in rows of one length"),
                 (lambda: Place("a", three, mask=[1, 2]), r"mask has shape \(2,\): for 3 places"),
                 (lambda: Place("a", mask=[1, 2]), r"mask has shape \(2,\): for 1 place it"),
                 (lambda: Place("a", three, mask=2**32), "mask of 4294967296"), (lambda: Place("a", mask=1.5), "mask of 1.5"),
@@ -303,6 +354,7 @@ class ScenesOfParts(WithDaemon):
                 (lambda: Spheres([[0, 0, 1e39]], 1), "centres has numbers that are not finite in float32"),
                 (lambda: Spheres(three, [1, 2]), r"radii has shape \(2,\): it must be one number, or \(3,\)"),
                 (lambda: Spheres(three, [1, 2, 0]), "radii must be finite numbers above 0"),
+                (lambda: Spheres(three, 1e-50), "radii must be finite numbers above 0, also in float32"),
                 (lambda: Spheres(three, np.inf), "radii must be finite"), (lambda: Spheres(three, "1"), "radii must be numbers"),
                 (lambda: Records(3, [[1]]), "primitive of 3"), (lambda: Records("", [[1]]), "primitive of ''"),
                 (lambda: Records("sphere", [1, 2, 3, 4]), r"rows has shape \(4,\): it must be \(N, M\)"),
@@ -311,11 +363,18 @@ class ScenesOfParts(WithDaemon):
                 (lambda: of({"a": Records("cone", [[1, 2, 3, 4]])}), "object 'a': there is no primitive type 'cone'"),
                 (lambda: of({"a": Records("sphere", [[1, 2, 3]])}), r"object 'a': .*shape \(N, 4\)"),
                 (lambda: of({**chain, "g3000": {"x": "a"}, "a": ball}), "deeper than 32 levels"),
-                (lambda: of({"a": ball}, {"x": ("a", np.zeros((3, 4)))}), "singular")):
+                (lambda: of({"a": ball}, {"x": ("a", np.zeros((3, 4)))}), "^the place 'x' is singular: a scale of 0"),
+                (lambda: of({"a": cube}, {"x": ("a", flat)}), "^number 1 of the place 'x' is singular"),
+                (lambda: of({"a": cube}, {"x": Place("a", flat[1])}), "^the place 'x' is singular"),
+                (lambda: of({"a": cube}, {"x": ("a", 1e-50 * flat[0, :3])}), "^the place 'x' is singular"),
+                (lambda: of({"a": cube, "g": {"x": ("a", flat)}}), "^number 1 of the place 'x' in the group 'g'")):
             with self.subTest(words=words), self.assertRaisesRegex((TypeError, ValueError, raynest.InvalidError), words):
                 make()
         with self.assertRaisesRegex(raynest.UsageError, "make 512 files, at most 511 are taken"):
             of({f"ball {i}": ball for i in range(512)})
+        with mock.patch.object(parts, "JSON_BYTES_MAX", 1000), \
+                self.assertRaisesRegex(raynest.UsageError, r"put them into a group, as \{'cars': \{'car': \('car', matrices\)"):
+            of({"a": cube}, {"a": ("a", three * 10)})
 
 
 if __name__ == "__main__":

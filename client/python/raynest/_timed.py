@@ -6,7 +6,7 @@ from typing import Any, Callable, Mapping
 import numpy as np
 
 from ._net.frame import Array
-from ._requests.arguments import numbers, real
+from ._requests.arguments import is_several, numbers, real
 from ._requests.columns import OF_HITS
 from .errors import UsageError
 
@@ -35,7 +35,7 @@ def trace_at_times(trace: Callable[..., dict[str, Array]], outcome: Callable[[],
     for number, time in enumerate(at):
         rows = np.flatnonzero(of == number)
         some = [each if each is None or each.ndim == 1 else each[rows] for each in (rays, directions)]
-        more = {} if mask is None else {"mask": mask if np.ndim(mask) == 0 else np.asarray(mask)[rows]}
+        more = {} if mask is None else {"mask": np.asarray(mask)[rows] if is_several("mask", mask) else mask}
         parts.append((rows, trace(*some, time=float(time), **given, **more)))
         given["epoch"] = outcome()["epoch"]  # all meet one epoch
         for name in _SUMS:

@@ -24,7 +24,7 @@ import numpy as np
 
 from ._deal import PATIENCE, Deal, Part, known_to
 from ._net.frame import Array
-from ._requests.arguments import numbers
+from ._requests.arguments import is_several, numbers
 from ._requests.columns import Columns
 from ._requests.film import Layers, is_lit
 from ._prepared import Prepared
@@ -126,7 +126,7 @@ def _check(options: dict[str, Any], per_item: int, *refused: str) -> None:
 def _parts_of(rays: Any, item_rays: int, options: dict[str, Any]) -> Iterator[Part]:
     _check(options, item_rays)
     masks = options.get("mask")
-    masks = np.asarray(masks) if np.ndim(masks) else None
+    masks = np.asarray(masks) if is_several("mask", masks) else None
     if masks is not None:
         options = {name: value for name, value in options.items() if name != "mask"}
     if isinstance(rays, Generator):

@@ -13,7 +13,7 @@ import numpy as np
 
 from . import _limits
 from ._net.frame import Array
-from ._requests.arguments import count_of, numbers, real, unknown_argument, whole
+from ._requests.arguments import count_of, is_several, numbers, real, unknown_argument, whole
 from ._requests.job import JobOptions
 from .errors import UsageError
 from .scene import Scene
@@ -82,7 +82,7 @@ def measure(scene: Scene, sweep: Sweep, *, divergence: float = 0.0, footprint: i
     for first in np.arange(0, len(texts), _limits.list_items_max):  # a text that names nothing is refused
         scene.trace(np.zeros((0, 6)), hide=texts[first:first + _limits.list_items_max],
                     **{key: job[key] for key in ("epoch",) if key in job})
-    of_beams = {name: np.asarray(job.pop(name)) for name in ("mask", "time") if np.ndim(job.get(name))}
+    of_beams = {name: np.asarray(job.pop(name)) for name in ("mask", "time") if is_several(name, job.get(name))}
     for name, values in of_beams.items():
         if values.shape != (len(sweep.rays),):
             raise UsageError(f"{name} of shape {values.shape} for {len(sweep.rays)} beams: it must be one number, or one for each beam")

@@ -13,7 +13,7 @@ from ._net.control import Message
 from ._net.frame import Array
 from ._paths import Paths
 from ._render import Renders
-from ._requests.arguments import Unpack, has_shape, none_is_default, numbers, real, whole
+from ._requests.arguments import Unpack, has_shape, is_several, none_is_default, numbers, real, whole
 from ._requests.columns import Columns, Whole, anywhere, as_usual
 from ._requests.explain import check_explain, path_message, pixel_message, ray_message, receive_document
 from ._requests.film import warn_of_options
@@ -123,7 +123,7 @@ class Scene(Renders, Paths, Editable):
         column of that name: the share of each point's rays that hit, and 0 for an invalid point or normal.
         "visible_pixels" gives the columns path, ascending, and pixels, the number of rays that meet that path first.
         """
-        if np.ndim(job.get("time")) or job.get("time_step") is not None:
+        if is_several("time", job.get("time")) or job.get("time_step") is not None:
             return trace_at_times(self.trace, lambda: self._client.outcome, rays, directions, dict(
                 job, kind=kind, fields=fields, max_hits=max_hits, reduce=reduce, origin=origin, progress=progress, detach=detach))
         if detach:
@@ -243,7 +243,7 @@ class Scene(Renders, Paths, Editable):
         than both margins, and for one with an end that is masked or not finite; a RayWarning counts
         the latter. `mask` is one number, or broadcasts to the shape of the answer."""
         a, b, shape = flat_pairs(a, b)
-        if len(shape) > 1 and np.ndim(job.get("mask")):
+        if len(shape) > 1 and is_several("mask", job.get("mask")):
             job["mask"] = spread("mask", job["mask"], shape)
 
         def ask(shift: Array, expected: bool) -> Any:

@@ -95,9 +95,21 @@ def mask_rules(masks: Masks) -> list[str]:
     return rules
 
 
+def array_of(what: str, value: Any) -> Array:
+    try:
+        return np.asarray(value)
+    except ValueError:
+        raise UsageError(f"{what} must be numbers, in rows of one length") from None
+
+
+def is_several(what: str, value: Any) -> bool:
+    """False for one value, and for None."""
+    return array_of(what, value).ndim > 0
+
+
 def whole_numbers(what: str, values: Any, most: int = 2**64 - 1) -> Array:
     """Returns the values as uint64, in their own shape; none is above `most`."""
-    items = np.asarray(values)
+    items = array_of(what, values)
     if items.dtype.kind not in "iu":  # or Python integers, some of which need all 64 bits
         items = np.asarray(values, object)
     if items.dtype == object:
@@ -113,12 +125,9 @@ def numbers(what: str, value: Any) -> Array:
     """Returns the value as an array. Masked elements become NaN, so that their values are not used."""
     if hasattr(value, "rays"):
         raise TypeError(f"{what} is a sweep: pass sweep.rays")
-    try:
-        if isinstance(value, np.ma.MaskedArray) and np.ma.is_masked(value):
-            value = value.astype(np.promote_types(value.dtype, np.float32)).filled(np.nan)
-        out = np.asarray(value)
-    except ValueError:
-        raise UsageError(f"{what} must be numbers, in rows of one length") from None
+    if isinstance(value, np.ma.MaskedArray) and np.ma.is_masked(value):
+        value = value.astype(np.promote_types(value.dtype, np.float32)).filled(np.nan)
+    out = array_of(what, value)
     if out.dtype.kind not in "fiu":
         given = {"U": "text", "S": "bytes", "O": "Python objects"}.get(out.dtype.kind, str(out.dtype))
         raise UsageError(f"{what} must be numbers, not {given}")

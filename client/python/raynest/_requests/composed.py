@@ -4,7 +4,7 @@ from __future__ import annotations
 import io
 import json
 import zipfile
-from typing import Any, Iterator
+from typing import Any, Iterator, Optional
 
 import numpy as np
 
@@ -20,20 +20,20 @@ from .upload import File
 _TABLE_ROWS = 1000  # more matrices are a file of their own
 
 
-def composition_of(parts: Parts, has_origin: bool, up: str) -> tuple[File, ...]:
-    """Returns the files, the composition first. In a scene with an origin, far float64 coordinates keep their digits."""
+def composition_of(parts: Parts, origin: Optional[Array], up: str) -> tuple[File, ...]:
+    """Returns the files, the composition first. In a scene with an origin, far coordinates keep their digits."""
     files = [File("parts.rnscene.json", b"")]
     objects: dict[str, Any] = {}
     for name, mesh in parts.meshes.items():
-        points, corners = triangles(*mesh)
+        points, corners = triangles(*mesh, f"the part {name!r}: ")
         if not np.isfinite(float32(points)).all():
             raise UsageError(f"the part {name!r} has vertices that are not finite in float32")
-        points, origin = _kept(points, points, has_origin)
-        objects[name] = {"file": _keep(files, _npz(vertices=points, faces=corners.astype("<u4")), ".npz"), **origin}
+        points, shift = _kept(points, points, origin)
+        objects[name] = {"file": _keep(files, _npz(vertices=points, faces=corners.astype("<u4")), ".npz"), **shift}
     for name, records in parts.records.items():
         rows = records.rows
-        rows, origin = _kept(rows, rows[:, :3], has_origin and isinstance(records, Spheres))
-        objects[name] = {"file": _keep(files, _npy(rows), ".npy"), "primitive": records.primitive, **origin}
+        rows, shift = _kept(rows, rows[:, :3], origin if isinstance(records, Spheres) else None)
+        objects[name] = {"file": _keep(files, _npy(rows), ".npy"), "primitive": records.primitive, **shift}
     for name, group in parts.groups.items():
         objects[name] = {"instances": _instances(files, group)}
     document = {"rnscene": 1, "up": up, "objects": objects, "instances": _instances(files, parts.places)}
@@ -47,9 +47,9 @@ def composition_of(parts: Parts, has_origin: bool, up: str) -> tuple[File, ...]:
     return (files[0]._replace(data=text), *files[1:])
 
 
-def _kept(rows: Array, points: Array, may_shift: bool) -> tuple[Array, dict[str, Any]]:
+def _kept(rows: Array, points: Array, origin: Optional[Array]) -> tuple[Array, dict[str, Any]]:
     """Rows as they are sent, and the origin to take from their points before these become float32."""
-    shift = shift_of(points) if may_shift else np.zeros(3)
+    shift = shift_of(points, origin)
     return (rows.astype("<f8"), {"origin": shift.tolist()}) if shift.any() else (float32(rows), {})
 
 

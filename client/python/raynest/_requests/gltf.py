@@ -14,6 +14,7 @@ import numpy as np
 
 from .._net.frame import Array
 from ..errors import InvalidError, UsageError
+from .arguments import array_of
 
 JSON_BYTES_MAX = 64 << 20
 NAME_BYTES_MAX = 1024
@@ -103,24 +104,24 @@ def file_of_uri(uri: str) -> str | None:
 
 # ---- writing ------------------------------------------------------------------------------------
 
-def triangles(vertices: Any, faces: Any) -> tuple[Array, Array]:
-    """Returns both as checked arrays: vertices (N, 3), and faces (M, 3) of indices."""
+def triangles(vertices: Any, faces: Any, whose: str = "") -> tuple[Array, Array]:
+    """Returns both as checked arrays: vertices (N, 3), and faces (M, 3) of indices. `whose` is before each error."""
     if np.ma.is_masked(faces):
-        raise UsageError("some faces are masked: pass numpy.ma.compress_rows(faces)")
+        raise UsageError(f"{whose}some faces are masked: pass numpy.ma.compress_rows(faces)")
     if np.ma.is_masked(vertices):
-        raise UsageError("some vertices are masked: leave out the faces that use them, as "
+        raise UsageError(f"{whose}some vertices are masked: leave out the faces that use them, as "
                          "faces[~vertices.mask.any(1)[faces].any(1)], and pass vertices.data")
-    points, corners = np.asarray(vertices), np.asarray(faces)
+    points, corners = array_of(f"{whose}vertices", vertices), array_of(f"{whose}faces", faces)
     if not corners.size:
-        raise UsageError("the mesh has no triangles")
+        raise UsageError(f"{whose}the mesh has no triangles")
     if points.ndim != 2 or points.shape[1] != 3 or points.dtype.kind not in "fiu":
-        raise UsageError(f"vertices must be numbers of shape (N, 3), not {points.dtype} "
+        raise UsageError(f"{whose}vertices must be numbers of shape (N, 3), not {points.dtype} "
                          f"{points.shape}")
     if corners.ndim != 2 or corners.shape[1] != 3 or corners.dtype.kind not in "iu":
-        raise UsageError(f"faces must be integers of shape (M, 3), not {corners.dtype} "
+        raise UsageError(f"{whose}faces must be integers of shape (M, 3), not {corners.dtype} "
                          f"{corners.shape}")
     if corners.min() < 0 or corners.max() >= len(points):
-        raise UsageError(f"faces go from {corners.min()} to {corners.max()}: they must be indices "
+        raise UsageError(f"{whose}faces go from {corners.min()} to {corners.max()}: they must be indices "
                          f"of the {len(points)} vertices, counted from 0")
     return points, corners
 

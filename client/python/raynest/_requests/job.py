@@ -13,7 +13,7 @@ from .._net.control import Message
 from .._net.frame import Array
 from .._wording import localize_message
 from ..errors import ProtocolError, RayWarning, UsageError, warn
-from .arguments import milliseconds
+from .arguments import is_several, milliseconds
 from .selection import selection_lists
 
 # Called with (done, total, stage).
@@ -147,9 +147,9 @@ def job_message(scene: str, options: JobOptions) -> Message:
     message: Message = {key: value for key, value in options.items()
                         if key not in ("params", "deadline", "hide", "only", "time_step")}
     message["scene"] = scene
-    if np.ndim(options.get("mask")):
+    if is_several("mask", options.get("mask")):
         raise UsageError("mask must be one number here: rays that trace(), stream() and occluded() send have one each")
-    if np.ndim(options.get("time")) or options.get("time_step") is not None:
+    if is_several("time", options.get("time")) or options.get("time_step") is not None:
         raise UsageError("time must be one number here: trace() takes one for each ray that is sent, and a time_step")
     if options.get("time") is not None:
         message["timed"] = True

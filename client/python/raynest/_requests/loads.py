@@ -77,13 +77,14 @@ def load_of_parts(parts: Mapping[str, Any], places: Optional[Mapping[str, Any]] 
     """As Client.scene_of() has it."""
     made = read_parts(parts, places)
     rules, axis = mask_rules(masks), _axis(up)
+    shift = None if origin is None else vector("origin", origin)
     if made.are_meshes:
-        files: tuple[File, ...] = (File("parts.glb", parts_glb(made.meshes, made.places, origin is not None)),)
+        files: tuple[File, ...] = (File("parts.glb", parts_glb(made.meshes, made.places, shift)),)
     else:
         if rules:
             raise UsageError("masks by path are for scenes of meshes without groups, whose places have no mask= or uid=: give "
                              "the places their masks, as raynest.Place('car', matrices, mask=2)")
-        files, axis = composition_of(made, origin is not None, up), ""
+        files, axis = composition_of(made, shift, up), ""
     upload = Upload(files[0].name, name or "", files)
     message: Message = {**upload.message(), **_origin_message(origin), "replace": replace, "build": build,
                         "masks": rules, "up": axis, "temporary": not name and not keep}

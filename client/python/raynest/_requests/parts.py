@@ -3,7 +3,7 @@ from __future__ import annotations
 
 import json
 import struct
-from typing import Any
+from typing import Any, Optional
 
 import numpy as np
 
@@ -18,13 +18,13 @@ from ..errors import UsageError
 _FAR = 16
 
 
-def parts_glb(meshes: dict[str, Mesh], places: dict[str, Place], has_origin: bool = False) -> bytes:
+def parts_glb(meshes: dict[str, Mesh], places: dict[str, Place], origin: Optional[Array] = None) -> bytes:
     """Returns the scene as a .glb: a mesh for each part, and a node for each place, in their order. In a scene with an
-    origin far float64 vertices keep their digits: what is taken from them stands in the nodes."""
+    origin far vertices keep their digits: what is taken from them stands in the nodes."""
     body: list[bytes] = []
     document: dict[str, Any] = {"asset": {"version": "2.0"}, "scene": 0, "meshes": [], "accessors": [],
                                 "bufferViews": []}
-    shifts = [_add_mesh(document, body, name, mesh, has_origin) for name, mesh in meshes.items()]
+    shifts = [_add_mesh(document, body, name, mesh, origin) for name, mesh in meshes.items()]
     numbers_of = {name: number for number, name in enumerate(meshes)}
     nodes: list[dict[str, Any]] = []
     for name, place in places.items():
@@ -43,27 +43,31 @@ def parts_glb(meshes: dict[str, Mesh], places: dict[str, Place], has_origin: boo
     text = text.ljust((len(text) + 3) // 4 * 4)
     if len(text) > JSON_BYTES_MAX:
         raise UsageError(f"{len(nodes)} places take {len(text)} bytes, at most {JSON_BYTES_MAX} are "
-                         "taken: make groups of them, each a scene of its own")
+                         "taken: put them into a group, as {'cars': {'car': ('car', matrices)}}")
     size = 28 + len(text) + len(data)
     return b"".join((struct.pack("<5I", GLB, 2, size, len(text), JSON), text,
                      struct.pack("<2I", len(data), BIN), data))
 
 
-def shift_of(points: Array) -> Array:
-    """Returns what is to be taken from float64 points before they are rounded, (3,): 0 where they are near for their size."""
-    if points.dtype == np.float64:
-        box = np.array(box_of(points))
+def shift_of(points: Array, origin: Optional[Array]) -> Array:
+    """Returns what is to be taken from the points of a part before they are rounded, (3,): about the origin, as in
+    Client.mesh(), if that is within the part's size of it; else 0 where they are near for their size, and in a scene without an origin."""
+    if origin is not None:
+        box = np.array(box_of(points), np.float64)
         size = float(np.linalg.norm(box[1] - box[0]))
-        if np.isfinite(box).all() and np.abs(box).max() > _FAR * size:
-            middle: Array = np.round(box.mean(axis=0))
-            return middle
+        if np.isfinite(box).all():
+            if np.linalg.norm(origin - np.clip(origin, *box)) <= size:
+                return np.round(origin)
+            if np.abs(box).max() > _FAR * size:
+                middle: Array = np.round(box.mean(axis=0))
+                return middle
     return np.zeros(3)
 
 
-def _add_mesh(document: dict[str, Any], body: list[bytes], name: str, mesh: Mesh, has_origin: bool) -> Array:
+def _add_mesh(document: dict[str, Any], body: list[bytes], name: str, mesh: Mesh, origin: Optional[Array]) -> Array:
     """Returns what was taken from its vertices, (3,)."""
-    points, corners = triangles(*mesh)
-    shift = shift_of(points) if has_origin else np.zeros(3)
+    points, corners = triangles(*mesh, f"the part {name!r}: ")
+    shift = shift_of(points, origin)
     positions = float32(points - shift if shift.any() else points)
     low, high = box_of(positions)
     if not (np.isfinite(low).all() and np.isfinite(high).all()):

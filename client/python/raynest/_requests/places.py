@@ -1,17 +1,23 @@
 """The arguments of Client.scene_of(): parts of several kinds, and the places where they stand."""
 from __future__ import annotations
 
+import difflib
 import graphlib
+import itertools
+import re
 import reprlib
 from typing import Any, Mapping, NamedTuple, Optional, Union
 
 import numpy as np
 
-from .arguments import float32, numbers, user_ids, whole_numbers
+from .arguments import array_of, float32, numbers, user_ids, whole_numbers
 from .._net.frame import Array
 from ..errors import UsageError
 
 _ALL = 2**32 - 1    # the mask of what every ray may enter
+# Control characters, which paths cannot show, and halves of a character, which no UTF-8 has.
+_UNFIT = re.compile("[\0-\x1f\x7f-\x9f\ud800-\udfff]")
+_EXAMPLES = 5       # of the names of parts in an error
 
 Mesh = tuple[Any, Any]  # vertices and faces
 
@@ -39,8 +45,9 @@ class Spheres(Records):
         if sizes.shape not in ((), points.shape[:1]):
             raise UsageError(f"radii has shape {sizes.shape}: it must be one number, or ({len(points)},), one for each of the "
                              "centres")
-        if not (np.isfinite(sizes).all() and (sizes > 0).all()):
-            raise UsageError("radii must be finite numbers above 0")
+        sent = float32(sizes)
+        if not (np.isfinite(sent).all() and (sent > 0).all()):
+            raise UsageError("radii must be finite numbers above 0, also in float32")
         rows = np.empty((len(points), 4), np.result_type(points, np.float32))
         rows[:, :3], rows[:, 3] = points, sizes
         super().__init__("sphere", rows)
@@ -58,7 +65,7 @@ class Place:
         count = len(self.matrices) if self.matrices is not None and self.matrices.ndim == 3 else 1
         self.mask = None if mask is None else _each("mask", whole_numbers("mask", mask, _ALL), count)
         self.uid = None if uid is None else _each("uid", user_ids("uid", uid), count)
-        seen = np.asarray(visible)
+        seen = array_of("visible", visible)
         if seen.dtype != bool:
             raise TypeError(f"visible of {reprlib.repr(visible)}: it must be True or False, or one of these for each place")
         if not _each("visible", seen, count).all():
@@ -90,7 +97,7 @@ def read_parts(parts: Mapping[str, Any], places: Optional[Mapping[str, Any]]) ->
         raise TypeError(f"places of {reprlib.repr(places)}: it must be a dict: {{'ground': 'ground', 'car': ('car', matrices)}}")
     made = Parts({}, {}, {}, {})
     for name, part in parts.items():
-        _check_name("a part", name)
+        check_name("a part", name)
         if isinstance(part, Records):
             made.records[name] = part
         elif not isinstance(part, Mapping):
@@ -137,9 +144,11 @@ def matrices_of(what: str, value: Any) -> Array:
     return made
 
 
-def _check_name(what: str, name: Any) -> None:
+def check_name(what: str, name: Any) -> None:
     if not isinstance(name, str) or not name:
         raise TypeError(f"{reprlib.repr(name)} is no name of {what}: it must be a text")
+    if found := _UNFIT.search(name):
+        raise UsageError(f"{reprlib.repr(name)} is no name of {what}: leave {found[0]!r} out, which is no visible character")
 
 
 def _mesh(name: str, part: Any) -> Mesh:
@@ -152,14 +161,38 @@ def _mesh(name: str, part: Any) -> Mesh:
 
 
 def _place(where: str, name: Any, place: Any, parts: Mapping[str, Any]) -> Place:
-    _check_name("a place", name)
+    check_name("a place", name)
     if not isinstance(place, Place):
         part, matrices = place if isinstance(place, tuple) and len(place) == 2 else (place, None)
         place = Place(part, None if matrices is None else matrices_of(f"the place {where}", matrices))
     if not isinstance(place.part, str) or place.part not in parts:
-        raise UsageError(f"the place {where} is of {reprlib.repr(place.part)}, which is no part; there are "
-                         + ", ".join(map(repr, parts)))
+        raise UsageError(f"the place {where} is of {reprlib.repr(place.part)}, which is no part{_instead(place.part, parts)}")
+    if place.matrices is not None:
+        lost = np.flatnonzero(_singular(place.matrices))
+        if lost.size:
+            which = f"number {lost[0]} of the place {where}" if place.matrices.ndim == 3 else f"the place {where}"
+            raise UsageError(f"{which} is singular: a scale of 0 leaves no way to bring rays into its space")
     return place
+
+
+def _instead(part: Any, parts: Mapping[str, Any]) -> str:
+    near = difflib.get_close_matches(part, parts, 1) if isinstance(part, str) else []
+    if near:
+        return f": did you mean {near[0]!r}?"
+    more = f" and {len(parts) - _EXAMPLES} more" if len(parts) > _EXAMPLES else ""
+    return "; there are " + ", ".join(map(repr, itertools.islice(parts, _EXAMPLES))) + more
+
+
+def _singular(matrices: Array) -> Array:
+    """True for matrices (..., 4, 4) that the daemon cannot invert: as float32, their determinant is not above the
+    rounding of its terms."""
+    first, second, third = np.moveaxis(float32(matrices[..., :3, :3]).astype(np.float64), -2, 0)
+    plus = first * np.roll(second, -1, -1) * np.roll(third, -2, -1)
+    minus = first * np.roll(second, -2, -1) * np.roll(third, -1, -1)
+    size = (np.abs(plus) + np.abs(minus)).sum(-1)
+    with np.errstate(invalid="ignore"):
+        fits: Array = np.abs((plus - minus).sum(-1)) > 4 * np.finfo(np.float64).eps * size
+    return ~fits
 
 
 def _rows(what: str, rows: Any, width: Optional[int] = None) -> Array:

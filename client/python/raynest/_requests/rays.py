@@ -17,7 +17,7 @@ import numpy as np
 from .._net.control import Message
 from .._net.frame import Array
 from ..errors import RayWarning, UsageError, warn
-from .arguments import float32, numbers, real, whole_numbers
+from .arguments import float32, is_several, numbers, real, whole_numbers
 from .job import JobOptions
 
 
@@ -130,7 +130,7 @@ class Source:
 def masked(source: Source, job: JobOptions) -> tuple[Source, JobOptions]:
     """Returns both with the mask of each ray in the source, if the options have an array of them."""
     given = job.get("mask")
-    if given is None or np.ndim(given) == 0:
+    if not is_several("mask", given):
         return source, job
     if source.count and not source.sent.count:
         raise UsageError("the daemon makes these rays, which have one mask: pass a number")
