@@ -15,7 +15,7 @@ from types import SimpleNamespace
 import numpy as np
 
 import raynest
-from daemon import until
+from daemon import Daemon, until
 from with_daemon import WithDaemon, main, rain
 
 RAYS = rain(3000)
@@ -77,7 +77,8 @@ class Edits(WithDaemon):
             found = self.trace(mask=mask)["inst"]
             self.assertEqual(set(found[found < 2**32 - 1].tolist()), {number})
         for masks, why in (([1, 2], "2 masks for 3 targets"), ([1, 2, -1], "whole number"), ([1, 2, 2**32], "whole number"),
-                           ([1, 2, 0.5], "whole number")):
+                           ([1, 2, 0.5], "whole number"), ([[1, 2, 4]], r"mask has shape \(1, 3\)"),
+                           ([[1], [1, 2]], "a mask must be numbers, in rows of one length")):
             with self.assertRaisesRegex((raynest.UsageError, TypeError), why), self.scene.edit() as edit:
                 edit.set_mask(seen, masks)
 
@@ -245,6 +246,7 @@ class Edits(WithDaemon):
         for change, kind, words in (
                 (lambda edit: edit.hide([]), raynest.UsageError, "no instances"),
                 (lambda edit: edit.hide(1.5), TypeError, "names no instance"),
+                (lambda edit: edit.hide([[1], [1, 2]]), TypeError, "names no instance"),
                 (lambda edit: edit.move(0, (1, 2)), raynest.UsageError, "has shape"),
                 (lambda edit: edit.place("birch-*", np.zeros((3, 3, 4))), raynest.UsageError,
                  r"3 matrices for 1 target: .* list those, as \['row#0'"),
@@ -402,6 +404,8 @@ class Edits(WithDaemon):
                 (lambda edit: edit.add(car, (2e15, 0, 0)), raynest.UsageError, "1e15"),
                 (lambda edit: edit.add(car, np.zeros((3, 4))), raynest.UsageError, "'whole' is singular"),
                 (lambda edit: edit.add(3), TypeError, "is no scene"),
+                (lambda edit: edit.add(car, name=3), TypeError, "3 is no name of a placement"),
+                (lambda edit: edit.add(car, name="a\nb"), raynest.UsageError, r"no name of a placement: leave '\\n' out"),
                 (lambda edit: edit.add(car, np.zeros((0, 3))), raynest.UsageError, "no placement"),
                 (lambda edit: edit.place("whole", np.eye(4), frame="own"), raynest.UsageError, "'world' or 'parent'"),
                 (lambda edit: edit.move("whole", (1, 0, 0), frame="mine"), raynest.UsageError, "frame is 'mine'")):
@@ -410,6 +414,22 @@ class Edits(WithDaemon):
                     edit.hide("ground")
                     change(edit)
         self.assertEqual(street.info["epoch"], 2)
+
+    def test_a_scene_of_another_daemon_is_added_only_where_it_is_here_too(self):
+        street, other = self.client.scene_of({"ground": box(400, 0.1, 40)}), Daemon(self.raynestd)
+        self.addCleanup(other.stop)
+        car = self.enterContext(raynest.connect(other.uri)).scene_of({"body": box(4, 2, 2)}, name="bus")
+        words = f"the scene 'bus' is at {other.uri}: load it at this daemon, too"
+        with self.assertRaisesRegex(raynest.UsageError, words):
+            street.add(car)
+        self.client.scene_of({"body": box(4, 4, 2)}, name="bus")
+        with self.assertRaisesRegex(raynest.UsageError, words):
+            street.add(car)
+        self.client.scene_of({"body": box(4, 2, 2)}, name="bus", replace=True)
+        street.add(car)
+        with raynest.connect(self.daemon.uri) as again:
+            street.add(again.scene("bus"), (9, 0, 0))
+        self.assertEqual(street.trace([[0, 9, 0, 0, -1, 0], [9, 9, 0, 0, -1, 0]], fields=("t",))["t"].tolist(), [8, 8])
 
     def test_a_scene_becomes_part_of_a_built_in_one(self):
         with self.scene.edit() as edit:

@@ -129,7 +129,7 @@ class Prepared:
     def edit(self) -> Edit:
         """As Scene.edit(): a batch of changes, which becomes the scene's next epoch when the block ends. The
         workers make them when they next need that epoch; the change travels, not the scene."""
-        return Edit(self._record, added=self._add)
+        return Edit(self._record, self._add)
 
     def _add(self, scene: Any, name: str) -> str:
         if not name:

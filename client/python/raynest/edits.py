@@ -12,11 +12,11 @@ from . import _limits
 from ._net.connection import Connection
 from ._net.control import Message
 from ._net.frame import Array
-from ._requests.arguments import numbers, user_ids, whole
-from ._requests.places import matrices_of
+from ._requests.arguments import numbers, user_ids, whole, whole_numbers
+from ._requests.places import check_name, matrices_of
 from ._requests.upload import FileSender
 from ._session import Session
-from .errors import ProtocolError, UsageError
+from .errors import InvalidError, ProtocolError, UsageError
 
 
 class Uids:
@@ -55,10 +55,10 @@ class Edit:
     seconds: float = 0     # that the daemon took
     notes: Sequence[str] = ()  # what the edit has lost: animations of what it added
 
-    def __init__(self, apply: Callable[[Change], Message], epoch: int = 0, keep: bool = False,
-                 added: Optional[Callable[[Any, str], str]] = None) -> None:
+    def __init__(self, apply: Callable[[Change], Message], name_of: Callable[[Any, str], str], epoch: int = 0,
+                 keep: bool = False) -> None:
         self._apply = apply
-        self._name_of = added or _name_of
+        self._name_of = name_of     # of a scene that is added
         self._keep = bool(keep)
         self.epoch = whole("epoch", epoch, 2**64 - 1, 0)
         self._texts: dict[str, int] = {}
@@ -83,8 +83,8 @@ class Edit:
         """Adds placements of another loaded scene, given by its name or as a Scene: its geometry and materials,
         which are stored once however often it is placed. `matrices` are as for move(). Their paths begin with
         `name`, by default the scene's name; several placements have numbers: "taxi#0"."""
-        if not isinstance(name, str):
-            raise TypeError(f"{reprlib.repr(name)} is no name: it must be a text")
+        if name != "":
+            check_name("a placement", name)
         text = self._name_of(scene, name)
         placed = matrices_of("matrices", matrices)
         rows = np.zeros(len(placed) if placed.ndim == 3 else 1, _ROW)
@@ -121,10 +121,12 @@ class Edit:
         """Sets the mask of instances, one number for all, or one for each: rays whose own mask shares no bit with it do
         not enter them."""
         rows = self._targets(which)
-        masks = [whole("a mask", each, 2**32 - 1, 0) for each in np.atleast_1d(np.asarray(mask, object)).ravel()]
-        if np.ndim(mask) != 0 and len(masks) != len(rows):
+        masks = whole_numbers("a mask", mask, 2**32 - 1)
+        if masks.ndim > 1:
+            raise UsageError(f"mask has shape {masks.shape}: it must be one number, or (N,), one for each")
+        if masks.ndim == 1 and len(masks) != len(rows):
             raise _uneven(f"{len(masks)} masks", rows)
-        rows["what"], rows["value"] = _MASK, masks if np.ndim(mask) != 0 else masks[0]
+        rows["what"], rows["value"] = _MASK, masks
         self._rows.append(rows)
         return self
 
@@ -184,7 +186,7 @@ class Edit:
             rows = np.zeros(len(several), _ROW)
             rows["target"] = several
         else:
-            if not isinstance(several, (Sequence, np.ndarray)) or not np.ndim(several):
+            if not isinstance(several, (Sequence, np.ndarray)) or not getattr(several, "ndim", 1):
                 raise _wrong(which)
             rows = np.zeros(len(several), _ROW)
             for row, item in zip(rows, several):
@@ -246,7 +248,8 @@ class Editable:
         Requests that run keep the epoch that they began with. Only the scene's owner and administrators may edit it. With
         `epoch` the edit fails unless the scene is at that epoch. With `keep` the block ends when the changed scene is on the
         disk of a daemon with --state; without it, a restart brings back what was loaded or kept last."""
-        return Edit(lambda change: change.apply(self._client.connection, self.name), epoch, keep)
+        return Edit(lambda change: change.apply(self._client.connection, self.name),
+                    lambda scene, _: _name_at(self._client, scene), epoch, keep)
 
     def add(self, scene: Any, matrices: Any = (0, 0, 0), name: str = "", mask: int = 2**32 - 1, *, epoch: int = 0,
             keep: bool = False) -> Edit:
@@ -274,11 +277,24 @@ class Change(NamedTuple):
         raise ProtocolError("the daemon ended an edit without an answer")
 
 
-def _name_of(scene: Any, _: str) -> str:
+def _name_at(client: Session, scene: Any) -> str:
+    """Returns the name of a scene that is there for this client. Another daemon may have other content of that name."""
     text = scene if isinstance(scene, str) else getattr(scene, "name", None)
     if not isinstance(text, str) or not text:
         raise TypeError(f"{reprlib.repr(scene)} is no scene: give a loaded one, or its name")
+    if isinstance(scene, Editable) and scene._client is not client:
+        theirs = _hash_at(scene._client, text)
+        try:
+            is_here = _hash_at(client, text) == theirs
+        except InvalidError:
+            is_here = False
+        if not is_here:
+            raise UsageError(f"the scene {text!r} is at {scene._client.uri}: load it at this daemon, too")
     return text
+
+
+def _hash_at(client: Session, name: str) -> str:
+    return str(client.connection.ask("Info", {"scene": name}, "SceneInfo")["hash"])
 
 
 def _some(rows: Array) -> Array:
