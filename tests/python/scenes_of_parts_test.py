@@ -363,6 +363,7 @@ class ScenesOfParts(WithDaemon):
                 (lambda: of({"a": Records("cone", [[1, 2, 3, 4]])}), "object 'a': there is no primitive type 'cone'"),
                 (lambda: of({"a": Records("sphere", [[1, 2, 3]])}), r"object 'a': .*shape \(N, 4\)"),
                 (lambda: of({**chain, "g3000": {"x": "a"}, "a": ball}), "deeper than 32 levels"),
+                (lambda: of({**{f"g{i}": chain[f"g{i}"] for i in range(30)}, "g30": {"x": "a"}, "a": ball}), "more than 32 levels"),
                 (lambda: of({"a": ball}, {"x": ("a", np.zeros((3, 4)))}), "^the place 'x' is singular: a scale of 0"),
                 (lambda: of({"a": cube}, {"x": ("a", flat)}), "^number 1 of the place 'x' is singular"),
                 (lambda: of({"a": cube}, {"x": Place("a", flat[1])}), "^the place 'x' is singular"),
@@ -372,6 +373,7 @@ class ScenesOfParts(WithDaemon):
                 make()
         with self.assertRaisesRegex(raynest.UsageError, "make 512 files, at most 511 are taken"):
             of({f"ball {i}": ball for i in range(512)})
+        of({**{f"g{i}": chain[f"g{i}"] for i in range(29)}, "g29": {"x": "a"}, "a": ball})     # 30 groups
         with mock.patch.object(parts, "JSON_BYTES_MAX", 1000), \
                 self.assertRaisesRegex(raynest.UsageError, r"put them into a group, as \{'cars': \{'car': \('car', matrices\)"):
             of({"a": cube}, {"a": ("a", three * 10)})
