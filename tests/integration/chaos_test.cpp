@@ -137,6 +137,7 @@ Learnt edit(std::uint16_t port) {
     wire::LoadT load;
     load.source = "builtin:forest?trees=2";
     load.name = "sent";
+    load.replace = true;  // another client may have edited it before its network broke
     std::array<protocol::EditRow, 2> rows{};
     rows[0] = {protocol::EditRow::move,
                0,
@@ -146,7 +147,6 @@ Learnt edit(std::uint16_t port) {
     rows[1] = {protocol::EditRow::set_mask, 0, protocol::EditRow::text, 2, {}};
     wire::EditT edit;
     edit.scene = "sent";
-    edit.epoch = 1;
     edit.rows = rows.size();
     edit.targets = {"birch-*"};
     protocol::Bulk bulk;
