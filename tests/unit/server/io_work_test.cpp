@@ -379,7 +379,8 @@ TEST_CASE("no turn of the io thread does more for a large request and a large sc
     // load_test and the whole daemon's tests have the others.
     const auto elsewhere = [](wire::Message type) {
         return type == wire::Message::Load || type == wire::Message::Page ||
-               type == wire::Message::Admin;
+               type == wire::Message::Admin || type == wire::Message::Backup ||
+               type == wire::Message::Restore;
     };
 #define RAYNEST_REQUEST(number, Name, ...)                                           \
     CHECK_MESSAGE((Turns::asked.contains(number) || elsewhere(wire::Message::Name)), \
