@@ -15,6 +15,7 @@
 #include <cstring>
 #include <map>
 #include <optional>
+#include <span>
 #include <sstream>
 
 namespace raynest::test {
@@ -103,6 +104,15 @@ std::string sphere_file() {
     return file;
 }
 
+/// A file of the running request, in one piece.
+protocol::Frame upload_frame(std::uint64_t id, std::span<const std::byte> bytes) {
+    protocol::Bulk bulk;
+    bulk.add("data", wire::Dtype::u8, 1, bytes.size());
+    bulk.allocate();
+    std::memcpy(bulk.block(0).data(), bytes.data(), bytes.size());
+    return protocol::encode(id, wire::UploadT{}, std::move(bulk)).value();
+}
+
 /// Uploads, imports and drops a scene.
 Learnt upload(std::uint16_t port) {
     const std::string file = sphere_file();
@@ -114,10 +124,6 @@ Learnt upload(std::uint16_t port) {
     load.file_names = {"points.npy"};
     load.file_hashes = {protocol::upload_checksum(bytes)};
     load.file_bytes = {bytes.size()};
-    protocol::Bulk bulk;
-    bulk.add("data", wire::Dtype::u8, 1, bytes.size());
-    bulk.allocate();
-    std::memcpy(bulk.block(0).data(), bytes.data(), bytes.size());
     wire::UnloadT unload;
     unload.scene = "sent";
     Client client(port);
@@ -125,7 +131,7 @@ Learnt upload(std::uint16_t port) {
         .until(Message::Welcome)
         .say(5, load)
         .until(Message::Need)
-        .send(protocol::encode(5, wire::UploadT{}, std::move(bulk)).value())
+        .send(upload_frame(5, bytes))
         .until(Message::Loaded)
         .say(6, unload)
         .until(Message::Unloaded)
@@ -149,10 +155,6 @@ Learnt edit(std::uint16_t port) {
     edit.scene = "sent";
     edit.rows = rows.size();
     edit.targets = {"birch-*"};
-    protocol::Bulk bulk;
-    bulk.add("data", wire::Dtype::u8, 1, sizeof rows);
-    bulk.allocate();
-    std::memcpy(bulk.block(0).data(), rows.data(), sizeof rows);
     wire::UnloadT unload;
     unload.scene = "sent";
     Client client(port);
@@ -161,7 +163,7 @@ Learnt edit(std::uint16_t port) {
         .say(5, load)
         .until(Message::Loaded)
         .say(6, edit)
-        .send(protocol::encode(6, wire::UploadT{}, std::move(bulk)).value())
+        .send(upload_frame(6, std::as_bytes(std::span(rows))))
         .until(Message::Edited)
         .say(7, unload)
         .until(Message::Unloaded)
