@@ -23,7 +23,7 @@ from ._requests.words import check_listed, rows_of, scene_info, variant_info
 from ._session import Session
 from .errors import ProtocolError, SceneWarning, warn
 from .job import Job, job_infos
-from .scene import Scene, scene_info
+from .scene import Scene
 
 
 @none_is_default

@@ -16,6 +16,7 @@ user, or use Dask's TLS.
 from __future__ import annotations
 
 import functools
+import importlib
 import operator
 import sys
 from typing import Any, Callable, Iterable, Iterator, Optional, Sequence, Union
@@ -72,7 +73,9 @@ def arrays(cluster: Any, scene: Any, rays: Any, *, fields: Union[str, Sequence[s
            patience: float = PATIENCE, **job: Any) -> dict[str, Any]:
     """Returns the columns of trace() as dask arrays, whose blocks stay on the workers that made them, to be reduced or
     written there, as by to_zarr(). For kinds "closest" and "any". A block that is lost is made again."""
-    import dask.array
+    from dask.delayed import delayed
+
+    array: Any = importlib.import_module("dask.array")  # has no types
 
     if kind not in ("closest", "any"):
         raise UsageError(f"arrays() has a row per ray, and kind {kind} has not: use trace()")
@@ -88,9 +91,9 @@ def arrays(cluster: Any, scene: Any, rays: Any, *, fields: Union[str, Sequence[s
         given = cluster.scatter(part.rays(), hash=False, direct=True) if part.heavy else part.rays()
         blocks.append(cluster.submit(columns_of, VERSION, setup, source, given, part.options, pure=False, retries=5))
         blocks[-1].raynest_scene = known    # whose files the workers have as long as there are blocks
-    return {name: dask.array.concatenate([
-        dask.array.from_delayed(dask.delayed(operator.getitem)(block, name), (part.weight, *column.shape[1:]),
-                                column.dtype) for part, block in zip(parts, blocks)])
+    return {name: array.concatenate([
+        array.from_delayed(delayed(operator.getitem)(block, name), (part.weight, *column.shape[1:]), column.dtype)
+        for part, block in zip(parts, blocks)])
             for name, column in row.items()}
 
 

@@ -227,7 +227,7 @@ class Lidar(Generator):
     """The rays of a lidar that stands still, from lidar()."""
 
     _columns: int
-    _fields = ("ring",)
+    _fields: tuple[str, ...] = ("ring",)
 
     @property
     def ring(self) -> Array:
@@ -327,7 +327,7 @@ class Moving(Generator):
     _way: _Way
     _angles: Array = np.empty(0)    # that follow the poses
     _columns: int                   # rays of a row
-    _fields = ("time",)
+    _fields: tuple[str, ...] = ("time",)
     _starts = "poses"
 
     @property

@@ -6,6 +6,7 @@ cancel(), or, once it was fetched, when newer answers need the memory.
 from __future__ import annotations
 
 import contextlib
+import functools
 from typing import Any, Iterator
 
 from . import errors
@@ -71,7 +72,7 @@ class Job:
         """Returns the answer of the original call, any number of times. Raises BusyError while the job runs.
         An answer that was fetched is dropped when the daemon needs its room."""
         self._check_cancelled()
-        return self._client.connection.again(lambda: self._fetch(progress))
+        return self._client.connection.again(functools.partial(self._fetch, progress))
 
     def _fetch(self, progress: Progress) -> Any:
         client, message = self._client, {"job": self.number}

@@ -22,6 +22,7 @@ import numpy as np
 
 from ._requests.columns import OF_HITS, REDUCED
 from ._requests.exr import channel_count, read_exr, unpacked
+from ._requests.npz import write_npz
 from .errors import Error, InvalidError, ProtocolError, UsageError
 
 LINES = 16                  # rows of a block of the daemon's EXR files, at which parts begin
@@ -168,15 +169,7 @@ def _join_npz(parts: Sequence[Part]) -> Any:
         if form != forms[0] or part.body[1] not in (None, rows) and parts[0].request.get("reduce") != "visible_pixels":
             raise InvalidError(f"{part.path} has other columns than {parts[0].path}", "FILE_INVALID")
     columns = joined(found, str(parts[0].request.get("reduce", "")))
-    return lambda file: _write_npz(file, columns)
-
-
-def _write_npz(file: Any, columns: dict[str, Any]) -> None:
-    """As numpy.savez(), in which no column may be called "file"."""
-    with zipfile.ZipFile(file, "w") as whole:
-        for name, column in columns.items():
-            with whole.open(name + ".npy", "w", force_zip64=True) as member:
-                np.lib.format.write_array(member, column, allow_pickle=False)
+    return lambda file: write_npz(file, columns)
 
 
 def joined(found: Sequence[dict[str, Any]], reduce: str = "") -> dict[str, Any]:

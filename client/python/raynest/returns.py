@@ -138,7 +138,7 @@ def _spread(ways: Array, offsets: Array) -> Array:
     right = np.cross(ways, helper)
     right /= np.linalg.norm(right, axis=1)[:, None]
     up = np.cross(right, ways)
-    spread = ways[:, None] + offsets[:, :1] * right[:, None] + offsets[:, 1:] * up[:, None]
+    spread: Array = ways[:, None] + offsets[:, :1] * right[:, None] + offsets[:, 1:] * up[:, None]
     aside = offsets.any(axis=1)
     spread[:, aside] /= np.linalg.norm(spread[:, aside], axis=2)[..., None]
     return spread

@@ -3,6 +3,7 @@ from __future__ import annotations
 
 import contextlib
 import dataclasses
+import functools
 from types import TracebackType
 from typing import Any, Callable, Generator, Iterator, Literal, Mapping, Optional, Sequence, Union, overload
 
@@ -131,7 +132,7 @@ class Scene(Renders, Paths, Editable):
                 raise UsageError("a detached job answers in world coordinates: pass those and leave "
                                  "origin= away")
             self._look_up(job)
-        answer = self._at(origin, lambda shift, expected: self._trace(
+        answer: Union[Columns, Job] = self._at(origin, lambda shift, expected: self._trace(
             self._source(rays, directions, shift), shift, expected, kind, fields, max_hits, job,
             reduce, progress, detach), repeats=not detach)
         if not detach:
@@ -286,7 +287,7 @@ class Scene(Renders, Paths, Editable):
         def answer(shift: Array, expected: bool) -> Any:
             if not repeats:
                 return ask(shift, expected)
-            return self._client.connection.again(lambda: ask(shift, expected))
+            return self._client.connection.again(functools.partial(ask, shift, expected))
         try:
             return answer(self._shift(origin), origin is None)
         except SceneMoved as moved:
@@ -398,11 +399,11 @@ class Scene(Renders, Paths, Editable):
         [ox oy oz dx dy dz] or [ox oy oz tmin dx dy dz tmax]; or `pixel` is (x, y) of the picture that
         render() makes with these arguments. The document has at most `steps` steps, 256 by default.
         With the `integrator` "ao", "direct" or "path" it has the rays of one `sample` of the pixel."""
-        light = {"sample": sample, "seed": seed, "environment": environment, "depth": depth,
-                 "ao_distance": ao_distance, "sun": sun}
+        light: dict[str, Any] = {"sample": sample, "seed": seed, "environment": environment, "depth": depth,
+                                 "ao_distance": ao_distance, "sun": sun}
         check_explain(ray, pixel, integrator, {"camera": camera, "look_at": look_at, "fov": fov}, light, steps)
         options = job_message(self.name, job)
-        fields = {**size_message(size), "job": options}
+        fields: Message = {**size_message(size), "job": options}
         if integrator and pixel is not None:
             fields.update(path_message(pixel, integrator, **light))
         else:
@@ -431,9 +432,9 @@ class Scene(Renders, Paths, Editable):
         them, with a diagnosis: the document of client/EXPLAIN.md. `level` 0 is the innermost
         instance, 1 those of the root, and so on; cameras are those of render()."""
         options = job_message(self.name, job)
-        fields = {**size_message(size), "job": options,
-                  "top": whole("top", top, _limits.list_items_max),
-                  "level": whole("level", level, 31, 0)}
+        fields: Message = {**size_message(size), "job": options,
+                           "top": whole("top", top, _limits.list_items_max),
+                           "level": whole("level", level, 31, 0)}
 
         def ask(origin: Array, _expected: bool) -> dict[str, Any]:
             message = {**fields, "camera": camera_message(camera, look_at, fov, origin)}

@@ -66,7 +66,8 @@ def _velocity_at(trajectory: Any, times: Array) -> Array:
     if len(known) == 1:
         return np.zeros((len(times), 3))
     slopes = np.diff(places, axis=0) / np.diff(known)[:, None]
-    return slopes[np.clip(np.searchsorted(known, times, side="right"), 1, len(known) - 1) - 1]
+    velocities: Array = slopes[np.clip(np.searchsorted(known, times, side="right"), 1, len(known) - 1) - 1]
+    return velocities
 
 
 def known_poses(trajectory: Any) -> tuple[Array, Array]:
@@ -142,7 +143,8 @@ def _turned(first: Array, second: Array, share: Array) -> Array:
     zero = np.zeros_like(x)
     across = np.stack([zero, -z, y, z, zero, -x, -y, x, zero], -1).reshape(-1, 3, 3)
     step = np.eye(3) + np.sin(part)[:, :, None] * across + (1 - np.cos(part))[:, :, None] * (across @ across)
-    return first @ step
+    turned: Array = first @ step
+    return turned
 
 
 def turn_of(azimuths: Any) -> tuple[float, float, int]:

@@ -15,7 +15,6 @@ structs None.
 from __future__ import annotations
 
 import functools
-import itertools
 import re
 import reprlib
 import struct
@@ -184,7 +183,8 @@ class _Reader:
         slots = min(max(vtable_bytes // 2 - 2, 0), len(fields))
         offsets = self._numbers(f"<{slots}H", vtable + 4)
         message: Message = {}
-        for field, offset in itertools.zip_longest(fields, offsets, fillvalue=0):
+        absent = (0,) * (len(fields) - slots)
+        for field, offset in zip(fields, (*offsets, *absent)):
             if offset >= max(table_bytes, 1):
                 raise ProtocolError(f"the daemon sent {name}.{field.name} outside of its table")
             message[field.name] = (self._value(field, at + offset, depth) if offset

@@ -3,6 +3,7 @@ from __future__ import annotations
 
 import contextlib
 import fcntl
+import importlib
 import os
 import pathlib
 import re
@@ -144,10 +145,11 @@ def _parse_line(text: str) -> dict[str, Any]:
     """Returns a line of TOML as a dict; ValueError where it is none."""
     text.encode("utf-8")  # ValueError for bytes that are not UTF-8
     try:
-        import tomllib
+        tomllib: Any = importlib.import_module("tomllib")
     except ImportError:  # before Python 3.11: what `raynest login` writes is simple enough
         return _parse_simple(text)
-    return tomllib.loads(text)
+    row: dict[str, Any] = tomllib.loads(text)
+    return row
 
 
 def _parse_simple(text: str) -> dict[str, Any]:

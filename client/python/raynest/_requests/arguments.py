@@ -121,11 +121,16 @@ def whole_numbers(what: str, values: Any, most: int = 2**64 - 1) -> Array:
     return items.astype(np.uint64)
 
 
+def is_masked(value: Any) -> bool:
+    """Whether it is an array with masked elements."""
+    return isinstance(value, np.ma.MaskedArray) and bool(np.any(value.mask))
+
+
 def numbers(what: str, value: Any) -> Array:
     """Returns the value as an array. Masked elements become NaN, so that their values are not used."""
     if hasattr(value, "rays"):
         raise TypeError(f"{what} is a sweep: pass sweep.rays")
-    if isinstance(value, np.ma.MaskedArray) and np.ma.is_masked(value):
+    if is_masked(value):
         value = value.astype(np.promote_types(value.dtype, np.float32)).filled(np.nan)
     out = array_of(what, value)
     if out.dtype.kind not in "fiu":

@@ -16,8 +16,8 @@ Columns = dict[str, Array]
 
 MISS = 2**64 - 1  # in the column path
 
-_DTYPES = {"u8": np.dtype(np.uint8), "u32": np.dtype(np.uint32), "u64": np.dtype(np.uint64),
-           "f32": np.dtype(np.float32)}
+_DTYPES: dict[str, np.dtype[Any]] = {"u8": np.dtype(np.uint8), "u32": np.dtype(np.uint32), "u64": np.dtype(np.uint64),
+                                      "f32": np.dtype(np.float32)}
 
 
 def _typed(columns: dict[str, tuple[str, int]]) -> dict[str, tuple[np.dtype[Any], int]]:
@@ -147,8 +147,10 @@ def as_usual(columns: Columns) -> Columns:
     ray_splits, with which numpy counts and repeats."""
     def usual(name: str, column: Array) -> Array:
         if name in _lists.TRUTHS:
-            return column != 0
-        return column.view(np.int64) if name == "ray_splits" else column
+            column = column != 0
+        elif name == "ray_splits":
+            column = column.view(np.int64)
+        return column
     return {name: usual(name, column) for name, column in columns.items()}
 
 

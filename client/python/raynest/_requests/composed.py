@@ -3,7 +3,6 @@ from __future__ import annotations
 
 import io
 import json
-import zipfile
 from typing import Any, Iterator, Optional
 
 import numpy as np
@@ -13,6 +12,7 @@ from .._net.frame import Array
 from ..errors import UsageError
 from .arguments import float32
 from .gltf import JSON_BYTES_MAX, triangles
+from .npz import write_npz
 from .parts import shift_of
 from .places import Parts, Place, Spheres
 from .upload import File
@@ -87,12 +87,8 @@ def _keep(files: list[File], data: bytes, ending: str) -> str:
 
 
 def _npz(**arrays: Array) -> bytes:
-    """As numpy.savez() makes it, whose files have the date of today in some versions of Python."""
     file = io.BytesIO()
-    with zipfile.ZipFile(file, "w") as archive:
-        for name, array in arrays.items():
-            with archive.open(zipfile.ZipInfo(name + ".npy"), "w", force_zip64=True) as entry:
-                np.lib.format.write_array(entry, array, allow_pickle=False)
+    write_npz(file, arrays)
     return file.getvalue()
 
 

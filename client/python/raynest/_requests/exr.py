@@ -6,6 +6,7 @@ from __future__ import annotations
 
 import struct
 import zlib
+from typing import Any
 
 import numpy as np
 
@@ -16,7 +17,7 @@ MAGIC = 20000630
 LINES = 16  # of a block
 ZIP = 3
 CHANNELS_MAX = 512  # every counter of every level
-DTYPES = {0: np.dtype("<u4"), 2: np.dtype("<f4")}
+DTYPES: dict[int, np.dtype[Any]] = {0: np.dtype("<u4"), 2: np.dtype("<f4")}
 
 
 def read_exr(data: bytes, pixels_max: int, channels_max: int = CHANNELS_MAX) -> tuple[dict[str, Array], dict[str, str]]:
@@ -69,8 +70,9 @@ def _read(data: memoryview, pixels_max: int, channels_max: int) -> tuple[dict[st
     return planes, texts
 
 
-def _channels(rest: memoryview) -> list[tuple[str, np.dtype[np.generic]]]:
-    names, place = [], 0
+def _channels(rest: memoryview) -> list[tuple[str, np.dtype[Any]]]:
+    names: list[tuple[str, np.dtype[Any]]] = []
+    place = 0
     while rest[place]:
         name, place = _word(rest, place)
         names.append((name, DTYPES[struct.unpack_from("<I", rest, place)[0]]))

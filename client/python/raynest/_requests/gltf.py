@@ -14,7 +14,7 @@ import numpy as np
 
 from .._net.frame import Array
 from ..errors import InvalidError, UsageError
-from .arguments import array_of
+from .arguments import array_of, is_masked
 
 JSON_BYTES_MAX = 64 << 20
 NAME_BYTES_MAX = 1024
@@ -106,9 +106,9 @@ def file_of_uri(uri: str) -> str | None:
 
 def triangles(vertices: Any, faces: Any, whose: str = "") -> tuple[Array, Array]:
     """Returns both as checked arrays: vertices (N, 3), and faces (M, 3) of indices. `whose` is before each error."""
-    if np.ma.is_masked(faces):
+    if is_masked(faces):
         raise UsageError(f"{whose}some faces are masked: pass numpy.ma.compress_rows(faces)")
-    if np.ma.is_masked(vertices):
+    if is_masked(vertices):
         raise UsageError(f"{whose}some vertices are masked: leave out the faces that use them, as "
                          "faces[~vertices.mask.any(1)[faces].any(1)], and pass vertices.data")
     points, corners = array_of(f"{whose}vertices", vertices), array_of(f"{whose}faces", faces)

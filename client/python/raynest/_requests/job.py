@@ -178,7 +178,7 @@ def _table(name: str, value: Any) -> list[float]:
     try:
         values = np.asarray(value, np.float32)
     except (TypeError, ValueError):
-        values = np.empty((0, 0))
+        values = np.empty((0, 0), np.float32)
     if values.ndim != 1:
         raise UsageError(f"params['{name}'] of {reprlib.repr(value)}: a table is a list or an array "
                          "of numbers, of one dimension")
@@ -216,7 +216,9 @@ def other_message(scene: str, job: JobOptions, diff: Any) -> Optional[Message]:
         return None
     name = getattr(diff, "name", None)
     if isinstance(name, str):
-        return job_message(name, JobOptions({**job, "epoch": 0, "hide": None, "only": None}))
+        of_other = job.copy()
+        of_other["epoch"], of_other["hide"], of_other["only"] = 0, None, None
+        return job_message(name, of_other)
     if not isinstance(diff, Mapping):
         raise UsageError(f"diff of {reprlib.repr(diff)}: it must be a Scene, or a dict of the options "
                          "that differ, as {'intersector': 'opaque'}")

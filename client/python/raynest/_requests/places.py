@@ -162,17 +162,19 @@ def _mesh(name: str, part: Any) -> Mesh:
 
 def _place(where: str, name: Any, place: Any, parts: Mapping[str, Any]) -> Place:
     check_name("a place", name)
-    if not isinstance(place, Place):
+    if isinstance(place, Place):
+        made = place
+    else:
         part, matrices = place if isinstance(place, tuple) and len(place) == 2 else (place, None)
-        place = Place(part, None if matrices is None else matrices_of(f"the place {where}", matrices))
-    if not isinstance(place.part, str) or place.part not in parts:
-        raise UsageError(f"the place {where} is of {reprlib.repr(place.part)}, which is no part{_instead(place.part, parts)}")
-    if place.matrices is not None:
-        lost = np.flatnonzero(_singular(place.matrices))
+        made = Place(part, None if matrices is None else matrices_of(f"the place {where}", matrices))
+    if not isinstance(made.part, str) or made.part not in parts:
+        raise UsageError(f"the place {where} is of {reprlib.repr(made.part)}, which is no part{_instead(made.part, parts)}")
+    if made.matrices is not None:
+        lost = np.flatnonzero(_singular(made.matrices))
         if lost.size:
-            which = f"number {lost[0]} of the place {where}" if place.matrices.ndim == 3 else f"the place {where}"
+            which = f"number {lost[0]} of the place {where}" if made.matrices.ndim == 3 else f"the place {where}"
             raise UsageError(f"{which} is singular: a scale of 0 leaves no way to bring rays into its space")
-    return place
+    return made
 
 
 def _instead(part: Any, parts: Mapping[str, Any]) -> str:

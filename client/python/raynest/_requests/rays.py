@@ -38,7 +38,8 @@ class Starts:
                 return half_step(points)
             exact = points - (0.0 if self.shift is None else self.shift)
             off: Array = exact.astype(np.float32) - exact
-        return np.sqrt((off * off).sum(1))
+        steps: Array = np.sqrt((off * off).sum(1))
+        return steps
 
 
 class Rays:

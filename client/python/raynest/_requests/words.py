@@ -21,8 +21,8 @@ def check_listed(count: int) -> None:
         raise ProtocolError(f"the daemon sent a list of more than {LISTED_MAX} entries")
 
 
-def rows_of(message: Message, *names: str, absent: Any = None) -> list[tuple[Any, ...]]:
-    """The rows of a message's lists, which are equally long. An older daemon leaves out those that have an `absent`."""
+def rows_of(message: Message, *names: str, absent: Any = None) -> list[Any]:
+    """The rows, as tuples, of a message's lists, which are equally long. An older daemon leaves out those that have an `absent`."""
     count = len(message[names[0]])
     lists = [message[name] or [absent] * count if absent is not None else message[name] for name in names]
     if any(len(each) != count for each in lists):

@@ -224,7 +224,9 @@ def _key(mesh: Any) -> Hashable:
 
 def _numbers(values: Any) -> Array:
     """As float64; what is masked is not a number, so that its ray hits nothing."""
-    return np.ma.filled(np.ma.asarray(values, np.float64), np.nan)
+    masked: Any = np.ma  # has no types in older versions
+    numbers: Array = masked.filled(masked.asarray(values, np.float64), np.nan)
+    return numbers
 
 
 def _rays(origins: Any, directions: Any) -> tuple[Array, Array]:
