@@ -218,7 +218,8 @@ Result<void> Daemon::run() {
     await_signal();
     repeat(lost_timer_, lost_look, [this] {
         connections_.close_lost();
-        trace_buffers_.trim();
+        if (auto unused = trace_buffers_.trim(); !unused.empty())
+            dispose(compute_, "", std::move(unused));
         poser_.drop_idle();
         selections_.drop_idle();
         log_left_out();

@@ -2,6 +2,7 @@
 
 #include <algorithm>
 #include <functional>
+#include <iterator>
 #include <utility>
 
 namespace raynest::server {
@@ -49,11 +50,16 @@ void TraceBufferPool::give_back(TraceBuffers* buffers) noexcept {
     idle_.emplace_back(buffers);
 }
 
-void TraceBufferPool::trim() {
+std::vector<std::unique_ptr<TraceBuffers>> TraceBufferPool::trim() {
     const std::lock_guard lock(mutex_);
-    count_ -= std::erase_if(idle_, [](const std::unique_ptr<TraceBuffers>& buffers) {
-        return 2 * std::exchange(buffers->used_bytes, 0) <= buffers->held_bytes();
+    const auto unused = std::ranges::stable_partition(idle_, [](const auto& buffers) {
+        return 2 * std::exchange(buffers->used_bytes, 0) > buffers->held_bytes();
     });
+    std::vector<std::unique_ptr<TraceBuffers>> trimmed(std::move_iterator(unused.begin()),
+                                                       std::move_iterator(unused.end()));
+    idle_.erase(unused.begin(), unused.end());
+    count_ -= trimmed.size();
+    return trimmed;
 }
 
 TracedRays TracedRays::slice(std::size_t from, std::size_t count) const {

@@ -67,8 +67,9 @@ public:
 
     /// Returns the idle buffers that were used last, because their pages are warm, or new ones.
     [[nodiscard]] Use take();
-    /// Frees idle buffers of which at most half was used since the last call.
-    void trim();
+    /// Returns idle buffers of which at most half was used since the last call. To free them takes
+    /// milliseconds.
+    [[nodiscard]] std::vector<std::unique_ptr<TraceBuffers>> trim();
 
 private:
     void give_back(TraceBuffers* buffers) noexcept;

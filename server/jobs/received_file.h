@@ -26,7 +26,8 @@ public:
     /// Copies `data`, which lies in `frame`, to `to` sooner or later. Returns the bulk bytes that
     /// were freed at once.
     std::uint64_t add(std::span<const std::byte> data, std::byte* to, protocol::Frame frame) {
-        constexpr std::size_t copied_at_once_max = 1 << 20;  // 0.2 ms, new pages included
+        // New pages included, 0.02 to 0.6 ms: a virtual machine takes 4 us for each page.
+        constexpr std::size_t copied_at_once_max = 1 << 17;
         if (data.size() > copied_at_once_max) {
             waiting_.push_back({data, to, std::move(frame)});
             return 0;

@@ -9,6 +9,7 @@
 #include "server/scheduling/peers.h"
 #include "server/store/state_folder.h"
 
+#include <algorithm>
 #include <atomic>
 #include <chrono>
 #include <exception>
@@ -41,8 +42,9 @@ struct SceneWaker::Read {
         if (edited && gives(**edited, scene.facts.digest))
             snapshot = std::move(*edited);
         else
-            fault = BlobFault{!edited && edited.error().code == Code::scene_invalid,
-                              edited ? "its edits are gone" : edited.error().message};
+            fault = BlobFault{.damaged = !edited && edited.error().code == Code::scene_invalid,
+                              .why = edited ? "its edits are gone" : edited.error().message,
+                              .of_edits = true};
     }
 
     std::atomic<bool> is_stopped = false;  ///< by the io thread
@@ -120,11 +122,13 @@ void SceneWaker::done(const AsleepScene& scene, Read& read) {
                      {"bytes", std::to_string(scene.facts.bytes)},
                      {"seconds", std::to_string(read.seconds)}});
     } else if (read.fault && read.fault->damaged) {
-        for (const std::string& name :
-             services_.scenes.quarantine(scene.facts.arena, read.fault->why)) {
-            services_.metrics.count<&Metrics::scenes_damaged>(scene.owner);
+        // One content may have many names.
+        constexpr std::size_t logged_max = 16;
+        const auto names = services_.scenes.quarantine(scene.facts.arena, *read.fault);
+        services_.metrics.count<&Metrics::scenes_damaged>(scene.owner, names.size());
+        for (std::size_t i = 0; i < std::min(names.size(), logged_max); ++i)
             log(LogLevel::error, "scene_damaged",
-                {{"scene", name},
+                {{"scene", names[i]},
                  {"hash", scene.facts.digest},
                  {"blob", scene.row.digest},
                  {"reason", read.fault->why},
@@ -132,7 +136,10 @@ void SceneWaker::done(const AsleepScene& scene, Read& read) {
                   read.fault->of_another_release
                       ? "load it again, or start that release"
                       : "load it again; the bytes are in the folder damaged of --state"}});
-        }
+        if (names.size() > logged_max)
+            log(LogLevel::error, "scenes_damaged",
+                {{"hash", scene.facts.digest},
+                 {"more_names", std::to_string(names.size() - logged_max)}});
     } else if (!read.is_stopped || is_ending_) {
         result = refuse(Code::resource_exhausted,
                         "the stored scene could not be read: " + read.fault->why + "; try again");

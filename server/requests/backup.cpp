@@ -1,5 +1,6 @@
 // BACKUP: all stored scenes of one moment as one file (store/archive.h), while the daemon goes on.
 #include "protocol/answer.h"
+#include "server/ground/budget.h"
 #include "server/ground/limited_log.h"
 #include "server/jobs/payload_sender.h"
 #include "server/jobs/services.h"
@@ -10,6 +11,7 @@
 
 #include <sys/stat.h>
 
+#include <atomic>
 #include <filesystem>
 #include <map>
 #include <memory>
@@ -19,6 +21,9 @@
 
 namespace raynest::server {
 namespace {
+
+/// Bytes of memory for each byte of the manifest: its rows, and what a scene is in the file.
+constexpr std::uint64_t manifest_copies = 12;
 
 class BackupJob final : public Job {
 public:
@@ -58,6 +63,7 @@ public:
         if (!prepared_) return std::nullopt;
         return Progress{sender_.sent(), sender_.total(), "copying"};
     }
+    [[nodiscard]] std::uint64_t held_bytes() const override { return leased_; }
     Frames farewell() override {
         Frames frames;
         frames.push_back(protocol::answer(caller_.request_id, wire::DoneT{}));
@@ -69,6 +75,14 @@ private:
         auto copy = services_.state->copy();
         if (!copy) return refuse(copy.error());
         copy_ = std::move(*copy);
+        const std::uint64_t needed = manifest_copies * copy_->manifest_bytes;
+        auto lease = services_.budget.reserve(needed, caller_.principal);
+        if (!lease)
+            return services_.budget.refuse("the list of what is backed up", needed,
+                                           caller_.principal,
+                                           "start raynestd with a larger --memory");
+        lease_ = std::move(*lease);
+        leased_ = lease_.bytes();
         source_.add("manifest.sqlite", copy_->manifest, copy_->manifest_bytes);
         std::map<std::string, bool> is_whole;  // by digest
         for (const StoredScene& row : copy_->rows) {
@@ -104,6 +118,8 @@ private:
     std::unique_ptr<StateCopy> copy_;
     ArchiveSource source_;
     std::vector<std::string> notes_;
+    Budget::Lease lease_;
+    std::atomic<std::uint64_t> leased_ = 0;  ///< its bytes, also while a task takes it
 };
 
 }  // namespace

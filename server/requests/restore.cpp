@@ -32,7 +32,7 @@ namespace {
 /// Scenes that come back in one commit: the io thread looks at so many at a time.
 constexpr std::size_t batch_scenes = 128;
 /// Bytes of the manifest in memory, for each of its own: its rows, and the edits of one scene.
-constexpr std::uint64_t manifest_copies = 2;
+constexpr std::uint64_t manifest_copies = 8;
 
 /// An epoch that a manifest can have; what is told of it may grow for ever.
 constexpr std::uint64_t epoch_most = 1ULL << 60;
@@ -41,6 +41,15 @@ constexpr std::uint64_t bytes_most = 1ULL << 48;
 
 std::string full_name(const StoredScene& row) {
     return row.owner + "/" + row.name;
+}
+
+/// True for a row that a load can have made. Others break the lists of scenes.
+bool can_be_loaded(const StoredScene& row, const protocol::Limits& limits) {
+    const auto is_name = [&](const std::string& text) {
+        return !text.empty() && text.size() <= limits.name_bytes_max;
+    };
+    return is_name(row.name) && is_name(row.owner) && row.name.find('/') == std::string::npos &&
+           row.share.size() <= limits.list_items_max && std::ranges::all_of(row.share, is_name);
 }
 
 class RestoreJob final : public Job {
@@ -83,9 +92,9 @@ public:
         if (step_ == Step::receive) {
             if (waiting_.empty()) return std::nullopt;
             writing_.swap(waiting_);
-            return disk_task([this](const Stop&) { return write(); });
+            return disk_task([this](const Stop& stop) { return write(stop); });
         }
-        if (step_ == Step::open) return disk_task([this](const Stop&) { return open(); });
+        if (step_ == Step::open) return disk_task([this](const Stop& stop) { return open(stop); });
         if (step_ == Step::commit) return disk_task([this](const Stop&) { return commit(); });
         if (step_ == Step::describe) return disk_task([this](const Stop&) { return describe(); });
         Task task = disk_task([this](const Stop& stop) { return lock(stop); });
@@ -118,9 +127,7 @@ public:
     [[nodiscard]] bool finished() const override {
         return step_ == Step::tell && sender_.finished();
     }
-    [[nodiscard]] std::uint64_t held_bytes() const override {
-        return step_ > Step::open ? lease_.bytes() : 0;
-    }
+    [[nodiscard]] std::uint64_t held_bytes() const override { return leased_; }
     [[nodiscard]] std::optional<Progress> progress() const override {
         if (step_ == Step::receive) return Progress{received_, bytes_, "uploading"};
         return Progress{0, 0, "restoring"};
@@ -153,14 +160,14 @@ private:
     }
 
     /// Writes what has come. On a thread for the disk.
-    Reply<void> write() {
+    Reply<void> write(const Stop& stop) {
         for (Received& piece : writing_) {
             if (auto taken = target_.take(piece.data); !taken) return not_restored(taken.error());
             freed_ += piece.frame.header.bulk_bytes;
             piece.frame.bulk = {};
             // It comes first as a rule; then only what is wanted takes room.
             if (!manifest_ && target_.has_manifest()) {
-                if (auto read = read_rows(); !read) return read;
+                if (auto read = read_rows(stop); !read) return read;
                 std::set<std::string> digests;
                 for (const ReturningScene& scene : rows_) digests.insert(scene.row.digest);
                 target_.want(std::move(digests));
@@ -171,13 +178,13 @@ private:
     }
 
     /// Sees to it that all has come. Likewise.
-    Reply<void> open() {
+    Reply<void> open(const Stop& stop) {
         if (auto finished = target_.finish(); !finished) return not_restored(finished.error());
-        return manifest_ ? Reply<void>() : read_rows();
+        return manifest_ ? Reply<void>() : read_rows(stop);
     }
 
     /// Reads the rows of the scenes that are wanted. Likewise.
-    Reply<void> read_rows() {
+    Reply<void> read_rows(const Stop& stop) {
         std::error_code error;
         const std::uint64_t needed =
             manifest_copies * std::filesystem::file_size(target_.manifest(), error);
@@ -186,6 +193,7 @@ private:
             return services_.budget.refuse("the backup's manifest", needed, caller_.principal,
                                            "start raynestd with a larger --memory");
         lease_ = std::move(*lease);
+        leased_ = lease_.bytes();
         // Its errors name a file that nobody knows.
         const auto damaged = refuse(Code::scene_invalid,
                                     "the manifest of the backup is damaged, or a newer release of "
@@ -197,6 +205,7 @@ private:
         if (!rows) return damaged;
         std::set<std::string> unknown(wanted_.begin(), wanted_.end());
         for (StoredScene& row : *rows) {
+            if (stop.requested()) return refuse(Code::cancelled, "");
             unknown.erase(full_name(row));
             if (!wanted_.empty() && std::ranges::find(wanted_, full_name(row)) == wanted_.end())
                 continue;
@@ -204,8 +213,9 @@ private:
             if (!edits || row.epoch > epoch_most || edits->epoch_last > epoch_most) return damaged;
             ReturningScene& scene = rows_.emplace_back();
             const auto changes = manifest_->edits(row.number);
-            scene.is_damaged =
-                !changes || !gap_in(*changes, row.epoch).empty() || edits->last.bytes > bytes_most;
+            scene.is_damaged = !can_be_loaded(row, services_.limits) || !changes ||
+                               !gap_in(*changes, row.epoch).empty() ||
+                               edits->last.bytes > bytes_most;
             scene.row = std::move(row);
             scene.edits = std::move(*edits);
         }
@@ -225,17 +235,14 @@ private:
         return {};
     }
 
-    /// Keeps loads from the next names; waits for those under way. Looks for their blobs. On a
-    /// blocking thread.
+    /// Keeps loads from the next names; waits for those under way. On a blocking thread.
     Reply<void> lock(const Stop& stop) {
         batch_end_ = std::min(next_row_ + batch_scenes, rows_.size());
-        stored_.clear();
         for (std::size_t i = next_row_; i < batch_end_; ++i) {
             const StoredScene& row = rows_[i].row;
             locks_.push_back(services_.state->lock_name(row.owner, row.name,
                                                         [&stop] { return stop.requested(); }));
             if (!locks_.back()) return refuse(Code::cancelled, "");
-            if (services_.state->has_blob(row.digest)) stored_.insert(row.digest);
         }
         return {};
     }
@@ -254,8 +261,9 @@ private:
                        scene.is_damaged) {
                 missing_.push_back(full_name(row));
             } else if (place.state == State::damaged && place.row.digest == row.digest &&
-                       !stored_.contains(row.digest)) {
-                // Its kept edits stay, also those made since the backup.
+                       !place.edits_damaged) {
+                // Its kept edits stay, also those made since the backup. A load may have written its
+                // blob anew meanwhile.
                 mended_.push_back({full_name(row), row.digest});
             } else {
                 if (place.state == State::damaged) scene.before = place.row;
@@ -299,8 +307,10 @@ private:
             if (scene.before) services_.state->forget(scene.before->number);
             restored_.push_back(full_name(scene.row));
         }
+        std::set<std::string> whole;
         for (; mended_entered_ < mended_.size(); ++mended_entered_)
-            services_.scenes.mend(mended_[mended_entered_].digest);
+            whole.insert(mended_[mended_entered_].digest);
+        if (!whole.empty()) services_.scenes.mend(whole);
         locks_.clear();
     }
 
@@ -342,13 +352,13 @@ private:
     // Used by the tasks and, between them, by the io thread.
     ArchiveTarget target_;
     Budget::Lease lease_;
+    std::atomic<std::uint64_t> leased_ = 0;  ///< its bytes, also while a task takes it
     std::optional<Manifest> manifest_;
     std::vector<ReturningScene> rows_;
     std::size_t next_row_ = 0;
     std::size_t batch_end_ = 0;
     std::vector<std::shared_ptr<void>> locks_;
     std::map<std::string, BlobPin> pins_;    ///< of blobs that were taken, until the end
-    std::set<std::string> stored_;           ///< digests of this batch's blobs that are there
     std::vector<ReturningScene> returning_;  ///< of this batch
     std::vector<ReturningScene> committed_;  ///< likewise, once their rows are on the disk
     struct Mended {

@@ -10,6 +10,7 @@
 #include <algorithm>
 #include <charconv>
 #include <new>
+#include <set>
 #include <sstream>
 
 namespace raynest::server {
@@ -159,6 +160,7 @@ Result<TokenTable> TokenTable::parse(std::string_view content) {
     TokenTable table;
     std::istringstream lines{std::string(content)};
     std::string line;
+    std::set<std::string> names;
     for (std::size_t number = 1; std::getline(lines, line); ++number) {
         const std::size_t first = line.find_first_not_of(" \t\r");
         if (first == std::string::npos || line[first] == '#') continue;
@@ -168,7 +170,7 @@ Result<TokenTable> TokenTable::parse(std::string_view content) {
         if (!protocol::printable(line)) return refuse("it is not printable text");
         auto row = to_row(line);
         if (!row) return refuse(row.error());
-        if (table.find_name(row->name) != nullptr)
+        if (!names.insert(row->name).second)
             return refuse("'" + row->name + "' has a row above; keep one of them");
         table.rows_.push_back(std::move(*row));
     }

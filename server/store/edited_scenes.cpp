@@ -79,6 +79,7 @@ Reply<std::optional<NamedScene>> SceneStore::publish_edit(const NamedScene& befo
     entry.facts = facts_of(entry.scene.snapshot());
     entry.epoch_reserved = std::max(entry.epoch_reserved, how.plan.reserve);
     entry.scene.epoch = entry.next_epoch();
+    entry.scene.last_edit = std::move(how.summary);
     if (how.blob) entry.facts.arena = *how.blob;
     if (!how.keep || how.blob) entry.blob = std::move(how.blob);
     if (how.keep) {

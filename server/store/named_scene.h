@@ -45,6 +45,7 @@ struct NamedScene {
     /// took would tell that it is there.
     double build_seconds = 0;
     bool kept = false;                      ///< as it is, it outlives the daemon
+    std::string last_edit = {};             ///< what the last edit changed; empty since a load
     std::shared_ptr<const HeldScene> held;  ///< null in lists alone, for a scene on the disk
     [[nodiscard]] const Snapshot& snapshot() const { return *held->snapshot; }
 };

@@ -268,6 +268,7 @@ Reply<NamedScene> SceneStore::publish(const std::string& name,
     }
     if (!equal) {
         entry.scene.name = name;
+        entry.scene.last_edit.clear();
         entry.owner = caller.principal;
         entry.loaded = entry.used;
         entry.made_of.clear();
@@ -277,6 +278,7 @@ Reply<NamedScene> SceneStore::publish(const std::string& name,
     entry.damage.clear();
     entry.from_before = false;
     if (how.blob) {
+        mend({*how.blob});
         entry.blob = std::move(how.blob);
         entry.stored = std::move(how.row);
         entry.edits = entry.edit_bytes = 0;

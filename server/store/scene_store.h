@@ -73,6 +73,7 @@ struct EditPublication {
     std::shared_ptr<Keeping> keep = {};
     BlobPin blob = {};         ///< of the edited scene, if it is stored whole
     std::uint64_t number = 0;  ///< for its row then
+    std::string summary = {};  ///< NamedScene::last_edit
 };
 
 /// The table of scenes. Io thread only.
@@ -149,22 +150,23 @@ public:
     /// What a scene of a backup finds under its owner and name.
     struct Place {
         enum class State { free, damaged, taken } state = State::free;
-        StoredScene row = {};     ///< of a damaged scene
-        std::uint64_t epoch = 1;  ///< the first that was not told there
+        StoredScene row = {};        ///< of a damaged scene
+        bool edits_damaged = false;  ///< likewise: not its blob, but an edit since
+        std::uint64_t epoch = 1;     ///< the first that was not told there
     };
     [[nodiscard]] Place place_for(const StoredScene& row) const;
     /// Enters one whose row has been committed, under a free name or in the place of a damaged scene;
     /// it is on the disk alone.
     void adopt(const ReturningScene& scene);
-    /// The blob of damaged scenes is whole again: what was said of the damage is forgotten.
-    void mend(const std::string& digest);
+    /// These blobs are whole again: what was said of their damage is forgotten.
+    void mend(const std::set<std::string>& digests);
     /// Returns the scene because of which find() has failed, once.
     [[nodiscard]] std::optional<AsleepScene> take_asleep();
     /// Brings all scenes of this content into memory. Fails as hold() does.
     Reply<void> wake(std::shared_ptr<const Snapshot> snapshot, const AsleepScene& scene);
     /// The stored content cannot be used; find() says why until somebody loads it again. Returns
     /// their names.
-    std::vector<std::string> quarantine(const std::string& arena, const std::string& why);
+    std::vector<std::string> quarantine(const std::string& arena, const BlobFault& fault);
     /// Frees memory of stored scenes that nobody uses, the least recently used first, until the
     /// principal has room for `bytes`, within its quota and --memory.
     void make_room(std::uint64_t bytes, const std::string& principal);
@@ -330,6 +332,7 @@ private:
         std::uint64_t epoch_reserved = 0;
         std::uint64_t epoch_free = 0;  ///< the first that the daemons before have not told
         std::string damage;            ///< why the stored content cannot be used; empty: it can
+        bool edits_damaged = false;    ///< then: not the blob, but an edit since
         bool pinned = false;           ///< stays in memory
         std::optional<SceneUse> told;  ///< the last of take_uses()
         bool from_before = false;      ///< stored before the start, and not loaded since

@@ -41,11 +41,6 @@ KeptEdits ReturningScene::new_edits() const {
     return made;
 }
 
-bool StateFolder::has_blob(const std::string& digest) const {
-    struct stat found {};
-    return ::lstat(blob(digest).c_str(), &found) == 0;
-}
-
 Result<void> StateFolder::put_locked(const StoredScene& row) {
     if (is_sound(row)) return manifest_->put(row);
     return fail(ErrorCode::io_failed, "the scene '" + row.name + "' has what no row may have");

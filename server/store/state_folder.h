@@ -50,6 +50,7 @@ struct BlobFault {
     std::string why;
     bool of_another_release = false;  ///< the bytes are whole, and that release reads them
     std::uint64_t inode = 0;          ///< of the file that was read
+    bool of_edits = false;            ///< the blob is whole, and an edit since is damaged
 };
 
 /// The contents of a backup: a copy of the manifest, whose file goes with it, and all that it names.
@@ -170,7 +171,6 @@ public:
     /// them. Fails with io_failed.
     [[nodiscard]] Result<std::map<std::string, BlobPin>> take_blobs(
         const std::map<std::string, std::filesystem::path>& files);
-    [[nodiscard]] bool has_blob(const std::string& digest) const;
     /// Commits the rows of scenes, whose blobs are kept, with their edits in the manifest of the
     /// backup: of all or none.
     [[nodiscard]] Result<void> put(const std::vector<ReturningScene>& scenes, Manifest& backup);

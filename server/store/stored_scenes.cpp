@@ -182,7 +182,7 @@ SceneStore::Place SceneStore::place_for(const StoredScene& row) const {
     const Entry* const entry = own_entry(row.name, {row.owner});
     if (entry == nullptr) return {};
     return {entry->damage.empty() ? Place::State::taken : Place::State::damaged, entry->stored,
-            std::max(entry->next_epoch(), entry->epoch_reserved + 1)};
+            entry->edits_damaged, std::max(entry->next_epoch(), entry->epoch_reserved + 1)};
 }
 
 void SceneStore::adopt(const ReturningScene& scene) {
@@ -190,14 +190,18 @@ void SceneStore::adopt(const ReturningScene& scene) {
     if (const Entry* const damaged = own_entry(scene.row.name, {scene.row.owner})) {
         entry.holders = damaged->holders;
         entry.pinned = damaged->pinned;
-        std::erase_if(entries_, [&](const auto& known) { return &known.second == damaged; });
+        const auto [first, last] = entries_.equal_range(scene.row.name);
+        entries_.erase(
+            std::find_if(first, last, [&](const auto& known) { return &known.second == damaged; }));
     }
     entries_.emplace(scene.row.name, std::move(entry));
 }
 
-void SceneStore::mend(const std::string& digest) {
+void SceneStore::mend(const std::set<std::string>& digests) {
     for (auto& [name, entry] : entries_)
-        if (entry.stored.digest == digest && !entry.scene.held) entry.damage.clear();
+        if (!entry.damage.empty() && !entry.edits_damaged && !entry.scene.held &&
+            digests.contains(entry.stored.digest))
+            entry.damage.clear();
 }
 
 std::vector<SceneUse> SceneStore::take_uses() {
@@ -264,11 +268,12 @@ Reply<void> SceneStore::wake(std::shared_ptr<const Snapshot> snapshot, const Asl
     return {};
 }
 
-std::vector<std::string> SceneStore::quarantine(const std::string& arena, const std::string& why) {
+std::vector<std::string> SceneStore::quarantine(const std::string& arena, const BlobFault& fault) {
     std::vector<std::string> names;
     for (auto& [name, entry] : entries_) {
         if (entry.facts.arena != arena || entry.scene.held) continue;
-        entry.damage = why;
+        entry.damage = fault.why;
+        entry.edits_damaged = fault.of_edits;
         names.push_back(entry.owner + "/" + name);
     }
     return names;

@@ -142,6 +142,57 @@ class RemoteBackup(WithState):
         self.assertIn("nothing to remove", self.run_ok("gc"))
         self.assertEqual(self.hits("a"), hits)
 
+    def test_a_load_of_the_same_content_mends_a_damaged_scene(self):
+        self.start()
+        self.load("a")
+        self.run_ok("backup", self.tar)
+        self.run_ok("edit", "a", "--move", "birch-1=0,0,3", "--keep")
+        hits, told = self.hits("a"), self.identities()["a"]
+        blob = self.blob_of(self.scenes_on_disk()["a"])
+        self.kill()
+        (self.blobs / blob).unlink()
+        self.start()
+        self.assertEqual(self.client.run("query", "a", "--ray", "0,0,9,0,0,-1").returncode, 5)
+        self.run_ok("load", f"{WOODS}&seed={ord('a')}", "--name", "other")
+        # The edit since the backup is there, and the restore, which has not that one, takes nothing away.
+        self.assertEqual(self.hits("a"), hits)
+        self.assertEqual(len(self.client.json("restore", self.tar)["kept"]), 1)
+        self.assertEqual(self.identities()["a"], told)
+
+    def test_rows_that_no_load_makes_do_not_come_back(self):
+        """Lists of scenes could not be read with them, and they could not be unloaded."""
+        def checksum(text):
+            value = 0xcbf29ce484222325
+            for byte in text.encode():
+                value = (value ^ byte) * 0x100000001b3 % 2**64
+            return value - 2**64 if value >> 63 else value
+
+        def renamed(name, data):
+            if "manifest" not in name:
+                return name, data
+            file = self.folder / "changed.sqlite"
+            file.write_bytes(data)
+            columns = "number, owner, name, share, digest, epoch, bytes, triangles, build_seconds, used, content"
+            with contextlib.closing(sqlite3.connect(file)) as manifest:
+                (row,) = manifest.execute(f"SELECT {columns} FROM scenes")
+                for number, (owner, scene) in enumerate((("x" * 4000, "y"), ("x", "y" * 4000), ("x", "b/c"))):
+                    made = [row[0] + 1 + number, owner, scene, "public", *row[4:]]
+                    text = "\n".join(f"{value:.17g}" if isinstance(value, float) else str(value) for value in made)
+                    manifest.execute(f"INSERT INTO scenes ({columns}, checksum) VALUES ({', '.join('?' * 12)})",
+                                     [*made, checksum(text)])
+                manifest.commit()
+                manifest.execute("VACUUM")
+            return name, file.read_bytes()
+
+        self.start()
+        self.load("a")
+        self.client.run("edit", "a", "--move", "birch-1=0,0,3", "--keep")
+        self.run_ok("backup", self.tar)
+        other = self.another()
+        report = other.json("restore", self.repacked(renamed))
+        self.assertEqual([len(report[key]) for key in ("restored", "missing")], [1, 3], report)
+        self.assertEqual(set(self.scenes(other)), {"a"})
+
     def test_a_scene_whose_edit_is_damaged_is_that_of_the_backup(self):
         self.start()
         self.load("a")

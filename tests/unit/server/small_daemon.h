@@ -41,7 +41,7 @@ public:
 
     /// Bytes of --memory in use, but for buffers that wait for the next chunk.
     [[nodiscard]] std::uint64_t used_bytes() {
-        for (int i = 0; i < 2; ++i) trace_buffers.trim();
+        for (int i = 0; i < 2; ++i) (void)trace_buffers.trim();
         return budget.used();
     }
 
