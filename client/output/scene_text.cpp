@@ -81,11 +81,13 @@ double bytes_per_triangle(const wire::SceneInfo& info) {
     return triangles > 0 ? static_cast<double>(info.tree_bytes()) / triangles : 0;
 }
 
-/// ", 12 edits since, built again 3 times"; empty for a scene that was never edited.
+/// ", 12 edits since, built again 3 times; the last edit moved car-3"; empty for a scene that was never edited.
 std::string edits_text(const wire::SceneInfo& info) {
     std::string text;
     if (info.refits() != 0) text += ", " + counted(info.refits(), "edit") + " since";
     if (info.rebuilds() != 0) text += ", built again " + counted(info.rebuilds(), "time");
+    if (const auto last = protocol::text(info.last_edit()); !last.empty())
+        text += "; the last edit " + std::string(last);
     return text;
 }
 
@@ -164,6 +166,7 @@ Json scene_json(const wire::SceneInfo& info) {
     json["tree_height"] = info.tree_height();
     json["refits"] = info.refits();
     json["rebuilds"] = info.rebuilds();
+    json["last_edit"] = protocol::text(info.last_edit());
     json["kept"] = info.kept();
     json["nodes"] = info.nodes();
     json["leaf_blocks"] = info.leaf_blocks();

@@ -80,6 +80,7 @@ wire::SceneInfoT scene_info(const NamedScene& scene, const Registry& registry,
     info.refits = statistics.edits.refits;
     info.rebuilds = statistics.edits.rebuilds;
     info.kept = scene.kept;
+    info.last_edit = protocol::clean_text(scene.last_edit, limits.text_bytes_max);
 
     TextBudget texts(limits);
     for (const auto& [reason, count] : statistics.skipped)

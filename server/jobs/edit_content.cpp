@@ -3,17 +3,22 @@
 #include "engine/scene/edits/edit.h"
 #include "engine/scene/edits/names.h"
 #include "engine/scene/edits/uid_finder.h"
+#include "engine/scene/snapshot.h"
 #include "protocol/control.h"
 #include "protocol/text.h"
 
 #include <fmt/format.h>
+#include <fmt/ranges.h>
 
 #include <algorithm>
+#include <array>
 #include <cmath>
 #include <cstring>
 #include <functional>
+#include <map>
 #include <optional>
 #include <ranges>
+#include <string_view>
 #include <utility>
 
 namespace raynest::server {
@@ -257,6 +262,52 @@ Reply<void> read_edit(EditBatch& batch, const Snapshot& scene, const std::string
         }
     }
     return {};
+}
+
+std::string edit_summary(const Snapshot& scene, const EditContent& content,
+                         std::span<const std::byte> bytes) {
+    constexpr std::size_t named_max = 3;
+    constexpr std::size_t name_bytes_most = 60;
+    constexpr std::array<const char*, EditRow::what_count> verbs = {"moved",
+                                                                    "moved",
+                                                                    "changed the mask of",
+                                                                    "removed",
+                                                                    "added",
+                                                                    "changed the shape of",
+                                                                    "changed the user id of",
+                                                                    "changed the material of"};
+    struct Changed {
+        std::vector<std::string> names;
+        std::size_t more = 0;
+    };
+    std::map<std::string_view, Changed> changes;  // by verb
+    const auto name_of = [&](const EditRow& row) {
+        if (row.what == EditRow::add) return content.sources[row.target].name;
+        if (row.by == EditRow::text) return content.targets[row.target];
+        if (row.by == EditRow::uid) return fmt::format("user id {}", row.target);
+        const SceneView& view = scene.view();
+        const ObjectRecord& root = view.objects[view.root];
+        const auto steps =
+            expand_path(scene, view.instances[root.first_instance + row.target].path_base);
+        return steps ? steps->front().name : fmt::format("instance {}", row.target);
+    };
+    for (std::uint32_t i = 0; i < content.rows; ++i) {
+        const EditRow row = row_at(bytes, i);
+        Changed& changed = changes[verbs[row.what]];
+        if (changed.names.size() == named_max) {
+            ++changed.more;
+            continue;
+        }
+        std::string name = protocol::clean_text(name_of(row), name_bytes_most);
+        if (std::ranges::find(changed.names, name) == changed.names.end())
+            changed.names.push_back(std::move(name));
+    }
+    std::string summary;
+    for (const auto& [verb, changed] : changes)
+        summary += fmt::format("{}{} {}{}", summary.empty() ? "" : "; ", verb,
+                               fmt::join(changed.names, ", "),
+                               changed.more == 0 ? "" : fmt::format(" and {} more", changed.more));
+    return summary;
 }
 
 // A kept change is an EDIT message, its length before it in 8 bytes, and the rows and vertices

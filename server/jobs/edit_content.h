@@ -41,6 +41,10 @@ Reply<void> read_edit(EditBatch& batch, const Snapshot& scene, const std::string
                       const EditContent& content, std::span<const std::byte> bytes,
                       const EditGuard& guard);
 
+/// Says in a few words what an edit changes, for people: "moved car-3, car-4 and 7 more; removed
+/// tree-2". read_edit() has found the rows right.
+[[nodiscard]] std::string edit_summary(const Snapshot& scene, const EditContent& content,
+                                       std::span<const std::byte> bytes);
 /// Returns an edit that adds no scenes as replay_edits() reads it.
 [[nodiscard]] Reply<std::vector<std::byte>> kept_change(const EditContent& content,
                                                         std::span<const std::byte> bytes);

@@ -165,6 +165,7 @@ private:
             !read)
             return failed(std::move(read.error()));
         instances_ = static_cast<std::uint32_t>(batch.size());
+        publication_.summary = edit_summary(scene, order_.content, rows_.bytes());
         auto edited = edit_scene(scene, batch.changes(), std::move(spare_), guard);
         if (!edited) return failed(refuse(std::move(edited.error())).value());
         note_lost_animations(**edited);

@@ -52,10 +52,18 @@ export const wasEdited = (info) => Number(info.refits ?? 0) + Number(info.rebuil
 
 const count = (value) => Number(value ?? 0).toLocaleString("en");
 
+/** Says what the edits between two looks changed: of several the last. "" where that is not known. */
+function editText(before, after) {
+  if (!wasEdited(after) || !after.last_edit) return "";
+  const edits = Number(after.epoch ?? 0) - Number(before.epoch ?? 0);
+  return edits > 1 ? `${count(edits)} edits, the last one ${after.last_edit}` : after.last_edit;
+}
+
 /** Says in one sentence how a scene differs from what it was. */
 export function changesText(before, after) {
-  const differ = [["triangles", "instanced_triangles"], ["instances", "instances"], ["levels", "levels"], ["materials", "materials"]]
-    .filter(([, key]) => Number(before[key] ?? 0) !== Number(after[key] ?? 0)).map(([name, key]) => `${name} ${count(before[key])} → ${count(after[key])}`);
+  const edited = editText(before, after), differ = edited ? [edited] : [];
+  differ.push(...[["triangles", "instanced_triangles"], ["instances", "instances"], ["levels", "levels"], ["materials", "materials"]]
+    .filter(([, key]) => Number(before[key] ?? 0) !== Number(after[key] ?? 0)).map(([name, key]) => `${name} ${count(before[key])} → ${count(after[key])}`));
   for (const key of ["cameras", "animations"]) {
     const [old, now] = [before[key] ?? [], after[key] ?? []];
     const [gone, come] = [old.filter((name) => !now.includes(name)), now.filter((name) => !old.includes(name))];

@@ -49,7 +49,7 @@ browserTest("an edited scene is shown, and the page says that it was edited", as
   await page.waitForFunction(() => globalThis.raynest.selection.chosen);
   assert.equal((await record(page)).Hit, "yes");
   await daemon.json("edit", name, "--move", "inst=0=0,500,0", "--hide", "inst=1");
-  await says(page, "notice", `"${name}" was edited: parts of it stand elsewhere, or have other shapes or masks.`);
+  await says(page, "notice", `"${name}" was edited: changed the mask of inst=1; moved inst=0.`);
   await page.waitForFunction(() => document.querySelector("#record")?.textContent.includes("miss"));
 });
 
@@ -166,6 +166,10 @@ browserTest("a file's camera that moves is followed, and one that is gone leaves
   assert.equal(sameCamera("automatic", cameras(), cameras()), "automatic");
   assert.equal(changesText({ hash: "1", cameras: ["a"] }, { hash: "2", cameras: ["b"] }), "cameras gone: a; new cameras: b");
   assert.equal(changesText({ hash: "1" }, { hash: "2" }), "other content with the same counts");
+  const edited = (epoch, last) => ({ hash: String(epoch), epoch, refits: 1, last_edit: last });
+  assert.equal(changesText(edited(1, ""), edited(2, "moved a")), "moved a");
+  assert.equal(changesText(edited(1, ""), { ...edited(4, "removed b"), instances: 2 }), "3 edits, the last one removed b; instances 0 → 2");
+  assert.equal(changesText(edited(1, ""), edited(2, "")), "parts of it stand elsewhere, or have other shapes or masks");
 });
 
 browserTest("no hit record stays beside a picture that it is not of", async ({ open }) => {

@@ -19,6 +19,24 @@ COLUMNS = ("t", "prim", "inst", "path", "uid")
 NONE = 2**32 - 1
 
 
+class LastEdit(WithDaemon):
+    def test_info_says_what_the_last_edit_changed(self):
+        cube = box(1, 1, 1)
+        scene = self.client.scene_of({"cube": cube}, {name: ("cube", (3 * i, 0, 0)) for i, name in enumerate("abcdef")})
+        self.assertEqual(scene.info["last_edit"], "")
+        for change, words in (
+                (lambda edit: edit.move("a", (0, 1, 0)), "moved a"),
+                (lambda edit: edit.move([1, 2, 3, 4, 5], np.zeros((5, 3))), "moved b, c, d and 2 more"),
+                (lambda edit: (edit.hide("b"), edit.remove("c")), "changed the mask of b; removed c"),
+                (lambda edit: edit.set_vertices("d", cube[0]), "changed the shape of d")):
+            with scene.edit() as edit:
+                change(edit)
+            self.assertEqual(scene.info["last_edit"], words)
+        self.assertIn("; the last edit changed the shape of d", self.cli.run("info", scene.name).stdout)
+        again = self.client.scene_of({"cube": cube}, name=scene.name, replace=True)
+        self.assertEqual(again.info["last_edit"], "")
+
+
 class UidEdits(WithDaemon):
     def seen(self, scene, rays=RAYS):
         found = scene.trace(rays, fields=COLUMNS)
