@@ -51,6 +51,35 @@ class MaterialEdits(WithDaemon):
         found = scene.trace(rays, fields=("material", "t", "prim", "path", "uv", "base_colour"))
         return dict(zip(SQUARES, found["material"].tolist())), found
 
+    def test_meshes_that_change_alike_become_one(self):
+        scene = self.load()
+        meshes = scene.info["meshes"]
+        with scene.edit() as edit:
+            edit.set_material(["a", "c"], "blue")
+            edit.set_vertices("pair", np.array(CORNERS) * .5)
+        self.assertEqual(scene.info["meshes"], meshes + 1)
+        self.assertEqual([self.seen(scene)[0][name] for name in "abc"], [BLUE, RED, BLUE])
+        with scene.edit() as edit:
+            edit.set_vertices(["a", "b"], np.array(CORNERS) * .2)
+        self.assertEqual(scene.info["meshes"], meshes + 3)  # of a, b and c
+        # Within groups that are placed many times, too.
+        street = self.client.load("builtin:street?cars=12", "painted", replace=True)
+        cars, before = [f"car-{number}" for number in range(0, 12, 2)], street.info
+        rays = np.random.default_rng(3).uniform(-60, 60, (4000, 6))
+        rays[:, 1], rays[:, 3:] = 30, (0, -1, 0)
+        was = street.trace(rays, fields=("t", "path", "material"))
+        with street.edit() as edit:
+            edit.set_material(cars, "blue")
+        self.assertLess(street.info["meshes"], 2 * before["meshes"])
+        self.assertLess(street.info["bytes"], 2 * before["bytes"])
+        now = street.trace(rays, fields=("t", "path", "material"))
+        for name in ("t", "path"):
+            np.testing.assert_array_equal(now[name], was[name], name)
+        painted = np.array([text.split("/")[0] in cars for text in street.path_of(now["path"])])
+        self.assertGreater(painted.sum(), 10)
+        np.testing.assert_array_equal(now["material"][~painted], was["material"][~painted])
+        self.assertEqual(len(np.unique(now["material"][painted])), 1)
+
     def test_of_some_placements_of_a_mesh_and_of_all(self):
         scene = self.load()
         was, before = self.seen(scene)

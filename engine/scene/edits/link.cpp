@@ -2,6 +2,7 @@
 
 #include "engine/scene/edits/linked_content.h"
 #include "engine/scene/edits/linked_paths.h"
+#include "engine/scene/edits/shared_ways.h"
 #include "engine/scene/motion/motion.h"
 
 #include <fmt/format.h>
@@ -13,25 +14,15 @@
 namespace raynest {
 namespace {
 
-using Way = std::span<const std::uint32_t>;
+/// The objects of a scene, as WayCopies wants them.
+struct CopiedObjects {
+    LinkedContent& content;
 
-/// Copies an object, and those on the ways below it. At most scene_depth_max deep.
-std::uint32_t copy_with_ways(LinkedContent& content, const SceneView& view, std::uint32_t object,
-                             const std::vector<Way>& ways) {
-    std::map<std::uint32_t, std::vector<Way>> below;
-    for (const Way& way : ways)
-        if (way.size() > 1) below[way.front()].push_back(way.subspan(1));
-    const ObjectRecord& record = view.objects[object];
-    std::vector<std::uint32_t> children;
-    for (std::uint32_t i = 0; i < record.instance_count; ++i) {
-        const std::uint32_t child = view.instances[record.first_instance + i].object;
-        const auto goes_on = below.find(i);
-        children.push_back(goes_on == below.end()
-                               ? content.keep(0, child)
-                               : copy_with_ways(content, view, child, goes_on->second));
+    std::uint32_t keep(std::uint32_t object) { return content.keep(0, object); }
+    std::uint32_t copy(std::uint32_t object, const std::vector<std::uint32_t>& children) {
+        return content.copy(0, object, children);
     }
-    return content.copy(0, object, children);
-}
+};
 
 Result<void> check_placements(const AddedScene& added) {
     for (const Transform& to_scene : added.to_scene) {
@@ -215,15 +206,11 @@ Result<BuiltArena> link_scenes(const Snapshot& base, std::span<const std::uint32
     return Link(base, removed, added, guard).link(std::move(motion));
 }
 
-Result<BuiltArena> unshare(const Snapshot& base, std::span<const InstancePlace> ways,
+Result<BuiltArena> unshare(const Snapshot& base, const std::vector<InstancePlace>& ways,
                            std::span<const InstanceUid> uids) {
-    std::vector<std::vector<std::uint32_t>> whole;
-    for (const InstancePlace& way : ways) {
-        auto& steps = whole.emplace_back(std::vector{way.outermost});
-        steps.insert(steps.end(), way.below.begin(), way.below.end());
-    }
     LinkedContent content(base);
-    copy_with_ways(content, base.view(), base.view().root, {whole.begin(), whole.end()});
+    CopiedObjects objects{content};
+    WayCopies(base.view(), objects).copy(ways);
     const bool has_nodes = base.paths().node_count != 0;
     if (has_nodes) {
         const PathRange all{0, base.statistics().instances};

@@ -36,7 +36,7 @@ Result<BuiltArena> link_scenes(const Snapshot& base, std::span<const std::uint32
 /// Returns the same scene with objects of their own on the ways to these instances, so that a
 /// change there shows at no other place. Ids and texts of paths stay. Where nodes name the paths,
 /// they get these user ids (edits/uids.h). Costs a copy of the scene.
-Result<BuiltArena> unshare(const Snapshot& base, std::span<const InstancePlace> ways,
+Result<BuiltArena> unshare(const Snapshot& base, const std::vector<InstancePlace>& ways,
                            std::span<const InstanceUid> uids = {});
 
 }  // namespace raynest

@@ -99,17 +99,24 @@ Result<std::vector<InstancePlace>> shared_ways(const Snapshot& scene, const Scen
     };
     std::erase_if(ways, [&](const InstancePlace& place) { return !is_shared(place); });
     // A mesh all of whose placements change alike stays one.
+    std::uint32_t changes_seen = 0;
     const auto part_meshes = [&](const auto& meshes, auto change_of) {
-        std::map<std::pair<std::uint32_t, decltype(change_of(meshes[0]))>, std::uint32_t> alike;
-        for (const auto& mesh : meshes)
-            if (!is_shared(mesh.instance))
-                ++alike[{object_of(view, mesh.instance), change_of(mesh)}];
+        struct Alike {
+            std::uint32_t number;    ///< of the change
+            std::uint32_t uses = 0;  ///< of the object, by objects that are not shared
+        };
+        std::map<std::pair<std::uint32_t, decltype(change_of(meshes[0]))>, Alike> alike;
+        for (const auto& mesh : meshes) {
+            const std::pair change(object_of(view, mesh.instance), change_of(mesh));
+            const auto known = alike.try_emplace(change, Alike{changes_seen++}).first;
+            if (!is_shared(mesh.instance)) ++known->second.uses;
+        }
         for (const auto& mesh : meshes) {
             const std::uint32_t object = object_of(view, mesh.instance);
-            const auto found = alike.find({object, change_of(mesh)});
-            if (found != alike.end() && found->second == uses[object]) continue;
+            const Alike& change = alike.at({object, change_of(mesh)});
+            if (change.uses == uses[object]) continue;
             ways.push_back(mesh.instance);
-            ways.back().below.push_back(0);
+            ways.back().below.push_back(alike_bit | change.number);
         }
     };
     part_meshes(changes.deformed,
@@ -118,31 +125,23 @@ Result<std::vector<InstancePlace>> shared_ways(const Snapshot& scene, const Scen
     return ways;
 }
 
-std::uint64_t bytes_to_unshare(const Snapshot& scene, std::vector<InstancePlace> ways) {
-    const SceneView& view = scene.view();
-    std::ranges::sort(ways);
-    std::uint64_t bytes = 0, copies = 0;
-    for (std::size_t i = 0; i < ways.size(); ++i) {
-        // The steps that it shares with the way before are counted already.
-        std::size_t known = 0;
-        if (i != 0 && ways[i].outermost == ways[i - 1].outermost) {
-            const auto& here = ways[i].below;
-            const auto& before = ways[i - 1].below;
-            known = 1 + static_cast<std::size_t>(std::ranges::mismatch(here, before).in1 -
-                                                 here.begin());
-            known = std::min(known, before.size());
-        }
-        std::uint32_t object = view.root;
-        for (std::size_t step = 0; step < ways[i].below.size(); ++step) {
-            const std::uint32_t place = step == 0 ? ways[i].outermost : ways[i].below[step - 1];
-            object = view.instances[view.objects[object].first_instance + place].object;
-            if (step < known) continue;
+std::uint64_t bytes_to_unshare(const Snapshot& scene, const std::vector<InstancePlace>& ways) {
+    if (ways.empty()) return 0;
+    struct Copies {
+        const SceneView& view;
+        std::uint64_t bytes = 0, count = 0;
+
+        static std::uint32_t keep(std::uint32_t object) { return object; }
+        std::uint32_t copy(std::uint32_t object, const std::vector<std::uint32_t>& /*children*/) {
+            if (object == view.root) return object;
             bytes += copy_bytes(view, view.objects[object]);
-            ++copies;
+            ++count;
+            return object;
         }
-    }
+    } copies{scene.view()};
+    WayCopies(scene.view(), copies).copy(ways);
     // The content of the copies is there until the arena is written.
-    return 2 * bytes + ways.size() * bytes_per_way + copies * bytes_per_copy;
+    return 2 * copies.bytes + ways.size() * bytes_per_way + copies.count * bytes_per_copy;
 }
 
 std::uint64_t bytes_beside(const Snapshot& scene, const SceneChanges& changes,
