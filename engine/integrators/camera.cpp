@@ -81,7 +81,7 @@ Result<Camera> camera_of_request(const Snapshot& scene, const CameraRequest& req
     }
     const SceneView& view = scene.view();
     if (request.name.empty() && view.camera_count == 0)
-        return framing_camera(scene.bounds(), scene.up());
+        return framing_camera(scene.framed_bounds(), scene.up());
     const auto index =
         request.name.empty() ? Result<std::uint32_t>(0U) : find_camera(scene, request.name);
     if (!index) return tl::unexpected(index.error());

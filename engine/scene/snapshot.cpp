@@ -244,6 +244,12 @@ Result<std::shared_ptr<const Snapshot>> Snapshot::open_edited(BuiltArena built,
     return snapshot;
 }
 
+std::shared_ptr<const Snapshot> Snapshot::framed_as(const Snapshot& scene,
+                                                    std::shared_ptr<const Snapshot> made) {
+    const_cast<Snapshot&>(*made).framed_ = scene.framed_bounds();
+    return made;
+}
+
 std::span<const std::byte> Snapshot::motion_bytes() const {
     return {format::section<std::byte>(arena_.data(), Section::motion),
             format::section_size(arena_.data(), Section::motion)};

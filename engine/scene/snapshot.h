@@ -190,6 +190,12 @@ public:
     [[nodiscard]] UpAxis up() const { return shading_.up; }
     /// The box of all vertices as they are placed, and of records' boxes; trees have larger ones.
     [[nodiscard]] const Box& bounds() const { return bounds_; }
+    /// The box that a camera of framing() shows: bounds(), but of a scene at a moment those that it has
+    /// without one, so that the camera of a film stands still.
+    [[nodiscard]] const Box& framed_bounds() const { return framed_ ? *framed_ : bounds_; }
+    /// Returns `made`, which nobody else has yet, with the framed_bounds() of `scene`.
+    static std::shared_ptr<const Snapshot> framed_as(const Snapshot& scene,
+                                                     std::shared_ptr<const Snapshot> made);
     /// The scene's identity, as 64 hex digits (scene/content_digest.h): equal content, equal hits.
     [[nodiscard]] const std::string& digest() const { return digest_; }
     /// Equal for equal arenas, trees included: memory may be shared by it. It is the arena's digest
@@ -222,6 +228,7 @@ private:
     PathTable paths_;
     WorldPoint origin_{};
     Box bounds_;
+    std::optional<Box> framed_;
     SceneStatistics statistics_;
     std::vector<double> tree_costs_;
     std::shared_ptr<const TreeLinks> root_links_;

@@ -12,6 +12,7 @@
 #include "server/store/named_scene.h"
 
 #include <memory>
+#include <optional>
 #include <string>
 #include <vector>
 
@@ -19,6 +20,8 @@ namespace raynest::server {
 
 struct Plan {
     NamedScene scene;
+    std::optional<double> time;  ///< of the animation, at which the scene is; nothing: at none
+    std::string animation;       ///< its name or number; empty: the first
     const Variant* variant = nullptr;
     Settings settings;
     Query query = query_closest;

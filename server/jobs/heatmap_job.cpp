@@ -58,6 +58,7 @@ protected:
     void make_arrays() override {
         for (auto& counts : counts_) counts = blank<std::uint32_t>();
     }
+    [[nodiscard]] const std::string& file_word() const override { return form_.file; }
     [[nodiscard]] bool needs_preparation() const override {
         return PictureJob::needs_preparation() || (other_ && other_->counted.needs_select());
     }

@@ -1,5 +1,6 @@
 #include "server/jobs/picture_job.h"
 
+#include "engine/assets/images/image.h"
 #include "protocol/answer.h"
 #include "protocol/hash.h"
 #include "protocol/text.h"
@@ -102,7 +103,8 @@ std::string PictureJob::hint(std::uint64_t rays) const {
     const bool backs = plan_.query == query_closest && statistics_.hits() == request_.rays() &&
                        backs_ > request_.rays() / 100 * 99;
     if (!nothing && !backs) return {};
-    if (nothing && request_.camera.name == "automatic" && scene.view().camera_count == 0)
+    if (nothing && request_.camera.name == "automatic" && scene.view().camera_count == 0 &&
+        !plan_.time)
         return line("nothing, though it frames the scene: `mask` or the intersector " +
                     plan_.variant->name + " hides everything");
     const Framing view = framing(scene.bounds(), scene.up());
@@ -139,6 +141,9 @@ std::vector<Attribute> PictureJob::provenance() const {
                                          {"raynest:mask", number(plan_.mask)},
                                          {"raynest:camera", text(request_.camera.name)},
                                          {"raynest:camera_to_world", pose}};
+    if (plan_.time) attributes.push_back({"raynest:time", number(*plan_.time)});
+    if (!plan_.animation.empty())
+        attributes.push_back({"raynest:animation", text(plan_.animation)});
     if (const PixelWindow& tile = request_.window; !tile.is_whole()) {
         attributes.push_back({"raynest:request", request_.request});
         attributes.push_back({"raynest:tile", number(tile.x) + " " + number(tile.y) + " " +
@@ -154,6 +159,13 @@ std::optional<Progress> PictureJob::progress() const {
     if (stage_ == Stage::tracing) return Progress{queue_.answered(), request_.pixels(), "tracing"};
     if (stage_ == Stage::encoding) return Progress{0, 0, "encoding"};
     return Progress{payload_.sent(), payload_.total(), "sending"};
+}
+
+Reply<void> PictureJob::make_ready(const Stop& stop) {
+    if (is_image(file_word()))
+        if (const auto images = images_available(); !images)
+            return refuse(Code::unsupported, images.error().message + "; or ask for encode raw");
+    return ChunkedJob::make_ready(stop);
 }
 
 std::uint64_t PictureJob::chunk_size(const Backend& backend, const Chunk& /*rest*/) const {

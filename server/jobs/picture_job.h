@@ -17,6 +17,7 @@
 #include <optional>
 #include <span>
 #include <string>
+#include <string_view>
 #include <vector>
 
 namespace raynest::server {
@@ -37,6 +38,11 @@ struct PictureRequest {
     [[nodiscard]] std::uint64_t rays() const { return pixels() * samples; }
 };
 
+/// True for the words of `encode` whose files the image module writes.
+[[nodiscard]] inline bool is_image(std::string_view word) {
+    return word == "png" || word == "exr";
+}
+
 /// The base of picture jobs.
 class PictureJob : public ChunkedJob {
 public:
@@ -53,6 +59,13 @@ public:
     [[nodiscard]] std::optional<Progress> progress() const override;
 
 protected:
+    /// The word of the file that the job writes; others than png and exr are none.
+    [[nodiscard]] virtual const std::string& file_word() const { return request_.encode; }
+    [[nodiscard]] bool needs_preparation() const override {
+        return ChunkedJob::needs_preparation() || is_image(file_word());
+    }
+    /// Loads the image module, too, which takes a second the first time.
+    Reply<void> make_ready(const Stop& stop) override;
     [[nodiscard]] std::uint64_t chunk_size(const Backend& backend,
                                            const Chunk& rest) const override;
     /// For a job that deals out its work itself, in `total` units of its own.

@@ -53,7 +53,7 @@ private:
         const Snapshot& scene = plan_.scene.snapshot();
         const auto integrator = make_integrator(context_.integrator,
                                                 {plan_.source(services_.registry),
-                                                 scene.bounds(),
+                                                 scene.framed_bounds(),
                                                  &scene.shading(),
                                                  {},
                                                  &plan_.view(),

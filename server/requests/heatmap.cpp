@@ -13,6 +13,8 @@
 #include "server/requests/words/make_plan.h"
 #include "server/requests/words/picture_request.h"
 
+#include <fmt/format.h>
+
 #include <algorithm>
 #include <array>
 #include <charconv>
@@ -219,8 +221,9 @@ Reply<Answer> heatmap(const Services& services, const Caller& caller,
     if (const EditStatistics& edits = plan.scene.snapshot().statistics().edits;
         edits.refits + edits.rebuilds != 0 && !necessary)
         plan.notes.push_back(
-            "the scene was edited: its trees, and so these counts, may differ from those of the "
-            "same content loaded afresh");
+            fmt::format("the scene {}: its trees, and so these counts, may differ from those of "
+                        "the same content loaded afresh",
+                        plan.time ? "is at a moment of its animation" : "was edited"));
     if (std::string note = idle_options_note(*message.table, form->file); !note.empty())
         plan.notes.push_back(std::move(note));
     if (const auto known = check_level(metric.counter, levels); !known)

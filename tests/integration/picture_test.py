@@ -5,6 +5,7 @@
 """
 import base64
 import json
+import pathlib
 import struct
 
 from daemon import DaemonTest, main
@@ -28,6 +29,21 @@ def coloured_square():
         "bufferViews": [{"buffer": 0, "byteLength": len(positions)}],
         "accessors": [{"bufferView": 0, "componentType": 5126, "count": 6, "type": "VEC3",
                        "min": [-1, -1, 0], "max": [1, 1, 0]}]})
+
+
+class ImageModule(DaemonTest):
+    """Its 250 libraries take a second to load, during which a thread that loads them does nothing else."""
+    loads = {"flake": "builtin:flake"}
+
+    def test_a_request_that_is_refused_has_not_loaded_it(self):
+        maps = pathlib.Path(f"/proc/{self.daemon.process.pid}/maps")
+        for words in (("render", "flake"), ("heatmap", "flake")):
+            done = self.client.run(*words, "--camera", "nobody", "-o", self.out / "a.png")
+            self.assertEqual(done.returncode, 2, done.stderr)
+            self.assertNotIn("raynest-images", maps.read_text(), words)
+        for words in (("render", "flake"), ("heatmap", "flake")):
+            self.client.json(*words, "--size", "8x8", "-o", self.out / "a.png")
+        self.assertIn("raynest-images", maps.read_text())
 
 
 class Pictures(DaemonTest):

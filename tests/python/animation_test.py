@@ -185,6 +185,25 @@ class Animation(WithDaemon):
         with self.assertRaisesRegex(raynest.Error, "no animation 'x'; it has number 0"):
             scene.trace(down, time=.5, animation="x")
 
+    def test_the_automatic_camera_of_a_film_stands_still(self):
+        gltf = Gltf()
+        box = gltf.node(name="box", mesh=gltf.mesh(CORNERS, FACES))
+        gltf.animate("Come", (box, "translation", [0, 1], [[0, 0, 0], [.3, .2, 0]], "LINEAR"))
+        scene = self.load(gltf, "coming")
+        options = {"size": (48, 36), "integrator": "ao", "spp": 1}
+        told = []
+        for time in (None, 0, 1):
+            layers = scene.render(**options, **({} if time is None else {"time": time, "animation": "Come"}))
+            told.append((layers.texts["raynest:camera_to_world"], layers.texts.get("raynest:time"),
+                         layers.texts.get("raynest:animation"), np.asarray(layers["rgba"])))
+        self.assertEqual([camera for camera, *_ in told], [told[0][0]] * 3)
+        self.assertEqual([tuple(words) for _, *words, _ in told], [(None, None), ("0", "Come"), ("1", "Come")])
+        np.testing.assert_array_equal(told[1][-1], told[0][-1])
+        self.assertTrue((told[2][-1] != told[1][-1]).any())
+        with tempfile.TemporaryDirectory() as folder:
+            note = self.cli.run("heatmap", "coming", "--time", "0.5", "--size", "8x8", "-o", Path(folder) / "a.png")
+        self.assertIn("the scene is at a moment of its animation: its trees", note.stderr)
+
     def test_box_and_placements_at_a_moment(self):
         scene = self.load(travelling(), "drive")
         loaded = scene.info

@@ -224,7 +224,9 @@ Result<std::shared_ptr<const Snapshot>> pose(const Snapshot& scene, const Moment
     Poser poser(scene, moment);
     SceneChanges changes = poser.changes();
     changes.is_last = true;
-    return edit_scene(scene, changes, nullptr, guard);
+    auto posed = edit_scene(scene, changes, nullptr, guard);
+    if (!posed) return posed;
+    return Snapshot::framed_as(scene, std::move(*posed));
 }
 
 }  // namespace raynest

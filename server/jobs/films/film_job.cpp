@@ -295,7 +295,7 @@ Reply<void> FilmJob::make_film(const Stop& stop) {
     }
     auto made =
         make_integrator(options_.integrator,
-                        {plan_.source(services_.registry), plan_.scene.snapshot().bounds(),
+                        {plan_.source(services_.registry), plan_.scene.snapshot().framed_bounds(),
                          &plan_.scene.snapshot().shading(),
                          services_.registry.packs().front()->target, &plan_.view(), plan_.mask},
                         settings);

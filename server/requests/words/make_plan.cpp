@@ -113,6 +113,8 @@ Reply<Plan> make_plan(const Services& services, const Caller& caller, const wire
     if (posing == Posing::by_plan) scene = at_moment(services, caller, std::move(*scene), job);
     if (!scene) return tl::unexpected(scene.error());
     plan.scene = std::move(*scene);
+    if (job.timed()) plan.time = job.time();
+    plan.animation = text(job.animation());
     std::string_view intersector = word(job.intersector(), "auto");
     if (lit && intersector == "auto" && plan.scene.snapshot().view().blended_materials != 0 &&
         services.registry.find("alpha_blend") != nullptr)
