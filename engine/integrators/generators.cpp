@@ -76,22 +76,25 @@ Equirectangular::Equirectangular(const SensorPose& sensor_pose, ImageSize size)
         rows_.push_back(cosine_and_sine((0.5 - (i + 0.5) / size.height) * std::numbers::pi));
 }
 
+LidarBeam::LidarBeam(const LidarChannel& channel)
+    : elevation(cosine_and_sine(channel.elevation * degree)),
+      offset(cosine_and_sine(channel.azimuth_offset * degree)),
+      at(channel.origin_offset) {}
+
 Lidar::Lidar(const SensorPose& sensor_pose, std::span<const LidarChannel> channels, double start,
              double stop, std::uint32_t count)
-    : sensor_pose_(sensor_pose) {
-    for (const LidarChannel& channel : channels)
-        beams_.push_back({cosine_and_sine(channel.elevation * degree),
-                          cosine_and_sine(channel.azimuth_offset * degree), channel.origin_offset});
+    : sensor_pose_(sensor_pose),
+      beams_(channels.begin(), channels.end()) {
     for (std::uint32_t i = 0; i < count; ++i)
         heads_.push_back(cosine_and_sine((start + (stop - start) * i / count) * degree));
 }
 
-Sweep::Sweep(const SensorPose& limits, std::span<const double> elevations,
+Sweep::Sweep(const SensorPose& limits, std::span<const LidarChannel> channels,
              std::span<const double> azimuths, std::vector<Pose> poses)
     : tmin_(limits.tmin),
       tmax_(limits.tmax),
+      beams_(channels.begin(), channels.end()),
       poses_(std::move(poses)) {
-    for (const double elevation : elevations) beams_.push_back(cosine_and_sine(elevation * degree));
     for (const double azimuth : azimuths) heads_.push_back(cosine_and_sine(azimuth * degree));
 }
 

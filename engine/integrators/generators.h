@@ -65,6 +65,22 @@ struct LidarChannel {
     double azimuth_offset = 0;    ///< degrees
     glm::dvec3 origin_offset{0};  ///< turns with the head: x along its azimuth
 };
+/// The same, ready for rays.
+struct LidarBeam {
+    explicit LidarBeam(const LidarChannel& channel);
+    /// The ray while the head is turned so far: its cosine and sine.
+    [[nodiscard]] Ray ray(const SensorPose& sensor_pose, const glm::dvec2& head) const {
+        const double cosine = head.x * offset.x - head.y * offset.y;
+        const double sine = head.y * offset.x + head.x * offset.y;
+        Ray ray = sensor_pose.ray({elevation.x * cosine, elevation.x * sine, elevation.y});
+        ray.origin = sensor_pose.pose.point(
+            {at.x * head.x - at.y * head.y, at.x * head.y + at.y * head.x, at.z});
+        return ray;
+    }
+
+    glm::dvec2 elevation, offset;  ///< cosine and sine
+    glm::dvec3 at;                 ///< in the head
+};
 /// A head that turns about z: `count` azimuths divide [start, stop) degrees, counter-clockwise seen
 /// from above, 0 is ahead. Ray c * count + a is that of channel c at azimuth a; directions have
 /// unit length.
@@ -78,34 +94,21 @@ public:
     }
     [[nodiscard]] const Pose& pose(std::uint64_t, std::uint64_t) const { return sensor_pose_.pose; }
     [[nodiscard]] Ray ray(std::uint64_t azimuth, std::uint64_t channel) const {
-        const Beam& beam = beams_[channel];
-        const glm::dvec2& head = heads_[azimuth];
-        const double cosine = head.x * beam.offset.x - head.y * beam.offset.y;
-        const double sine = head.y * beam.offset.x + head.x * beam.offset.y;
-        Ray ray = sensor_pose_.ray(
-            {beam.elevation.x * cosine, beam.elevation.x * sine, beam.elevation.y});
-        const glm::dvec3& at = beam.origin;
-        ray.origin = sensor_pose_.pose.point(
-            {at.x * head.x - at.y * head.y, at.x * head.y + at.y * head.x, at.z});
-        return ray;
+        return beams_[channel].ray(sensor_pose_, heads_[azimuth]);
     }
 
 private:
-    struct Beam {
-        glm::dvec2 elevation, offset;  ///< cosine and sine
-        glm::dvec3 origin;
-    };
     SensorPose sensor_pose_;
-    std::vector<Beam> beams_;
+    std::vector<LidarBeam> beams_;
     std::vector<glm::dvec2> heads_;  ///< cosine and sine
 };
 
 /// A lidar in motion: scan after scan, and in a scan as Lidar, but each column leaves from where the
-/// sensor is at its time. Elevations and azimuths are any, in degrees.
+/// sensor is at its time. Azimuths are any, in degrees.
 class Sweep {
 public:
     /// `poses` has one for each column of each scan; only the range of `limits` counts.
-    Sweep(const SensorPose& limits, std::span<const double> elevations,
+    Sweep(const SensorPose& limits, std::span<const LidarChannel> channels,
           std::span<const double> azimuths, std::vector<Pose> poses);
     [[nodiscard]] ImageSize rays() const {
         return {static_cast<std::uint32_t>(heads_.size()),
@@ -115,15 +118,13 @@ public:
         return poses_[row / beams_.size() * heads_.size() + column];
     }
     [[nodiscard]] Ray ray(std::uint64_t column, std::uint64_t row) const {
-        const glm::dvec2& beam = beams_[row % beams_.size()];
-        const glm::dvec2& head = heads_[column];
-        return SensorPose{pose(column, row), tmin_, tmax_}.ray(
-            {beam.x * head.x, beam.x * head.y, beam.y});
+        return beams_[row % beams_.size()].ray({pose(column, row), tmin_, tmax_}, heads_[column]);
     }
 
 private:
     float tmin_, tmax_;
-    std::vector<glm::dvec2> beams_, heads_;  ///< cosine and sine
+    std::vector<LidarBeam> beams_;
+    std::vector<glm::dvec2> heads_;  ///< cosine and sine
     std::vector<Pose> poses_;
 };
 

@@ -179,8 +179,9 @@ Reply<void> SceneSteps::choose(const Stop& stop) {
         order_.emplace(SweepGrid{sweep.grid().width, rows, divided_up(sweep.lines(), rows)}, first_,
                        count_, 1);
     } else {
-        order_.emplace(SweepGrid{sweep.columns, sweep.channels, sweep.scans}, first_, count_, steps,
-                       cuts);
+        order_.emplace(SweepGrid{sweep.columns, static_cast<std::uint32_t>(sweep.channels.size()),
+                                 sweep.scans},
+                       first_, count_, steps, cuts);
     }
     find_stretches(edges);
     return {};

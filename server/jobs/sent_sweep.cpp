@@ -19,8 +19,8 @@ std::span<const double> numbers(std::span<const std::byte> bytes) {
 }  // namespace
 
 std::uint64_t SweepOrder::sent_bytes() const {
-    return (poses * std::uint64_t{Trajectory::row_numbers} + (elevations.empty() ? channels : 0) +
-            (turn ? 0 : columns)) *
+    return (poses * std::uint64_t{Trajectory::row_numbers} +
+            (sends_elevations ? channels.size() : 0) + (turn ? 0 : columns)) *
            sizeof(double);  // a camera has neither channels nor columns
 }
 
@@ -65,16 +65,18 @@ Reply<void> SentSweep::make(const Stop& stop) {
     };
     const auto trajectory = Trajectory::of(take(order_.poses * Trajectory::row_numbers));
     if (!trajectory) return tl::unexpected(trajectory.error());
-    std::span<const double> elevations = order_.elevations;
-    if (elevations.empty()) elevations = take(order_.channels);
+    std::vector<LidarChannel> channels = order_.channels;
+    if (order_.sends_elevations)
+        for (LidarChannel& channel : channels) channel.elevation = take(1).front();
     std::vector<double> divided;
     for (std::uint32_t i = 0; order_.turn && i < order_.columns; ++i)
         divided.push_back(order_.turn->first +
                           (order_.turn->second - order_.turn->first) * i / order_.columns);
     const std::span<const double> azimuths = order_.turn ? divided : take(order_.columns);
-    for (const auto angles : {elevations, azimuths})
-        if (!std::ranges::all_of(angles, [](double angle) { return std::isfinite(angle); }))
-            return refuse(Code::invalid_field, "elevations and azimuths must be finite");
+    const auto is_finite = [](double angle) { return std::isfinite(angle); };
+    if (!std::ranges::all_of(azimuths, is_finite) ||
+        !std::ranges::all_of(channels, is_finite, &LidarChannel::elevation))
+        return refuse(Code::invalid_field, "elevations and azimuths must be finite");
     std::vector<Pose> poses;
     poses.reserve(order_.all_lines());
     velocities_.reserve(order_.all_lines());
@@ -92,7 +94,7 @@ Reply<void> SentSweep::make(const Stop& stop) {
     if (order_.camera)
         sensor_.emplace(RollingShutter(*order_.camera, std::move(poses)));
     else
-        sensor_.emplace(Sweep(order_.limits, elevations, azimuths, std::move(poses)));
+        sensor_.emplace(Sweep(order_.limits, channels, azimuths, std::move(poses)));
     return {};
 }
 

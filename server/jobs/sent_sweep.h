@@ -23,13 +23,12 @@ namespace raynest::server {
 struct SweepOrder {
     std::uint32_t poses = 0;
     std::optional<Pinhole> camera;  ///< nothing: a lidar, with all that follows; its pose is unused
-    std::uint32_t channels = 0;
-    std::uint32_t columns = 0;  ///< of a scan
+    std::vector<LidarChannel> channels;
+    bool sends_elevations = false;  ///< those of the channels follow the poses
+    std::uint32_t columns = 0;      ///< of a scan
     std::uint32_t scans = 1;
     double begin = 0, end = 0;  ///< of the first scan
     SensorPose limits;          ///< the range of its rays
-    /// Those of the channels; empty: they follow the poses.
-    std::vector<double> elevations;
     /// The azimuths divide it, its end left out; nothing: they follow the elevations.
     std::optional<std::pair<double, double>> turn;
     /// How far what moves in the scene may be from where it is; nothing: the scene stands still.
@@ -46,10 +45,11 @@ struct SweepOrder {
     /// The line of a ray, by its number in the sensor.
     [[nodiscard]] std::uint64_t line_of(std::uint64_t ray) const {
         const std::uint64_t row = ray / grid().width;
-        return camera ? row : row / channels * columns + ray % columns;
+        return camera ? row : row / channels.size() * columns + ray % columns;
     }
     [[nodiscard]] ImageSize grid() const {
-        return camera ? camera->size : ImageSize{columns, channels * scans};
+        return camera ? camera->size
+                      : ImageSize{columns, static_cast<std::uint32_t>(channels.size()) * scans};
     }
     /// Bytes of memory while it runs.
     [[nodiscard]] std::uint64_t held_bytes() const {

@@ -113,7 +113,7 @@ GENERATORS: dict[str, list[str]] = {
     'orthographic': ['size', 'camera', 'lookat', 'pose', 'window', 'range'],
     'equirectangular': ['size', 'camera', 'lookat', 'pose', 'range'],
     'lidar': ['elevations', 'azimuths', 'azimuth_offsets', 'origin_offsets', 'camera', 'lookat', 'pose', 'range'],
-    'sweep': ['elevations', 'azimuths', 'channels', 'columns', 'trajectory', 'poses', 'scans', 'begin', 'end', 'step_error', 'range'],
+    'sweep': ['elevations', 'azimuths', 'azimuth_offsets', 'origin_offsets', 'channels', 'columns', 'trajectory', 'poses', 'scans', 'begin', 'end', 'step_error', 'range'],
     'rolling_shutter': ['size', 'fx', 'fy', 'cx', 'cy', 'trajectory', 'poses', 'begin', 'end', 'step_error', 'range'],
     'hemisphere': ['points', 'samples', 'seed', 'margin'],
 }

@@ -179,11 +179,8 @@ Pose upright(const Pose& camera, const glm::dvec3& up) {
     return {x, glm::cross(z, x), z, camera.origin};
 }
 
-Reply<Generated> make_lidar(const Request& request) {
-    const GeneratorSettings& given = request.settings;
-    if (!given.elevations || !given.azimuths) return lacks(request.kind, "elevations and azimuths");
-    std::vector<LidarChannel> channels;
-    for (const double elevation : given.elevations->values) channels.push_back({elevation});
+/// Sets what tells channels apart beside their elevations.
+Reply<void> read_offsets(const GeneratorSettings& given, std::vector<LidarChannel>& channels) {
     const auto one_each = [&](const char* name, std::size_t count) -> Reply<void> {
         if (count == channels.size()) return {};
         return refuse(Code::invalid_field, std::string(name) + " must be as many as elevations");
@@ -200,6 +197,20 @@ Reply<Generated> make_lidar(const Request& request) {
         for (std::size_t i = 0; i < channels.size(); ++i)
             channels[i].origin_offset = offsets->vector(i);
     }
+    return {};
+}
+
+std::vector<LidarChannel> channels_of(const setting::Steps& elevations) {
+    std::vector<LidarChannel> channels;
+    for (const double elevation : elevations.values) channels.push_back({elevation});
+    return channels;
+}
+
+Reply<Generated> make_lidar(const Request& request) {
+    const GeneratorSettings& given = request.settings;
+    if (!given.elevations || !given.azimuths) return lacks(request.kind, "elevations and azimuths");
+    std::vector<LidarChannel> channels = channels_of(*given.elevations);
+    if (auto good = read_offsets(given, channels); !good) return tl::unexpected(good.error());
     SensorPose sensor_pose = request.sensor_pose;
     if (given.camera || given.lookat) sensor_pose.pose = upright(sensor_pose.pose, up_of(request));
     const setting::Sweep sweep = *given.azimuths;
@@ -251,22 +262,25 @@ Reply<Generated> make_sweep(const Request& request) {
     const auto scans = count_of("scans", given.scans, 1, limits.sweep_columns_max);
     for (const auto* count : {&channels, &columns, &scans})
         if (!*count) return tl::unexpected(count->error());
-    order.channels = *channels, order.columns = *columns, order.scans = *scans;
+    order.columns = *columns, order.scans = *scans;
     if (order.scans == 0) return lacks(request.kind, "scans above 0");
-    if ((order.channels != 0) == given.elevations.has_value() ||
+    if ((*channels != 0) == given.elevations.has_value() ||
         (order.columns != 0) == given.azimuths.has_value())
         return lacks(request.kind,
                      "elevations or channels, and azimuths or columns: one of each two");
-    if (given.elevations) {
-        order.elevations = given.elevations->values;
-        order.channels = static_cast<std::uint32_t>(order.elevations.size());
-    }
+    order.sends_elevations = !given.elevations;
+    if (given.elevations)
+        order.channels = channels_of(*given.elevations);
+    else
+        order.channels.resize(*channels);
+    if (auto good = read_offsets(given, order.channels); !good) return tl::unexpected(good.error());
     if (const auto& sweep = given.azimuths) {
         order.turn.emplace(sweep->start, sweep->stop);
         order.columns = sweep->count;
     }
     if (order.all_lines() > limits.sweep_columns_max ||
-        std::uint64_t{order.channels} * order.scans > std::numeric_limits<std::uint32_t>::max())
+        std::uint64_t{order.channels.size()} * order.scans >
+            std::numeric_limits<std::uint32_t>::max())
         return refuse(Code::limit_exceeded,
                       "scans: " + std::to_string(order.scans) + " of " +
                           std::to_string(order.columns) +
