@@ -208,6 +208,20 @@ CompressedNode compress(const Node& node) {
     return to;
 }
 
+std::vector<CompressedNode> compress(std::span<const Node> nodes) {
+    std::vector<CompressedNode> to;
+    to.reserve(nodes.size());
+    for (const Node& node : nodes) to.push_back(compress(node));
+    return to;
+}
+
+std::vector<DeviceTriangle> compress(std::span<const TriangleBlock> blocks) {
+    constexpr DeviceTriangle padding{{}, no_id, {}, 0, {}, 0};
+    std::vector<DeviceTriangle> to(8 * blocks.size(), padding);
+    for (std::size_t b = 0; b < blocks.size(); ++b) copy_block(blocks[b], to.data() + 8 * b);
+    return to;
+}
+
 Result<DeviceTrees> compress(const SceneView& scene) {
     if (const auto sound = check_limits(scene); !sound) return tl::unexpected(sound.error());
     DeviceTrees trees;
@@ -217,13 +231,8 @@ Result<DeviceTrees> compress(const SceneView& scene) {
         node_count += scene.objects[o].node_count;
         block_count += scene.objects[o].block_count;
     }
-    trees.nodes.reserve(node_count);
-    for (std::uint64_t n = 0; n < node_count; ++n) trees.nodes.push_back(compress(scene.nodes[n]));
-    constexpr DeviceTriangle padding{{}, no_id, {}, 0, {}, 0};
-    trees.triangles.assign(8 * block_count, padding);
-    for (std::uint64_t b = 0; b < block_count; ++b) {
-        copy_block(scene.blocks[b], trees.triangles.data() + 8 * b);
-    }
+    trees.nodes = compress(std::span(scene.nodes, node_count));
+    trees.triangles = compress(std::span(scene.blocks, block_count));
     return trees;
 }
 

@@ -3,9 +3,11 @@
 #pragma once
 
 #include "engine/cuda/device_tree.h"
+#include "engine/geometry/triangle.h"
 #include "engine/geometry/views.h"
 #include "engine/result.h"
 
+#include <span>
 #include <vector>
 
 namespace raynest::cuda {
@@ -20,6 +22,10 @@ struct DeviceTrees {
 /// Converts a valid scene (scene/checks/arena_check.h). Fails with limit_exceeded if a ray could need more
 /// levels or stack than the traversal has; only the CPU can trace such a scene. Linear time.
 Result<DeviceTrees> compress(const SceneView& scene);
+
+/// The same of some nodes or leaf blocks.
+std::vector<CompressedNode> compress(std::span<const Node> nodes);
+std::vector<DeviceTriangle> compress(std::span<const TriangleBlock> blocks);
 
 /// Compresses a node. Every decoded box contains the true one. An axis whose bounds fit no grid has
 /// no limits.

@@ -9,6 +9,7 @@
 #include <algorithm>
 #include <cstring>
 #include <new>
+#include <span>
 
 namespace raynest {
 namespace cuda {
@@ -72,12 +73,18 @@ TraceStatus load_scene(const SceneView* scene, DeviceScene** loaded) noexcept {
     return give(loaded, [&](auto& made) { return copy_to_device(*scene, made); });
 }
 
+TraceStatus load_changed(const DeviceScene* base, const ChangedRange* ranges, std::uint32_t count,
+                         DeviceScene** loaded) noexcept {
+    return give(loaded,
+                [&](auto& made) { return copy_changed(*base, std::span(ranges, count), made); });
+}
+
 void unload(DeviceScene* scene) noexcept {
     delete scene;
 }
 
-std::uint64_t bytes_of(const DeviceScene* scene) noexcept {
-    return scene->memory.bytes();
+std::uint64_t copied_bytes(const DeviceScene* scene) noexcept {
+    return scene->copied_bytes;
 }
 
 TraceStatus new_slot(std::uint64_t rays_max, std::uint64_t hits_max, DeviceSlot** slot) noexcept {
@@ -121,8 +128,9 @@ bool is_supported() noexcept {
 extern "C" [[gnu::visibility("default")]] const raynest::Device* raynest_device() noexcept {
     namespace cuda = raynest::cuda;
     static constexpr raynest::Device device{
-        raynest::device_abi, cuda::open,   cuda::last_error, cuda::pin,
-        cuda::load_scene,    cuda::unload, cuda::bytes_of,   cuda::new_slot,
-        cuda::free_slot,     cuda::start,  cuda::finish,     cuda::kernel_seconds};
+        raynest::device_abi, cuda::open,          cuda::last_error, cuda::pin,
+        cuda::load_scene,    cuda::load_changed,  cuda::unload,     cuda::copied_bytes,
+        cuda::scene_bytes,   cuda::new_slot,      cuda::free_slot,  cuda::start,
+        cuda::finish,        cuda::kernel_seconds};
     return &device;
 }

@@ -28,25 +28,13 @@ public:
         error_ = cudaMalloc(&block, count * sizeof(T));
         if (error_ != cudaSuccess) return nullptr;
         blocks_.push_back(block);
-        bytes_ += count * sizeof(T);
         return static_cast<T*>(block);
-    }
-    /// Copies an array; the copy may still be in progress in the default stream.
-    template <class T>
-    [[nodiscard]] const T* copy(const T* from, std::uint64_t count) {
-        T* const to = room<T>(count);
-        if (to != nullptr) {
-            error_ = cudaMemcpy(to, from, count * sizeof(T), cudaMemcpyHostToDevice);
-        }
-        return to;
     }
 
     [[nodiscard]] cudaError_t error() const { return error_; }
-    [[nodiscard]] std::uint64_t bytes() const { return bytes_; }
 
 private:
     std::vector<void*> blocks_;
-    std::uint64_t bytes_ = 0;
     cudaError_t error_ = cudaSuccess;
 };
 

@@ -15,7 +15,7 @@
 
 namespace raynest {
 
-inline constexpr std::uint32_t device_abi = 2;
+inline constexpr std::uint32_t device_abi = 3;
 
 struct DeviceScene;  ///< defined by the pack
 struct DeviceSlot;   ///< defined by the pack
@@ -24,6 +24,29 @@ struct DeviceInfo {
     char name[128];
     std::uint64_t memory_bytes;
     bool absent;  ///< open() failed for good: there is no device that the pack supports
+};
+
+/// The arrays of a SceneView that a device holds.
+enum SceneArray : std::uint32_t {
+    array_nodes,
+    array_blocks,
+    array_records,
+    array_objects,
+    array_instances,
+    array_geometries,
+    array_materials,
+    array_textures,
+    array_attributes,
+    array_count
+};
+
+/// Elements of an array, which a scene has in place of those of another; bytes of records and
+/// attributes.
+struct ChangedRange {
+    std::uint32_t array;  ///< SceneArray
+    std::uint64_t first;
+    std::uint64_t count;
+    const void* elements;  ///< aligned as in an arena
 };
 
 /// All functions are thread-safe, except that calls on one slot must not overlap. trace_no_device
@@ -42,8 +65,17 @@ struct Device {
     /// trace_too_deep: the scene has more levels than kernels support. trace_out_of_memory: the
     /// device is full; trace_cancelled: the host is.
     TraceStatus (*load)(const SceneView*, DeviceScene**) noexcept;
+    /// Makes the scene that an edit made of `base` (scene/edits/edit.h): it has these elements and
+    /// is otherwise the same, so that nothing else is copied from the host. Both may then go in any
+    /// order. trace_bad_call: `base` has no such elements. What they hold is not checked. Else
+    /// returns what load() does.
+    TraceStatus (*load_changed)(const DeviceScene* base, const ChangedRange*, std::uint32_t count,
+                                DeviceScene**) noexcept;
     void (*unload)(DeviceScene*) noexcept;
-    std::uint64_t (*bytes_of)(const DeviceScene*) noexcept;
+    /// Bytes that were copied from the host to make the scene.
+    std::uint64_t (*copied_bytes)(const DeviceScene*) noexcept;
+    /// Bytes of all scenes on the device. What several share counts once.
+    std::uint64_t (*scene_bytes)() noexcept;
 
     /// Makes a slot for calls with at most so many rays and hits.
     TraceStatus (*make_slot)(std::uint64_t rays_max, std::uint64_t hits_max, DeviceSlot**) noexcept;

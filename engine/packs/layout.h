@@ -213,8 +213,9 @@ inline auto border_types() {
         RAYNEST_LAYOUT(Pinhole, sensor_pose, size, center_x, center_y, step_x, step_y),
         RAYNEST_LAYOUT(PinholeRays, camera, first, tiles),
         RAYNEST_LAYOUT(DeviceInfo, name, memory_bytes, absent),
-        RAYNEST_LAYOUT(Device, abi, open, error, pin, load, unload, bytes_of, make_slot, free_slot,
-                       start, finish, kernel_seconds),
+        RAYNEST_LAYOUT(ChangedRange, array, first, count, elements),
+        RAYNEST_LAYOUT(Device, abi, open, error, pin, load, load_changed, unload, copied_bytes,
+                       scene_bytes, make_slot, free_slot, start, finish, kernel_seconds),
     });
 }
 

@@ -1,4 +1,4 @@
-// Pages of an arena, as a set.
+// Pages and sections of an arena, as sets.
 #pragma once
 
 #include <bit>
@@ -45,6 +45,17 @@ public:
 
 private:
     std::vector<std::uint64_t> words_;
+};
+
+/// In what two arenas of one layout differ.
+struct ArenaChanges {
+    PageSet pages;
+    std::uint32_t sections = 0;  ///< by format::Section; a page may hold parts of several
+
+    void add(const ArenaChanges& other) {
+        pages.add(other.pages);
+        sections |= other.sections;
+    }
 };
 
 }  // namespace raynest

@@ -225,13 +225,16 @@ Result<std::shared_ptr<const Snapshot>> Snapshot::open_edited(BuiltArena built,
     snapshot->record_counts_ = before.record_counts_;
     snapshot->meshes_ = before.meshes_;
     snapshot->material_uses_ = before.material_uses_;
-    snapshot->edited_from_ = before.arena_id_;
     ArenaSharing& sharing = snapshot->sharing_ = std::move(traces.sharing);
     if (sharing.shared)
-        sharing.apart.add(traces.changed);
+        sharing.apart.add(traces.changed.pages);
     else
         sharing.apart = {};
-    snapshot->changed_ = std::move(traces.changed);
+    auto& edits_made = snapshot->edits_;
+    edits_made.push_back(std::make_shared<const EditedFrom>(
+        EditedFrom{before.arena_id_, std::move(traces.changed)}));
+    edits_made.insert(edits_made.end(), before.edits_.begin(), before.edits_.end());
+    if (edits_made.size() > edits_remembered) edits_made.pop_back();
     snapshot->arena_ = std::move(built.arena);
     static std::atomic<std::uint64_t> edits = 0;
     snapshot->is_edited_ = true;
@@ -248,6 +251,18 @@ std::shared_ptr<const Snapshot> Snapshot::framed_as(const Snapshot& scene,
                                                     std::shared_ptr<const Snapshot> made) {
     const_cast<Snapshot&>(*made).framed_ = scene.framed_bounds();
     return made;
+}
+
+std::optional<EditedFrom> Snapshot::edited_from(
+    const std::function<bool(const std::string&)>& is_wanted) const {
+    EditedFrom from;
+    for (const auto& edit : edits_) {
+        from.changed.add(edit->changed);
+        if (!is_wanted(edit->arena_id)) continue;
+        from.arena_id = edit->arena_id;
+        return from;
+    }
+    return std::nullopt;
 }
 
 std::span<const std::byte> Snapshot::motion_bytes() const {
@@ -278,8 +293,9 @@ ArenaCopy Snapshot::copy_to_edit(const Snapshot& scene, std::shared_ptr<const Sn
     ArenaSharing& sharing = copy.sharing;
     ++sharing.unshared;
     // Nobody else refers to it, and it is not used again.
-    const bool is_free = spare != nullptr && spare.use_count() == 1 &&
-                         spare->arena_id_ == scene.edited_from_ && spare->arena_.size() == bytes;
+    const bool is_free = spare != nullptr && spare.use_count() == 1 && !scene.edits_.empty() &&
+                         spare->arena_id_ == scene.edits_.front()->arena_id &&
+                         spare->arena_.size() == bytes;
     if (is_free && sharing.unshared > unshared_copies_max)
         sharing = {nullptr, {}, 0, sharing.unshared};
     const auto copy_pages = [&](const PageSet& pages) {
@@ -290,11 +306,13 @@ ArenaCopy Snapshot::copy_to_edit(const Snapshot& scene, std::shared_ptr<const Sn
     };
     if (is_free && (!spare->arena_.is_shared() || spare->shared() == sharing.shared)) {
         copy.arena = std::move(const_cast<Snapshot&>(*spare).arena_);
-        copy_pages(scene.changed_);
+        copy_pages(scene.edits_.front()->changed.pages);
         return copy;
     }
     // The difference grows with each edit elsewhere, until copies of it have cost a whole one.
-    const std::size_t apart = sharing.apart.bytes(), changed = scene.changed_.bytes();
+    const std::size_t apart = sharing.apart.bytes();
+    const std::size_t changed =
+        scene.edits_.empty() ? 0 : scene.edits_.front()->changed.pages.bytes();
     const bool is_near = sharing.shared != nullptr && apart <= bytes / 4 &&
                          (sharing.copied <= bytes || apart <= 8 * changed);
     // A scene that is edited for the first time gives its own memory to the edit after this one.

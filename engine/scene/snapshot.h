@@ -17,6 +17,7 @@
 
 #include <cstddef>
 #include <cstdint>
+#include <functional>
 #include <map>
 #include <memory>
 #include <mutex>
@@ -130,10 +131,18 @@ struct ArenaCopy {
     ArenaSharing sharing;
 };
 
+/// A scene that another was edited from: both arenas have one layout.
+struct EditedFrom {
+    std::string arena_id;
+    ArenaChanges changed;
+};
+/// How many edits back a scene knows what it was edited from.
+inline constexpr std::size_t edits_remembered = 64;
+
 /// The differences of an edited arena from the one before.
 struct EditTraces {
     ArenaSharing sharing;                    ///< of the copy, before the edit
-    PageSet changed;                         ///< by the edit
+    ArenaChanges changed;                    ///< by the edit
     std::vector<std::uint32_t> objects;      ///< whose trees are measured, ascending
     std::optional<double> root_cost;         ///< of the root's tree, where it is known already
     std::shared_ptr<const TreeLinks> links;  ///< of the root's tree
@@ -201,6 +210,10 @@ public:
     /// Equal for equal arenas, trees included: memory may be shared by it. It is the arena's digest
     /// (scene/digest.h), but for a scene that was edited: that one has a name of its own.
     [[nodiscard]] const std::string& arena_id() const { return arena_id_; }
+    /// Returns the latest of the scenes that this one was edited from, at most edits_remembered
+    /// edits ago, whose arena_id() is wanted; nothing if none is.
+    [[nodiscard]] std::optional<EditedFrom> edited_from(
+        const std::function<bool(const std::string&)>& is_wanted) const;
     /// Returns the arena's digest, and takes the time to hash it where an edit has made it.
     [[nodiscard]] Result<std::string> arena_digest() const;
     /// Names of the primitive types in use beside triangles ("sphere").
@@ -237,8 +250,8 @@ private:
     bool is_edited_ = false;
     mutable std::once_flag hashed_;
     mutable Result<std::shared_ptr<const ContentDigests>> contents_;  ///< null until it is hashed
-    std::string edited_from_;  ///< arena_id() of the snapshot that it was edited from, if any
-    PageSet changed_;          ///< the pages in which it differs from that one
+    /// The last edits, newest first, each with the differences between its two scenes
+    std::vector<std::shared_ptr<const EditedFrom>> edits_;
     ArenaSharing sharing_;
     mutable std::mutex share_mutex_;
     mutable std::weak_ptr<const SharedPages> shareable_;  ///< this arena, for copies of it

@@ -8,6 +8,7 @@
 """
 import os
 import pathlib
+import signal
 import sys
 import tempfile
 import unittest
@@ -147,6 +148,63 @@ class LittleMemory(CudaTest):
         self.assertEqual(self.metric("cuda_faults"), 0)
         told, _ = self.query("cuda", scene="woods")
         self.assertEqual(told["worker"], "cuda")
+
+
+class Edits(CudaTest):
+    """An edited scene sends the worker what has changed since a scene that it has."""
+    scenes = (("builtin:forest?trees=3000", "woods"), ("builtin:forest?trees=3000&seed=2", "park"))
+
+    def setUp(self):
+        self.wait_until_up()
+
+    def edit(self, *options):
+        self.client.json("edit", "woods", *options)
+
+    def sent(self, scene="woods"):
+        """Traces a scene on both, with equal answers. Returns the bytes of scenes that the worker was sent."""
+        before = self.metric("cuda_upload_bytes")
+        _, expected = self.query("cpu", scene=scene)
+        told, answer = self.query("cuda", scene=scene)
+        self.assertEqual((told["worker"], told["notes"]), ("cuda", []))
+        self.assertEqual(answer, expected)
+        return self.metric("cuda_upload_bytes") - before
+
+    def test_what_has_not_changed_is_not_sent_again(self):
+        whole = self.client.json("info", "woods")["bytes"]
+        self.assertIn(self.sent(), (0, whole))
+        self.assertEqual(self.sent(), 0)
+        self.edit("--move", "birch-17=0,0,2.5")
+        moved = self.sent()
+        self.assertTrue(0 < moved < whole / 20, f"{moved} of {whole} bytes")
+        # The worker has not seen the scenes between these two.
+        for birch in range(3):
+            self.edit("--move", f"birch-{birch}=0,0,2.5")
+        self.edit("--hide", "oak-1*")
+        self.assertTrue(0 < self.sent() < whole / 4)
+        self.edit("--add", "park=500,0,0")
+        self.assertGreater(self.sent(), whole)
+
+    def test_a_new_process_gets_the_whole_scene(self):
+        self.sent()
+        starts = self.metric("cuda_starts")
+        os.kill(device_workers(self.daemon.process.pid)[0], signal.SIGKILL)
+        until(lambda: self.metric("cuda_starts") > starts)
+        self.wait_until_up()
+        self.edit("--move", "birch-3=0,0,1.5")
+        self.assertGreaterEqual(self.sent(), self.client.json("info", "woods")["bytes"])
+
+
+class EditsOfEvictedScenes(Edits):
+    """The device has room for one of the forests alone."""
+    environment = {"RAYNEST_FAKE_CUDA_MEMORY": 64_000_000}
+    scenes = (("builtin:forest?trees=20", "woods"), ("builtin:forest?trees=20&seed=2", "park"))
+
+    def test_what_has_not_changed_is_not_sent_again(self):
+        whole = self.client.json("info", "woods")["bytes"]
+        self.sent()
+        self.assertGreater(self.sent("park"), whole / 2)
+        self.edit("--move", "birch-3=0,0,2.5")
+        self.assertGreaterEqual(self.sent(), whole)
 
 
 class LongRays(CudaTest):

@@ -354,7 +354,7 @@ Result<std::shared_ptr<const Snapshot>> change_in_place(const Snapshot& scene,
     ++built.edits.refits;
     std::vector<std::uint32_t> objects;
     for (const auto& [object, unused] : places) objects.push_back(object);
-    PageSet changed = arena.changed();
+    ArenaChanges changed = arena.changed();
     const double limit = rebuild_cost_factor * built.edits.built_cost;
     const bool may_rebuild = !places.empty() && !arena.object(root).has_own_primitives();
     TouchedObjects touched = touched_by(arena.view(), changes, scene.paths().node_count == 0);

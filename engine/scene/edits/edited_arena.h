@@ -5,6 +5,7 @@
 #include "engine/scene/page_set.h"
 #include "engine/scene/snapshot.h"
 
+#include <algorithm>
 #include <cstddef>
 #include <cstdint>
 #include <span>
@@ -89,12 +90,22 @@ public:
         if (elements.empty()) return;
         const auto first = static_cast<std::size_t>(
             reinterpret_cast<const std::byte*>(elements.data()) - arena_.data());
-        changed_.add(first, first + elements.size_bytes() - 1);
+        changed_.pages.add(first, first + elements.size_bytes() - 1);
+        changed_.sections |= section_bit(first);
     }
-    [[nodiscard]] const PageSet& changed() const { return changed_; }
+    [[nodiscard]] const ArenaChanges& changed() const { return changed_; }
 
 private:
     format::Header& header() { return *reinterpret_cast<format::Header*>(arena_.data()); }
+    /// Returns the bit of the section at this offset, 0 for the header. Of sections that begin
+    /// there all but the last are empty.
+    std::uint32_t section_bit(std::size_t offset) {
+        static_assert(format::section_count <= 32);
+        const auto& sections = header().sections;
+        const auto behind =
+            std::ranges::upper_bound(sections, offset, {}, &format::SectionEntry::offset);
+        return behind == sections.begin() ? 0 : 1U << (behind - sections.begin() - 1);
+    }
     template <class T>
     T* section(format::Section which) {
         return const_cast<T*>(format::section<T>(arena_.data(), which));
@@ -102,7 +113,7 @@ private:
 
     Arena arena_;
     SceneView view_;
-    PageSet changed_{arena_.size()};
+    ArenaChanges changed_{PageSet(arena_.size())};
 };
 
 }  // namespace raynest

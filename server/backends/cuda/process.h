@@ -10,6 +10,7 @@
 #include <cstdint>
 #include <memory>
 #include <optional>
+#include <set>
 #include <string>
 #include <vector>
 
@@ -49,6 +50,10 @@ public:
     Result<Outcome> ask(std::uint32_t slot, const Request& request,
                         std::chrono::milliseconds time_limit, std::span<const int> files = {});
 
+    /// Names of the scenes that it was given (Snapshot::arena_id()), some of which it may have
+    /// evicted. For upload() alone, which runs once at a time.
+    [[nodiscard]] std::set<std::string>& given() { return given_; }
+
     /// Kills the process, which ends all calls of ask().
     void kill();
     /// Returns how the process ended, in words; nothing while it runs.
@@ -71,6 +76,7 @@ private:
     std::optional<Channel> control_;  ///< set once started; closing it ends the worker
     std::vector<Channel> slots_;
     std::unique_ptr<Ready> ready_;
+    std::set<std::string> given_;
 };
 
 }  // namespace raynest::server::device

@@ -32,35 +32,39 @@ bool DeviceSceneCache::evict_one() {
             std::find_if(scenes_.begin(), scenes_.end(),
                          [](const Resident& resident) { return resident.users == 0; });
         if (idle == scenes_.end()) return false;
-        bytes_ -= idle->bytes;
         evicted.splice(evicted.end(), scenes_, idle);
     }
     device_.unload(evicted.front().scene);
     return true;
 }
 
-TraceStatus DeviceSceneCache::load(std::string_view hash, const SceneView& scene) {
+template <class Make>
+TraceStatus DeviceSceneCache::add(std::string_view hash, Make make) {
     if (find(hash).scene() != nullptr) return trace_ok;
     std::list<Resident> loaded(1);
     Resident& resident = loaded.front();
     resident.hash = hash;
     // Load without the lock, so that calls of other scenes go on: a large scene takes seconds.
-    TraceStatus status = device_.load(&scene, &resident.scene);
-    while (status == trace_out_of_memory && evict_one())
-        status = device_.load(&scene, &resident.scene);
+    TraceStatus status = make(&resident.scene);
+    while (status == trace_out_of_memory && evict_one()) status = make(&resident.scene);
     if (status != trace_ok) return status;
-    resident.bytes = device_.bytes_of(resident.scene);
-    while (would_exceed(resident.bytes) && evict_one()) {
+    while (device_.scene_bytes() > bytes_max_ && evict_one()) {
     }
     const std::lock_guard lock(mutex_);
-    bytes_ += resident.bytes;
     scenes_.splice(scenes_.end(), loaded);
     return trace_ok;
 }
 
-bool DeviceSceneCache::would_exceed(std::uint64_t bytes) {
-    const std::lock_guard lock(mutex_);
-    return bytes_ + bytes > bytes_max_;
+TraceStatus DeviceSceneCache::load(std::string_view hash, const SceneView& scene) {
+    return add(hash, [&](DeviceScene** to) { return device_.load(&scene, to); });
+}
+
+TraceStatus DeviceSceneCache::load_changed(std::string_view hash, const DeviceScene& base,
+                                           std::span<const ChangedRange> changes) {
+    return add(hash, [&](DeviceScene** to) {
+        return device_.load_changed(&base, changes.data(),
+                                    static_cast<std::uint32_t>(changes.size()), to);
+    });
 }
 
 }  // namespace raynest::server::device

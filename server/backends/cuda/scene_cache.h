@@ -7,13 +7,14 @@
 #include <cstdint>
 #include <list>
 #include <mutex>
+#include <span>
 #include <string>
 #include <string_view>
 #include <utility>
 
 namespace raynest::server::device {
 
-/// Thread-safe, except that only one thread at a time may call load().
+/// Thread-safe, except that only one thread at a time may load.
 class DeviceSceneCache {
 public:
     /// Evicts unused scenes beyond `bytes_max`, even if the device has room for more.
@@ -28,6 +29,10 @@ public:
     /// Copies a scene to the device if it is not there. Evicts scenes that are not in use if the
     /// room is needed.
     TraceStatus load(std::string_view hash, const SceneView& scene);
+    /// The same for a scene that an edit made of `base`, which is in use: only the changes are
+    /// copied to the device.
+    TraceStatus load_changed(std::string_view hash, const DeviceScene& base,
+                             std::span<const ChangedRange> changes);
     /// Evicts the least recently used scene that is not in use; false if there is none.
     bool evict_one();
 
@@ -35,19 +40,19 @@ private:
     struct Resident {
         std::string hash;
         DeviceScene* scene = nullptr;
-        std::uint64_t bytes = 0;
         unsigned users = 0;
     };
     using Residence = std::list<Resident>::iterator;
 
     Residence find_locked(std::string_view hash);
-    bool would_exceed(std::uint64_t bytes);
+    /// Adds the scene that `make(to)` makes on the device.
+    template <class Make>
+    TraceStatus add(std::string_view hash, Make make);
 
     const Device& device_;
     const std::uint64_t bytes_max_;
     std::mutex mutex_;
     std::list<Resident> scenes_;  ///< least recently used first
-    std::uint64_t bytes_ = 0;
 
 public:
     /// Keeps a scene on the device while it exists. Move-only.

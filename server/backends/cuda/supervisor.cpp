@@ -2,6 +2,8 @@
 
 #include "engine/cuda/limits.h"
 #include "server/backends/cuda/probe.h"
+#include "server/backends/cuda/refusals.h"
+#include "server/backends/cuda/upload.h"
 #include "server/backends/cuda/validate_hits.h"
 #include "server/ground/log.h"
 
@@ -35,35 +37,6 @@ std::optional<std::uint32_t> find_kernel(const Ready& ready, const Kernel& kerne
             return (variant.queries >> kernel.query & 1U) != 0 ? std::optional(i) : std::nullopt;
     }
     return std::nullopt;
-}
-
-/// Returns a bound on the bytes of the trees that the worker makes of a scene before it uploads
-/// them: 384 bytes per leaf block instead of 320, 96 per node instead of 256 (cuda/device_tree.h).
-constexpr std::uint64_t compressed_bytes_max(std::uint64_t scene_bytes) {
-    return scene_bytes + scene_bytes / 5;
-}
-
-/// Assumed speed of an upload. One core copies, checks and compresses a scene at 360 MB/s (terrain
-/// of 2 million triangles, fake device); a fifth of that leaves room for a busy machine.
-constexpr std::uint64_t loaded_bytes_per_ms = 70'000;
-
-/// Returns the time limit of an upload. It is bounded because deadlines of jobs are not checked
-/// during an upload.
-milliseconds load_time_max(const protocol::Limits& limits, std::uint64_t scene_bytes) {
-    return milliseconds(std::min(limits.cuda_start_ms_max,
-                                 limits.cuda_call_ms_max + scene_bytes / loaded_bytes_per_ms));
-}
-
-Unavailable later(std::string reason, std::uint32_t retry_after_ms) {
-    return {std::move(reason), protocol::Code::busy, retry_after_ms};
-}
-
-Unavailable no_room(std::string reason) {
-    return {std::move(reason), protocol::Code::resource_exhausted, 1000};
-}
-
-Unavailable lost(std::string reason) {
-    return {std::move(reason), protocol::Code::busy, 1000, true};
 }
 
 /// True if the device's variant has the same parameters as the CPU's variant and supports all of
@@ -426,23 +399,12 @@ std::optional<Unavailable> Supervisor::refusal_of(const Result<Outcome>& outcome
 
 tl::expected<void, Unavailable> Supervisor::load(Process& process, std::uint32_t slot,
                                                  const Snapshot& scene) {
-    // Copy the arena into a memory file. It cannot lie in one from the start: traversal gains 2 to
-    // 9 % from huge pages (bvh/pages.h), which memory files lack by default.
-    const auto bytes = scene.bytes();
-    const auto lease = budget_.reserve(bytes.size() + compressed_bytes_max(bytes.size()));
-    if (!lease)
-        return tl::unexpected(remember(
-            scene, no_room("handing the scene over needs more memory than --memory has left")));
-    const auto file = create_memory_file("raynest-device-scene");
-    if (!file) return tl::unexpected(Unavailable{file.error().message});
-    if (const auto written = write_all(file->get(), bytes.data(), bytes.size()); !written)
-        return tl::unexpected(Unavailable{written.error().message});
-    Request request;
-    request.order = Order::load;
-    request.scene = SceneText(scene.arena_id());
-    const int files[] = {file->get()};
-    const auto outcome = process.ask(slot, request, load_time_max(limits_, bytes.size()), files);
-    if (auto refusal = refusal_of(outcome, scene)) return tl::unexpected(std::move(*refusal));
+    const auto outcome = device::upload(process, slot, scene, {budget_, metrics_, limits_});
+    if (!outcome)
+        return tl::unexpected(outcome.error().code == protocol::Code::resource_exhausted
+                                  ? remember(scene, outcome.error())
+                                  : outcome.error());
+    if (auto refusal = refusal_of(*outcome, scene)) return tl::unexpected(std::move(*refusal));
     return {};
 }
 

@@ -3,7 +3,7 @@
 // as closed.
 //
 //   control:    Hello, memory and a socket per slot ──►   ◄── Ready
-//   each slot:  Request (with a memory file, to load) ──►   ◄── Outcome
+//   each slot:  Request (with a memory file, to load or load_changed) ──►   ◄── Outcome
 //
 // Rays and answers lie in memory that both map; each slot has a part:  rays | hits | hit counts
 #pragma once
@@ -116,7 +116,8 @@ struct Ready {
 
 enum class Order : std::uint32_t {
     trace,
-    load  ///< uploads the arena in the attached memory file
+    load,         ///< uploads the arena in the attached memory file
+    load_changed  ///< makes a scene of another one and of the changes in the file (scene_changes.h)
 };
 
 /// Names a scene's arena (Snapshot::arena_id()); zero-terminated.
@@ -125,6 +126,7 @@ using SceneText = Text<72>;
 struct Request {
     Order order = Order::trace;
     SceneText scene;
+    SceneText base;  ///< for Order::load_changed: a scene that the device holds
 
     // The rest is for Order::trace; the rays lie in the slot's memory.
     std::uint32_t variant = 0;  ///< index in Ready

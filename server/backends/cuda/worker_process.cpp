@@ -4,6 +4,7 @@
 #include "engine/scene/checks/arena_check.h"
 #include "server/backends/cuda/channel.h"
 #include "server/backends/cuda/scene_cache.h"
+#include "server/backends/cuda/scene_changes.h"
 #include "server/backends/cuda/wire.h"
 
 #include <unistd.h>
@@ -62,20 +63,32 @@ public:
             Request request;
             std::vector<Fd> files;
             if (channel_.receive(request, Channel::for_ever, &files) != Received::message) return;
-            const Outcome outcome =
-                request.order == Order::load ? load(request, files) : trace(request);
-            channel_.send(outcome);
+            channel_.send(answer(request, files));
         }
     }
 
 private:
-    Outcome load(const Request& request, const std::vector<Fd>& files) {
+    Outcome answer(const Request& request, const std::vector<Fd>& files) {
+        if (request.order == Order::trace) return trace(request);
         if (files.size() != 1) return refuse("a scene comes as one file");
-        const Mapping arena(files.front(), Mapping::Access::read);
-        if (arena.bytes().empty()) return refuse("the scene's memory cannot be mapped");
-        const auto scene = check_arena(arena.bytes());
+        const Mapping file(files.front(), Mapping::Access::read);
+        if (file.bytes().empty()) return refuse("the scene's memory cannot be mapped");
+        return request.order == Order::load ? load(request, file.bytes())
+                                            : load_changed(request, file.bytes());
+    }
+
+    Outcome load(const Request& request, std::span<const std::byte> arena) {
+        const auto scene = check_arena(arena);
         if (!scene) return refuse(scene.error().message);
         return outcome_of(scenes_.load(request.scene.view(), *scene));
+    }
+
+    Outcome load_changed(const Request& request, std::span<const std::byte> file) {
+        const auto ranges = read_changes(file);
+        if (!ranges) return refuse(ranges.error().message);
+        const DeviceSceneCache::Use base = scenes_.find(request.base.view());
+        if (base.scene() == nullptr) return {Verdict::unknown_scene, {}};
+        return outcome_of(scenes_.load_changed(request.scene.view(), *base.scene(), *ranges));
     }
 
     Outcome trace(const Request& request) {
@@ -132,7 +145,7 @@ private:
             case trace_bad_call:
                 break;
         }
-        return refuse("the kernel refused its call");
+        return refuse("the device refused its call");
     }
 
     const DevicePack& pack_;

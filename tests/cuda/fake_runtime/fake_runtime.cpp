@@ -142,8 +142,10 @@ cudaError_t call(const char* function, Action action) {
 }
 
 cudaError_t copy(void* to, const void* from, std::size_t bytes, cudaMemcpyKind kind, bool wrong) {
-    const void* on_device = kind == cudaMemcpyHostToDevice ? to : from;
-    if (!Device::get().owns(on_device, bytes)) return cudaErrorInvalidValue;
+    if (kind != cudaMemcpyDeviceToHost && !Device::get().owns(to, bytes))
+        return cudaErrorInvalidValue;
+    if (kind != cudaMemcpyHostToDevice && !Device::get().owns(from, bytes))
+        return cudaErrorInvalidValue;
     std::memcpy(to, from, bytes);
     if (wrong) std::memset(to, 0x5A, bytes);
     return cudaSuccess;
