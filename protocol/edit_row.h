@@ -7,7 +7,8 @@ namespace raynest::protocol {
 
 struct EditRow {
     /// place: to where the matrix says. move: on top of where it stands. add: a placement of
-    /// another scene, to the world. vertices: where those of its mesh are from now on.
+    /// another scene, to the world. vertices: where those of its mesh, and its normals, are from now
+    /// on.
     enum What : std::uint32_t {
         place,
         move,

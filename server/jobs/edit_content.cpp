@@ -153,8 +153,21 @@ bool gives(const Snapshot& scene, const std::string& digest) {
 
 std::uint64_t EditContent::bytes() const {
     std::uint64_t sum = std::uint64_t{rows} * sizeof(EditRow);
-    for (const std::uint32_t count : vertex_counts) sum += std::uint64_t{count} * sizeof(Vec3);
+    for (const auto& counts : {vertex_counts, normal_counts})
+        for (const std::uint32_t count : counts) sum += std::uint64_t{count} * sizeof(Vec3);
     return sum;
+}
+
+EditContent EditContent::of(const wire::Edit& message) {
+    EditContent content;
+    content.targets = protocol::strings(message.targets());
+    content.rows = message.rows();
+    content.materials = protocol::strings(message.materials());
+    if (const auto* counts = message.vertex_counts())
+        content.vertex_counts.assign(counts->begin(), counts->end());
+    if (const auto* counts = message.normal_counts())
+        content.normal_counts.assign(counts->begin(), counts->end());
+    return content;
 }
 
 Reply<void> read_edit(EditBatch& batch, const Snapshot& scene, const std::string& name,
@@ -178,12 +191,14 @@ Reply<void> read_edit(EditBatch& batch, const Snapshot& scene, const std::string
     if (guard.is_stopped()) return refuse(Code::cancelled, "");
     if (!by_uid) return refuse(by_uid.error());
     // The rows' bytes are a multiple of 4 and begin where a vector of floats may.
-    std::vector<std::span<const Vec3>> vertices;
-    const auto* first =
-        reinterpret_cast<const Vec3*>(bytes.data() + content.rows * sizeof(EditRow));
-    for (const std::uint32_t count : content.vertex_counts) {
-        vertices.emplace_back(first, count);
-        first += count;
+    std::vector<NewVertices> vertices;
+    const auto* next = reinterpret_cast<const Vec3*>(bytes.data() + content.rows * sizeof(EditRow));
+    const auto take = [&](std::uint32_t count) {
+        return std::span(std::exchange(next, next + count), count);
+    };
+    for (std::size_t i = 0; i < content.vertex_counts.size(); ++i) {
+        NewVertices& mesh = vertices.emplace_back(NewVertices{take(content.vertex_counts[i])});
+        if (!content.normal_counts.empty()) mesh.normals = take(content.normal_counts[i]);
     }
     std::vector<InstancePlace> one(1);
     std::uint64_t changed = 0;
@@ -254,9 +269,10 @@ Reply<void> read_edit(EditBatch& batch, const Snapshot& scene, const std::string
         for (const InstancePlace& place : *places) {
             // A row may stand for a million instances.
             if (++changed % 1024 == 0 && guard.is_stopped()) return refuse(Code::cancelled, "");
-            if (row.what == EditRow::vertices)
-                batch.set_vertices(place, vertices[row.value]);
-            else if (auto done = apply(batch, row, *matrix, material, place); !done)
+            if (auto done = row.what == EditRow::vertices
+                                ? batch.set_vertices(place, vertices[row.value])
+                                : apply(batch, row, *matrix, material, place);
+                !done)
                 return done.error().code == ErrorCode::out_of_memory ? refuse(done.error())
                                                                      : wrong(done.error().message);
         }
@@ -320,6 +336,7 @@ Reply<std::vector<std::byte>> kept_change(const EditContent& content,
     message.targets = content.targets;
     message.rows = content.rows;
     message.vertex_counts = content.vertex_counts;
+    message.normal_counts = content.normal_counts;
     message.materials = content.materials;
     const auto frame = protocol::encode(0, message);
     if (!frame) return tl::unexpected(frame.error());
@@ -356,12 +373,7 @@ Reply<std::shared_ptr<const Snapshot>> replay_edits(std::shared_ptr<const Snapsh
         std::ranges::copy(control, frame.control.data());
         const auto message = protocol::open<wire::Edit>(frame);
         if (!message) return damaged("cannot be read: " + message.error().message);
-        EditContent content;
-        content.targets = protocol::strings((*message)->targets());
-        content.rows = (*message)->rows();
-        content.materials = protocol::strings((*message)->materials());
-        if (const auto* counts = (*message)->vertex_counts())
-            content.vertex_counts.assign(counts->begin(), counts->end());
+        const EditContent content = EditContent::of(*message->table);
         const auto rest = std::span(edit.change).subspan(sizeof size + size);
         if (rest.size() != content.bytes()) return damaged("is cut");
         // Rows begin where a float may.

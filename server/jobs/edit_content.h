@@ -4,6 +4,7 @@
 #include "engine/scene/edits/batch.h"
 #include "engine/scene/edits/edit_guard.h"
 #include "protocol/edit_row.h"
+#include "protocol/wire.h"
 #include "server/ground/errors.h"
 #include "server/store/manifest.h"
 #include "server/store/named_scene.h"
@@ -29,13 +30,17 @@ struct EditContent {
     };
     std::vector<Source> sources;
     std::uint32_t rows = 0;
-    std::vector<std::uint32_t> vertex_counts;   ///< of the meshes behind the rows
+    std::vector<std::uint32_t> vertex_counts;  ///< of the meshes behind the rows
+    /// For each of these the number of its normals: as many, or 0. Empty: 0.
+    std::vector<std::uint32_t> normal_counts;
     std::vector<std::string> materials;         ///< names or numbers (find_material())
-    [[nodiscard]] std::uint64_t bytes() const;  ///< of the rows and vertices
+    [[nodiscard]] std::uint64_t bytes() const;  ///< of the rows, vertices and normals
+    /// Takes the lists of a valid message, except for `sources`.
+    static EditContent of(const wire::Edit& message);
 };
 
-/// Reads all rows into the batch, whose scene is called `name`. `bytes` are the rows and vertices,
-/// aligned as a float is, and outlive the batch. Fails with INVALID_FIELD and the row, with
+/// Reads all rows into the batch, whose scene is called `name`. `bytes` are the rows, vertices and
+/// normals, aligned as a float is, and outlive the batch. Fails with INVALID_FIELD and the row, with
 /// CANCELLED, and as the guard does, which is also that of the batch.
 Reply<void> read_edit(EditBatch& batch, const Snapshot& scene, const std::string& name,
                       const EditContent& content, std::span<const std::byte> bytes,

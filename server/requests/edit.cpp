@@ -15,9 +15,7 @@ Reply<Answer> edit(const Services& services, const Caller& caller,
     order.scene = protocol::text(message->scene());
     order.epoch = message->epoch();
     order.keep = message->keep();
-    order.content.targets = protocol::strings(message->targets());
-    order.content.rows = message->rows();
-    order.content.materials = protocol::strings(message->materials());
+    order.content = EditContent::of(*message.table);
     const auto scene = services.scenes.find(order.scene, order.epoch, caller);
     if (!scene) return tl::unexpected(scene.error());
     if (const auto allowed = services.scenes.may_edit(order.scene, caller); !allowed)
@@ -37,9 +35,6 @@ Reply<Answer> edit(const Services& services, const Caller& caller,
         order.content.sources.push_back(
             {(*added)[i].held, name.empty() ? sources[i].substr(sources[i].rfind('/') + 1) : name});
     }
-    if (message->vertex_counts() != nullptr)
-        order.content.vertex_counts.assign(message->vertex_counts()->begin(),
-                                           message->vertex_counts()->end());
     const std::uint64_t bytes = order.content.bytes();
     auto lease = services.peers.reserve(bytes, caller.principal);
     if (!lease)

@@ -44,7 +44,11 @@ void read_rows(std::span<const std::uint8_t> bytes) {
     server::EditContent content;
     content.targets = {"*", "first", "third"};
     content.rows = static_cast<std::uint32_t>(all.size());
-    content.vertex_counts = {static_cast<std::uint32_t>(vertices.size())};
+    // The second half of an even number is normals.
+    const bool halved = vertices.size() % 2 == 0;
+    const auto count = static_cast<std::uint32_t>(vertices.size() / (halved ? 2 : 1));
+    content.vertex_counts = {count};
+    if (halved) content.normal_counts = {count};
     std::vector<std::byte> payload(content.bytes());
     if (!all.empty()) std::memcpy(payload.data(), all.data(), all.size() * sizeof(EditRow));
     if (!vertices.empty())

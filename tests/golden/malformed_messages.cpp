@@ -289,6 +289,15 @@ void add_bad_numbers(Table& table) {
     wire::CancelT cancel;
     cancel.reason = std::string(4097, 'x');
     table.spoilt("Cancel with an overlong reason", cancel, Code::limit_exceeded);
+    wire::EditT edit;
+    edit.scene = "forest";
+    edit.rows = 1;
+    edit.vertex_counts = {8, 4};
+    for (const std::vector<std::uint32_t>& counts :
+         std::vector<std::vector<std::uint32_t>>{{7, 0}, {8}, {8, 4, 0}, {0, ~0U}}) {
+        edit.normal_counts = counts;
+        table.spoilt("Edit with normals that do not fit its vertices", edit, Code::invalid_field);
+    }
 }
 
 }  // namespace

@@ -352,47 +352,6 @@ class Edits(WithDaemon):
             edit.hide("*wheel*")
         np.testing.assert_array_equal(street.trace(above, fields=("t",))["t"], theirs)
 
-    def test_meshes_deform_where_they_are_named(self):
-        n = 40
-        x, z = (grid.ravel() for grid in np.meshgrid(np.linspace(0, 1, n), np.linspace(0, 1, n), indexing="ij"))
-        corner = (np.arange(n - 1)[:, None] * n + np.arange(n - 1)).ravel()
-        faces = np.concatenate([np.stack([corner, corner + 1, corner + n], 1),
-                                np.stack([corner + 1, corner + n + 1, corner + n], 1)])
-        sheet = lambda height: np.stack([x, height, z], 1)
-        wave = sheet(0.2 * np.sin(9 * x) + 0.1 * z)
-        flat = self.client.scene_of({"sheet": (sheet(0 * x), faces)}, {"sheet": ("sheet", [(0, 0, 0), (2, 0, 0)])},
-                                    name="flat")
-        bent = self.client.scene_of({"sheet": (sheet(0 * x), faces), "wave": (wave, faces)},
-                                    {"flat": "sheet", "bent": ("wave", (2, 0, 0))}, name="bent")
-        rays = np.zeros((3000, 6))
-        rays[:, :3] = np.random.default_rng(5).uniform((-0.2, 3, -0.2), (3.2, 3, 1.2), (3000, 3))
-        rays[:, 3:] = np.random.default_rng(6).normal((0, -1, 0), 0.2, (3000, 3))
-        fields = ("t", "prim", "uv", "ng", "position")
-        with flat.edit() as edit:
-            edit.set_vertices("sheet#1", wave)
-        self.assertEqual(edit.instances, 1)
-        self.same(dict(flat.trace(rays, fields=fields)), dict(bent.trace(rays, fields=fields)))
-        self.same(dict(flat.trace(rays, fields=("prim",), kind="all", max_hits=4)),
-                  dict(bent.trace(rays, fields=("prim",), kind="all", max_hits=4)))
-        # Both of them at once stay one mesh; and back to where they were.
-        size = flat.info["bytes"]
-        with flat.edit() as edit:
-            edit.set_vertices("sheet#*", sheet(0 * x))
-        self.assertLessEqual(flat.info["bytes"], size)
-        self.assertEqual(flat.trace([[0.5, 1, 0.5, 0, -1, 0], [2.5, 1, 0.5, 0, -1, 0]], fields=("t",))["t"].tolist(),
-                         [1, 1])
-        self.assertEqual(flat.info["epoch"], 3)
-        for change, words in (
-                (lambda edit: edit.set_vertices("sheet#0", wave[:-1]), f"'sheet#0' has {n * n} vertices, "),
-                (lambda edit: edit.set_vertices("sheet#0", np.full((n * n, 3), np.nan)), "vertex 0 of 'sheet#0'"),
-                (lambda edit: edit.set_vertices("sheet#0", wave * 1e16), "beyond 1e15"),
-                (lambda edit: edit.set_vertices("sheet#0", wave[0]), "shape")):
-            with self.subTest(words=words), self.assertRaisesRegex(raynest.UsageError, words):
-                with flat.edit() as edit:
-                    edit.hide("sheet#1")
-                    change(edit)
-        self.assertEqual(flat.info["epoch"], 3)
-
     def test_what_cannot_go_or_come_is_refused(self):
         car = self.car("whole")
         street = self.client.scene_of({"ground": box(400, 0.1, 40)}, name="road")

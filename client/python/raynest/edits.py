@@ -65,7 +65,7 @@ class Edit:
         self._added: dict[tuple[str, str], int] = {}
         self._materials: dict[str, int] = {}
         self._rows: list[Array] = []
-        self._vertices: list[Array] = []
+        self._vertices: list[tuple[Array, Array]] = []  # and normals, as many or none
 
     def move(self, which: Which, by: Any, frame: str = "world") -> Edit:
         """Moves instances from where they stand. `by` is an offset (3,), a matrix (3, 4) or (4, 4), or one of
@@ -103,17 +103,21 @@ class Edit:
         self._rows.append(rows)
         return self
 
-    def set_vertices(self, which: Which, vertices: Any) -> Edit:
+    def set_vertices(self, which: Which, vertices: Any, normals: Any = None) -> Edit:
         """Moves the vertices of meshes: (N, 3) in the object's own coordinates, as many as the mesh has and in
-        the same order. A mesh with several placements changes only at those that `which` names. If the mesh
-        has normals, they are computed anew. Not for a scene with an origin."""
-        with np.errstate(over="ignore", invalid="ignore"):
-            points = numbers("vertices", vertices).astype("<f4")
-        if points.ndim != 2 or points.shape[1] != 3 or not len(points):
-            raise UsageError(f"vertices has shape {points.shape}: it must be (N, 3)")
+        the same order. A mesh with several placements changes only at those that `which` names. `normals` are (N, 3),
+        of any finite length, for a mesh that has normals; without them its normals are computed anew, at each vertex
+        from the triangles around it. Not for a scene with an origin."""
+        points = _triples("vertices", vertices)
+        directions = points[:0] if normals is None else _triples("normals", normals)
+        if normals is not None and len(directions) != len(points):
+            raise UsageError(f"{len(directions)} normals for {len(points)} vertices: give one for each")
+        if not np.isfinite(directions).all():
+            raise UsageError("normals must be finite in float32: "
+                             f"that of vertex {np.argmin(np.isfinite(directions).all(1))} is not")
         rows = self._targets(which)
         rows["what"], rows["value"] = _VERTICES, len(self._vertices)
-        self._vertices.append(np.ascontiguousarray(points))
+        self._vertices.append((points, directions))
         self._rows.append(rows)
         return self
 
@@ -222,11 +226,13 @@ class Edit:
                             "targets": list(self._texts), "scenes": [scene for scene, _ in self._added],
                             "names": [name for _, name in self._added],
                             "materials": list(self._materials),
-                            "vertex_counts": [len(points) for points in self._vertices]}
+                            "vertex_counts": [len(points) for points, _ in self._vertices],
+                            "normal_counts": [len(normals) for _, normals in self._vertices]}
         if sum(message["vertex_counts"]) > _limits.edit_vertices_max:
             raise UsageError(f"{sum(message['vertex_counts'])} vertices in one edit, at most "
                              f"{_limits.edit_vertices_max} are taken")
-        return Change(message, b"".join((rows.tobytes(), *(points.tobytes() for points in self._vertices))))
+        meshes = (each.tobytes() for pair in self._vertices for each in pair)
+        return Change(message, b"".join((rows.tobytes(), *meshes)))
 
     def _send(self) -> None:
         for key, value in self._apply(self.change()).items():
@@ -295,6 +301,15 @@ def _name_at(client: Session, scene: Any) -> str:
 
 def _hash_at(client: Session, name: str) -> str:
     return str(client.connection.ask("Info", {"scene": name}, "SceneInfo")["hash"])
+
+
+def _triples(name: str, values: Any) -> Array:
+    """Returns them as float32 (N, 3)."""
+    with np.errstate(over="ignore", invalid="ignore"):
+        triples = numbers(name, values).astype("<f4")
+    if triples.ndim != 2 or triples.shape[1] != 3 or not len(triples):
+        raise UsageError(f"{name} has shape {triples.shape}: it must be (N, 3)")
+    return np.ascontiguousarray(triples)
 
 
 def _some(rows: Array) -> Array:

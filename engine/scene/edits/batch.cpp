@@ -5,6 +5,7 @@
 #include <fmt/format.h>
 
 #include <algorithm>
+#include <cmath>
 #include <span>
 #include <utility>
 
@@ -127,6 +128,25 @@ void EditBatch::add(std::uint32_t key, std::shared_ptr<const Snapshot> scene,
     added.masks.push_back(mask);
 }
 
+Result<void> EditBatch::set_vertices(const InstancePlace& place, const NewVertices& vertices) {
+    const SceneView& view = scene_.view();
+    const ObjectRecord& object = view.objects[object_of(view, place)];
+    for (std::uint32_t i = 0; i < object.geometry_count && !vertices.normals.empty(); ++i)
+        if (scene_.shading().geometries[object.first_geometry + i].normals == no_offset)
+            return fail(ErrorCode::field_invalid,
+                        "gives normals to a mesh that has none, or has a part without: leave them "
+                        "out, or load it with normals");
+    const auto bad = std::ranges::find_if_not(vertices.normals, [](const Vec3& n) {
+        return std::isfinite(n.x) && std::isfinite(n.y) && std::isfinite(n.z);
+    });
+    if (bad != vertices.normals.end())
+        return fail(ErrorCode::field_invalid,
+                    fmt::format("has a normal that is not finite: number {}",
+                                bad - vertices.normals.begin()));
+    vertices_[place] = vertices;
+    return {};
+}
+
 Result<void> EditBatch::expect(std::uint64_t more) {
     // In the maps, in the set of size() and in changes().
     constexpr std::uint64_t bytes_each = 512, at_once = 256;
@@ -158,7 +178,7 @@ SceneChanges EditBatch::changes() const {
     for (const auto& [place, matrix] : placements_)
         made.moves.push_back({place, transform_of(matrix)});
     for (const auto& [place, mask] : masks_) made.masks.push_back({place, mask});
-    for (const auto& [place, vertices] : vertices_) made.deformed.push_back({place, {vertices}});
+    for (const auto& [place, vertices] : vertices_) made.deformed.push_back({place, vertices});
     for (const auto& [place, uid] : uids_) made.uids.push_back({place, uid});
     for (const auto& [place, material] : materials_) made.materials.push_back({place, material});
     made.removed.assign(removed_.begin(), removed_.end());

@@ -47,11 +47,10 @@ public:
     void set_mask(const InstancePlace& place, std::uint32_t mask) { masks_[place] = mask; }
     /// Gives an instance, and all within it, a user id, in place of what has been said of those.
     void set_uid(const InstancePlace& place, std::uint32_t uid);
-    /// Gives the object of an instance other vertices, which must outlive the batch and its
-    /// changes.
-    void set_vertices(const InstancePlace& place, std::span<const Vec3> vertices) {
-        vertices_[place] = vertices;
-    }
+    /// Gives the object of an instance other vertices and, for each of them or for none, normals,
+    /// which must outlive the batch and its changes. Fails with field_invalid for normals that are
+    /// not finite, or of a mesh that has none.
+    Result<void> set_vertices(const InstancePlace& place, const NewVertices& vertices);
     /// Gives the triangles of an instance, and of all within it, a material of the scene. Fails with
     /// field_invalid if there are none, with limit_exceeded beyond edited_meshes_max, and as
     /// expect().
@@ -77,7 +76,7 @@ private:
     std::vector<std::uint64_t> mesh_counts_;  ///< count_meshes(), once it is needed
     std::map<InstancePlace, Matrix> placements_;
     std::map<InstancePlace, std::uint32_t> masks_;
-    std::map<InstancePlace, std::span<const Vec3>> vertices_;
+    std::map<InstancePlace, NewVertices> vertices_;
     std::map<InstancePlace, std::uint32_t> uids_;
     std::map<InstancePlace, std::uint32_t> materials_;
     std::set<std::uint32_t> removed_;

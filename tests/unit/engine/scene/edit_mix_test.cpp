@@ -80,7 +80,7 @@ TEST_CASE("edits of all kinds follow each other, and every epoch is whole") {
                 count += view.geometries[object.first_geometry + g].vertex_count;
             for (std::uint32_t i = 0; i < count; ++i)
                 vertices.emplace_back(random.uniform(), random.uniform(), random.uniform());
-            batch.set_vertices(tree, vertices);
+            CHECK(batch.set_vertices(tree, {vertices}).has_value());
         }
         if (step % 10 == 4)
             for (int copy = 0; copy < 3; ++copy)
