@@ -146,8 +146,8 @@ class Returns(WithDaemon):
     def test_a_beam_without_width_measures_what_its_ray_meets(self):
         wall = self.client.mesh(*plate(50), name="plain")
         sweep = still([-10, 0, 12], (-80, 80, 300))
-        for wrong in (generators.sweep([0], (0, 360, 4), trajectory=([0, 1], [np.eye(4)] * 2)), sweep.rays, None):
-            with self.assertRaisesRegex(TypeError, "needs the rays themselves, as raynest.sweeps.lidar"):
+        for wrong in (generators.pinhole(9), sweep.rays, None):
+            with self.assertRaisesRegex(TypeError, "takes what raynest.sweeps.lidar"):
                 returns.measure(wall, wrong)
         with self.assertRaisesRegex(TypeError, "rays is a sweep: pass sweep.rays"):
             wall.trace(sweep)
@@ -268,6 +268,30 @@ class Returns(WithDaemon):
         stands = name == "stands"
         gone = np.linalg.norm(made["position"] - later.rays[made["beam"], :3], axis=1) - made["t"]
         np.testing.assert_allclose(made["radial_velocity"][stands], gone[stands] / 1e-3, rtol=1e-2)
+
+    def test_sweeps_of_the_daemon_are_measured_as_those_that_are_made_here(self):
+        wall, wide = self.client.mesh(*plate(50), name="both"), {"divergence": 0.003, "footprint": 7, "returns": 2}
+        poses = np.tile(np.eye(4)[:3], (2, 1, 1))
+        poses[1, :, 3] = 3, 1, 0.5
+        angles, move = ([-10, 0, 12], (-60, 60, 40)), ([0, 0.2], poses)
+        def same(made, wanted, **off):
+            self.assertGreater(len(wanted["t"]), 50)
+            self.assertEqual(made.keys(), wanted.keys())
+            for name, column in wanted.items():
+                np.testing.assert_allclose(made[name], column, err_msg=name, **off)
+        scans = [sweeps.lidar(*angles, begin=0.1 * scan, end=0.1 * scan + 0.1, trajectory=move) for scan in (0, 1)]
+        both = sweeps.Sweep(*(np.concatenate(columns) for columns in zip(*scans)))
+        ours = generators.sweep(*angles, scans=2, trajectory=move)
+        same(returns.measure(wall, ours, **wide), returns.measure(wall, both, **wide), atol=1e-12)
+        same(returns.measure(wall, ours.part(50, 150), **wide), returns.measure(wall, both.where(slice(50, 200)), **wide), atol=1e-12)
+        stands = still(*angles, place=poses[1, :, 3])
+        stands.time[:] = 0
+        same(returns.measure(wall, generators.lidar(*angles, pose=poses[1]), **wide), returns.measure(wall, stands, **wide), atol=1e-5)
+        near = generators.lidar(*angles, pose=poses[1], tmin=1, tmax=60)
+        same(returns.measure(wall, near, **wide), returns.measure(wall, stands, range=(1, 60), **wide), atol=1e-5)
+        same(returns.measure(wall, near, range=(0, np.inf), **wide), returns.measure(wall, stands, **wide), atol=1e-5)
+        with self.assertRaisesRegex(raynest.UsageError, "pass time=sweep.time and a time_step"):
+            returns.measure(wall, generators.sweep(*angles, trajectory=move, step_error=0.1))
 
     def test_pieces_of_a_sweep_are_the_sweep(self):
         wall = self.client.mesh(*plate(50), name="whole")

@@ -23,7 +23,7 @@ from typing import Any, Callable, NamedTuple, Optional, Sequence, TypedDict, Uni
 
 import numpy as np
 
-from . import _limits
+from . import _limits, sweeps
 from ._lists import GENERATORS
 from ._net.control import Message
 from ._net.frame import Array
@@ -31,7 +31,7 @@ from ._requests.arguments import Call, Unpack, count_of, float32, none_is_defaul
 from ._requests.picture import camera_message, size_message
 from ._requests.rays import Rays, Source, Starts, pair, vector
 from .errors import UsageError
-from .sweeps import finite, known_poses, turn_of, turn_or_angles
+from .sweeps import angles_of, finite, known_poses, swept, turn_of, turn_or_angles
 
 
 class SensorPose(TypedDict, total=False):
@@ -267,6 +267,7 @@ def sweep(elevations: Any, azimuths: Any = (0.0, 360.0, 2048), *, trajectory: An
                  sensor=SensorPose(tmin=tmin, tmax=tmax), start=way.start)
     made._way, made._angles = way, np.concatenate([heights, around])
     made._channels, made._columns = len(heights), columns
+    made._head = heights, around if turn is None else angles_of(turn)
     return made
 
 
@@ -355,6 +356,7 @@ class Sweep(Moving):
     """The rays of a lidar in motion, from sweep()."""
 
     _channels: int
+    _head: tuple[Array, Array]      # elevations and azimuths
     _fields = ("ring", "time")
 
     @property
@@ -364,6 +366,13 @@ class Sweep(Moving):
 
     def _lines(self, of: Array) -> Array:
         return of // (self._columns * self._channels) * self._columns + of % self._columns
+
+    def beams(self) -> sweeps.Sweep:
+        """These rays as sweeps.lidar() makes them here, scan after scan."""
+        trajectory = self._way.rows[:, 0], self._way.rows[:, 1:].reshape(-1, 3, 4)
+        scans = [swept(*self._head, times, trajectory) for times in self._way.times.reshape(-1, self._columns)]
+        whole = sweeps.Sweep(*(np.concatenate(columns) for columns in zip(*scans)))
+        return whole.where(slice(self._part[0], self._part[0] + self.count))
 
 
 # ---- points -------------------------------------------------------------------------------------

@@ -7,11 +7,11 @@ from __future__ import annotations
 
 import inspect
 import re
-from typing import Any, Literal, Mapping, Optional
+from typing import Any, Literal, Mapping, Optional, Union
 
 import numpy as np
 
-from . import _limits
+from . import _limits, generators
 from ._net.frame import Array
 from ._requests.arguments import count_of, is_several, numbers, real, unknown_argument, whole
 from ._requests.job import JobOptions
@@ -30,18 +30,20 @@ _CHOSEN = ("kind", "fields", "reduce", "max_hits", "detach")
 _IDS = ("prim", "geom", "path", "uid")
 
 
-def measure(scene: Scene, sweep: Sweep, *, divergence: float = 0.0, footprint: int = 19, returns: int = 1,
-            prefer: Literal["nearest", "strongest"] = "nearest", resolution: float = 0.3, threshold: float = 0.0,
-            range: tuple[float, float] = (0.0, np.inf), noise: float = 0.0, seed: int = 0,
-            velocities: Optional[Mapping[str, Any]] = None, **job: Any) -> dict[str, Array]:
-    """Measures a sweep and returns columns with a row per return, beam by beam, near ones first.
+def measure(scene: Scene, sweep: Union[Sweep, generators.Sweep, generators.Lidar], *, divergence: float = 0.0,
+            footprint: int = 19, returns: int = 1, prefer: Literal["nearest", "strongest"] = "nearest",
+            resolution: float = 0.3, threshold: float = 0.0, range: Optional[tuple[float, float]] = None,
+            noise: float = 0.0, seed: int = 0, velocities: Optional[Mapping[str, Any]] = None,
+            **job: Any) -> dict[str, Array]:
+    """Measures a sweep and returns columns with a row per return, beam by beam, near ones first. `sweep` is one of
+    raynest.sweeps, or a lidar() or sweep() of raynest.generators, whose rays are then made here.
 
     A beam spreads by `divergence` (radians, the full angle in which its power falls to 1/e^2). It is traced by
     `footprint` rays, each of which ends at the first surface. Rays whose distances differ by less than `resolution`
     from the next make one return. Of the returns with a share of the beam of at least `threshold`, a beam keeps at
-    most `returns`, and those that `prefer` names. `range` is the range in which the sensor measures. Distances get
-    Gaussian noise with the standard deviation `noise`, the same for the same `seed`; the returns of a beam are in the
-    order that they have without noise.
+    most `returns`, and those that `prefer` names. `range` is the range in which the sensor measures, by default
+    that of the generator. Distances get Gaussian noise with the standard deviation `noise`, the same for the same
+    `seed`; the returns of a beam are in the order that they have without noise.
 
     Columns: beam (row of the sweep), ring, time, return (from 0) and returns (how many the beam has); t and position,
     along the beam's middle, with noise; share (of the beam's power that met this surface) and intensity (share times
@@ -55,9 +57,9 @@ def measure(scene: Scene, sweep: Sweep, *, divergence: float = 0.0, footprint: i
     perhaps a `time_step` (see Scene.trace()). `job` has more options of that: epoch, hide, origin, ..., and `mask`, one
     for all beams or one for each. All is measured in one epoch of the scene: InvalidError says that it
     has gone, if others edit the scene meanwhile."""
-    if not isinstance(sweep, Sweep):
-        raise TypeError(f"sweep of type {type(sweep).__module__}.{type(sweep).__name__}: measure() needs the rays "
-                        "themselves, as raynest.sweeps.lidar() makes them from the same arguments")
+    if not isinstance(sweep, (Sweep, generators.Sweep, generators.Lidar)):
+        raise TypeError(f"sweep of type {type(sweep).__module__}.{type(sweep).__name__}: measure() takes what "
+                        "raynest.sweeps.lidar() makes, or lidar() or sweep() of raynest.generators")
     offsets, power = _footprint(divergence, footprint)
     returns = count_of("returns", returns, _RETURNS_MAX)
     resolution, threshold, noise = real("resolution", resolution), real("threshold", threshold), real("noise", noise)
@@ -66,7 +68,7 @@ def measure(scene: Scene, sweep: Sweep, *, divergence: float = 0.0, footprint: i
         raise UsageError("resolution must be above 0, threshold from 0 to 1, and noise not negative, all of them finite")
     if prefer not in ("nearest", "strongest"):
         raise UsageError(f"prefer={prefer!r}: it is 'nearest' or 'strongest'")
-    ends = numbers("range", range).astype(np.float64)
+    ends = numbers("range", _range_of(sweep) if range is None else range).astype(np.float64)
     if ends.shape != (2,) or not 0 <= ends[0] < ends[1]:
         raise UsageError(f"range={range!r}: it is (near, far), and must begin at 0 or above, and end after that")
     near, far = ends
@@ -82,6 +84,8 @@ def measure(scene: Scene, sweep: Sweep, *, divergence: float = 0.0, footprint: i
     for first in np.arange(0, len(texts), _limits.list_items_max):  # a text that names nothing is refused
         scene.trace(np.zeros((0, 6)), hide=texts[first:first + _limits.list_items_max],
                     **{key: job[key] for key in ("epoch",) if key in job})
+    if not isinstance(sweep, Sweep):
+        sweep = _beams_of(scene, sweep, job)
     of_beams = {name: np.asarray(job.pop(name)) for name in ("mask", "time") if is_several(name, job.get(name))}
     for name, values in of_beams.items():
         if values.shape != (len(sweep.rays),):
@@ -114,6 +118,25 @@ def measure(scene: Scene, sweep: Sweep, *, divergence: float = 0.0, footprint: i
         moving[of] = along + np.cross(turning, made["position"][of] - pivot - along * since)
     made["radial_velocity"] = ((moving - sweep.velocity[beam]) * sweep.rays[beam, 3:]).sum(axis=1)
     return made
+
+
+def _range_of(sweep: Any) -> tuple[float, float]:
+    sensor = {} if isinstance(sweep, Sweep) else sweep._sensor
+    return sensor.get("tmin", 0.0), sensor.get("tmax", np.inf)
+
+
+def _beams_of(scene: Scene, sensor: Union[generators.Sweep, generators.Lidar], job: dict[str, Any]) -> Sweep:
+    """The rays of a generator. Of a lidar that stands still the daemon makes them: it may stand at a camera of the scene."""
+    if isinstance(sensor, generators.Sweep):
+        if "step_error" in sensor._settings:
+            raise UsageError("measure() goes without the sweep's step_error: pass time=sweep.time and a time_step to it")
+        return sensor.beams()
+    of = {name: job[name] for name in ("epoch", "origin") if name in job}
+    found = scene.trace(sensor, fields=("origin", "direction"), **of)
+    job["epoch"] = scene._client.outcome["epoch"]
+    ways = found["direction"].astype(np.float64)
+    ways /= np.linalg.norm(ways, axis=1)[:, None]
+    return Sweep(np.hstack([found["origin"], ways]), sensor.ring, np.zeros(sensor.count), np.zeros((sensor.count, 3)))
 
 
 def _footprint(divergence: Any, count: Any) -> tuple[Array, Array]:

@@ -43,12 +43,16 @@ def lidar(elevations: Any, azimuths: Any = (0.0, 360.0, 2048), *, begin: float =
     measured at begin + (end - begin) * j / A. `trajectory` is (times, poses): ascending times (K,), and rigid poses
     (K, 3, 4) or (K, 4, 4) from the sensor's space (x ahead, y left, z up) to the world. Between them positions are
     interpolated along lines and rotations along the shortest arc, in float64."""
-    up = np.radians(finite("elevations", elevations, _limits.sweep_channels_max))
-    around = np.radians(_azimuths(azimuths))
+    heights, around = finite("elevations", elevations, _limits.sweep_channels_max), _azimuths(azimuths)
     begin, end = real("begin", begin), real("end", end)
     if not -np.inf < begin <= end < np.inf:
         raise UsageError(f"a sweep from {begin} to {end}: both must be finite, and it must end after it begins")
-    times = begin + (end - begin) * np.arange(len(around)) / len(around)
+    return swept(heights, around, begin + (end - begin) * np.arange(len(around)) / len(around), trajectory)
+
+
+def swept(elevations: Array, azimuths: Array, times: Array, trajectory: Any) -> Sweep:
+    """A scan of a head with these angles (C,) and (A,) in degrees, whose columns are measured at `times` (A,)."""
+    up, around = np.radians(elevations), np.radians(azimuths)
     poses = poses_at(trajectory, times)
     ways = np.stack([np.cos(up)[:, None] * np.cos(around), np.cos(up)[:, None] * np.sin(around),
                      np.broadcast_to(np.sin(up)[:, None], (len(up), len(around)))], -1)
@@ -171,8 +175,10 @@ def turn_or_angles(azimuths: Any) -> tuple[Optional[tuple[float, float, int]], A
 
 def _azimuths(azimuths: Any) -> Array:
     turn, angles = turn_or_angles(azimuths)
-    if turn is None:
-        return angles
+    return angles if turn is None else angles_of(turn)
+
+
+def angles_of(turn: tuple[float, float, int]) -> Array:
     start, stop, columns = turn
     return start + (stop - start) * np.arange(columns) / columns
 
