@@ -66,6 +66,47 @@ class RollingShutter(WithDaemon):
         with_time = self.street.trace(made.part(40, 700), fields=("t", "time"))
         np.testing.assert_array_equal(with_time["time"], made.time[40:740])
 
+    def close(self, picture, wanted):
+        """float32 powers of two libraries may differ by a bit."""
+        self.assertEqual((picture.shape, picture.dtype), (wanted.shape, np.uint8))
+        off = np.abs(picture.astype(int) - wanted)
+        self.assertLessEqual(off.max(), 1)
+        self.assertLess((off > 0).mean(), 0.01)
+
+    def test_a_picture_of_a_camera_that_moves(self):
+        eye, size = np.array((-30.0, 3, 0)), (90, 60)
+        pose = looking(eye, .1)
+        stands = self.street.render(look_at=(eye, eye - pose[:, 2]), size=size)
+        self.assertGreater((stands[..., 3] == 255).mean(), .2)
+        self.assertGreater((stands[..., 3] == 0).mean(), .05)
+        for way in (([0.0, 1.0], [pose, pose]), ([0.5], [pose])):
+            self.close(self.street.render(trajectory=way, begin=.5, readout=.5 * (len(way[0]) - 1), size=size), stands)
+        wide = self.street.render(look_at=(eye, eye - pose[:, 2]), fov=70, size=size)
+        self.close(self.street.render(trajectory=([0.0], [pose]), fov=70, size=size), wide)
+        # Each row of one that moves is that row of a camera which stands there.
+        times, poses = drive()
+        moves = self.street.render(trajectory=drive(), begin=.25, readout=.75, size=size)
+        for row in (0, 20, 59):
+            share = .25 + .75 * row / 60
+            there = looking((1 - share) * poses[0][:, 3] + share * poses[1][:, 3], .3 * share)
+            still = self.street.render(trajectory=([0.0], [there]), size=size)
+            self.close(moves[row:row + 1], still[row:row + 1])
+            self.assertGreater((np.asarray(moves) != np.asarray(still)).mean(), .01)
+        # The scene moves, too; all of it at a readout of nothing.
+        late = self.street.render(trajectory=([0.0, 2.0], [pose, pose]), begin=1.5, step_error=1e-3, size=size)
+        self.close(late, self.street.render(look_at=(eye, eye - pose[:, 2]), time=1.5, size=size))
+        self.assertGreater((np.asarray(late) != np.asarray(stands)).any(axis=2).sum(), 20)
+        self.assertEqual(self.street.render(trajectory=drive(), size=size, encode="png")[:4], b"\x89PNG")
+
+    def test_what_does_not_go_with_a_camera_that_moves(self):
+        for more, said in (({"integrator": "path"}, "leave integrator out"), ({"fov": 180}, "fov"),
+                           ({"camera": 0, "spp": 4}, "leave camera and spp out"), ({"readout": -1}, "readout"),
+                           ({"readout": 9}, "lasts from 0.0 to 8.98"), ({"encode": "exr"}, "'raw' or 'png'"),
+                           ({"trajectory": None, "readout": .1}, "pass a trajectory"),
+                           ({"tile": (0, 0, 1, 1)}, "leave tile out"), ({"detach": True}, "leave detach out")):
+            with self.subTest(more=more), self.assertRaisesRegex(raynest.UsageError, said):
+                self.street.render(**{"trajectory": drive(), **more})
+
     def test_the_scene_moves_meanwhile_in_steps_of_rows(self):
         sent = self.street.trace(self.shot(), fields=("origin", "direction"))
         counts = []

@@ -13,6 +13,7 @@ from ._requests.film import (Environment, EnvironmentFile, Layers, film_message,
 from ._requests.job import JobOptions, Outcome, Progress, SceneMoved, job_message
 from ._requests.picture import Picture, camera_message, size_message, tile_message
 from ._session import Session
+from ._shutter import picture_in_motion
 from .errors import InvalidError, UsageError
 from .job import Job
 
@@ -27,6 +28,7 @@ class Renders(Exports):
     _client: Session
     if TYPE_CHECKING:
         _at: Callable[..., Any]
+        trace: Callable[..., Any]
         _look_up: Callable[[JobOptions], None]
         _warn_of_eye: Callable[[Optional[Sequence[Any]]], None]
 
@@ -39,7 +41,8 @@ class Renders(Exports):
                environment_rotate: float = 0.0,
                sun: Optional[Sequence[float]] = None, noise: float = 0.0, tonemap: str = "",
                exposure: Union[str, float] = "", tile: Optional[Sequence[int]] = None,
-               **job: Unpack[JobOptions]) -> Any:
+               trajectory: Any = None, begin: float = 0.0, readout: float = 0.0,
+               step_error: Optional[float] = None, **job: Unpack[JobOptions]) -> Any:
         """Renders a picture. `integrator` "primary" gives base colours, darker where a surface turns away,
         as an Image: (height, width, 4) of u8, sRGB and alpha, row 0 on top, with png(). "ao", "direct" and
         "path" give a lit picture as Layers, a dict of arrays with linear rgba. `encode` "raw" gives an
@@ -58,7 +61,28 @@ class Renders(Exports):
         `tile` (x, y, width, height) makes only these pixels of the picture, with the bytes that they have
         in the whole; an Image or png of a lit tile needs `exposure` in stops. When a `deadline` passes, a
         lit picture comes with the samples that were made by then, and a warning.
+
+        A camera that moves has a `trajectory` in place of camera and look_at, (times, poses): poses (K, 3, 4) from its
+        space to the world, in which it looks along -z, with x to the right and y up. Row i of H is seen from where it
+        is at begin + readout * i / H. With `step_error` an animated scene moves meanwhile, so that no part is further
+        than that from where it should be. The integrator is "primary", the answer an Image or png, and `fov` by
+        default 40.
         """
+        if trajectory is not None:
+            others = {"camera": camera != "", "look_at": look_at is not None, "integrator": integrator != "primary",
+                      "spp": spp, "samples": samples, "seed": seed, "detach": detach, "depth": depth,
+                      "ao_distance": ao_distance, "environment": environment != "", "sun": sun is not None,
+                      "environment_rotate": environment_rotate, "noise": noise, "tonemap": tonemap,
+                      "exposure": exposure != "", "tile": tile is not None}
+
+            def trace(*rays: Any, **options: Any) -> dict[str, Array]:
+                seen = self.trace(*rays, **options)
+                job["epoch"] = self._client.outcome["epoch"]    # all rows see one scene
+                return seen
+            return picture_in_motion(trace, trajectory, begin, readout, step_error, fov, size, encode, progress,
+                                     others, job)
+        if begin or readout or step_error is not None:
+            raise UsageError("begin, readout and step_error are of a camera in motion: pass a trajectory, too")
         film = _Film(self, camera, look_at, fov, size, encode, detach, job, {
             "integrator": integrator, "spp": spp if samples is None else samples, "seed": seed,
             "depth": depth, "ao_distance": ao_distance, "environment": environment,
