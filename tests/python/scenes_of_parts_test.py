@@ -255,8 +255,12 @@ class ScenesOfParts(WithDaemon):
             with warnings.catch_warnings():
                 warnings.simplefilter("ignore", raynest.SceneWarning)
                 wanted = self.client.mesh(vertices, faces, origin=origin).trace(rays, fields=("t", "prim"))
-                scenes = [self.client.scene_of(part, origin=origin),
-                          self.client.scene_of({**part, "ball": Spheres([at + 1000], 1)}, origin=origin)]
+                ball = {"ball": Spheres([at + 1000], 1)}
+                group = {"ball": ("ball", (0, 0, 50)), "wide": "wide"}
+                scenes = [self.client.scene_of(part, origin=origin), self.client.scene_of({**part, **ball}, origin=origin),
+                          self.client.scene_of({**part, **ball, "group": group}, {"group": "group"}, origin=origin),
+                          self.client.scene_of({**part, **ball, "inner": group, "group": {"inner": ("inner", (0, 0, -9)), "ball": "ball"}},
+                                               {"group": ("group", (0, 0, 9))}, origin=origin)]
             self.assertGreater((wanted["prim"] == 0).sum(), 500)
             for scene in scenes:
                 hits = scene.trace(rays, fields=("t", "prim"))
@@ -266,6 +270,14 @@ class ScenesOfParts(WithDaemon):
         balls = Spheres(np.vstack([[0, 0, 0], at + (5, 5, 0)]), 0.1)
         hit = self.client.scene_of({"cloud": balls}, origin=at).trace([[*(at + (5, 5, 5)), 0, 0, -1]], fields=("t",))
         np.testing.assert_allclose(hit["t"], 4.9, atol=1e-5)
+
+    def test_wide_parts_near_zero_that_a_group_places_far_keep_their_digits(self):
+        at = np.array([448123.25, 5412345.5, 312])
+        ground = {"ground": (np.array([[-400000, -400000, 0], [400000, -400000, 0], [0, 400000, 0]]), [[0, 1, 2]]), "cube": (CUBE, SIDES)}
+        scene = self.client.scene_of({**ground, "town": {"ground": ("ground", at), "cube": ("cube", at + (0, 0, 2))}},
+                                     {"town": "town"}, origin=at)
+        rays = [[*(at + (0.3, -8.1, 2.2)), 0, 1, 0], [*(at + (3, 0, 8)), 0, 0, -1]]
+        np.testing.assert_allclose(scene.trace(rays, fields=("t",))["t"], [7.6, 8], atol=1e-5)
 
     def test_equal_content_is_sent_once(self):
         sent = []

@@ -231,11 +231,13 @@ private:
         return composition::read_matrices(*file, limits_);
     }
 
-    /// Origin of a group, or of a composition within another: near its parts, if these stand far
-    /// from zero for their size. Rays would lose digits on their way through it.
+    /// Origin of a group, or of a composition within another: where its largest part has its own
+    /// zero, or, if that part lies far from there for its size, its middle. A wide part has its
+    /// zero where it needs its digits, and rays would lose these on their way through the group.
     Result<WorldPoint> near_parts(const Object& object) {
         constexpr double far = 16;
-        Box box;
+        glm::dvec3 zero(0);
+        double largest = -1;
         std::uint64_t count = 0;
         for (const Places& places : object.instances) {
             const auto scene = scene_of(places.object);
@@ -243,14 +245,20 @@ private:
             const auto matrices = matrices_of(places);
             if (!matrices) return tl::unexpected(matrices.error());
             if (count += matrices->size(); count > limits_.instances_max) return WorldPoint{};
-            for (const Matrix& matrix : *matrices)
-                box.extend(moved_box((*scene)->bounds(), transform_of(matrix * to_group(**scene))));
+            const Box& box = (*scene)->bounds();
+            if (box.is_empty()) continue;
+            const glm::dvec3 low(box.lower), high(box.upper), middle = (low + high) / 2.0;
+            const bool is_far = glm::length(middle) > far * glm::length(high - low);
+            for (const Matrix& matrix : *matrices) {
+                const Matrix placed = matrix * to_group(**scene);
+                const glm::dvec3 sides = glm::dmat3(placed) * (high - low);
+                const glm::dvec3 at(placed * glm::dvec4(is_far ? middle : glm::dvec3(0), 1));
+                if (!(glm::length(sides) > largest) || !is_origin({at.x, at.y, at.z})) continue;
+                largest = glm::length(sides);
+                zero = at;
+            }
         }
-        const glm::dvec3 low(box.lower), high(box.upper), centre = (low + high) / 2.0;
-        const double size = glm::length(high - low);
-        const bool is_far = !box.is_empty() && glm::length(centre) > far * size;
-        if (!is_far || !std::isfinite(size)) return WorldPoint{};
-        return WorldPoint{std::round(centre.x), std::round(centre.y), std::round(centre.z)};
+        return WorldPoint{std::round(zero.x), std::round(zero.y), std::round(zero.z)};
     }
 
     /// Puts the instances of a group into one scene.
