@@ -120,7 +120,7 @@ class OnlyHere(WithCluster):
         scene = many.prepare(*hills())
         whole = self.traced(cluster, scene)
         cluster.workers.append(cluster.add())
-        cluster.client.wait_for_workers(2, timeout=60)
+        cluster.wait(2)
         cluster.workers[0].kill()           # it alone has what was sent
         cluster.workers[0].wait()
         self.same(self.traced(cluster, scene), whole)
@@ -136,14 +136,14 @@ class OnlyHere(WithCluster):
             many.Prepared.piece_seconds = seconds
         whole = self.traced(cluster, scene)
         cluster.workers.append(cluster.add())
-        cluster.client.wait_for_workers(2, timeout=60)
+        cluster.wait(2)
         cluster.workers[0].send_signal(signal.SIGSTOP)
         with warnings.catch_warnings(record=True) as said:
             warnings.simplefilter("always")
-            self.same(self.traced(cluster, scene, patience=1.0), whole)
+            self.same(self.traced(cluster, scene), whole)
         self.assertFalse([one for one in said if "this machine" in str(one.message)])
-        self.assertEqual(scene.sending, 1)
-        self.assertTrue(any(key.endswith("~1") for key in scene._sent[cluster.client]))
+        self.assertGreater(scene.sending, 0)        # more often if the late one is slow
+        self.assertTrue(any(key.endswith(f"~{scene.sending}") for key in scene._sent[cluster.client]))
 
     def test_pieces_are_spread_over_the_hosts(self):
         cluster = self.cluster(2)

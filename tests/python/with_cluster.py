@@ -8,7 +8,7 @@ import tempfile
 import unittest
 from pathlib import Path
 
-from daemon import until
+from daemon import PATIENCE, until
 from with_daemon import WithDaemon
 
 try:
@@ -31,11 +31,10 @@ class Cluster:
                                     "--no-show", "--scheduler-file", file)
         self.file, self.workers, self.client = file, [], None
         try:
-            until(file.exists)
+            until(file.exists, patience=2 * PATIENCE)
             self.client = distributed.Client(scheduler_file=str(file), set_as_default=False)
             self.workers += [self.add() for _ in range(workers)]
-            if workers:
-                self.client.wait_for_workers(workers, timeout=60)
+            self.wait(workers)
         except BaseException:
             self.close()
             raise
@@ -46,6 +45,10 @@ class Cluster:
         return subprocess.Popen([*under, sys.executable, "-c", program, *map(str, words)],
                                 env=self.environment, stdin=subprocess.DEVNULL, stdout=subprocess.DEVNULL,
                                 stderr=subprocess.DEVNULL, start_new_session=True, cwd=self.folder.name)
+
+    def wait(self, workers):
+        """Until there are so many workers."""
+        until(lambda: len(self.client.scheduler_info()["workers"]) >= workers, patience=2 * PATIENCE)
 
     def add(self, patch="", under=()):
         return self.start("dask_worker", "--scheduler-file", self.file, "--no-nanny", "--nthreads", 2, "--no-dashboard",
@@ -64,18 +67,18 @@ class Cluster:
 
 
 class Elsewhere:
-    """A network namespace as another host, 10.213.47.2, on a link to this one, 10.213.47.1, that can be cut."""
-
-    HERE = "10.213.47.1"
+    """A network namespace as another host, at the address `there`, on a link to this one, `here`, that can be cut."""
 
     def __init__(self):
+        net = f"10.{128 + os.getpid() // 256 % 128}.{os.getpid() % 256}"    # which no other test has at that time
+        self.here, self.there = f"{net}.1", f"{net}.2"
         self.name = f"raynest-{os.getpid()}"
         self.link = f"rn{os.getpid()}"
         self.under = ("ip", "netns", "exec", self.name)
         try:
             for line in (f"netns add {self.name}", f"link add {self.link} type veth peer name peer netns {self.name}",
-                         f"addr add {self.HERE}/24 dev {self.link}", f"link set {self.link} up",
-                         f"-n {self.name} addr add 10.213.47.2/24 dev peer", f"-n {self.name} link set peer up",
+                         f"addr add {self.here}/24 dev {self.link}", f"link set {self.link} up",
+                         f"-n {self.name} addr add {self.there}/24 dev peer", f"-n {self.name} link set peer up",
                          f"-n {self.name} link set lo up", f"netns exec {self.name} true"):
                 self.ip(line)
         except (OSError, subprocess.CalledProcessError) as error:
