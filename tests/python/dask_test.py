@@ -22,6 +22,7 @@ import numpy as np
 import raynest
 from daemon import PATIENCE, until
 from raynest import generators
+from raynest._workers import item
 from with_cluster import Elsewhere, WithCluster, many
 from with_daemon import main, rain
 
@@ -60,6 +61,11 @@ def waits(_host, _source, end):
     """An item that ends when there is such a file. The workers get it as code: they have not this module."""
     while not end.exists():
         time.sleep(0.05)
+
+
+def has_task(key, dask_worker):
+    """True until a worker has ended a task that was dropped."""
+    return key in dask_worker.state.tasks
 
 
 class ManyHosts(WithCluster):
@@ -369,6 +375,20 @@ class ManyHosts(WithCluster):
                              (("", "raynest: interrupted\n"), 130))
             until(lambda: not processes(cluster, "\0--part\0"), lambda: processes(cluster, "\0--part\0"))
             until(lambda: not self.jobs(cluster), lambda: self.jobs(cluster))
+        self.same(self.traced(cluster), self.sweep)
+
+    def test_a_thread_that_waits_for_the_load_of_another_sees_that_nobody_waits_for_it(self):
+        cluster = self.cluster(1)
+        self.traced(cluster)
+        socket, = sockets(cluster)
+        with open(os.path.dirname(socket) + "/loading", "wb") as lock:
+            fcntl.flock(lock, fcntl.LOCK_EX)    # as another thread does while it loads
+            waiting = cluster.client.submit(item, raynest.__version__, self.setup, many.prepare("builtin:forest?trees=3").source,
+                                            "heatmap", None, {}, pure=False)
+            key = waiting.key
+            until(lambda: "_load" in str(cluster.client.call_stack(keys=[key])))
+            waiting.release()
+            until(lambda: not any(cluster.client.run(has_task, key).values()))
         self.same(self.traced(cluster), self.sweep)
 
     def test_a_link_is_cut(self):

@@ -42,6 +42,7 @@ except ImportError:
 SCENES_MAX = 4             # that a thread holds
 ITEM_SECONDS = 600.0       # after which an item's daemon counts as stuck
 LOOK_SECONDS = 0.25        # between two looks whether an item's program has ended, or nobody waits for it
+TURN_SECONDS = 0.05        # between two looks whether another thread has loaded
 START_SECONDS = 60.0
 LEFT_SECONDS = 3600.0      # after which the folder of a worker that is gone is taken away
 NAME_LETTERS = 16          # of the folders, which tell them apart
@@ -249,11 +250,23 @@ class Host:
             scenes.pop(next(iter(scenes))).close()
         return scene
 
+    @contextlib.contextmanager
+    def _turn(self) -> Iterator[None]:
+        """Of all threads of the host's workers one loads, so that each scene is loaded once."""
+        with open(self.folder + "/loading", "wb") as lock:
+            while True:
+                with contextlib.suppress(BlockingIOError):
+                    fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
+                    break
+                if dropped():
+                    raise CancelledError(NOBODY_WAITS)
+                time.sleep(TURN_SECONDS)
+            yield
+
     def _load(self, client: Client, source: Source, name: str) -> Scene:
         assert source.message is not None
         load = Load({**source.message, "name": name}, lambda number: self._read(source, number))
-        with open(self.folder + "/loading", "wb") as lock:  # the workers of a host load it once
-            fcntl.flock(lock, fcntl.LOCK_EX)
+        with self._turn():
             try:
                 scene, info = client._load(load)
             except (BusyError, MemoryError) as error:
@@ -284,8 +297,7 @@ class Host:
         """Has a file that only the client's machine had in the folder, under its name."""
         os.makedirs(folder, exist_ok=True)
         path = os.path.join(folder, carried.name)
-        with open(self.folder + "/loading", "wb") as lock:
-            fcntl.flock(lock, fcntl.LOCK_EX)
+        with self._turn():
             if os.path.exists(path):
                 return
             with open(path + ".part", "wb") as file:
