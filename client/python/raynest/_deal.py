@@ -9,7 +9,7 @@ from typing import Any, Callable, Iterator, NamedTuple, Optional, Sequence
 
 import numpy as np
 
-from ._travel import Missing
+from ._travel import LOST, Missing
 from ._prepared import Prepared
 from ._version import VERSION
 from ._workers import NoRoom, Setup, Source, distributed, files_at, info_of, item as make_item
@@ -128,7 +128,7 @@ class Deal:
         sending = asyncio.run_coroutine_threadsafe(scatter(), self._cluster.loop.asyncio_loop)
         try:
             return sending.result(self._patience)
-        except Exception:   # whatever it is, the rays are still here
+        except LOST:        # whatever it is, the rays are still here
             sending.cancel()
             return rays
 
@@ -147,7 +147,7 @@ class Deal:
         asking = asyncio.run_coroutine_threadsafe(ask(), self._cluster.loop.asyncio_loop)
         try:
             making, made = asking.result(self._patience)
-        except Exception:   # what is late is dealt again all the same
+        except LOST:        # what is late is dealt again all the same
             asking.cancel()
             return {}
         places = {worker: set(theirs) for worker, theirs in making.items()}
@@ -178,7 +178,7 @@ class Deal:
             return self._failed(item, copy)
         try:
             where, answer, notes = data.result()
-        except Exception as error:  # the worker died with the answer, or cannot be reached
+        except LOST as error:   # the worker died with the answer, or cannot be reached
             return self._again(item, error)
         self._news = self._heard[where] = time.monotonic()
         if isinstance(answer, Missing):

@@ -6,6 +6,7 @@ the number of pieces, the more give. Copies of a piece would not last, as Dask's
 """
 from __future__ import annotations
 
+import asyncio
 import collections
 import concurrent.futures
 import weakref
@@ -18,6 +19,7 @@ from ._net.frame import Array
 PIECE_BYTES = 8 << 20       # no message of a cluster is larger, whatever the scene
 AHEAD = 3                   # pieces that a host fetches at once
 PIECE_SECONDS = 60.0        # after which whoever has a piece counts as lost
+LOST = (Exception, asyncio.CancelledError)  # no Exception: a key was dropped, as it died with what it was made of
 
 
 class Holder(Protocol):
@@ -69,7 +71,7 @@ def fetch(pieces: Sequence[str], patience: float, sending: int) -> Iterator[Arra
         try:
             future: Any = distributed.Future(key, cluster)  # type: ignore[no-untyped-call]
             return np.asarray(future.result(timeout=patience))
-        except Exception:       # its holder died, or is stuck
+        except LOST:            # its holder died, or is stuck
             raise Missing([key], True) from None
     with concurrent.futures.ThreadPoolExecutor(AHEAD) as pool:
         coming = collections.deque(pool.submit(one, key) for key in keys[:AHEAD])
