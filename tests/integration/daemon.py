@@ -42,17 +42,21 @@ def closed_port():
         yield f"tcp://127.0.0.1:{taken.getsockname()[1]}"
 
 
-def device_workers(pid):
-    """Returns process ids of the daemon's children that are device workers."""
+def children(pid, word):
+    """Returns process ids of the children of a process whose command line has the word."""
     found = []
     for entry in pathlib.Path("/proc").glob("[0-9]*"):
         try:
             parent = int((entry / "stat").read_text().rsplit(")", 1)[1].split()[1])
-            if parent == pid and b"--device-worker" in (entry / "cmdline").read_bytes():
+            if parent == pid and word.encode() in (entry / "cmdline").read_bytes():
                 found.append(int(entry.name))
         except (OSError, IndexError):
             pass
     return found
+
+
+def device_workers(pid):
+    return children(pid, "--device-worker")
 
 
 def is_sanitized(program):

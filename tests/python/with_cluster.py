@@ -91,6 +91,9 @@ class Elsewhere:
     def cut(self):
         self.ip(f"link set {self.link} down")
 
+    def mend(self):
+        self.ip(f"link set {self.link} up")
+
     def close(self):
         for line in (f"link del {self.link}", f"netns del {self.name}"):
             with contextlib.suppress(OSError):
