@@ -137,7 +137,8 @@ HEAVY = {
 # The Python package: its rooms from the ground up, each with its modules or folders.
 PACKAGE = "client/python/raynest"
 PYTHON = [{"errors", "_lists", "_limits", "_wording", "_version", "_handles"}, {"_net"}, {"images"},
-          {"_requests"}, {"_session"}, {"job"}, {"generators", "sweeps", "points"}, {"edits"}, {"_shutter"}, {"_render", "_export"}, {"_paths", "_timed"},
+          {"_requests"}, {"_session"}, {"job"}, {"generators", "sweeps", "points"}, {"_paths"}, {"edits"}, {"_shutter"},
+          {"_render", "_export"}, {"_timed"},
           {"scene"}, {"client", "returns"}, {"compat", "merge", "_travel"}, {"_workers"}, {"_prepared"}, {"_deal"}, {"__init__"}, {"dask", "_command"}]
 
 SOURCES = {".h", ".cpp", ".cu", ".inc", ".in"}

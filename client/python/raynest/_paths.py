@@ -1,7 +1,9 @@
 """The paths of a scene: ids in the column path, and their texts."""
 from __future__ import annotations
 
-from typing import Any, Iterable, Sequence, Union, overload
+import re
+import reprlib
+from typing import Any, Iterable, Optional, Sequence, Union, overload
 
 import numpy as np
 
@@ -14,6 +16,10 @@ from ._requests.explain import receive_document
 from ._requests.words import path_info
 from ._session import Session
 from .errors import ProtocolError, UsageError
+
+
+# Placements of a scene that find() looks at, at most, as many as the daemon's own searches do.
+_SEARCHED_MAX = 1 << 20
 
 
 class Paths:
@@ -65,6 +71,41 @@ class Paths:
             message = self._path({"path": whole("a path id", which, 2**64 - 1, 0)}, epoch)
         return path_info(message)
 
+    def find(self, glob: str, *, epoch: int = 0) -> list[str]:
+        """Returns the texts that are of the form of `glob`, in the order of their paths. '*' stands for any text:
+        find("car#3/wheel*") gives the wheels of that car. What lies within a part that is found is left out."""
+        return list(self._find(glob, epoch)[0])
+
+    def _find(self, glob: str, epoch: int) -> tuple[dict[str, Optional[int]], int]:
+        """Returns these texts, each with the number of the outermost instance that it names, or with None where it
+        names less or more than one; and the epoch."""
+        if not isinstance(glob, str) or not glob:
+            raise TypeError(f"{reprlib.repr(glob)} is no text of paths: pass one as 'car#3/wheel*', where '*' is any text")
+        form, connection = form_of(glob), self._client.connection
+        within: dict[str, set[Any]] = {}     # the outermost instances that placements of a text lie in
+        of: dict[Any, set[Any]] = {}         # the reverse, with None for placements of other texts
+        first, total = 0, 1
+        while first < total:
+            message = {"scene": self.name, "kind": "placements", "first": first, "count": _limits.structure_rows_max,
+                       "epoch": epoch}
+            document, _ = connection.again(lambda: receive_document(connection, "Structure", message, None, 0.0, None))
+            rows, total, epoch = _placements(document)
+            if total > _SEARCHED_MAX:
+                raise UsageError(f"the scene has {total} placements, and {reprlib.repr(glob)} is looked for among at most "
+                                 f"{_SEARCHED_MAX}: give the texts themselves, or numbers of outermost instances")
+            for name, instance in rows:
+                match = form.fullmatch(name)
+                of.setdefault(instance, set()).add(match and match[1])
+                if match:
+                    within.setdefault(match[1], set()).add(instance)
+            if not rows:
+                break
+            first += len(rows)
+        if not within:
+            raise UsageError(f"no path is of the form {glob!r}")
+        return {text: next(iter(instances)) if len(instances) == 1 and all(of[each] == {text} for each in instances) else None
+                for text, instances in within.items()}, epoch
+
     def _names(self, unique: Array, epoch: int) -> list[str]:
         """Returns the texts of ids, as many as one request may name."""
         asked = unique[unique != MISS].tolist()
@@ -83,3 +124,22 @@ class Paths:
     def _path(self, which: Message, epoch: int) -> Message:
         message = {"scene": self.name, "epoch": epoch, **which}
         return self._client.connection.ask("Path", message, "PathName")
+
+
+def form_of(glob: str) -> re.Pattern[str]:
+    """A pattern of the texts of this form, as the first group, and all that lies below them. The group is the shortest
+    text of the form."""
+    return re.compile(f"({'.*?'.join(map(re.escape, glob.split('*')))})(?:/.*)?", re.DOTALL)
+
+
+def _placements(document: dict[str, Any]) -> tuple[list[tuple[str, Optional[int]]], int, int]:
+    """Returns name and outermost instance of each row, how many rows there are in all, and the epoch."""
+    total, epoch = document.get("total"), document.get("epoch")
+    try:
+        rows = [(row["name"], row["instance"]) for row in document["rows"]]
+    except (KeyError, TypeError):
+        rows = [(None, None)]
+    if type(total) is not int or type(epoch) is not int or not all(
+            isinstance(name, str) and type(instance) in (int, type(None)) for name, instance in rows):
+        raise ProtocolError("the daemon lists placements in another form")
+    return rows, total, epoch

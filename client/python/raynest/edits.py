@@ -2,6 +2,7 @@
 from __future__ import annotations
 
 import contextlib
+import itertools
 import reprlib
 from types import TracebackType
 from typing import Any, Callable, NamedTuple, Optional, Sequence, Union
@@ -12,6 +13,7 @@ from . import _limits
 from ._net.connection import Connection
 from ._net.control import Message
 from ._net.frame import Array
+from ._paths import Paths
 from ._requests.arguments import numbers, user_ids, whole, whole_numbers
 from ._requests.places import check_name, matrices_of
 from ._requests.upload import FileSender
@@ -39,6 +41,10 @@ _ROW = np.dtype([("what", "<u4"), ("target", "<u4"), ("by", "<u4"), ("value", "<
 _TEXT, _USER_ID = 1, 2  # of "by"
 _PLACE, _MOVE, _MASK, _REMOVE, _ADD, _VERTICES, _UID, _MATERIAL = range(8)
 _FRAMES = ("world", "parent", "own")
+_EXAMPLES = 3   # of texts in an error
+
+# As Paths._find(): what a text with '*' stands for at an epoch.
+Find = Callable[[str, int], tuple[dict[str, Optional[int]], int]]
 
 
 class Edit:
@@ -56,9 +62,10 @@ class Edit:
     notes: Sequence[str] = ()  # what the edit has lost: animations of what it added
 
     def __init__(self, apply: Callable[[Change], Message], name_of: Callable[[Any, str], str], epoch: int = 0,
-                 keep: bool = False) -> None:
+                 keep: bool = False, find: Optional[Find] = None) -> None:
         self._apply = apply
         self._name_of = name_of     # of a scene that is added
+        self._find = find           # None where no daemon is at hand
         self._keep = bool(keep)
         self.epoch = whole("epoch", epoch, 2**64 - 1, 0)
         self._texts: dict[str, int] = {}
@@ -69,15 +76,16 @@ class Edit:
 
     def move(self, which: Which, by: Any, frame: str = "world") -> Edit:
         """Moves instances from where they stand. `by` is an offset (3,), a matrix (3, 4) or (4, 4), or one of
-        these for each of several instances: (N, 3), (N, 3, 4), (N, 4, 4). `frame` says in which space `by` is:
-        "world", "parent" (the object that the instance is part of) or "own" (to turn a wheel about its axle)."""
-        return self._add(self._targets(which), _MOVE, matrices_of("by", by), frame)
+        these for each of several instances: (N, 3), (N, 3, 4), (N, 4, 4). These several may be one text with '*', whose
+        parts follow each other as Scene.find() gives them. `frame` says in which space `by` is: "world", "parent" (the
+        object that the instance is part of) or "own" (to turn a wheel about its axle)."""
+        return self._add(which, _MOVE, matrices_of("by", by), frame)
 
     def place(self, which: Which, matrices: Any, frame: str = "world") -> Edit:
         """Places instances: `matrices` maps the object's own coordinates to those of the world, or of the
         "parent". It is (3, 4) or (4, 4), or has one matrix for each of several instances: (N, 3, 4) or
         (N, 4, 4). Not for a scene with an origin, whose objects have coordinates of their own: move() those."""
-        return self._add(self._targets(which), _PLACE, matrices_of("matrices", matrices), frame)
+        return self._add(which, _PLACE, matrices_of("matrices", matrices), frame)
 
     def add(self, scene: Any, matrices: Any = (0, 0, 0), name: str = "", mask: int = 2**32 - 1) -> Edit:
         """Adds placements of another loaded scene, given by its name or as a Scene: its geometry and materials,
@@ -124,22 +132,18 @@ class Edit:
     def set_mask(self, which: Which, mask: Any) -> Edit:
         """Sets the mask of instances, one number for all, or one for each: rays whose own mask shares no bit with it do
         not enter them."""
-        rows = self._targets(which)
         masks = whole_numbers("a mask", mask, 2**32 - 1)
         if masks.ndim > 1:
             raise UsageError(f"mask has shape {masks.shape}: it must be one number, or (N,), one for each")
-        if masks.ndim == 1 and len(masks) != len(rows):
-            raise _uneven(f"{len(masks)} masks", rows)
+        rows = self._each(which, masks, "masks", masks.ndim == 1)
         rows["what"], rows["value"] = _MASK, masks
         self._rows.append(rows)
         return self
 
     def set_uid(self, which: Which, uid: Any) -> Edit:
         """Gives instances, and everything in them, a user id: one number for all, or one for each."""
-        rows = self._targets(which)
         uids = user_ids("uid", uid)
-        if uids.ndim == 1 and len(uids) != len(rows):
-            raise _uneven(f"{len(uids)} uids", rows)
+        rows = self._each(which, uids, "uids", uids.ndim == 1)
         rows["what"], rows["value"] = _UID, uids
         self._rows.append(rows)
         return self
@@ -203,12 +207,43 @@ class Edit:
                     raise _wrong(which)
         return _some(rows)
 
-    def _add(self, rows: Array, what: int, matrices: Array, frame: str) -> Edit:
+    def _each(self, which: Which, values: Array, noun: str, is_several: bool) -> Array:
+        """Returns the rows for values of which there are one for all targets, or several, one for each. For these, texts
+        with '*' are listed where they would otherwise be too few."""
+        counts: dict[str, int] = {}
+        if is_several and self._find and not isinstance(which, Uids):
+            texts = [which] if isinstance(which, str) else which
+            if isinstance(texts, (Sequence, np.ndarray)) and len(texts) != len(values) and \
+                    any(isinstance(text, str) and "*" in text for text in texts):
+                which = self._listed(texts, counts)
+        rows = self._targets(which)
+        if is_several and len(values) != len(rows):
+            raise _uneven(f"{len(values)} {noun}", rows, counts)
+        return rows
+
+    def _listed(self, texts: Any, counts: dict[str, int]) -> list[Any]:
+        """Returns the targets with the parts in place of each text with '*', and counts those."""
+        assert self._find is not None
+        targets: list[Any] = []
+        for text in texts:
+            if not isinstance(text, str) or "*" not in text:
+                targets.append(text)
+                continue
+            found, epoch = self._find(text, self.epoch)
+            counts[text] = len(found)
+            numbers = [number for number in found.values() if number is not None]
+            if len(found) > _limits.list_items_max and len(numbers) == len(found):
+                self.epoch = epoch  # to which the numbers belong
+                targets += numbers
+            else:
+                targets += found
+        return targets
+
+    def _add(self, which: Which, what: int, matrices: Array, frame: str) -> Edit:
         if frame not in _FRAMES or (what == _PLACE and frame == "own"):
             raise UsageError(f"frame is {frame!r}: it must be "
                              + ("'world', 'parent' or 'own'" if what == _MOVE else "'world' or 'parent'"))
-        if matrices.ndim == 3 and len(matrices) != len(rows):
-            raise _uneven(f"{len(matrices)} matrices", rows)
+        rows = self._each(which, matrices, "matrices", matrices.ndim == 3)
         rows["what"], rows["matrix"] = what, matrices[..., :3, :]
         rows["value"] = _FRAMES.index(frame)
         self._rows.append(rows)
@@ -239,11 +274,8 @@ class Edit:
             setattr(self, key, value)
 
 
-class Editable:
+class Editable(Paths):
     """The part of a scene that changes it."""
-
-    name: str
-    _client: Session
 
     def edit(self, *, epoch: int = 0, keep: bool = False) -> Edit:
         """Begins a batch of changes, which becomes the scene's next epoch when the block ends:
@@ -255,7 +287,7 @@ class Editable:
         `epoch` the edit fails unless the scene is at that epoch. With `keep` the block ends when the changed scene is on the
         disk of a daemon with --state; without it, a restart brings back what was loaded or kept last."""
         return Edit(lambda change: change.apply(self._client.connection, self.name),
-                    lambda scene, _: _name_at(self._client, scene), epoch, keep)
+                    lambda scene, _: _name_at(self._client, scene), epoch, keep, self._find)
 
     def add(self, scene: Any, matrices: Any = (0, 0, 0), name: str = "", mask: int = 2**32 - 1, *, epoch: int = 0,
             keep: bool = False) -> Edit:
@@ -318,10 +350,15 @@ def _some(rows: Array) -> Array:
     return rows
 
 
-def _uneven(given: str, rows: Array) -> UsageError:
-    """The error where there is neither one value for all targets nor one for each."""
-    texts = (", and a text counts as one, also where it stands for several: list those, as "
-             "['row#0', 'row#1']" if (rows["by"] == _TEXT).any() else "")
+def _uneven(given: str, rows: Array, counts: dict[str, int]) -> UsageError:
+    """The error where there is neither one value for all targets nor one for each. `counts` are of texts that were
+    listed."""
+    texts = ""
+    if counts:
+        texts = ": " + ", ".join(f"{text!r} stands for {count}" for text, count in itertools.islice(counts.items(), _EXAMPLES))
+    elif (rows["by"] == _TEXT).any():
+        texts = (", and a text counts as one, also where it stands for several: list those, as "
+                 "['row#0', 'row#1']")
     return UsageError(f"{given} for {len(rows)} {'target' if len(rows) == 1 else 'targets'}: give one, or one for "
                       f"each{texts}")
 

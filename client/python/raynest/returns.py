@@ -6,13 +6,13 @@
 from __future__ import annotations
 
 import inspect
-import re
 from typing import Any, Literal, Mapping, Optional, Union
 
 import numpy as np
 
 from . import _limits, generators
 from ._net.frame import Array
+from ._paths import form_of
 from ._requests.arguments import count_of, is_several, numbers, real, unknown_argument, whole
 from ._requests.job import JobOptions
 from .errors import UsageError
@@ -219,7 +219,7 @@ def _parts_of(scene: Scene, paths: Array, texts: list[str], epoch: int) -> Array
     if not texts or not len(paths):
         return np.full(len(paths), -1)
     ids, where = np.unique(paths, return_inverse=True)
-    patterns = [re.compile(".*".join(map(re.escape, text.split("*"))) + "(/.*)?", re.DOTALL) for text in texts]
+    patterns = [form_of(text) for text in texts]
     found = [next((number for number, pattern in enumerate(patterns) if pattern.fullmatch(path)), -1)
              for path in scene.path_of(ids, epoch=epoch)]
     return np.array(found)[where]

@@ -12,7 +12,6 @@ import numpy as np
 from . import _limits
 from ._net.control import Message
 from ._net.frame import Array
-from ._paths import Paths
 from ._render import Renders
 from ._requests.arguments import Unpack, has_shape, is_several, none_is_default, numbers, real, whole
 from ._requests.columns import Columns, Whole, anywhere, as_usual
@@ -33,7 +32,7 @@ from .images import HeatView, with_view
 from .job import Job
 
 
-class Scene(Renders, Paths, Editable):
+class Scene(Renders, Editable):
     """A scene, made by Client.load(), mesh() or scene(). Rays, cameras and positions are in the
     world: the scene's origin is subtracted before they are sent and added to answers, in float64."""
 
