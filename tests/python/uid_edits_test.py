@@ -233,6 +233,21 @@ class UidEdits(WithDaemon):
         with self.assertRaisesRegex(raynest.UsageError, "3 matrices for 2 targets"), street.edit() as edit:
             edit.move(raynest.Uids([1, 2]), np.zeros((3, 3)))
 
+    def test_an_edit_is_sent_once(self):
+        scene = self.client.scene_of({"box": box(1, 1, 1)}, {"box": ("box", [(0, 0, 0), (9, 0, 0)])})
+        for fails in (False, True):
+            edit = scene.edit()
+            try:
+                with edit:
+                    edit.move(0, (0, 1, 0))
+                    if fails:
+                        raise KeyError
+            except KeyError:
+                pass
+            with self.assertRaisesRegex(raynest.UsageError, r"begin another with edit\(\)"), edit:
+                edit.move(0, (0, 1, 0))
+            self.assertEqual(scene.trace([[0, 9, 0, 0, -1, 0]], fields=("t",))["t"].tolist(), [7.5])
+
 
 if __name__ == "__main__":
     main()

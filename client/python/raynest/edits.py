@@ -49,7 +49,8 @@ Find = Callable[[str, int], tuple[dict[str, Optional[int]], int]]
 
 class Edit:
     """A batch of changes, made by Scene.edit() and sent when its `with` block ends. They take effect together,
-    in their order, except that additions and removals come last. If the block raises, nothing is sent."""
+    in their order, except that additions and removals come last. If the block raises, nothing is sent. An
+    Edit has one such block."""
 
     epoch: int      # of the scene after the edit
     # As they are here after a batch of no changes, which is not sent.
@@ -73,6 +74,7 @@ class Edit:
         self._materials: dict[str, int] = {}
         self._rows: list[Array] = []
         self._vertices: list[tuple[Array, Array]] = []  # and normals, as many or none
+        self._is_used = False
 
     def move(self, which: Which, by: Any, frame: str = "world") -> Edit:
         """Moves instances from where they stand. `by` is an offset (3,), a matrix (3, 4) or (4, 4), or one of
@@ -172,6 +174,9 @@ class Edit:
         return self.set_mask(which, 2**32 - 1)
 
     def __enter__(self) -> Edit:
+        if self._is_used:
+            raise UsageError("an edit is one batch of changes, and this one has ended: begin another with edit()")
+        self._is_used = True
         return self
 
     def __exit__(self, kind: Optional[type[BaseException]], error: Optional[BaseException],
