@@ -209,7 +209,7 @@ class RemoteBackup(WithState):
         self.assertEqual(self.client.run("query", "a", "--ray", "0,0,9,0,0,-1").returncode, 5)
         self.assertEqual(len(self.client.json("restore", self.tar)["restored"]), 1)
         self.assertEqual(self.hits("a"), hits)
-        # What was told of epochs before means nothing else.
+        # Epochs that were told before mean nothing else.
         now = self.identities()["a"]
         self.assertGreater(now[1], told[1])
         self.again()

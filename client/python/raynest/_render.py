@@ -76,7 +76,7 @@ class Renders(Exports):
                       "exposure": exposure != "", "tile": tile is not None}
 
             def trace(*rays: Any, **options: Any) -> dict[str, Array]:
-                seen = self.trace(*rays, **options)
+                seen: dict[str, Array] = self.trace(*rays, **options)
                 job["epoch"] = self._client.outcome["epoch"]    # all rows see one scene
                 return seen
             return picture_in_motion(trace, trajectory, begin, readout, step_error, fov, size, encode, progress,
