@@ -4,6 +4,7 @@
 #include "server/ground/journal.h"
 
 #include <nlohmann/json.hpp>
+#include <poll.h>
 #include <spdlog/sinks/base_sink.h>
 #include <spdlog/spdlog.h>
 #include <unistd.h>
@@ -11,6 +12,7 @@
 #include <algorithm>
 #include <atomic>
 #include <cerrno>
+#include <climits>
 #include <memory>
 #include <mutex>
 
@@ -75,7 +77,16 @@ class StderrSink final : public spdlog::sinks::base_sink<std::mutex> {
         formatter_->format(line, text);
         std::string_view left(text.data(), text.size());
         while (!left.empty()) {
-            const ssize_t written = ::write(STDERR_FILENO, left.data(), left.size());
+            // A reader that stands still must not hold the io thread: to a pipe with room for
+            // PIPE_BUF bytes as many can be written at once.
+            constexpr int patience_ms = 20;
+            pollfd room{STDERR_FILENO, POLLOUT, 0};
+            if (::poll(&room, 1, missing_ == 0 ? patience_ms : 0) == 0) {
+                cut_off_ = cut_off_ || left.size() != text.size();
+                return false;
+            }
+            const ssize_t written =
+                ::write(STDERR_FILENO, left.data(), std::min<std::size_t>(left.size(), PIPE_BUF));
             if (written < 0 && errno == EINTR) continue;
             if (written <= 0) {
                 cut_off_ = cut_off_ || left.size() != text.size();

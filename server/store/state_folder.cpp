@@ -115,9 +115,7 @@ Result<std::unique_ptr<StateFolder>> StateFolder::open(const fs::path& folder,
     auto rows = manifest->rows();
     if (!rows) return tl::unexpected(rows.error());
     std::unique_ptr<StateFolder> state(new StateFolder(folder, std::move(*manifest)));
-    std::set<std::string> used;
     for (const StoredScene& row : *rows) {
-        used.insert(row.digest);
         state->rows_[{row.owner, row.name}] = {row.digest, row.number};
         state->last_number_ = std::max(state->last_number_.load(), row.number);
     }
@@ -132,10 +130,6 @@ Result<std::unique_ptr<StateFolder>> StateFolder::open(const fs::path& folder,
     auto uses = state->manifest_->uses();
     if (!uses) return tl::unexpected(uses.error());
     for (const SceneUse& use : *uses) state->found_uses_[use.number] = use;
-    // A daemon that was killed leaves unfinished files, and blobs whose row was not committed.
-    for (const auto& file : fs::directory_iterator(folder / "blobs", error))
-        if (!used.contains(file.path().filename().string()))
-            state->leftovers_.push_back(file.path().filename().string());
     if (leftovers == Leftovers::remove) state->remove_leftovers();
     if (!flush_folder(folder) || !flush_folder(folder / "blobs"))
         return fail(ErrorCode::io_failed,
@@ -145,11 +139,18 @@ Result<std::unique_ptr<StateFolder>> StateFolder::open(const fs::path& folder,
 
 void StateFolder::remove_leftovers() {
     const std::lock_guard lock(mutex_);
-    for (const std::string& name : std::exchange(leftovers_, {}))
-        if (is_digest(name))
-            let_go(name);  // a load may have given it a row since
-        else
+    // A daemon that was killed leaves unfinished files, and blobs whose row was not committed.
+    std::set<std::string> used;
+    for (const auto& [name, row] : rows_) used.insert(row.digest);
+    const std::string own = fmt::format(".new-{}-", ::getpid());
+    std::error_code error;
+    for (const auto& file : fs::directory_iterator(folder_ / "blobs", error)) {
+        const std::string name = file.path().filename();
+        if (is_digest(name) && !used.contains(name))
+            let_go(name);  // it may be pinned
+        else if (!is_digest(name) && (last_temporary_ == 0 || !name.starts_with(own)))
             ::unlink(blob(name).c_str());
+    }
     collect_locked();
 }
 

@@ -225,7 +225,6 @@ private:
     std::atomic<bool> closed_{false};
     std::mutex mutex_;                  ///< of the manifest, and of what follows
     std::optional<Manifest> manifest_;  ///< nothing: closed_
-    std::vector<std::string> leftovers_;
     struct Row {
         std::string digest;
         std::uint64_t number = 0;

@@ -342,6 +342,16 @@ class Credentials(Programs):
             yield option, large, "it is over 1048576 bytes"
         yield "key.pem", secret, "the key has a password"
 
+    def test_a_client_with_a_long_chain_is_refused_before_it_is_read(self):
+        """All certificates of a chain are taken apart before one is verified."""
+        certificates = self.certificates()
+        daemon = self.daemon(certificates, "--client-ca", certificates.ca)
+        _, own, *key = certificates.sign("robot", "/CN=robot")
+        for others, served in ((1, True), (30, False)):
+            chain = self.out / "chain.pem"
+            chain.write_text(own.read_text() + others * certificates.ca.read_text())
+            self.assertEqual(self.asks(daemon, certificates, "--cert", chain, *key)[0] == 0, served, others)
+
     def test_files_that_cannot_be_read_end_the_start_and_change_nothing_later(self):
         certificates = self.certificates()
         options = (*certificates.server, "--client-ca", certificates.ca)

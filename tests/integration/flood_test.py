@@ -3,14 +3,18 @@
 
   flood_test.py RAYNESTD RAYNEST
 """
+import fcntl
+import json
+import os
 import pathlib
 import re
+import subprocess
 import tempfile
 import time
 
 import websocket
 from connections_test import ERROR, HELLO, WELCOME, read_frame
-from daemon import Programs, main, until
+from daemon import PATIENCE, Client, Programs, main, until
 from secure_daemon import Certificates, SecureDaemon, Tokens
 from websocket import HEADER, Closed, greeted, host_of, post
 
@@ -18,6 +22,28 @@ COUNT = 40            # of a flood that one connection sends
 LINES_PER_SECOND = 6  # of one source and event, with the line that says what was left out
 DAMAGED_MAX = 64      # of a connection in a minute
 PING = 2
+
+
+class StandingReader(Programs):
+    def test_a_reader_of_the_log_that_stands_still_holds_nobody_up(self):
+        folder = pathlib.Path(self.enterContext(tempfile.TemporaryDirectory(prefix="raynest-test-")))
+        reader, writer = os.pipe()
+        self.addCleanup(os.close, reader)
+        fcntl.fcntl(writer, fcntl.F_SETPIPE_SZ, 4096)
+        daemon = subprocess.Popen(
+            [self.raynestd, "--listen", "tcp://127.0.0.1:0", "--http", "off", "--cuda", "off", "--log-level", "debug",
+             "--ready-file", folder / "ready"], stdin=subprocess.DEVNULL, stdout=writer, stderr=writer)
+        os.close(writer)
+        self.addCleanup(daemon.wait)
+        self.addCleanup(daemon.kill)
+        until((folder / "ready").exists)
+        client = Client(self.raynest, json.loads((folder / "ready").read_text())["listen"][0])
+        for number in range(40):    # of some 100 bytes of log or more each
+            client.json("load", "builtin:flake", "--name", f"flake-{number}")
+        daemon.terminate()
+        daemon.wait(PATIENCE)
+        # The lines that are there are whole, and the first ones.
+        self.assertIn(b"ready", os.read(reader, 1 << 16))
 
 
 class Flood(Programs):
