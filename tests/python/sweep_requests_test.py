@@ -274,10 +274,29 @@ class SweepRequests(WithDaemon):
             fields = ("t", "prim", "origin", "direction", "time", "ring")
             self.same(self.woods.trace(made, fields=fields), self.woods.trace(other, fields=fields))
         for settings, said in (({"trajectory": trajectory, "pose": np.eye(4)}, "in motion goes without pose"),
-                               ({"trajectory": trajectory, "azimuth_offsets": [0, 1, 2]}, "goes without azimuth_offsets"),
+                               ({"trajectory": trajectory, "azimuth_offsets": [0, 1, 2]}, "one for each of the 4 elevations"),
+                               ({"trajectory": trajectory, "origin_offsets": np.zeros((3, 3))}, "one for each of the 4 elevations"),
                                ({"end": 0.1}, "end goes with a trajectory"), ({"step_error": 0.1}, "goes with a trajectory")):
             with self.assertRaisesRegex(raynest.UsageError, said):
                 generators.lidar(ELEVATIONS, **settings)
+
+    def test_channels_of_a_head_in_motion_have_offsets(self):
+        offsets = {"azimuth_offsets": [3, -1.5, 0, 10], "origin_offsets": [[.1, 0, .3], [0, -.2, 0], [0, 0, 0], [.05, .05, -.1]]}
+        fields = ("origin", "direction", "t", "prim")
+        poses = drive(4)[1]
+        for pose in poses[:2]:
+            still = self.woods.trace(generators.lidar(ELEVATIONS, (0, 360, 90), pose=pose, **offsets), fields=fields)
+            moving = generators.lidar(ELEVATIONS, (0, 360, 90), trajectory=([0.0, 1.0], [pose, pose]), **offsets)
+            self.same(self.woods.trace(moving, fields=fields), still)
+        # Each column is that of a head which stands where the sensor is then.
+        moving = generators.sweep(ELEVATIONS, (0, 360, 6), trajectory=drive(4), end=1.0, **offsets)
+        seen = self.woods.trace(moving, fields=fields)
+        for column, pose in enumerate(sweeps.poses_at(drive(4), np.arange(6) / 6)):
+            still = self.woods.trace(generators.lidar(ELEVATIONS, (0, 360, 6), pose=pose, **offsets), fields=fields)
+            for name in ("origin", "direction"):
+                np.testing.assert_allclose(seen[name][column::6], still[name][column::6], atol=2e-6)
+        plain = self.woods.trace(generators.sweep(ELEVATIONS, (0, 360, 6), trajectory=drive(4), end=1.0), fields=fields)
+        self.assertTrue((plain["direction"][:6] != seen["direction"][:6]).any(axis=1).all())
 
     def test_what_is_wrong_gets_a_line(self):
         times, poses = drive(4)

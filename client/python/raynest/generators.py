@@ -183,7 +183,7 @@ def lidar(elevations: Any, azimuths: Any = (0.0, 360.0, 2048), *,
     With a `trajectory` it moves while it turns, as sweep() has it, which takes begin, end, scans and step_error too.
 
     `azimuths` may also be an array of other than three angles, in any order, also clockwise, and `elevations` more than
-    fit into a text: that is a sweep() which stands still at `pose`. A sweep goes without offsets, camera and look_at."""
+    fit into a text: that is a sweep() which stands still at `pose`. A sweep goes without camera and look_at."""
     motion: dict[str, Any] = {name: value for name, value in (("begin", begin), ("end", end), ("scans", scans),
                                                               ("step_error", step_error)) if value is not None}
     if motion and trajectory is None:
@@ -191,8 +191,7 @@ def lidar(elevations: Any, azimuths: Any = (0.0, 360.0, 2048), *,
     turn = turn_of(azimuths) if isinstance(azimuths, tuple) or np.shape(azimuths) in ((3,), ()) else None
     if trajectory is not None or turn is None or np.size(elevations) > _limits.list_items_max:
         is_moving = trajectory is not None
-        if given := [name for name, value in (("azimuth_offsets", np.size(azimuth_offsets)), ("origin_offsets", np.size(origin_offsets)),
-                                              ("pose", is_moving and sensor.get("pose") is not None),
+        if given := [name for name, value in (("pose", is_moving and sensor.get("pose") is not None),
                                               *((key, sensor.get(key) is not None) for key in ("camera", "look_at"))) if value]:
             raise UsageError(f"a lidar {'in motion' if is_moving else 'whose angles are a list'} goes without "
                              f"{' and '.join(given)}; `{'trajectory' if is_moving else 'pose'}` says where it stands")
@@ -200,27 +199,32 @@ def lidar(elevations: Any, azimuths: Any = (0.0, 360.0, 2048), *,
             pose = sensor.get("pose")
             trajectory = [0.0], (np.eye(3, 4) if pose is None else numbers("pose", pose))[None]
             motion = {"begin": 0.0, "end": 0.0}
-        return sweep(elevations, turn or azimuths, trajectory=trajectory, tmin=sensor.get("tmin"), tmax=sensor.get("tmax"),
-                     **motion)
+        return sweep(elevations, turn or azimuths, azimuth_offsets=azimuth_offsets, origin_offsets=origin_offsets,
+                     trajectory=trajectory, tmin=sensor.get("tmin"), tmax=sensor.get("tmax"), **motion)
     columns = turn[2]
-    offsets = _offsets(origin_offsets)
-    each = {"elevations": numbers("elevations", elevations).size,
-            "azimuth_offsets": numbers("azimuth_offsets", azimuth_offsets).size,
-            "origin_offsets": len(offsets)}
-    channels = each["elevations"]
+    channels = numbers("elevations", elevations).size
     if not 0 < channels <= _limits.list_items_max:
         raise UsageError(f"a lidar of {channels} channels: it has 1 to {_limits.list_items_max}; "
                          "trace more in several sweeps")
-    for name in ("azimuth_offsets", "origin_offsets"):
-        if each[name] not in (0, channels):
-            raise UsageError(f"{name} must be one for each of the {channels} elevations, or none")
-    settings = {"elevations": _text("elevations", elevations),
-                "azimuths": _turn_text(turn),
-                "azimuth_offsets": _text("azimuth_offsets", azimuth_offsets),
-                "origin_offsets": _text("origin_offsets", offsets)}
-    made = Lidar("lidar", {name: text for name, text in settings.items() if text}, channels * columns, sensor=sensor)
+    settings = {"elevations": _text("elevations", elevations), "azimuths": _turn_text(turn),
+                **_offset_settings(channels, azimuth_offsets, origin_offsets)}
+    made = Lidar("lidar", settings, channels * columns, sensor=sensor)
     made._columns = columns
     return made
+
+
+def _offset_settings(channels: int, azimuth_offsets: Any, origin_offsets: Any) -> dict[str, str]:
+    settings = {}
+    for name, offsets, count in (("azimuth_offsets", azimuth_offsets, numbers("azimuth_offsets", azimuth_offsets).size),
+                                 ("origin_offsets", _offsets(origin_offsets), len(_offsets(origin_offsets)))):
+        if count not in (0, channels):
+            raise UsageError(f"{name} must be one for each of the {channels} elevations, or none")
+        if count > _limits.list_items_max:
+            raise UsageError(f"{name} of {count} channels: at most {_limits.list_items_max} channels have some; trace more "
+                             "in several sweeps")
+        if count:
+            settings[name] = _text(name, offsets)
+    return settings
 
 
 class Lidar(Generator):
@@ -236,20 +240,20 @@ class Lidar(Generator):
 
 
 @none_is_default
-def sweep(elevations: Any, azimuths: Any = (0.0, 360.0, 2048), *, trajectory: Any, begin: float = 0.0,
-          end: float = 0.1, scans: int = 1, step_error: Optional[float] = None, tmin: Optional[float] = None,
-          tmax: Optional[float] = None) -> Sweep:
+def sweep(elevations: Any, azimuths: Any = (0.0, 360.0, 2048), *, azimuth_offsets: Any = (), origin_offsets: Any = (),
+          trajectory: Any, begin: float = 0.0, end: float = 0.1, scans: int = 1, step_error: Optional[float] = None,
+          tmin: Optional[float] = None, tmax: Optional[float] = None) -> Sweep:
     """A lidar in motion, like sweeps.lidar(), but the daemon makes its rays: those of each column start where the
     sensor is at the column's time. Scans follow each other in time: column j of A of scan n is measured at
     begin + (end - begin) (n A + j) / A, and ray (n C + c) A + j is channel c of C there. `ring` and `time` of this
-    object have a row per ray; as `fields` they are columns of the answer.
+    object have a row per ray; as `fields` they are columns of the answer. The offsets of channels are those of lidar().
 
     With `step_error` an animated scene moves during the sweep, in steps. In each step the scene stands where it is
     in the middle of the step, so that no part is further than `step_error`, in the scene's units, from where it is
     at the time of a ray. The trajectory's times are those of the animation, or, with `time` of trace(), that is the
     animation's time at `begin`."""
     heights = finite("elevations", elevations, _limits.sweep_channels_max)
-    settings = {"channels": str(len(heights))}
+    settings = {"channels": str(len(heights)), **_offset_settings(len(heights), azimuth_offsets, origin_offsets)}
     turn, around = turn_or_angles(azimuths)
     if turn is not None:
         columns = turn[2]
