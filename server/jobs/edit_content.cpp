@@ -175,12 +175,16 @@ Reply<void> read_edit(EditBatch& batch, const Snapshot& scene, const std::string
                       const EditGuard& guard) {
     const std::uint32_t outermost = scene.view().objects[scene.view().root].instance_count;
     const auto no_instances = [&] {
+        const SceneView& view = scene.view();
         return refuse(
             Code::invalid_field,
             fmt::format(
-                "'{}' has no instances to change: all that it has is its own. A glTF places "
-                "its meshes by nodes, which can be edited; other scenes can be added",
-                name));
+                "'{}' has no instances to change: {}", name,
+                view.objects[view.root].has_own_primitives()
+                    ? "all that it has is its own. A glTF places its meshes by nodes, which "
+                      "can be edited; load a composition that places this scene's file, or "
+                      "add it to another scene"
+                    : "it is empty"));
     };
     if (outermost == 0 && !content.targets.empty()) return no_instances();
     if (!content.targets.empty())

@@ -37,6 +37,15 @@ class LastEdit(WithDaemon):
         self.assertEqual(again.info["last_edit"], "")
 
 
+    def test_a_scene_without_instances_says_why(self):
+        scene = self.client.scene_of({"cube": box(1, 1, 1)}, {"a": "cube"})
+        with scene.edit() as edit:
+            edit.remove("a")
+        with self.assertRaisesRegex(raynest.UsageError, "has no instances to change: it is empty"):
+            with scene.edit() as edit:
+                edit.hide("a")
+
+
 class UidEdits(WithDaemon):
     def seen(self, scene, rays=RAYS):
         found = scene.trace(rays, fields=COLUMNS)
