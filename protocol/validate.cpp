@@ -234,6 +234,8 @@ Result<void> validate(const wire::Export& message, const Limits& limits) {
         .named("scene", message.scene())
         .name("format", message.format())
         .name("file", message.file())
+        .name("animation", message.animation())
+        .finite("time", message.time())
         .result();
 }
 

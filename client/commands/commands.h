@@ -68,6 +68,7 @@ struct EditOptions {
 struct ExportOptions {
     std::string scene, output;
     std::uint64_t epoch = 0;  ///< 0: the current one
+    MomentOptions moment;
 };
 struct PinOptions {
     std::vector<std::string> scenes;

@@ -6,6 +6,7 @@
 #include "client/output/outcome_text.h"
 #include "client/output/output.h"
 #include "client/output/output_file.h"
+#include "client/requests/job.h"
 #include "client/requests/picture.h"
 
 #include <filesystem>
@@ -27,6 +28,7 @@ Result<ReceivedPicture> receive_file(Context& context, const ExportOptions& opti
     request.epoch = options.epoch;
     request.format = format;
     request.file = file;
+    put_moment(options.moment, request);
     if (auto started = context.connection.start(request); !started)
         return tl::unexpected<Failure>(started.error());
     auto answer = receive_picture(context.connection, context.progress, file_room());
@@ -43,6 +45,7 @@ void declare(CommandLine& line, ExportOptions& options) {
                "that it places beside it")
         .required();
     add_epoch(line, options.epoch);
+    add_moment(line, options.moment);
 }
 
 Result<void> run(Context& context, const ExportOptions& options) {

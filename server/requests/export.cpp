@@ -5,6 +5,7 @@
 #include "server/jobs/payload_sender.h"
 #include "server/jobs/services.h"
 #include "server/requests/request.h"
+#include "server/requests/words/at_moment.h"
 #include "server/scheduling/peers.h"
 #include "server/store/scene_store.h"
 
@@ -138,6 +139,8 @@ Reply<Answer> export_scene(const Services& services, const Caller& caller,
                           "a composition refers to a .glb beside it, by a name without folders");
     }
     auto scene = services.scenes.find(protocol::text(message->scene()), message->epoch(), caller);
+    if (!scene) return tl::unexpected(scene.error());
+    scene = at_moment(services, caller, std::move(*scene), *message.table);
     if (!scene) return tl::unexpected(scene.error());
     JobSubmission accepted;
     accepted.kind = "export";

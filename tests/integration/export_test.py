@@ -236,6 +236,25 @@ class Export(WithFiles):
         written, = self.json_of(self.export(before)["glb"])["materials"]
         self.assertEqual(written, material)
 
+    def test_a_moment_of_an_animation(self):
+        scene = self.source("builtin:forest?trees=20&wind=1")
+        rays = rays_at(scene.info)
+        wanted = [scene.trace(rays, fields=("t",), time=time, intersector="opaque")["t"] for time in (0.25, 1.5)]
+        self.assertGreater((wanted[0] != wanted[1]).sum(), 50)
+        self.client.json("export", scene.name, "-o", self.scenes / "late.rnscene.json", "--time", 1.5, "--animation", 0)
+        for time, path, t in ((0.25, self.scenes / "early.glb", wanted[0]), (None, self.scenes / "late.rnscene.json", wanted[1])):
+            if time is not None:
+                with warnings.catch_warnings():
+                    warnings.simplefilter("ignore")
+                    scene.export(path, time=time)
+            found = self.source(path).trace(rays, fields=("t",), intersector="opaque")["t"]
+            np.testing.assert_array_equal(np.isfinite(found), np.isfinite(t))
+            np.testing.assert_allclose(found[np.isfinite(t)], t[np.isfinite(t)], rtol=1e-5)
+        for words, said in ((("--time", "1e9"), "runs from 0"), (("--animation", "0"), "--time")):
+            done = self.client.run("export", scene.name, "-o", self.scenes / "never.glb", *words)
+            self.assertIn(said, done.stderr)
+            self.assertNotEqual(done.returncode, 0)
+
     def test_the_command_line_and_what_is_refused(self):
         self.load("soup.obj", obj(*self.soup(20, 3)))
         made = self.client.json("export", "soup", "-o", self.scenes / "cli.rnscene.json")

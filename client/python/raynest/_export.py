@@ -3,8 +3,9 @@ from __future__ import annotations
 
 import os
 import pathlib
-from typing import Any, Union
+from typing import Any, Optional, Union
 
+from ._requests.arguments import real
 from ._requests.files import path_text
 from ._requests.job import Progress
 from ._requests.picture import Picture
@@ -20,11 +21,12 @@ class Exports:
     name: str
     _client: Session
 
-    def export(self, path: Union[str, os.PathLike[str]], *, epoch: int = 0,
-               progress: Progress = None) -> dict[str, Any]:
+    def export(self, path: Union[str, os.PathLike[str]], *, epoch: int = 0, time: Optional[float] = None,
+               animation: Union[str, int] = "", progress: Progress = None) -> dict[str, Any]:
         """Writes the scene to a .glb (binary glTF 2.0), or to a .rnscene.json, which keeps the scene's origin,
-        with a .glb beside it. If there is no such .rnscene.json yet, that .glb must not exist either. Returns
-        scene, epoch, hash, glb (its path), bytes and notes: what the file lacks. Warnings say that, too."""
+        with a .glb beside it. If there is no such .rnscene.json yet, that .glb must not exist either. With `time` it
+        is the scene at this second of its animation. Returns scene, epoch, hash, glb (its path), bytes and notes: what
+        the file lacks. Warnings say that, too."""
         text = path_text("path", path)
         glb = text[:-len(COMPOSITION)] + ".glb" if text.endswith(COMPOSITION) else text
         if not glb.endswith(".glb") or os.path.basename(glb) == ".glb":
@@ -33,7 +35,9 @@ class Exports:
             raise UsageError(f"{glb!r} exists, and the composition would replace it: name another file, or move it away")
         if glb != text and set(os.path.basename(glb)) & set(":\\"):
             raise UsageError(f"a composition cannot name {os.path.basename(glb)!r}: leave ':' and '\\' out of the name")
-        message = {"scene": self.name, "epoch": epoch, "format": "glb"}
+        message: dict[str, Any] = {"scene": self.name, "epoch": epoch, "format": "glb", "animation": str(animation)}
+        if time is not None:
+            message.update(timed=True, time=real("time", time))
         file = self._file(message, progress)
         composition: dict[str, Any] = {}
         if glb != text:
