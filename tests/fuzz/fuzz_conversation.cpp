@@ -4,45 +4,30 @@
 // surroundings, and the bytes after it are its arguments. Most frames are valid, so that programs
 // get deep; any of them may be damaged in transit. The last byte chooses the role of the client. A
 // model of the promises to a client checks the daemon's frames, and that no role gets more than it
-// may.
+// may. The daemon stays from one input to the next. What the client may change, the scene "mine", is
+// loaded anew for each, so that an input does the same whatever came before it.
+#include "protocol/text.h"
+#include "tests/fuzz/client_messages.h"
 #include "tests/fuzz/target.h"
 #include "tests/golden/examples.h"
 #include "tests/unit/server/small_daemon.h"
 
 #include <algorithm>
 #include <array>
+#include <chrono>
 #include <map>
+#include <memory>
 #include <optional>
 #include <span>
+#include <utility>
+#include <vector>
 
 using namespace raynest;
+using namespace raynest::fuzz;
 
 namespace {
 
 constexpr std::size_t steps_max = 200;
-/// Requests use ids from 1 to this, so that ids collide.
-constexpr std::uint64_t ids = 4;
-
-/// The input, byte by byte; zeros after its end.
-class Program {
-public:
-    explicit Program(std::span<const std::uint8_t> bytes) : bytes_(bytes) {}
-    [[nodiscard]] bool ended() const { return bytes_.empty(); }
-    std::uint8_t byte() {
-        if (bytes_.empty()) return 0;
-        const std::uint8_t first = bytes_.front();
-        bytes_ = bytes_.subspan(1);
-        return first;
-    }
-    std::uint64_t below(std::uint64_t end) { return byte() % end; }
-    template <std::size_t n>
-    const char* word(const std::array<const char*, n>& words) {
-        return words[below(n)];
-    }
-
-private:
-    std::span<const std::uint8_t> bytes_;
-};
 
 protocol::Limits small_limits() {
     protocol::Limits limits;
@@ -53,118 +38,6 @@ protocol::Limits small_limits() {
     return limits;
 }
 
-// ---- messages of a client
-
-std::unique_ptr<wire::JobT> job(Program& program) {
-    auto job = std::make_unique<wire::JobT>();
-    job->scene = "forest";
-    job->intersector = program.word<4>({"auto", "opaque", "alpha_mask", "procedural_mask"});
-    job->traversal = program.word<5>({"auto", "single", "stream", "packet", "reference"});
-    job->priority = program.word<3>({"normal", "low", "high"});
-    job->epoch = program.below(3);
-    job->deadline_ms = program.below(8) == 1 ? 1 : 0;
-    return job;
-}
-
-wire::QueryT query(Program& program) {
-    constexpr std::array<const char*, 12> columns = {"t",   "prim",  "path",     "uv",
-                                                     "ng",  "front", "position", "flags",
-                                                     "hit", "nodes", "total",    "rejects"};
-    wire::QueryT query;
-    query.job = job(program);
-    query.kind = program.word<3>({"closest", "any", "multi"});
-    for (std::uint64_t count = program.below(4); count > 0; --count)
-        query.fields.emplace_back(program.word(columns));
-    query.max_hits = static_cast<std::uint32_t>(1 + program.below(256));
-    query.ray_count = 1 + program.below(200);
-    return query;
-}
-
-protocol::Frame rays(Program& program, std::uint64_t id, std::uint64_t first) {
-    protocol::Bulk bulk;
-    const std::array<std::uint32_t, 3> widths = {8, 6, 3};
-    bulk.add("rays", wire::Dtype::f32, widths[program.below(widths.size())], 1 + program.below(80));
-    bulk.allocate();
-    constexpr std::array<float, 16> numbers = {0,     1,      -1,     0.5F,   2,     5,  0.1F, 10,
-                                               1e30F, -1e30F, 1e-38F, 1e-45F, -0.0F, 20, 4,    3};
-    std::array<float, 8> ray{};
-    for (float& value : ray) value = numbers[program.below(numbers.size())];
-    const std::span<float> values = bulk.block_as<float>(0);
-    for (std::size_t i = 0; i < values.size(); ++i) values[i] = ray[i % 8];
-    wire::QueryRaysT message;
-    message.first_ray = first;
-    // Half of the frames state values that their rays lack, or contain.
-    if (program.below(2) == 0)
-        message.origin = std::make_unique<wire::Vec3>(ray[0], ray[1], ray[2]);
-    if (program.below(2) == 0) message.tmin = ray[3], message.tmax = ray[4];
-    return protocol::encode(id, std::move(message), std::move(bulk)).value();
-}
-
-template <class Picture>
-Picture picture(Program& program) {
-    Picture picture;
-    picture.job = job(program);
-    picture.camera = std::make_unique<wire::CameraT>();
-    picture.camera->look_at = true;
-    picture.camera->eye = std::make_unique<wire::Vec3>(5.0F, 5.0F, 5.0F);
-    picture.camera->at = std::make_unique<wire::Vec3>(0.0F, 0.0F, 0.0F);
-    picture.width = static_cast<std::uint32_t>(1 + program.below(80));
-    picture.height = static_cast<std::uint32_t>(1 + program.below(40));
-    picture.encode = "raw";
-    return picture;
-}
-
-wire::LoadT load(Program& program) {
-    wire::LoadT load;
-    load.source = program.word<4>({"a.glb", "builtin:flake", "root:a.glb", "a.npy"});
-    load.name = "new";
-    load.replace = program.below(2) == 0;
-    for (std::uint64_t files = program.below(4); files > 0; --files) {
-        load.file_names.push_back(std::to_string(files) + ".bin");
-        load.file_hashes.push_back(0xCBF29CE484222325ULL);
-        load.file_bytes.push_back(64 * program.below(64));
-    }
-    // Digests of nothing, so that the corpus keeps its meaning without a byte more.
-    if (load.replace) load.file_digests.assign(32 * load.file_names.size(), 7);
-    return load;
-}
-
-wire::ExportT export_of(Program& program) {
-    wire::ExportT message;
-    message.scene = program.word<3>({"forest", "forest", "gone"});
-    message.format = program.word<4>({"glb", "rnscene.json", "glb", "obj"});
-    message.file = program.word<4>({"a.glb", "", "a/b.glb", "../a.glb"});
-    message.epoch = program.below(3);
-    return message;
-}
-
-protocol::Frame upload(Program& program, std::uint64_t id) {
-    wire::UploadT piece;
-    piece.file = static_cast<std::uint32_t>(program.below(4));
-    piece.offset = 64 * program.below(64);
-    protocol::Bulk bulk;
-    bulk.add("data", wire::Dtype::u8, 1, 64 * program.below(64));
-    bulk.allocate();
-    std::ranges::fill(bulk.block(0), std::byte{7});
-    return protocol::encode(id, std::move(piece), std::move(bulk)).value();
-}
-
-protocol::Frame example(Program& program) {
-    static const std::vector<golden::Example> examples = golden::examples();
-    protocol::Frame copy = golden::copy(examples[program.below(examples.size())].frame);
-    if (const std::uint64_t other = program.below(2 * ids); other < ids)
-        copy.header.request_id = other;
-    return copy;
-}
-
-void damage(Program& program, protocol::Frame& frame) {
-    for (std::uint64_t count = 1 + program.below(3); count > 0; --count) {
-        const std::size_t at = program.byte() + std::size_t{256} * program.below(2);
-        if (at < frame.control.size())
-            frame.control.data()[at] = static_cast<std::byte>(program.byte());
-    }
-}
-
 // ---- promises to a client
 
 /// The least role that may receive an answer of this type.
@@ -173,6 +46,7 @@ server::Role role_of_answer(std::uint16_t type) {
         case wire::Message::Need:
         case wire::Message::Loaded:
         case wire::Message::Unloaded:
+        case wire::Message::Edited:
             return server::Role::user;
         case wire::Message::AdminReport:
             return server::Role::admin;
@@ -218,6 +92,11 @@ public:
                 // A refused second use of an id does not end the first.
                 request.running = request.running && runner.knows(frame.header.request_id);
                 return;
+            case wire::Message::Edited: {
+                const auto edited = protocol::open<wire::Edited>(frame).value();
+                fuzz::require(edited->epoch() == ++epoch_);
+                return;
+            }
             default:
                 return;
         }
@@ -236,7 +115,24 @@ private:
 
     const server::Role role_;
     std::uint64_t window_ = 0;
+    std::uint64_t epoch_ = 1;  ///< of the scene "mine"
     std::map<std::uint64_t, Request> requests_;
+};
+
+/// The scene "mine" of the client's principal, while an input runs.
+class OwnScene {
+public:
+    explicit OwnScene(test::SmallDaemon& daemon) : daemon_(daemon) {
+        static const std::shared_ptr<const Snapshot> scene = test::build_scene(test::tree_scene());
+        const auto made = daemon_.scenes.publish("mine", scene, {.temporary = true}, caller_);
+        fuzz::require(made && made->epoch == 1);
+    }
+    ~OwnScene() { daemon_.scenes.disconnect(caller_); }
+    OwnScene(const OwnScene&) = delete;
+
+private:
+    test::SmallDaemon& daemon_;
+    const server::ConnectionId caller_{"me", daemon_.scenes.connect()};
 };
 
 class Connection {
@@ -313,12 +209,22 @@ private:
                 return example(program);
             case 14:
                 return say(export_of(program));
+            case 15: {
+                const wire::EditT message = edit(program);
+                edits_[id] = {message.rows, message.vertex_counts.empty() ? 0U : 4U};
+                return say(message);
+            }
+            case 16:
+                return edit_rows(program, id, edits_[id].first, edits_[id].second);
             default:
                 return std::nullopt;
         }
     }
 
     void receive(protocol::Frame frame) {
+        // Administrators may edit any scene, and that of the examples is for all inputs.
+        const auto edited = protocol::open<wire::Edit>(frame);
+        if (edited && protocol::text((*edited)->scene()) == "forest") return;
         const bool greeted = conversation_.greeted();
         const auto credit = protocol::open<wire::Credit>(frame);
         if (credit) model_.granted(frame.header.request_id, (*credit)->bytes());
@@ -365,6 +271,7 @@ private:
     const server::Role role_;
     Model model_;
     std::map<std::uint64_t, std::uint64_t> sent_rays_;
+    std::map<std::uint64_t, std::pair<std::uint32_t, std::uint32_t>> edits_;  ///< rows, vertices
 };
 
 /// Most programs are those of a user.
@@ -378,7 +285,8 @@ server::Role role_of(const std::uint8_t* data, std::size_t size) {
 
 std::vector<fuzz::Input> fuzz::seeds() {
     // Hello, then: two queries with their rays; two pictures; an upload; a query without rays; the
-    // two exports of a scene, the first one's credit in two parts.
+    // two exports of a scene, the first one's credit in two parts; two edits beside a query of what
+    // they change, and edits that add a scene, deform a mesh, and are refused.
     const Input hello = {12, 0, 0, 7};
     const std::vector<Input> programs = {
         {0, 1, 0, 0, 0, 0, 1, 0, 0, 3, 0, 1, 2, 7, 5, 2, 1, 5, 3, 3, 5, 0, 0, 0, 2, 8, 30, 0},
@@ -388,6 +296,13 @@ std::vector<fuzz::Input> fuzz::seeds() {
         {10, 2, 0, 1, 2, 1, 2, 11, 2, 0, 0, 1, 11, 2, 1, 0, 2, 30, 0},
         {0, 1, 0, 0, 0, 0, 1, 0, 0, 0, 0, 9, 29, 0, 61, 7, 1, 31, 0, 255},
         {14, 1, 0, 0, 0, 0, 30, 0, 6, 1, 255, 12, 30, 0, 14, 2, 0, 1, 0, 0, 30, 0},
+        {15, 1, 0, 0,  1, 1, 1, 0, 0, 0, 0, 16, 1, 1, 1, 0, 0, 0, 2,  2, 0, 1,
+         3,  0, 0, 15, 2, 0, 0, 0, 0, 0, 0, 0,  0, 0, 0, 1, 0, 0, 1,  0, 4, 0,
+         0,  0, 9, 16, 2, 3, 0, 2, 0, 0, 0, 2,  0, 0, 0, 0, 2, 8, 30, 0},
+        {15, 1,  0, 0,  0, 1, 1, 0, 0, 0, 16, 1, 4, 0,  0, 1, 0, 3, 6, 0, 2, 5,  0,
+         0,  30, 0, 15, 2, 0, 2, 0, 0, 0, 0,  1, 0, 16, 2, 7, 0, 0, 0, 0, 0, 30, 0},
+        {15, 1, 0, 0, 1,  0, 0,  0, 1, 0, 0, 16, 1, 5, 1, 0, 0,  0, 0, 0, 1, 2, 0, 1, 2,  0, 1,
+         2,  0, 1, 2, 30, 0, 15, 2, 0, 0, 0, 0,  0, 0, 0, 0, 16, 2, 0, 0, 0, 0, 7, 0, 30, 0},
     };
     std::vector<Input> seeds;
     for (const Input& program : programs) {
@@ -403,6 +318,7 @@ int LLVMFuzzerTestOneInput(const std::uint8_t* data, std::size_t size) {
     Program program({data, size});
     daemon.waiting = 0;
     {
+        const OwnScene mine(daemon);
         Connection connection(daemon, role_of(data, size));
         for (std::size_t step = 0; step < steps_max && !program.ended() && !connection.closing();
              ++step)
