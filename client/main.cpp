@@ -1,4 +1,5 @@
 // raynest: the command line. Parses, connects, runs one subcommand, ends with its exit code.
+#include "client/commands/by_python.h"
 #include "client/commands/commands.h"
 #include "client/commands/may_repeat.h"
 #include "client/commands/parse.h"
@@ -102,6 +103,13 @@ Failure become_dask(const Options& options) {
 Result<void> connect_and_run(Options options) {
     if (const auto* merge = std::get_if<MergeOptions>(&options.command))
         return tl::unexpected<Failure>(become_merge(*merge));
+    const auto* query = std::get_if<QueryOptions>(&options.command);
+    if (query != nullptr && !is_by_python(*query)) query = nullptr;
+    if (query != nullptr) {
+        if (!options.dask.empty())
+            return fail(Exit::usage, "--dask goes without --returns, --times and their like");
+        if (auto fits = check_by_python(*query); !fits) return fits;
+    }
     if (!options.dask.empty()) return tl::unexpected<Failure>(become_dask(options));
     std::optional<LocalDaemon> local;
     if (options.local) {
@@ -123,6 +131,10 @@ Result<void> connect_and_run(Options options) {
         access->token = std::move(*token);
         if (auto secret = check_secrecy(options.server, access->token); !secret) return secret;
     }
+    if (query != nullptr)
+        return tl::unexpected<Failure>(
+            become_query(*query, {options.server, *access, local ? local->folder() : "",
+                                  options.local ? 0 : options.reconnect, options.json}));
     std::optional<SshTunnel> tunnel;
     std::string uri = options.server;
     if (uri.starts_with("ssh://")) {

@@ -19,6 +19,7 @@
 #include <memory>
 #include <optional>
 #include <string>
+#include <utility>
 #include <variant>
 #include <vector>
 
@@ -92,6 +93,11 @@ struct QueryOptions {
     std::uint32_t max_hits = 0;      ///< 0: the kind's default
     std::vector<std::string> fields;
     PartOption part;
+    /// Arguments of raynest.returns.measure() (by_python.h), and their values as JSON
+    std::vector<std::pair<std::string, std::string>> measure;
+    std::string prefer;      ///< nearest | strongest
+    std::string times_file;  ///< of rays that are sent
+    double time_step = 0;    ///< seconds; 0: each ray has its own time
 };
 struct HeatmapOptions : PictureOptions {
     std::string metric, palette, scale, range, count;

@@ -3,6 +3,7 @@
 #include "client/requests/query.h"
 
 #include "client/arguments/shared_options.h"
+#include "client/commands/by_python.h"
 #include "client/commands/deliver.h"
 #include "client/files/files.h"
 #include "client/files/points.h"
@@ -191,6 +192,7 @@ void declare(CommandLine& line, QueryOptions& query) {
     add_point(line, "--from", "start of all rays; --rays then holds their directions",
               [&query](const WorldPoint& point) { query.from = point; })
         .needs(file);
+    add_measure(line, query);
     line.add_option(
         "--masks", query.masks_file,
         "FILE.npy of shape (N,): a mask for each ray or point that is sent; bits that --mask lacks "

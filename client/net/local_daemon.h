@@ -19,6 +19,8 @@ public:
     static Result<LocalDaemon> start();
 
     [[nodiscard]] std::string uri() const { return "unix:" + (folder_.path() / "socket").string(); }
+    /// The folder of the socket, for a program that this process becomes: it must do what hide() does.
+    [[nodiscard]] std::string folder() const { return folder_.path().string(); }
     /// Removes the folder once the client is connected, so that nothing stays behind even where
     /// this process is killed. Nobody can connect after that.
     void hide() { folder_.remove(); }

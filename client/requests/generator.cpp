@@ -90,6 +90,10 @@ Result<void> take(Generate& to, const std::string& key, const std::string& value
         (key == "elevations" ? to.elevations : to.azimuths) = value;
         return {};
     }
+    if (key == "azimuths" && to.message.kind == "sweep" && value.find(':') == std::string::npos)
+        return fail(Exit::usage, "azimuths: '" + value +
+                                     "' is not START:STOP:COUNT; angles in any order are a file: "
+                                     "azimuths=FILE.npy");
     const auto counts = std::ranges::find(counts_of_sent, key, &CountOfSent::key);
     if (counts != counts_of_sent.end())
         return fail(Exit::usage, key + " counts what a program sends; on the command line it is " +

@@ -3,7 +3,6 @@ from __future__ import annotations
 
 import asyncio
 import contextlib
-import json
 import logging
 import os
 import sys
@@ -17,8 +16,9 @@ import numpy as np
 from ._deal import PATIENCE, Deal, Part, known_to
 from ._prepared import Prepared
 from ._requests.files import STANDARD
+from ._told import carry_out
 from ._workers import Carried, Setup, command, distributed
-from .errors import ConnectError, Error, FailedError, UsageError, Warning
+from .errors import ConnectError, Error, FailedError, UsageError
 from .merge import merge
 
 PARTS_PER_THREAD = 4
@@ -153,40 +153,12 @@ def main(words: Sequence[str]) -> int:
     logging.disable(logging.CRITICAL)
     threading.excepthook = lambda _: None
     sys.unraisablehook = lambda _: None
-    notes: list[str] = []
-
-    def show(message: Any, category: type[BaseException], *_: Any, **__: Any) -> None:
-        if issubclass(category, Warning):
-            notes.append(str(message))
-    warnings.showwarning = show
-    warnings.simplefilter("always")
-    try:
-        line, document = run(address, int(parts_max), scene, out, rest, shows=sys.stderr.isatty() and not as_json)
-    except KeyboardInterrupt:
-        return _fail(Error("interrupted", "INTERRUPTED"), 130, as_json)
-    except Error as error:
-        return _fail(error, error.exit_code, as_json)
-    except Exception as error:      # of Dask: a line of it is what the user can use
-        said = str(error).strip().splitlines()
-        return _fail(FailedError(f"Dask failed: {type(error).__name__}: {said[0] if said else 'it said nothing'}"), 1, as_json)
-    document["notes"] += [note for note in notes if note not in document["notes"]]
-    if as_json:
-        print(json.dumps(document, separators=(",", ":")))
-    else:
-        for note in document["notes"]:
-            print(f"raynest: {note}", file=sys.stderr)
-        print(line)
-    return 0
-
-
-NAMES: dict[int, str] = {2: "USAGE", 3: "CANNOT_CONNECT", 5: "FILE_INVALID", 7: "DEADLINE", 130: "INTERRUPTED"}
-
-
-def _fail(error: Error, exit_code: int, as_json: bool) -> int:
-    if as_json:
-        told = {"code": error.code or 1000 + exit_code, "name": error.name or NAMES.get(exit_code, "FAILED"),
-                "message": str(error)}
-        print(json.dumps({"error": told}, separators=(",", ":")), file=sys.stderr)
-    else:
-        print(f"raynest: {error}", file=sys.stderr)
-    return exit_code
+    def work() -> tuple[str, dict[str, Any]]:
+        try:
+            return run(address, int(parts_max), scene, out, rest, shows=sys.stderr.isatty() and not as_json)
+        except Error:
+            raise
+        except Exception as error:      # of Dask: a line of it is what the user can use
+            said = str(error).strip().splitlines()
+            raise FailedError(f"Dask failed: {type(error).__name__}: {said[0] if said else 'it said nothing'}") from None
+    return carry_out(work, as_json)

@@ -1,0 +1,198 @@
+#include "client/commands/by_python.h"
+
+#include "client/files/files.h"
+#include "client/ground/json.h"
+#include "client/ground/numbers.h"
+#include "client/ground/python.h"
+#include "client/output/output_file.h"
+#include "client/requests/scene_source.h"
+#include "client/requests/tables.h"
+
+#include <sys/mman.h>
+#include <unistd.h>
+
+#include <algorithm>
+#include <array>
+#include <cerrno>
+#include <charconv>
+#include <cmath>
+#include <cstring>
+#include <limits>
+#include <utility>
+
+namespace raynest::client {
+namespace {
+
+/// An option of `query` and the argument of measure() that it is.
+struct MeasureWord {
+    const char* option;
+    const char* argument;
+    const char* text;
+    bool is_whole = false;
+};
+constexpr std::array measure_words = {
+    MeasureWord{"--returns", "returns",
+                "most returns of a beam of --generate lidar or sweep: makes a row for each return "
+                "instead of each ray, with intensity; by the Python package, for -o FILE",
+                true},
+    MeasureWord{"--divergence", "divergence", "radians by which a beam spreads, in all (0)"},
+    MeasureWord{"--footprint", "footprint", "rays that trace a beam that spreads (19)", true},
+    MeasureWord{"--resolution", "resolution",
+                "surfaces of a beam that are nearer to each other make one return (0.3)"},
+    MeasureWord{"--threshold", "threshold", "least share of a beam that makes a return (0)"},
+    MeasureWord{"--noise", "noise", "standard deviation of the distances (0)"},
+    MeasureWord{"--seed", "seed", "seed of the noise (0)", true}};
+
+std::string read_measure(const MeasureWord& word, const std::string& text, QueryOptions& query) {
+    Json value;
+    if (word.is_whole) {
+        std::uint64_t number = 0;
+        const char* const end = text.data() + text.size();
+        const auto [last, error] = std::from_chars(text.data(), end, number);
+        if (error != std::errc{} || last != end) return "'" + text + "' is not a whole number";
+        value = number;
+    } else {
+        const auto number = parse_world(text, 1, 1, "a number");
+        if (!number) return number.error().message;
+        if (!std::isfinite(number->front())) return "'" + text + "' is not finite";
+        value = number->front();
+    }
+    query.measure.emplace_back(word.argument, value.dump());
+    return "";
+}
+
+/// What QueryOptions holds, as raynest._query reads it.
+Json document_of(const QueryOptions& query, const DaemonPlace& place) {
+    const JobOptions& job = query.job;
+    const TlsOptions& tls = place.access.tls;
+    Json access{{"verify", tls.verify}, {"reconnect", place.reconnect}};
+    const auto add = [](Json& to, const char* name, const auto& value, const auto& absent) {
+        if (value != absent) to[name] = value;
+    };
+    const std::string none;
+    add(access, "token", place.access.token, none);
+    add(access, "ca", tls.ca, none);
+    add(access, "cert", tls.certificate, none);
+    add(access, "key", tls.key, none);
+    Json asked = Json::object();
+    add(asked, "intersector", job.intersector, none);
+    add(asked, "traversal", job.traversal, none);
+    add(asked, "mask", job.mask, 0xFFFFFFFFU);
+    add(asked, "epoch", job.epoch, std::uint64_t{0});
+    add(asked, "worker", job.worker, none);
+    add(asked, "priority", job.priority, none);
+    add(asked, "deadline", job.deadline, 0.0);
+    add(asked, "hide", job.hide, std::vector<std::string>());
+    add(asked, "only", job.only, std::vector<std::string>());
+    add(asked, "skip_hidden_boxes", job.skip_hidden_boxes, false);
+    add(asked, "animation", job.animation, none);
+    if (job.time) asked["time"] = *job.time;
+    if (query.time_step != 0) asked["time_step"] = query.time_step;
+    Json measure = Json::object(), tables = Json::object();
+    for (const auto& [argument, value] : query.measure) measure[argument] = Json::parse(value);
+    if (!query.prefer.empty()) measure["prefer"] = query.prefer;
+    for (const TableOption& table : job.tables) tables[table.name] = table.values;
+    Json rays = Json::array();
+    for (WorldRay ray : query.rays) {
+        // JSON has no infinity, and float32 no larger number.
+        ray[7] = std::min(ray[7], double{std::numeric_limits<float>::max()});
+        rays.push_back(ray);
+    }
+    return Json{{"server", place.uri},
+                {"access", std::move(access)},
+                {"folder", place.folder},
+                {"json", place.json},
+                {"scene", job.scene},
+                {"is_source", is_source(job.scene)},
+                {"job", std::move(asked)},
+                {"set", job.settings},
+                {"tables", std::move(tables)},
+                {"generate", query.generate},
+                {"measure", std::move(measure)},
+                {"rays", std::move(rays)},
+                {"rays_file", query.rays_file},
+                {"from", query.from ? Json(*query.from) : Json()},
+                {"masks_file", query.masks_file},
+                {"times_file", query.times_file},
+                {"kind", query.kind.empty() ? Json() : Json(query.kind)},
+                {"max_hits", query.max_hits == 0 ? Json() : Json(query.max_hits)},
+                {"fields", query.fields},
+                {"output", query.output}};
+}
+
+bool measures(const QueryOptions& query) {
+    return !query.measure.empty() || !query.prefer.empty();
+}
+
+}  // namespace
+
+void add_measure(CommandLine& line, QueryOptions& query) {
+    for (const MeasureWord& word : measure_words)
+        line.add_parsed(
+                word.option,
+                [&query, &word](const std::string& text) {
+                    return read_measure(word, text, query);
+                },
+                word.text)
+            .type_name("NUMBER");
+    line.add_option("--prefer", query.prefer, "which returns a beam keeps (nearest)")
+        .one_of({"nearest", "strongest"});
+    line.add_option("--times", query.times_file,
+                    "FILE.npy of shape (N,): for each ray that is sent the moment of the scene's "
+                    "animation, in seconds; by the Python package, for -o FILE.npz");
+    line.add_number("--time-step", query.time_step, 1e-9, 1e9, "a number from 1e-9 to 1e9",
+                    "seconds: the scene stands still for so long, with --times, or with --returns "
+                    "in a sweep, during which it moves then");
+}
+
+bool is_by_python(const QueryOptions& query) {
+    return measures(query) || !query.times_file.empty() || query.time_step != 0;
+}
+
+Result<void> check_by_python(const QueryOptions& query) {
+    const bool is_measured = measures(query), is_timed = !query.times_file.empty();
+    const std::string word = is_measured ? "--returns" : is_timed ? "--times" : "--time-step";
+    const auto without = [&](bool given, const char* option) -> Result<void> {
+        if (!given) return {};
+        return fail(Exit::usage, word + " and its like go without " + option);
+    };
+    if (!is_measured && !is_timed)
+        return fail(Exit::usage, "--time-step is for --times and --returns");
+    if (is_measured && is_timed)
+        return fail(Exit::usage, "--times are of rays that are sent: leave it out, or --returns");
+    if (is_measured && query.generate.empty())
+        return fail(Exit::usage, "--returns and its like need --generate lidar or sweep");
+    if (is_timed && !query.generate.empty())
+        return fail(Exit::usage,
+                    "--times are of rays that are sent: --generate has those of its sensor");
+    for (const auto& [given, option] : {std::pair{query.job.detach, "--detach"},
+                                        {query.part.count != 0, "--part"},
+                                        {!query.reduce.empty(), "--reduce"},
+                                        {is_timed && query.job.time.has_value(), "--time"},
+                                        {is_measured && !query.kind.empty(), "--kind"},
+                                        {is_measured && query.max_hits != 0, "--max-hits"},
+                                        {is_measured && !query.masks_file.empty(), "--masks"}})
+        if (auto fits = without(given, option); !fits) return fits;
+    if (is_measured && !query.step_error.empty())
+        return fail(Exit::usage, "--returns goes without --step-error: say --time-step SECONDS");
+    if (query.output.empty() || is_stdout(query.output) ||
+        (is_timed && extension_of(query.output) != ".npz"))
+        return fail(Exit::usage, word + (is_timed ? " needs -o FILE.npz" : " needs -o FILE"));
+    return check_writable(query.output);
+}
+
+Failure become_query(QueryOptions query, const DaemonPlace& place) {
+    if (auto read = read_tables(query.job.settings, query.job.tables); !read) return read.error();
+    const std::string document = document_of(query, place).dump();
+    // A word of a command line is seen by all, and is short.
+    const int file = ::memfd_create("query", 0);
+    if (file < 0 ||
+        ::write(file, document.data(), document.size()) != static_cast<ssize_t>(document.size()))
+        return failure(Exit::failed,
+                       std::string("cannot tell Python the query: ") + std::strerror(errno));
+    std::vector<std::string> words = {"/dev/fd/" + std::to_string(file)};
+    if (place.json) words.insert(words.begin(), "--json");
+    return become_python("raynest._query", std::move(words));
+}
+
+}  // namespace raynest::client

@@ -1,0 +1,31 @@
+// Queries that the Python package makes of several requests: what a lidar measures, with the words of
+// raynest.returns.measure(), and rays with times of their own.
+#pragma once
+
+#include "client/arguments/command_line.h"
+#include "client/commands/commands.h"
+
+#include <string>
+
+namespace raynest::client {
+
+/// Adds the options that make it one.
+void add_measure(CommandLine& line, QueryOptions& query);
+
+/// True for such a query.
+[[nodiscard]] bool is_by_python(const QueryOptions& query);
+/// Fails where an option does not go with it.
+Result<void> check_by_python(const QueryOptions& query);
+
+/// Where the daemon is.
+struct DaemonPlace {
+    std::string uri;
+    const Access& access;
+    std::string folder;  ///< of a daemon for this command alone: removed once it is reached
+    double reconnect = 0;
+    bool json = false;
+};
+/// Makes this process the Python program that carries it out. Returns only where that fails.
+Failure become_query(QueryOptions query, const DaemonPlace& place);
+
+}  // namespace raynest::client

@@ -1,0 +1,47 @@
+"""A command of raynest that this package carries out: its notes, its answer and its errors, as `raynest` tells them."""
+from __future__ import annotations
+
+import json
+import sys
+import warnings
+from typing import Any, Callable
+
+from .errors import Error, Warning
+
+NAMES: dict[int, str] = {2: "USAGE", 3: "CANNOT_CONNECT", 5: "FILE_INVALID", 7: "DEADLINE", 130: "INTERRUPTED"}
+
+
+def carry_out(work: Callable[[], tuple[str, dict[str, Any]]], as_json: bool) -> int:
+    """Prints the line that `work` returns, or with --json the document, and its warnings. Returns the exit code."""
+    notes: list[str] = []
+
+    def show(message: Any, category: type[BaseException], *_: Any, **__: Any) -> None:
+        if issubclass(category, Warning):
+            notes.append(str(message))
+    warnings.showwarning = show
+    warnings.simplefilter("always")
+    try:
+        line, document = work()
+    except KeyboardInterrupt:
+        return _fail(Error("interrupted", "INTERRUPTED"), 130, as_json)
+    except Error as error:
+        return _fail(error, error.exit_code, as_json)
+    said = document.get("notes", [])
+    document["notes"] = [*said, *(note for note in notes if note not in said)]
+    if as_json:
+        print(json.dumps(document, separators=(",", ":")))
+    else:
+        for note in document["notes"]:
+            print(f"raynest: {note}", file=sys.stderr)
+        print(line)
+    return 0
+
+
+def _fail(error: Error, exit_code: int, as_json: bool) -> int:
+    if as_json:
+        told = {"code": error.code or 1000 + exit_code, "name": error.name or NAMES.get(exit_code, "FAILED"),
+                "message": str(error)}
+        print(json.dumps({"error": told}, separators=(",", ":")), file=sys.stderr)
+    else:
+        print(f"raynest: {error}", file=sys.stderr)
+    return exit_code
