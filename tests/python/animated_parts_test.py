@@ -76,7 +76,7 @@ class AnimatedParts(WithDaemon):
             fields = ("hit",) if kind == "any" else ("t", "path", "hit", "direction")
             made = scene.trace(RAIN, kind=kind, fields=fields, time=times, mask=np.arange(len(RAIN)) % 2)
             told = dict(self.client.outcome)
-            self.assertEqual((told["rays"], told["hits"] > 20), (len(RAIN), True))
+            self.assertEqual((told["rays"], told["rows"], told["hits"] > 20), (len(RAIN), len(RAIN), True))
             for number in range(0, len(RAIN), 97):
                 alone = scene.trace(RAIN[number:number + 1], kind=kind, fields=fields, time=times[number], mask=number % 2)
                 first, end = (made["ray_splits"][number:number + 2] if kind == "all" else (number, number + 1))
@@ -89,6 +89,11 @@ class AnimatedParts(WithDaemon):
         wanted = [scene.trace(RAIN[i:i + 1], time=t, fields=("t",))["t"][0] for i, t in enumerate((.1, .1, .1, .95, .95))]
         np.testing.assert_array_equal(made, wanted)
         self.assertEqual(len(scene.trace(np.zeros((0, 6)), time=[], fields=("t",))["t"]), 0)
+        some = RAIN[:6].copy()
+        some[[2, 5], 4:7] = 0
+        with self.assertWarns(raynest.RayWarning):
+            scene.trace(some, time=[2, 2, 1, 0, 0, 0], fields=("t",))
+        self.assertEqual([self.client.outcome[name] for name in ("invalid", "first_invalid")], [2, 2])
         sweep = raynest.generators.lidar([0], (0, 360, 4))
         for rays, options, says in ((RAIN[:3], {"time": [0, 1]}, "for 3 rays"), (RAIN[:3], {"time": [0, 1, np.nan]}, "finite"),
                                     (RAIN[:3], {"time": [0, 1, 2], "time_step": 0}, "above 0"), (sweep, {"time": [0] * 4}, "its sensor"),

@@ -8,10 +8,8 @@ import numpy as np
 from ._net.frame import Array
 from ._requests.arguments import is_several, numbers, real
 from ._requests.columns import OF_HITS
+from ._requests.job import SUMS
 from .errors import UsageError
-
-# These add up over several requests, in their outcome.
-_SUMS = ("rays", "hits", "misses", "invalid", "truncated", "seconds")
 
 
 def trace_at_times(trace: Callable[..., dict[str, Array]], outcome: Callable[[], dict[str, Any]], rays: Any,
@@ -32,19 +30,24 @@ def trace_at_times(trace: Callable[..., dict[str, Array]], outcome: Callable[[],
     at, of = _stretches(times, options.get("time_step"))
     parts: list[tuple[Array, dict[str, Array]]] = []
     sums: dict[str, Any] = {}
+    invalid: list[int] = []
     for number, time in enumerate(at):
         rows = np.flatnonzero(of == number)
         some = [each if each is None or each.ndim == 1 else each[rows] for each in (rays, directions)]
         more = {} if mask is None else {"mask": np.asarray(mask)[rows] if is_several("mask", mask) else mask}
         parts.append((rows, trace(*some, time=float(time), **given, **more)))
         given["epoch"] = outcome()["epoch"]  # all meet one epoch
-        for name in _SUMS:
+        if outcome().get("invalid"):
+            invalid.append(int(rows[outcome()["first_invalid"]]))
+        for name in SUMS:
             sums[name] = sums.get(name, 0) + outcome().get(name, 0)
         if progress:
             progress(number + 1, len(at), "tracing")
     if not parts:
         return trace(rays, directions, **given)
     outcome().update({name: total for name, total in sums.items() if name in outcome()})
+    if invalid:
+        outcome()["first_invalid"] = min(invalid)
     return _joined(parts, count)
 
 

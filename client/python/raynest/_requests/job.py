@@ -40,6 +40,10 @@ class JobOptions(TypedDict, total=False):
     skip_hidden_boxes: Optional[bool]  # boxes that lead to what is hidden alone are not tested, nor counted
 
 
+# These add up over several requests, in their outcome.
+SUMS = ("rays", "hits", "misses", "invalid", "truncated", "rows", "seconds")
+
+
 class Outcome(dict[str, Any]):
     """Describes the job that ran, with the keys of `raynest --json`: intersector, target, traversal,
     epoch, rays, hits, misses, seconds, notes, ... A heat map adds metric, min, mean, p50, p99, max
@@ -90,7 +94,7 @@ class Outcome(dict[str, Any]):
     def following(self, earlier: Outcome) -> Outcome:
         """The outcome of a stream, of which this is that of the last block."""
         whole = Outcome(self)
-        for key in ("rays", "hits", "misses", "invalid", "truncated", "rows", "seconds"):
+        for key in SUMS:
             if key in earlier:
                 whole[key] = earlier[key] + self.get(key, 0)
         if "first_invalid" in earlier:
