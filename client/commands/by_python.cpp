@@ -61,7 +61,7 @@ std::string read_measure(const MeasureWord& word, const std::string& text, Query
     return "";
 }
 
-/// What QueryOptions holds, as raynest._query reads it.
+/// The words that QueryOptions holds, as raynest._query reads it.
 Json document_of(const QueryOptions& query, const DaemonPlace& place) {
     const JobOptions& job = query.job;
     const TlsOptions& tls = place.access.tls;

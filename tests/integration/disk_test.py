@@ -210,7 +210,7 @@ class Disk(WithState):
         for _ in range(2):
             self.client.fails(6, "could not be stored in the state folder: Permission denied; see to its disk", *more)
             self.client.fails(6, "the stored scene could not be read: Permission denied; try again", "info", "stored")
-        # What is in memory is served, and no scene counts as damaged.
+        # A scene in memory is served, and no scene counts as damaged.
         self.assertEqual(self.hits("held"), hits["held"])
         self.assertEqual({name: scene["state"] for name, scene in self.scenes().items()},
                          {"stored": "disk", "held": "memory"})
