@@ -201,10 +201,10 @@ private:
         auto manifest = Manifest::open(target_.manifest(), true);
         if (!manifest) return damaged;
         manifest_.emplace(std::move(*manifest));
-        auto rows = manifest_->rows();
-        if (!rows) return damaged;
+        auto stored = manifest_->rows();
+        if (!stored) return damaged;
         std::set<std::string> unknown(wanted_.begin(), wanted_.end());
-        for (StoredScene& row : *rows) {
+        for (StoredScene& row : *stored) {
             if (stop.requested()) return refuse(Code::cancelled, "");
             unknown.erase(full_name(row));
             if (!wanted_.empty() && std::ranges::find(wanted_, full_name(row)) == wanted_.end())

@@ -169,12 +169,12 @@ def _write(path: str, made: dict[str, Array], fields: Sequence[str]) -> int:
     lacking = [name for name in fields if name not in made and name != "position"]
     if lacking:
         raise UsageError(f"there is no column {lacking[0]}: there are {', '.join(made)}")
-    columns = {name: made[name] for name in fields if name in made}
+    columns = {name: made[name] for name in ("ray_splits", *fields) if name in made}
     try:
         if ending not in _POINTS:
             with open(path, "wb") as file:
                 np.savez(file, **columns)
-            return len(next(iter(columns.values()), ()))
+            return len(next(reversed(columns.values()), ()))
         if "position" not in columns:
             raise UsageError(f"{path} needs the column position among --fields")
         return points.save(path, columns.pop("position"), **columns)
