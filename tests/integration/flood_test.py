@@ -29,7 +29,7 @@ class StandingReader(Programs):
         folder = pathlib.Path(self.enterContext(tempfile.TemporaryDirectory(prefix="raynest-test-")))
         reader, writer = os.pipe()
         self.addCleanup(os.close, reader)
-        fcntl.fcntl(writer, fcntl.F_SETPIPE_SZ, 4096)
+        fcntl.fcntl(writer, fcntl.F_SETPIPE_SZ, 8192)
         daemon = subprocess.Popen(
             [self.raynestd, "--listen", "tcp://127.0.0.1:0", "--http", "off", "--cuda", "off", "--log-level", "debug",
              "--ready-file", folder / "ready"], stdin=subprocess.DEVNULL, stdout=writer, stderr=writer)
@@ -38,12 +38,14 @@ class StandingReader(Programs):
         self.addCleanup(daemon.kill)
         until((folder / "ready").exists)
         client = Client(self.raynest, json.loads((folder / "ready").read_text())["listen"][0])
-        for number in range(40):    # of some 100 bytes of log or more each
+        for number in range(40):    # of more than 200 bytes of log each
             client.json("load", "builtin:flake", "--name", f"flake-{number}")
+        self.assertIn(b" started ", os.read(reader, 1 << 16))
+        # What was left out is counted once there is room.
+        client.json("unload", "flake-1")
+        self.assertIn(b"log_lines_lost", os.read(reader, 1 << 16))
         daemon.terminate()
         daemon.wait(PATIENCE)
-        # The lines that are there are whole, and the first ones.
-        self.assertIn(b"ready", os.read(reader, 1 << 16))
 
 
 class Flood(Programs):

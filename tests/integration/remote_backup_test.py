@@ -177,7 +177,7 @@ class RemoteBackup(WithState):
                 (row,) = manifest.execute(f"SELECT {columns} FROM scenes")
                 for number, (owner, scene) in enumerate((("x" * 4000, "y"), ("x", "y" * 4000), ("x", "b/c"))):
                     made = [row[0] + 1 + number, owner, scene, "public", *row[4:]]
-                    text = "\n".join(f"{value:.17g}" if isinstance(value, float) else str(value) for value in made)
+                    text = "\n".join(str(value).removesuffix(".0") for value in made)
                     manifest.execute(f"INSERT INTO scenes ({columns}, checksum) VALUES ({', '.join('?' * 12)})",
                                      [*made, checksum(text)])
                 manifest.commit()
