@@ -56,6 +56,23 @@ class MovingScene(WithDaemon):
                     whole[name][rays] = column
         return whole
 
+    def test_a_sensor_that_stands_has_one_pose(self):
+        beams, pose = ([-10.0, 0, 5], (0, 360, 200)), standing(0, 2, 0)
+        once, twice = ([7.0], [pose]), ([0.5, 0.75], [pose, pose])
+        for given, wanted in zip(sweeps.lidar(*beams, begin=.5, end=.75, trajectory=once),
+                                 sweeps.lidar(*beams, begin=.5, end=.75, trajectory=twice)):
+            np.testing.assert_array_equal(given, wanted)
+        motion = {"begin": .5, "end": .75, "scans": 2, "step_error": .1}
+        shutter = {"size": (40, 30), "begin": .5, "end": .75, "step_error": .1}
+        fields = ("t", "path", "origin", "direction", "time")
+        later = [.5, 1.0], [pose, pose]
+        for given, wanted in ((generators.lidar(*beams, pose=pose, **motion), generators.sweep(*beams, trajectory=later, **motion)),
+                              (generators.sweep(*beams, trajectory=once, **motion), generators.sweep(*beams, trajectory=later, **motion)),
+                              (generators.rolling_shutter(30.0, trajectory=once, **shutter),
+                               generators.rolling_shutter(30.0, trajectory=later, **shutter))):
+            self.same(self.street.trace(given, fields=fields), self.street.trace(wanted, fields=fields))
+            self.assertIn("steps per", " ".join(self.client.outcome["notes"]))
+
     def test_answers_are_those_of_a_request_for_each_step(self):
         channels, columns, scans = 7, 90, 3
         trajectory = drive(1.0)

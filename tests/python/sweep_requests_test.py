@@ -276,7 +276,8 @@ class SweepRequests(WithDaemon):
         for settings, said in (({"trajectory": trajectory, "pose": np.eye(4)}, "in motion goes without pose"),
                                ({"trajectory": trajectory, "azimuth_offsets": [0, 1, 2]}, "one for each of the 4 elevations"),
                                ({"trajectory": trajectory, "origin_offsets": np.zeros((3, 3))}, "one for each of the 4 elevations"),
-                               ({"end": 0.1}, "end goes with a trajectory"), ({"step_error": 0.1}, "goes with a trajectory")):
+                               ({"end": 0.1, "look_at": ([0, 0, 0], [1, 0, 0])}, "with end goes without look_at"),
+                               ({"step_error": 0.1, "camera": ""}, "with step_error goes without camera")):
             with self.assertRaisesRegex(raynest.UsageError, said):
                 generators.lidar(ELEVATIONS, **settings)
 

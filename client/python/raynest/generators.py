@@ -180,25 +180,25 @@ def lidar(elevations: Any, azimuths: Any = (0.0, 360.0, 2048), *,
     (C, 3) move them within the head. Ray c * count + j is channel c at azimuth j; `ring` of this object is the
     channel of each ray, and as one of `fields` a column of the answer.
 
-    With a `trajectory` it moves while it turns, as sweep() has it, which takes begin, end, scans and step_error too.
+    With a `trajectory` it moves while it turns, as sweep() has it, which takes begin, end, scans and step_error too. With
+    these alone it stands at `pose`, while the scene may move.
 
     `azimuths` may also be an array of other than three angles, in any order, also clockwise, and `elevations` more than
     fit into a text: that is a sweep() which stands still at `pose`. A sweep goes without camera and look_at."""
     motion: dict[str, Any] = {name: value for name, value in (("begin", begin), ("end", end), ("scans", scans),
                                                               ("step_error", step_error)) if value is not None}
-    if motion and trajectory is None:
-        raise UsageError(f"{next(iter(motion))} goes with a trajectory")
     turn = turn_of(azimuths) if isinstance(azimuths, tuple) or np.shape(azimuths) in ((3,), ()) else None
-    if trajectory is not None or turn is None or np.size(elevations) > _limits.list_items_max:
+    if trajectory is not None or motion or turn is None or np.size(elevations) > _limits.list_items_max:
         is_moving = trajectory is not None
         if given := [name for name, value in (("pose", is_moving and sensor.get("pose") is not None),
                                               *((key, sensor.get(key) is not None) for key in ("camera", "look_at"))) if value]:
-            raise UsageError(f"a lidar {'in motion' if is_moving else 'whose angles are a list'} goes without "
+            kind = "in motion" if is_moving else f"with {next(iter(motion))}" if motion else "whose angles are a list"
+            raise UsageError(f"a lidar {kind} goes without "
                              f"{' and '.join(given)}; `{'trajectory' if is_moving else 'pose'}` says where it stands")
         if not is_moving:
             pose = sensor.get("pose")
             trajectory = [0.0], (np.eye(3, 4) if pose is None else numbers("pose", pose))[None]
-            motion = {"begin": 0.0, "end": 0.0}
+            motion = motion or {"begin": 0.0, "end": 0.0}
         return sweep(elevations, turn or azimuths, azimuth_offsets=azimuth_offsets, origin_offsets=origin_offsets,
                      trajectory=trajectory, tmin=sensor.get("tmin"), tmax=sensor.get("tmax"), **motion)
     columns = turn[2]
@@ -247,6 +247,8 @@ def sweep(elevations: Any, azimuths: Any = (0.0, 360.0, 2048), *, azimuth_offset
     sensor is at the column's time. Scans follow each other in time: column j of A of scan n is measured at
     begin + (end - begin) (n A + j) / A, and ray (n C + c) A + j is channel c of C there. `ring` and `time` of this
     object have a row per ray; as `fields` they are columns of the answer. The offsets of channels are those of lidar().
+
+    A trajectory of one pose is a sensor that stands there at all times.
 
     With `step_error` an animated scene moves during the sweep, in steps. In each step the scene stands where it is
     in the middle of the step, so that no part is further than `step_error`, in the scene's units, from where it is
@@ -320,6 +322,10 @@ class _Way(NamedTuple):
                 raise UsageError(f"a step_error of {step_error}: it must be finite and above 0")
             settings["step_error"] = _exact_text("step_error", step_error)
         times = begin + (end - begin) * np.arange(scans * lines) / lines
+        if len(known) == 1:     # it stands there at all times
+            known = np.unique(times[[0, -1]])
+            poses = np.repeat(poses, len(known), axis=0)
+            settings["poses"] = str(len(known))
         if times[0] < known[0] or times[-1] > known[-1]:
             raise UsageError(f"the {kind} lasts from {times[0]} to {times[-1]}, the trajectory from {known[0]} to {known[-1]}")
         start = numbers("the trajectory's poses", trajectory[1])[:1, :3, 3]

@@ -42,7 +42,8 @@ def lidar(elevations: Any, azimuths: Any = (0.0, 360.0, 2048), *, begin: float =
     (start, stop, count), where stop itself is left out, or an array (A,) in any order, also clockwise. Column j is
     measured at begin + (end - begin) * j / A. `trajectory` is (times, poses): ascending times (K,), and rigid poses
     (K, 3, 4) or (K, 4, 4) from the sensor's space (x ahead, y left, z up) to the world. Between them positions are
-    interpolated along lines and rotations along the shortest arc, in float64."""
+    interpolated along lines and rotations along the shortest arc, in float64. A sensor that stands has one pose, which is
+    its pose at all times."""
     heights, around = finite("elevations", elevations, _limits.sweep_channels_max), _azimuths(azimuths)
     begin, end = real("begin", begin), real("end", end)
     if not -np.inf < begin <= end < np.inf:
@@ -99,16 +100,16 @@ def known_poses(trajectory: Any) -> tuple[Array, Array]:
 
 
 def poses_at(trajectory: Any, times: Any) -> Array:
-    """Returns the poses (N, 3, 4) of a trajectory at `times` (N,), which lie within it."""
+    """Returns the poses (N, 3, 4) of a trajectory at `times` (N,), which lie within it, unless it is one pose alone."""
     known, poses = known_poses(trajectory)
     turns = poses[:, :, :3]
     at = numbers("times", times).astype(np.float64)
     if at.ndim != 1 or not np.isfinite(at).all():
         raise UsageError(f"times of shape {at.shape} must be (N,) and finite")
-    if len(at) and (at.min() < known[0] or at.max() > known[-1]):
-        raise UsageError(f"the sweep lasts from {at.min()} to {at.max()}, the trajectory from {known[0]} to {known[-1]}")
     if len(known) == 1:
         return np.repeat(poses, len(at), axis=0)
+    if len(at) and (at.min() < known[0] or at.max() > known[-1]):
+        raise UsageError(f"the sweep lasts from {at.min()} to {at.max()}, the trajectory from {known[0]} to {known[-1]}")
     last = np.clip(np.searchsorted(known, at, side="right"), 1, len(known) - 1)
     share = ((at - known[last - 1]) / (known[last] - known[last - 1]))[:, None]
     made = np.empty((len(at), 3, 4))
