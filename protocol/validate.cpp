@@ -29,6 +29,7 @@ void check_info(Checks& checks, const wire::SceneInfo& info) {
         .name("up", info.up())
         .names("variants", info.variants())
         .name("variant", info.variant())
+        .text("last_edit", info.last_edit())
         .finite("origin", info.origin_x())
         .finite("origin", info.origin_y())
         .finite("origin", info.origin_z());

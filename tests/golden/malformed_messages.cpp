@@ -293,10 +293,14 @@ void add_bad_numbers(Table& table) {
     edit.scene = "forest";
     edit.rows = 1;
     edit.vertex_counts = {8, 4};
-    for (const std::vector<std::uint32_t>& counts :
-         std::vector<std::vector<std::uint32_t>>{{7, 0}, {8}, {8, 4, 0}, {0, ~0U}}) {
+    const std::pair<const char*, std::vector<std::uint32_t>> unfit[] = {
+        {"Edit with fewer normals than vertices", {7, 0}},
+        {"Edit with normals of one mesh of two", {8}},
+        {"Edit with normals of a mesh too many", {8, 4, 0}},
+        {"Edit with more normals than vertices", {0, ~0U}}};
+    for (const auto& [name, counts] : unfit) {
         edit.normal_counts = counts;
-        table.spoilt("Edit with normals that do not fit its vertices", edit, Code::invalid_field);
+        table.spoilt(name, edit, Code::invalid_field);
     }
 }
 
