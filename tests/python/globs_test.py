@@ -93,6 +93,22 @@ class Globs(WithDaemon):
         with self.assertRaisesRegex(raynest.Error, f"epoch {other.epoch}, not {edit.epoch}"), late:
             pass
 
+    def test_a_mesh_of_few_of_its_vertices_takes_those(self):
+        points = np.random.default_rng(3).uniform(-1, 1, (1000, 3)).astype(np.float32)
+        faces = np.array([[0, 500, 999], [7, 500, 3], [998, 2, 4]])
+        # A scene with spheres is sent in a form that keeps all vertices.
+        for scene, wanted in ((self.client.mesh(points, faces), points[np.unique(faces)]),
+                              (self.client.scene_of({"mesh": (points, faces)}), points[np.unique(faces)]),
+                              (self.client.scene_of({"mesh": (points, faces), "ball": raynest.Spheres([[9, 0, 0]], 1)}), points)):
+            with scene.edit() as edit:
+                edit.set_vertices("mesh", wanted + np.float32([0, 8, 0]))
+            middle = points[faces].mean(axis=1) + (0, 8, 0)
+            ways = np.cross(*(points[faces[:, i]] - points[faces[:, 0]] for i in (1, 2)))
+            rays = np.hstack([middle + 1e-3 * ways, -ways])
+            hits = scene.trace(rays, fields=("prim", "t"))
+            self.assertEqual(hits["prim"].tolist(), [0, 1, 2])
+            np.testing.assert_allclose(hits["t"], 1e-3, rtol=1e-2)
+
 
 if __name__ == "__main__":
     main()

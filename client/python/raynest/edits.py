@@ -117,7 +117,10 @@ class Edit:
         """Moves the vertices of meshes: (N, 3) in the object's own coordinates, as many as the mesh has and in
         the same order. A mesh with several placements changes only at those that `which` names. `normals` are (N, 3),
         of any finite length, for a mesh that has normals; without them its normals are computed anew, at each vertex
-        from the triangles around it. Not for a scene with an origin."""
+        from the triangles around it. Not for a scene with an origin. A mesh that an animation deforms, by a skin or
+        morph targets, has the animation's vertices in requests with `time`, and these in all others. A mesh with more
+        vertices than its faces have corners, from a glTF, mesh() or scene_of() of meshes alone, has only those that
+        faces use: pass vertices[np.unique(faces)]."""
         points = _triples("vertices", vertices)
         directions = points[:0] if normals is None else _triples("normals", normals)
         if normals is not None and len(directions) != len(points):

@@ -159,8 +159,9 @@ Result<void> check_vertices(const Snapshot& scene, const std::vector<MeshVertice
         const std::uint64_t count = vertex_count(view, object);
         if (mesh.vertices.positions.size() != count)
             return fail(ErrorCode::field_invalid,
-                        fmt::format("{} has {} vertices, {} are given", name, count,
-                                    mesh.vertices.positions.size()));
+                        fmt::format("{} has {} vertices, {} are given (of a glTF or an array that "
+                                    "faces use few vertices of, it has those alone)",
+                                    name, count, mesh.vertices.positions.size()));
         const auto is_sound = [](const Vec3& p) {
             const Vec3 reach = glm::abs(p);
             return reach.x <= coordinate_max && reach.y <= coordinate_max &&
