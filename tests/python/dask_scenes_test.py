@@ -13,6 +13,7 @@ import warnings
 import numpy as np
 
 import raynest
+from daemon import PATIENCE
 from with_cluster import WithCluster, many
 from with_daemon import main, rain
 
@@ -170,7 +171,7 @@ class OnlyHere(WithCluster):
         cluster = self.cluster(1)
         small = self.setup._replace(options=("--threads", "1", "--memory", "64M"))
         with self.assertRaisesRegex(raynest.BusyError, r"^the worker \S+ has no room for the scene, whose files have \d+ MB: "):
-            self.traced(cluster, hills(1000), setup=small)
+            self.traced(cluster, hills(1000), setup=small, patience=PATIENCE)
 
 
 def street(edit, step):
