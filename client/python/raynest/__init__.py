@@ -19,6 +19,7 @@ from .errors import (BusyError, CancelledError, ConnectError, DeadlineError, Err
                      InvalidError, NotAllowedError, ProtocolError, RayWarning, SceneWarning,
                      UsageError)
 from ._requests.film import Layers
+from ._requests.materials import Material, Mesh
 from ._requests.places import Place, Records, Spheres
 from ._render import read_layers
 from .images import Heatmap, Image
@@ -29,6 +30,6 @@ if sys.byteorder != "little":
     raise ImportError("raynest: columns travel as they lie in memory: little endian machines only")
 
 __all__ = ["BusyError", "CancelledError", "Client", "ConnectError", "DeadlineError", "Error",
-           "FailedError", "Heatmap", "Image", "InvalidError", "Job", "Layers", "NotAllowedError", "Place", "ProtocolError",
-           "RayWarning", "Records", "Scene", "SceneWarning", "Spheres", "Uids", "UsageError", "compat", "connect", "generators",
-           "logout", "points", "read_layers", "returns", "sweeps", "__version__"]
+           "FailedError", "Heatmap", "Image", "InvalidError", "Job", "Layers", "Material", "Mesh", "NotAllowedError",
+           "Place", "ProtocolError", "RayWarning", "Records", "Scene", "SceneWarning", "Spheres", "Uids", "UsageError", "compat",
+           "connect", "generators", "logout", "points", "read_layers", "returns", "sweeps", "__version__"]

@@ -17,6 +17,7 @@ from ._travel import PIECE_BYTES, PIECE_SECONDS, keys_of_changes, keys_of_file
 from ._requests.files import read_file
 from ._requests.job import Progress
 from ._requests.loads import Load, load_of_file, load_of_mesh, load_of_parts
+from ._requests.materials import Mesh
 from ._requests.precision import rounding_warning
 from ._workers import Carried, Source, named
 from .edits import Change, Edit
@@ -57,6 +58,7 @@ class Prepared:
             found, path = load_of_mesh(*scene, **load), ""
         elif hasattr(scene, "vertices") and hasattr(scene, "faces"):
             self._mesh = scene.vertices, scene.faces
+            load = {"material": scene.material, **load} if isinstance(scene, Mesh) else load
             found, path = load_of_mesh(scene.vertices, scene.faces, **load), ""
         elif isinstance(scene, (bytes, bytearray, memoryview)):
             found, path = load_of_file("", data=memoryview(scene).cast("B"), **load), ""

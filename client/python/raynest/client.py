@@ -17,6 +17,7 @@ from ._net.reconnect import seconds_of
 from ._requests.arguments import Masks, milliseconds, none_is_default
 from ._requests.job import Progress
 from ._requests.loads import Load, load_of_file, load_of_mesh, load_of_parts
+from ._requests.materials import Material
 from ._requests.precision import rounding_warning
 from ._requests.upload import Sender
 from ._requests.words import check_listed, rows_of, scene_info, variant_info
@@ -127,10 +128,11 @@ class Client(Session):
         return scene
 
     @none_is_default
-    def mesh(self, vertices: Any, faces: Any = None, name: Optional[str] = None, *, origin: Any = None,
+    def mesh(self, vertices: Any, faces: Any = None, name: Optional[str] = None, *,
+             material: Optional[Material] = None, origin: Any = None,
              keep: bool = False, replace: bool = False, build: str = "medium", up: str = "y",
              progress: Progress = None) -> Scene:
-        """Loads triangles: vertices (N, 3), faces (M, 3). The column prim is a row of faces.
+        """Loads triangles: vertices (N, 3), faces (M, 3), with a raynest.Material. The column prim is a row of faces.
 
         float64 vertices become float32 after `origin` was subtracted, as in load(). A SceneWarning says
         when they lose digits that matter, or, if they are float32, have lost them before. Equal content is
@@ -139,9 +141,10 @@ class Client(Session):
         connection. A name keeps it in the daemon; so does `keep`, under a name that its content and `build`
         give it. The Scene refers to the arrays until it is closed, for raynest.dask.
         """
-        load = load_of_mesh(vertices, faces, name, origin=origin, keep=keep, replace=replace, build=build, up=up)
+        load = load_of_mesh(vertices, faces, name, material=material, origin=origin, keep=keep, replace=replace, build=build,
+                            up=up)
         scene, info = self._load(load, progress)
-        scene.made = (vertices, faces), {"origin": origin, "build": build, "up": up}
+        scene.made = (vertices, faces), {"material": material, "origin": origin, "build": build, "up": up}
         lost = rounding_warning(vertices, faces, scene.origin, info["degenerate_triangles"])
         if lost:
             warn(lost, SceneWarning)
@@ -155,6 +158,7 @@ class Client(Session):
         """Loads a scene made of parts, which Scene.edit() can move.
 
         `parts` are meshes by name: (vertices, faces), or an object that has both, such as a mesh of trimesh; or
+        raynest.Mesh(vertices, faces, material=raynest.Material("steel", (0.6, 0.6, 0.6))); or
         raynest.Spheres(centres, radii), or raynest.Records(primitive, rows) of another type. A part that is a dict of
         places is a group, of any parts and of other groups: {"car": {"body": "body", "wheel": ("wheel", wheels)}}.
 

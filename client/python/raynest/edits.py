@@ -14,8 +14,8 @@ from ._net.connection import Connection
 from ._net.control import Message
 from ._net.frame import Array
 from ._paths import Paths
-from ._requests.arguments import numbers, user_ids, whole, whole_numbers
-from ._requests.places import check_name, matrices_of
+from ._requests.arguments import check_name, numbers, user_ids, whole, whole_numbers
+from ._requests.places import matrices_of
 from ._requests.upload import FileSender
 from ._session import Session
 from .errors import InvalidError, ProtocolError, UsageError

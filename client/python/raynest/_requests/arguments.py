@@ -6,6 +6,7 @@ import functools
 import inspect
 import math
 import operator
+import re
 import reprlib
 from typing import TYPE_CHECKING, Any, Callable, Iterable, Mapping, Optional, TypeVar, Union, cast
 
@@ -25,6 +26,9 @@ else:
 
             def __class_getitem__(cls, _options: object) -> type:
                 return cls
+
+# Control characters, which paths cannot show, and halves of a character, which no UTF-8 has.
+_UNFIT = re.compile("[\0-\x1f\x7f-\x9f\ud800-\udfff]")
 
 Call = TypeVar("Call", bound=Callable[..., Any])
 
@@ -59,6 +63,13 @@ def none_is_default(function: Call, more: Iterable[str] = ()) -> Call:
                    for name, value in options.items()}
         return function(*first, *arguments[len(names):], **options)
     return cast(Call, call)
+
+
+def check_name(what: str, name: Any) -> None:
+    if not isinstance(name, str) or not name:
+        raise TypeError(f"{reprlib.repr(name)} is no name of {what}: it must be a text")
+    if found := _UNFIT.search(name):
+        raise UsageError(f"{reprlib.repr(name)} is no name of {what}: leave {found[0]!r} out, which is no visible character")
 
 
 def whole(what: str, value: Any, most: int, least: int = 1) -> int:

@@ -3,7 +3,7 @@ from __future__ import annotations
 
 import io
 import json
-from typing import Any, Iterator, Optional
+from typing import Any, Iterator, Optional, Union
 
 import numpy as np
 
@@ -11,7 +11,7 @@ from .. import _limits
 from .._net.frame import Array
 from ..errors import UsageError
 from .arguments import float32
-from .gltf import JSON_BYTES_MAX, triangles
+from .gltf import JSON_BYTES_MAX, mesh_glb, triangles
 from .npz import write_npz
 from .parts import shift_of
 from .places import Parts, Place, Spheres
@@ -25,9 +25,14 @@ def composition_of(parts: Parts, origin: Optional[Array], up: str) -> tuple[File
     files = [File("parts.rnscene.json", b"")]
     objects: dict[str, Any] = {}
     for name, mesh in parts.meshes.items():
-        points, corners = triangles(*mesh, f"the part {name!r}: ")
+        points, corners = triangles(mesh.vertices, mesh.faces, f"the part {name!r}: ")
         if not np.isfinite(float32(points)).all():
             raise UsageError(f"the part {name!r} has vertices that are not finite in float32")
+        if mesh.material:
+            moved = shift_of(points, origin)
+            glb = mesh_glb(points, corners, moved, material=mesh.material, name=name)
+            objects[name] = {"file": _keep(files, glb, ".glb"), "up": up, **_origin_of(moved)}
+            continue
         points, shift = _kept(points, points, origin)
         objects[name] = {"file": _keep(files, _npz(vertices=points, faces=corners.astype("<u4")), ".npz"), **shift}
     for name, records in parts.records.items():
@@ -50,7 +55,11 @@ def composition_of(parts: Parts, origin: Optional[Array], up: str) -> tuple[File
 def _kept(rows: Array, points: Array, origin: Optional[Array]) -> tuple[Array, dict[str, Any]]:
     """Rows as they are sent, and the origin to take from their points before these become float32."""
     shift = shift_of(points, origin)
-    return (rows.astype("<f8"), {"origin": shift.tolist()}) if shift.any() else (float32(rows), {})
+    return rows.astype("<f8") if shift.any() else float32(rows), _origin_of(shift)
+
+
+def _origin_of(shift: Array) -> dict[str, Any]:
+    return {"origin": shift.tolist()} if shift.any() else {}
 
 
 def _instances(files: list[File], places: dict[str, Place]) -> list[dict[str, Any]]:
@@ -81,7 +90,7 @@ def _entries(files: list[File], name: str, place: Place) -> Iterator[dict[str, A
         yield entry
 
 
-def _keep(files: list[File], data: bytes, ending: str) -> str:
+def _keep(files: list[File], data: Union[bytes, memoryview], ending: str) -> str:
     files.append(File(f"{len(files)}{ending}", data))
     return files[-1].name
 

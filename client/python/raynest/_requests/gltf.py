@@ -8,13 +8,14 @@ from __future__ import annotations
 import json
 import re
 import struct
-from typing import Any, NoReturn
+from typing import Any, NoReturn, Optional
 
 import numpy as np
 
 from .._net.frame import Array
 from ..errors import InvalidError, UsageError
 from .arguments import array_of, is_masked
+from .materials import Material
 
 JSON_BYTES_MAX = 64 << 20
 NAME_BYTES_MAX = 1024
@@ -22,7 +23,7 @@ NAME_BYTES_MAX = 1024
 GLB, JSON, BIN = 0x46546C67, 0x4E4F534A, 0x004E4942
 _ESCAPE = re.compile(rb"%([0-9A-Fa-f]{2})?")
 FLOAT, UINT = 5126, 5125
-_HEAD_BYTES = 2048  # of a mesh's .glb before its vertices: two headers, the JSON and a third header
+_HEAD_BYTES = 2048  # of a mesh's .glb before its vertices, without names: two headers, the JSON and a third header
 
 
 def _refuse(why: str) -> NoReturn:
@@ -126,16 +127,20 @@ def triangles(vertices: Any, faces: Any, whose: str = "") -> tuple[Array, Array]
     return points, corners
 
 
-def mesh_glb(vertices: Any, faces: Any, origin: Array = np.zeros(3)) -> memoryview:
+def mesh_glb(vertices: Any, faces: Any, origin: Array = np.zeros(3), material: Optional[Material] = None,
+             name: str = "") -> memoryview:
     """Returns a mesh as a .glb: vertices (N, 3), faces (M, 3) of indices. `origin` is subtracted
     before the vertices become float32 and is the position of their node, so that they stay in
     place. Triangle i of the scene is row i of `faces`."""
     points, corners = triangles(vertices, faces)
     moves = bool(origin.any())
+    named: dict[str, Any] = {"name": name} if name else {}
+    painted: dict[str, Any] = {"materials": [material.as_gltf()]} if material else {}
+    head_bytes = _HEAD_BYTES + (len(json.dumps([named, painted])) + 3) // 4 * 4 if named or painted else _HEAD_BYTES
     position_bytes, index_bytes = 4 * points.size, 4 * corners.size
     # Written in place: copies of a large mesh would take as long as all the rest.
-    whole = np.empty(_HEAD_BYTES + position_bytes + index_bytes, np.uint8)
-    body = whole[_HEAD_BYTES:]
+    whole = np.empty(head_bytes + position_bytes + index_bytes, np.uint8)
+    body = whole[head_bytes:]
     positions = body[:position_bytes].view("<f4").reshape(points.shape)
     with np.errstate(over="ignore", invalid="ignore"):
         positions[...] = points - origin if moves else points
@@ -154,7 +159,8 @@ def mesh_glb(vertices: Any, faces: Any, origin: Array = np.zeros(3)) -> memoryvi
         "asset": {"version": "2.0"}, "scene": 0, "scenes": [{"nodes": [0]}],
         "nodes": [{"mesh": 0, "name": "mesh",
                    **({"translation": origin.tolist()} if moves else {})}],
-        "meshes": [{"primitives": [{"attributes": {"POSITION": 0}, "indices": 1}]}],
+        "meshes": [{**named, "primitives": [{"attributes": {"POSITION": 0}, "indices": 1,
+                                             **({"material": 0} if material else {})}]}], **painted,
         "accessors": [
             {"bufferView": 0, "componentType": FLOAT, "type": "VEC3", "count": len(positions),
              "min": low.tolist(), "max": high.tolist()},
@@ -164,10 +170,10 @@ def mesh_glb(vertices: Any, faces: Any, origin: Array = np.zeros(3)) -> memoryvi
             {"buffer": 0, "byteOffset": position_bytes, "byteLength": index_bytes}],
         "buffers": [{"byteLength": len(body)}]}
     text = json.dumps(document).encode()
-    text = text.ljust(_HEAD_BYTES - 28)  # blanks to the chunk's end
+    text = text.ljust(head_bytes - 28)  # blanks to the chunk's end
     head = struct.pack("<5I", GLB, 2, len(whole), len(text), JSON) + text
     head += struct.pack("<2I", len(body), BIN)
-    whole[:_HEAD_BYTES] = np.frombuffer(head, np.uint8)
+    whole[:head_bytes] = np.frombuffer(head, np.uint8)
     return whole.data
 
 

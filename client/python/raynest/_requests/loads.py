@@ -13,6 +13,7 @@ from .arguments import Masks, mask_rules
 from .composed import composition_of
 from .files import path_text
 from .gltf import mesh_glb
+from .materials import Mesh, checked
 from .parts import parts_glb
 from .places import read_parts
 from .precision import ROUNDING_WORDS
@@ -53,15 +54,16 @@ def load_of_file(source: Union[str, os.PathLike[str]], name: Optional[str] = Non
         "share": split_principals(share) if isinstance(share, str) else list(share)}, upload.read)
 
 
-def load_of_mesh(vertices: Any, faces: Any = None, name: Optional[str] = None, *, origin: Any = None,
-                 keep: bool = False, replace: bool = False, build: str = "medium", up: str = "y") -> Load:
+def load_of_mesh(vertices: Any, faces: Any = None, name: Optional[str] = None, *, material: Any = None,
+                 origin: Any = None, keep: bool = False, replace: bool = False, build: str = "medium", up: str = "y") -> Load:
     """As Client.mesh() has it."""
     if faces is None and hasattr(vertices, "vertices") and hasattr(vertices, "faces"):
-        raise TypeError("vertices is a mesh: pass mesh.vertices and mesh.faces")
+        raise TypeError("vertices is a mesh: pass mesh.vertices and mesh.faces" +
+                        (", with material=mesh.material" if isinstance(vertices, Mesh) else ""))
     if faces is None:
         raise TypeError("mesh() takes vertices and faces")
     shift = np.zeros(3) if origin is None else vector("origin", origin)
-    upload = Upload("mesh.glb", name or "", (File("mesh.glb", mesh_glb(vertices, faces, shift)),))
+    upload = Upload("mesh.glb", name or "", (File("mesh.glb", mesh_glb(vertices, faces, shift, checked(material))),))
     message: Message = {**upload.message(), **_origin_message(shift), "replace": replace, "build": build,
                         "up": _axis(up), "temporary": not name and not keep}
     if not name:

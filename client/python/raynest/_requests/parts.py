@@ -10,7 +10,8 @@ import numpy as np
 from .arguments import float32
 from .._net.frame import Array
 from .gltf import BIN, FLOAT, GLB, JSON, JSON_BYTES_MAX, UINT, box_of, triangles
-from .places import Mesh, Place, matrices_of
+from .materials import Mesh, distinct
+from .places import Place, matrices_of
 from ..errors import UsageError
 
 
@@ -24,7 +25,15 @@ def parts_glb(meshes: dict[str, Mesh], places: dict[str, Place], origin: Optiona
     body: list[bytes] = []
     document: dict[str, Any] = {"asset": {"version": "2.0"}, "scene": 0, "meshes": [], "accessors": [],
                                 "bufferViews": []}
-    shifts = [_add_mesh(document, body, name, mesh, origin) for name, mesh in meshes.items()]
+    materials = distinct(meshes.values())
+    if materials:
+        document["materials"] = [material.as_gltf() for material in materials]
+    number_of = {material: number for number, material in enumerate(materials)}
+    shifts = []
+    for name, mesh in meshes.items():
+        shifts.append(_add_mesh(document, body, name, mesh, origin))
+        if mesh.material:
+            document["meshes"][-1]["primitives"][0]["material"] = number_of[mesh.material]
     numbers_of = {name: number for number, name in enumerate(meshes)}
     nodes: list[dict[str, Any]] = []
     for name, place in places.items():
@@ -66,7 +75,7 @@ def shift_of(points: Array, origin: Optional[Array]) -> Array:
 
 def _add_mesh(document: dict[str, Any], body: list[bytes], name: str, mesh: Mesh, origin: Optional[Array]) -> Array:
     """Returns what was taken from its vertices, (3,)."""
-    points, corners = triangles(*mesh, f"the part {name!r}: ")
+    points, corners = triangles(mesh.vertices, mesh.faces, f"the part {name!r}: ")
     shift = shift_of(points, origin)
     positions = float32(points - shift if shift.any() else points)
     low, high = box_of(positions)

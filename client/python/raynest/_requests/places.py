@@ -4,22 +4,18 @@ from __future__ import annotations
 import difflib
 import graphlib
 import itertools
-import re
 import reprlib
-from typing import Any, Mapping, NamedTuple, Optional, Union
+from typing import Any, Mapping, NamedTuple, Optional
 
 import numpy as np
 
-from .arguments import array_of, float32, numbers, user_ids, whole_numbers
+from .arguments import array_of, check_name, float32, numbers, user_ids, whole_numbers
+from .materials import Mesh, distinct
 from .._net.frame import Array
 from ..errors import UsageError
 
 _ALL = 2**32 - 1    # the mask of what every ray may enter
-# Control characters, which paths cannot show, and halves of a character, which no UTF-8 has.
-_UNFIT = re.compile("[\0-\x1f\x7f-\x9f\ud800-\udfff]")
 _EXAMPLES = 5       # of the names of parts in an error
-
-Mesh = tuple[Any, Any]  # vertices and faces
 
 
 class Records:
@@ -107,6 +103,7 @@ def read_parts(parts: Mapping[str, Any], places: Optional[Mapping[str, Any]]) ->
                 text: _place(f"{text!r} in the group {name!r}", text, place, parts) for text, place in part.items()}
             if not part:
                 raise UsageError(f"the group {name!r} is empty: give it places, as {{'wheel': ('wheel', matrices)}}")
+    distinct(made.meshes.values())
     held = {name: [place.part for place in group.values()] for name, group in made.groups.items()}
     try:
         graphlib.TopologicalSorter(held).prepare()
@@ -144,20 +141,15 @@ def matrices_of(what: str, value: Any) -> Array:
     return made
 
 
-def check_name(what: str, name: Any) -> None:
-    if not isinstance(name, str) or not name:
-        raise TypeError(f"{reprlib.repr(name)} is no name of {what}: it must be a text")
-    if found := _UNFIT.search(name):
-        raise UsageError(f"{reprlib.repr(name)} is no name of {what}: leave {found[0]!r} out, which is no visible character")
-
-
 def _mesh(name: str, part: Any) -> Mesh:
+    if isinstance(part, Mesh):
+        return part
     if hasattr(part, "vertices") and hasattr(part, "faces"):
-        return part.vertices, part.faces
+        return Mesh(part.vertices, part.faces)
     if not isinstance(part, (tuple, list)) or len(part) != 2:
-        raise TypeError(f"the part {name!r} must be (vertices, faces), or have both; raynest.Spheres or raynest.Records; or a "
+        raise TypeError(f"the part {name!r} must be (vertices, faces), or have both; raynest.Mesh, Spheres or Records; or a "
                         "group, a dict of places")
-    return part[0], part[1]
+    return Mesh(part[0], part[1])
 
 
 def _place(where: str, name: Any, place: Any, parts: Mapping[str, Any]) -> Place:
