@@ -115,7 +115,7 @@ class Films(DaemonTest):
         self.assertEqual(once, passes)
 
     def test_a_deadline_that_leaves_pixels_without_a_sample_is_told(self):
-        for deadline in ("0.1", "0.2", "0.4", "0.8"):   # a busy machine has not one sample in the first
+        for deadline in ("0.1", "0.2", "0.4", "0.8", "1.6", "3.2"):  # a busy machine has not one sample in the first
             done = self.client.run("--json", "render", "woods", "-o", self.out / "early.png", "--integrator", "path",
                                    "--spp", "65536", "--size", "1600x1600", "--deadline", deadline)
             if done.returncode != 7:
