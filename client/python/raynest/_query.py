@@ -11,6 +11,7 @@ import numpy as np
 from . import generators, points, returns
 from ._net.frame import Array
 from ._requests.loads import load_of_file
+from ._requests.npz import write_npz
 from ._told import carry_out
 from .client import Client, connect
 from .errors import FailedError, InvalidError, UsageError
@@ -173,7 +174,7 @@ def _write(path: str, made: dict[str, Array], fields: Sequence[str]) -> int:
     try:
         if ending not in _POINTS:
             with open(path, "wb") as file:
-                np.savez(file, **columns)
+                write_npz(file, columns)
             return len(next(reversed(columns.values()), ()))
         if "position" not in columns:
             raise UsageError(f"{path} needs the column position among --fields")
