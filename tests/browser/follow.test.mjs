@@ -49,7 +49,7 @@ browserTest("an edited scene is shown, and the page says that it was edited", as
   await page.waitForFunction(() => globalThis.raynest.selection.chosen);
   assert.equal((await record(page)).Hit, "yes");
   await daemon.json("edit", name, "--move", "inst=0=0,500,0", "--hide", "inst=1");
-  await says(page, "notice", `"${name}" was edited: changed the mask of inst=1; moved inst=0.`);
+  await says(page, "notice", `"${name}" was edited: changed the mask of new; moved old.`);
   await page.waitForFunction(() => document.querySelector("#record")?.textContent.includes("miss"));
 });
 

@@ -315,7 +315,7 @@ class Generators(WithDaemon):
                 ("width, height", lambda: generators.orthographic(5)),
                 ("channels", lambda: generators.lidar([])),
                 ("elevations", lambda: generators.lidar(np.zeros(4097))),
-                ("without azimuth_offsets and look_at", lambda: generators.lidar([0, 1], np.arange(9), azimuth_offsets=[1, 2], look_at=([0, 0, 1], [1, 0, 0]))),
+                ("whose angles are a list goes without look_at", lambda: generators.lidar([0, 1], np.arange(9), azimuth_offsets=[1, 2], look_at=([0, 0, 1], [1, 0, 0]))),
                 ("azimuths", lambda: generators.lidar([0], (0, 360, 65537))),
                 ("elevations", lambda: generators.lidar([0, 1], azimuth_offsets=[1])),
                 ("origin_offsets", lambda: generators.lidar([0], origin_offsets=[1])),

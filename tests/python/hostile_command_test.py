@@ -65,7 +65,7 @@ class Commands(WithFake):
                     for kind, fields, *columns in answer:
                         peer.send(kind, fields, **(columns[0] if columns else {}))
         done = subprocess.run([RAYNEST, "--quiet", "--reconnect", "0", "--server", self.fake(script), *words],
-                              stdin=subprocess.DEVNULL, capture_output=True, text=True, timeout=PATIENCE)
+                              stdin=subprocess.DEVNULL, capture_output=True, text=True, timeout=4 * PATIENCE)
         self.assertLess(resource.getrusage(resource.RUSAGE_CHILDREN).ru_maxrss, MEMORY_KIB)
         return done
 
