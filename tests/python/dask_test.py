@@ -401,7 +401,8 @@ class ManyHosts(WithCluster):
             waiting = cluster.client.submit(item, raynest.__version__, self.setup, many.prepare("builtin:forest?trees=3").source,
                                             "heatmap", None, {}, pure=False)
             key = waiting.key
-            until(lambda: "_load" in str(cluster.client.call_stack(keys=[key])))
+            # It asks for all keys, since the scheduler may not know this one yet.
+            until(lambda: any("_load" in str(stacks.get(key)) for stacks in cluster.client.call_stack().values()))
             waiting.release()
             until(lambda: not any(cluster.client.run(has_task, key).values()))
         self.same(self.traced(cluster), self.sweep)
