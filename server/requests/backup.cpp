@@ -23,7 +23,7 @@ namespace raynest::server {
 namespace {
 
 /// Bytes of memory for each byte of the manifest: its rows, and what a scene is in the file.
-constexpr std::uint64_t manifest_copies = 12;
+constexpr std::uint64_t memory_per_manifest_byte = 12;
 
 class BackupJob final : public Job {
 public:
@@ -75,7 +75,7 @@ private:
         auto copy = services_.state->copy();
         if (!copy) return refuse(copy.error());
         copy_ = std::move(*copy);
-        const std::uint64_t needed = manifest_copies * copy_->manifest_bytes;
+        const std::uint64_t needed = memory_per_manifest_byte * copy_->manifest_bytes;
         auto lease = services_.budget.reserve(needed, caller_.principal);
         if (!lease)
             return services_.budget.refuse("the list of what is backed up", needed,
