@@ -138,7 +138,8 @@ Reply<Answer> export_scene(const Services& services, const Caller& caller,
             return refuse(Code::invalid_field,
                           "a composition refers to a .glb beside it, by a name without folders");
     }
-    auto scene = services.scenes.find(protocol::text(message->scene()), message->epoch(), caller);
+    auto scene =
+        services.scenes.find_to_read(protocol::text(message->scene()), message->epoch(), caller);
     if (!scene) return tl::unexpected(scene.error());
     scene = at_moment(services, caller, std::move(*scene), *message.table);
     if (!scene) return tl::unexpected(scene.error());

@@ -45,7 +45,7 @@ Reply<Answer> parts(const Services& services, const Caller& caller,
         return refuse(Code::invalid_field, "unknown kind '" + std::string(kind) +
                                                "' of parts: use one of meshes, materials");
     const auto scene =
-        services.scenes.find(protocol::text(message->scene()), message->epoch(), caller);
+        services.scenes.find_to_read(protocol::text(message->scene()), message->epoch(), caller);
     if (!scene) return tl::unexpected(scene.error());
     const Snapshot& snapshot = scene->snapshot();
     const std::size_t total =

@@ -82,7 +82,7 @@ private:
 Reply<Answer> path(const Services& services, const Caller& caller,
                    const protocol::Opened<wire::Path>& message) {
     const auto scene =
-        services.scenes.find(protocol::text(message->scene()), message->epoch(), caller);
+        services.scenes.find_to_read(protocol::text(message->scene()), message->epoch(), caller);
     if (!scene) return tl::unexpected(scene.error());
     const std::string_view text = protocol::text(message->text());
     std::uint64_t path = message->path();

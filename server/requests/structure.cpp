@@ -91,7 +91,8 @@ Reply<Answer> structure(const Services& services, const Caller& caller,
         return refuse(Code::invalid_field, "unknown kind '" + std::string(word) +
                                                "' of structure: use one of objects, placements, "
                                                "boxes, paths, tree");
-    auto scene = services.scenes.find(protocol::text(message->scene()), message->epoch(), caller);
+    auto scene =
+        services.scenes.find_to_read(protocol::text(message->scene()), message->epoch(), caller);
     if (!scene) return tl::unexpected(scene.error());
     scene = at_moment(services, caller, std::move(*scene), *message.table);
     if (!scene) return tl::unexpected(scene.error());

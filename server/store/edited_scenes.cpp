@@ -77,6 +77,8 @@ Reply<std::optional<NamedScene>> SceneStore::publish_edit(const NamedScene& befo
     if (!held) return tl::unexpected(held.error());
     const auto replaced = std::exchange(entry.scene.held, std::move(*held));
     entry.facts = facts_of(entry.scene.snapshot());
+    std::erase_if(entry.earlier, [](const auto& epoch) { return epoch.second.expired(); });
+    entry.earlier.emplace(before.epoch, replaced);
     entry.epoch_reserved = std::max(entry.epoch_reserved, how.plan.reserve);
     entry.scene.epoch = entry.next_epoch();
     entry.scene.last_edit = std::move(how.summary);
@@ -108,6 +110,21 @@ Reply<std::optional<NamedScene>> SceneStore::publish_edit(const NamedScene& befo
     settle_charges();
     entry.spare = replaced;
     return std::optional(entry.scene_for(caller));
+}
+
+Reply<NamedScene> SceneStore::find_to_read(std::string_view name, std::uint64_t epoch,
+                                           const ConnectionId& caller) {
+    const Entry* const entry = meant(name, caller);
+    if (entry == nullptr || !entry->earlier.contains(epoch)) return find(name, epoch, caller);
+    auto held = entry->earlier.at(epoch).lock();
+    if (held == nullptr) return find(name, epoch, caller);
+    entry->used = now_();
+    NamedScene scene = entry->scene_for(caller);
+    scene.epoch = epoch;
+    scene.kept = false;
+    scene.last_edit.clear();
+    scene.held = std::move(held);
+    return scene;
 }
 
 Reply<std::string> SceneStore::pin(std::string_view name, bool pinned, const ConnectionId& caller) {

@@ -273,6 +273,7 @@ Reply<NamedScene> SceneStore::publish(const std::string& name,
         entry.loaded = entry.used;
         entry.made_of.clear();
         entry.spare.reset();
+        entry.earlier.clear();
         entry.blob.reset();
     }
     entry.damage.clear();
@@ -288,6 +289,7 @@ Reply<NamedScene> SceneStore::publish(const std::string& name,
     std::size_t ended = 0;
     if (!how.share.empty()) {
         entry.share = {how.share.begin(), how.share.end()};
+        entry.earlier.clear();  // they may hold what an edit took out before others were let in
         // Whom the owner leaves out now sees nothing of it any more, also not by a hold from before.
         if (!entry.share.contains("public"))
             ended = std::erase_if(entry.holders, [&](const auto& holder) {

@@ -220,6 +220,10 @@ public:
     /// remedy, in the same words and time for a scene of another owner as for none.
     [[nodiscard]] Reply<NamedScene> find(std::string_view name, std::uint64_t epoch,
                                          const ConnectionId& caller) const;
+    /// As find(), for those who only read: `epoch` may also be one before an edit, as long as it is
+    /// in memory because a request reads it or the next edit is to be made in its memory.
+    [[nodiscard]] Reply<NamedScene> find_to_read(std::string_view name, std::uint64_t epoch,
+                                                 const ConnectionId& caller);
     /// Finds several scenes at their current epochs, in one pass over all. Fails as find() does for
     /// the first of them that it does not return.
     [[nodiscard]] Reply<std::vector<NamedScene>> find_each(const std::vector<std::string>& names,
@@ -346,6 +350,8 @@ private:
         /// The epoch before the last edit. The next edit is made in its memory, if nobody reads it
         /// then.
         std::shared_ptr<const HeldScene> spare;
+        /// Epochs before edits, which those who see the scene have seen; many of them are gone.
+        std::map<std::uint64_t, std::weak_ptr<const HeldScene>> earlier;
         struct Hold {
             bool temporary = false;   ///< the connection loaded the scene as temporary
             std::uint64_t bytes = 0;  ///< of the content that it opened

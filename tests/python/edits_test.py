@@ -147,6 +147,36 @@ class Edits(WithDaemon):
         np.testing.assert_array_equal(seen, np.tile(self.before["inst"], 40))
         self.assertTrue((self.trace()["inst"] == 2**32 - 1).all())
 
+    def test_a_request_names_an_epoch_that_is_still_there(self):
+        with self.scene.edit() as edit:
+            edit.hide("*")
+        # The next edit is to be made in the memory of the epoch before this one, which stays until then.
+        earlier = self.trace(epoch=self.epoch)
+        self.same(dict(earlier), dict(self.before))
+        self.assertEqual(earlier.outcome["epoch"], self.epoch)
+        self.assertTrue((self.trace()["inst"] == 2**32 - 1).all())
+        # What a stream reads is there for others, too, however many edits come meanwhile.
+        stream = self.scene.stream(np.tile(RAYS, (40, 1)), fields=("inst",), epoch=self.epoch)
+        next(iter(stream))
+        other = raynest.connect(self.daemon.uri)
+        self.addCleanup(other.close)
+        edited = other.scene("edited")
+        for mask in (1, 2, 3):
+            with edited.edit() as edit:
+                edit.set_mask("*", mask)
+        np.testing.assert_array_equal(edited.trace(RAYS, fields=("inst",), epoch=self.epoch)["inst"], self.before["inst"])
+        for _ in stream:
+            pass
+        with edited.edit() as edit:
+            edit.set_mask("*", 4)
+        with self.assertRaisesRegex(raynest.InvalidError, f"is at epoch {self.epoch + 5}, not {self.epoch}; leave epoch= out"):
+            edited.trace(RAYS, epoch=self.epoch)
+        # A load leaves none of them.
+        before = edited.info["epoch"]
+        again = self.client.load("builtin:flake", "edited", replace=True)
+        with self.assertRaisesRegex(raynest.InvalidError, f"not {before}"):
+            again.trace(RAYS, epoch=before)
+
     def test_edits_at_one_time_follow_each_other(self):
         def nudge(number):
             with raynest.connect(self.daemon.uri) as client:

@@ -108,7 +108,7 @@ Reply<Plan> make_plan(const Services& services, const Caller& caller, const wire
     if (!traversal) return refuse_word(traversal.error());
 
     Plan plan;
-    auto scene = services.scenes.find(text(job.scene()), job.epoch(), caller);
+    auto scene = services.scenes.find_to_read(text(job.scene()), job.epoch(), caller);
     if (!scene) return tl::unexpected(scene.error());
     if (posing == Posing::by_plan) scene = at_moment(services, caller, std::move(*scene), job);
     if (!scene) return tl::unexpected(scene.error());
