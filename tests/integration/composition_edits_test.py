@@ -170,6 +170,11 @@ class CompositionEdits(WithFiles):
             for one, other in zip(played, still):
                 np.testing.assert_array_equal(one, other)
         self.assertGreater((self.answers(scene, time=1)[0] != self.answers(scene)[0]).sum(), 50)
+        # Two channels that say where one instance stands contradict each other, also by its two names.
+        twice = {"channels": [*drive["channels"], {**drive["channels"][0], "instance": "garden#0"}]}
+        with self.assertRaisesRegex(raynest.InvalidError, r"animations\[0\].channels\[2\] moves 'garden#0' by the path of a "
+                                                          "channel before it"):
+            self.load_town("twice", animations=[twice])
         # Composed into another scene it does not play, and that is said.
         with self.assertWarnsRegex(raynest.SceneWarning, "its animations are left out"):
             self.load("outer.rnscene.json", json.dumps({

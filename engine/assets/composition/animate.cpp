@@ -6,6 +6,7 @@
 
 #include <algorithm>
 #include <charconv>
+#include <set>
 #include <utility>
 
 namespace raynest::composition {
@@ -98,9 +99,16 @@ Result<std::vector<std::byte>> Animator::tables(const std::vector<Animation>& an
         tables.names.push_back('\0');
         made.first_channel = size_of(tables.channels);
         made.channel_count = size_of(animation.channels);
+        std::set<std::pair<std::uint32_t, MotionPath>> moved;
         for (const Channel& channel : animation.channels) {
             const auto place = find(channel);
             if (!place) return tl::unexpected(place.error());
+            if (!moved.emplace((*place)->outermost, channel.path).second)
+                return fail(
+                    ErrorCode::scene_invalid,
+                    fmt::format("{} moves '{}' by the path of a channel before it: give one "
+                                "channel all its keys",
+                                channel.place, one_line(channel.instance)));
             tables.channels.push_back({size_of(tables.samplers), node_of(**place), channel.path});
             const std::uint32_t first_time = add_floats(channel.times, tables);
             tables.samplers.push_back(
