@@ -391,5 +391,19 @@ class ScenesOfParts(WithDaemon):
             of({"a": cube}, {"a": ("a", three * 10)})
 
 
+    def test_more_meshes_than_an_upload_has_files(self):
+        count = 600
+        turns = np.arange(count)
+        at = np.stack([turns % 25 * 3.0, 0 * turns, turns // 25 * 3.0], -1)
+        sizes = 1 + turns[:, None] % [2, 3, 5] / 8
+        scene = self.client.scene_of({f"part/{i}": box(*sizes[i]) for i in range(count)},
+                                     {f"p{i}": Place(f"part/{i}", at[i], uid=1000 + i) for i in range(count)})
+        down = np.hstack([at + (0.1, 50, 0.1), np.tile((0.0, -1, 0), (count, 1))])
+        hits = scene.trace(down, fields=("t", "uid", "inst"))
+        np.testing.assert_array_equal(hits["uid"], 1000 + turns)
+        np.testing.assert_array_equal(hits["inst"], turns)
+        np.testing.assert_allclose(hits["t"], 50 - sizes[:, 1] / 2, atol=1e-4)
+
+
 if __name__ == "__main__":
     main()

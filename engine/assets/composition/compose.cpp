@@ -58,13 +58,14 @@ public:
     Result<Scene> import(const std::string& name, const Object& object) {
         const FileOptions& o = object.options;
         const std::string key = fmt::format(
-            "{}\n{}\n{}\n{} {} {} {} {} {} {} {}\n{}", name, object.primitive, object.variant,
-            o.unit, o.radius, o.spacing, o.z_up, o.auto_origin, object.origin[0], object.origin[1],
-            object.origin[2], fmt::join(object.masks, "\n"));
+            "{}\n{}\n{}\n{}\n{} {} {} {} {} {} {} {}\n{}", name, object.primitive, object.variant,
+            object.mesh, o.unit, o.radius, o.spacing, o.z_up, o.auto_origin, object.origin[0],
+            object.origin[1], object.origin[2], fmt::join(object.masks, "\n"));
         if (const auto known = known_.find(key); known != known_.end()) return known->second;
         ImportRequest request{name, {}, object.primitive, request_.build, object.origin, o, {}};
         request.masks = object.masks;
         request.variant = object.variant;
+        request.mesh = object.mesh;
         const std::size_t folder = name.rfind('/') + 1;
         if (const NamedBytes* const main = find(name)) {
             request.source = name.substr(folder);

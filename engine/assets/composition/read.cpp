@@ -175,7 +175,7 @@ Object read_object(const std::string& name, const Value& value) {
     object.name = name;
     if (value
             .only({"file", "unit", "up", "radius", "spacing", "primitive", "origin", "masks",
-                   "variant", "instances"})
+                   "variant", "mesh", "instances"})
             .has("instances")) {
         value.only({"instances"});
         for (const Value& places : value.at("instances").list())
@@ -189,6 +189,7 @@ Object read_object(const std::string& name, const Value& value) {
     if (value.has("spacing")) object.options.spacing = positive(value.at("spacing"));
     if (value.has("primitive")) object.primitive = value.at("primitive").text();
     if (value.has("variant")) object.variant = value.at("variant").text();
+    if (value.has("mesh")) object.mesh = value.at("mesh").text();
     object.has_up = value.has("up");
     if (object.has_up) object.options.z_up = read_up(value.at("up")) == UpAxis::z;
     if (value.has("origin")) {

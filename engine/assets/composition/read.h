@@ -47,6 +47,7 @@ struct Object {
     WorldPoint origin{};
     std::vector<std::string> masks;
     std::string variant;            ///< of KHR_materials_variants
+    std::string mesh;               ///< as in ImportRequest
     bool has_up = false;            ///< options.z_up was given
     std::vector<Places> instances;  ///< of a group
 

@@ -102,11 +102,13 @@ public:
           limits_(limits),
           left_(limits.file_bytes_max) {}
 
-    /// Unpacks the first of the names that is there into `bytes`.
-    Result<NpyArray> open(std::initializer_list<std::string_view> names,
+    /// Unpacks the first of the names that is there into `bytes`. It lies in `folder`, unless that
+    /// is empty.
+    Result<NpyArray> open(const std::string& folder, std::initializer_list<std::string_view> names,
                           std::vector<std::byte>& bytes) {
+        const std::string before = folder.empty() ? "" : folder + '/';
         for (const std::string_view name : names) {
-            const auto found = entries_.find(std::string(name) + ".npy");
+            const auto found = entries_.find(fmt::format("{}{}.npy", before, name));
             if (found == entries_.end()) continue;
             const Entry& entry = found->second;
             if (entry.bytes > left_)
@@ -136,10 +138,11 @@ public:
             if (there.size() > 200) break;
             there += fmt::format("{}{}", there.empty() ? "" : ", ", one_line(name, 40));
         }
-        return fail(ErrorCode::scene_invalid,
-                    fmt::format("has no array '{}': save it with numpy.savez(file, vertices=..., "
-                                "faces=...); it has {}",
-                                *names.begin(), there.empty() ? "none" : there));
+        return fail(
+            ErrorCode::scene_invalid,
+            fmt::format("has no array '{}{}': save it with numpy.savez(file, vertices=..., "
+                        "faces=...); it has {}",
+                        one_line(before, 60), *names.begin(), there.empty() ? "none" : there));
     }
 
 private:
@@ -173,9 +176,9 @@ Result<FileContent> read_npz(const ImportRequest& request, const ImportLimits& l
     if (!entries) return tl::unexpected<Error>(entries.error());
     Archive archive(file, std::move(*entries), limits);
     std::vector<std::byte> vertex_bytes, face_bytes;
-    const auto vertices = archive.open({"vertices", "v"}, vertex_bytes);
+    const auto vertices = archive.open(request.mesh, {"vertices", "v"}, vertex_bytes);
     if (!vertices) return tl::unexpected<Error>(vertices.error());
-    const auto faces = archive.open({"faces", "f"}, face_bytes);
+    const auto faces = archive.open(request.mesh, {"faces", "f"}, face_bytes);
     if (!faces) return tl::unexpected<Error>(faces.error());
     if (!is_rows_of_three(*vertices)) return refuse_array("vertices", "must have shape (N, 3)");
     if (!is_rows_of_three(*faces) || faces->layout.kind == 'f')

@@ -18,12 +18,15 @@ from .places import Parts, Place, Spheres
 from .upload import File
 
 _TABLE_ROWS = 1000  # more matrices are a file of their own
+_ARCHIVE_MESHES, _ARCHIVE_BYTES = 100, 64 << 20  # of one file, where not each mesh has its own
 
 
 def composition_of(parts: Parts, origin: Optional[Array], up: str) -> tuple[File, ...]:
     """Returns the files, the composition first. In a scene with an origin, far coordinates keep their digits."""
     files = [File("parts.rnscene.json", b"")]
     objects: dict[str, Any] = {}
+    # Equal meshes with a file of their own are sent once, also in other scenes: so archives are for many alone.
+    plain: dict[str, dict[str, Array]] = {}
     for name, mesh in parts.meshes.items():
         points, corners = triangles(mesh.vertices, mesh.faces, f"the part {name!r}: ")
         if not np.isfinite(float32(points)).all():
@@ -34,22 +37,46 @@ def composition_of(parts: Parts, origin: Optional[Array], up: str) -> tuple[File
             objects[name] = {"file": _keep(files, glb, ".glb"), "up": up, **_origin_of(moved)}
             continue
         points, shift = _kept(points, points, origin)
-        objects[name] = {"file": _keep(files, _npz(vertices=points, faces=corners.astype("<u4")), ".npz"), **shift}
+        plain[name] = {"vertices": points, "faces": corners.astype("<u4")}
+        objects[name] = shift
     for name, records in parts.records.items():
         rows = records.rows
         rows, shift = _kept(rows, rows[:, :3], origin if isinstance(records, Spheres) else None)
         objects[name] = {"file": _keep(files, _npy(rows), ".npy"), "primitive": records.primitive, **shift}
     for name, group in parts.groups.items():
         objects[name] = {"instances": _instances(files, group)}
+    for name, entry in _archived(files, plain).items():
+        objects[name] = {**entry, **objects[name]}
     document = {"rnscene": 1, "up": up, "objects": objects, "instances": _instances(files, parts.places)}
     text = json.dumps(document, separators=(",", ":")).encode()
     if len(text) > JSON_BYTES_MAX:
         raise UsageError(f"the places take {len(text)} bytes of text, at most {JSON_BYTES_MAX} are taken: make groups of them, "
                          "or leave out masks and user ids that differ from place to place")
     if len(files) > _limits.upload_files_max:
-        raise UsageError(f"meshes, records and tables of over {_TABLE_ROWS} matrices make {len(files) - 1} files, at most "
-                         f"{_limits.upload_files_max - 1} are taken: join parts that stand together")
+        raise UsageError(f"meshes with materials, records, and tables of over {_TABLE_ROWS} matrices make {len(files) - 1} "
+                         f"files, at most {_limits.upload_files_max - 1} are taken: join parts that stand together")
     return (files[0]._replace(data=text), *files[1:])
+
+
+def _archived(files: list[File], meshes: dict[str, dict[str, Array]]) -> dict[str, dict[str, str]]:
+    """Keeps meshes, each in a file of its own if there is room for so many. Returns where each is."""
+    if len(files) + len(meshes) <= _limits.upload_files_max:
+        return {name: {"file": _keep(files, _npz(mesh), ".npz")} for name, mesh in meshes.items()}
+    archives: list[list[str]] = []
+    size = _ARCHIVE_BYTES
+    for name, mesh in meshes.items():
+        size += sum(array.nbytes for array in mesh.values())
+        if size > _ARCHIVE_BYTES or len(archives[-1]) == _ARCHIVE_MESHES:
+            archives.append([])
+            size = sum(array.nbytes for array in mesh.values())
+        archives[-1].append(name)
+    found = {}
+    for names in archives:
+        # By number: names of parts may hold what no name of an array may.
+        file = _keep(files, _npz({f"{i}/{word}": array for i, name in enumerate(names)
+                                  for word, array in meshes[name].items()}), ".npz")
+        found.update((name, {"file": file, "mesh": str(i)}) for i, name in enumerate(names))
+    return found
 
 
 def _kept(rows: Array, points: Array, origin: Optional[Array]) -> tuple[Array, dict[str, Any]]:
@@ -95,7 +122,7 @@ def _keep(files: list[File], data: Union[bytes, memoryview], ending: str) -> str
     return files[-1].name
 
 
-def _npz(**arrays: Array) -> bytes:
+def _npz(arrays: dict[str, Array]) -> bytes:
     file = io.BytesIO()
     write_npz(file, arrays)
     return file.getvalue()
