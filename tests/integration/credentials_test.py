@@ -157,7 +157,7 @@ class Credentials(Programs):
         self.token(0, "", "revoke", "alice", file=tokens)
         self.does(0, "renewed for 397 days", "tls", "renew", certificates.folder)
         self.assertEqual(owners(), before)
-        # Who owns the CA's key, or may read it, can sign.
+        # The owner of the CA's key can sign, and so can those who may read it.
         os.chown(ca_key, OTHER, OTHER + 1)
         self.does(1, f"it belongs to the user {OTHER}, who can sign with it", "tls", "renew",
                   certificates.folder)

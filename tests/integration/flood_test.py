@@ -41,7 +41,7 @@ class StandingReader(Programs):
         for number in range(40):    # of more than 200 bytes of log each
             client.json("load", "builtin:flake", "--name", f"flake-{number}")
         self.assertIn(b" started ", os.read(reader, 1 << 16))
-        # What was left out is counted once there is room.
+        # Lines that were left out are counted once there is room.
         client.json("unload", "flake-1")
         self.assertIn(b"log_lines_lost", os.read(reader, 1 << 16))
         daemon.terminate()

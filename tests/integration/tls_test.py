@@ -247,7 +247,7 @@ class Tls(Programs):
         self.assertEqual(self.client.run("scenes").returncode, 0)
 
     def test_probes(self):
-        """What a scanner would ask, as arguments of openssl s_client and what its answer says."""
+        """The questions of a scanner, as arguments of openssl s_client and what its answer says."""
         shown = {
             "TLS 1.3": (("-tls1_3",), "Protocol  : TLSv1.3|New, TLSv1.3"),
             "TLS 1.2": (("-tls1_2",), "New, TLSv1.2"),

@@ -155,7 +155,7 @@ class Edits(WithDaemon):
         self.same(dict(earlier), dict(self.before))
         self.assertEqual(earlier.outcome["epoch"], self.epoch)
         self.assertTrue((self.trace()["inst"] == 2**32 - 1).all())
-        # What a stream reads is there for others, too, however many edits come meanwhile.
+        # The epoch that a stream reads is there for others, too, however many edits come meanwhile.
         stream = self.scene.stream(np.tile(RAYS, (40, 1)), fields=("inst",), epoch=self.epoch)
         next(iter(stream))
         other = raynest.connect(self.daemon.uri)

@@ -39,7 +39,7 @@ struct ImportRequest {
     FileOptions options{};
     std::vector<std::string> masks;  ///< rules "GLOB=HEX" (mask_rules.h)
     std::string variant = {};        ///< of KHR_materials_variants; empty: none is chosen
-    /// Of a .npz with several meshes: its arrays are "MESH/vertices" and "MESH/faces". Empty: it has one.
+    /// One of several meshes in a .npz: its arrays are "MESH/vertices" and "MESH/faces". Empty: it has one.
     std::string mesh = {};
 };
 

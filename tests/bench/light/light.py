@@ -1,5 +1,5 @@
 #!/usr/bin/env python3
-"""What path-traced pictures cost: the figures of BENCH.md's section "Lit pictures".
+"""The cost of path-traced pictures: the figures of BENCH.md's section "Lit pictures".
 
   light.py BIN_DIR SCENE[@CAMERA]... [--json]      e.g. light.py build/bin temple.glb@track0 builtin:forest
 

@@ -1,5 +1,5 @@
 #!/usr/bin/env python3
-"""What the page waits for: ratios to their limits, one line each (1 or less: reached).
+"""The times that the page waits, as ratios to their limits, one line each (1 or less: reached).
 
   page.py BIN_DIR [--json] [--rounds N]      e.g. page.py build/bin
 
