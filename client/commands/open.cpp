@@ -41,7 +41,7 @@ std::string percent_encoded(std::string_view text) {
 
 /// Returns HOST:PORT of http://HOST:PORT or https://HOST:PORT; empty if it is neither. A browser and
 /// the user's shell get it.
-std::string place_of(std::string_view address) {
+std::string host_of(std::string_view address) {
     for (const std::string_view scheme : {"http://", "https://"}) {
         if (!address.starts_with(scheme)) continue;
         const std::string place(address.substr(scheme.size()));
@@ -124,7 +124,7 @@ Result<void> run(Context& context, const OpenOptions& options) {
     if (address.empty())
         return fail(Exit::failed,
                     "this daemon serves no page: start raynestd with --http 127.0.0.1:31061");
-    const std::string place = place_of(address);
+    const std::string place = host_of(address);
     if (place.empty())
         return fail(Exit::failed, "the daemon names '" + address + "', which is no http address");
     address = reachable(address, context.uri);

@@ -8,8 +8,8 @@
 namespace raynest::server {
 namespace {
 
-constexpr std::array<const char*, entry_kinds> kind_names = {"instance", "node", "leaf",
-                                                             "candidate"};
+constexpr std::array<const char*, entry_kinds> entry_kind_names = {"instance", "node", "leaf",
+                                                                   "candidate"};
 constexpr std::array<const char*, 5> outcome_names = {"accepted", "behind", "refused", "mask",
                                                       "back_face"};
 
@@ -61,7 +61,7 @@ public:
         Json kinds = Json::object();
         for (std::size_t i = 0; i < entry_kinds; ++i) {
             left_out += told.left_out[i];
-            kinds[kind_names[i]] = told.left_out[i];
+            kinds[entry_kind_names[i]] = told.left_out[i];
         }
         json["left_out"] = left_out;
         json["left_out_kinds"] = kinds;
@@ -70,7 +70,7 @@ public:
 
 private:
     Json step_json(const ExplainedEntry& entry) const {
-        Json json{{"kind", kind_names[static_cast<std::size_t>(entry.kind)]},
+        Json json{{"kind", entry_kind_names[static_cast<std::size_t>(entry.kind)]},
                   {"parent", entry.parent == no_id ? Json(nullptr) : Json(entry.parent)},
                   {"level", entry.level}};
         switch (entry.kind) {

@@ -7,10 +7,10 @@
 namespace raynest::server {
 namespace {
 
-constexpr std::array<const char*, 3> kind_names = {"camera", "bounce", "shadow"};
+constexpr std::array<const char*, 3> ray_kind_names = {"camera", "bounce", "shadow"};
 
 Json path_ray_json(const HitNames& names, const WorldPoint& origin, const PathRay& ray) {
-    Json json{{"kind", kind_names[static_cast<std::size_t>(ray.kind)]},
+    Json json{{"kind", ray_kind_names[static_cast<std::size_t>(ray.kind)]},
               {"parent", ray.parent == no_id ? Json(nullptr) : Json(ray.parent)},
               {"bounce", ray.bounce}};
     json.update(ray_json(ray.ray, origin));

@@ -11,7 +11,7 @@ namespace {
 constexpr std::size_t page_scenes = 128;
 /// Maximum bytes of a page's names, hashes and owners: with the numbers, the page stays within
 /// control_bytes_max. It suffices for 128 scenes with the longest names and usual owners.
-constexpr std::size_t page_text_bytes = 50 << 10;
+constexpr std::size_t scenes_text_bytes = 50 << 10;
 
 std::uint64_t milliseconds(SceneStore::Clock::duration duration) {
     return static_cast<std::uint64_t>(
@@ -31,7 +31,7 @@ Reply<Answer> scenes(const Services& services, const Caller& caller,
     for (const SceneStore::Listed& listed : page.scenes) {
         text_bytes += listed.scene.name.size() + listed.facts.digest.size() + listed.owner.size() +
                       listed.share.size();
-        if (text_bytes > page_text_bytes && !list.names.empty()) break;
+        if (text_bytes > scenes_text_bytes && !list.names.empty()) break;
         list.names.push_back(listed.scene.name);
         list.hashes.push_back(listed.facts.digest);
         list.epochs.push_back(listed.scene.epoch);

@@ -11,7 +11,7 @@ namespace {
 /// Maximum tables and bytes of text of a page, below the limits of a message; a variant is not
 /// split between pages.
 constexpr std::size_t page_tables = 128;
-constexpr std::size_t page_text_bytes = 24 << 10;
+constexpr std::size_t variants_text_bytes = 24 << 10;
 
 // Kernels and the protocol must have the same limits of hits per ray.
 static_assert(multi_hits_max == protocol::Limits{}.hits_max);
@@ -106,7 +106,7 @@ Reply<Answer> variants(const Services& services, const Caller& caller,
         Described described = describe(all[i], services);
         tables += described.tables;
         text_bytes += described.text_bytes;
-        const bool full = tables > page_tables || text_bytes > page_text_bytes;
+        const bool full = tables > page_tables || text_bytes > variants_text_bytes;
         if (full && !list.variants.empty()) break;
         list.variants.push_back(std::make_unique<wire::VariantT>(std::move(described.variant)));
     }

@@ -1,5 +1,6 @@
 // LAS points. Debian 12 has no LASzip and no PDAL, so compressed files (LAZ) are refused.
 #include "engine/assets/formats/formats.h"
+#include "engine/assets/formats/number_at.h"
 
 #include <fmt/format.h>
 
@@ -17,13 +18,6 @@ constexpr std::size_t format_count = 11;
 /// The least bytes of a point in each format; more are a file's own.
 constexpr std::array<std::uint16_t, format_count> point_bytes{20, 28, 26, 34, 57, 63,
                                                               30, 36, 38, 59, 67};
-
-template <class Number>
-Number number_at(std::span<const std::byte> bytes, std::size_t at) {
-    Number value{};
-    std::memcpy(&value, bytes.data() + at, sizeof value);
-    return value;
-}
 
 tl::unexpected<Error> refuse_laz() {
     return fail(

@@ -4,13 +4,13 @@
 // libzip and minizip would only find two names.
 #include "engine/assets/formats/formats.h"
 #include "engine/assets/formats/npy_array.h"
+#include "engine/assets/formats/number_at.h"
 #include "engine/assets/input/messages.h"
 
 #include <fmt/format.h>
 #include <zlib.h>
 
 #include <algorithm>
-#include <cstring>
 #include <map>
 #include <optional>
 
@@ -29,14 +29,6 @@ using Entries = std::map<std::string, Entry, std::less<>>;
 constexpr std::size_t end_bytes = 22, entry_bytes = 46, local_bytes = 30;
 constexpr std::size_t comment_bytes_max = 65535;
 constexpr std::uint16_t stored = 0, deflated = 8;
-
-/// A little-endian number at `at`, which the caller has checked.
-template <class Number>
-Number number_at(Bytes bytes, std::size_t at) {
-    Number value{};
-    std::memcpy(&value, bytes.data() + at, sizeof value);
-    return value;
-}
 
 tl::unexpected<Error> damaged(const char* why) {
     return fail(ErrorCode::scene_invalid, fmt::format("is no whole .npz: {}", why));

@@ -8,11 +8,12 @@
 namespace raynest {
 namespace {
 
-constexpr double step = MotionSampling::rate_step;
+constexpr double half_span = MotionSampling::rate_step;
 
 Affine difference(const Affine& before, const Affine& after) {
     Affine rate;
-    for (std::size_t i = 0; i < rate.size(); ++i) rate[i] = (after[i] - before[i]) / (2 * step);
+    for (std::size_t i = 0; i < rate.size(); ++i)
+        rate[i] = (after[i] - before[i]) / (2 * half_span);
     return rate;
 }
 
@@ -28,8 +29,8 @@ Velocities::Velocities(const Motion& motion, const MotionAnimation& animation, d
     const double keys_at =
         seconds >= double{animation.seconds} ? std::nextafter(seconds, 0) : seconds;
     const MotionSampling now(motion, animation, seconds, keys_at);
-    const MotionSampling before(motion, animation, seconds - step, keys_at);
-    const MotionSampling after(motion, animation, seconds + step, keys_at);
+    const MotionSampling before(motion, animation, seconds - half_span, keys_at);
+    const MotionSampling after(motion, animation, seconds + half_span, keys_at);
     const std::vector<Affine> maps = now.nodes();
     std::vector<Affine> rates = before.nodes();
     {
@@ -60,7 +61,7 @@ Velocities::Velocities(const Motion& motion, const MotionAnimation& animation, d
                   .weight_rates = before.exact_weights(m)};
         const std::vector<double> ends = after.exact_weights(m);
         for (std::size_t t = 0; t < ends.size(); ++t)
-            bent.weight_rates[t] = (ends[t] - bent.weight_rates[t]) / (2 * step);
+            bent.weight_rates[t] = (ends[t] - bent.weight_rates[t]) / (2 * half_span);
         for (const MotionJoint& joint : motion.joints.subspan(mesh.first_joint, mesh.joint_count)) {
             bent.maps.push_back(multiply(maps[joint.node], joint.bind));
             bent.map_rates.push_back(multiply(rates[joint.node], joint.bind));

@@ -27,7 +27,7 @@ struct GeneratorSettings {
 };
 
 /// The settings of a generator, and the values that most kinds derive from them.
-struct Request {
+struct Wanted {
     std::string_view kind;
     const GeneratorSettings& settings;
     const Snapshot& scene;
@@ -40,13 +40,13 @@ tl::unexpected<protocol::Error> lacks(std::string_view kind, const char* what) {
 }
 
 /// The way up of a look-at: its own, or the scene's.
-glm::dvec3 up_of(const Request& request) {
+glm::dvec3 up_of(const Wanted& request) {
     const auto& look_at = request.settings.lookat;
     return look_at && look_at->values.size() == 9 ? look_at->vector(2)
                                                   : upwards(request.scene.up());
 }
 
-Reply<Camera> camera_of(const Request& request) {
+Reply<Camera> camera_of(const Wanted& request) {
     const GeneratorSettings& given = request.settings;
     if (given.camera && request.scene.statistics().cameras.empty())
         return refuse(Code::invalid_field,
@@ -95,7 +95,7 @@ Reply<Pose> rigid_pose(const setting::Matrix& given) {
     return pose;
 }
 
-Reply<SensorPose> sensor_pose_of(const Request& request) {
+Reply<SensorPose> sensor_pose_of(const Wanted& request) {
     const GeneratorSettings& given = request.settings;
     std::vector<std::string> places;
     if (given.camera) places.emplace_back("camera");
@@ -125,7 +125,7 @@ Generated ready(Sensor sensor) {
     return std::make_shared<LateSensor>(grid, [sensor = std::move(sensor)] { return sensor; });
 }
 
-Reply<Generated> make_camera(const Request& request) {
+Reply<Generated> make_camera(const Wanted& request) {
     auto camera = camera_of(request);
     if (!camera) return tl::unexpected(camera.error());
     return ready(camera_sensor(*camera, request.sensor_pose, request.size));
@@ -135,7 +135,7 @@ double number(const std::optional<setting::Number>& given, double otherwise) {
     return given ? given->at(0) : otherwise;
 }
 
-Reply<Pinhole> pinhole_of(const Request& request) {
+Reply<Pinhole> pinhole_of(const Wanted& request) {
     const GeneratorSettings& given = request.settings;
     const double fx = number(given.fx, 0), fy = number(given.fy, fx);
     if (!(fx > 0 && fy > 0)) return lacks(request.kind, "fx and fy above 0");
@@ -147,20 +147,20 @@ Reply<Pinhole> pinhole_of(const Request& request) {
                    1 / fy};
 }
 
-Reply<Generated> make_pinhole(const Request& request) {
+Reply<Generated> make_pinhole(const Wanted& request) {
     auto made = pinhole_of(request);
     if (!made) return tl::unexpected(made.error());
     return ready(std::move(*made));
 }
 
-Reply<Generated> make_orthographic(const Request& request) {
+Reply<Generated> make_orthographic(const Wanted& request) {
     const auto& window = request.settings.window;
     if (!window || !(window->at(0) > 0 && window->at(1) > 0))
         return lacks(request.kind, "window=WIDTHxHEIGHT, both above 0");
     return ready(Orthographic{request.sensor_pose, request.size, window->at(0), window->at(1)});
 }
 
-Reply<Generated> make_equirectangular(const Request& request) {
+Reply<Generated> make_equirectangular(const Wanted& request) {
     return ready(Equirectangular(request.sensor_pose, request.size));
 }
 
@@ -206,7 +206,7 @@ std::vector<LidarChannel> channels_of(const setting::Steps& elevations) {
     return channels;
 }
 
-Reply<Generated> make_lidar(const Request& request) {
+Reply<Generated> make_lidar(const Wanted& request) {
     const GeneratorSettings& given = request.settings;
     if (!given.elevations || !given.azimuths) return lacks(request.kind, "elevations and azimuths");
     std::vector<LidarChannel> channels = channels_of(*given.elevations);
@@ -231,7 +231,7 @@ Reply<std::uint32_t> count_of(const char* name, const std::optional<setting::Who
 }
 
 /// Returns what all sensors in motion have: their poses, and the times of a scan.
-Reply<SweepOrder> order_of(const Request& request) {
+Reply<SweepOrder> order_of(const Wanted& request) {
     const GeneratorSettings& given = request.settings;
     SweepOrder order;
     order.limits = request.sensor_pose;
@@ -251,7 +251,7 @@ Reply<SweepOrder> order_of(const Request& request) {
     return order;
 }
 
-Reply<Generated> make_sweep(const Request& request) {
+Reply<Generated> make_sweep(const Wanted& request) {
     const GeneratorSettings& given = request.settings;
     const protocol::Limits limits;
     auto made = order_of(request);
@@ -289,7 +289,7 @@ Reply<Generated> make_sweep(const Request& request) {
     return std::make_shared<LateSensor>(std::make_shared<SentSweep>(std::move(order)));
 }
 
-Reply<Generated> make_rolling_shutter(const Request& request) {
+Reply<Generated> make_rolling_shutter(const Wanted& request) {
     auto order = order_of(request);
     if (!order) return tl::unexpected(order.error());
     auto camera = pinhole_of(request);
@@ -305,7 +305,7 @@ double leaving_margin(const Snapshot& scene) {
     return 0x1p-20 * glm::length(glm::dvec3(box.upper) - glm::dvec3(box.lower));
 }
 
-Reply<Generated> make_hemisphere(const Request& request) {
+Reply<Generated> make_hemisphere(const Wanted& request) {
     const GeneratorSettings& given = request.settings;
     Hemisphere made{given.samples.value_or(setting::Samples{}).value,
                     given.seed.value_or(setting::Whole{}).value, leaving_margin(request.scene),
@@ -318,7 +318,7 @@ Reply<Generated> make_hemisphere(const Request& request) {
 struct Kind {
     std::string_view name;
     std::string_view settings;
-    Reply<Generated> (*make)(const Request&);
+    Reply<Generated> (*make)(const Wanted&);
 };
 constexpr std::array kinds = {
 #define RAYNEST_GENERATOR(name, settings, t, rays) Kind{#name, settings, make_##name},
@@ -380,7 +380,7 @@ Reply<Generated> generate(const wire::Generator& message, const Snapshot& scene)
         const std::string key = word.substr(0, word.find('='));
         if (!given.insert(key).second) return refuse(Code::invalid_field, key + " is given twice");
     }
-    Request request{name, settings, scene};
+    Wanted request{name, settings, scene};
     if (settings.size) request.size = settings.size->value;
     auto sensor_pose = sensor_pose_of(request);
     if (!sensor_pose) return tl::unexpected(sensor_pose.error());
