@@ -153,7 +153,7 @@ class Edits(WithDaemon):
         # The next edit is to be made in the memory of the epoch before this one, which stays until then.
         earlier = self.trace(epoch=self.epoch)
         self.same(dict(earlier), dict(self.before))
-        self.assertEqual(earlier.outcome["epoch"], self.epoch)
+        self.assertEqual(self.client.outcome["epoch"], self.epoch)
         self.assertTrue((self.trace()["inst"] == 2**32 - 1).all())
         # The epoch that a stream reads is there for others, too, however many edits come meanwhile.
         stream = self.scene.stream(np.tile(RAYS, (40, 1)), fields=("inst",), epoch=self.epoch)
