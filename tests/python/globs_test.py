@@ -39,9 +39,11 @@ class Globs(WithDaemon):
             with self.assertRaisesRegex(TypeError, "is no text of paths"):
                 self.scene.find(wrong)
         with self.scene.edit() as edit:
-            edit.hide("post#0")
+            edit.remove("car#11")
+        self.assertEqual(self.scene.find("car*"), [f"car#{i}" for i in range(11)])
+        self.assertEqual(self.scene.find("car*", epoch=edit.epoch - 1), [f"car#{i}" for i in range(12)])
         with self.assertRaisesRegex(raynest.Error, "epoch"):
-            self.scene.find("car*", epoch=edit.epoch - 1)
+            self.scene.find("car*", epoch=edit.epoch + 1)
 
     def test_each_part_that_a_text_stands_for_gets_its_value(self):
         up = np.zeros((4, 3))
