@@ -136,6 +136,7 @@ struct WaitOptions {
 struct FetchOptions {
     std::uint64_t job = 0;
     std::string output;
+    std::vector<std::string> generate;  ///< the words of the job's --generate
 };
 struct CancelOptions {
     std::uint64_t job = 0;

@@ -3,11 +3,32 @@
 #include "client/arguments/shared_options.h"
 #include "client/commands/deliver.h"
 #include "client/files/files.h"
+#include "client/files/points.h"
 #include "client/output/output_file.h"
+#include "client/requests/generator.h"
 #include "client/requests/listings.h"
 
 namespace raynest::client {
 namespace {
+
+/// The columns of a job's sensor, which its answer does not have.
+Result<SensorColumns> columns_of_sensor(const FetchOptions& options, const wire::JobInfo& job) {
+    const auto generate = parse_generate(options.generate);
+    if (!generate) return tl::unexpected<Failure>(generate.error());
+    wire::GeneratorT generator = generate->at({});
+    if (const auto sent = read_sent_numbers(*generate, {}, generator); !sent)
+        return tl::unexpected<Failure>(sent.error());
+    std::vector<std::string> names = SensorColumns::of(generator);
+    if (names.empty())
+        return fail(Exit::usage,
+                    "--generate " + generator.kind + " has no ring and no time: leave it out");
+    if (sensor_rays(generator) != job.total())
+        return fail(Exit::usage, job_text(job) + " has " + std::to_string(job.total()) +
+                                     " rays, and this --generate " +
+                                     std::to_string(sensor_rays(generator)) +
+                                     ": give that of the job");
+    return SensorColumns::take(names, &generator);
+}
 
 /// Checks that the file has the format that the job has made.
 Result<void> check_ending(const std::string& output, const std::string& ending) {
@@ -19,8 +40,19 @@ Result<void> check_ending(const std::string& output, const std::string& ending) 
 
 void declare(CommandLine& line, FetchOptions& fetch) {
     add_job_number(line, fetch.job);
-    add_output(line, fetch.output, {".png", ".exr", ".npy", ".npz"},
-               "file of the kind that the job makes (a query without it: a table on stdout)");
+    add_output(line, fetch.output, {".png", ".exr", ".npy", ".npz", ".ply", ".pcd", ".las"},
+               "file of the kind that the job makes; of a query FILE.npz or a point cloud (without "
+               "it: a table on stdout)");
+    line.add_words(
+        "--generate",
+        [&fetch](const std::vector<std::string>& words) -> Result<void> {
+            if (const auto parsed = parse_generate(words); !parsed)
+                return tl::unexpected<Failure>(parsed.error());
+            fetch.generate = words;
+            return {};
+        },
+        "KIND key=value...: the sensor of the job, as raynest query had it: adds its columns ring "
+        "and time to the file");
 }
 
 Result<void> run(Context& context, const FetchOptions& options) {
@@ -31,14 +63,25 @@ Result<void> run(Context& context, const FetchOptions& options) {
     request.job = options.job;
 
     if (kind == "query") {
-        if (!options.output.empty())
+        if (!options.output.empty() && !is_point_ending(extension_of(options.output)))
             if (auto fits = check_ending(options.output, ".npz"); !fits) return fits;
-        return deliver_query(
-            context, options.output, std::string(protocol::text(job->info->detail())),
-            [&](const ChunkConsumer& consume) {
-                return fetch_query(context.connection, request, context.progress, consume);
-            });
+        const std::string what(protocol::text(job->info->detail()));
+        SensorColumns sensor;
+        if (!options.generate.empty()) {
+            if (options.output.empty() || find_reducer(what) != nullptr)
+                return fail(Exit::usage, "--generate is for -o FILE, of a query without --reduce");
+            auto taken = columns_of_sensor(options, *job->info);
+            if (!taken) return tl::unexpected<Failure>(taken.error());
+            sensor = std::move(*taken);
+        }
+        return deliver_query(context, options.output, what, [&](const ChunkConsumer& consume) {
+            return fetch_query(context.connection, request, context.progress,
+                               sensor.empty() ? consume : with_columns(sensor, 0, consume));
+        });
     }
+    if (!options.generate.empty())
+        return fail(Exit::usage, "--generate is for queries, and " + job_text(*job->info) +
+                                     " is none: leave it out");
 
     if (kind == "blame") {
         if (!options.output.empty())

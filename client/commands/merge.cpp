@@ -5,7 +5,10 @@
 namespace raynest::client {
 
 void declare(CommandLine& line, MergeOptions& merge) {
-    line.add_option("OUT", merge.output, "FILE.npz, FILE.png or FILE.exr that the parts become")
+    line.add_option(
+            "OUT", merge.output,
+            "FILE.npz, FILE.png or FILE.exr that the parts become; parts in .npz with the column "
+            "position also become FILE.ply, .pcd or .las")
         .required();
     line.add_options("PART", merge.parts, "files that --part has written, in any order");
 }

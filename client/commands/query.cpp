@@ -32,6 +32,11 @@ wire::QueryT query_message(const QueryOptions& options) {
     if (request.fields.empty() && is_point_ending(ending)) {
         request.fields = {"position"};
         if (ending != ".las") request.fields.insert(request.fields.end(), {"t", "inst"});
+        wire::GeneratorT sensor;
+        if (!options.generate.empty()) sensor.kind = options.generate.front();
+        if (!options.job.detach)
+            for (std::string& name : SensorColumns::of(sensor))
+                request.fields.push_back(std::move(name));
     }
     if (request.fields.empty() && request.reduce.empty())
         request.fields = default_fields(request.kind);
@@ -79,11 +84,9 @@ Result<void> check_points(const QueryOptions& options, const wire::QueryT& reque
     if (extension_of(options.output) == ".las")
         for (const std::string& field : request.fields)
             if (auto fits = check_las_column(field); field != place && !fits) return fits;
-    if (options.job.detach)
-        return fail(Exit::usage,
-                    options.output + " goes without --detach: raynest fetch writes a .npz");
     if (options.part.count != 0)
-        return fail(Exit::usage, "--part needs -o FILE.npz, which raynest merge reads");
+        return fail(Exit::usage,
+                    "--part needs -o FILE.npz, which raynest merge makes point clouds of, too");
     return {};
 }
 
@@ -263,9 +266,12 @@ Result<void> run(Context& context, const QueryOptions& options) {
     }
     const auto own = SensorColumns::take(request.fields, request.generator.get());
     if (!own) return tl::unexpected<Failure>(own.error());
-    if (!own->empty() && (options.job.detach || !request.reduce.empty()))
-        return fail(Exit::usage,
-                    "the column " + own->names().front() + " goes without --detach and --reduce");
+    if (!own->empty() && options.job.detach)
+        return fail(Exit::usage, "the column " + own->names().front() +
+                                     " is made when the answer is fetched: leave it out of "
+                                     "--fields, and give raynest fetch this --generate");
+    if (!own->empty() && !request.reduce.empty())
+        return fail(Exit::usage, "the column " + own->names().front() + " goes without --reduce");
     request.ray_count = rays->count();
     warn_of_rounding(context, *rays, *scene);
     // Rows need these columns, shown or hidden, to tell hits, misses and invalid rays apart; points
@@ -288,17 +294,8 @@ Result<void> run(Context& context, const QueryOptions& options) {
         context, options.output, request.reduce.empty() ? request.kind : request.reduce,
         [&](const ChunkConsumer& consume) {
             if (!own->empty())
-                return run_query(
-                    context.connection, request, *rays, context.progress,
-                    [&](const QueryChunk& chunk) {
-                        return own->beside(chunk.columns, request.part_first + chunk.first_ray,
-                                           chunk.count, [&](const auto& columns) {
-                                               QueryChunk more = chunk;
-                                               more.columns = columns;
-                                               return consume(more);
-                                           });
-                    },
-                    trajectory);
+                return run_query(context.connection, request, *rays, context.progress,
+                                 with_columns(*own, request.part_first, consume), trajectory);
             const bool sends = request.generator == nullptr || !points.empty();
             if (sends && rays->count() == 0)
                 return ask_about_no_rays(context, request, *rays, consume);

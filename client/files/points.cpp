@@ -4,7 +4,9 @@
 #include <cmath>
 #include <cstdint>
 #include <cstring>
+#include <iterator>
 #include <limits>
+#include <utility>
 
 namespace raynest::client {
 namespace {
@@ -15,6 +17,7 @@ using Bytes = std::vector<std::byte>;
 constexpr double float32_most = 1e4;
 constexpr std::uint64_t las_points_max = std::numeric_limits<std::uint32_t>::max();
 constexpr std::size_t las_point_bytes = 28;
+constexpr std::size_t las_colour_bytes = 6;
 constexpr int las_returns_max = 5;
 
 void append(Bytes& to, const void* from, std::size_t bytes) {
@@ -31,6 +34,78 @@ void append_number(Bytes& to, T value) {
 
 std::size_t size_of(std::string_view dtype) {
     return static_cast<std::size_t>(dtype[2] - '0');
+}
+
+constexpr std::array<std::string_view, 3> colour_names{"red", "green", "blue"};
+
+/// The sRGB of linear light, from 0 to 1.
+double srgb_of(float linear) {
+    const double share = linear > 0 ? std::min(double{linear}, 1.0) : 0;
+    return share <= 0.0031308 ? share * 12.92 : 1.055 * std::pow(share, 1 / 2.4) - 0.055;
+}
+
+float float_at(const PointColumn& column, std::size_t number) {
+    float value = 0;
+    std::memcpy(&value, column.values.data() + sizeof value * number, sizeof value);
+    return value;
+}
+
+/// Appends the colours of points, each channel from 0 to `most`, as columns of their own.
+template <class Channel>
+void append_shades(std::vector<PointColumn>& to, const PointColumn& colours, Channel most) {
+    for (std::size_t channel = 0; channel < colour_names.size(); ++channel) {
+        PointColumn shades{
+            std::string(colour_names[channel]), sizeof most == 1 ? "|u1" : "<u2", {}};
+        for (std::size_t i = channel; sizeof(float) * i < colours.values.size();
+             i += colour_names.size())
+            append_number(shades.values, static_cast<Channel>(
+                                             std::nearbyint(srgb_of(float_at(colours, i)) * most)));
+        to.push_back(std::move(shades));
+    }
+}
+
+/// PCL's rgb: the bytes of a number that is said to be a float.
+PointColumn packed(std::span<const PointColumn> shades) {
+    PointColumn made{"rgb", "<f4", {}};
+    for (std::size_t point = 0; point < shades[0].values.size(); ++point)
+        for (const std::byte byte : {shades[2].values[point], shades[1].values[point],
+                                     shades[0].values[point], std::byte{0}})
+            made.values.push_back(byte);
+    return made;
+}
+
+/// Returns the columns of one number each that a file of this ending has for them.
+std::vector<PointColumn> columns_of_one(std::string_view ending,
+                                        std::span<const PointColumn> columns) {
+    std::vector<PointColumn> made;
+    for (const PointColumn& column : columns) {
+        const bool has_three = column.width == 3 && column.dtype == "<f4";
+        if (column.name == "base_colour" && has_three) {
+            if (ending == ".las") {
+                append_shades(made, column, std::numeric_limits<std::uint16_t>::max());
+                continue;
+            }
+            std::vector<PointColumn> shades;
+            append_shades(shades, column, std::numeric_limits<std::uint8_t>::max());
+            if (ending == ".pcd")
+                made.push_back(packed(shades));
+            else
+                std::ranges::move(shades, std::back_inserter(made));
+            continue;
+        }
+        const std::size_t size = size_of(column.dtype);
+        for (std::uint32_t part = 0; part < column.width; ++part) {
+            std::string name = column.name;
+            if (column.name == "normal" && has_three)
+                name = std::string(ending == ".pcd" ? "normal_" : "n") + "xyz"[part];
+            else if (column.width > 1)
+                name += "_" + std::to_string(part);
+            PointColumn& one = made.emplace_back(PointColumn{std::move(name), column.dtype, {}});
+            for (std::size_t at = size * part; at < column.values.size(); at += size * column.width)
+                append(one.values, column.values.data() + at, size);
+        }
+    }
+    return made;
 }
 
 /// Appends the points, x y z as `real` and then the columns, point by point.
@@ -103,7 +178,7 @@ int count_of(const PointColumn* column, std::size_t point, int otherwise) {
     return value;
 }
 
-/// LAS 1.2, point format 1.
+/// LAS 1.2, point format 1, or with colours 3.
 Result<Bytes> format_las(std::span<const double> positions, std::span<const PointColumn> columns) {
     const std::size_t count = positions.size() / 3;
     if (count > las_points_max)
@@ -113,9 +188,8 @@ Result<Bytes> format_las(std::span<const double> positions, std::span<const Poin
     const PointColumn* time = nullptr;
     const PointColumn* ring = nullptr;
     const PointColumn* reflectance = nullptr;
+    std::vector<const PointColumn*> colours;
     for (const PointColumn& column : columns) {
-        if (auto fits = check_las_column(column.name); !fits)
-            return tl::unexpected<Failure>(fits.error());
         if (column.name == "return" && column.dtype == "<u2")
             number = &column;
         else if (column.name == "returns" && column.dtype == "<u2")
@@ -126,7 +200,10 @@ Result<Bytes> format_las(std::span<const double> positions, std::span<const Poin
             ring = &column;
         else if (column.name == "reflectance" && column.dtype == "<f4")
             reflectance = &column;
+        else if (std::ranges::find(colour_names, column.name) != colour_names.end())
+            colours.push_back(&column);
     }
+    const std::size_t point_bytes = las_point_bytes + (colours.empty() ? 0 : las_colour_bytes);
     std::array<double, 3> low{}, high{}, scale{}, offset{};
     for (std::size_t axis = 0; axis < 3; ++axis) {
         if (count != 0) low[axis] = high[axis] = positions[axis];
@@ -140,7 +217,7 @@ Result<Bytes> format_las(std::span<const double> positions, std::span<const Poin
     }
     std::array<std::uint32_t, las_returns_max> by_return{};
     Bytes rows;
-    rows.reserve(count * las_point_bytes);
+    rows.reserve(count * point_bytes);
     for (std::size_t point = 0; point < count; ++point) {
         for (std::size_t axis = 0; axis < 3; ++axis)
             append_number(rows, static_cast<std::int32_t>(std::nearbyint(
@@ -169,6 +246,9 @@ Result<Bytes> format_las(std::span<const double> positions, std::span<const Poin
         if (time != nullptr)
             std::memcpy(&seconds, time->values.data() + sizeof seconds * point, sizeof seconds);
         append_number(rows, seconds);
+        for (const PointColumn* shade : colours)
+            append(rows, shade->values.data() + sizeof(std::uint16_t) * point,
+                   sizeof(std::uint16_t));
     }
     Bytes file;
     append_text(file, "LASF");
@@ -183,8 +263,8 @@ Result<Bytes> format_las(std::span<const double> positions, std::span<const Poin
     append_number(file, std::uint16_t{227});
     append_number(file, std::uint32_t{227});
     append_number(file, std::uint32_t{0});
-    append_number(file, std::uint8_t{1});
-    append_number(file, static_cast<std::uint16_t>(las_point_bytes));
+    append_number(file, static_cast<std::uint8_t>(colours.empty() ? 1 : 3));
+    append_number(file, static_cast<std::uint16_t>(point_bytes));
     append_number(file, static_cast<std::uint32_t>(count));
     for (const std::uint32_t points : by_return) append_number(file, points);
     for (const double value : scale) append_number(file, value);
@@ -200,7 +280,8 @@ Result<Bytes> format_las(std::span<const double> positions, std::span<const Poin
 }  // namespace
 
 Result<void> check_las_column(std::string_view name) {
-    constexpr std::array known{"position", "return", "returns", "time", "ring", "reflectance"};
+    constexpr std::array known{"position", "return",      "returns",    "time",
+                               "ring",     "reflectance", "base_colour"};
     if (std::ranges::find(known, name) != known.end()) return {};
     return fail(Exit::usage, "a .las has no room for the column '" + std::string(name) +
                                  "': write a .ply or .pcd, or pass --fields position");
@@ -218,8 +299,13 @@ bool is_point_ending(std::string_view ending) {
 
 Result<Bytes> format_points(std::string_view ending, std::span<const double> positions,
                             std::span<const PointColumn> columns) {
-    if (ending == ".las") return format_las(positions, columns);
-    return ending == ".pcd" ? format_pcd(positions, columns) : format_ply(positions, columns);
+    if (ending == ".las")
+        for (const PointColumn& column : columns)
+            if (auto fits = check_las_column(column.name); !fits)
+                return tl::unexpected<Failure>(fits.error());
+    const std::vector<PointColumn> plain = columns_of_one(ending, columns);
+    if (ending == ".las") return format_las(positions, plain);
+    return ending == ".pcd" ? format_pcd(positions, plain) : format_ply(positions, plain);
 }
 
 }  // namespace raynest::client

@@ -104,7 +104,8 @@ std::vector<std::byte> Columns::npz(std::string_view part) const {
         arrays.push_back(
             {"ray_splits", {"<i8", {splits_.size()}, std::as_bytes(std::span(splits_))}});
     for (const auto& [name, column] : columns_) {
-        if (!column.shown) continue;
+        // A part tells hits from misses, for those that make points of it.
+        if (!column.shown && part.empty()) continue;
         std::vector<std::uint64_t> shape = {column.count};
         if (column.width > 1) shape.push_back(column.width);
         const bool is_truth = column.dtype == wire::Dtype::u8 && is_truth_field(name);
@@ -127,6 +128,10 @@ std::vector<std::uint64_t> Columns::hit_rows() const {
 }
 
 Result<std::vector<std::byte>> Columns::points(std::string_view ending) const {
+    if (place_of(order_).empty() || (!has_splits_ && !columns_.contains("hit")))
+        return fail(Exit::usage,
+                    "the answer is no point cloud: the query needs the columns position, or "
+                    "sensor_position, and hit among its --fields; write a .npz");
     const std::vector<std::uint64_t> hits = hit_rows();
     std::vector<std::uint64_t> rays;  // of each hit, where a ray may have several
     for (std::uint64_t ray = 0; has_splits_ && ray + 1 < splits_.size(); ++ray)
@@ -153,18 +158,15 @@ Result<std::vector<std::byte>> Columns::points(std::string_view ending) const {
             }
             continue;
         }
-        const std::size_t size = column.value_bytes;
-        for (std::uint32_t part = 0; part < column.width; ++part) {
-            PointColumn made{column.width == 1 ? name : name + "_" + std::to_string(part),
-                             column.numpy, std::vector<std::byte>(size * rows.size())};
-            for (std::size_t i = 0; i < rows.size(); ++i)
-                std::memcpy(made.values.data() + size * i,
-                            column.bytes.data() + size * (rows[i] * column.width + part), size);
-            if (made.dtype == "<u8") {
-                if (auto fits = shorten(made); !fits) return tl::unexpected<Failure>(fits.error());
-            }
-            beside.push_back(std::move(made));
+        const std::size_t size = column.value_bytes * column.width;
+        PointColumn made{name, column.numpy, std::vector<std::byte>(size * rows.size()),
+                         column.width};
+        for (std::size_t i = 0; i < rows.size(); ++i)
+            std::memcpy(made.values.data() + size * i, column.bytes.data() + size * rows[i], size);
+        if (made.dtype == "<u8") {
+            if (auto fits = shorten(made); !fits) return tl::unexpected<Failure>(fits.error());
         }
+        beside.push_back(std::move(made));
     }
     if (has_splits_) {
         PointColumn number{"return", "<u2", {}};

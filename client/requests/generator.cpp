@@ -195,16 +195,25 @@ Grid grid_of(const wire::GeneratorT& generator) {
 
 }  // namespace
 
+std::vector<std::string> SensorColumns::of(const wire::GeneratorT& generator) {
+    std::vector<std::string> names;
+    if (has_channels(generator)) names.emplace_back("ring");
+    if (moves(generator)) names.emplace_back("time");
+    return names;
+}
+
 Result<SensorColumns> SensorColumns::take(std::vector<std::string>& fields,
                                           const wire::GeneratorT* generator) {
     SensorColumns made;
     for (const char* name : {"ring", "time"}) {
         if (std::ranges::find(fields, name) == fields.end()) continue;
-        const bool is_ring = name == std::string_view("ring");
-        if (generator == nullptr || !(is_ring ? has_channels(*generator) : moves(*generator)))
+        const std::vector<std::string> known =
+            generator == nullptr ? std::vector<std::string>() : of(*generator);
+        if (std::ranges::find(known, name) == known.end())
             return fail(Exit::usage,
                         std::string("the column ") + name + " is of --generate " +
-                            (is_ring ? "lidar and sweep" : "sweep and rolling_shutter"));
+                            (name == std::string_view("ring") ? "lidar and sweep"
+                                                              : "sweep and rolling_shutter"));
         std::erase(fields, name);
         made.names_.emplace_back(name);
     }

@@ -44,6 +44,8 @@ Result<std::vector<std::byte>> read_sent_numbers(const Generate& generate, const
 /// that the client makes them.
 class SensorColumns {
 public:
+    /// The names of those that the sensor of a generator has.
+    static std::vector<std::string> of(const wire::GeneratorT& generator);
     /// Takes those names that are such columns out of `fields`. Exit code 2 where the sensor has none.
     static Result<SensorColumns> take(std::vector<std::string>& fields,
                                       const wire::GeneratorT* generator);

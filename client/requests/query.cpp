@@ -236,6 +236,19 @@ Result<Outcome> run_query(Connection& connection, const wire::QueryT& request,
     return outcome;
 }
 
+std::function<Result<void>(const QueryChunk&)> with_columns(
+    const SensorColumns& sensor, std::uint64_t first,
+    const std::function<Result<void>(const QueryChunk&)>& consume) {
+    return [&sensor, first, &consume](const QueryChunk& chunk) {
+        return sensor.beside(chunk.columns, first + chunk.first_ray, chunk.count,
+                             [&](std::span<const BlockView> columns) {
+                                 QueryChunk more = chunk;
+                                 more.columns = columns;
+                                 return consume(more);
+                             });
+    };
+}
+
 Result<Outcome> fetch_query(Connection& connection, const wire::FetchT& request, Progress& progress,
                             const std::function<Result<void>(const QueryChunk&)>& consume) {
     if (auto started = connection.start(request); !started)

@@ -4,6 +4,7 @@
 #include "client/ground/lists.h"
 #include "client/ground/progress.h"
 #include "client/net/connection.h"
+#include "client/requests/generator.h"
 #include "client/requests/job.h"
 #include "client/requests/rays.h"
 
@@ -39,6 +40,12 @@ Result<Outcome> run_query(Connection& connection, const wire::QueryT& request,
                           const RaySource& rays, Progress& progress,
                           const std::function<Result<void>(const QueryChunk&)>& consume,
                           std::span<const std::byte> trajectory = {});
+
+/// Returns what passes chunks on to `consume` with the columns of a sensor beside them. `first` is the
+/// sensor's ray with which the answer begins. Both must outlive it.
+[[nodiscard]] std::function<Result<void>(const QueryChunk&)> with_columns(
+    const SensorColumns& sensor, std::uint64_t first,
+    const std::function<Result<void>(const QueryChunk&)>& consume);
 
 /// Reads the answer of a detached query; `consume` as above.
 Result<Outcome> fetch_query(Connection& connection, const wire::FetchT& request, Progress& progress,

@@ -205,7 +205,7 @@ class Parts(DaemonTest):
         self.refused(5, "foreign.npz is of another request .*: hash is", "merge", out, made[0], other, made[2])
         self.refused(5, "whole-again.npz: is no part", "merge", out, self.out / "whole-again.npz")
         self.refused(5, "nowhere.npz: No such file", "merge", out, "nowhere.npz")
-        self.refused(2, "parts become a .npz, a .png or an .exr", "merge", "out.txt", made[0])
+        self.refused(2, "parts become a .npz, a .png, an .exr, or a point cloud", "merge", "out.txt", made[0])
         (self.out / "cut.npz").write_bytes(made[0].read_bytes()[:300])
         self.refused(5, "cut.npz: is no part", "merge", out, self.out / "cut.npz")
         self.assertFalse(out.exists())

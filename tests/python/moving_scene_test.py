@@ -333,7 +333,7 @@ class MovingScene(WithDaemon):
         query("--quiet", "--fields", "ring", "-o", str(folder / "lidar.npz"), generate=("lidar",))
         np.testing.assert_array_equal(np.load(folder / "lidar.npz")["ring"], np.repeat(np.arange(7), 90))
         self.assertIn("the column time is of --generate sweep and rolling_shutter", query("--quiet", "--fields", "time", generate=("lidar",), code=2))
-        self.assertIn("goes without --detach", query("--quiet", "--fields", "t,ring", "--detach", code=2))
+        self.assertIn("is made when the answer is fetched", query("--quiet", "--fields", "t,ring", "--detach", code=2))
 
 
 if __name__ == "__main__":

@@ -1,18 +1,13 @@
 #!/usr/bin/env python3
-"""Sweeps of a moving lidar against float64 formulas, and point clouds read back from files.
+"""Sweeps of a moving lidar against float64 formulas.
 
   sweeps_test.py RAYNESTD RAYNEST FLATC
 """
-import struct
-import subprocess
-import tempfile
-from pathlib import Path
-
 import numpy as np
 
 import raynest
-from raynest import generators, points, returns, sweeps
-from with_daemon import WithDaemon, main, rain
+from raynest import generators, returns, sweeps
+from with_daemon import WithDaemon, main
 
 
 def turn(axis, angle):
@@ -321,165 +316,6 @@ class Returns(WithDaemon):
                             ({"velocities": {"car": (1, 2, np.inf)}}, "'car'"), ({"velocities": {3: (1, 2, 3)}}, "texts of paths"), ({"seed": -1}, "seed")):
             with self.subTest(more=more), self.assertRaisesRegex(raynest.UsageError, words):
                 returns.measure(wall, sweep, **more)
-
-
-class PointClouds(WithDaemon):
-    def setUp(self):
-        self.folder = Path(self.enterContext(tempfile.TemporaryDirectory()))
-        random = np.random.default_rng(8)
-        self.points = random.uniform(-300, 500, (1000, 3))
-        self.points[7] = np.nan
-        self.hit = np.arange(1000) % 5 != 0
-        self.kept = self.hit & (np.arange(1000) != 7)
-        self.columns = {"ring": (np.arange(1000) % 64).astype(np.uint16), "time": random.uniform(0, 0.1, 1000),
-                        "intensity": random.uniform(0, 1, 1000).astype(np.float32)}
-
-    def save(self, name, **more):
-        path = self.folder / name
-        self.assertEqual(points.save(path, self.points, where=self.hit, **{**self.columns, **more}), self.kept.sum())
-        return path.read_bytes()
-
-    def same(self, table, places):
-        np.testing.assert_allclose(np.stack([table[axis] for axis in "xyz"], -1), self.points[self.kept], atol=places)
-        for name, column in self.columns.items():
-            np.testing.assert_array_equal(table[name], column[self.kept])
-
-    def test_ply_comes_back(self):
-        header, body = self.save("a.ply", path=np.arange(1000, dtype=np.uint64), ng=self.points).split(b"end_header\n", 1)
-        sizes = {"double": "<f8", "float": "<f4", "ushort": "<u2", "uint": "<u4"}
-        lines = [line.split() for line in header.decode().splitlines()]
-        table = np.frombuffer(body, [(name, sizes[kind]) for word, kind, name in
-                                     (line for line in lines if line[0] == "property")])
-        self.assertIn(["element", "vertex", str(self.kept.sum())], lines)
-        self.same(table, 0)
-        np.testing.assert_array_equal(table["path"], np.arange(1000)[self.kept])
-        np.testing.assert_array_equal(table["ng_2"], self.points[self.kept][:, 2])
-
-    def test_pcd_comes_back(self):
-        for far in (0, 4e6):
-            self.points = self.points + far
-            header, body = self.save("a.PCD").split(b"DATA binary\n", 1)
-            said = dict(line.split(" ", 1) for line in header.decode().splitlines() if line[0] != "#")
-            kinds = [kind.lower() + size for kind, size in zip(said["TYPE"].split(), said["SIZE"].split())]
-            table = np.frombuffer(body, list(zip(said["FIELDS"].split(), ["<" + kind for kind in kinds])))
-            self.assertEqual((said["POINTS"], said["HEIGHT"]), (str(self.kept.sum()), "1"))
-            self.same(table, 1e-9 if far else 4e-5)
-
-    def test_las_comes_back(self):
-        kinds = np.arange(1000) % 32
-        data = self.save("a.las", **{"return": np.arange(1000) % 3, "returns": 3 + np.arange(1000) % 2, "classification": kinds})
-        version, start, kind, size, count = (*struct.unpack_from("<BB", data, 24)[1:],
-                                             *struct.unpack_from("<I", data, 96),
-                                             *struct.unpack_from("<BHI", data, 104))
-        self.assertEqual((data[:4], version, kind, size, count), (b"LASF", 2, 1, 28, self.kept.sum()))
-        scale, offset = np.frombuffer(data, "<f8", 6, 131).reshape(2, 3)
-        self.assertEqual(len(data), start + size * count)
-        raw = np.frombuffer(data[start:], np.uint8).reshape(count, size)
-        place = np.ascontiguousarray(raw[:, :12]).view("<i4") * scale + offset
-        np.testing.assert_allclose(place, self.points[self.kept], atol=1e-6)
-        np.testing.assert_array_equal(raw[:, 17], self.columns["ring"][self.kept])
-        np.testing.assert_array_equal(raw[:, 15], kinds[self.kept])
-        np.testing.assert_array_equal(np.ascontiguousarray(raw[:, 20:28]).view("<f8")[:, 0],
-                                      self.columns["time"][self.kept])
-        np.testing.assert_array_equal((raw[:, 14] & 7) - 1, (np.arange(1000) % 3)[self.kept])
-        np.testing.assert_array_equal(raw[:, 14] >> 3, (3 + np.arange(1000) % 2)[self.kept])
-        returns = struct.unpack_from("<5I", data, 111)
-        self.assertEqual(sum(returns), count)
-        bounds = np.frombuffer(data, "<f8", 6, 179).reshape(3, 2)
-        np.testing.assert_array_equal(bounds[:, 0], self.points[self.kept].max(axis=0))
-        # The daemon reads them as points.
-        cloud = self.client.load(str(self.folder / "a.las"), "cloud", radius=0.5)
-        self.assertEqual(cloud.info["records"]["sphere"] if "records" in cloud.info else self.kept.sum(), self.kept.sum())
-
-    def query(self, name, *words, code=0):
-        """Writes a file by the command line; returns what it said."""
-        done = subprocess.run([self.raynest, "--server", self.daemon.uri, "query", "woods", *words, "-o",
-                               str(self.folder / name)], capture_output=True, text=True, check=False)
-        self.assertEqual(done.returncode, code, done.stderr)
-        return done.stdout + done.stderr
-
-    def test_the_command_line_writes_the_same_bytes(self):
-        np.save(self.folder / "rain.npy", rain(5000))
-        rays = ("--rays", str(self.folder / "rain.npy"))
-        hits = self.woods.trace(rain(5000), fields=("position", "t", "inst", "ng", "hit"))
-        self.assertTrue(0 < hits["hit"].sum() < 5000)
-        beside = {"t": hits["t"], "inst": hits["inst"]}
-        for ending, fields, columns in ((".ply", "", beside), (".pcd", "", beside), (".las", "", {}),
-                                        (".ply", "ng,position", {"ng": hits["ng"]})):
-            self.query("theirs" + ending, *rays, *(("--fields", fields) if fields else ()))
-            points.save(self.folder / ("ours" + ending), hits["position"], where=hits["hit"], **columns)
-            with self.subTest(ending=ending, fields=fields):
-                self.assertEqual((self.folder / ("theirs" + ending)).read_bytes(),
-                                 (self.folder / ("ours" + ending)).read_bytes())
-        shade = self.woods.trace(rain(5000), fields=("reflectance",))["reflectance"]
-        self.query("theirs.las", *rays, "--fields", "position,reflectance")
-        points.save(self.folder / "ours.las", hits["position"], where=hits["hit"], reflectance=shade)
-        self.assertEqual((self.folder / "theirs.las").read_bytes(), (self.folder / "ours.las").read_bytes())
-        # Several hits of a ray, and a column that rays have once.
-        many = self.woods.trace(rain(5000), kind="multi", max_hits=3, fields=("position", "direction"))
-        splits = many["ray_splits"]
-        counts = np.diff(splits)
-        number = (np.arange(splits[-1]) - np.repeat(splits[:-1], counts)).astype(np.uint16)
-        of_ray = np.repeat(counts, counts).astype(np.uint16)
-        for ending in (".ply", ".las"):
-            more = {} if ending == ".las" else {"direction": np.repeat(many["direction"], counts, axis=0)}
-            self.query("theirs" + ending, *rays, "--kind", "multi", "--max-hits", "3", "--fields",
-                       "position" if ending == ".las" else "position,direction")
-            points.save(self.folder / ("ours" + ending), many["position"], **more, **{"return": number, "returns": of_ray})
-            with self.subTest(ending=ending):
-                self.assertEqual((self.folder / ("theirs" + ending)).read_bytes(),
-                                 (self.folder / ("ours" + ending)).read_bytes())
-
-    def test_points_in_the_frame_of_the_sensor(self):
-        # The columns that --generate lidar makes, of a sensor that stands turned and away from zero.
-        sensor = ("--generate", "lidar", "elevations=-30,-20,-10", "azimuths=0:360:200", "pose=0,0,1,5,1,0,0,6,0,1,0,-3")
-        pose = np.array([[0, 0, 1, 5], [1, 0, 0, 6], [0, 1, 0, -3]], float)
-        fields = ("sensor_position", "position", "hit", "ring")
-        hits = self.woods.trace(raynest.generators.lidar((-30, -20, -10), (0, 360, 200), pose=pose), fields=fields)
-        self.assertTrue(0 < hits["hit"].sum())
-        for ending, beside in ((".ply", {"ring": hits["ring"]}), (".pcd", {"ring": hits["ring"]}), (".las", {})):
-            words = ("--fields", ",".join(("sensor_position", *beside)))
-            self.query("theirs" + ending, *sensor, *words)
-            points.save(self.folder / ("ours" + ending), hits["sensor_position"], where=hits["hit"], **beside)
-            with self.subTest(ending):
-                self.assertEqual((self.folder / ("theirs" + ending)).read_bytes(),
-                                 (self.folder / ("ours" + ending)).read_bytes())
-        # Beside `position` it is a column like others.
-        self.query("both.ply", *sensor, "--fields", "position,sensor_position")
-        self.assertIn(b"sensor_position_2", (self.folder / "both.ply").read_bytes()[:600])
-
-    def test_the_command_line_refuses_what_makes_no_points(self):
-        through = np.zeros((400, 6), np.float32)  # along the ground, through many leaves
-        through[:, 0], through[:, 1], through[:, 2], through[:, 3] = -60, 4, np.linspace(-40, 40, 400), 1
-        np.save(self.folder / "rain.npy", through)
-        rays = ("--rays", str(self.folder / "rain.npy"))
-        for name, words, said in (("a.ply", ("--kind", "any"), "needs hits"), ("a.ply", ("--fields", "t"), "column position"),
-                                  ("a.las", ("--fields", "position,t"), "no room for the column 't'"),
-                                  ("a.las", ("--fields", "position,hit"), "no room for the column 'hit'"),
-                                  ("a.las", ("--kind", "multi"), "--max-hits 5"), ("a.ply", ("--part", "1/2"), "FILE.npz"), ("a.ply", ("--detach",), "without --detach"),
-                                  ("a.xyz", (), ".npz or .ply or .pcd or .las")):
-            with self.subTest(name=name, words=words):
-                self.assertIn(said, self.query(name, *rays, *words, code=2))
-                self.assertFalse((self.folder / name).exists())
-
-    def test_what_no_file_can_hold_is_refused(self):
-        for name, more, words in (("a.xyz", {}, "must end with .ply, .pcd or .las"), ("a.las", {"prim": self.hit}, "'prim'"),
-                                  ("a.ply", {"path": np.full(1000, 2**40)}, "beyond 32 bits"),
-                                  ("a.ply", {"ring": np.zeros(3)}, "ring has shape"),
-                                  ("a.ply", {"x": self.hit}, "cannot be called 'x'"),
-                                  ("a.ply", {"a b": self.hit}, "cannot be called 'a b'"),
-                                  ("a.pcd", {"n_0": self.hit, "n": np.zeros((1000, 2))}, "cannot be called 'n_0'"),
-                                  ("a.las", {"ring": np.full(1000, 256)}, "'ring' from 0 to 255"),
-                                  ("a.las", {"classification": np.full(1000, 32)}, "'classification' from 0 to 31"),
-                                  ("a.las", {"intensity": np.zeros(1000), "reflectance": np.zeros(1000)}, "one of the columns"),
-                                  ("a.las", {"return": np.full(1000, 5)}, "'return' from 0 to 4"),
-                                  ("a.las", {"return": np.full(1000, 2), "returns": np.full(1000, 2)}, "beyond the number"),
-                                  ("a.las", {"returns": np.full(1000, 6)}, "'returns' from 0 to 5"),
-                                  ("a.las", {"intensity": np.full(1000, np.nan)}, "'intensity' from 0 to 1"),
-                                  ("a.ply", {"names": np.full(1000, "x")}, "must be numbers")):
-            with self.subTest(words=words), self.assertRaisesRegex(raynest.UsageError, words):
-                self.save(name, **more)
-            self.assertFalse((self.folder / name).exists())
 
 
 if __name__ == "__main__":

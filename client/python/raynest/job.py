@@ -7,13 +7,13 @@ from __future__ import annotations
 
 import contextlib
 import functools
-from typing import Any, Iterator
+from typing import Any, Iterator, Optional
 
 from . import errors
 from ._net.connection import Connection
 from ._net.control import Message
 from ._requests.arguments import milliseconds, none_is_default, whole
-from ._requests.columns import REDUCED, Whole
+from ._requests.columns import REDUCED, Columns, Whole
 from ._requests.job import Progress
 from ._requests.picture import Picture
 from ._requests.query import Answer
@@ -22,11 +22,13 @@ from ._session import Session
 
 
 class Job:
-    """A job, made with `detach` or by Client.job(), also on another connection of the same owner."""
+    """A job, made with `detach` or by Client.job(), also on another connection of the same owner. The columns `ring` and
+    `time` of a generator come with the answer of the former alone: the latter has no generator."""
 
-    def __init__(self, client: Session, number: int) -> None:
+    def __init__(self, client: Session, number: int, own: Optional[Columns] = None) -> None:
         self.number = whole("job", number, 2**64 - 1)
         self._client = client
+        self._own = own or {}       # columns that follow from the rays, which the daemon's answer lacks
         self._cancelled = False     # by this object
 
     def __repr__(self) -> str:
@@ -90,7 +92,7 @@ class Job:
                     progress(answer.answered, max(total, answer.answered), "fetching")
         client.outcome = answer.outcome
         answer.outcome.warn_of_rays()
-        return rows.columns()
+        return {**rows.columns(), **self._own}
 
     def cancel(self) -> None:
         """Cancels the job and drops its answer."""

@@ -1,10 +1,12 @@
 """Joins the files of `raynest query|render|heatmap --part I/N`: `raynest merge OUT PARTS...`.
 
 Each part says which scene (digest, epoch) and request it is of, and which rows it has. An .exr is the file of the
-whole picture, byte by byte; a .png has its pixels, and a .npz its columns.
+whole picture, byte by byte; a .png has its pixels, and a .npz its columns. Parts in .npz with the column position also
+become a point cloud: a .ply, .pcd or .las.
 """
 from __future__ import annotations
 
+import functools
 import io
 import json
 import os
@@ -16,7 +18,7 @@ import tokenize
 import zipfile
 import zlib
 from decimal import Decimal
-from typing import Any, NamedTuple, Optional, Sequence
+from typing import Any, Callable, NamedTuple, Optional, Sequence
 
 import numpy as np
 
@@ -24,6 +26,7 @@ from ._requests.columns import OF_HITS, REDUCED
 from ._requests.exr import channel_count, read_exr, unpacked
 from ._requests.npz import write_npz
 from .errors import Error, InvalidError, ProtocolError, UsageError
+from .points import ENDINGS, formatted
 
 LINES = 16                  # rows of a block of the daemon's EXR files, at which parts begin
 PNG = b"\x89PNG\r\n\x1a\n"
@@ -49,17 +52,21 @@ def merge(out: str, paths: Sequence[str]) -> str:
     """Joins parts into `out`; returns a line that says what it is. Raises InvalidError, which names the part, if one
     is missing, is there twice, or is of another request."""
     ending = os.path.splitext(out)[1].lower()
-    kinds = {".npz": (_read_npz, _join_npz, "rows"), ".png": (_read_png, _join_png, "rows of pixels"),
-             ".exr": (_read_exr, _join_exr, "rows of pixels")}
+    kinds: dict[str, tuple[Callable[[str, bytes], Part], Callable[[Sequence[Part]], Any], str]] = {
+        ".npz": (_read_npz, _join_npz, "rows"), ".png": (_read_png, _join_png, "rows of pixels"),
+        ".exr": (_read_exr, _join_exr, "rows of pixels"),
+        **dict.fromkeys(ENDINGS, (_read_npz, functools.partial(_join_points, ending), "rows"))}
     if ending not in kinds:
-        raise UsageError(f"{out}: parts become a .npz, a .png or an .exr")
+        raise UsageError(f"{out}: parts become a .npz, a .png, an .exr, or a point cloud: a .ply, .pcd or .las")
     read, join, rows = kinds[ending]
+    of_parts = ".npz" if ending in ENDINGS else ending
     if not paths:
         raise UsageError("name the parts behind the file that they become")
     parts = []
     for path in paths:
-        if os.path.splitext(path)[1].lower() != ending:
-            raise InvalidError(f"{path}: does not end in {ending}, as {out} does", "FILE_INVALID")
+        if os.path.splitext(path)[1].lower() != of_parts:
+            raise InvalidError(f"{path}: does not end in {of_parts}, as " + (
+                f"{out} does" if of_parts == ending else "parts of a point cloud do"), "FILE_INVALID")
         try:
             with open(path, "rb") as file:
                 parts.append(read(path, file.read()))
@@ -162,14 +169,38 @@ def _check_rows(columns: dict[str, Any], count: int) -> int:
 
 
 def _join_npz(parts: Sequence[Part]) -> Any:
+    columns = _joined_columns(parts)
+    if "hit" not in parts[0].request.get("fields", ["hit"]):
+        columns.pop("hit", None)    # which parts have for those that make points of them
+    return lambda file: write_npz(file, columns)
+
+
+def _join_points(ending: str, parts: Sequence[Part]) -> bytes:
+    """The points that were hit, as `raynest query` would have written them for all rays."""
+    columns, fields = _joined_columns(parts), parts[0].request.get("fields", ())
+    place = next((name for name in ("position", "sensor_position") if name in columns), "")
+    if not place or not columns.keys() & {"hit", "ray_splits"}:
+        raise UsageError("these parts are no point cloud: each needs position, or sensor_position, among its --fields")
+    splits, where = columns.pop("ray_splits", None), columns.get("hit")
+    if "hit" not in fields:
+        columns.pop("hit", None)
+    if splits is not None:
+        counts = np.diff(splits)
+        columns = {name: column if name in OF_HITS else np.repeat(column, counts, axis=0) for name, column in columns.items()}
+        columns["return"] = (np.arange(splits[-1]) - np.repeat(splits[:-1], counts)).astype(np.uint16)
+        columns["returns"] = np.repeat(counts, counts).astype(np.uint16)
+    order = [*(name for name in fields if name in columns), *(name for name in columns if name not in fields)]
+    return formatted(ending, columns[place], where, {name: columns[name] for name in order if name != place})[0]
+
+
+def _joined_columns(parts: Sequence[Part]) -> dict[str, Any]:
     found = [part.body[0] for part in parts]
     forms = [{name: (column.dtype, column.shape[1:]) for name, column in columns.items()} for columns in found]
     rows = next((part.body[1] for part in parts if part.rows), None)
     for part, form in zip(parts, forms):
         if form != forms[0] or part.body[1] not in (None, rows) and parts[0].request.get("reduce") != "visible_pixels":
             raise InvalidError(f"{part.path} has other columns than {parts[0].path}", "FILE_INVALID")
-    columns = joined(found, str(parts[0].request.get("reduce", "")))
-    return lambda file: write_npz(file, columns)
+    return joined(found, str(parts[0].request.get("reduce", "")))
 
 
 def joined(found: Sequence[dict[str, Any]], reduce: str = "") -> dict[str, Any]:

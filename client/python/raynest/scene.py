@@ -150,12 +150,11 @@ class Scene(Renders, Editable):
             generator=source.generator and one_sample(source.generator))
         query = self._query(asked, origin, expected, kind, fields, max_hits, job, reduce)
         if detach:
-            if source.count == 0 or own:
-                raise UsageError("a detached job needs rays: pass some, or leave detach away" if not own else
-                                 f"the answer of a detached job has no {' and '.join(own)}: read that of the generator itself")
+            if source.count == 0:
+                raise UsageError("a detached job needs rays: pass some, or leave detach away")
             number = query.detach()
             self._warn_of_rounding(source.starts)
-            return Job(self._client, number)
+            return Job(self._client, number, own)
         answer = Whole(query.rows, reduce)
         with self._client.connection.interrupts, \
                 contextlib.closing(query.chunks(answer.place)) as chunks:
