@@ -59,12 +59,14 @@ struct EditChange {
     std::uint32_t value = 0;  ///< a mask, the frame of place and move, or a user id
     std::string material{};   ///< of set_material: its name or number
     std::array<double, 12> matrix{1, 0, 0, 0, 0, 1, 0, 0, 0, 0, 1, 0};  ///< of place, move and add
+    std::string said{};  ///< where: "line 3 of FILE", or the option
 };
 struct EditOptions {
     std::string scene;
     std::uint64_t epoch = 0;  ///< 0: the current one
     std::vector<EditChange> changes;
-    bool keep = false;  ///< answered when it outlives the daemon
+    std::optional<Failure> bad_file;  ///< the first that cannot be read
+    bool keep = false;                ///< answered when it outlives the daemon
 };
 struct ExportOptions {
     std::string scene, output;

@@ -5,19 +5,24 @@
 #include "client/ground/json.h"
 #include "client/ground/numbers.h"
 #include "client/output/output.h"
+#include "client/requests/picture.h"
 #include "client/requests/send_file.h"
 #include "protocol/control.h"
 #include "protocol/edit_row.h"
+#include "protocol/limits.h"
 
 #include <algorithm>
 #include <array>
 #include <charconv>
+#include <functional>
 #include <iostream>
 #include <iterator>
+#include <map>
 #include <optional>
 #include <sstream>
 #include <string>
 #include <string_view>
+#include <utility>
 #include <vector>
 
 namespace raynest::client {
@@ -45,6 +50,7 @@ struct Word {
     std::string_view wanted;  ///< behind PATH=; "" where the path is all
     const char* text;
 };
+constexpr std::size_t shown_max = 60;  // letters of what a user said, in an error
 constexpr std::string_view a_mask = "a mask";
 constexpr std::string_view a_uid = "a user id";
 constexpr std::string_view a_material = "a material";
@@ -75,9 +81,11 @@ constexpr std::array<Word, 10> words{{
     {"show", EditRow::set_mask, ~0U, "", "PATH: shows what is at PATH to all rays"},
 }};
 
-/// Reads what stands behind a word; returns what is wrong, or "".
-std::string read_change(const Word& word, const std::string& text, EditOptions& edit) {
+/// Reads what stands behind a word; returns what is wrong, or "". `said` is where it stands.
+std::string read_change(const Word& word, const std::string& text, std::string said,
+                        EditOptions& edit) {
     EditChange change{word.what, text, word.value, {}};
+    change.said = std::move(said);
     if (!word.wanted.empty()) {
         const std::size_t equals = text.rfind('=');
         if (equals == 0 || equals == std::string::npos) return "'" + text + "' is not PATH=...";
@@ -112,28 +120,166 @@ std::string read_change(const Word& word, const std::string& text, EditOptions& 
 
 /// Reads a file of changes, one a line: "move PATH=1,0,0". Empty lines, and those that begin with
 /// #, say nothing.
-std::string read_changes(const std::string& path, EditOptions& edit) {
+Result<void> read_changes(const std::string& path, EditOptions& edit) {
     constexpr std::uint64_t bytes_max = 64 << 20;
+    constexpr const char* blanks = " \t\r";
     const auto file = read_file(path, bytes_max);
-    if (!file) return file.error().message;
+    if (!file) return tl::unexpected<Failure>(file.error());
     std::istringstream lines(
         std::string(reinterpret_cast<const char*>(file->data()), file->size()));
     std::string line;
     for (int number = 1; std::getline(lines, line); ++number) {
-        if (line.find_first_not_of(" \t\r") == std::string::npos || line.front() == '#') continue;
-        if (line.back() == '\r') line.pop_back();
-        const std::size_t space = line.find(' ');
+        line.erase(0, line.find_first_not_of(blanks));
+        line.erase(line.find_last_not_of(blanks) + 1);
+        if (line.empty() || line.front() == '#') continue;
+        const std::size_t space = line.find_first_of(blanks);
         const auto word =
             std::ranges::find(words, std::string_view(line).substr(0, space), &Word::name);
+        const std::string said = "line " + std::to_string(number) + " of " + shown_name(path);
         const std::string wrong =
             word == words.end() || space == std::string::npos
-                ? "'" + line.substr(0, 60) +
+                ? "'" + line.substr(0, shown_max) +
                       "' does not begin with one of move, turn, place, add, remove, "
                       "set-mask, set-uid, set-material, hide, show and a space"
-                : read_change(*word, line.substr(space + 1), edit);
-        if (!wrong.empty()) return "line " + std::to_string(number) + " of " + path + ": " + wrong;
+                : read_change(*word, line.substr(line.find_first_not_of(blanks, space)), said,
+                              edit);
+        if (!wrong.empty()) return fail(Exit::invalid, said + ": " + wrong);
     }
-    return "";
+    return {};
+}
+
+/// The outermost instance of the placements that a text names, if they are all of one instance.
+struct Named {
+    std::uint32_t instance = 0;
+    std::uint64_t placements = 0;
+    bool is_one = true;
+};
+
+/// Returns the numbers of the outermost instances that one of these texts names as a whole, and
+/// makes `epoch` that of the numbers.
+Result<std::map<std::string, std::uint32_t>> numbers_of(Context& context,
+                                                        const std::vector<std::string>& texts,
+                                                        const std::string& scene,
+                                                        std::uint64_t& epoch) {
+    constexpr std::uint64_t searched_max = 1 << 20;
+    std::map<std::string, Named, std::less<>> named;
+    for (const std::string& text : texts) named.try_emplace(text);
+    std::map<std::uint32_t, std::uint64_t> placements;  // of each outermost instance
+    wire::StructureT request;
+    request.scene = scene;
+    request.kind = "placements";
+    request.count = static_cast<std::uint32_t>(protocol::Limits{}.structure_rows_max);
+    for (std::uint64_t total = 1; request.first < total;) {
+        request.epoch = epoch;
+        if (auto started = context.connection.start(request); !started)
+            return tl::unexpected<Failure>(started.error());
+        const auto answer = receive_picture(context.connection, context.progress, document_room());
+        if (!answer) return tl::unexpected<Failure>(answer.error());
+        const auto document = read_json(*answer);
+        if (!document) return tl::unexpected<Failure>(document.error());
+        total = document->at("total").get<std::uint64_t>();
+        epoch = document->at("epoch").get<std::uint64_t>();
+        const Json& rows = document->at("rows");
+        if (total > searched_max || rows.empty()) break;
+        request.first += rows.size();
+        for (const Json& row : rows) {
+            const auto name = row.at("name").get<std::string>();
+            if (row.at("instance").is_null()) continue;
+            const auto instance = row.at("instance").get<std::uint32_t>();
+            ++placements[instance];
+            for (std::size_t end = 0; end != std::string::npos;) {
+                end = name.find('/', end + 1);
+                const auto found = named.find(std::string_view(name).substr(0, end));
+                if (found == named.end()) continue;
+                Named& is = found->second;
+                if (is.placements++ == 0) is.instance = instance;
+                is.is_one = is.is_one && is.instance == instance;
+            }
+        }
+    }
+    std::map<std::string, std::uint32_t> numbers;
+    for (const auto& [text, is] : named)
+        if (is.placements != 0 && is.is_one && is.placements == placements[is.instance])
+            numbers.emplace(text, is.instance);
+    return numbers;
+}
+
+/// A list of a request, in which each text stands once.
+struct TextList {
+    std::vector<std::string>& texts;
+    std::map<std::string, std::uint32_t> places{};
+
+    std::uint32_t place_of(const std::string& text) {
+        const auto [at, is_new] =
+            places.try_emplace(text, static_cast<std::uint32_t>(texts.size()));
+        if (is_new) texts.push_back(text);
+        return at->second;
+    }
+};
+
+/// True for what targets name by a text.
+bool is_text(const EditChange& change) {
+    return change.what != EditRow::add && !number_of(change.path, "inst=") &&
+           !number_of(change.path, "uid=");
+}
+
+/// Returns the numbers of targets where their texts are more than a message may have.
+Result<std::map<std::string, std::uint32_t>> spare_texts(Context& context,
+                                                         const EditOptions& options,
+                                                         std::uint64_t& epoch) {
+    const protocol::Limits limits;
+    const auto fit = [&](const std::vector<std::string>& texts) {
+        std::size_t bytes = 0;
+        for (const std::string& text : texts) bytes += text.size();
+        // Other lists, and the message itself, take room too.
+        return texts.size() <= limits.list_items_max && bytes <= limits.control_bytes_max / 2;
+    };
+    std::vector<std::string> texts;
+    TextList list{texts};
+    for (const EditChange& change : options.changes)
+        if (is_text(change)) list.place_of(change.path);
+    if (fit(texts)) return std::map<std::string, std::uint32_t>();
+    auto numbers = numbers_of(context, texts, options.scene, epoch);
+    if (!numbers) return numbers;
+    std::erase_if(texts, [&](const std::string& text) { return numbers->contains(text); });
+    if (fit(texts)) return numbers;
+    return fail(Exit::usage, std::to_string(texts.size()) +
+                                 " texts of parts within instances, as '" +
+                                 texts.front().substr(0, shown_max) + "', and one edit takes " +
+                                 std::to_string(limits.list_items_max) +
+                                 ": let * stand for several, or name parts by user ids, as uid=7");
+}
+
+/// True if an error quotes a path, or a step of it after the steps above.
+bool quotes(const std::string& message, const std::string& path) {
+    if (message.find("'" + path + "'") != std::string::npos) return true;
+    for (std::size_t at = path.find('/'); at != std::string::npos; at = path.find('/', at + 1)) {
+        const std::string step = path.substr(at + 1, path.find('/', at + 1) - at - 1);
+        if (message.find("'" + path.substr(0, at) + "' has ") != std::string::npos &&
+            message.find("'" + step + "'") != std::string::npos)
+            return true;
+    }
+    return false;
+}
+
+/// Says of which change an error of the daemon is.
+Failure located(Failure failure, const std::vector<EditChange>& changes) {
+    if (is_own(failure)) return failure;
+    constexpr std::string_view row = "row ", of = " of the edit ";
+    std::size_t number = 0;
+    const char* const end = failure.message.data() + failure.message.size();
+    if (failure.message.starts_with(row)) {
+        const auto [rest, error] =
+            std::from_chars(failure.message.data() + row.size(), end, number);
+        const std::string_view said(rest, static_cast<std::size_t>(end - rest));
+        if (error == std::errc{} && number < changes.size() && said.starts_with(of))
+            failure.message = changes[number].said + ": " + std::string(said.substr(of.size()));
+        return failure;
+    }
+    const auto named = std::ranges::find_if(
+        changes, [&](const EditChange& change) { return quotes(failure.message, change.path); });
+    if (named != changes.end()) failure.message = named->said + ": " + failure.message;
+    return failure;
 }
 
 }  // namespace
@@ -143,49 +289,59 @@ void declare(CommandLine& line, EditOptions& edit) {
     for (const Word& word : words)
         line.add_in_order(
             std::string("--").append(word.name),
-            [&edit, &word](const std::string& text) { return read_change(word, text, edit); },
+            [&edit, &word](const std::string& text) {
+                const std::string said = std::string("--").append(word.name) + " " + text;
+                return read_change(word, text, said.substr(0, shown_max), edit);
+            },
             word.text);
     line.add_in_order(
-        "--file", [&edit](const std::string& path) { return read_changes(path, edit); },
-        "File of changes, one a line, as these options without their dashes: move PATH=DX,DY,DZ");
+        "--file",
+        [&edit](const std::string& path) {
+            if (auto read = read_changes(path, edit); !read && !edit.bad_file)
+                edit.bad_file = read.error();
+            return std::string();
+        },
+        "File of changes, one a line, as these options without their dashes: move PATH=DX,DY,DZ. "
+        "Empty lines, and those that begin with #, say nothing; all are one epoch");
     line.add_flag("--keep", edit.keep,
                   "keep the edited scene through a restart, in a daemon with --state. Without this "
                   "option a restart brings back what was loaded or kept last");
     add_epoch(line, edit.epoch);
     line.at_end([&edit] {
-        return edit.changes.empty() ? "--move, --turn, --place, --add, --remove, --set-mask, "
-                                      "--set-uid, --set-material, --hide, --show "
-                                      "or --file is required"
-                                    : std::string();
+        return edit.changes.empty() && !edit.bad_file
+                   ? "--move, --turn, --place, --add, --remove, --set-mask, "
+                     "--set-uid, --set-material, --hide, --show "
+                     "or --file is required"
+                   : std::string();
     });
 }
 
-Result<void> run(Context& context, const EditOptions& options) {
+namespace {
+
+Result<void> send_changes(Context& context, const EditOptions& options) {
     wire::EditT request;
     request.scene = options.scene;
     request.epoch = options.epoch;
     request.keep = options.keep;
-    // The places of texts in a list of the request, each once.
-    const auto place_in = [](std::vector<std::string>& list, const std::string& text) {
-        const auto at = std::ranges::find(list, text);
-        if (at == list.end()) list.push_back(text);
-        return static_cast<std::uint32_t>(std::ranges::find(list, text) - list.begin());
-    };
+    const auto numbers = spare_texts(context, options, request.epoch);
+    if (!numbers) return tl::unexpected<Failure>(numbers.error());
+    TextList targets{request.targets}, scenes{request.scenes}, materials{request.materials};
     std::vector<EditRow> rows;
     for (const EditChange& change : options.changes) {
         EditRow row{static_cast<std::uint32_t>(change.what), 0, 0, change.value, {}};
         std::ranges::copy(change.matrix, std::begin(row.m));
-        if (change.what == EditRow::set_material)
-            row.value = place_in(request.materials, change.material);
+        if (change.what == EditRow::set_material) row.value = materials.place_of(change.material);
         if (change.what == EditRow::add) {
-            row.target = place_in(request.scenes, change.path);
+            row.target = scenes.place_of(change.path);
         } else if (const auto instance = number_of(change.path, "inst=")) {
             row.target = *instance;
         } else if (const auto uid = number_of(change.path, "uid=")) {
             row.target = *uid;
             row.by = EditRow::uid;
+        } else if (const auto known = numbers->find(change.path); known != numbers->end()) {
+            row.target = known->second;
         } else {
-            row.target = place_in(request.targets, change.path);
+            row.target = targets.place_of(change.path);
             row.by = EditRow::text;
         }
         rows.push_back(row);
@@ -224,6 +380,15 @@ Result<void> run(Context& context, const EditOptions& options) {
                   << (done.kept() ? ", kept\n" : "\n");
         return {};
     }
+}
+
+}  // namespace
+
+Result<void> run(Context& context, const EditOptions& options) {
+    if (options.bad_file) return tl::unexpected<Failure>(*options.bad_file);
+    auto done = send_changes(context, options);
+    if (!done) return tl::unexpected<Failure>(located(done.error(), options.changes));
+    return done;
 }
 
 }  // namespace raynest::client

@@ -480,7 +480,7 @@ class Edits(WithDaemon):
                             ("move =1,2,3", "is not PATH=")):
             changes.write_text(text)
             refused = self.cli.run("edit", "edited", "--file", changes)
-            self.assertEqual(refused.returncode, 2)
+            self.assertEqual(refused.returncode, 5)
             self.assertRegex(refused.stderr, words)
         self.assertIn("no-such-file", self.cli.run("edit", "edited", "--file", "no-such-file").stderr)
 

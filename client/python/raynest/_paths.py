@@ -3,7 +3,8 @@ from __future__ import annotations
 
 import re
 import reprlib
-from typing import Any, Iterable, Optional, Sequence, Union, overload
+from collections import Counter
+from typing import Any, Callable, Collection, Iterable, Optional, Sequence, Union, overload
 
 import numpy as np
 
@@ -81,9 +82,33 @@ class Paths:
         names less or more than one; and the epoch."""
         if not isinstance(glob, str) or not glob:
             raise TypeError(f"{reprlib.repr(glob)} is no text of paths: pass one as 'car#3/wheel*', where '*' is any text")
-        form, connection = form_of(glob), self._client.connection
-        within: dict[str, set[Any]] = {}     # the outermost instances that placements of a text lie in
-        of: dict[Any, set[Any]] = {}         # the reverse, with None for placements of other texts
+        form = form_of(glob)
+
+        def texts_of(name: str) -> list[str]:
+            match = form.fullmatch(name)
+            return [match[1]] if match else []
+        found, epoch = self._instances(texts_of, epoch, glob)
+        if not found:
+            raise UsageError(f"no path is of the form {glob!r}")
+        return found, epoch
+
+    def _numbers(self, texts: Collection[str], epoch: int) -> tuple[dict[str, int], int]:
+        """Returns the numbers of the outermost instances that one of these texts names as a whole, and the epoch."""
+        sought = frozenset(texts)
+
+        def texts_of(name: str) -> list[str]:
+            ends = [at for at, letter in enumerate(name) if letter == "/"]
+            return [name[:end] for end in (*ends, len(name)) if name[:end] in sought]
+        found, epoch = self._instances(texts_of, epoch, next(iter(texts)))
+        return {text: number for text, number in found.items() if number is not None}, epoch
+
+    def _instances(self, texts_of: Callable[[str], list[str]], epoch: int,
+                   sought: str) -> tuple[dict[str, Optional[int]], int]:
+        """Returns the texts that `texts_of` finds in the names of placements, each with the number of the outermost instance
+        that it names, or with None where it names less or more than one; and the epoch."""
+        connection = self._client.connection
+        within: dict[str, Counter[Optional[int]]] = {}  # how many of its placements lie in which outermost instance
+        of: Counter[Optional[int]] = Counter()          # how many those have
         first, total = 0, 1
         while first < total:
             message = {"scene": self.name, "kind": "placements", "first": first, "count": _limits.structure_rows_max,
@@ -91,19 +116,16 @@ class Paths:
             document, _ = connection.again(lambda: receive_document(connection, "Structure", message, None, 0.0, None))
             rows, total, epoch = _placements(document)
             if total > _SEARCHED_MAX:
-                raise UsageError(f"the scene has {total} placements, and {reprlib.repr(glob)} is looked for among at most "
+                raise UsageError(f"the scene has {total} placements, and {reprlib.repr(sought)} is looked for among at most "
                                  f"{_SEARCHED_MAX}: give the texts themselves, or numbers of outermost instances")
             for name, instance in rows:
-                match = form.fullmatch(name)
-                of.setdefault(instance, set()).add(match and match[1])
-                if match:
-                    within.setdefault(match[1], set()).add(instance)
+                of[instance] += 1
+                for text in texts_of(name):
+                    within.setdefault(text, Counter())[instance] += 1
             if not rows:
                 break
             first += len(rows)
-        if not within:
-            raise UsageError(f"no path is of the form {glob!r}")
-        return {text: next(iter(instances)) if len(instances) == 1 and all(of[each] == {text} for each in instances) else None
+        return {text: next(iter(instances)) if len(instances) == 1 and of.items() >= instances.items() else None
                 for text, instances in within.items()}, epoch
 
     def _names(self, unique: Array, epoch: int) -> list[str]:

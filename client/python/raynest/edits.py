@@ -5,7 +5,7 @@ import contextlib
 import itertools
 import reprlib
 from types import TracebackType
-from typing import Any, Callable, NamedTuple, Optional, Sequence, Union
+from typing import Any, Callable, Collection, NamedTuple, Optional, Sequence, Union
 
 import numpy as np
 
@@ -38,13 +38,10 @@ Which = Union[int, str, Sequence[Union[int, str]], Array, Uids]
 
 _ROW = np.dtype([("what", "<u4"), ("target", "<u4"), ("by", "<u4"), ("value", "<u4"),
                  ("matrix", "<f8", (3, 4))])
-_TEXT, _USER_ID = 1, 2  # of "by"
+_NUMBER, _TEXT, _USER_ID = range(3)  # of "by"
 _PLACE, _MOVE, _MASK, _REMOVE, _ADD, _VERTICES, _UID, _MATERIAL = range(8)
 _FRAMES = ("world", "parent", "own")
 _EXAMPLES = 3   # of texts in an error
-
-# As Paths._find(): what a text with '*' stands for at an epoch.
-Find = Callable[[str, int], tuple[dict[str, Optional[int]], int]]
 
 
 class Edit:
@@ -63,10 +60,10 @@ class Edit:
     notes: Sequence[str] = ()  # what the edit has lost: animations of what it added
 
     def __init__(self, apply: Callable[[Change], Message], name_of: Callable[[Any, str], str], epoch: int = 0,
-                 keep: bool = False, find: Optional[Find] = None) -> None:
+                 keep: bool = False, paths: Optional[Paths] = None) -> None:
         self._apply = apply
         self._name_of = name_of     # of a scene that is added
-        self._find = find           # None where no daemon is at hand
+        self._paths = paths         # None where no daemon is at hand
         self._keep = bool(keep)
         self.epoch = whole("epoch", epoch, 2**64 - 1, 0)
         self._texts: dict[str, int] = {}
@@ -219,7 +216,7 @@ class Edit:
         """Returns the rows for values of which there are one for all targets, or several, one for each. For these, texts
         with '*' are listed where they would otherwise be too few."""
         counts: dict[str, int] = {}
-        if is_several and self._find and not isinstance(which, Uids):
+        if is_several and self._paths and not isinstance(which, Uids):
             texts = [which] if isinstance(which, str) else which
             if isinstance(texts, (Sequence, np.ndarray)) and len(texts) != len(values) and \
                     any(isinstance(text, str) and "*" in text for text in texts):
@@ -231,13 +228,13 @@ class Edit:
 
     def _listed(self, texts: Any, counts: dict[str, int]) -> list[Any]:
         """Returns the targets with the parts in place of each text with '*', and counts those."""
-        assert self._find is not None
+        assert self._paths is not None
         targets: list[Any] = []
         for text in texts:
             if not isinstance(text, str) or "*" not in text:
                 targets.append(text)
                 continue
-            found, epoch = self._find(text, self.epoch)
+            found, epoch = self._paths._find(text, self.epoch)
             counts[text] = len(found)
             numbers = [number for number in found.values() if number is not None]
             if len(found) > _limits.list_items_max and len(numbers) == len(found):
@@ -262,11 +259,13 @@ class Edit:
         rows = np.concatenate(self._rows)
         if len(rows) > _limits.edit_rows_max:
             raise UsageError(f"{len(rows)} rows in one edit, at most {_limits.edit_rows_max} are taken")
-        if len(self._texts) > _limits.list_items_max:
-            raise UsageError(f"{len(self._texts)} texts in one edit, at most {_limits.list_items_max} are "
-                             "taken: name instances by number, as the column inst tells them, or by user id (raynest.Uids)")
+        texts = self._texts if _fit(self._texts) or not self._paths else self._spared(rows)
+        if not _fit(texts):
+            raise UsageError(f"{len(texts)} texts of parts within instances, as {reprlib.repr(next(iter(texts)))}, and one edit "
+                             f"takes {_limits.list_items_max}: let * stand for several, or name parts by user ids "
+                             "(raynest.Uids)")
         message: Message = {"epoch": self.epoch, "rows": len(rows), "keep": self._keep,
-                            "targets": list(self._texts), "scenes": [scene for scene, _ in self._added],
+                            "targets": list(texts), "scenes": [scene for scene, _ in self._added],
                             "names": [name for _, name in self._added],
                             "materials": list(self._materials),
                             "vertex_counts": [len(points) for points, _ in self._vertices],
@@ -276,6 +275,18 @@ class Edit:
                              f"{_limits.edit_vertices_max} are taken")
         meshes = (each.tobytes() for pair in self._vertices for each in pair)
         return Change(message, b"".join((rows.tobytes(), *meshes)))
+
+    def _spared(self, rows: Array) -> dict[str, int]:
+        """Names outermost instances by number in these rows. Returns the texts that are left."""
+        assert self._paths is not None
+        numbers, self.epoch = self._paths._numbers(self._texts, self.epoch)
+        left = {text: at for at, text in enumerate(text for text in self._texts if text not in numbers)}
+        target = np.array([numbers.get(text, left.get(text)) for text in self._texts], np.uint32)
+        by = np.array([_NUMBER if text in numbers else _TEXT for text in self._texts], np.uint32)
+        named = rows["by"] == _TEXT
+        of = rows["target"][named]
+        rows["target"][named], rows["by"][named] = target[of], by[of]
+        return left
 
     def _send(self) -> None:
         for key, value in self._apply(self.change()).items():
@@ -295,7 +306,7 @@ class Editable(Paths):
         `epoch` the edit fails unless the scene is at that epoch. With `keep` the block ends when the changed scene is on the
         disk of a daemon with --state; without it, a restart brings back what was loaded or kept last."""
         return Edit(lambda change: change.apply(self._client.connection, self.name),
-                    lambda scene, _: _name_at(self._client, scene), epoch, keep, self._find)
+                    lambda scene, _: _name_at(self._client, scene), epoch, keep, self)
 
     def add(self, scene: Any, matrices: Any = (0, 0, 0), name: str = "", mask: int = 2**32 - 1, *, epoch: int = 0,
             keep: bool = False) -> Edit:
@@ -350,6 +361,11 @@ def _triples(name: str, values: Any) -> Array:
     if triples.ndim != 2 or triples.shape[1] != 3 or not len(triples):
         raise UsageError(f"{name} has shape {triples.shape}: it must be (N, 3)")
     return np.ascontiguousarray(triples)
+
+
+def _fit(texts: Collection[str]) -> bool:
+    """True if a message has room for these, and for the other lists."""
+    return len(texts) <= _limits.list_items_max and sum(len(text.encode()) for text in texts) <= _limits.control_bytes_max // 2
 
 
 def _some(rows: Array) -> Array:
