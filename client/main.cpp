@@ -103,13 +103,22 @@ Failure become_dask(const Options& options) {
 Result<void> connect_and_run(Options options) {
     if (const auto* merge = std::get_if<MergeOptions>(&options.command))
         return tl::unexpected<Failure>(become_merge(*merge));
-    const auto* query = std::get_if<QueryOptions>(&options.command);
-    if (query != nullptr && !is_by_python(*query)) query = nullptr;
-    if (query != nullptr) {
-        if (!options.dask.empty())
-            return fail(Exit::usage, "--dask goes without --returns, --times and their like");
-        if (auto fits = check_by_python(*query); !fits) return fits;
-    }
+    const auto of_python = std::visit(
+        [&](const auto& command) -> Result<bool> {
+            if constexpr (requires { is_by_python(command); }) {
+                if (!is_by_python(command)) return false;
+                if (!options.dask.empty())
+                    return fail(Exit::usage,
+                                "--dask goes without --returns, --times, --trajectory and their "
+                                "like");
+                if (auto fits = check_by_python(command); !fits)
+                    return tl::unexpected<Failure>(fits.error());
+                return true;
+            }
+            return false;
+        },
+        options.command);
+    if (!of_python) return tl::unexpected<Failure>(of_python.error());
     if (!options.dask.empty()) return tl::unexpected<Failure>(become_dask(options));
     std::optional<LocalDaemon> local;
     if (options.local) {
@@ -131,10 +140,16 @@ Result<void> connect_and_run(Options options) {
         access->token = std::move(*token);
         if (auto secret = check_secrecy(options.server, access->token); !secret) return secret;
     }
-    if (query != nullptr)
-        return tl::unexpected<Failure>(
-            become_query(*query, {options.server, *access, local ? local->folder() : "",
-                                  options.local ? 0 : options.reconnect, options.json}));
+    if (*of_python)
+        return tl::unexpected<Failure>(std::visit(
+            [&](const auto& command) -> Failure {
+                if constexpr (requires { is_by_python(command); })
+                    return become_program(command,
+                                          {options.server, *access, local ? local->folder() : "",
+                                           options.local ? 0 : options.reconnect, options.json});
+                std::abort();
+            },
+            options.command));
     std::optional<SshTunnel> tunnel;
     std::string uri = options.server;
     if (uri.starts_with("ssh://")) {

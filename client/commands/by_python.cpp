@@ -61,9 +61,8 @@ std::string read_measure(const MeasureWord& word, const std::string& text, Query
     return "";
 }
 
-/// The words that QueryOptions holds, as raynest._query reads it.
-Json document_of(const QueryOptions& query, const DaemonPlace& place) {
-    const JobOptions& job = query.job;
+/// The words that raynest._query reads of every command.
+Json document_of(const JobOptions& job, const std::string& output, const DaemonPlace& place) {
     const TlsOptions& tls = place.access.tls;
     Json access{{"verify", tls.verify}, {"reconnect", place.reconnect}};
     const auto add = [](Json& to, const char* name, const auto& value, const auto& absent) {
@@ -87,37 +86,52 @@ Json document_of(const QueryOptions& query, const DaemonPlace& place) {
     add(asked, "skip_hidden_boxes", job.skip_hidden_boxes, false);
     add(asked, "animation", job.animation, none);
     if (job.time) asked["time"] = *job.time;
-    if (query.time_step != 0) asked["time_step"] = query.time_step;
-    Json measure = Json::object(), tables = Json::object();
+    Json tables = Json::object();
+    for (const TableOption& table : job.tables) tables[table.name] = table.values;
+    return Json{{"server", place.uri},         {"access", std::move(access)},
+                {"folder", place.folder},      {"json", place.json},
+                {"scene", job.scene},          {"is_source", is_source(job.scene)},
+                {"job", std::move(asked)},     {"set", job.settings},
+                {"tables", std::move(tables)}, {"output", output}};
+}
+
+/// The words that QueryOptions holds.
+Json document_of(const QueryOptions& query, const DaemonPlace& place) {
+    Json document = document_of(query.job, query.output, place);
+    if (query.time_step != 0) document["job"]["time_step"] = query.time_step;
+    Json measure = Json::object();
     for (const auto& [argument, value] : query.measure) measure[argument] = Json::parse(value);
     if (!query.prefer.empty()) measure["prefer"] = query.prefer;
-    for (const TableOption& table : job.tables) tables[table.name] = table.values;
     Json rays = Json::array();
     for (WorldRay ray : query.rays) {
         // JSON has no infinity, and float32 no larger number.
         ray[7] = std::min(ray[7], double{std::numeric_limits<float>::max()});
         rays.push_back(ray);
     }
-    return Json{{"server", place.uri},
-                {"access", std::move(access)},
-                {"folder", place.folder},
-                {"json", place.json},
-                {"scene", job.scene},
-                {"is_source", is_source(job.scene)},
-                {"job", std::move(asked)},
-                {"set", job.settings},
-                {"tables", std::move(tables)},
-                {"generate", query.generate},
-                {"measure", std::move(measure)},
-                {"rays", std::move(rays)},
-                {"rays_file", query.rays_file},
-                {"from", query.from ? Json(*query.from) : Json()},
-                {"masks_file", query.masks_file},
-                {"times_file", query.times_file},
-                {"kind", query.kind.empty() ? Json() : Json(query.kind)},
-                {"max_hits", query.max_hits == 0 ? Json() : Json(query.max_hits)},
-                {"fields", query.fields},
-                {"output", query.output}};
+    document.update(Json{{"generate", query.generate},
+                         {"measure", std::move(measure)},
+                         {"rays", std::move(rays)},
+                         {"rays_file", query.rays_file},
+                         {"from", query.from ? Json(*query.from) : Json()},
+                         {"masks_file", query.masks_file},
+                         {"times_file", query.times_file},
+                         {"kind", query.kind.empty() ? Json() : Json(query.kind)},
+                         {"max_hits", query.max_hits == 0 ? Json() : Json(query.max_hits)},
+                         {"fields", query.fields}});
+    return document;
+}
+
+/// The words that RenderOptions holds of a camera in motion.
+Json document_of(const RenderOptions& render, const DaemonPlace& place) {
+    Json document = document_of(render.job, render.output, place);
+    document["film"] =
+        Json{{"trajectory", render.trajectory},
+             {"begin", render.begin},
+             {"readout", render.readout},
+             {"step_error", render.step_error == 0 ? Json() : Json(render.step_error)},
+             {"fov", render.camera.fov_degrees},
+             {"size", {render.camera.width, render.camera.height}}};
+    return document;
 }
 
 bool measures(const QueryOptions& query) {
@@ -145,8 +159,60 @@ void add_measure(CommandLine& line, QueryOptions& query) {
                     "in a sweep, during which it moves then");
 }
 
+void add_trajectory(CommandLine& line, RenderOptions& render) {
+    const Option trajectory = line.add_option(
+        "--trajectory", render.trajectory,
+        "FILE.npy of rows of a time and a 3x4 pose: the camera moves while its rows are read, from "
+        "top to bottom, as a rolling shutter has it. It looks along -z, with x to the right and y "
+        "up; the colours are those of primary; by the Python package. Example: raynest render "
+        "SCENE --trajectory way.npy --readout 0.03 -o out.png");
+    line.add_number("--begin", render.begin, -1e9, 1e9, "a number from -1e9 to 1e9",
+                    "with --trajectory: when the first row is read (0)")
+        .type_name("SECONDS")
+        .needs(trajectory);
+    line.add_number("--readout", render.readout, 0.0, 1e9, "a number from 0 to 1e9",
+                    "with --trajectory: how long the reading of all rows takes (0)")
+        .type_name("SECONDS")
+        .needs(trajectory);
+    line.add_number("--step-error", render.step_error, 1e-9, 1e9, "a number from 1e-9 to 1e9",
+                    "with --trajectory: an animated scene moves meanwhile, and no part is further "
+                    "than this from where it should be")
+        .type_name("METRES")
+        .needs(trajectory);
+}
+
 bool is_by_python(const QueryOptions& query) {
     return measures(query) || !query.times_file.empty() || query.time_step != 0;
+}
+
+bool is_by_python(const RenderOptions& render) {
+    return !render.trajectory.empty();
+}
+
+Result<void> check_by_python(const RenderOptions& render) {
+    const bool is_lit = !render.integrator.empty() && render.integrator != "primary";
+    for (const auto& [given, option] : {std::pair{!render.camera.name.empty(), "--camera"},
+                                        {!render.camera.look_at.empty(), "--lookat"},
+                                        {render.all_cameras, "--cameras"},
+                                        {is_lit, "--integrator"},
+                                        {render.samples != 0, "--spp"},
+                                        {render.seed != 0, "--seed"},
+                                        {render.depth != 0, "--depth"},
+                                        {render.ao_distance != 0, "--ao-distance"},
+                                        {!render.environment.empty(), "--env"},
+                                        {render.environment_rotate != 0, "--env-rotate"},
+                                        {render.sun.has_value(), "--sun"},
+                                        {render.noise != 0, "--noise"},
+                                        {!render.tonemap.empty(), "--tonemap"},
+                                        {!render.exposure.empty(), "--exposure"},
+                                        {render.progressive, "--progressive"},
+                                        {render.job.detach, "--detach"},
+                                        {render.part.count != 0, "--part"}})
+        if (given) return fail(Exit::usage, std::string("--trajectory goes without ") + option);
+    const std::string ending = extension_of(render.output);
+    if (is_stdout(render.output) || (ending != ".png" && ending != ".npy"))
+        return fail(Exit::usage, "--trajectory needs -o FILE.png or FILE.npy");
+    return check_writable(render.output);
 }
 
 Result<void> check_by_python(const QueryOptions& query) {
@@ -181,18 +247,32 @@ Result<void> check_by_python(const QueryOptions& query) {
     return check_writable(query.output);
 }
 
-Failure become_query(QueryOptions query, const DaemonPlace& place) {
-    if (auto read = read_tables(query.job.settings, query.job.tables); !read) return read.error();
-    const std::string document = document_of(query, place).dump();
+namespace {
+
+template <class Command>
+Failure become(Command command, const DaemonPlace& place) {
+    if (auto read = read_tables(command.job.settings, command.job.tables); !read)
+        return read.error();
+    const std::string document = document_of(command, place).dump();
     // A word of a command line is seen by all, and is short.
-    const int file = ::memfd_create("query", 0);
+    const int file = ::memfd_create("command", 0);
     if (file < 0 ||
         ::write(file, document.data(), document.size()) != static_cast<ssize_t>(document.size()))
         return failure(Exit::failed,
-                       std::string("cannot tell Python the query: ") + std::strerror(errno));
+                       std::string("cannot tell Python the command: ") + std::strerror(errno));
     std::vector<std::string> words = {"/dev/fd/" + std::to_string(file)};
     if (place.json) words.insert(words.begin(), "--json");
     return become_python("raynest._query", std::move(words));
+}
+
+}  // namespace
+
+Failure become_program(QueryOptions query, const DaemonPlace& place) {
+    return become(std::move(query), place);
+}
+
+Failure become_program(RenderOptions render, const DaemonPlace& place) {
+    return become(std::move(render), place);
 }
 
 }  // namespace raynest::client

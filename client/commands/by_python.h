@@ -1,9 +1,10 @@
-// Queries that the Python package makes of several requests: what a lidar measures, with the words of
-// raynest.returns.measure(), and rays with times of their own.
+// Commands that the Python package makes of several requests: what a lidar measures, with the words of
+// raynest.returns.measure(), rays with times of their own, and pictures of a camera in motion.
 #pragma once
 
 #include "client/arguments/command_line.h"
 #include "client/commands/commands.h"
+#include "client/requests/film.h"
 
 #include <string>
 
@@ -12,10 +13,15 @@ namespace raynest::client {
 /// Adds the options that make it one.
 void add_measure(CommandLine& line, QueryOptions& query);
 
-/// True for such a query.
+/// Adds the options of a camera in motion.
+void add_trajectory(CommandLine& line, RenderOptions& render);
+
+/// True for such a query, or picture.
 [[nodiscard]] bool is_by_python(const QueryOptions& query);
+[[nodiscard]] bool is_by_python(const RenderOptions& render);
 /// Fails where an option does not go with it.
 Result<void> check_by_python(const QueryOptions& query);
+Result<void> check_by_python(const RenderOptions& render);
 
 /// Where the daemon is.
 struct DaemonPlace {
@@ -26,6 +32,7 @@ struct DaemonPlace {
     bool json = false;
 };
 /// Makes this process the Python program that carries it out. Returns only where that fails.
-Failure become_query(QueryOptions query, const DaemonPlace& place);
+Failure become_program(QueryOptions query, const DaemonPlace& place);
+Failure become_program(RenderOptions render, const DaemonPlace& place);
 
 }  // namespace raynest::client

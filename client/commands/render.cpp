@@ -1,5 +1,6 @@
 // raynest render SCENE -o FILE: a picture, encoded by the daemon, or raw pixels.
 #include "client/arguments/shared_options.h"
+#include "client/commands/by_python.h"
 #include "client/commands/deliver.h"
 #include "client/files/files.h"
 #include "client/output/output_file.h"
@@ -65,6 +66,7 @@ void declare(CommandLine& line, RenderOptions& render) {
         .excludes(line.find("--camera"))
         .excludes(line.find("--lookat"))
         .excludes(line.find("--detach"));
+    add_trajectory(line, render);
 }
 
 Result<void> run(Context& context, const RenderOptions& options) {

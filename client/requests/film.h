@@ -16,6 +16,9 @@ struct RenderOptions : PictureOptions, LightOptions {
     float noise = 0;
     float environment_rotate = 0;  ///< degrees
     bool all_cameras = false;
+    std::string trajectory;  ///< file of the poses of a camera in motion
+    double begin = 0, readout = 0;
+    double step_error = 0;  ///< 0: the scene stands still
 };
 struct ResumeOptions {
     std::string file;

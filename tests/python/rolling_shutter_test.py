@@ -3,6 +3,9 @@
 
   rolling_shutter_test.py RAYNESTD RAYNEST FLATC
 """
+import pathlib
+import sys
+
 import numpy as np
 
 import raynest
@@ -162,6 +165,33 @@ class RollingShutter(WithDaemon):
             done = self.cli.run(*(words if "--generate" not in wrong else words[:2]), *wrong, "-o", self.out / "no.npz")
             self.assertEqual(done.returncode, 2, done.stderr)
             self.assertIn(said, done.stderr)
+
+    def test_the_command_line_makes_the_picture_that_python_makes(self):
+        self.cli.environment.update(PYTHONPATH=str(pathlib.Path(raynest.__file__).parents[1]), RAYNEST_PYTHON=sys.executable)
+        times, poses = drive()
+        np.save(self.out / "drive.npy", np.column_stack([times, np.reshape(poses, (-1, 12))]))
+        words = ("render", "street", "--trajectory", self.out / "drive.npy", "--size", f"{WIDTH}x{HEIGHT}", "--fov", 50)
+        moving = ("--begin", 0.25, "--readout", 1, "--step-error", 1)
+        wanted = self.street.render(trajectory=drive(), begin=.25, readout=1, step_error=1, fov=50, size=(WIDTH, HEIGHT))
+        told = self.cli.json(*words, *moving, "-o", self.out / "shot.npy")
+        np.testing.assert_array_equal(np.load(self.out / "shot.npy"), wanted)
+        self.assertEqual((told["width"], told["height"], told["rays"], told["scene"]), (WIDTH, HEIGHT, WIDTH * HEIGHT, "street"))
+        done = self.cli.run(*words, *moving, "--intersector", "opaque", "-o", self.out / "shot.png")
+        self.assertRegex(done.stdout, rf"shot.png: {WIDTH}x{HEIGHT}, 1,260 rays, opaque, street epoch 1\n")
+        self.assertEqual((self.out / "shot.png").read_bytes(),
+                         self.street.render(trajectory=drive(), begin=.25, readout=1, step_error=1, fov=50, size=(WIDTH, HEIGHT),
+                                            intersector="opaque", encode="png"))
+        still = self.cli.run(*words, "-o", self.out / "still.npy")
+        self.assertEqual(still.returncode, 0, still.stderr)
+        self.assertFalse(np.array_equal(np.load(self.out / "still.npy"), wanted))
+        for code, said, more in ((2, "-o FILE.png or FILE.npy", ("-o", self.out / "no.exr")), (2, "-o FILE.png", ("-o", "-")),
+                                 (2, "--spp", ("--spp", 4, "-o", self.out / "no.png")), (2, "--camera", ("--camera", 0, "-o", self.out / "no.png")),
+                                 (2, "--readout", ("--readout", -1, "-o", self.out / "no.png")),
+                                 (2, "the trajectory from 0.0 to 2.0", ("--readout", 9, "-o", self.out / "no.png"))):
+            self.cli.fails(code, said, *words, *more)
+        self.cli.fails(2, "--trajectory", "render", "street", "--readout", 1, "-o", self.out / "no.png")
+        self.cli.fails(5, "absent.npy", "render", "street", "--trajectory", self.out / "absent.npy", "-o", self.out / "no.png")
+        self.assertFalse(list(self.out.glob("no.*")))
 
     def test_what_is_wrong_gets_a_line(self):
         for wrong, said in (({"fx": 0.0}, "needs fx and fy above 0"), ({"step_error": 1e-9}, None),

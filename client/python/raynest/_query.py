@@ -1,10 +1,12 @@
-"""`raynest query` for what is several requests to a daemon: what a lidar measures, and rays with times of their own."""
+"""`raynest query` and `render` for what is several requests to a daemon: what a lidar measures, rays with times of their
+own, and pictures of a camera in motion."""
 from __future__ import annotations
 
+import contextlib
 import json
 import os
 import shutil
-from typing import Any, Callable, Mapping, Sequence, Union
+from typing import IO, Any, Callable, Iterator, Mapping, Sequence, Union
 
 import numpy as np
 
@@ -18,7 +20,6 @@ from .errors import FailedError, InvalidError, UsageError
 from .scene import Scene
 
 Kind = Union[generators.Sweep, generators.Lidar]
-_POINTS = (".ply", ".pcd", ".las")
 # Columns of a point cloud that names none; those of a .las it has room for.
 _OF_LAS = ("position", "ring", "time", "intensity", "return", "returns")
 _OF_POINTS = ("position", "t", "ring", "time", "intensity", "return", "returns")
@@ -37,6 +38,8 @@ def _run(asked: dict[str, Any]) -> tuple[str, dict[str, Any]]:
             shutil.rmtree(asked["folder"], ignore_errors=True)
         scene = _scene(client, asked["scene"], asked["is_source"])
         job = {**asked["job"], **({"params": _params(asked)} if asked["set"] or asked["tables"] else {})}
+        if "film" in asked:
+            return _filmed(scene, asked, job)
         made, count = (_measured if asked["generate"] else _timed)(scene, asked, job)
         outcome = dict(client.outcome)
         written = _write(asked["output"], made, asked["fields"])
@@ -86,6 +89,23 @@ def _timed(scene: Scene, asked: dict[str, Any], job: dict[str, Any]) -> tuple[di
     made = scene.trace(rays, directions, time=times, kind=asked["kind"], fields=asked["fields"] or None,
                        max_hits=asked["max_hits"], **job)
     return made, len(times)
+
+
+def _filmed(scene: Scene, asked: dict[str, Any], job: dict[str, Any]) -> tuple[str, dict[str, Any]]:
+    film, path = asked["film"], asked["output"]
+    way = _trajectory(film.pop("trajectory"))
+    image = scene.render(**film, **way, **job)
+    with _writable(path) as file:
+        if path.lower().endswith(".npy"):
+            np.save(file, np.asarray(image))
+        else:
+            file.write(image.png())
+    height, width = image.shape[:2]
+    outcome = scene._client.outcome
+    line = (f"{path}: {width}x{height}, {width * height:,} rays, {outcome['intersector']}, {scene.name} epoch "
+            f"{outcome['epoch']}")
+    return line, {"scene": scene.name, "epoch": outcome["epoch"], "hash": outcome["hash"], "rays": width * height,
+                  "width": width, "height": height, "notes": list(outcome["notes"]), "file": path}
 
 
 def _sensor(words: Sequence[str]) -> Kind:
@@ -171,13 +191,22 @@ def _write(path: str, made: dict[str, Array], fields: Sequence[str]) -> int:
     if lacking:
         raise UsageError(f"there is no column {lacking[0]}: there are {', '.join(made)}")
     columns = {name: made[name] for name in ("ray_splits", *fields) if name in made}
+    if ending not in points.ENDINGS:
+        with _writable(path) as file:
+            write_npz(file, columns)
+        return len(next(reversed(columns.values()), ()))
+    if "position" not in columns:
+        raise UsageError(f"{path} needs the column position among --fields")
+    data, count = points.formatted(ending, columns.pop("position"), None, columns)
+    with _writable(path) as file:
+        file.write(data)
+    return count
+
+
+@contextlib.contextmanager
+def _writable(path: str) -> Iterator[IO[bytes]]:
     try:
-        if ending not in _POINTS:
-            with open(path, "wb") as file:
-                write_npz(file, columns)
-            return len(next(reversed(columns.values()), ()))
-        if "position" not in columns:
-            raise UsageError(f"{path} needs the column position among --fields")
-        return points.save(path, columns.pop("position"), **columns)
+        with open(path, "wb") as file:
+            yield file
     except OSError as error:
         raise FailedError(f"cannot write {path}: {error.strerror}") from None
