@@ -59,8 +59,8 @@ std::uint64_t ChildMemory::bytes() const {
     struct stat file {};
     const bool written = ::fstat(written_.get(), &file) == 0;
     const std::uint64_t own = bytes_in(status, "\nRssAnon:");
-    return own - std::min(own, checks_bytes) + bytes_in(status, "\nVmSwap:") + shared -
-           std::min(shared, shared_bytes_) +
+    return own - std::min(own, checks_bytes) + bytes_in(status, "\nVmSwap:") +
+           bytes_in(status, "\nVmPTE:") + shared - std::min(shared, shared_bytes_) +
            (written ? static_cast<std::uint64_t>(file.st_blocks) * block_bytes : 0);
 }
 

@@ -40,6 +40,7 @@ namespace {
 using Clock = std::chrono::steady_clock;
 
 constexpr rlim_t child_files_max = 64;
+constexpr rlim_t child_signals_max = 64;  ///< that wait
 #if defined(__SANITIZE_ADDRESS__) || defined(__SANITIZE_THREAD__)
 /// Sanitizers reserve terabytes of address space for their shadow memory, and run slowly.
 constexpr bool limits_address_space = false;
@@ -130,6 +131,7 @@ void drop_capabilities() {
     }
     limit(RLIMIT_NOFILE, child_files_max);
     limit(RLIMIT_FSIZE, limits.bytes_max);
+    limit(RLIMIT_SIGPENDING, child_signals_max);  // the kernel counts them for all of the user
     // A second limit behind the parent's watchdog: more processor time than a child can use in its
     // time.
     limit(RLIMIT_CPU, static_cast<rlim_t>(limits.time_max.count() * slowdown) * threads);

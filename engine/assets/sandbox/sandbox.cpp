@@ -12,6 +12,7 @@
 #include <sys/syscall.h>
 #include <unistd.h>
 
+#include <array>
 #include <cerrno>
 #include <cstddef>
 #include <cstdint>
@@ -163,10 +164,7 @@ bool allow_calls(scmp_filter_ctx filter) {
         {SCMP_SYS(tgkill), 0, low_bits, self},
         {SCMP_SYS(kill), 0, low_bits, self},
         {SCMP_SYS(prlimit64), 0, low_bits, 0},
-        // No mapping is writable and executable at once; libraries are mapped from files. The child
-        // can still write code into its result file and map that: calls are what holds it.
-        {SCMP_SYS(mmap), 2, PROT_EXEC, 0},
-        {SCMP_SYS(mmap), 2, PROT_WRITE, 0},
+        // As with mmap below.
         {SCMP_SYS(mprotect), 2, PROT_EXEC, 0},
         {SCMP_SYS(openat), 2, O_ACCMODE | O_CREAT | O_TRUNC, O_RDONLY},
         // Not F_SETOWN and F_SETSIG: they let the kernel send a signal to any process of the user.
@@ -182,6 +180,17 @@ bool allow_calls(scmp_filter_ctx filter) {
     };
     for (const Rule& rule : rules)
         if (!allow(filter, rule)) return false;
+    // No mapping is writable and executable at once; libraries are mapped from files. The child can
+    // still write code into its result file and map that: calls are what holds it. Pages of a mapping
+    // that is shared, locked or huge would not count in ChildMemory.
+    constexpr std::uint64_t kinds = MAP_TYPE | MAP_LOCKED | MAP_HUGETLB;
+    for (const std::uint64_t left_out : {std::uint64_t{PROT_EXEC}, std::uint64_t{PROT_WRITE}}) {
+        const std::array<scmp_arg_cmp, 2> compared{
+            {{2, SCMP_CMP_MASKED_EQ, left_out, 0}, {3, SCMP_CMP_MASKED_EQ, kinds, MAP_PRIVATE}}};
+        if (seccomp_rule_add_array(filter, SCMP_ACT_ALLOW, SCMP_SYS(mmap), compared.size(),
+                                   compared.data()) != 0)
+            return false;
+    }
     return true;
 }
 #endif
