@@ -88,7 +88,8 @@ void believe(const ForwardedHeaders& forwarded, HttpRequest& request, const Addr
     // Each proxy appends to a list, so the last item is of the nearest one.
     if (const auto schemes = items(forwarded.scheme); !schemes.empty())
         request.is_encrypted = lower(schemes.back()) == "https" || lower(schemes.back()) == "wss";
-    if (const auto hosts = items(forwarded.host); !hosts.empty()) request.hosts = {hosts.back()};
+    if (const auto hosts = items(forwarded.host); !hosts.empty() && request.hosts.size() == 1)
+        request.hosts = {hosts.back()};
     // It is the certificate of the proxy, for which the sender does not stand.
     request.sender.subject.clear();
     request.sender.subject_fault.clear();
@@ -98,15 +99,17 @@ void believe(const ForwardedHeaders& forwarded, HttpRequest& request, const Addr
 }  // namespace
 
 bool is_from_proxies(std::string_view header) {
-    constexpr std::array<std::string_view, 17> exact = {"forwarded",        "via",
-                                                        "x-real-ip",        "x-client-ip",
-                                                        "client-ip",        "true-client-ip",
-                                                        "x-remote-ip",      "x-remote-addr",
-                                                        "x-forward-for",    "cdn-loop",
-                                                        "cf-connecting-ip", "fastly-client-ip",
-                                                        "x-azure-clientip", "fly-client-ip",
-                                                        "akamai-client-ip", "x-cluster-client-ip",
-                                                        "x-amzn-trace-id"};
+    constexpr std::array<std::string_view, 22> exact = {"forwarded",          "via",
+                                                        "x-real-ip",          "x-client-ip",
+                                                        "client-ip",          "true-client-ip",
+                                                        "x-remote-ip",        "x-remote-addr",
+                                                        "x-forward-for",      "cdn-loop",
+                                                        "cf-connecting-ip",   "fastly-client-ip",
+                                                        "x-azure-clientip",   "fly-client-ip",
+                                                        "akamai-client-ip",   "x-cluster-client-ip",
+                                                        "x-amzn-trace-id",    "proxy-client-ip",
+                                                        "wl-proxy-client-ip", "x-proxyuser-ip",
+                                                        "x-forwarder-for",    "x-varnish"};
     constexpr std::array<std::string_view, 3> beginnings = {"x-forwarded", "x-original-",
                                                             "x-envoy-"};
     std::string name = lower(header);

@@ -193,6 +193,14 @@ HttpReply HttpSite::answer(const HttpRequest& request) const {
                                         " is not one of this daemon; open " + page +
                                         ", or start it with --http-host " + name);
     }
+    // Others on this host, at another port, can set a cookie beside that of the page.
+    if (logins_of(request).size() > 1) {
+        HttpReply reply = refuse(400,
+                                 "the browser sends several logins of this page; log in again, "
+                                 "and if that does not help, delete the cookies of this host");
+        reply.cookie = cookie_with(request, "");
+        return reply;
+    }
     if (!request.target.starts_with('/'))
         return refuse(400, "a request's target must begin with '/' or http://");
     const bool is_login = path == login_path || path == logout_path;
@@ -291,7 +299,9 @@ HttpReply HttpSite::log_in(const HttpRequest& request) const {
         return refuse(409, question + "; send replace=yes, too, if it may");
     const auto secret = access_->log_in(request.sender, token, code);
     if (!secret) return refuse_sender(secret.error());
-    if (!question.empty()) access_->log_out(old_login);
+    // The browser forgets its old login now. A code of the same user may come from it, and then the
+    // new one goes with it.
+    if (!question.empty() || !token.empty()) access_->log_out(old_login);
     HttpReply reply{.text = "logged in\n"};
     reply.cookie = cookie_with(request, *secret);
     return reply;
@@ -321,18 +331,24 @@ std::string HttpSite::cookie_name(const HttpRequest& request) const {
     return (request.is_encrypted ? "__Host-raynest-" : "raynest-") + std::to_string(address_.port);
 }
 
-std::string_view HttpSite::login_of(const HttpRequest& request) const {
+std::set<std::string_view> HttpSite::logins_of(const HttpRequest& request) const {
     const std::string name = cookie_name(request);
+    std::set<std::string_view> logins;
     for (std::string_view cookies : request.cookies) {
         while (!cookies.empty()) {
             std::string_view part = cookies.substr(0, cookies.find(';'));
             cookies.remove_prefix(std::min(cookies.size(), part.size() + 1));
             part.remove_prefix(std::min(part.size(), part.find_first_not_of(' ')));
             if (part.starts_with(name) && part.substr(name.size()).starts_with('='))
-                return part.substr(name.size() + 1);
+                logins.insert(part.substr(name.size() + 1));
         }
     }
-    return {};
+    return logins;
+}
+
+std::string_view HttpSite::login_of(const HttpRequest& request) const {
+    const auto logins = logins_of(request);
+    return logins.empty() ? std::string_view() : *logins.begin();
 }
 
 std::string HttpSite::cookie_with(const HttpRequest& request, std::string_view secret) const {

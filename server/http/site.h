@@ -18,6 +18,7 @@
 #include <cstdint>
 #include <functional>
 #include <memory>
+#include <set>
 #include <span>
 #include <string>
 #include <string_view>
@@ -146,6 +147,8 @@ private:
     [[nodiscard]] HttpReply metrics(const HttpRequest& request) const;
     [[nodiscard]] Reply<Principal> identify(const HttpRequest& request) const;
     /// Returns the secret of the login in the request's cookies; empty if there is none.
+    /// Returns the secrets of the cookies that have the name of a login.
+    [[nodiscard]] std::set<std::string_view> logins_of(const HttpRequest& request) const;
     [[nodiscard]] std::string_view login_of(const HttpRequest& request) const;
     /// Returns Set-Cookie for a secret; an empty one takes the cookie away.
     [[nodiscard]] std::string cookie_with(const HttpRequest& request,

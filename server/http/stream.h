@@ -25,6 +25,8 @@ public:
     [[nodiscard]] Socket& socket() { return tls_ ? tls_->socket() : plain_; }
     /// Null without TLS.
     [[nodiscard]] TlsSocket* tls() { return tls_.get(); }
+    /// As TlsSocket::has_unsent().
+    [[nodiscard]] bool has_unsent() const { return tls_ && tls_->has_unsent(); }
     /// True if bytes can be read of which the socket knows nothing.
     [[nodiscard]] bool has_bytes() const { return tls_ && tls_->has_bytes(); }
     void close() {

@@ -236,6 +236,8 @@ std::size_t WebSocketTransport::write_now(const WriteBatch::Rest& rest) {
         refuse_upgrade(rest);
         return 0;
     }
+    // A frame of Beast's own, such as a pong, waits to be written on.
+    if (stream_.next_layer().has_unsent()) return 0;
     int waiting = 0;
     if (ioctl(stream_.next_layer().socket().native_handle(), SIOCOUTQ, &waiting) != 0 ||
         waiting != 0)

@@ -13,7 +13,18 @@ std::array<unsigned char, 16> to_bytes(const asio::ip::address& address) {
         .to_bytes();
 }
 
+/// IPv4 within IPv6: ::ffff:0:0/96.
+constexpr std::array<unsigned char, 16> v4_first{0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0xFF, 0xFF};
+constexpr unsigned v4_bits = 96;
+
 }  // namespace
+
+bool AddressSet::Network::contains(const Bytes& address) const {
+    const unsigned whole = bits / 8;
+    const unsigned rest = bits % 8;
+    return std::equal(address.begin(), address.begin() + whole, bytes.begin()) &&
+           (rest == 0 || ((address[whole] ^ bytes[whole]) >> (8 - rest)) == 0);
+}
 
 AddressSet::AddressSet(const std::vector<std::string>& texts) {
     for (const std::string& text : texts) (void)add(text);
@@ -37,8 +48,10 @@ std::string AddressSet::add(const std::string& text) {
         return "'" + text +
                "' is not an address; write one such as 127.0.0.1, or a network such as "
                "10.0.0.0/8";
-    if (bits == 0) return "'" + text + "' is every address; name those that are meant";
     const Network network{to_bytes(address), bits + (128 - bits_max)};
+    const bool is_of_v4 = network.bits == v4_bits && network.contains(v4_first);
+    if (network.bits == 0 || is_of_v4)
+        return "'" + text + "' is every address; name those that are meant";
     for (unsigned bit = network.bits; bit < 128; ++bit)
         if ((network.bytes[bit / 8] >> (7 - bit % 8) & 1) != 0)
             return "'" + text + "' is an address within a network; write " + text.substr(0, slash) +
@@ -49,11 +62,9 @@ std::string AddressSet::add(const std::string& text) {
 
 bool AddressSet::contains(const asio::ip::address& address) const {
     const auto bytes = to_bytes(address);
+    const bool is_v4 = Network{v4_first, v4_bits}.contains(bytes);
     return std::ranges::any_of(networks_, [&](const Network& network) {
-        const unsigned whole = network.bits / 8;
-        const unsigned rest = network.bits % 8;
-        return std::equal(bytes.begin(), bytes.begin() + whole, network.bytes.begin()) &&
-               (rest == 0 || ((bytes[whole] ^ network.bytes[whole]) >> (8 - rest)) == 0);
+        return network.contains(bytes) && (!is_v4 || network.bits >= v4_bits);
     });
 }
 

@@ -17,14 +17,18 @@ public:
 
     /// Adds ADDRESS or ADDRESS/BITS. Returns what is wrong with the text; empty if nothing is.
     [[nodiscard]] std::string add(const std::string& text);
-    /// True for a member. An IPv4 address is the same as the IPv6 address that maps it.
+    /// True for a member. An IPv4 address is the same as the IPv6 address that maps it, and lies in
+    /// no wider network of IPv6.
     [[nodiscard]] bool contains(const asio::ip::address& address) const;
 
 private:
     /// IPv4 networks are kept as those of IPv6 that map them.
     struct Network {
-        std::array<unsigned char, 16> bytes{};
+        using Bytes = std::array<unsigned char, 16>;
+        Bytes bytes{};
         unsigned bits = 0;  ///< leading bits of a member that are those of `bytes`
+
+        [[nodiscard]] bool contains(const Bytes& address) const;
     };
     std::vector<Network> networks_;
 };

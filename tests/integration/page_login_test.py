@@ -346,6 +346,19 @@ class PageTest(Programs):
         self.assertEqual(post(self.http, "/v1/login", "code=" + code, headers=now)[0], 401)
         self.assertEqual(post(self.http, "/v1/login", "token=" + self.secrets["user"], headers=now)[0], 200)
 
+    def test_a_login_beside_another_counts_as_none(self):
+        mine, = self.log_in(self.http, token=self.secrets["user"])
+        other, = self.log_in(self.http, token=self.secrets["viewer"])
+        name, _, secret = mine.rpartition("; ")[2].partition("=")
+        for pair in ((secret, "zzz"), ("zzz", secret), (other.rpartition("=")[2], secret)):
+            both = "; ".join(f"{name}={each}" for each in pair)
+            status, headers, body = get(self.http, "/v1/login", headers=["Cookie: " + both])
+            self.assertEqual((status, headers["set-cookie"].split(";")[0]), (400, name + "="), body)
+            self.assertEqual(post(self.http, "/v1/login", "code=1", headers=["Cookie: " + both])[0], 400)
+        self.assertEqual(self.who(self.http, [f"Cookie: {name}={secret}; {name}={secret}"])["principal"], "test-user")
+        self.assertEqual(post(self.http, "/v1/login", "token=" + self.secrets["viewer"], headers=[mine])[0], 200)
+        self.assertEqual(self.who(self.http, [mine]), 401)
+
     def test_codes_and_logins_of_one_principal_void_no_others(self):
         admins = self.code(self.client("admin"))
         cookie = self.log_in(self.http, token=self.secrets["admin"])

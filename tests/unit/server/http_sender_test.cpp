@@ -46,8 +46,14 @@ TEST_CASE("a set of addresses has addresses and networks, and refuses other text
         CHECK_MESSAGE(!has(other), other);
     for (const char* text : {"", "localhost", "10.0.0.1/33", "10.0.0.1/", "10.0.0.1/-1", "10.0.0/8",
                              "::1/129", "10.0.0.1/8/8", "10.0.0.1/8", "192.0.2.129/25",
-                             "2001:db8::1/64", "10.0.0.1 ", "0.0.0.0/0", "::/0"})
+                             "2001:db8::1/64", "10.0.0.1 ", "0.0.0.0/0", "::/0", "::ffff:0:0/96"})
         CHECK_MESSAGE(!AddressSet().add(text).empty(), text);
+    // The addresses of IPv4 have a place among those of IPv6, but a network of those means none of them.
+    const AddressSet wide({"::/1", "::/80"});
+    CHECK(wide.contains(asio::ip::make_address("::1")));
+    CHECK_FALSE(wide.contains(asio::ip::make_address("10.1.2.3")));
+    CHECK_FALSE(wide.contains(asio::ip::make_address("::ffff:10.1.2.3")));
+    CHECK(AddressSet({"::ffff:10.0.0.0/104"}).contains(asio::ip::make_address("10.1.2.3")));
 }
 
 TEST_CASE("a request is local from loopback, for a loopback host and without a trace of a proxy") {
@@ -67,9 +73,9 @@ TEST_CASE("a request is local from loopback, for a loopback host and without a t
     CHECK(Arrival(here).told({"127.0.0.1"}).judged(AddressSet({here})).sender.place ==
           Place::remote);
     CHECK(Arrival(far).told({"127.0.0.1"}).judged(AddressSet({far})).sender.place == Place::remote);
-    for (const char* header :
-         {"Forwarded", "X-Forwarded-For", "x-forwarded-proto", "X-FORWARDED-SERVER", "Via",
-          "X-Real-IP", "CF-Connecting-IP", "True-Client-IP", "X-Original-Host"})
+    for (const char* header : {"Forwarded", "X-Forwarded-For", "x-forwarded-proto",
+                               "X-FORWARDED-SERVER", "Via", "X-Real-IP", "CF-Connecting-IP",
+                               "True-Client-IP", "X-Original-Host", "WL-Proxy-Client-IP"})
         CHECK_MESSAGE(is_from_proxies(header), header);
     for (const char* header :
          {"Host", "User-Agent", "X-Requested-With", "Origin", "Referer", "X-Real"})
@@ -113,6 +119,13 @@ TEST_CASE("scheme and host of a trusted proxy count, and its certificate is not 
     CHECK(trusted.request.is_encrypted);
     CHECK(trusted.request.hosts == std::vector<std::string_view>{"gpu.example.org:443"});
     CHECK(trusted.request.sender.subject.empty());
+    // A wrong number of hosts stays one, whatever the proxy says.
+    Arrival twice(here);
+    twice.request.hosts = {"a.example", "b.example"};
+    CHECK(twice.told({far}, {}, {"gpu.example.org"}).judged(proxies).hosts.size() == 2);
+    Arrival none(here);
+    none.request.hosts.clear();
+    CHECK(none.told({far}, {}, {"gpu.example.org"}).judged(proxies).hosts.empty());
     Arrival plain(here);
     plain.request.is_encrypted = true;  // TLS from the proxy to the daemon
     CHECK_FALSE(plain.told({far}, {"http"}).judged(proxies).is_encrypted);
