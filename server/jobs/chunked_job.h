@@ -23,7 +23,8 @@ class ChunkedJob : public Job {
 public:
     std::optional<Task> prepare() override;
     [[nodiscard]] std::uint64_t held_bytes() const override {
-        return plan_.selected != nullptr ? plan_.selected->bytes() : 0;
+        return (plan_.selected != nullptr ? plan_.selected->bytes() : 0) +
+               plan_.scene.left_bytes(principal_);
     }
 
 protected:

@@ -26,7 +26,8 @@ struct EditContent {
     /// A scene of which placements are added, with its share of --memory.
     struct Source {
         std::shared_ptr<const HeldScene> held;
-        std::string name;  ///< in paths
+        std::string name;                          ///< in paths
+        std::shared_ptr<const void> reading = {};  ///< as in NamedScene
     };
     std::vector<Source> sources;
     std::uint32_t rows = 0;

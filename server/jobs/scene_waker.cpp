@@ -18,6 +18,18 @@
 
 namespace raynest::server {
 
+namespace {
+
+/// For others than the owner: what it holds, and the names of that, are its own.
+tl::unexpected<protocol::Error> owners_memory_is_full(const AsleepScene& scene) {
+    return refuse(Code::resource_exhausted, "the scene is on the disk, and the memory of " +
+                                                scene.owner + ", who has loaded it, is full: ask " +
+                                                scene.owner +
+                                                " to unload scenes, or try again later");
+}
+
+}  // namespace
+
 /// The result of a task.
 struct SceneWaker::Read {
     /// Reads the blob, then makes the edits again that were kept since. Blocks.
@@ -91,9 +103,12 @@ void SceneWaker::add(const AsleepScene& scene, const std::string& principal) {
     if (!lease) {
         Waiters who = waiting_.extract(scene.facts.arena).mapped().who;
         if (who.empty()) return;
-        const auto full = services_.budget.refuse(
-            "the scene", bytes, scene.owner,
-            services_.scenes.remedy(scene.owner, "start raynestd with a larger --memory"));
+        const auto full =
+            principal == scene.owner
+                ? services_.budget.refuse(
+                      "the scene", bytes, scene.owner,
+                      services_.scenes.remedy(scene.owner, "start raynestd with a larger --memory"))
+                : owners_memory_is_full(scene);
         who.wake_all(Reply<void>(full));
         return;
     }
@@ -117,6 +132,7 @@ void SceneWaker::done(const AsleepScene& scene, Read& read) {
     Reply<void> result;
     if (read.snapshot) {
         result = services_.scenes.wake(std::move(read.snapshot), scene);
+        if (!result) result = owners_memory_is_full(scene);  // for all who wait
         log_limited(LogLevel::info, "scene_read", scene.owner,
                     {{"hash", scene.facts.digest},
                      {"bytes", std::to_string(scene.facts.bytes)},

@@ -33,7 +33,8 @@ Reply<Answer> edit(const Services& services, const Caller& caller,
         const std::string name = i < names.size() ? names[i] : "";
         // Another owner's scene is "OWNER/NAME".
         order.content.sources.push_back(
-            {(*added)[i].held, name.empty() ? sources[i].substr(sources[i].rfind('/') + 1) : name});
+            {(*added)[i].held, name.empty() ? sources[i].substr(sources[i].rfind('/') + 1) : name,
+             (*added)[i].reading});
     }
     const std::uint64_t bytes = order.content.bytes();
     auto lease = services.peers.reserve(bytes, caller.principal);

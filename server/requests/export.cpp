@@ -65,7 +65,7 @@ public:
     }
     [[nodiscard]] bool finished() const override { return prepared_ && sender_.finished(); }
     [[nodiscard]] std::uint64_t held_bytes() const override {
-        return prepared_ ? lease_.bytes() : 0;
+        return (prepared_ ? lease_.bytes() : 0) + scene_.left_bytes(caller_.principal);
     }
     [[nodiscard]] std::optional<Progress> progress() const override {
         if (!prepared_) return std::nullopt;

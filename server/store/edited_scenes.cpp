@@ -77,6 +77,7 @@ Reply<std::optional<NamedScene>> SceneStore::publish_edit(const NamedScene& befo
     if (!held) return tl::unexpected(held.error());
     const auto replaced = std::exchange(entry.scene.held, std::move(*held));
     entry.facts = facts_of(entry.scene.snapshot());
+    entry.lower_holds();
     std::erase_if(entry.earlier, [](const auto& epoch) { return epoch.second.expired(); });
     entry.earlier.emplace(before.epoch, replaced);
     entry.epoch_reserved = std::max(entry.epoch_reserved, how.plan.reserve);
@@ -124,7 +125,7 @@ Reply<NamedScene> SceneStore::find_to_read(std::string_view name, std::uint64_t 
     scene.kept = false;
     scene.last_edit.clear();
     scene.held = std::move(held);
-    return scene;
+    return read_by(std::move(scene), caller.principal);
 }
 
 Reply<std::string> SceneStore::pin(std::string_view name, bool pinned, const ConnectionId& caller) {

@@ -8,6 +8,12 @@
 #include <utility>
 
 namespace raynest::server {
+namespace {
+
+/// Principals whose requests have read a scene and no longer do are forgotten beyond so many.
+constexpr std::size_t readers_kept_max = 16;
+
+}  // namespace
 
 bool SceneStore::Entry::charged_to(const std::string& principal) const {
     return (kept && owner == principal) || holders.contains(principal);
@@ -23,11 +29,21 @@ std::uint64_t SceneStore::Entry::charge(const std::string& principal) const {
     return std::min(opened, facts.bytes);
 }
 
+void SceneStore::Entry::lower_holds() {
+    for (auto& [principal, connections] : holders)
+        if (principal != owner)
+            for (auto& [connection, hold] : connections)
+                hold.bytes = std::min(hold.bytes, facts.bytes);
+}
+
 void SceneStore::settle_charges() noexcept {
     const std::uint64_t settled = ++last_settling_;
-    for (const auto& [name, entry] : entries_)
-        if (const auto& held = entry.scene.held; held && entry.charged_to(held->lease.principal()))
-            held->settled = settled;
+    for (const auto& [name, entry] : entries_) {
+        const auto& held = entry.scene.held;
+        if (!held) continue;
+        held->is_left_to_readers = false;
+        if (entry.charged_to(held->lease.principal())) held->settled = settled;
+    }
     for (const auto& [name, entry] : entries_) {
         const auto& held = entry.scene.held;
         if (!held || held->settled == settled) continue;
@@ -38,6 +54,36 @@ void SceneStore::settle_charges() noexcept {
         }
         held->settled = settled;
     }
+    for (const auto& [arena, known] : by_arena_)
+        if (const auto held = known.lock(); held && held->settled != settled)
+            leave_to_readers(*held);
+}
+
+void SceneStore::leave_to_readers(const HeldScene& held) noexcept {
+    if (held.lease.bytes() == 0) return;
+    const std::string* reader = &held.lease.principal();
+    if (!held.is_read_by(*reader)) {
+        const auto is_reading = [&](const auto& known) { return !known.second.expired(); };
+        const auto found = std::ranges::find_if(held.readers, is_reading);
+        if (found == held.readers.end()) return;
+        reader = &found->first;
+    }
+    held.is_left_to_readers = true;
+    try {
+        held.lease.charge(*reader);
+    } catch (const std::bad_alloc&) {
+        // It stays as it is until the next settling.
+    }
+}
+
+NamedScene SceneStore::read_by(NamedScene scene, const std::string& principal) {
+    std::weak_ptr<const void>& known = scene.held->readers[principal];
+    scene.reading = known.lock();
+    if (scene.reading) return scene;
+    known = scene.reading = std::make_shared<const char>();
+    if (auto& readers = scene.held->readers; readers.size() > readers_kept_max)
+        std::erase_if(readers, [](const auto& reader) { return reader.second.expired(); });
+    return scene;
 }
 
 void SceneStore::forget_freed() {

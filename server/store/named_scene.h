@@ -5,6 +5,7 @@
 #include "server/ground/budget.h"
 
 #include <cstdint>
+#include <map>
 #include <memory>
 #include <string>
 
@@ -21,6 +22,15 @@ struct HeldScene {
     std::shared_ptr<const Budget::Lease> shared_lease = {};
     /// Null unless the scene is at a moment of an animation.
     std::shared_ptr<const LateVelocities> velocities = {};
+    /// NamedScene::reading of each principal whose requests read the scene. Io thread only.
+    mutable std::map<std::string, std::weak_ptr<const void>> readers = {};
+    /// True while neither a name nor a connection refers to the scene: a reader is charged for it.
+    mutable bool is_left_to_readers = false;
+
+    [[nodiscard]] bool is_read_by(const std::string& principal) const {
+        const auto reader = readers.find(principal);
+        return reader != readers.end() && !reader->second.expired();
+    }
 };
 
 /// Known of a scene also while it is on the disk alone.
@@ -44,10 +54,17 @@ struct NamedScene {
     /// Of the load that published it. Equal content is held once, and the time that another's load
     /// took would tell that it is there.
     double build_seconds = 0;
-    bool kept = false;                      ///< as it is, it outlives the daemon
-    std::string last_edit = {};             ///< what the last edit changed; empty since a load
-    std::shared_ptr<const HeldScene> held;  ///< null in lists alone, for a scene on the disk
+    bool kept = false;                         ///< as it is, it outlives the daemon
+    std::string last_edit = {};                ///< what the last edit changed; empty since a load
+    std::shared_ptr<const HeldScene> held;     ///< null in lists alone, for a scene on the disk
+    std::shared_ptr<const void> reading = {};  ///< kept by a request as long as it reads the scene
     [[nodiscard]] const Snapshot& snapshot() const { return *held->snapshot; }
+    /// Bytes of a scene that only requests refer to any more, if they are charged to this principal.
+    [[nodiscard]] std::uint64_t left_bytes(const std::string& principal) const {
+        return held && held->is_left_to_readers && held->lease.principal() == principal
+                   ? held->lease.bytes()
+                   : 0;
+    }
 };
 
 }  // namespace raynest::server

@@ -265,6 +265,7 @@ Reply<NamedScene> SceneStore::publish(const std::string& name,
         auto held = hold(std::move(snapshot), caller.principal);
         if (!held) return tl::unexpected(held.error());
         entry.scene.held = std::move(*held);
+        entry.lower_holds();
     }
     if (!equal) {
         entry.scene.name = name;
@@ -286,13 +287,12 @@ Reply<NamedScene> SceneStore::publish(const std::string& name,
         entry.epoch_reserved = entry.stored.epoch;
     }
     if (!how.made_of.empty()) entry.made_of = std::move(how.made_of);
-    std::size_t ended = 0;
     if (!how.share.empty()) {
         entry.share = {how.share.begin(), how.share.end()};
         entry.earlier.clear();  // they may hold what an edit took out before others were let in
         // Whom the owner leaves out now sees nothing of it any more, also not by a hold from before.
         if (!entry.share.contains("public"))
-            ended = std::erase_if(entry.holders, [&](const auto& holder) {
+            std::erase_if(entry.holders, [&](const auto& holder) {
                 return holder.first != entry.owner && !entry.share.contains(holder.first);
             });
     }
@@ -314,9 +314,8 @@ Reply<NamedScene> SceneStore::publish(const std::string& name,
     });
     if (before != last) {
         if (before->second.release(caller)) entries_.erase(before);
-        ++ended;
     }
-    if (ended != 0) settle_charges();
+    settle_charges();
     return scene;
 }
 
@@ -408,7 +407,7 @@ Reply<NamedScene> SceneStore::found_at(Entries::const_iterator found, std::strin
                                                std::to_string(epoch) + "; leave `epoch` out");
     found->second.used = now_();
     if (scene.held == nullptr) return tl::unexpected(asleep(found->second));
-    return found->second.scene_for(caller);
+    return read_by(found->second.scene_for(caller), caller.principal);
 }
 
 Reply<NamedScene> SceneStore::open(std::string_view name, const ConnectionId& caller) {

@@ -369,6 +369,8 @@ private:
         /// Returns the bytes in memory that count towards the quotas of this principal: of what
         /// another owner has put in the scene's place, no more than what the principal opened.
         [[nodiscard]] std::uint64_t charge(const std::string& principal) const;
+        /// After the content has become smaller: others than the owner are charged no more again.
+        void lower_holds();
         /// Returns the name by which the caller finds the scene.
         [[nodiscard]] std::string name_for(const ConnectionId& caller) const;
         [[nodiscard]] NamedScene scene_for(const ConnectionId& caller) const;
@@ -429,13 +431,18 @@ private:
     /// Charges the memory of each scene to another principal if the one that it is charged to holds
     /// the scene no more. In one pass over all, however many scenes somebody has let go of.
     void settle_charges() noexcept;
+    /// Charges the memory of a scene that no name and no connection refers to, to one of those whose
+    /// requests read it.
+    static void leave_to_readers(const HeldScene& held) noexcept;
+    /// Notes that a request of this principal reads the scene, as long as it keeps the result.
+    [[nodiscard]] static NamedScene read_by(NamedScene scene, const std::string& principal);
     /// A scene in memory that can be read from the disk again.
     struct Droppable {
         Clock::time_point used = Clock::time_point::min();  ///< under any of its names
         std::uint64_t charged_bytes = 0;  ///< that count towards the principal's quota
         std::vector<Entry*> entries;
 
-        /// Frees the memory, once; false if somebody uses it.
+        /// Lets go of the memory, once; false if somebody uses it who is charged for it.
         bool let_go();
     };
     /// Returns all such scenes, the least recently used first.

@@ -318,11 +318,22 @@ std::vector<SceneStore::Droppable> SceneStore::droppable(const std::string& prin
 }
 
 bool SceneStore::Droppable::let_go() {
+    if (entries.empty()) return false;
+    const std::shared_ptr<const HeldScene> held = entries.front()->scene.held;
     // Jobs, other names, and edits that may take the memory refer to it, too.
-    if (entries.empty() ||
-        entries.front()->scene.held.use_count() != static_cast<long>(entries.size()))
+    const bool is_used = held.use_count() != static_cast<long>(entries.size()) + 1;
+    const auto reads = [&](const auto& reader) { return !reader.second.expired(); };
+    const auto pays = [&](const auto& reader) {
+        return reads(reader) && std::ranges::any_of(entries, [&](const Entry* entry) {
+                   return entry->charged_to(reader.first);
+               });
+    };
+    // Requests of others do not keep it at the expense of those who are charged for it.
+    if (is_used &&
+        (std::ranges::none_of(held->readers, reads) || std::ranges::any_of(held->readers, pays)))
         return false;
     for (Entry* const entry : std::exchange(entries, {})) entry->scene.held.reset();
+    if (is_used) leave_to_readers(*held);
     return true;
 }
 

@@ -106,6 +106,23 @@ TEST_CASE("beyond the memory, the scenes of all leave in the order in which they
     CHECK(store.budget.used() == 0);
 }
 
+TEST_CASE("requests of others do not keep a scene in memory at its owner's expense") {
+    Store store(1000, 2);
+    store.put("a", 1, store.me);
+    store.put("b", 2, store.me);
+    const auto theirs = store.scenes.find("a", 0, {"other", store.scenes.connect(), Role::admin});
+    REQUIRE(theirs);
+    store.scenes.make_room(store.bytes, "me");
+    CHECK(store.in_memory() == Names{"b"});
+    CHECK(store.budget.held_by("me") == store.bytes);
+    CHECK(store.budget.held_by("other") == store.bytes);
+    // One's own requests do.
+    const auto mine = store.use("b", store.me);
+    REQUIRE(mine);
+    store.scenes.make_room(2 * store.bytes, "me");
+    CHECK(store.in_memory() == Names{"b"});
+}
+
 TEST_CASE("one content leaves the memory with all of its names, or stays") {
     Store store(1000, 4);
     store.put("a", 1, store.me);

@@ -6,6 +6,7 @@
 
 #include <ctime>
 #include <memory>
+#include <optional>
 #include <string>
 #include <vector>
 
@@ -103,6 +104,15 @@ TEST_CASE("a holder is charged for what it opened, whatever the owner puts in it
     CHECK(used("you") == large);
     scenes.disconnect(later);
     CHECK(used("you") == small);
+    // What has become smaller may grow again, but not at the expense of those who hold it.
+    const ConnectionId early{"early", scenes.connect()};
+    REQUIRE(scenes.open("me/town", early));
+    CHECK(used("early") == large);
+    REQUIRE(scenes.publish("town", many_squares(0), {.replace = true}, store.a));
+    CHECK(used("early") == small);
+    REQUIRE(scenes.publish("town", many_squares(200), {.replace = true}, store.a));
+    CHECK(used("early") == small);
+    scenes.disconnect(early);
     const ConnectionId other{"other", scenes.connect()};
     REQUIRE(scenes.open("me/town", other));
 
@@ -304,6 +314,42 @@ TEST_CASE("the memory of a scene is charged to one of those who hold it") {
     CHECK(store.budget.held_by("me") == square_bytes);
     REQUIRE(scenes.unload("village", store.b));
     CHECK(store.budget.used() == 0);
+}
+
+TEST_CASE("a scene that only requests read any more is charged to one of those who ask") {
+    Store store;
+    SceneStore& scenes = store.scenes;
+    const auto bytes = square(1)->bytes().size();
+    REQUIRE(scenes.publish("town", square(1), store.shared, store.a));
+    std::optional<NamedScene> mine(*scenes.find("town", 0, store.a));
+    std::optional<NamedScene> theirs(*scenes.find("me/town", 0, store.stranger));
+    std::optional<NamedScene> copy = theirs;  // as a plan goes from a request to its tasks
+    REQUIRE(scenes.unload("town", store.a));
+    // Its payer reads it still.
+    CHECK(store.budget.held_by("me") == bytes);
+    CHECK(mine->left_bytes("me") == bytes);
+    CHECK(theirs->left_bytes("you") == 0);
+    mine.reset();
+    theirs.reset();
+    REQUIRE(scenes.publish("village", square(2), store.shared, store.a));
+    CHECK(store.budget.held_by("me") == bytes);
+    CHECK(store.budget.held_by("you") == bytes);
+    CHECK(copy->left_bytes("you") == bytes);
+    // Once it has a name again, it is charged to who has given it that.
+    REQUIRE(scenes.publish("town", square(1), {}, store.b));
+    CHECK(store.budget.held_by("me") == 2 * bytes);
+    CHECK(store.budget.held_by("you") == 0);
+    CHECK(copy->left_bytes("you") == 0);
+    // An epoch before an edit, or before a load in its place, is as one that was unloaded.
+    REQUIRE(scenes.publish("town", square(3), {.replace = true}, store.a));
+    CHECK(store.budget.held_by("me") == 2 * bytes);
+    CHECK(store.budget.held_by("you") == bytes);
+    copy.reset();
+    CHECK(store.budget.held_by("you") == 0);
+    // Who no longer reads is not charged.
+    REQUIRE(scenes.find("me/village", 0, store.stranger));
+    REQUIRE(scenes.unload("village", store.a));
+    CHECK(store.budget.held_by("you") == 0);
 }
 
 TEST_CASE(
