@@ -12,7 +12,8 @@ build_packages=(
     libopenimageio-dev libseccomp-dev libspdlog-dev libsqlite3-dev libssl-dev libtbb-dev libtiff-dev libtinygltf-dev
     libtomlplusplus-dev libwebp-dev nlohmann-json3-dev zlib1g-dev
     prometheus-cpp-dev)
-test_packages=("${build_packages[@]}" clang-format-14 doctest-dev libembree-dev nginx python3 python3-distributed python3-mypy python3-numpy xz-utils)
+test_packages=("${build_packages[@]}" clang-format-14 doctest-dev iproute2 libembree-dev munge nginx openssh-server parallel
+    python3 python3-distributed python3-mypy python3-numpy python3-paramiko python3-yaml slurm-wlm xz-utils)
 
 build=${RAYNEST_BUILD:-$root/build}
 [[ $build == /* ]] || build=$PWD/$build

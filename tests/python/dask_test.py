@@ -295,6 +295,27 @@ class ManyHosts(WithCluster):
         self.same(many.trace(cluster.client, SCENE, rays, item_rays=3000, setup=self.setup), self.woods.trace(rays))
         self.assertTrue(dropped)
 
+    def test_arrays_travel_as_they_are(self):
+        rays = np.zeros((20000, 6), np.float32)
+        with dask.config.set({"distributed.comm.compression": "zlib"}):
+            usual, ours = (distributed.protocol.dumps({"rays": distributed.protocol.to_serialize(each)})
+                           for each in (rays, uncompressed(rays)))
+        self.assertLess(memoryview(usual[-1]).nbytes, rays.nbytes)
+        self.assertEqual(memoryview(ours[-1]).nbytes, rays.nbytes)
+        np.testing.assert_array_equal(distributed.protocol.loads(ours)["rays"], rays)
+
+    def test_a_worker_is_seldom_profiled_while_it_makes_an_item(self):
+        cluster = self.cluster(1)
+        end = self.out / "end"
+        self.addCleanup(end.touch)
+        usual, = cluster.client.run(profiled).values()
+        making = cluster.client.submit(sent_item, raynest.__version__, self.setup, many.prepare(SCENE).source, waits, None, end,
+                                       pure=False)
+        until(lambda: list(cluster.client.run(profiled).values()) == [1000])
+        end.touch()
+        making.result()
+        self.assertEqual((usual, list(cluster.client.run(profiled).values())), (10, [10]))
+
     def test_folders_of_killed_workers_are_taken_away(self):
         cluster = self.cluster(1)
         folders = {name: Path(cluster.folder.name) / f"raynest-dask-{os.getuid()}-{name * 16}" for name in "abcd"}

@@ -23,7 +23,6 @@ from .merge import merge
 
 PARTS_PER_THREAD = 4
 PART_RAYS = 1 << 16         # at least, of a file's
-CONNECT_SECONDS = 5
 # Words whose next one is a file, or begins with a mark and a file.
 FILES = {"--rays": "", "--masks": "", "--env": "", "--range-from": "", "--set": "@"}
 SUMS = ("rays", "hits", "misses", "truncated", "invalid", "rows", "seconds", "queued_seconds")
@@ -58,14 +57,15 @@ def run(address: str, parts_max: int, scene: str, out: str, words: Sequence[str]
 
 
 def _connected(address: str) -> Any:
+    # The scheduler may have been started just before, so Dask's own time-out counts, 30 s unless it is configured.
     connect: Any = distributed.Client
     try:
         with warnings.catch_warnings(record=True) as said:
             warnings.simplefilter("always")
-            cluster = connect(address, timeout=CONNECT_SECONDS, set_as_default=False)
+            cluster = connect(address, set_as_default=False)
     except (OSError, asyncio.TimeoutError, ValueError, TypeError, RuntimeError) as error:
-        raise ConnectError(f"no Dask scheduler answers at {address}: {error or f'no answer within {CONNECT_SECONDS} s'}"
-                           "; start one with dask-scheduler or dask-ssh") from None
+        raise ConnectError(f"no Dask scheduler answers at {address}: {error or 'it was too slow'}; "
+                           "start one with dask-scheduler or dask-ssh") from None
     if any("Mismatched versions" in str(each.message) for each in said):
         _check_versions(cluster)
     return cluster
