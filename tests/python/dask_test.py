@@ -16,12 +16,15 @@ import time
 import warnings
 from pathlib import Path
 
+import dask
 import distributed
 import numpy as np
 
 import raynest
 from daemon import PATIENCE, until
 from raynest import generators
+from raynest._deal import sent_item
+from raynest._frugal import uncompressed
 from raynest._workers import item
 from with_cluster import Elsewhere, WithCluster, many
 from with_daemon import main, rain
@@ -61,6 +64,11 @@ def waits(_host, _source, end):
     """An item that ends when there is such a file. The workers get it as code: they have not this module."""
     while not end.exists():
         time.sleep(0.05)
+
+
+def profiled(dask_worker):
+    """Milliseconds between two looks at a worker's threads."""
+    return dask_worker.periodic_callbacks["profile"].callback_time
 
 
 def has_task(key, dask_worker):
@@ -230,10 +238,11 @@ class ManyHosts(WithCluster):
             self.assertRegex(message, f"^{said}")
 
     def test_what_is_wrong_with_a_cluster_is_a_line(self):
+        soon = {"DASK_DISTRIBUTED__COMM__TIMEOUTS__CONNECT": "2s"}
         with self.subTest("nobody there"):
-            self.one_line(3, "no Dask scheduler answers at tcp://127.0.0.1:1: ", "tcp://127.0.0.1:1")
+            self.one_line(3, "no Dask scheduler answers at tcp://127.0.0.1:1: ", "tcp://127.0.0.1:1", **soon)
         with self.subTest("a daemon, and no scheduler"):
-            self.one_line(3, "no Dask scheduler answers at tcp", self.daemon.uri)
+            self.one_line(3, "no Dask scheduler answers at tcp", self.daemon.uri, **soon)
         with self.subTest("no package"):
             without = self.out / "without"
             (without / "distributed").mkdir(parents=True)

@@ -9,6 +9,7 @@ from typing import Any, Callable, Iterator, NamedTuple, Optional, Sequence
 
 import numpy as np
 
+from ._frugal import seldom_profiled, uncompressed
 from ._travel import LOST, Missing
 from ._prepared import Prepared
 from ._version import VERSION
@@ -20,6 +21,12 @@ COPIES_MAX = 3             # of an item on the workers, before it is made here
 LOAD_BYTES_PER_SECOND = 5e6     # that even a slow host fetches and builds
 SENDS_MAX = 100            # times that an item may find pieces of the scene missing
 _ONCE = (UsageError, InvalidError)  # what another worker would answer alike
+
+
+@seldom_profiled()
+def sent_item(*arguments: Any) -> Any:
+    """Makes an item on a worker: returns what make_item() returns, on its way to the client."""
+    return uncompressed(make_item(*arguments))
 
 
 class Part(NamedTuple):
@@ -112,7 +119,7 @@ class Deal:
         try:
             if part.heavy:
                 rays = self._sent(rays, workers or self._lively())
-            copy = self._cluster.submit(make_item, VERSION, self._setup, source, self._method, rays, part.options,
+            copy = self._cluster.submit(sent_item, VERSION, self._setup, source, self._method, rays, part.options,
                                         pure=False, retries=1, workers=workers, key=f"raynest-{os.urandom(8).hex()}")
         except (OSError, asyncio.TimeoutError, RuntimeError, ValueError) as error:
             return self._give_up_cluster(error)
@@ -123,7 +130,7 @@ class Deal:
     def _sent(self, rays: Any, workers: list[str]) -> Any:
         """Sends rays to a worker; where that is stuck they go with the task, through the scheduler."""
         async def scatter() -> Any:
-            return await self._cluster.scatter(rays, hash=False, direct=True, workers=workers or None,
+            return await self._cluster.scatter(uncompressed(rays), hash=False, direct=True, workers=workers or None,
                                                asynchronous=True)
         sending = asyncio.run_coroutine_threadsafe(scatter(), self._cluster.loop.asyncio_loop)
         try:

@@ -23,6 +23,7 @@ from typing import Any, Callable, Iterable, Iterator, Optional, Sequence, Union
 
 import numpy as np
 
+from ._frugal import uncompressed
 from ._deal import PATIENCE, Deal, Part, known_to
 from ._net.frame import Array
 from ._requests.arguments import is_several, numbers
@@ -88,7 +89,7 @@ def arrays(cluster: Any, scene: Any, rays: Any, *, fields: Union[str, Sequence[s
     blocks = []
     for part in parts:
         assert part.rays is not None
-        given = cluster.scatter(part.rays(), hash=False, direct=True) if part.heavy else part.rays()
+        given = cluster.scatter(uncompressed(part.rays()), hash=False, direct=True) if part.heavy else part.rays()
         blocks.append(cluster.submit(columns_of, VERSION, setup, source, given, part.options, pure=False, retries=5))
         blocks[-1].raynest_scene = known    # whose files the workers have as long as there are blocks
     return {name: array.concatenate([
