@@ -7,10 +7,12 @@ import os
 import pathlib
 import subprocess
 import sys
+import tempfile
 import unittest
+import xml.etree.ElementTree
 
-HOSTS = pathlib.Path(__file__).resolve().parent / "hosts.py"
-PACKAGE = HOSTS.parents[3] / "client/python"
+FOLDER = pathlib.Path(__file__).resolve().parent
+PACKAGE = FOLDER.parents[2] / "client/python"
 try:
     import distributed  # noqa: F401
 except ImportError as missing:
@@ -18,8 +20,8 @@ except ImportError as missing:
     sys.exit(77)
 
 
-def lines(*words):
-    run = subprocess.run([sys.executable, HOSTS, *words], stdout=subprocess.PIPE, text=True, timeout=300, check=True,
+def lines(*words, program="hosts.py"):
+    run = subprocess.run([sys.executable, FOLDER / program, *words], stdout=subprocess.PIPE, text=True, timeout=300, check=True,
                          env={**os.environ, "PYTHONPATH": str(PACKAGE)})
     return run.stdout.splitlines()
 
@@ -41,6 +43,22 @@ class Hosts(unittest.TestCase):
         rows = lines("scene", RAYNESTD, "2", "20")
         self.assertEqual(len(rows), 3)
         self.assertTrue(all(row.startswith("20 MB to 2 workers: plain ") for row in rows), rows)
+
+    def test_the_costs_have_a_row_for_each_request(self):
+        rows = lines(RAYNESTD, "1", str(1 << 16), "1", program="cost.py")
+        self.assertEqual([row.split(" | ")[0] for row in rows[2:]],
+                         ["| made rays, t and prim", "| made rays, visible_pixels", "| sent rays, t and prim", "| path, 1 samples"])
+        for row in rows[2:]:
+            self.assertGreater(float(row.split(" | ")[2]), 0, row)
+
+    def test_a_stream_is_drawn(self):
+        with tempfile.TemporaryDirectory() as folder:
+            picture = pathlib.Path(folder) / "stream.svg"
+            told, = lines(RAYNESTD, str(picture), "3", "1", program="stream.py")
+            self.assertRegex(told, r"^\d+ bars, .*, killed at .*, 0 bytes differ$")
+            drawn = xml.etree.ElementTree.parse(picture).getroot()
+        texts = [each.text for each in drawn.iter("{http://www.w3.org/2000/svg}text")]
+        self.assertLess({"worker 1", "worker 2", "worker 3", "lost with the worker"}, set(texts))
 
 
 if __name__ == "__main__":
