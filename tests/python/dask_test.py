@@ -315,7 +315,7 @@ class ManyHosts(WithCluster):
 
     def test_a_worker_is_seldom_profiled_while_it_makes_an_item(self):
         cluster = self.cluster(1)
-        end = self.out / "end"
+        end = self.out / "end of the look"
         self.addCleanup(end.touch)
         usual, = cluster.client.run(profiled).values()
         making = cluster.client.submit(sent_item, raynest.__version__, self.setup, many.prepare(SCENE).source, waits, None, end,

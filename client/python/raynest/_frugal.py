@@ -25,7 +25,7 @@ _lock = threading.Lock()
 
 @contextlib.contextmanager
 def seldom_profiled() -> Iterator[None]:
-    """The worker of this thread looks seldom while it makes an item: that would be a twentieth of its CPU time."""
+    """The worker of this thread looks seldom while it makes an item: often takes a hundredth of a core for each of them."""
     global _making, _usual
     try:
         looks: Any = distributed.get_worker().periodic_callbacks["profile"]
