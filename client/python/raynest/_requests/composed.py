@@ -70,7 +70,7 @@ def _archived(files: list[File], meshes: dict[str, dict[str, Array]]) -> dict[st
             archives.append([])
             size = sum(array.nbytes for array in mesh.values())
         archives[-1].append(name)
-    found = {}
+    found: dict[str, dict[str, str]] = {}
     for names in archives:
         # By number: names of parts may hold what no name of an array may.
         file = _keep(files, _npz({f"{i}/{word}": array for i, name in enumerate(names)
