@@ -286,7 +286,7 @@ void SceneStore::make_room_in_quota(std::uint64_t bytes, const std::string& prin
     if (!beyond_quota()) return;
     for (Droppable& scene : droppable(principal)) {
         if (!beyond_quota()) break;
-        if (scene.charged_bytes != 0 && scene.let_go()) held -= scene.charged_bytes;
+        if (scene.charged_bytes != 0 && scene.let_go(budget_)) held -= scene.charged_bytes;
     }
 }
 
@@ -297,7 +297,7 @@ void SceneStore::make_room(std::uint64_t bytes, const std::string& principal) {
     if (!beyond_budget()) return;
     for (Droppable& scene : droppable(principal)) {
         if (!beyond_budget()) break;
-        scene.let_go();
+        scene.let_go(budget_);
     }
 }
 
@@ -317,20 +317,22 @@ std::vector<SceneStore::Droppable> SceneStore::droppable(const std::string& prin
     return scenes;
 }
 
-bool SceneStore::Droppable::let_go() {
+bool SceneStore::Droppable::let_go(const Budget& budget) {
     if (entries.empty()) return false;
     const std::shared_ptr<const HeldScene> held = entries.front()->scene.held;
     // Jobs, other names, and edits that may take the memory refer to it, too.
     const bool is_used = held.use_count() != static_cast<long>(entries.size()) + 1;
-    const auto reads = [&](const auto& reader) { return !reader.second.expired(); };
-    const auto pays = [&](const auto& reader) {
-        return reads(reader) && std::ranges::any_of(entries, [&](const Entry* entry) {
-                   return entry->charged_to(reader.first);
-               });
+    // Requests of others do not keep it at the expense of those who are charged for it, if there is
+    // room in the share of such a principal.
+    const auto keeps = [&](const auto& reader) {
+        const auto is_charged = [&](const Entry* entry) { return entry->charged_to(reader.first); };
+        return !reader.second.expired() &&
+               (std::ranges::any_of(entries, is_charged) ||
+                budget.room(reader.first, Use::lasting) < held->lease.bytes());
     };
-    // Requests of others do not keep it at the expense of those who are charged for it.
+    const auto reads = [](const auto& reader) { return !reader.second.expired(); };
     if (is_used &&
-        (std::ranges::none_of(held->readers, reads) || std::ranges::any_of(held->readers, pays)))
+        (std::ranges::none_of(held->readers, reads) || std::ranges::any_of(held->readers, keeps)))
         return false;
     for (Entry* const entry : std::exchange(entries, {})) entry->scene.held.reset();
     if (is_used) leave_to_readers(*held);
