@@ -148,7 +148,7 @@ class Prepared:
         return scene.source.name
 
     def _record(self, change: Change) -> dict[str, Any]:
-        sources = [self._added[name].source for name in change.message["scenes"]]
+        sources = [self._added[name].source for name in change.message.get("scenes", ())]
         key, = keys_of_changes(self._log, self._epoch, self._epoch + 1)
         self._keep(key, np.frombuffer(pickle.dumps((change, sources)), np.uint8))
         self._epoch += 1

@@ -264,15 +264,16 @@ class Edit:
             raise UsageError(f"{len(texts)} texts of parts within instances, as {reprlib.repr(next(iter(texts)))}, and one edit "
                              f"takes {_limits.list_items_max}: let * stand for several, or name parts by user ids "
                              "(raynest.Uids)")
+        lists = {"targets": list(texts), "scenes": [scene for scene, _ in self._added],
+                 "names": [name for _, name in self._added], "materials": list(self._materials),
+                 "vertex_counts": [len(points) for points, _ in self._vertices],
+                 "normal_counts": [len(normals) for _, normals in self._vertices]}
+        # Small edits come many a second, and to write an empty list takes as long as to write one.
         message: Message = {"epoch": self.epoch, "rows": len(rows), "keep": self._keep,
-                            "targets": list(texts), "scenes": [scene for scene, _ in self._added],
-                            "names": [name for _, name in self._added],
-                            "materials": list(self._materials),
-                            "vertex_counts": [len(points) for points, _ in self._vertices],
-                            "normal_counts": [len(normals) for _, normals in self._vertices]}
-        if sum(message["vertex_counts"]) > _limits.edit_vertices_max:
-            raise UsageError(f"{sum(message['vertex_counts'])} vertices in one edit, at most "
-                             f"{_limits.edit_vertices_max} are taken")
+                            **{name: each for name, each in lists.items() if each}}
+        vertices = sum(len(points) for points, _ in self._vertices)
+        if vertices > _limits.edit_vertices_max:
+            raise UsageError(f"{vertices} vertices in one edit, at most {_limits.edit_vertices_max} are taken")
         meshes = (each.tobytes() for pair in self._vertices for each in pair)
         return Change(message, b"".join((rows.tobytes(), *meshes)))
 

@@ -117,6 +117,9 @@ def read_parts(parts: Mapping[str, Any], places: Optional[Mapping[str, Any]]) ->
     return made
 
 
+_IDENTITY = np.eye(4)
+
+
 def matrices_of(what: str, value: Any) -> Array:
     """Returns a (4, 4) or (N, 4, 4) of float64: from offsets (3,) and (N, 3), or matrices (3, 4), (4, 4),
     (N, 3, 4) and (N, 4, 4)."""
@@ -124,8 +127,8 @@ def matrices_of(what: str, value: Any) -> Array:
     shape = given.shape
     rows, columns = shape[-2:] if len(shape) >= 2 else (0, 0)
     if shape == (3,) or (len(shape) == 2 and columns == 3):
-        made = np.zeros(shape[:-1] + (4, 4))
-        made[...] = np.eye(4)
+        made = np.empty(shape[:-1] + (4, 4))
+        made[...] = _IDENTITY
         made[..., :3, 3] = given
     elif len(shape) in (2, 3) and columns == 4 and rows in (3, 4):
         made = np.zeros(shape[:-2] + (4, 4))
@@ -134,9 +137,9 @@ def matrices_of(what: str, value: Any) -> Array:
     else:
         raise UsageError(f"{what} has shape {shape}: it must be (3,), (3, 4) or (4, 4), or (N, 3), (N, 3, 4) "
                          "or (N, 4, 4) for several")
-    if not (made[..., 3, :] == (0, 0, 0, 1)).all():
+    if rows == 4 and not (made[..., 3, :] == (0, 0, 0, 1)).all():
         raise UsageError(f"{what}: the last row of a 4x4 matrix must be 0 0 0 1")
-    if not np.isfinite(made).all():
+    if not np.isfinite(given).all():
         raise UsageError(f"{what} has numbers that are not finite")
     return made
 
