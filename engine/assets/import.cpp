@@ -121,7 +121,7 @@ Result<SceneDescription> describe_source(const ImportRequest& request, const Imp
                     "`variant` is for glTF files with KHR_materials_variants: leave it out");
     if (!request.mesh.empty() && !has_extension(source, ".npz"))
         return fail(ErrorCode::scene_invalid,
-                    "`mesh` is for a .npz of several meshes: leave it out");
+                    "'mesh' is for a .npz of several meshes: leave it out");
     if (source.starts_with("builtin:")) {
         if (request.origin != WorldPoint{}) {
             return fail(ErrorCode::scene_invalid,

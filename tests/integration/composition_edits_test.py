@@ -155,6 +155,23 @@ class CompositionEdits(WithFiles):
             with self.subTest(said), self.assertRaisesRegex(raynest.InvalidError, said):
                 self.load_town("wrong", edits=edits)
 
+    def test_an_object_is_one_of_several_meshes_of_a_file(self):
+        corners = np.array([[0, 0, 0], [1, 0, 0], [0, 0, 1]], float)
+        np.savez(self.scenes / "shapes.npz", **{f"{name}/{word}": array for name, height in (("low", 1), ("high", 5))
+                                                for word, array in (("vertices", corners + (0, height, 0)),
+                                                                    ("faces", np.array([[0, 2, 1]])))})
+        def town(**member):
+            return self.load("shapes.rnscene.json", json.dumps({
+                "rnscene": 1, "objects": {name: {"file": "shapes.npz", "mesh": name, **member} for name in ("low", "high")},
+                "instances": [{"object": "low"}, {"object": "high", "translation": [10, 0, 0]}]}))
+        hits = town().trace([[0.2, 9, 0.2, 0, -1, 0], [10.2, 9, 0.2, 0, -1, 0]])
+        np.testing.assert_array_equal(hits["t"], [8, 4])
+        for member, said in (({"mesh": "wide"}, "has no array 'wide/vertices'.* it has .*low/vertices.npy"),
+                             ({"mesh": ""}, "has no array 'vertices'"), ({"mesh": 3}, "mesh is no text"),
+                             ({"file": "house.obj"}, "'mesh' is for a .npz of several meshes: leave it out")):
+            with self.subTest(member), self.assertRaisesRegex(raynest.InvalidError, said):
+                town(**member)
+
     def test_an_animation_moves_what_an_edit_would(self):
         drive = {"name": "drive", "channels": [
             {"instance": "garden", "path": "translation", "times": [0, 2], "values": [[0, 0, 10], [6, 0, 10]]},
