@@ -5,6 +5,7 @@ import asyncio
 import contextlib
 import logging
 import os
+import re
 import sys
 import tempfile
 import threading
@@ -13,11 +14,12 @@ from typing import Any, Sequence, Union
 
 import numpy as np
 
+from ._beside import command
 from ._deal import PATIENCE, Deal, Part, known_to
 from ._prepared import Prepared
 from ._requests.files import STANDARD
 from ._told import carry_out
-from ._workers import Carried, Setup, command, distributed
+from ._workers import Carried, Setup, distributed
 from .errors import ConnectError, Error, FailedError, UsageError
 from .merge import merge
 
@@ -57,6 +59,8 @@ def run(address: str, parts_max: int, scene: str, out: str, words: Sequence[str]
 
 
 def _connected(address: str) -> Any:
+    if not re.search(r":[0-9]+$", address):
+        raise UsageError(f"{address} is no address of a Dask scheduler: it is as tcp://HOST:8786")
     # The scheduler may have been started just before, so Dask's own time-out counts, 30 s unless it is configured.
     connect: Any = distributed.Client
     try:

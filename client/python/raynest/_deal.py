@@ -13,8 +13,8 @@ from ._frugal import seldom_profiled, uncompressed
 from ._travel import LOST, Missing
 from ._prepared import Prepared
 from ._version import VERSION
-from ._workers import NoRoom, Setup, Source, distributed, files_at, info_of, item as make_item
-from .errors import Error, FailedError, InvalidError, RayWarning, UsageError, warn
+from ._workers import NoRoom, Setup, Source, distributed, files_at, has_deadline, info_of, item as make_item
+from .errors import DeadlineError, Error, FailedError, InvalidError, RayWarning, UsageError, warn
 
 PATIENCE = 4.0             # s of silence after which open items are dealt again
 COPIES_MAX = 3             # of an item on the workers, before it is made here
@@ -227,7 +227,7 @@ class Deal:
             self._deal(item)
             self.notes[str(error)] = None
             return []
-        if isinstance(error, _ONCE):
+        if isinstance(error, _ONCE) or (isinstance(error, DeadlineError) and has_deadline(self._parts[item].options)):
             raise error
         if isinstance(error, ImportError):
             raise FailedError(f"the workers cannot run it: {error}; install python3-raynest {VERSION} on all hosts")

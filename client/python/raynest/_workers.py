@@ -8,7 +8,6 @@ import dataclasses
 import fcntl
 import glob
 import hashlib
-import json
 import os
 import pickle
 import queue
@@ -18,7 +17,7 @@ import subprocess
 import tempfile
 import threading
 import time
-from typing import Any, Iterator, NamedTuple, Optional, Sequence, Union
+from typing import Any, Iterator, Mapping, NamedTuple, Optional, Sequence, Union
 
 import numpy as np
 
@@ -407,12 +406,19 @@ def item(version: str, setup: Setup, source: Source, method: Any, rays: Any, opt
         except Missing as missing:
             return here(), missing, ()
         except DeadlineError:
-            host.end_stuck()
+            if not has_deadline(options):
+                host.end_stuck()
             raise
         except Error as error:
-            if last or not (error.lost or isinstance(error, ConnectError)):
+            # The daemon may have begun anew, by another worker of this host, since it was given the scene.
+            if last or not (error.lost or isinstance(error, ConnectError) or error.name == "SCENE_UNKNOWN"):
                 raise
             host.drop()
+
+
+def has_deadline(options: Mapping[str, Any]) -> bool:
+    """True if the user of an item has set it one."""
+    return "deadline" in options or any(str(word).startswith("--deadline") for word in options.get("words", ()))
 
 
 def columns_of(version: str, setup: Setup, source: Source, rays: Any, options: dict[str, Any]) -> Any:
@@ -433,60 +439,6 @@ def files_at(_host: Host, source: Source, _options: dict[str, Any]) -> Message:
 
 def info_of(host: Host, source: Source, _options: dict[str, Any]) -> dict[str, Any]:
     return host.scene(source).info
-
-
-def command(host: Host, source: Source, options: dict[str, Any]) -> tuple[bytes, dict[str, Any]]:
-    """A command of raynest with --part, run beside the daemon. Returns the bytes of its file, and what it tells."""
-    scene = host.scene(source)
-    files = os.path.join(host.folder, "files")
-    for carried in {word for word in options["words"] if isinstance(word, Carried)}:
-        host.take(carried, files, source)
-    os.makedirs(files, exist_ok=True)
-    with tempfile.TemporaryDirectory(dir=host.folder) as folder:
-        output = os.path.join(folder, "part" + options["ending"])
-        words = [output if word is None else word.prefix + word.name if isinstance(word, Carried) else
-                 scene.name if word == options["scene"] else word for word in options["words"]]
-        program = [os.path.join(os.path.dirname(host.binary()), "raynest"), "--server", host.uri, "--json", *words]
-        document = _told_by(program, files)
-        with open(output, "rb") as file:
-            return file.read(), document
-
-
-def _told_by(program: Sequence[str], folder: str) -> Any:
-    """The document of --json of a program of this package, which ends early where nobody waits for it."""
-    try:
-        running = subprocess.Popen(program, stdin=subprocess.DEVNULL, stdout=subprocess.PIPE, stderr=subprocess.PIPE,
-                                   cwd=folder)
-    except OSError as error:
-        raise FailedError(f"{here()} cannot start {program[0]}: {error.strerror}; install raynest there") from None
-    end = time.monotonic() + ITEM_SECONDS
-    with running:
-        try:
-            while True:
-                with contextlib.suppress(subprocess.TimeoutExpired):
-                    told, said = running.communicate(timeout=LOOK_SECONDS)
-                    break
-                if dropped():
-                    raise CancelledError(NOBODY_WAITS)
-                if time.monotonic() > end:
-                    raise DeadlineError(f"{here()} was not ready after {ITEM_SECONDS:.0f} s")
-        finally:
-            running.kill()
-    if running.returncode:
-        raise error_of(running.returncode, said.decode(errors="replace"))
-    return json.loads(told)
-
-
-def error_of(exit_code: int, said: str) -> Error:
-    """The error of a command with --json that ended with this code."""
-    kinds = (UsageError, InvalidError, BusyError, DeadlineError, ConnectError)
-    kind = next((each for each in kinds if each.exit_code == exit_code), FailedError)
-    line = said.strip().splitlines()[-1] if said.strip() else "it said nothing"
-    try:
-        told = json.loads(line)["error"]
-        return kind(told["message"], told["name"], told["code"])
-    except (ValueError, LookupError, TypeError):
-        return kind(line.removeprefix("raynest: "))
 
 
 def _plain(answer: Any) -> Any:

@@ -1,0 +1,74 @@
+"""Commands of raynest that a worker runs beside the daemon of its host, each a part of one that the client was given."""
+from __future__ import annotations
+
+import contextlib
+import json
+import os
+import subprocess
+import tempfile
+import time
+from typing import Any, Sequence
+
+from ._workers import ITEM_SECONDS, LOOK_SECONDS, NOBODY_WAITS, Carried, Host, Source, dropped, here
+from .errors import (BusyError, CancelledError, ConnectError, DeadlineError, Error, FailedError, InvalidError,
+                     UsageError)
+
+
+def command(host: Host, source: Source, options: dict[str, Any]) -> tuple[bytes, dict[str, Any]]:
+    """A command of raynest with --part, run beside the daemon. Returns the bytes of its file, and what it tells."""
+    scene = host.scene(source)
+    files = os.path.join(host.folder, "files")
+    for carried in {word for word in options["words"] if isinstance(word, Carried)}:
+        host.take(carried, files, source)
+    os.makedirs(files, exist_ok=True)
+    with tempfile.TemporaryDirectory(dir=host.folder) as folder:
+        output = os.path.join(folder, "part" + options["ending"])
+        words = [output if word is None else word.prefix + word.name if isinstance(word, Carried) else
+                 scene.name if word == options["scene"] else word for word in options["words"]]
+        program = [os.path.join(os.path.dirname(host.binary()), "raynest"), "--server", host.uri, "--reconnect", "0",
+                   "--json", *words]
+        document = _told_by(program, files)
+        with open(output, "rb") as file:
+            return file.read(), document
+
+
+INCOMPLETE = 8     # exit code of a picture that had to be cut short
+
+
+def _told_by(program: Sequence[str], folder: str) -> Any:
+    """The document of --json of a program of this package, which ends early where nobody waits for it."""
+    try:
+        running = subprocess.Popen(program, stdin=subprocess.DEVNULL, stdout=subprocess.PIPE, stderr=subprocess.PIPE,
+                                   cwd=folder)
+    except OSError as error:
+        raise FailedError(f"{here()} cannot start {program[0]}: {error.strerror}; install raynest there") from None
+    end = time.monotonic() + ITEM_SECONDS
+    with running:
+        try:
+            while True:
+                with contextlib.suppress(subprocess.TimeoutExpired):
+                    told, said = running.communicate(timeout=LOOK_SECONDS)
+                    break
+                if dropped():
+                    raise CancelledError(NOBODY_WAITS)
+                if time.monotonic() > end:
+                    raise DeadlineError(f"{here()} was not ready after {ITEM_SECONDS:.0f} s")
+        finally:
+            running.kill()
+    if running.returncode == INCOMPLETE:
+        raise DeadlineError("a part had not all of its samples at its deadline: give more time, or leave --deadline out")
+    if running.returncode:
+        raise error_of(running.returncode, said.decode(errors="replace"))
+    return json.loads(told)
+
+
+def error_of(exit_code: int, said: str) -> Error:
+    """The error of a command with --json that ended with this code."""
+    kinds = (UsageError, InvalidError, BusyError, DeadlineError, ConnectError)
+    kind = next((each for each in kinds if each.exit_code == exit_code), FailedError)
+    line = said.strip().splitlines()[-1] if said.strip() else "it said nothing"
+    try:
+        told = json.loads(line)["error"]
+        return kind(told["message"], told["name"], told["code"])
+    except (ValueError, LookupError, TypeError):
+        return kind(line.removeprefix("raynest: "))
