@@ -184,6 +184,8 @@ class Returns(WithDaemon):
             def edit_before(self, *arguments, **options):
                 with self.edit() as edit:
                     edit.move(0, (0, 1, 0))
+                with self.edit() as edit:   # the epoch before the last edit may still be there
+                    edit.move(0, (0, 1, 0))
                 return trace(self, *arguments, **options)
             type(scene).trace = edit_before
             with self.assertRaisesRegex(raynest.InvalidError, "is at epoch"):
