@@ -11,6 +11,7 @@ import struct
 import sys
 import threading
 import warnings
+from unittest import mock
 
 import numpy as np
 
@@ -284,6 +285,19 @@ class Export(WithFiles):
         done = self.client.run("export", "soup", "-o", self.scenes / "cli.rnscene.json")
         self.assertEqual(done.returncode, 0, done.stderr)
         self.assertIn("cli.glb", done.stdout + done.stderr)
+        self.assertEqual(self.python.scene("soup").export(self.scenes / "cli.rnscene.json")["glb"], str(self.scenes / "cli.glb"))
+        # A scene that is replaced meanwhile by one with another origin is not written in two halves.
+        self.python.load(self.scenes / "soup.obj", name="moves")
+        scene = self.python.scene("moves")
+        file = scene._file
+
+        def meanwhile(message, progress):
+            if message["format"] == "rnscene.json":
+                self.python.load(self.scenes / "soup.obj", name="moves", replace=True, origin=(1, 0, 0))
+            return file(message, progress)
+        with mock.patch.object(scene, "_file", meanwhile), self.assertRaisesRegex(raynest.InvalidError, "was replaced while"):
+            scene.export(self.scenes / "moves.rnscene.json")
+        self.assertFalse((self.scenes / "moves.glb").exists())
 
 
 if __name__ == "__main__":

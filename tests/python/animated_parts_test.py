@@ -84,9 +84,12 @@ class AnimatedParts(WithDaemon):
                     part = made[name][first:end] if name in ("t", "path") else made[name][number:number + 1]
                     np.testing.assert_array_equal(part, alone[name], name)
         # A step has one time, in its middle.
-        some = np.array([0, .1, .2, .9, 1.0])
-        made = scene.trace(RAIN[:5, :3], RAIN[:5, 4:7], time=some, time_step=.5, fields=("t",))["t"]
-        wanted = [scene.trace(RAIN[i:i + 1], time=t, fields=("t",))["t"][0] for i, t in enumerate((.1, .1, .1, .95, .95))]
+        some, ends = np.array([0, .1, .2, .9, .98]), [scene.trace(RAIN, time=t, fields=("t",))["t"] for t in (0, .1, .9, .94)]
+        five = RAIN[[*np.flatnonzero(ends[0] != ends[1])[:3], *np.flatnonzero(ends[2] != ends[3])[:2]]]
+        news = []
+        made = scene.trace(five[:, :3], five[:, 4:7], time=some, time_step=.5, fields=("t",), progress=lambda *each: news.append(each))["t"]
+        self.assertEqual(news, [(1, 2, "tracing"), (2, 2, "tracing")])
+        wanted = [scene.trace(five[i:i + 1], time=t, fields=("t",))["t"][0] for i, t in enumerate((.1, .1, .1, .94, .94))]
         np.testing.assert_array_equal(made, wanted)
         self.assertEqual(len(scene.trace(np.zeros((0, 6)), time=[], fields=("t",))["t"]), 0)
         some = RAIN[:6].copy()

@@ -9,12 +9,13 @@ import inspect
 import json
 import os
 import pickle
+import socket
 from unittest import mock
 
 import numpy as np
 
 import raynest
-from raynest import generators
+from raynest import _limits, generators
 from raynest._requests.job import JobOptions
 from raynest._requests.picture import Picture
 from daemon import Daemon, closed_port
@@ -286,6 +287,8 @@ class Errors(WithDaemon):
                 ("eye of ", lambda: self.woods.render(look_at=([1e300, 0, 0], [0, 0, 0]))),
                 ("a side of size of 2.5", lambda: self.woods.heatmap(size=(2.5, 3))),
                 ("width, height", lambda: self.woods.heatmap(size=5)),
+                ("reconnect of 3601: .* 0 to 3600 seconds", lambda: raynest.connect(self.daemon.uri, reconnect=3601)),
+                ("sample of", lambda: self.woods.explain(pixel=(1, 1), integrator="path", sample=_limits.samples_max)),
                 ("job of -1", lambda: self.client.job(-1).fetch()),
                 ("name of 3", lambda: self.client.load("builtin:forest", 3)),
                 ("scene of 3", lambda: self.client.scene(3))):
@@ -399,6 +402,11 @@ class Errors(WithDaemon):
             self.assertEqual(len(client.scene("woods").trace(rain(3))["t"]), 3)
         with self.assertRaisesRegex(raynest.ConnectError, "connect again"):
             client.scenes()
+
+    def test_a_peer_that_is_dead_is_noticed_after_17_seconds(self):
+        opened = self.client.connection._socket
+        told = [opened.getsockopt(socket.IPPROTO_TCP, name) for name in (socket.TCP_KEEPIDLE, socket.TCP_KEEPINTVL, socket.TCP_KEEPCNT)]
+        self.assertEqual((opened.getsockopt(socket.SOL_SOCKET, socket.SO_KEEPALIVE), told), (1, [8, 3, 3]))
 
     def test_a_daemon_that_goes_away_is_an_error(self):
         daemon = Daemon(self.raynestd)

@@ -60,6 +60,9 @@ class OnlyHere(WithCluster):
         for form in ((vertices, faces), [vertices, faces], types.SimpleNamespace(vertices=vertices, faces=faces),
                      many.prepare(vertices, faces)):
             self.same(self.traced(cluster, form), whole)
+        red = raynest.Mesh(vertices, faces, raynest.Material("red", (1, 0, 0)))
+        self.same(self.traced(cluster, red, fields=("t", "base_colour")),
+                  self.client.mesh(vertices, faces, material=red.material).trace(RAYS, fields=("t", "base_colour")))
         for form in (file.read_bytes(), str(file), file, self.client.load(file, "hills")):
             self.same(self.traced(cluster, form), self.client.scene("hills").trace(RAYS, fields=FIELDS))
         self.same(self.traced(cluster, parts, load={"places": places}),
@@ -98,6 +101,14 @@ class OnlyHere(WithCluster):
             self.traced(cluster, self.client.scene("hills"))
         with self.assertRaisesRegex(raynest.InvalidError, "neither this machine nor the worker"):
             self.traced(cluster, "/nowhere/forest.glb")
+
+    def test_warnings_of_a_scene_are_told_once(self):
+        scene, info = many.prepare(*hills()), {"hash": "h", "warnings": ["it is odd"], "origin": (0, 0, 0), "degenerate_triangles": 0}
+        with self.assertWarnsRegex(raynest.SceneWarning, "^it is odd$"):
+            scene.learn(info)
+        with warnings.catch_warnings():
+            warnings.simplefilter("error")
+            scene.learn(info)
 
     def test_files_travel_once_and_only_where_they_must(self):
         cluster = self.cluster(2)

@@ -5,10 +5,12 @@
 """
 import tempfile
 from pathlib import Path
+from unittest import mock
 
 import numpy as np
 
 import raynest
+from raynest import _limits
 from edits_test import box
 from with_daemon import WithDaemon, main
 
@@ -95,6 +97,9 @@ class Deform(WithDaemon):
         theirs = dict(fresh.trace(rays, fields=fields))
         self.same(dict(deformed.trace(rays, fields=fields)), theirs)
         self.assertGreater(np.abs(theirs["normal"] - theirs["ng"]).max(), 0.1)
+        with mock.patch.object(_limits, "edit_vertices_max", 2 * len(wave) - 1), \
+                self.assertRaisesRegex(raynest.UsageError, f"{2 * len(wave)} vertices in one edit"), deformed.edit() as edit:
+            edit.set_vertices("sheet", wave).set_vertices("sheet", wave)
         # Without normals they are made of the triangles, and differ from these.
         with deformed.edit() as edit:
             edit.set_vertices("sheet", wave)

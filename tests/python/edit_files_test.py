@@ -71,6 +71,8 @@ class EditFiles(WithDaemon):
         self.refused("cars", "\n".join(f"hide {text}" for text in many), 2, said)
         with self.assertRaisesRegex(raynest.UsageError, said), self.cars.edit() as edit:
             edit.hide(many)
+        with self.assertRaisesRegex(raynest.UsageError, "300 texts of parts within instances"), self.cars.edit() as edit:
+            edit.hide([f"car#{i}/{'body' * 30}" for i in range(300)])   # too long together
         self.assertEqual(self.heights(self.cars)[700], 9)
 
     def test_an_error_names_the_change_and_leaves_the_scene(self):

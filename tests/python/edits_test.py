@@ -76,6 +76,9 @@ class Edits(WithDaemon):
         for number, mask in zip(seen, (1, 2, 4)):
             found = self.trace(mask=mask)["inst"]
             self.assertEqual(set(found[found < 2**32 - 1].tolist()), {number})
+        with self.scene.edit() as edit:
+            edit.show(seen)
+        self.same(dict(self.trace(mask=2**31)), dict(self.trace(only=seen)))
         for masks, why in (([1, 2], "2 masks for 3 targets"), ([1, 2, -1], "whole number"), ([1, 2, 2**32], "whole number"),
                            ([1, 2, 0.5], "whole number"), ([[1, 2, 4]], r"mask has shape \(1, 3\)"),
                            ([[1], [1, 2]], "a mask must be numbers, in rows of one length")):
@@ -284,6 +287,7 @@ class Edits(WithDaemon):
                 (lambda edit: edit.set_uid([0, 1], [1, 2, 3]), raynest.UsageError,
                  "3 uids for 2 targets: give one, or one for each$"),
                 (lambda edit: edit.move([0, 1], np.zeros((3, 3, 4))), raynest.UsageError, "3 matrices for 2"),
+                (lambda edit: edit.hide(np.array([2**32])), raynest.UsageError, "instances must be whole numbers"),
                 (lambda edit: edit.set_mask(0, -1), raynest.UsageError, "whole number")):
             with self.subTest(words=words), self.assertRaisesRegex(kind, words):
                 with self.scene.edit() as edit:

@@ -104,6 +104,7 @@ class Films(WithDaemon):
         self.assertEqual(red[..., 1].max(), 0)
         (self.out / "red.hdr").write_bytes(HDR)
         np.testing.assert_array_equal(self.woods.render(environment=self.out / "red.hdr", **words)["rgba"], red)
+        np.testing.assert_array_equal(self.woods.render(environment=HDR.replace(b"#?RADIANCE", b"#?RGBE"), **words)["rgba"], red)
         # Two halves; a turn by half of one exchanges them.
         words["look_at"] = ((0, 90, 0), (0, 99, 0), (0, 0, -1))  # at nothing but the surroundings
         header = b"#?RADIANCE\nFORMAT=32-bit_rle_rgbe\n\n-Y 2 +X 4\n"
@@ -173,11 +174,12 @@ class Films(WithDaemon):
         origin = np.array([5e5, 100.0, 4e6])
         corners = origin + [[-1, 0, -1], [1, 0, -1], [1, 0, 1], [-1, 0, 1]]
         square = self.client.mesh(corners, [[0, 1, 2], [0, 2, 3]], "far square", origin=tuple(origin))
-        layers = square.render(integrator="ao", spp=1, size=(64, 32), look_at=(origin + [0, 4, 0.1], origin))
-        missed = layers["mesh"] == 0xFFFFFFFF
-        self.assertTrue(missed.any() and not missed.all())
-        self.assertEqual(np.abs(layers["P"][missed]).max(), 0)
-        self.assertLess(np.abs(layers["P"][~missed] - origin).max(), 1.01)
+        for height, fov in ((4, 0), (4000, 0.04)):
+            layers = square.render(integrator="ao", spp=1, size=(64, 32), look_at=(origin + [0, height, 0.1], origin), fov=fov)
+            missed = layers["mesh"] == 0xFFFFFFFF
+            self.assertTrue(missed.any() and not missed.all())
+            self.assertEqual(np.abs(layers["P"][missed]).max(), 0)
+            self.assertLess(np.abs(layers["P"][~missed] - origin).max(), 1.01)
 
     def test_tiles_are_pixels_of_the_whole(self):
         view = {**VIEW, "size": (203, 97)}

@@ -158,6 +158,10 @@ class Generators(WithDaemon):
         with self.assertWarnsRegex(raynest.RayWarning, "first is ray 10, of point 2:"):
             self.woods.trace(generators.hemisphere(points, [0, 1, 0], samples=5),
                              reduce="hit_fraction")
+        # A part is told of its own points.
+        far = generators.hemisphere([[0, 3, 0], [3e7 + 1.3, 3, 0]], [0, 1, 0], samples=5)
+        with self.assertWarnsRegex(raynest.RayWarning, "start so far from the scene's origin"):
+            self.woods.trace(far.part(1, 1), reduce="hit_fraction")
 
     def test_sizes_may_be_any_whole_numbers(self):
         size = np.array([300, 250], np.uint16)

@@ -3,9 +3,12 @@
 
   globs_test.py RAYNESTD RAYNEST FLATC
 """
+from unittest import mock
+
 import numpy as np
 
 import raynest
+from raynest import _paths
 from edits_test import box
 from with_daemon import WithDaemon, main
 
@@ -38,6 +41,8 @@ class Globs(WithDaemon):
         for wrong in ("", 3, None, b"car"):
             with self.assertRaisesRegex(TypeError, "is no text of paths"):
                 self.scene.find(wrong)
+        with mock.patch.object(_paths, "_SEARCHED_MAX", 20), self.assertRaisesRegex(raynest.UsageError, "at most 20: give the texts"):
+            self.scene.find("car*")
         with self.scene.edit() as edit:
             edit.remove("car#11")
         self.assertEqual(self.scene.find("car*"), [f"car#{i}" for i in range(11)])

@@ -25,7 +25,7 @@ import numpy as np
 import raynest
 from raynest._net.control import decode, encode
 from raynest._net.frame import HEADER, MAGIC, Header, write_header
-from raynest.merge import merge
+from raynest.merge import _unfiltered, merge, range_text
 from daemon import PATIENCE
 from with_fake import WELCOME, WithFake, frame, t
 
@@ -385,7 +385,12 @@ class Parts(unittest.TestCase):
                         np.save(data, column, allow_pickle=True)
                         file.writestr(name + ".npy", data.getvalue())
             whole = pathlib.Path(folder) / "whole.npz"
-            merge(str(whole), list(map(str, paths)))
+            before = os.umask(0o027)
+            try:
+                merge(str(whole), list(map(str, paths)))
+            finally:
+                os.umask(before)
+            self.assertEqual(whole.stat().st_mode & 0o777, 0o640)
             with np.load(whole) as file:
                 return {name: file[name] for name in file.files}
 
@@ -403,11 +408,29 @@ class Parts(unittest.TestCase):
                 ("another type", part(3), {"t": np.zeros(3, np.uint32)}),
                 ("objects", part(3), {"t": np.array([{}, {}, {}], object)}), ("texts", part(3), {"t": np.array(["a", "b", "c"])}),
                 ("splits", part(3), {"t": t(5), "ray_splits": ends[::-1]}),
+                ("splits that begin late", part(3), {"t": t(5), "ray_splits": ends + (ends == 0).astype(np.uint64)}),
                 ("no columns of a reducer", part(3, reduce="visible_pixels"), {"t": t(3)}),
                 ("a huge number", b'{"first": 1e999, "count": 3, "of": 6}', {"t": t(3)}), ("depth", b"[" * 100000, {"t": t(3)})):
             with self.subTest(name), self.assertRaisesRegex(raynest.InvalidError, "1.npz"):
-                self.merged((part(0), {"t": t(3)}), (said, columns))
+                self.merged((part(0), {"t": t(5), "ray_splits": ends} if "ray_splits" in columns else {"t": t(3)}), (said, columns))
 
+    def test_ranges_are_those_of_all_counts(self):
+        counts = np.arange(1, 151)
+        few = np.array([-100, *[-5] * 20, *[0] * 979])
+        for asked, values, differs, wanted in (
+                ("p99", counts, False, "0:149"), ("auto", counts, False, "0:150"), ("auto", counts * 0 + 7, False, "0:14"),
+                ("p99", few, True, "-5:5"), ("p99", np.array([-100, *[0] * 999]), True, "-100:100"),
+                ("auto", few, True, "-100:100"), ("0.5:1e20", counts, False, "0.5:1e+20")):
+            with self.subTest(asked=asked, wanted=wanted):
+                self.assertEqual(range_text(asked, values, differs), wanted)
+
+    def test_the_first_row_of_a_part_loses_its_filter(self):
+        row = np.random.default_rng(5).integers(0, 256, 20, np.uint8)
+        for kind, before in ((0, lambda left: 0), (1, lambda left: left), (2, lambda left: 0), (3, lambda left: left // 2), (4, lambda left: left)):
+            plain = []
+            for i, value in enumerate(row.tolist()):
+                plain.append((value + before(plain[i - 4] if i >= 4 else 0)) % 256)
+            self.assertEqual(_unfiltered(bytes([kind]) + row.tobytes()), b"\0" + bytes(plain), kind)
 
     def test_a_whole_that_cannot_be_written(self):
         with self.assertRaisesRegex(raynest.UsageError, "cannot write /nowhere/a.npz: No such file"):
@@ -427,13 +450,13 @@ class Hosts(unittest.TestCase):
         with tempfile.TemporaryDirectory(prefix="raynest-hosts-") as folder:
             real, link = pathlib.Path(folder) / "real.toml", pathlib.Path(folder) / "raynest/hosts.toml"
             real.touch(0o600)
-            real.write_text("# kept\n" + "".join(f'["tcp://h{i}:1"]\ntoken = "t{i}"\n' for i in range(count)))
+            real.write_text("# kept\n" + "".join(f'["tcp://h{i}:1"]\ntoken = "t{i}"\n' for i in range(count)) + "# kept, too\n")
             link.parent.mkdir()
             link.symlink_to(real)
             running = [subprocess.Popen([sys.executable, "-c", program, str(turn)],
                                         env={**os.environ, "XDG_CONFIG_HOME": folder}) for turn in range(turns)]
             self.assertEqual([each.wait(PATIENCE) for each in running], [0] * turns)
-            self.assertEqual((real.read_text(), link.is_symlink()), ("# kept\n", True))
+            self.assertEqual((real.read_text(), link.is_symlink()), ("# kept\n# kept, too\n", True))
 
 
 class Lines(WithFake):

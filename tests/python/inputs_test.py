@@ -122,6 +122,10 @@ class Inputs(WithDaemon):
             self.woods.render(size=(8, 8), look_at=((0, 0, 8e20), (0, 0, 0)))
         places = re.search(r"look_at=(\(\(.*\)\))", str(warned.warning))[1]
         self.woods.render(size=(8, 8), look_at=ast.literal_eval(places))
+        # An origin has few digits, and lies within the mesh's size of it.
+        at = np.array([448123.13, 5412345.37, 312.11])
+        with self.assertWarnsRegex(raynest.SceneWarning, re.escape("for example origin=(448120.0, 5412350.0, 310.0)")):
+            self.client.mesh(at + [[0, 0, 0], [3, 0, 0], [0, 3, 0]], [[0, 1, 2]])
 
     def test_a_mesh_object_is_for_another_call(self):
         self.assertTrue(callable(raynest.compat.trimesh.RayMeshIntersector))

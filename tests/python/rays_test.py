@@ -163,6 +163,8 @@ class Rays(WithDaemon):
                 self.assertTrue(wall.occluded(b, a, margin_distance=1e-3)[0], (length, dtype))
             self.assertEqual(wall.occluded(a, b, margin=1e-4)[0], length < 5000)
         self.assertTrue(wall.occluded([0.499, 0, 0], [6000, 0, 0])[0])
+        # A point of the wall is seen from however far.
+        self.assertFalse(wall.occluded(np.random.default_rng(9).uniform(1e5, 1e6, (500, 3)), [0.5, 0, 0]).any())
 
     def test_points_on_a_surface_do_not_hide_themselves(self):
         """Points of a bumpy ground, small and large, near and far: seen from above, as a trace finds them."""

@@ -5,11 +5,12 @@
 """
 import pathlib
 import sys
+from unittest import mock
 
 import numpy as np
 
 import raynest
-from raynest import generators
+from raynest import _shutter, generators
 from with_daemon import WithDaemon, main
 
 FIELDS = ("t", "prim", "geom", "path", "position", "normal", "hit", "origin", "direction")
@@ -100,6 +101,16 @@ class RollingShutter(WithDaemon):
         self.close(late, self.street.render(look_at=(eye, eye - pose[:, 2]), time=1.5, size=size))
         self.assertGreater((np.asarray(late) != np.asarray(stands)).any(axis=2).sum(), 20)
         self.assertEqual(self.street.render(trajectory=drive(), size=size, encode="png")[:4], b"\x89PNG")
+        # A large one is traced in pieces, of whole rows.
+        news = []
+        with mock.patch.object(_shutter, "_RAYS", 7 * size[0] + 1):
+            pieces = self.street.render(trajectory=drive(), begin=.25, readout=.75, size=size, progress=lambda *each: news.append(each))
+        np.testing.assert_array_equal(pieces, moves)
+        self.assertEqual(news, [(min(row, 60) * 90, 5400, "tracing") for row in range(7, 64, 7)])
+
+    def test_what_has_no_normal_is_not_darkened(self):
+        seen = {"ng": np.zeros((1, 3)), "direction": np.ones((1, 3)), "hit": np.ones(1, bool), "base_colour": np.full((1, 3), .5, np.float32)}
+        self.assertEqual(_shutter._shade(seen).tolist(), [[188, 188, 188, 255]])
 
     def test_what_does_not_go_with_a_camera_that_moves(self):
         for more, said in (({"integrator": "path"}, "leave integrator out"), ({"fov": 180}, "fov"),

@@ -236,6 +236,11 @@ class ScenesOfParts(WithDaemon):
             self.assertGreater((wanted["inst"] == inst).sum(), 50)
         self.assertGreater(same.mean(), 0.998)
         np.testing.assert_allclose(hits["t"][same], wanted["t"][same], atol=2e-3)
+        # Also those that only their places bring near.
+        wanted = self.client.mesh(CUBE, SIDES).trace(rays, fields=("t",))["t"]
+        for at in (far + 0.3, 0.3 - far):
+            hits = self.client.scene_of({"cube": (CUBE + at, SIDES)}, {"cube": ("cube", -at)}, origin=(1, 0, 0)).trace(rays, fields=("t",))
+            np.testing.assert_allclose(hits["t"], wanted, atol=1e-5)
 
     def test_wide_parts_keep_the_digits_that_a_mesh_keeps(self):
         """About the origin, however large the part is, and whatever its vertices are numbers of."""

@@ -15,6 +15,8 @@ from unittest import mock
 import numpy as np
 
 import raynest
+from raynest._net.access import Access
+from raynest._net.tls import _context
 from daemon import Programs, until
 from secure_daemon import Certificates, SecureDaemon, Tokens, fake_ssh
 from with_daemon import main
@@ -237,6 +239,7 @@ class Secure(Programs):
         with socket.create_connection(("127.0.0.1", self.daemon.port)) as plain, \
                 self.assertRaises(OSError):
             context.wrap_socket(plain)
+        self.assertEqual(_context(Access()).minimum_version, ssl.TLSVersion.TLSv1_2)   # of this package too
 
 
 if __name__ == "__main__":

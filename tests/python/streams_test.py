@@ -296,6 +296,15 @@ class Interrupts(WithDaemon):
             self.assertEqual(self.woods.trace(rays[:10], kind="any")["hit"].size, 10)
         self.assertEqual(interrupted, 30)
 
+    def test_a_second_interrupt_does_not_wait(self):
+        reached = []
+        with self.assertRaises(KeyboardInterrupt), self.client.connection.interrupts:
+            for number in range(3):
+                signal.raise_signal(signal.SIGINT)
+                reached.append(number)
+        self.assertEqual(reached, [0])
+        self.assertEqual(signal.getsignal(signal.SIGINT), signal.default_int_handler)
+
     def test_an_interrupt_ends_the_wait_for_another_thread(self):
         answers = []
         cancel = threading.Event()
@@ -327,8 +336,9 @@ class Interrupts(WithDaemon):
         until(lambda: seen)
 
     def test_a_deadline_ends_the_request_alone(self):
-        with self.assertRaises(raynest.DeadlineError) as caught:
-            self.woods.render(size=(8192, 8192), deadline=0.2)
+        for side, deadline in ((8192, 0.2), (1024, 1e-9)):  # in ms, of which 0 are none
+            with self.assertRaises(raynest.DeadlineError) as caught:
+                self.woods.render(size=(side, side), deadline=deadline)
         self.assertEqual((caught.exception.name, caught.exception.exit_code), ("DEADLINE", 7))
         self.assertIsInstance(caught.exception, TimeoutError)
         self.assertLess(self.client.ping(), PATIENCE)

@@ -333,6 +333,8 @@ class SweepRequests(WithDaemon):
         for wrong, said in (({"trajectory": (times, poses[:3])}, "for 4 times"), ({"trajectory": 3}, r"\(times, poses\)"),
                             ({"end": 2}, "the trajectory from 0.0 to 1.0"), ({"end": -1}, "end after it begins"),
                             ({"scans": 100}, "the trajectory from"), ({"scans": 0}, "scans"),
+                            ({"scans": 513, "azimuths": (0, 360, 2048)}, "all have at most 1048576"),
+                            ({"elevations": np.zeros(513), "azimuth_offsets": np.zeros(513)}, "at most 512 channels"),
                             ({"elevations": [np.inf]}, "finite"), ({"azimuths": []}, "azimuths of shape")):
             with self.subTest(**wrong), self.assertRaisesRegex(raynest.UsageError, said):
                 generators.sweep(**{"elevations": [0], "trajectory": (times, poses), **wrong})

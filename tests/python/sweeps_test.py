@@ -82,6 +82,10 @@ class Trajectories(WithDaemon):
         pose = np.eye(4)
         theirs = wall.trace(raynest.generators.lidar([-10, 0, 12], (-60, 60, 500), pose=pose), fields=("t",))
         np.testing.assert_allclose(wall.trace(still.rays, fields=("t",))["t"], theirs["t"], rtol=1e-5)
+        # At a time of the trajectory the velocity is that of the stretch which begins there.
+        bent = np.tile(np.eye(4)[:3], (3, 1, 1))
+        bent[:, 0, 3] = 0, 1, 5
+        np.testing.assert_array_equal(sweeps.lidar([0], [1, 2], end=2, trajectory=([0, 1, 2], bent)).velocity[:, 0], [1, 4])
         # Clockwise, and uneven.
         listed = sweeps.lidar([0], [30, 10, -20], trajectory=([0, 1], poses * 0 + np.eye(4)[:3]))
         np.testing.assert_allclose(np.degrees(np.arctan2(listed.rays[:, 4], listed.rays[:, 3])), [30, 10, -20])
@@ -113,6 +117,7 @@ class Trajectories(WithDaemon):
         for times, poses, words in (
                 ([0, 1, 1], good, "must ascend"), ([0, 2, 1], good, "must ascend"), ([0, 1], good, "for 2 times"),
                 ([0, 1, np.nan], good, "finite"), ([0, 1, 2], good * 2, "pose 0 of the trajectory is not rigid"),
+                ([0, 1, 2], good * 1.001, "not rigid"),
                 ([0, 1, 2], good * [[[1], [1], [-1]]], "not rigid"),
                 ([0, 1, 2], np.where(np.arange(3)[:, None, None] == 1, np.nan, good), "pose 1 .* is not rigid"),
                 ([0, 1, 2], np.tile(np.vstack((np.eye(4)[:3], [5, 0, 0, 1])), (3, 1, 1)), "not 0 0 0 1"),
@@ -120,7 +125,8 @@ class Trajectories(WithDaemon):
             with self.subTest(words=words), self.assertRaisesRegex(raynest.UsageError, words):
                 sweeps.lidar([0], trajectory=(times, poses))
         for elevations, azimuths, words in (([], (0, 1, 2), "elevations of shape"), ([np.inf], (0, 1, 2), "finite"),
-                                            (np.zeros(4097), (0, 1, 2), "1 to 4096"), ([0], [], "azimuths of shape")):
+                                            (np.zeros(4097), (0, 1, 2), "1 to 4096"), ([0], [], "azimuths of shape"),
+                                            ([0], [0, 360, 1800], "as a tuple")):
             with self.subTest(words=words), self.assertRaisesRegex(raynest.UsageError, words):
                 sweeps.lidar(elevations, azimuths, trajectory=([0, 1, 2], good))
 
@@ -198,6 +204,10 @@ class Returns(WithDaemon):
         scene = self.client.scene_of({"near": plate(10, y=(0.001, 9)), "far": plate(20), "hidden": plate(30)},
                                      {name: (name, (0, 0, 0)) for name in ("near", "far", "hidden")}, name="plates")
         sweep = still([0], [0.0, 5.0, 180.0])
+        # At half of `divergence` the power has fallen to 1/e^2, here of one ray beside that in the middle.
+        spot = self.client.scene_of({"spot": plate(10, y=(-.01, .01), z=(-.01, .01)), "far": plate(20)}, name="spot")
+        two = returns.measure(spot, still([0], [0.0]), divergence=0.01, footprint=2, returns=2)["share"]
+        np.testing.assert_allclose(two, np.array([1, np.exp(-2)]) / (1 + np.exp(-2)))
         made = returns.measure(scene, sweep, divergence=0.01, footprint=400, returns=3)
         self.assertEqual(made["beam"].tolist(), [0, 0, 1])  # all of the second beam ends at the near plate, none turns back
         self.assertEqual(made["return"].tolist(), [0, 1, 0])

@@ -12,7 +12,9 @@ from unittest import mock
 import numpy as np
 
 import raynest
+from raynest import _limits
 from raynest._requests.gltf import mesh_glb
+from raynest._requests.upload import gather
 from daemon import SHARED_SCENES
 from with_daemon import WithDaemon, main
 
@@ -70,6 +72,20 @@ class Upload(WithDaemon):
             short.mesh(corners * 3, faces)
         stages, _ = self.stages(lambda told: other.mesh(corners * 3, faces, progress=told))
         self.assertIn("uploading", stages)
+
+    def test_all_files_of_a_scene_have_one_limit(self):
+        scene = self.out / "two.gltf"
+        scene.write_text('{"buffers": [{"uri": "first.bin"}, {"uri": "second.bin"}]}')
+        for name in ("first.bin", "second.bin"):
+            (self.out / name).write_bytes(bytes(100))
+        size = scene.stat().st_size + 200
+        for most in (size, size - 1):
+            with mock.patch.object(_limits, "upload_bytes_max", most):
+                if most == size:
+                    self.assertEqual(len(gather(str(scene), "", "").files), 3)
+                else:
+                    with self.assertRaisesRegex(raynest.InvalidError, "second.bin: has 100 bytes; at most 99 are taken"):
+                        gather(str(scene), "", "")
 
     def test_a_digest_must_be_that_of_the_bytes(self):
         """Otherwise one client could put its scene in the place of another's."""

@@ -6,10 +6,12 @@
 import base64
 import json
 import math
+from unittest import mock
 
 import numpy as np
 
 import raynest
+from raynest import _limits
 from with_daemon import WithDaemon, main
 
 DOWN = ["0.3,50,0.4,0,-1,0", "0,50,0,0,1,0"]  # a hit and a miss
@@ -107,6 +109,8 @@ class Words(WithDaemon):
         # The second of two equal subtrees has the nodes of its own.
         self.assertEqual([step["node"] for step in self.pair.path(3)["steps"]], [1, 5])
         self.assertEqual(self.pair.path_of(list(texts)), list(texts.values()))
+        with mock.patch.object(_limits, "structure_paths_max", 3):     # of one request
+            self.assertEqual(self.pair.path_of(list(texts)), list(texts.values()))
         np.testing.assert_array_equal(self.pair.path_ids(list(texts.values())), list(texts))
         self.assertEqual(self.pair.path_ids("b/p"), 2)
         self.equal(self.woods.path(7), self.cli.json("path", "woods", 7))
