@@ -243,11 +243,12 @@ Result<std::map<std::string, std::uint32_t>> spare_texts(Context& context,
     if (!numbers) return numbers;
     std::erase_if(texts, [&](const std::string& text) { return numbers->contains(text); });
     if (fit(texts)) return numbers;
-    return fail(Exit::usage, std::to_string(texts.size()) +
-                                 " texts of parts within instances, as '" +
-                                 texts.front().substr(0, shown_max) + "', and one edit takes " +
-                                 std::to_string(limits.list_items_max) +
-                                 ": let * stand for several, or name parts by user ids, as uid=7");
+    return fail(Exit::usage,
+                std::to_string(texts.size()) + " texts of parts within instances, as '" +
+                    texts.front().substr(0, shown_max) + "', and one edit takes " +
+                    std::to_string(limits.list_items_max) + ", of " +
+                    std::to_string(limits.control_bytes_max / 2) +
+                    " bytes in all: let * stand for several, or name parts by user ids, as uid=7");
 }
 
 /// True if an error quotes a path, or a step of it after the steps above.

@@ -67,11 +67,11 @@ class EditFiles(WithDaemon):
         self.assertEqual(self.edit("cars", "\n".join([*moves, "move car#700/body=0,9,0"])).returncode, 0)
         np.testing.assert_array_equal(self.heights(self.cars)[[5, 599, 650, 700]], [5, 599, 0, 9])
         many = [f"car#{i}/body" for i in range(600)]
-        said = "600 texts of parts within instances, as 'car#0/body', and one edit takes 512: let . stand for several"
+        said = "600 texts of parts within instances, as 'car#0/body', and one edit takes 512, of 32768 bytes in all: let . stand for several"
         self.refused("cars", "\n".join(f"hide {text}" for text in many), 2, said)
         with self.assertRaisesRegex(raynest.UsageError, said), self.cars.edit() as edit:
             edit.hide(many)
-        with self.assertRaisesRegex(raynest.UsageError, "300 texts of parts within instances"), self.cars.edit() as edit:
+        with self.assertRaisesRegex(raynest.UsageError, "300 texts of parts .* of 32768 bytes in all"), self.cars.edit() as edit:
             edit.hide([f"car#{i}/{'body' * 30}" for i in range(300)])   # too long together
         self.assertEqual(self.heights(self.cars)[700], 9)
 

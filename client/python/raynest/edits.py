@@ -262,8 +262,8 @@ class Edit:
         texts = self._texts if _fit(self._texts) or not self._paths else self._spared(rows)
         if not _fit(texts):
             raise UsageError(f"{len(texts)} texts of parts within instances, as {reprlib.repr(next(iter(texts)))}, and one edit "
-                             f"takes {_limits.list_items_max}: let * stand for several, or name parts by user ids "
-                             "(raynest.Uids)")
+                             f"takes {_limits.list_items_max}, of {_limits.control_bytes_max // 2} bytes in all: let * stand for "
+                             "several, or name parts by user ids (raynest.Uids)")
         lists = {"targets": list(texts), "scenes": [scene for scene, _ in self._added],
                  "names": [name for _, name in self._added], "materials": list(self._materials),
                  "vertex_counts": [len(points) for points, _ in self._vertices],
