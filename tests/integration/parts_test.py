@@ -100,6 +100,17 @@ class Parts(DaemonTest):
             with self.subTest(name):
                 self.same_columns(name, count, *words)
 
+    def test_a_part_of_the_sky_has_seen_nothing(self):
+        around = ("query", "woods", "--generate", "equirectangular", "size=64x32", "pose=1,0,0,0,0,1,0,900,0,0,1,0",
+                  "--reduce", "visible_pixels")
+        whole, made = self.parts("sky.npz", 4, *around)
+        with numpy.load(made[0]) as file:
+            self.assertEqual(file.files, ["part"])
+        with numpy.load(self.merged("sky.npz", made)) as file, numpy.load(whole) as wanted:
+            self.assertGreater(wanted["path"].size, 0)
+            for name in wanted.files:
+                numpy.testing.assert_array_equal(file[name], wanted[name])
+
     def test_pictures_of_parts_are_the_whole(self):
         size = ("--size", "200x150")
         for name, words in (("primary.exr", ("render", "woods", *size)),

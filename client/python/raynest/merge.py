@@ -141,6 +141,8 @@ def _read_npz(path: str, data: bytes) -> Part:
     if not 0 <= first <= first + count <= of:
         raise ValueError("its range is none")
     if said.get("reduce") == "visible_pixels":
+        if not columns:     # no ray of the part has hit anything
+            columns = {name: np.zeros(0, dtype) for name, (dtype, _) in REDUCED["visible_pixels"].items()}
         if set(columns) != set(REDUCED["visible_pixels"]):
             raise ValueError(f"its columns are not {' and '.join(REDUCED['visible_pixels'])}")
         each = _check_rows(columns, columns["path"].size)
