@@ -17,7 +17,7 @@ for argument in "$@"; do
         *) source=$argument ;;
     esac
 done
-cpu_minutes=20
+cpu_minutes=17
 # shellcheck source=.ci/setup.sh
 source "$root/.ci/setup.sh"
 
