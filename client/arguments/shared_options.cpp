@@ -3,6 +3,7 @@
 #include "client/files/files.h"
 #include "client/ground/lists.h"
 #include "client/ground/numbers.h"
+#include "client/requests/generator.h"
 #include "protocol/errors.h"
 #include "protocol/limits.h"
 
@@ -347,6 +348,18 @@ void add_film(CommandLine& line, RenderOptions& render) {
     line.add_number("--noise", render.noise, 1e-6F, 1.0F, "a number from 0.000001 to 1",
                     "end parts of the picture when their error, as a share of their brightness, is "
                     "below this; --spp is then the most");
+}
+
+void add_generate(CommandLine& line, std::vector<std::string>& generate, const std::string& text) {
+    line.add_words(
+        "--generate",
+        [&generate](const std::vector<std::string>& words) -> Result<void> {
+            if (const auto parsed = parse_generate(words); !parsed)
+                return tl::unexpected<Failure>(parsed.error());
+            generate = words;
+            return {};
+        },
+        text);
 }
 
 }  // namespace raynest::client

@@ -39,6 +39,8 @@ void add_environment(CommandLine& line, std::string& environment);
 void add_light(CommandLine& line, LightOptions& light, const std::string& integrators);
 /// add_light(), samples, and what becomes of the light in a picture.
 void add_film(CommandLine& line, RenderOptions& render);
+/// Adds --generate, whose words parse_generate() takes.
+void add_generate(CommandLine& line, std::vector<std::string>& generate, const std::string& text);
 void add_job_number(CommandLine& line, std::uint64_t& job);
 Option add_point(CommandLine& line, const std::string& name, const std::string& text,
                  std::function<void(const WorldPoint&)> take);

@@ -43,14 +43,8 @@ void declare(CommandLine& line, FetchOptions& fetch) {
     add_output(line, fetch.output, {".png", ".exr", ".npy", ".npz", ".ply", ".pcd", ".las"},
                "file of the kind that the job makes; of a query FILE.npz or a point cloud (without "
                "it: a table on stdout)");
-    line.add_words(
-        "--generate",
-        [&fetch](const std::vector<std::string>& words) -> Result<void> {
-            if (const auto parsed = parse_generate(words); !parsed)
-                return tl::unexpected<Failure>(parsed.error());
-            fetch.generate = words;
-            return {};
-        },
+    add_generate(
+        line, fetch.generate,
         "KIND key=value...: the sensor of the job, as raynest query had it: adds its columns ring "
         "and time to the file");
 }

@@ -179,15 +179,7 @@ void declare(CommandLine& line, QueryOptions& query) {
         rays.add_option("--rays", query.rays_file,
                         "FILE.npy of shape (N, 6): o d, or (N, 8): ox oy oz tmin dx dy dz tmax, "
                         "or with --from (N, 3): d; - for stdin");
-    rays.add_words(
-        "--generate",
-        [&query](const std::vector<std::string>& words) -> Result<void> {
-            if (const auto parsed = parse_generate(words); !parsed)
-                return tl::unexpected<Failure>(parsed.error());
-            query.generate = words;
-            return {};
-        },
-        "KIND key=value...: the daemon makes them, as listed below");
+    add_generate(rays, query.generate, "KIND key=value...: the daemon makes them, as listed below");
     line.add_option("--step-error", query.step_error,
                     "METRES: an animated scene moves while the sensor measures, in steps; no part "
                     "is further than this from where it should be (step_error= of --generate "
