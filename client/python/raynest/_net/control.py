@@ -18,7 +18,7 @@ import functools
 import re
 import reprlib
 import struct
-from typing import Any, Mapping, NamedTuple
+from typing import Any, Mapping, NamedTuple, Optional
 
 from .. import _limits
 from ..errors import ProtocolError, UsageError
@@ -48,7 +48,7 @@ class _Layout(NamedTuple):
 
     vtable: bytes
     table: bytes  # zeros but for the way back to the vtable
-    places: tuple[tuple[Field, int, struct.Struct], ...]
+    places: tuple[tuple[Field, int, struct.Struct, bool, bool], ...]    # the last two: a struct, inline
 
 
 @functools.lru_cache(maxsize=1024)
@@ -63,7 +63,8 @@ def _layout(name: str, present: tuple[str, ...]) -> _Layout:
     offsets, end, places = [0] * len(fields), 4, []
     for slot, field, form in slots:
         offsets[slot] = end
-        places.append((field, end, struct.Struct(form)))
+        is_struct = field.type in SCHEMA.structs and not field.many
+        places.append((field, end, struct.Struct(form), is_struct, field.type in SCALARS and not field.many))
         end += places[-1][2].size
     vtable = struct.pack(f"<{2 + len(fields)}H", 4 + 2 * len(fields), end, *offsets)
     return _Layout(vtable, struct.pack("<i", len(vtable)) + bytes(end - 4), tuple(places))
@@ -76,13 +77,12 @@ def _write_table(out: bytearray, name: str, values: Mapping[str, Any]) -> int:
     out += layout.vtable
     at = len(out)
     out += layout.table
-    for field, offset, form in layout.places:
+    for field, offset, form, is_struct, inline in layout.places:
         place, value = at + offset, values[field.name]
         try:
-            if field.type in SCHEMA.structs and not field.many:
+            if is_struct:
                 form.pack_into(out, place, *value)
             else:
-                inline = field.type in SCALARS and not field.many
                 form.pack_into(out, place, value if inline else _write_outside(out, field, value) - place)
         except UsageError:  # of a table within
             raise
@@ -167,6 +167,41 @@ def decode(name: str, data: bytes) -> Message:
     return reader.table(name, reader.follow(0), 1)
 
 
+class _Shape(NamedTuple):
+    """A table with a certain vtable, as it is read. Most messages of a kind have one or two."""
+
+    absent: Message
+    lists: tuple[str, ...]  # absent ones
+    present: tuple[tuple[Field, int, Optional[struct.Struct], bool], ...]  # no form: outside; the last: a struct
+
+
+@functools.lru_cache(maxsize=1024)
+def _shape(name: str, table_bytes: int, offsets: bytes) -> _Shape:
+    fields = SCHEMA.tables[name]
+    slots = len(offsets) // 2
+    absent: Message = {}
+    lists, present = [], []
+    for field, offset in zip(fields, (*struct.unpack(f"<{slots}H", offsets), *(0,) * (len(fields) - slots))):
+        if offset >= max(table_bytes, 1):
+            raise ProtocolError(f"the daemon sent {name}.{field.name} outside of its table")
+        absent[field.name] = None if offset else _absent(name, field)
+        if offset:
+            is_struct = field.type in SCHEMA.structs
+            is_inline = not field.many and (is_struct or field.type in SCALARS)
+            present.append((field, offset, struct.Struct(_format(field)) if is_inline else None, is_struct))
+        elif field.many:
+            lists.append(field.name)
+    return _Shape(absent, tuple(lists), tuple(present))
+
+
+def _absent(name: str, field: Field) -> Any:
+    if field.required:
+        raise ProtocolError(f"the daemon sent a {name} without {field.name}")
+    if field.type in SCALARS:
+        return bool(field.default) if field.type == "bool" else field.default
+    return "" if field.type == "string" else None
+
+
 class _Reader:
     def __init__(self, data: bytes) -> None:
         self._data = data
@@ -179,36 +214,24 @@ class _Reader:
             raise ProtocolError("the daemon sent a message with too many tables")
         vtable = at - self._number("i", at)
         vtable_bytes, table_bytes = self._numbers("<HH", vtable)
-        fields = SCHEMA.tables[name]
-        slots = min(max(vtable_bytes // 2 - 2, 0), len(fields))
-        offsets = self._numbers(f"<{slots}H", vtable + 4)
-        message: Message = {}
-        absent = (0,) * (len(fields) - slots)
-        for field, offset in zip(fields, (*offsets, *absent)):
-            if offset >= max(table_bytes, 1):
-                raise ProtocolError(f"the daemon sent {name}.{field.name} outside of its table")
-            message[field.name] = (self._value(field, at + offset, depth) if offset
-                                   else self._absent(name, field))
+        size = 2 * min(max(vtable_bytes // 2 - 2, 0), len(SCHEMA.tables[name]))
+        self._check(vtable + 4, size)
+        shape = _shape(name, table_bytes, bytes(self._data[vtable + 4:vtable + 4 + size]))
+        message = shape.absent.copy()
+        for each in shape.lists:
+            message[each] = []
+        for field, offset, form, is_struct in shape.present:
+            if form is None:
+                target = self.follow(at + offset)
+                message[field.name] = (self._list(field, target, depth) if field.many
+                                       else self._item(field.type, target, depth))
+                continue
+            try:
+                value = form.unpack_from(self._data, at + offset)
+            except struct.error:
+                raise _outside() from None
+            message[field.name] = value if is_struct else value[0]
         return message
-
-    @staticmethod
-    def _absent(name: str, field: Field) -> Any:
-        if field.required:
-            raise ProtocolError(f"the daemon sent a {name} without {field.name}")
-        if field.many:
-            return []
-        if field.type in SCALARS:
-            return bool(field.default) if field.type == "bool" else field.default
-        return "" if field.type == "string" else None
-
-    def _value(self, field: Field, at: int, depth: int) -> Any:
-        if field.many:
-            return self._list(field, self.follow(at), depth)
-        if field.type in SCALARS:
-            return self._number(SCALARS[field.type], at)
-        if field.type in SCHEMA.structs:
-            return self._numbers(_format(field), at)
-        return self._item(field.type, self.follow(at), depth)
 
     def _list(self, field: Field, at: int, depth: int) -> list[Any]:
         count = self._number("I", at)
