@@ -14,7 +14,10 @@
 /// Compiles the non-template part of Asio once, in asio.cpp.
 #define BOOST_ASIO_SEPARATE_COMPILATION
 
+// clang-format off
+#include <utility>
 #include <boost/asio/awaitable.hpp>
+// clang-format on
 #include <boost/asio/buffer.hpp>
 #include <boost/asio/co_spawn.hpp>
 #include <boost/asio/compose.hpp>
