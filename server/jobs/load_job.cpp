@@ -227,6 +227,8 @@ private:
     void make_room(std::uint64_t bytes) {
         services_.peers.make_memory(bytes, order_.caller.principal, Use::lasting);
         services_.scenes.make_room(bytes, order_.caller.principal);
+        // Requests of others may now be charged for what they read of it.
+        services_.peers.make_memory(bytes, order_.caller.principal, Use::lasting);
     }
 
     /// The import found too little memory. Has it begin once more if stored scenes that nobody uses

@@ -61,13 +61,10 @@ void SceneStore::settle_charges() noexcept {
 
 void SceneStore::leave_to_readers(const HeldScene& held) noexcept {
     if (held.lease.bytes() == 0) return;
-    const std::string* reader = &held.lease.principal();
-    if (!held.is_read_by(*reader)) {
-        const auto is_reading = [&](const auto& known) { return !known.second.expired(); };
-        const auto found = std::ranges::find_if(held.readers, is_reading);
-        if (found == held.readers.end()) return;
-        reader = &found->first;
-    }
+    const std::string& charged = held.lease.principal();
+    const std::string* reader = held.reader([&](const auto& each) { return each == charged; });
+    if (reader == nullptr) reader = held.reader([](const auto&) { return true; });
+    if (reader == nullptr) return;
     held.is_left_to_readers = true;
     try {
         held.lease.charge(*reader);

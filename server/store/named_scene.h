@@ -27,9 +27,12 @@ struct HeldScene {
     /// True while neither a name nor a connection refers to the scene: a reader is charged for it.
     mutable bool is_left_to_readers = false;
 
-    [[nodiscard]] bool is_read_by(const std::string& principal) const {
-        const auto reader = readers.find(principal);
-        return reader != readers.end() && !reader->second.expired();
+    /// Returns a principal whose requests read the scene and for which `is_meant` is true; null: none.
+    template <class IsMeant>
+    [[nodiscard]] const std::string* reader(IsMeant is_meant) const {
+        for (const auto& [principal, reading] : readers)
+            if (!reading.expired() && is_meant(principal)) return &principal;
+        return nullptr;
     }
 };
 

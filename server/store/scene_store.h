@@ -442,9 +442,8 @@ private:
         std::uint64_t charged_bytes = 0;  ///< that count towards the principal's quota
         std::vector<Entry*> entries;
 
-        /// Lets go of the memory, once; false if somebody uses it who is charged for it, or who has
-        /// no room for it in its share of the budget.
-        bool let_go(const Budget& budget);
+        /// Lets go of the memory, once; false if somebody uses it who is charged for it.
+        bool let_go();
     };
     /// Returns all such scenes, the least recently used first.
     std::vector<Droppable> droppable(const std::string& principal);

@@ -286,7 +286,7 @@ void SceneStore::make_room_in_quota(std::uint64_t bytes, const std::string& prin
     if (!beyond_quota()) return;
     for (Droppable& scene : droppable(principal)) {
         if (!beyond_quota()) break;
-        if (scene.charged_bytes != 0 && scene.let_go(budget_)) held -= scene.charged_bytes;
+        if (scene.charged_bytes != 0 && scene.let_go()) held -= scene.charged_bytes;
     }
 }
 
@@ -297,7 +297,7 @@ void SceneStore::make_room(std::uint64_t bytes, const std::string& principal) {
     if (!beyond_budget()) return;
     for (Droppable& scene : droppable(principal)) {
         if (!beyond_budget()) break;
-        scene.let_go(budget_);
+        scene.let_go();
     }
 }
 
@@ -317,22 +317,19 @@ std::vector<SceneStore::Droppable> SceneStore::droppable(const std::string& prin
     return scenes;
 }
 
-bool SceneStore::Droppable::let_go(const Budget& budget) {
+bool SceneStore::Droppable::let_go() {
     if (entries.empty()) return false;
     const std::shared_ptr<const HeldScene> held = entries.front()->scene.held;
     // Jobs, other names, and edits that may take the memory refer to it, too.
     const bool is_used = held.use_count() != static_cast<long>(entries.size()) + 1;
-    // Requests of others do not keep it at the expense of those who are charged for it, if there is
-    // room in the share of such a principal.
-    const auto keeps = [&](const auto& reader) {
-        const auto is_charged = [&](const Entry* entry) { return entry->charged_to(reader.first); };
-        return !reader.second.expired() &&
-               (std::ranges::any_of(entries, is_charged) ||
-                budget.room(reader.first, Use::lasting) < held->lease.bytes());
+    // Requests of others do not keep it at the expense of those who are charged for it. They are
+    // charged for what they read, even beyond their share, and give way for it.
+    const auto is_any = [](const std::string&) { return true; };
+    const auto is_charged = [&](const std::string& principal) {
+        return std::ranges::any_of(
+            entries, [&](const Entry* entry) { return entry->charged_to(principal); });
     };
-    const auto reads = [](const auto& reader) { return !reader.second.expired(); };
-    if (is_used &&
-        (std::ranges::none_of(held->readers, reads) || std::ranges::any_of(held->readers, keeps)))
+    if (is_used && (held->reader(is_any) == nullptr || held->reader(is_charged) != nullptr))
         return false;
     for (Entry* const entry : std::exchange(entries, {})) entry->scene.held.reset();
     if (is_used) leave_to_readers(*held);

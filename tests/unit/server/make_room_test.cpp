@@ -116,18 +116,22 @@ TEST_CASE("requests of others do not keep a scene in memory at its owner's expen
     CHECK(store.in_memory() == Names{"b"});
     CHECK(store.budget.held_by("me") == store.bytes);
     CHECK(store.budget.held_by("other") == store.bytes);
-    // One's own requests do, and those of a principal whose share is full.
-    const std::uint64_t room = store.budget.room("other", Use::lasting);
-    auto full = store.budget.reserve(room, "other", Use::lasting);
+    // One's own requests do.
+    auto mine = store.use("b", store.me);
+    REQUIRE(mine);
     const auto more = store.scenes.find("b", 0, {"other", store.scenes.connect(), Role::admin});
     REQUIRE(more);
     store.scenes.make_room(2 * store.bytes, "me");
     CHECK(store.in_memory() == Names{"b"});
-    full.reset();
-    const auto mine = store.use("b", store.me);
-    REQUIRE(mine);
+    mine = refuse(Code::cancelled, "");
+    // Nor do those of a principal whose share is full.
+    const std::uint64_t room = store.budget.room("other", Use::lasting);
+    const auto full = store.budget.reserve(room, "other", Use::lasting);
+    REQUIRE(full);
     store.scenes.make_room(2 * store.bytes, "me");
-    CHECK(store.in_memory() == Names{"b"});
+    CHECK(store.in_memory().empty());
+    CHECK(store.budget.held_by("me") == 0);
+    CHECK(store.budget.held_by("other") == room + 2 * store.bytes);
 }
 
 TEST_CASE("one content leaves the memory with all of its names, or stays") {
