@@ -59,6 +59,7 @@ class ContentDigests::Hasher {
 public:
     explicit Hasher(const CheckedArena& scene)
         : scene_(scene),
+          has_nodes_(format::path_table(scene.bytes.data()).node_count != 0),
           bytes_left_(static_cast<std::int64_t>(
               format::section_size(scene.bytes.data(), Section::attributes))),
           name_bytes_left_(
@@ -204,7 +205,9 @@ private:
             const ObjectDigests& content = below(view().instances[i].object);
             // A group may have the mask of its contents or one that lets more rays in to no avail.
             const std::uint32_t mask = view().instances[i].mask & content.mask;
-            text.add(info.to_parent), text.add(info.uid), add_name(text, info.name);
+            // Where there are nodes, these have the user ids.
+            text.add(info.to_parent), text.add(has_nodes_ ? 0 : info.uid);
+            add_name(text, info.name);
             text.add(mask), text.add(content.whole);
             seen |= mask;
         }
@@ -299,6 +302,7 @@ private:
     }
 
     const CheckedArena& scene_;
+    const bool has_nodes_;
     std::atomic<std::int64_t> bytes_left_;       ///< each byte of the attributes is hashed once
     std::atomic<std::int64_t> name_bytes_left_;  ///< likewise, of long names
     std::mutex names_mutex_;

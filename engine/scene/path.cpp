@@ -98,7 +98,8 @@ Token token_of(std::string_view text) {
     const char* const end = text.data() + text.size();
     const auto [stop, error] = std::from_chars(text.data() + mark + 1, end, token.number);
     // With a malformed number, take the whole text as a name; names hold no '#', so none matches.
-    if (error != std::errc() || stop != end || token.number == no_id) token = {text};
+    const bool is_padded = text.size() > mark + 2 && text[mark + 1] == '0';
+    if (error != std::errc() || stop != end || token.number == no_id || is_padded) token = {text};
     return token;
 }
 
@@ -182,7 +183,6 @@ private:
 
     [[nodiscard]] Result<std::uint64_t> path_of_node() const {
         const PathNode& node = paths_.nodes[node_];
-        std::uint64_t placed = 0;  // end of the numbers that the node stands for
         const std::uint32_t wanted = number_ == no_id ? 0 : number_;
         for (std::uint32_t r = node.first_run; r < paths_.run_count; ++r) {
             const PathRun& run = paths_.runs[r];
@@ -190,12 +190,29 @@ private:
             const std::uint64_t end = end_of_run(paths_, r, scene_.statistics().instances);
             if (wanted >= run.number && wanted - run.number < end - run.first_path)
                 return run.first_path + (wanted - run.number);
-            placed = std::max(placed, run.number + end - run.first_path);
         }
-        if (number_ != no_id && number_ >= placed && placed != 0)
+        const bool is_other = number_ != no_id && number_ != node.number;
+        const std::uint64_t placed = is_other ? end_of_numbers(node) : 0;
+        if (placed != 0)
             return refuse(fmt::format("there is no '{}': the last one is '{}#{}'", shown(text_),
                                       shown(text_.substr(0, text_.rfind('#'))), placed - 1));
         return nothing_placed();
+    }
+
+    /// Returns the number behind the last one that a placement of a node, or of one beside it with
+    /// the same name, has; 0 if they place nothing themselves.
+    [[nodiscard]] std::uint64_t end_of_numbers(const PathNode& node) const {
+        std::uint64_t last = 0;
+        const auto [first, end] = children_of(paths_, node.parent);
+        for (std::uint32_t i = first; i < end; ++i) {
+            if (paths_.nodes[i].name != node.name) continue;
+            for (std::uint32_t r = paths_.nodes[i].first_run;
+                 r < paths_.run_count && paths_.runs[r].node == i; ++r)
+                last = std::max(last, paths_.runs[r].number +
+                                          end_of_run(paths_, r, scene_.statistics().instances) -
+                                          paths_.runs[r].first_path);
+        }
+        return last;
     }
 
     /// Its own path, and those of all nodes below it, which are neighbours on each level.

@@ -32,6 +32,34 @@ def write_ply(file, points, normals, faces):
 
 
 class Deform(WithDaemon):
+    def test_a_mesh_deforms_by_the_path_of_its_hits_however_it_came(self):
+        points, faces = np.float32([[0, 0, 0], [1, 0, 0], [0, 0, 1]]), [[0, 2, 1]]
+        red = raynest.Material("red", (1, 0, 0))
+        sole = self.client.mesh(points, faces, name="sole")
+        self.client.mesh(points, faces, name="red", material=red)
+        with tempfile.TemporaryDirectory() as folder:
+            for ending in ("glb", "npz"):
+                file = Path(folder) / f"file.{ending}"
+                if ending == "glb":
+                    sole.export(file)
+                else:
+                    np.savez(file, vertices=points, faces=np.array(faces))
+                self.client.load(file, name=ending)
+        scene = self.client.scene_of(
+            {"sheet": (points, faces), "red": raynest.Mesh(points, faces, red), "group": {"a": ("sheet", (0, -1, 0)), "b": "red"}},
+            {"sheet": "sheet", "red": ("red", (2, 0, 0)), "group": ("group", (4, 0, 0))})
+        with scene.edit() as edit:
+            for number, name in enumerate(("sole", "red", "glb", "npz")):
+                edit.add(name, (6 + 2 * number, 0, 0), f"added-{name}")
+        rays = [(2 * i + 0.2, 9, 0.2, 0, -1, 0) for i in range(7)]
+        paths = scene.path_of(scene.trace(rays, fields=("path",))["path"])
+        for path, ray in zip(paths, rays):
+            with scene.edit() as edit:
+                edit.set_vertices(path, points + np.float32([0, 3, 0]))
+            self.assertEqual((edit.instances, scene.trace([ray], fields=("t",))["t"].tolist()), (1, [6]), path)
+        with self.assertRaisesRegex(raynest.UsageError, "has no triangles of its own"), scene.edit() as edit:
+            edit.set_vertices("group", points)
+
     def test_meshes_deform_where_they_are_named(self):
         n = 40
         x, z, faces = grid(n)

@@ -74,6 +74,44 @@ class Globs(WithDaemon):
         seen = self.scene.trace([(*(self.places[4] + (5, 9, 0)), 0, -1, 0)], fields=("uid",))
         self.assertEqual(seen["uid"].tolist(), [104])
 
+    def test_what_stands_in_a_part_is_not_the_part(self):
+        column = [(*(self.places[2] + (0.3, 9, 0.1)), 0, -1, 0)]
+        masks = lambda: self.scene.trace(column, fields=("mask",), kind="all", max_hits=8)["mask"].tolist()
+        top = lambda: self.scene.path_of(self.scene.trace(column, fields=("path",))["path"])[0]
+        with self.scene.edit() as edit:
+            edit.set_mask("car#2/*", 6)
+        self.assertEqual((edit.instances, masks()), (5, [6, 6]))
+        for change in (lambda edit: edit.hide("car#2/*"), lambda edit: edit.show("car#2/body")):
+            with self.scene.edit() as edit:
+                change(edit)
+        self.assertEqual(top(), "car#2/body")
+        turn = np.array([[-1.0, 0, 0, 0], [0, 1, 0, 0], [0, 0, -1, 0]])
+        for given in (turn, [turn] * 5):    # each part turns where it is
+            with self.scene.edit() as edit:
+                edit.move("car#3/*", given, "own")
+            self.assertEqual((edit.instances, self.heights(self.places[[3]])), (5, [1.75]))
+        for text in ("car#4/*", "car#4/body"):
+            with self.assertRaisesRegex(raynest.UsageError, "removes what lies within an instance"), self.scene.edit() as edit:
+                edit.remove(text)
+        # One part alone in a car has the same paths as the car.
+        lone = self.client.scene_of({"body": box(2, 1, 2), "car": {"body": ("body", (3, 0, 0))}}, {"car": ("car", np.eye(2, 3) * 20)})
+        for text, x in (("car#0/body", 23), ("car#0/*", 23), ("car#0", 17)):
+            with lone.edit() as edit:
+                edit.move(text, turn, "own")
+            self.assertEqual(edit.instances, 1)
+            hits = lone.trace([(x, 9, 0, 0, -1, 0)], fields=("hit", "path"))
+            self.assertEqual((hits["hit"].all(), lone.path_of(hits["path"])), (True, ["car#0/body"]), text)
+
+    def test_numbers_are_written_in_one_way_and_the_last_one_is_told(self):
+        # With user ids of its own the scene has nodes, of which one names several posts.
+        scene = self.client.scene_of({"post": box(1, 1, 1)}, {"post": raynest.Place("post", 3 * np.eye(3), uid=[5, 5, 5])})
+        with scene.edit() as edit:
+            edit.remove("post#1")
+        for text, words in (("post#1", "no 'post#1': the last one is 'post#2'"), ("post#3", "the last one is 'post#2'"),
+                            ("post#00", "no 'post#00'")):
+            with self.assertRaisesRegex(raynest.UsageError, words), scene.edit() as edit:
+                edit.hide(text)
+
     def test_values_that_do_not_fit_are_told_how_many_match(self):
         edit = self.scene.edit()
         for call, words in ((lambda: edit.move("car#3/wheel*", np.zeros((3, 3))),

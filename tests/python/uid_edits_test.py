@@ -47,6 +47,21 @@ class LastEdit(WithDaemon):
 
 
 class UidEdits(WithDaemon):
+    def test_the_digest_is_that_of_a_fresh_load(self):
+        rock, places = box(1, 1, 1), [(0, 0, 0), (0, 9, 0), (0, 0, 4)]
+        group = {"rock": ("rock", [(0, 0, 0), (3, 0, 0)])}
+        for parts, of in (({"rock": rock}, "rock"), ({"rock": rock, "group": group}, "group")):
+            for text, uid, wanted in (("g#0", 9, [9, 2, 3]), ("g#1", 1, [1, 1, 3]), ("g*", 5, [5, 5, 5])):
+                edited, fresh = (self.client.scene_of(parts, {"g": raynest.Place(of, places, uid=uids)}, name)
+                                 for name, uids in (("edited", [1, 2, 3]), ("fresh", wanted)))
+                before = edited.info["hash"]
+                with edited.edit() as edit:
+                    edit.set_uid(text, uid)
+                self.assertNotEqual(edited.info["hash"], before)
+                self.assertEqual(edited.info["hash"], fresh.info["hash"], (of, text))
+                for scene in (edited, fresh):
+                    scene.unload()
+
     def seen(self, scene, rays=RAYS):
         found = scene.trace(rays, fields=COLUMNS)
         return found, scene.path_of(found["path"])

@@ -1,5 +1,6 @@
 #include "engine/scene/edits/batch.h"
 
+#include "engine/scene/edits/covered.h"
 #include "engine/scene/edits/shared_ways.h"
 
 #include <fmt/format.h>
@@ -128,8 +129,12 @@ void EditBatch::add(std::uint32_t key, std::shared_ptr<const Snapshot> scene,
     added.masks.push_back(mask);
 }
 
-Result<void> EditBatch::set_vertices(const InstancePlace& place, const NewVertices& vertices) {
+Result<void> EditBatch::set_vertices(const InstancePlace& named, const NewVertices& vertices) {
     const SceneView& view = scene_.view();
+    // A mesh with a material, or one that was added, stands in a group of its own.
+    InstancePlace place = named;
+    constexpr std::size_t any_depth = ~std::size_t{0};
+    go_to_step(view, object_of(view, place), any_depth, place.below);
     const ObjectRecord& object = view.objects[object_of(view, place)];
     for (std::uint32_t i = 0; i < object.geometry_count && !vertices.normals.empty(); ++i)
         if (scene_.shading().geometries[object.first_geometry + i].normals == no_offset)

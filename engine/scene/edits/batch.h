@@ -47,8 +47,8 @@ public:
     void set_mask(const InstancePlace& place, std::uint32_t mask) { masks_[place] = mask; }
     /// Gives an instance, and all within it, a user id, in place of what has been said of those.
     void set_uid(const InstancePlace& place, std::uint32_t uid);
-    /// Gives the object of an instance other vertices and, for each of them or for none, normals,
-    /// which must outlive the batch and its changes. Fails with field_invalid for normals that are
+    /// Gives the object of an instance, or the one that alone stands in it, other vertices and, for
+    /// each of them or for none, normals, which must outlive the batch and its changes. Fails with field_invalid for normals that are
     /// not finite, or of a mesh that has none.
     Result<void> set_vertices(const InstancePlace& place, const NewVertices& vertices);
     /// Gives the triangles of an instance, and of all within it, a material of the scene. Fails with

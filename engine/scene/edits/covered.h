@@ -5,10 +5,21 @@
 #include "engine/scene/named_paths.h"
 #include "engine/scene/snapshot.h"
 
+#include <cstddef>
 #include <cstdint>
+#include <string_view>
 #include <vector>
 
 namespace raynest {
+
+/// Goes on from an instance of `object`, at the end of `way`, to what stands alone in it: while the
+/// way is shorter than `steps`, and objects have one instance and nothing else. All of these
+/// instances have the same placements, and the text of a path tells by its steps which one it means.
+void go_to_step(const SceneView& view, std::uint32_t object, std::size_t steps,
+                std::vector<std::uint32_t>& way);
+
+/// Returns the steps of a text of a path.
+[[nodiscard]] std::size_t steps_of(std::string_view text);
 
 /// Finds the outermost instances all of whose placements lie in a range. `scene` must outlive it.
 /// Not thread-safe.
@@ -19,8 +30,11 @@ public:
         : view_(scene.view()),
           nested_left_(nested_max) {}
 
-    /// Appends those of a range, in order; returns false once it has looked at too many.
-    [[nodiscard]] bool find(const PathRange& range, std::vector<InstancePlace>& found) {
+    /// Appends those of a range, in order; returns false once it has looked at too many. `steps`: as
+    /// in go_to_step(), from each of them.
+    [[nodiscard]] bool find(const PathRange& range, std::size_t steps,
+                            std::vector<InstancePlace>& found) {
+        steps_ = steps;
         return enter(view_.root, 0, range, found);
     }
     /// Placements of all that was found. Fewer than the ranges have where an object has primitives
@@ -34,6 +48,7 @@ private:
     const SceneView& view_;
     std::uint64_t nested_left_;
     std::uint64_t placements_ = 0;
+    std::size_t steps_ = 0;
     std::vector<std::uint32_t> way_;
 };
 

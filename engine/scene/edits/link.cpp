@@ -66,6 +66,7 @@ public:
             if (auto done = link_paths(base_, paths_, added_paths_, content_.content(), guard_);
                 !done)
                 return tl::unexpected(done.error());
+            join_nodes(content_.content());
         }
         auto arena = content_.write(has_nodes_);
         if (!arena) return tl::unexpected(arena.error());
@@ -217,6 +218,7 @@ Result<BuiltArena> unshare(const Snapshot& base, const std::vector<InstancePlace
         if (auto done = link_paths(base, {&all, 1}, {}, content.content()); !done)
             return tl::unexpected(done.error());
         if (!uids.empty()) set_node_uids(base, uids, content.content());
+        join_nodes(content.content());
     }
     auto arena = content.write(has_nodes);
     if (!arena) return tl::unexpected(arena.error());

@@ -2,6 +2,7 @@
 
 #include <algorithm>
 #include <deque>
+#include <utility>
 #include <vector>
 
 namespace raynest {
@@ -230,6 +231,43 @@ Result<void> link_paths(const Snapshot& base, std::span<const PathRange> kept,
     for (std::uint32_t i = static_cast<std::uint32_t>(runs.size()); i-- > 0;)
         nodes[runs[i].node].first_run = i;
     return {};
+}
+
+void join_nodes(Content& content) {
+    const std::vector<PathNode> nodes = std::exchange(content.path_nodes, {});
+    const std::vector<PathRun> runs = std::exchange(content.path_runs, {});
+    std::vector<bool> has_children(nodes.size());
+    for (std::size_t i = 1; i < nodes.size(); ++i) has_children[nodes[i].parent] = true;
+    const auto goes_on = [&](std::uint32_t i) {
+        const PathNode& before = nodes[i - 1];
+        const PathNode& node = nodes[i];
+        if (node.parent != before.parent || node.name != before.name ||
+            node.source != before.source || has_children[i] || has_children[i - 1] ||
+            node.number == no_id || before.number == no_id || node.first_run == no_id ||
+            node.first_run == 0 || runs[node.first_run - 1].node != i - 1)
+            return false;
+        const PathRun& run = runs[node.first_run];
+        const PathRun& last = runs[node.first_run - 1];
+        return run.number - last.number == run.first_path - last.first_path;
+    };
+    std::vector<std::uint32_t> made(nodes.size());
+    std::vector<bool> is_joined(nodes.size());
+    for (std::uint32_t i = 0; i < nodes.size(); ++i) {
+        is_joined[i] = i > 1 && goes_on(i);
+        if (!is_joined[i]) {
+            PathNode& node = content.path_nodes.emplace_back(nodes[i]);
+            node.parent = made[node.parent];
+            node.first_run = no_id;
+        }
+        made[i] = static_cast<std::uint32_t>(content.path_nodes.size() - 1);
+    }
+    for (std::uint32_t r = 0; r < runs.size(); ++r) {
+        if (is_joined[runs[r].node] && nodes[runs[r].node].first_run == r) continue;
+        PathNode& node = content.path_nodes[made[runs[r].node]];
+        if (node.first_run == no_id)
+            node.first_run = static_cast<std::uint32_t>(content.path_runs.size());
+        content.path_runs.push_back({runs[r].first_path, made[runs[r].node], runs[r].number});
+    }
 }
 
 }  // namespace raynest

@@ -32,6 +32,10 @@ Result<void> link_paths(const Snapshot& base, std::span<const PathRange> kept,
                         std::span<const AddedPaths> added, Content& content,
                         const EditGuard& guard = {});
 
+/// Makes one node of neighbours that place leaves alone, if they have one name and user id, and their
+/// numbers and paths follow each other: equal content has equal nodes, however it came about.
+void join_nodes(Content& content);
+
 /// Nodes that name the paths of a scene out of parts, at most.
 inline constexpr std::uint64_t path_nodes_max = 1 << 24;
 

@@ -47,14 +47,16 @@ std::string common_text(std::vector<PathStep> first, const std::vector<PathStep>
 
 /// Finds the outer ones of the instances all of whose placements match, and objects of which only
 /// the own primitives do. `text_of` returns the text of an outermost instance, as text_above() does.
+/// `steps`: not 0 for instances that match themselves, as InstanceFinder::find() wants them.
 class Search {
 public:
     using TextOf = std::function<const std::string&(std::uint32_t)>;
 
-    Search(const Snapshot& scene, TextOf text_of, std::string_view glob,
+    Search(const Snapshot& scene, TextOf text_of, std::string_view glob, std::size_t steps,
            const std::function<bool()>& stopped, std::uint64_t& looked_at, std::size_t nested_max)
         : looked_at_(looked_at),
           nested_max_(nested_max),
+          steps_(steps),
           scene_(scene),
           text_of_(std::move(text_of)),
           glob_(glob),
@@ -74,7 +76,9 @@ public:
             if (placements == 0) continue;  // it has no path
             const std::string& common = text_of_(i);
             if (!common.empty() && glob_matches(glob_, common)) {
-                found_.instances.emplace_back(i);
+                way_.assign(1, i);
+                add(instance.object);
+                way_.clear();
                 continue;
             }
             const std::size_t both = std::min(common.size(), beginning_.size());
@@ -97,6 +101,7 @@ private:
                                     "placements: begin it with the "
                                     "text of an outermost instance",
                                     glob_, nested_placements_max));
+        first_ = instance.path_base;
         matches_.assign(placements, false);
         for (std::uint64_t k = 0; k < placements; ++k) {
             if (k % 1024 == 0 && stopped_()) return stopped();
@@ -120,8 +125,10 @@ private:
         const auto end = first + static_cast<std::ptrdiff_t>(record.placement_count);
         if (nested_ > nested_max_ || std::find(first, end, true) == end) return;
         way_.push_back(place);
-        if (std::find(first, end, false) == end) {
-            found_.instances.emplace_back(way_.front(), std::vector(way_.begin() + 1, way_.end()));
+        if (std::find(first, end, false) == end &&
+            (steps_ == 0 ||
+             glob_matches(glob_, text_above(scene_, first_ + base, record.placement_count)))) {
+            add(object);
             ++nested_;
         } else {
             if (record.has_own_primitives() && *first) {
@@ -136,15 +143,25 @@ private:
         way_.pop_back();
     }
 
+    /// Adds the instance at the end of the way, which places this object.
+    void add(std::uint32_t object) {
+        const std::size_t depth = way_.size();
+        go_to_step(scene_.view(), object, steps_, way_);
+        found_.instances.emplace_back(way_.front(), std::vector(way_.begin() + 1, way_.end()));
+        way_.resize(depth);
+    }
+
     std::uint64_t& looked_at_;
     const std::size_t nested_max_;
+    const std::size_t steps_;
     std::size_t nested_ = 0;  ///< found ones that are not outermost instances
     const Snapshot& scene_;
     const TextOf text_of_;
     const std::string_view glob_;
     const std::string_view beginning_;  ///< of the glob, before its first star
     const std::function<bool()>& stopped_;
-    std::vector<bool> matches_;  ///< the placements of an outermost instance
+    std::uint64_t first_ = 0;    ///< the first path of an outermost instance
+    std::vector<bool> matches_;  ///< its placements
     std::vector<std::uint32_t> way_;
     NamedParts found_;
 };
@@ -153,12 +170,12 @@ private:
 /// takes a look at the texts of others, too: some of it is primitives of an object's own, or it is
 /// no whole text.
 std::optional<NamedParts> find_whole(const Snapshot& scene, std::string_view text,
-                                     std::size_t nested_max) {
+                                     std::size_t steps, std::size_t nested_max) {
     NamedParts parts;
     CoveredInstances covered(scene, nested_max);
     std::uint64_t placements = 0;
     for (const PathRange& range : named_paths(scene, text)) {
-        if (!covered.find(range, parts.instances)) return std::nullopt;
+        if (!covered.find(range, steps, parts.instances)) return std::nullopt;
         placements += range.end - range.first;
     }
     if (placements == 0 || covered.placements() != placements) return std::nullopt;
@@ -187,9 +204,15 @@ const std::string& InstanceFinder::text_of(std::uint32_t place) {
 }
 
 Result<NamedParts> InstanceFinder::find_parts(std::string_view glob, std::size_t nested_max) {
+    return search(glob, nested_max, false);
+}
+
+Result<NamedParts> InstanceFinder::search(std::string_view glob, std::size_t nested_max,
+                                          bool by_steps) {
     const SceneView& view = scene_.view();
+    const std::size_t steps = by_steps ? steps_of(glob) : 0;
     if (glob.find('*') == std::string_view::npos)
-        if (auto parts = find_whole(scene_, glob, nested_max)) return std::move(*parts);
+        if (auto parts = find_whole(scene_, glob, steps, nested_max)) return std::move(*parts);
     const ObjectRecord& root = view.objects[view.root];
     if (texts_.empty()) {
         const std::uint64_t most = bytes_per_instance * root.instance_count;
@@ -205,7 +228,7 @@ Result<NamedParts> InstanceFinder::find_parts(std::string_view glob, std::size_t
     }
     auto found = Search(
                      scene_, [this](std::uint32_t i) -> const std::string& { return text_of(i); },
-                     glob, stopped_, looked_at_, nested_max)
+                     glob, steps, stopped_, looked_at_, nested_max)
                      .search();
     if (!found || !found->instances.empty() || !found->own.empty()) return found;
     if (glob.find('*') != std::string_view::npos)
@@ -217,7 +240,7 @@ Result<NamedParts> InstanceFinder::find_parts(std::string_view glob, std::size_t
 }
 
 Result<std::vector<InstancePlace>> InstanceFinder::find(std::string_view glob) {
-    auto found = find_parts(glob);
+    auto found = search(glob, nested_placements_max, true);
     if (!found) return tl::unexpected(std::move(found.error()));
     if (!found->instances.empty()) return std::move(found->instances);
     return fail(ErrorCode::field_invalid,

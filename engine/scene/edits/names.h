@@ -34,15 +34,18 @@ public:
         : scene_(scene),
           stopped_(std::move(stopped)) {}
 
-    /// Returns the instances, in order, all of whose placements have this text, or have it above
-    /// them, and which lie in no such instance themselves. '*' stands for any text, '/' included,
-    /// as in mask rules (assets/mask_rules.h). Fails with field_invalid where there is none, and
+    /// Returns the instances, in order, that have this text, or have it above them, and which lie in
+    /// no such instance themselves: of those with the same placements, the one at the last step of
+    /// the text. '*' stands for any text, '/' included, as in mask rules (assets/mask_rules.h), but
+    /// `a/*` for what stands in `a`, not for `a`. Fails with field_invalid where there is none, and
     /// with limit_exceeded beyond nested_placements_max. Looks at all outermost instances, the
     /// first time about 1 us each, and at the placements of those that may match in part; for a
     /// text without '*' only at what lies beside its steps, where it names whole instances.
     Result<std::vector<InstancePlace>> find(std::string_view glob);
-    /// The same, and primitives that have the text where what lies beside them has another. Fails
-    /// with limit_exceeded for more than `nested_max` that are not outermost instances, too.
+    /// Returns all that has the text by as few instances as can be: outer ones in place of all that
+    /// they place, and primitives that have the text where what lies beside them has another. Fails
+    /// as find(), and with limit_exceeded for more than `nested_max` that are not outermost
+    /// instances.
     Result<NamedParts> find_parts(std::string_view glob,
                                   std::size_t nested_max = nested_placements_max);
 
@@ -51,6 +54,7 @@ public:
     static constexpr std::uint64_t bytes_per_instance = 128;
 
 private:
+    Result<NamedParts> search(std::string_view glob, std::size_t nested_max, bool by_steps);
     /// The text of an outermost instance; until the next call.
     const std::string& text_of(std::uint32_t place);
 

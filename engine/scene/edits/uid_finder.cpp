@@ -100,40 +100,48 @@ public:
         Places found(uids_.size());
         CoveredInstances covered(scene_, uid_instances_max);
         for (std::size_t number = 0; number < uids_.size(); ++number)
-            for (const PathRange& range : (*ranges)[number]) {
+            for (const Range& range : (*ranges)[number]) {
                 if (stopped_()) return fail(ErrorCode::limit_exceeded, "stopped");
-                if (!covered.find(range, found[number])) return too_many();
+                if (!covered.find(range, range.steps, found[number])) return too_many();
             }
         return found;
     }
 
 private:
+    struct Range : PathRange {
+        std::size_t steps = 0;  ///< of the text of the node; of several, the fewest
+    };
+
     /// Returns the paths of each id, those that follow each other in one range.
-    Result<std::vector<std::vector<PathRange>>> ranges_by_uid() {
+    Result<std::vector<std::vector<Range>>> ranges_by_uid() {
         constexpr std::uint32_t none = ~0U;
         // By node: the next one upwards, itself included, whose id is sought, and the number of it.
         struct Sought {
             std::uint32_t node = none, number = none;
         };
         std::vector<Sought> sought(paths_.node_count);
+        std::vector<std::uint32_t> steps(paths_.node_count);
         for (std::uint32_t i = 1; i < paths_.node_count; ++i) {
+            steps[i] = steps[paths_.nodes[i].parent] + 1;
             const auto at = std::ranges::lower_bound(uids_, paths_.nodes[i].source);
             sought[i] = at != uids_.end() && *at == paths_.nodes[i].source
                             ? Sought{i, static_cast<std::uint32_t>(at - uids_.begin())}
                             : sought[paths_.nodes[i].parent];
         }
-        std::vector<std::vector<PathRange>> ranges(uids_.size());
+        std::vector<std::vector<Range>> ranges(uids_.size());
         for (std::uint32_t r = 0; r < paths_.run_count; ++r) {
             if (r % 1024 == 0 && stopped_()) return fail(ErrorCode::limit_exceeded, "stopped");
             const PathRange run{paths_.runs[r].first_path,
                                 end_of_run(paths_, r, scene_.statistics().instances)};
             Sought next = sought[paths_.runs[r].node];
             for (; next.node != none; next = sought[paths_.nodes[next.node].parent]) {
-                std::vector<PathRange>& of = ranges[next.number];
-                if (!of.empty() && of.back().end >= run.first)
+                std::vector<Range>& of = ranges[next.number];
+                if (!of.empty() && of.back().end >= run.first) {
                     of.back().end = run.end;
-                else
-                    of.push_back(run);
+                    of.back().steps = std::min<std::size_t>(of.back().steps, steps[next.node]);
+                } else {
+                    of.push_back({run, steps[next.node]});
+                }
                 if (++looked_at_ > uid_instances_max + paths_.run_count) return too_many();
             }
         }
