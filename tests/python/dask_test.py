@@ -25,6 +25,7 @@ from daemon import PATIENCE, until
 from raynest import generators
 from raynest._deal import sent_item
 from raynest._frugal import uncompressed
+from raynest._own_daemon import _system
 from raynest._workers import item
 from with_cluster import Elsewhere, WithCluster, many
 from with_daemon import main, rain
@@ -327,7 +328,7 @@ class ManyHosts(WithCluster):
 
     def test_folders_of_killed_workers_are_taken_away(self):
         cluster = self.cluster(1)
-        folders = {name: Path(cluster.folder.name) / f"raynest-dask-{os.getuid()}-{name * 16}" for name in "abcd"}
+        folders = {name: Path(cluster.folder.name) / f"raynest-dask-{os.getuid()}-{_system()}-{name * 16}" for name in "abcd"}
         for name, folder in folders.items():
             folder.mkdir(0o700)
             if name != "d":         # where no daemon was started

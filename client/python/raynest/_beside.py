@@ -6,10 +6,10 @@ import json
 import os
 import subprocess
 import tempfile
-import time
 from typing import Any, Sequence
 
-from ._workers import ITEM_SECONDS, LOOK_SECONDS, NOBODY_WAITS, Carried, Host, Source, dropped, here
+from ._own_daemon import NOBODY_WAITS, dropped, here
+from ._workers import LOOK_SECONDS, Carried, Host, Source
 from .errors import (BusyError, CancelledError, ConnectError, DeadlineError, Error, FailedError, InvalidError,
                      UsageError)
 
@@ -27,7 +27,7 @@ def command(host: Host, source: Source, options: dict[str, Any]) -> tuple[bytes,
                  scene.name if word == options["scene"] else word for word in options["words"]]
         program = [os.path.join(os.path.dirname(host.binary()), "raynest"), "--server", host.uri, "--reconnect", "0",
                    "--json", *words]
-        document = _told_by(program, files)
+        document = _told_by(host, program, files)
         with open(output, "rb") as file:
             return file.read(), document
 
@@ -35,14 +35,13 @@ def command(host: Host, source: Source, options: dict[str, Any]) -> tuple[bytes,
 INCOMPLETE = 8     # exit code of a picture that had to be cut short
 
 
-def _told_by(program: Sequence[str], folder: str) -> Any:
+def _told_by(host: Host, program: Sequence[str], folder: str) -> Any:
     """The document of --json of a program of this package, which ends early where nobody waits for it."""
     try:
         running = subprocess.Popen(program, stdin=subprocess.DEVNULL, stdout=subprocess.PIPE, stderr=subprocess.PIPE,
                                    cwd=folder)
     except OSError as error:
         raise FailedError(f"{here()} cannot start {program[0]}: {error.strerror}; install raynest there") from None
-    end = time.monotonic() + ITEM_SECONDS
     with running:
         try:
             while True:
@@ -51,8 +50,7 @@ def _told_by(program: Sequence[str], folder: str) -> Any:
                     break
                 if dropped():
                     raise CancelledError(NOBODY_WAITS)
-                if time.monotonic() > end:
-                    raise DeadlineError(f"{here()} was not ready after {ITEM_SECONDS:.0f} s")
+                host.look()
         finally:
             running.kill()
     if running.returncode == INCOMPLETE:

@@ -19,7 +19,8 @@ from ._deal import PATIENCE, Deal, Part, known_to
 from ._prepared import Prepared
 from ._requests.files import STANDARD
 from ._told import carry_out
-from ._workers import Carried, Setup, distributed
+from ._own_daemon import Setup, distributed
+from ._workers import Carried
 from .errors import ConnectError, Error, FailedError, UsageError
 from .merge import merge
 

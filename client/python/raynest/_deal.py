@@ -13,7 +13,8 @@ from ._frugal import seldom_profiled, uncompressed
 from ._travel import LOST, Missing
 from ._prepared import Prepared
 from ._version import VERSION
-from ._workers import NoRoom, Setup, Source, distributed, files_at, has_deadline, info_of, item as make_item
+from ._own_daemon import Setup, distributed
+from ._workers import NoRoom, Source, files_at, has_deadline, info_of, item as make_item
 from .errors import DeadlineError, Error, FailedError, InvalidError, RayWarning, UsageError, warn
 
 PATIENCE = 4.0             # s of silence after which open items are dealt again

@@ -6,7 +6,7 @@ import contextlib
 import threading
 from typing import Any, Iterator
 
-from ._workers import distributed
+from ._own_daemon import distributed
 
 PROFILE_MS = 1000           # between two looks at the threads of a worker, while it makes an item
 

@@ -1,59 +1,32 @@
 """The side of the workers: a daemon for each host, and what an item of raynest.dask does there."""
 from __future__ import annotations
 
-import atexit
 import contextlib
-import ctypes
 import dataclasses
 import fcntl
-import glob
 import hashlib
 import os
 import pickle
-import queue
-import shutil
-import stat
-import subprocess
-import tempfile
 import threading
 import time
-from typing import Any, Iterator, Mapping, NamedTuple, Optional, Sequence, Union
+from typing import Any, Iterator, Mapping, NamedTuple, Optional, Sequence
 
 import numpy as np
 
 from ._net.control import Message
 from ._net.frame import Array
-from ._net.interrupts import Interrupts
+from ._own_daemon import NOBODY_WAITS, Daemon, Setup, distributed, dropped, here
 from ._travel import PIECE_BYTES, PIECE_SECONDS, Missing, fetch, keys_of_changes, keys_of_file
 from ._requests.film import Layers
 from ._requests.loads import Load, load_of_file
 from ._version import VERSION
-from .client import Client, connect
-from .errors import (BusyError, CancelledError, ConnectError, DeadlineError, Error, FailedError, InvalidError,
-                     UsageError)
+from .client import Client
+from .errors import BusyError, CancelledError, ConnectError, Error, FailedError, InvalidError, UsageError
 from .scene import Scene
 
-try:
-    import distributed as distributed
-except ImportError:
-    raise ImportError("raynest.dask needs Dask distributed: apt install python3-distributed python3-paramiko") from None
-
 SCENES_MAX = 4             # that a thread holds
-ITEM_SECONDS = 600.0       # after which an item's daemon counts as stuck
 LOOK_SECONDS = 0.25        # between two looks whether an item's program has ended, or nobody waits for it
 TURN_SECONDS = 0.05        # between two looks whether another thread has loaded
-START_SECONDS = 60.0
-LEFT_SECONDS = 3600.0      # after which the folder of a worker that is gone is taken away
-NAME_LETTERS = 16          # of the folders, which tell them apart
-NOBODY_WAITS = "nobody waits for the item any more"
-
-
-class Setup(NamedTuple):
-    """How a worker starts its daemon."""
-
-    binary: str = ""           # raynestd; empty: RAYNESTD, else as found in PATH
-    each: str = "host"         # one daemon per "host", or per "worker"
-    options: tuple[str, ...] = ()
 
 
 class Source(NamedTuple):
@@ -103,139 +76,15 @@ class NoRoom(BusyError):
     where = ""
 
 
-class Leaving(Interrupts):
-    """Ends a request whose item nobody waits for any more, as Ctrl-C does in the main thread: once, so that the
-    connection can still cancel it at the daemon."""
-
-    _left = ""
-
-    def check(self) -> None:
-        super().check()
-        key = dropped()
-        if key not in ("", self._left):
-            self._left = key
-            raise CancelledError(NOBODY_WAITS)
-
-
-class Host:
-    """The daemon of this host, and the connections of this process to it. Thread-safe."""
+class Host(Daemon):
+    """The daemon of this host, and the scenes that this process has there. Thread-safe."""
 
     def __init__(self, setup: Setup, key: str) -> None:
-        self._setup = setup
-        name = hashlib.sha256(repr((key, setup)).encode()).hexdigest()[:NAME_LETTERS]
-        self.folder = os.path.join(tempfile.gettempdir(), f"raynest-dask-{os.getuid()}-{name}")
-        self.uri = f"unix:{self.folder}/s"
-        self._owned: Optional[int] = None       # descriptor of the lock, where this process starts the daemon
-        self._process: Optional[subprocess.Popen[bytes]] = None
-        self._mutex, self._mine = threading.Lock(), threading.local()
+        super().__init__(setup, key)
         self._elsewhere: set[str] = set()       # scenes whose files are not at their path here
 
-    def _private(self) -> None:
-        """Makes the folder, or checks that nobody else made it or may enter it."""
-        try:
-            os.mkdir(self.folder, 0o700)
-        except FileExistsError:
-            found = os.lstat(self.folder)
-            if not stat.S_ISDIR(found.st_mode) or found.st_uid != os.getuid() or found.st_mode & 0o077:
-                raise FailedError(f"{self.folder} is not a private folder of this user: remove it") from None
-
-    def client(self) -> Client:
-        """The connection of this thread; starts the daemon where nobody answers."""
-        known: Optional[Client] = getattr(self._mine, "client", None)
-        if known is None:
-            self._mine.client = known = self._connect()
-            known.connection.interrupts = Leaving()
-            self._mine.scenes, self._mine.changed = {}, ("", None, 0)
-        return known
-
-    def drop(self) -> None:
-        """Forgets the connection of this thread, which is lost."""
-        known, self._mine.client = getattr(self._mine, "client", None), None
-        if known is not None:
-            known.close()
-
-    def end_stuck(self) -> None:
-        """Ends a daemon that did not answer in ITEM_SECONDS, if it is this process's own."""
-        self.drop()
-        with self._mutex:
-            if self._process is not None:
-                self._process.kill()
-                self._process.wait()
-
-    def _end(self) -> None:
-        if self._process is not None:
-            self._process.kill()
-            self._process.wait()
-        shutil.rmtree(self.folder, ignore_errors=True)
-
-    def _take_away_left(self) -> None:
-        """Removes the folders of workers that were killed: nobody has their locks any more."""
-        for folder in glob.glob(glob.escape(self.folder[:-NAME_LETTERS]) + "*"):
-            with contextlib.suppress(OSError):
-                found = os.lstat(folder)
-                if found.st_uid != os.getuid() or time.time() - found.st_mtime < LEFT_SECONDS:
-                    continue
-                with open(folder + "/lock", "ab") as lock:      # there is none where no daemon was started
-                    fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
-                    shutil.rmtree(folder)
-
-    def _connect(self) -> Client:
-        end = time.monotonic() + START_SECONDS
-        while True:
-            self._private()     # a worker that ends takes it away, and nobody else may put another in its place
-            try:
-                return connect(self.uri, reconnect=0)
-            except ConnectError:
-                if time.monotonic() > end:
-                    raise
-            with self._mutex:
-                self._start_if_owner()
-            time.sleep(0.02)
-
-    def _start_if_owner(self) -> None:
-        if self._owned is None:
-            self._private()
-            lock = os.open(self.folder + "/lock", os.O_RDWR | os.O_CREAT | os.O_CLOEXEC, 0o600)
-            try:
-                fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
-            except OSError:
-                os.close(lock)
-                return
-            self._owned = lock
-            atexit.register(self._end)
-            self._take_away_left()
-        if self._process is None or self._process.poll() is not None:
-            started: queue.SimpleQueue[Union[OSError, subprocess.Popen[bytes]]] = queue.SimpleQueue()
-            # The system ends the daemon with the thread that started it, so that thread stays.
-            threading.Thread(target=self._keep, args=(started,), daemon=True).start()
-            process = started.get()
-            if isinstance(process, OSError):
-                raise FailedError(f"{here()} cannot start {self.binary()}: {process.strerror}; install raynest there, "
-                                  "or say with binary= where raynestd is") from None
-            self._process = process
-
-    def binary(self) -> str:
-        named = self._setup.binary or os.environ.get("RAYNESTD", "raynestd")
-        return shutil.which(named) or named
-
-    def _keep(self, started: queue.SimpleQueue[Any]) -> None:
-        prctl, killed = ctypes.CDLL(None).prctl, 9
-        ready = self.folder + "/ready"
-        for leftover in (self.folder + "/s", ready):
-            if os.path.lexists(leftover):
-                os.unlink(leftover)
-        with open(self.folder + "/log", "wb") as log:
-            try:
-                process = subprocess.Popen(
-                    [self.binary(), "--listen", self.uri, "--http", "off", "--ready-file", ready, "--log-level",
-                     "error", *self._setup.options], stdin=subprocess.DEVNULL, stdout=log, stderr=log,
-                    preexec_fn=lambda: prctl(1, killed))  # PR_SET_PDEATHSIG
-            except OSError as error:
-                return started.put(error)
-        while process.poll() is None and not os.path.exists(ready):
-            time.sleep(0.01)
-        started.put(process)
-        process.wait()
+    def greeted(self) -> None:
+        self._mine.scenes, self._mine.changed = {}, ("", None, 0)
 
     def scene(self, source: Source) -> Scene:
         """The scene on the connection of this thread, which holds it; loads it where the daemon lacks it."""
@@ -343,25 +192,8 @@ def read_at(source: Source) -> Optional[Load]:
         return None
 
 
-def dropped() -> str:
-    """The key of this thread's item, where its client has left it or has the answer from elsewhere; else ""."""
-    try:
-        worker: Any = distributed.get_worker()
-        key: str = worker.get_current_task()
-        return key if worker.state.tasks[key].state == "cancelled" else ""
-    except (ValueError, LookupError, AttributeError):   # no item of a cluster, or another Dask
-        return ""
-
-
 _hosts: dict[Any, Host] = {}
 _hosts_lock = threading.Lock()
-
-
-def here() -> str:
-    try:
-        return f"the worker {distributed.get_worker().address}"
-    except ValueError:
-        return "this machine"
 
 
 def _host(setup: Setup) -> Host:
@@ -399,16 +231,11 @@ def item(version: str, setup: Setup, source: Source, method: Any, rays: Any, opt
             else:
                 if isinstance(rays, MaskedRays):
                     rays, options = rays.rays, {**options, "mask": rays.masks}
-                answer = getattr(host.scene(source), method)(*(() if rays is None else (rays,)),
-                                                             **{"deadline": ITEM_SECONDS, **options})
+                answer = getattr(host.scene(source), method)(*(() if rays is None else (rays,)), **options)
                 notes = tuple(host.client().outcome.get("notes", ()))
             return here(), _plain(answer), notes
         except Missing as missing:
             return here(), missing, ()
-        except DeadlineError:
-            if not has_deadline(options):
-                host.end_stuck()
-            raise
         except Error as error:
             # The daemon may have begun anew, by another worker of this host, since it was given the scene.
             if last or not (error.lost or isinstance(error, ConnectError) or error.name == "SCENE_UNKNOWN"):

@@ -31,7 +31,8 @@ from ._requests.columns import Columns
 from ._requests.film import Layers, is_lit
 from ._prepared import Prepared
 from ._version import VERSION
-from ._workers import MaskedRays, Setup, columns_of
+from ._own_daemon import Setup
+from ._workers import MaskedRays, columns_of
 from .errors import UsageError
 from .generators import Generator
 from .images import Image
