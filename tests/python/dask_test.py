@@ -101,11 +101,6 @@ class ManyHosts(WithCluster):
         self.assertTrue(called)
         return seen, [str(one.message) for one in said if one.category is raynest.RayWarning]
 
-    def dealt(self, cluster):
-        """worker -> how many items of a client it has."""
-        return {worker: sum(key.startswith("raynest-") for key in keys)
-                for worker, keys in cluster.client.processing().items()}
-
     def told(self, cluster, ask):
         """The lists that the daemons of the workers answer, in one."""
         found = []
@@ -358,23 +353,6 @@ class ManyHosts(WithCluster):
         rays = rain(20000)
         self.same(many.trace(cluster.client, SCENE, rays, item_rays=1000, setup=self.setup, patience=1.0),
                   self.woods.trace(rays))
-
-    def test_a_late_item_goes_to_a_worker_that_has_no_copy_of_it(self):
-        cluster = self.cluster(2)
-        first, other = cluster.client.scheduler_info()["workers"]
-        end = self.out / "end"
-        # The scheduler itself would give the first one all copies.
-        much = [cluster.client.submit(waits, None, None, end, workers=[other], pure=False) for _ in range(20)]
-        until(lambda: len(cluster.client.processing()[other]) == len(much))
-        self.addCleanup(end.touch)
-        deal = many.Deal(cluster.client, self.setup, many.prepare(SCENE), waits, [many.Part(end)], PATIENCE, None)
-        deal._heard = {f"the worker {worker}": time.monotonic() for worker in (first, other)}
-        deal._deal(0)
-        copies, = deal._open.values()
-        until(lambda: self.dealt(cluster) == {first: 1, other: 0}, lambda: self.dealt(cluster))
-        copies.update(dict.fromkeys(copies, -np.inf))   # long ago
-        deal._look()
-        until(lambda: self.dealt(cluster) == {first: 1, other: 1}, lambda: self.dealt(cluster))
 
     def test_a_client_that_cannot_wait_is_refused(self):
         cluster = self.cluster(0)

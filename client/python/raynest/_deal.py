@@ -2,8 +2,10 @@
 from __future__ import annotations
 
 import asyncio
+import concurrent.futures
 import os
 import queue
+import threading
 import time
 from typing import Any, Callable, Iterator, NamedTuple, Optional, Sequence
 
@@ -13,12 +15,15 @@ from ._frugal import seldom_profiled, uncompressed
 from ._travel import LOST, Missing
 from ._prepared import Prepared
 from ._version import VERSION
-from ._own_daemon import Setup, distributed
+from ._notes import Told, tell
+from ._own_daemon import Setup, distributed, here, until_left
 from ._workers import NoRoom, Source, files_at, has_deadline, info_of, item as make_item
 from .errors import DeadlineError, Error, FailedError, InvalidError, RayWarning, UsageError, warn
 
 PATIENCE = 4.0             # s of silence after which open items are dealt again
 COPIES_MAX = 3             # of an item on the workers, before it is made here
+ASK_SECONDS = 1.0          # between two questions to the scheduler who makes what
+HELD_MAX = 8               # times `patience` that a worker which fails gets nothing new
 LOAD_BYTES_PER_SECOND = 5e6     # that even a slow host fetches and builds
 SENDS_MAX = 100            # times that an item may find pieces of the scene missing
 _ONCE = (UsageError, InvalidError)  # what another worker would answer alike
@@ -27,7 +32,14 @@ _ONCE = (UsageError, InvalidError)  # what another worker would answer alike
 @seldom_profiled()
 def sent_item(*arguments: Any) -> Any:
     """Makes an item on a worker: returns what make_item() returns, on its way to the client."""
-    return uncompressed(make_item(*arguments))
+    try:
+        return uncompressed(make_item(*arguments))
+    except Exception as error:
+        error.raynest_where = here()    # type: ignore[attr-defined]
+        raise
+
+
+_own = concurrent.futures.ThreadPoolExecutor(1, "raynest-own-daemon")   # which makes what no worker finishes
 
 
 class Part(NamedTuple):
@@ -41,14 +53,35 @@ class Part(NamedTuple):
     fits: Callable[[Any], bool] = lambda answer: True   # says whether an answer may be the item's
 
 
-class Deal:
-    """Deals items out to a cluster until each is answered. The first answer of an item counts."""
+class Places(NamedTuple):
+    """Where copies of items are, by the scheduler."""
 
-    def __init__(self, cluster: Any, setup: Setup, scene: Prepared, method: Any,
-                 parts: Sequence[Part], patience: float, progress: Any, stage: str = "tracing") -> None:
+    making: dict[str, set[str]]     # worker -> keys that it makes, or has in its queue
+    made: dict[str, set[str]]       # worker -> keys of our copies that it has made
+
+    def have(self, worker: str, keys: set[str]) -> bool:
+        return bool(keys & (self.making.get(worker, set()) | self.made.get(worker, set())))
+
+
+class Failures(NamedTuple):
+    """A worker's: how many items, how many since it made one, until when it gets none, and the last error."""
+
+    items: int
+    in_a_row: int
+    until: float
+    error: BaseException
+
+
+class Deal:
+    """Deals items out to a cluster until each is answered. The first answer of an item counts. The items are parts of one
+    request, or with `apart` requests of their own."""
+
+    def __init__(self, cluster: Any, setup: Setup, scene: Prepared, method: Any, parts: Sequence[Part], patience: float,
+                 progress: Any, stage: str = "tracing", apart: bool = False) -> None:
         self._cluster, self._setup, self._scene, self._method = cluster, setup, scene, method
         self._source = scene.at(scene.epoch)
         self._parts, self._patience, self._progress, self._stage = parts, patience, progress, stage
+        self._apart = apart
         self._open: dict[int, dict[Any, float]] = {}    # item -> its copies, and when each was dealt
         self._copies = [0] * len(parts)
         self._left = len(parts)
@@ -60,6 +93,12 @@ class Deal:
         self._alone = False
         self._sends = 0                                 # of pieces that were missing
         self._no_room: dict[str, NoRoom] = {}           # worker -> why it cannot have the scene
+        self._failures: dict[str, Failures] = {}        # by worker
+        self._beats: dict[str, tuple[Any, float]] = {}  # worker -> when the scheduler heard it, and when we learned that
+        self._asked = self._looked = -np.inf
+        self._here: dict[int, Any] = {}                 # items that this machine makes
+        self._left_here = threading.Event()
+        self._told: dict[int, Told] = {}
         self.notes: dict[str, None] = {}
 
     def answers(self) -> Iterator[tuple[int, Any]]:
@@ -74,9 +113,9 @@ class Deal:
                     next_item += 1
                 if self._alone:
                     next_item = len(self._parts)
-                    found = [(item, self._make(item)) for item in [self._done.index(False)]]
-                else:
-                    found = self._next()
+                    for item in (item for item, done in enumerate(self._done) if not done):
+                        self._make_here(item)
+                found = self._next()
                 for item, answer in found:
                     if self._done[item]:
                         continue
@@ -92,8 +131,28 @@ class Deal:
             for copies in self._open.values():
                 for copy in copies:
                     copy.release()
-            for note in self.notes:
+            self._left_here.set()
+            for made in self._here.values():
+                made.cancel()
+            self._tell()
+
+    def _tell(self) -> None:
+        for where, failures in self._failures.items():
+            what = "an item" if failures.items == 1 else f"{failures.items} items"
+            self.notes[f"{where} failed at {what}{_because(failures.error)}, made elsewhere"] = None
+        for note in self.notes:
+            if note not in self._scene.noted:
+                self._scene.noted.add(note)
                 warn(note, RayWarning)
+        if self._left:
+            return      # an error says more
+        rays = [part.weight for part in self._parts]
+        if self._apart:
+            for item, told in sorted(self._told.items()):
+                tell([(0, told)], rays[item])
+        else:
+            firsts = np.concatenate([[0], np.cumsum(rays)]).tolist()
+            tell([(firsts[item], told) for item, told in sorted(self._told.items())], firsts[-1])
 
     def _workers(self) -> dict[str, Any]:
         # The client's own copy, which costs no round trip.
@@ -104,10 +163,13 @@ class Deal:
         return [worker["nthreads"] for worker in self._workers().values()]
 
     def _fit(self, workers: Optional[list[str]]) -> Optional[list[str]]:
-        """Those of the workers, or of all, that have room for the scene; None: any."""
-        if not self._no_room:
+        """Those of the workers, or of all, that have room for the scene, and do not fail, if there are any; None: any."""
+        now = time.monotonic()
+        held = {where.split()[-1] for where, failures in self._failures.items() if failures.until > now}
+        if not self._no_room and not held:
             return workers
         fit = [worker for worker in self._workers() if worker not in self._no_room]
+        fit = [worker for worker in fit if worker not in held] or fit
         return [worker for worker in workers or () if worker in fit] or fit
 
     def _deal(self, item: int, workers: Optional[list[str]] = None) -> None:
@@ -121,7 +183,7 @@ class Deal:
             if part.heavy:
                 rays = self._sent(rays, workers or self._lively())
             copy = self._cluster.submit(sent_item, VERSION, self._setup, source, self._method, rays, part.options,
-                                        pure=False, retries=1, workers=workers, key=f"raynest-{os.urandom(8).hex()}")
+                                        pure=False, retries=0, workers=workers or None, key=f"raynest-{os.urandom(8).hex()}")
         except (OSError, asyncio.TimeoutError, RuntimeError, ValueError) as error:
             return self._give_up_cluster(error)
         self._copies[item] += 1
@@ -145,24 +207,39 @@ class Deal:
         since = self._news - self._silence()
         return [where.split()[-1] for where, heard in self._heard.items() if heard >= since]
 
-    def _places(self) -> dict[str, set[str]]:
-        """worker -> keys of what it makes, and of our copies that it has made. The scheduler tells; {}: it does not."""
+    def _places(self) -> Optional[Places]:
+        """Asks the scheduler; None: it does not tell."""
         keys = [copy.key for copies in self._open.values() for copy in copies]
 
         async def ask() -> Any:
-            return await asyncio.gather(self._cluster.scheduler.processing(workers=None),
-                                        self._cluster.scheduler.who_has(keys=keys))
+            told = self._cluster.scheduler
+            return await asyncio.gather(told.processing(workers=None), told.who_has(keys=keys), told.identity())
         asking = asyncio.run_coroutine_threadsafe(ask(), self._cluster.loop.asyncio_loop)
         try:
-            making, made = asking.result(self._patience)
+            making, made, identity = asking.result(self._patience)
         except LOST:        # what is late is dealt again all the same
             asking.cancel()
-            return {}
-        places = {worker: set(theirs) for worker, theirs in making.items()}
+            return None
+        self._hear(identity.get("workers", {}))
+        places = Places({worker: set(theirs) for worker, theirs in making.items()}, {})
         for key, workers in made.items():
             for worker in workers:
-                places.setdefault(worker, set()).add(key)
+                places.made.setdefault(worker, set()).add(key)
         return places
+
+    def _hear(self, workers: dict[str, Any]) -> None:
+        """Notes which workers the scheduler has heard since. Its clock may be another than ours."""
+        now = time.monotonic()
+        for worker, said in workers.items():
+            if self._beats.get(worker, (None,))[0] != said.get("last_seen"):
+                self._beats[worker] = said.get("last_seen"), now
+
+    def _living(self, worker: str) -> bool:
+        """True if the scheduler has heard it lately, and has not let it go."""
+        workers = self._workers()
+        beat: float = distributed.scheduler.heartbeat_interval(len(workers))
+        heard = self._beats.get(worker, (None, -np.inf))[1]
+        return worker in workers and time.monotonic() - heard < self._patience + ASK_SECONDS + 2 * beat
 
     def _silence(self) -> float:
         """Seconds after which an item is late, in which even a slow one is made, and at first the scene loaded."""
@@ -171,11 +248,19 @@ class Deal:
         return 4 * self._patience + self._scene.bytes / LOAD_BYTES_PER_SECOND
 
     def _next(self) -> list[tuple[int, Any]]:
+        if time.monotonic() - self._looked > ASK_SECONDS:
+            self._look()
         try:
             item, copy, data = self._events.get(timeout=0.25)
         except queue.Empty:
-            return self._look()
-        if self._done[item] or copy not in self._open.get(item, {}):
+            self._look()
+            return []
+        if self._done[item]:
+            return []
+        if copy is None:
+            answer, self._told[item] = data.result()
+            return [(item, answer)]
+        if copy not in self._open.get(item, {}):
             return []
         if data is None and copy.status == "finished":
             fetched = asyncio.run_coroutine_threadsafe(self._fetch(copy), self._cluster.loop.asyncio_loop)
@@ -185,7 +270,7 @@ class Deal:
         if data is None:
             return self._failed(item, copy)
         try:
-            where, answer, notes = data.result()
+            where, answer, told = data.result()
         except LOST as error:   # the worker died with the answer, or cannot be reached
             return self._again(item, error)
         self._news = self._heard[where] = time.monotonic()
@@ -194,14 +279,16 @@ class Deal:
         if not self._parts[item].fits(answer):
             return self._again(item, FailedError(f"{where} sent an answer of another form"))
         self._seconds.append(self._news - born)
-        self.notes.update(dict.fromkeys(notes))
+        self._told[item] = told
+        if where in self._failures:
+            self._failures[where] = self._failures[where]._replace(in_a_row=0, until=-np.inf)
         return [(item, answer)]
 
     def _send(self, item: int, missing: Missing) -> list[tuple[int, Any]]:
         """Gives the workers what one has asked for, and deals its item again."""
         self._sends += 1
         if self._sends > SENDS_MAX + len(self._parts):
-            return [(item, self._make(item, FailedError("the workers lose the scene's files again and again")))]
+            return self._make_here(item, FailedError("the workers lose the scene's files again and again"))
         try:
             if missing.silent:
                 self._scene.send_anew(missing.keys)
@@ -232,6 +319,11 @@ class Deal:
             raise error
         if isinstance(error, ImportError):
             raise FailedError(f"the workers cannot run it: {error}; install python3-raynest {VERSION} on all hosts")
+        where = getattr(error, "raynest_where", "")
+        if where:   # it fails at once, so it would get all items that the others are too slow for
+            before = self._failures.get(where, Failures(0, 0, 0.0, error))
+            holds = self._patience * min(2 ** before.in_a_row, HELD_MAX)
+            self._failures[where] = Failures(before.items + 1, before.in_a_row + 1, time.monotonic() + holds, error)
         return self._again(item, error)
 
     def _again(self, item: int, error: BaseException) -> list[tuple[int, Any]]:
@@ -242,55 +334,70 @@ class Deal:
         elif self._copies[item] < COPIES_MAX:
             self._deal(item)
         else:
-            return [(item, self._make(item, error))]
+            self._make_here(item, error)
         return []
 
-    def _look(self) -> list[tuple[int, Any]]:
-        """Nothing came for a while: deals what is late again, to workers that were heard of since and have no
-        copy of it: one may be stuck in an item and answer others."""
-        now = time.monotonic()
+    def _look(self) -> None:
+        """Deals again what is late and no living worker makes, and what takes far longer than others did and a worker
+        with a free thread could make. One may be stuck in an item and answer others."""
+        now = self._looked = time.monotonic()
         if self._cluster.status != "running":
-            self._give_up_cluster(None)
-            return []
+            return self._give_up_cluster(None)
+        self._hear(self._workers())
         silence = self._silence()
         silent = now - self._news > silence
-        lively = self._lively()
-        places: Optional[dict[str, set[str]]] = None
         if silent and self._open and not self._workers():
-            item = min(self._open)      # whoever joins later makes the others
-            return [(item, self._make(item, FailedError("the cluster has no workers")))]
-        for item in sorted(self._open):
-            copies = self._open[item]
-            if copies and now - max(copies.values()) < silence:
-                continue
+            if not self._here:      # whoever joins later makes the others
+                self._make_here(min(self._open), FailedError("the cluster has no workers"))
+            return
+        late = [item for item, copies in sorted(self._open.items())
+                if item not in self._here and not (copies and now - max(copies.values()) < silence)]
+        if not late or now - self._asked < ASK_SECONDS:
+            return
+        places, self._asked = self._places(), now
+        for item in late:
+            keys = {copy.key for copy in self._open[item]}
+            makers = [worker for worker, theirs in places.making.items() if theirs & keys] if places else []
+            is_made = any(self._living(worker) for worker in makers)
             if self._copies[item] < COPIES_MAX:
-                places = self._places() if places is None else places
-                able, keys = self._fit(lively or list(places)) or [], {copy.key for copy in copies}
-                others = [worker for worker in able if worker in places and not keys & places[worker]]
-                self._deal(item, others or lively or None)
-            elif silent or not copies:
-                return [(item, self._make(item))]
-        return []
+                others = self._without(keys, places, is_made)
+                if others or not is_made:
+                    self._deal(item, others or self._lively() or None)
+            elif not is_made and (silent or not keys):
+                self._make_here(item)
+
+    def _without(self, keys: set[str], places: Optional[Places], must_be_free: bool) -> list[str]:
+        """Living workers that have none of these copies, and a free thread, if that `must` be."""
+        if places is None or must_be_free and not self._seconds:
+            return []
+        return [worker for worker in self._fit(list(self._workers())) or () if self._living(worker)
+                and not places.have(worker, keys)
+                and not (must_be_free and len(places.making.get(worker, ())) >= self._workers()[worker]["nthreads"])]
 
     def _give_up_cluster(self, error: Optional[BaseException]) -> None:
         if not self._alone:
             self._alone = True
-            self.notes[f"the Dask scheduler went away: {self._left} of {len(self._parts)} items were made on this "
-                       "machine"] = None
+            self.notes["the Dask scheduler went away: the rest was made on this machine"] = None
 
-    def _make(self, item: int, error: Optional[BaseException] = None) -> Any:
-        """The last resort: a daemon on this machine."""
+    def _make_here(self, item: int, error: Optional[BaseException] = None) -> list[tuple[int, Any]]:
+        """The last resort: a daemon on this machine. Answers of the workers are taken meanwhile."""
+        if item not in self._here:
+            self._here[item] = made = _own.submit(self._make, item, error)
+            made.add_done_callback(lambda done: None if done.cancelled() else self._events.put((item, None, done)))
+        return []
+
+    def _make(self, item: int, error: Optional[BaseException]) -> tuple[Any, Told]:
         part = self._parts[item]
         try:
-            _, answer, notes = make_item(VERSION, self._setup, part.source or self._source, self._method,
-                                     None if part.rays is None else part.rays(), part.options)
-        except Error as here:
-            raise FailedError(f"no worker finished an item{_because(error)}, and this machine cannot make it: {here}"
+            with until_left(self._left_here):
+                _, answer, told = make_item(VERSION, self._setup, part.source or self._source, self._method,
+                                            None if part.rays is None else part.rays(), part.options)
+        except Error as own:
+            raise FailedError(f"no worker finished an item{_because(error)}, and this machine cannot make it: {own}"
                               ) from error
         if not self._alone:
             self.notes[f"no worker finished some items{_because(error)}; they were made on this machine"] = None
-        self.notes.update(dict.fromkeys(notes))
-        return answer
+        return answer, told
 
 
 def _because(error: Optional[BaseException]) -> str:
@@ -306,6 +413,8 @@ def known_to(cluster: Any, scene: Prepared, setup: Setup, patience: float, progr
     if cluster.asynchronous:    # all that waits here would keep its loop from answering
         raise UsageError("the Client is asynchronous: give one made without asynchronous=True, or call this in another "
                          "thread, as asyncio.to_thread() does")
+
+    scene.noted.clear()
 
     def ask(method: Any) -> Any:
         def send(done: int, total: int, stage: str) -> None:

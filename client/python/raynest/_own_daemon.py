@@ -18,7 +18,7 @@ import subprocess
 import tempfile
 import threading
 import time
-from typing import Any, NamedTuple, Optional, Union
+from typing import Any, Iterator, NamedTuple, Optional, Union
 
 from ._net.interrupts import Interrupts
 from .client import Client, connect
@@ -255,7 +255,7 @@ def _take_away(folder: str) -> None:
 
 
 def _last_line(log: str, code: int = 0) -> str:
-    """What a daemon said at last, to be put behind what happened to it."""
+    """Returns what a daemon said at last, to be put behind what happened to it."""
     with contextlib.suppress(OSError), open(log, "rb") as file:
         lines = file.read().decode(errors="replace").strip().splitlines()
         if lines:
@@ -273,8 +273,24 @@ def _system() -> str:
     return hashlib.sha256(booted + socket.gethostname().encode()).hexdigest()[:6]
 
 
+_item = threading.local()
+
+
+@contextlib.contextmanager
+def until_left(left: threading.Event) -> Iterator[None]:
+    """For an item that this thread makes for this program: it may be left once `left` is set."""
+    _item.left = left
+    try:
+        yield
+    finally:
+        _item.left = None
+
+
 def dropped() -> str:
     """The key of this thread's item, where its client has left it or has the answer from elsewhere; else ""."""
+    left = getattr(_item, "left", None)
+    if left is not None:
+        return f"left {id(left)}" if left.is_set() else ""
     try:
         worker: Any = distributed.get_worker()
         key: str = worker.get_current_task()

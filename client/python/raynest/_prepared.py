@@ -48,6 +48,7 @@ class Prepared:
         self._epoch = 0
         self._added: dict[str, Prepared] = {}   # by the name that their content gives them
         self.sending = 0
+        self.noted: set[str] = set()            # what the user was told since the request began
 
     def _source(self, scene: Any, load: dict[str, Any]) -> Source:
         found: Load

@@ -9,19 +9,20 @@ import os
 import pickle
 import threading
 import time
-from typing import Any, Iterator, Mapping, NamedTuple, Optional, Sequence
+from typing import Any, Iterator, Mapping, NamedTuple, Optional
 
 import numpy as np
 
 from ._net.control import Message
 from ._net.frame import Array
+from ._notes import Told, told_of
 from ._own_daemon import NOBODY_WAITS, Daemon, Setup, distributed, dropped, here
 from ._travel import PIECE_BYTES, PIECE_SECONDS, Missing, fetch, keys_of_changes, keys_of_file
 from ._requests.film import Layers
 from ._requests.loads import Load, load_of_file
 from ._version import VERSION
 from .client import Client
-from .errors import BusyError, CancelledError, ConnectError, Error, FailedError, InvalidError, UsageError
+from .errors import BusyError, CancelledError, ConnectError, Error, FailedError, InvalidError, UsageError, warnings_taken
 from .scene import Scene
 
 SCENES_MAX = 4             # that a thread holds
@@ -217,30 +218,30 @@ class MaskedRays:
     masks: Array
 
 
-def item(version: str, setup: Setup, source: Source, method: Any, rays: Any, options: dict[str, Any]) -> Any:
+def item(version: str, setup: Setup, source: Source, method: Any, rays: Any, options: dict[str, Any]
+         ) -> tuple[str, Any, Told]:
     """Makes an item: a method of Scene by its name, or a function (host, source, options). Returns where, the
-    answer, which may be Missing, and the notes of the daemon."""
+    answer, which may be Missing, and what it tells."""
     if version != VERSION:
         raise UsageError(f"{here()} has RayNest {VERSION}, this client {version}: install one version on all hosts")
     host = _host(setup)
     for last in (False, True):
         try:
-            notes: Sequence[str] = ()
-            if callable(method):
-                answer = method(host, source, options)
-            else:
+            with warnings_taken() as warned:
+                if callable(method):
+                    return here(), method(host, source, options), Told(tuple(warned))
                 if isinstance(rays, MaskedRays):
                     rays, options = rays.rays, {**options, "mask": rays.masks}
                 answer = getattr(host.scene(source), method)(*(() if rays is None else (rays,)), **options)
-                notes = tuple(host.client().outcome.get("notes", ()))
-            return here(), _plain(answer), notes
+                return here(), _plain(answer), told_of(method, warned, host.client().outcome)
         except Missing as missing:
-            return here(), missing, ()
+            return here(), missing, Told()
         except Error as error:
             # The daemon may have begun anew, by another worker of this host, since it was given the scene.
             if last or not (error.lost or isinstance(error, ConnectError) or error.name == "SCENE_UNKNOWN"):
                 raise
             host.drop()
+    raise AssertionError
 
 
 def has_deadline(options: Mapping[str, Any]) -> bool:

@@ -111,7 +111,7 @@ def sweep(cluster: Any, scene: Prepared, scans: Iterable[tuple[int, Any]], *,
     for epoch, rays in scans:
         part, = _parts_of(rays, sys.maxsize, options)
         parts.append(part._replace(source=known.at(epoch)))
-    found = dict(Deal(cluster, setup, known, "trace", parts, patience, progress).answers())
+    found = dict(Deal(cluster, setup, known, "trace", parts, patience, progress, apart=True).answers())
     return [found[i] for i in range(len(parts))]
 
 

@@ -20,9 +20,12 @@ Ctrl-C raises KeyboardInterrupt as everywhere in Python, after the request was c
 """
 from __future__ import annotations
 
+import contextlib
 import re
 import sys
+import threading
 import warnings
+from typing import Iterator
 
 from ._lists import ERRORS
 from ._wording import localize_message
@@ -98,8 +101,23 @@ class RayWarning(Warning):
     pass
 
 
+_here = threading.local()
+
+
+@contextlib.contextmanager
+def warnings_taken() -> Iterator[list[tuple[str, type[Warning]]]]:
+    """Warnings of this thread come into a list, for somebody who tells them elsewhere."""
+    before, _here.taken = getattr(_here, "taken", None), []
+    try:
+        yield _here.taken
+    finally:
+        _here.taken = before
+
+
 def warn(text: str, category: type[Warning]) -> None:
     """Warns, and attributes the warning to the line that called this package."""
+    if getattr(_here, "taken", None) is not None:
+        return _here.taken.append((text, category))     # type: ignore[no-any-return]
     package = __name__.partition(".")[0]
     level = 1
     frame = sys._getframe()

@@ -19,7 +19,7 @@ from ._requests.explain import check_explain, path_message, pixel_message, ray_m
 from ._requests.film import warn_of_options
 from ._requests.job import JobOptions, Outcome, Progress, SceneMoved, job_message, other_message
 from ._requests.picture import Picture, camera_message, size_message, tile_message
-from ._requests.precision import ray_warning
+from ._requests.precision import Rounding, rounded_rays
 from ._requests.query import Query, query_message
 from ._requests.rays import Rays, Source, Starts, flat_pairs, masked, segments, spread, vector
 from ._requests.words import rows_of, scene_info
@@ -167,7 +167,7 @@ class Scene(Renders, Editable):
             query.outcome.pop("first_invalid", None)
             query.outcome.update(rays=0, misses=0, invalid=0)
             columns = {name: column[:int(name == "ray_splits")] for name, column in columns.items()}
-        self._warn_of_rounding(source.starts)
+        query.outcome.rounding = self._warn_of_rounding(source.starts)
         return columns if not own else {**columns, **own}
 
     def stream(self, rays: Any, directions: Any = None, *, kind: Optional[str] = None,
@@ -264,11 +264,12 @@ class Scene(Renders, Editable):
     def _moved(self, origin: Array) -> None:
         self._learn({**self.info, "origin": origin})
 
-    def _warn_of_rounding(self, starts: Starts) -> None:
+    def _warn_of_rounding(self, starts: Starts) -> Optional[Rounding]:
         """Must follow the answer, which tells whether the scene lies where it was thought to lie."""
-        lost = ray_warning(starts, self._box, self._origin)
+        lost = rounded_rays(starts, self._box, self._origin)
         if lost:
-            warn(lost, RayWarning)
+            warn(lost.text, RayWarning)
+        return lost
 
     def _warn_of_eye(self, look_at: Optional[Sequence[Any]]) -> None:
         if look_at is not None:

@@ -81,6 +81,8 @@ class Outcome(dict[str, Any]):
 
     rays_per_point = 0
     """Rays per point of a generator that starts from points, else 0."""
+    rounding: Any = None
+    """A Rounding of its rays, if that was worth a warning."""
 
     def warn_of_view(self) -> None:
         for note in self.get("notes", ()):

@@ -2,7 +2,7 @@
 from __future__ import annotations
 
 import math
-from typing import Any, Optional
+from typing import Any, NamedTuple, Optional
 
 import numpy as np
 
@@ -56,19 +56,41 @@ def rounding_warning(vertices: Any, faces: Any, origin: Array, degenerate: int) 
             f"{size:.3g}. Pass an origin near it, for example origin={near}")
 
 
-def ray_warning(starts: Starts, box: Optional[Array], origin: Array) -> str:
-    """Returns a warning if rounding moves rays by a notable share of the size of the scene with this
-    box and origin, else ""."""
+class Rounding(NamedTuple):
+    """Rays that rounding moves far: how many, out of how many, and the first of them."""
+
+    rays: int
+    of: int
+    first: int
+    farthest: float
+    size: float
+    remedy: str
+
+    @property
+    def text(self) -> str:
+        return (f"{self.rays} of {self.of} rays start so far from the scene's origin that float32 moves them by up to "
+                f"{self.farthest:.3g}, and the scene's size is {self.size:.3g}; the first is ray {self.first}. To keep "
+                f"their digits {self.remedy}")
+
+    def with_others(self, others: Optional[Rounding], of: int) -> Rounding:
+        """Together with others out of so many rays."""
+        rays, first, farthest = (others.rays, others.first, others.farthest) if others else (0, self.first, 0.0)
+        return self._replace(rays=self.rays + rays, of=of, first=min(self.first, first),
+                             farthest=max(self.farthest, farthest))
+
+
+def rounded_rays(starts: Starts, box: Optional[Array], origin: Array) -> Optional[Rounding]:
+    """Tells whether rounding moves rays by a notable share of the size of the scene with this box and origin."""
     size = 0.0 if box is None else float(np.linalg.norm(box[1] - box[0]))
     if box is None or not size:
-        return ""
+        return None
     notable = NOTABLE_SHARE_OF_RAYS * size
     centre = box.mean(0)
     is_far = half_step((centre - origin)[None])[0] > notable
     is_float32 = starts.points.dtype == np.float32
     # Around a scene at its origin float32 rays are what they say: nothing is lost here.
     if is_float32 and not is_far and not origin.any():
-        return ""
+        return None
     count, first, farthest = 0, 0, 0.0
     for begin in range(0, len(starts.points), _RAYS_AT_ONCE):
         moved = starts.moved(begin, _RAYS_AT_ONCE)
@@ -78,15 +100,12 @@ def ray_warning(starts: Starts, box: Optional[Array], origin: Array) -> str:
             count += lost.size
             farthest = max(farthest, float(moved[lost].max()))
     if not count:
-        return ""
+        return None
     count = starts.count if len(starts.points) == 1 else count
     remedy = [f"load the scene with origin={_near(centre, size)}"] if is_far else []
     if is_float32:
         remedy.append(f"pass the {starts.given} as float64")
-    return (f"{count} of {starts.count} rays start so far from the scene's origin that float32 moves "
-            f"them by up to {farthest:.3g}, and the scene's size is {size:.3g}; the first is ray "
-            f"{first}. To keep their digits " +
-            (" and ".join(remedy) or "start them nearer to the scene"))
+    return Rounding(count, starts.count, first, farthest, size, " and ".join(remedy) or "start them nearer to the scene")
 
 
 def _near(centre: Array, size: float) -> tuple[float, ...]:

@@ -1,0 +1,176 @@
+#!/usr/bin/env python3
+"""How items are dealt out to the workers of a Dask cluster: what is dealt again, to whom, and what the user is told.
+
+  dask_deal_test.py RAYNESTD RAYNEST FLATC
+"""
+import time
+import threading
+import warnings
+
+import distributed
+import numpy as np
+
+import raynest
+from daemon import PATIENCE, until
+from raynest import generators
+from with_cluster import WithCluster, many
+from with_daemon import main, rain
+
+SCENE = "builtin:forest?trees=20"
+QUICK = 0.2     # s of silence until an item is late
+
+
+def makes(_host, _source, options):
+    """An item that fails on a worker, or ends when there is such a file. The workers get it as code: they have not this
+    module."""
+    import distributed
+    try:
+        where = distributed.get_worker().address
+    except ValueError:
+        where = "here"
+    if where in options.get("fails", ()):
+        raise OSError("it is broken")
+    end = time.monotonic() + options.get("patience", np.inf)
+    while "until" in options and not options["until"].exists():
+        if time.monotonic() > end:
+            raise raynest.FailedError("it was kept waiting")
+        time.sleep(0.02)
+    time.sleep(options.get("seconds", 0))
+    return where
+
+
+class Dealt(WithCluster):
+    def setUp(self):
+        self.now = self.cluster(2)
+        self.first, self.other = self.now.client.scheduler_info()["workers"]
+        self.end = self.out / f"end of {self.id()}"
+        self.addCleanup(self.end.touch)
+
+    def deal(self, *options, patience=QUICK, **how):
+        return many.Deal(self.now.client, self.setup, many.prepare(SCENE), makes, [many.Part(each) for each in options],
+                         patience, None, **how)
+
+    def dealt(self):
+        """worker -> how many items of a client it has."""
+        return {worker: sum(key.startswith("raynest-") for key in keys)
+                for worker, keys in self.now.client.processing().items()}
+
+    def keep_busy(self, worker, items=20):
+        busy = [self.now.client.submit(makes, None, None, {"until": self.end}, workers=[worker], pure=False)
+                for _ in range(items)]
+        until(lambda: len(self.now.client.processing()[worker]) == items)
+        return busy
+
+    def look(self, deal):
+        """Has a Deal see that all of its items were dealt long ago."""
+        for copies in deal._open.values():
+            copies.update(dict.fromkeys(copies, -np.inf))
+        deal._asked = -np.inf
+        deal._look()
+
+    def test_a_late_item_goes_to_a_worker_that_has_no_copy_of_it(self):
+        busy = self.keep_busy(self.other)       # the scheduler itself would give the first one all copies
+        deal = self.deal({"until": self.end})
+        deal._deal(0)
+        until(lambda: self.dealt() == {self.first: 1, self.other: 0}, self.dealt)
+        deal._living = lambda worker: worker != self.first
+        self.look(deal)
+        until(lambda: self.dealt() == {self.first: 1, self.other: 1}, self.dealt)
+        del busy
+
+    def test_what_a_living_worker_makes_is_dealt_again_only_to_a_free_one_after_others_were_done(self):
+        busy = self.keep_busy(self.other)
+        deal = self.deal({"until": self.end})
+        deal._deal(0)
+        copies, = deal._open.values()
+        until(lambda: self.dealt() == {self.first: 1, self.other: 0}, self.dealt)
+        self.look(deal)
+        self.assertEqual(len(copies), 1, "nobody knows how long an item takes")
+        deal._seconds.append(0.01)
+        self.look(deal)
+        self.assertEqual(len(copies), 1, "the other worker is busy")
+        for each in busy[1:]:
+            each.cancel()
+        until(lambda: len(self.now.client.processing()[self.other]) == 1)
+        self.look(deal)
+        self.assertEqual(len(copies), 2)
+        until(lambda: self.dealt() == {self.first: 1, self.other: 1}, self.dealt)
+        deal._copies[0] = 3
+        self.look(deal)
+        self.assertEqual((len(copies), deal._here), (2, {}), "living workers make it")
+
+    def test_an_item_that_lasts_is_made_once(self):
+        deal, found = self.deal({"until": self.end}), []
+        making = threading.Thread(target=lambda: found.extend(deal.answers()))
+        making.start()
+        silence = deal._silence()
+        until(lambda: time.monotonic() - deal._news > silence + 3)
+        until(lambda: deal._asked > -np.inf)
+        self.assertEqual(sum(self.dealt().values()), 1)
+        self.assertEqual(deal._here, {})
+        self.end.touch()
+        making.join()
+        self.assertIn(found[0][1], (self.first, self.other))
+
+    def test_a_worker_that_is_not_heard_is_dead(self):
+        deal = self.deal({})
+        deal._hear({self.first: {"last_seen": 1}, self.other: {"last_seen": 1}})
+        deal._beats = {worker: (seen, when - 100) for worker, (seen, when) in deal._beats.items()}
+        deal._hear({self.first: {"last_seen": 1}, self.other: {"last_seen": 2}})
+        self.assertEqual((deal._living(self.first), deal._living(self.other)), (False, True))
+
+    def test_answers_of_workers_are_taken_while_this_machine_makes_an_item(self):
+        deal = self.deal({"fails": (self.first, self.other), "until": self.end, "patience": PATIENCE}, {"seconds": 1})
+        order = []
+        with warnings.catch_warnings(record=True) as said:
+            warnings.simplefilter("always")
+            for item, answer in deal.answers():
+                order.append((item, answer))
+                self.end.touch()    # without which this machine's never ends
+        self.assertEqual(order[1], (0, "here"))
+        self.assertEqual(order[0][0], 1)
+        self.assertTrue(any("they were made on this machine" in str(each.message) for each in said))
+
+    def test_a_worker_that_fails_every_item_gets_no_more_of_them(self):
+        items = 60
+        deal = self.deal(*[{"fails": (self.first,), "seconds": 0.03}] * items, patience=PATIENCE)
+        with warnings.catch_warnings(record=True) as said:
+            warnings.simplefilter("always")
+            found = dict(deal.answers())
+        self.assertEqual(found, dict.fromkeys(range(items), self.other))
+        told, = (str(each.message) for each in said)
+        self.assertRegex(told, rf"^the worker {self.first} failed at \d+ items \(OSError: it is broken\), made elsewhere$")
+        self.assertLess(deal._failures[f"the worker {self.first}"].items, items // 3)
+
+    def warned(self, work):
+        with warnings.catch_warnings(record=True) as said:
+            warnings.simplefilter("always")
+            work()
+        return [(str(each.message), each.category) for each in said]
+
+    def test_the_user_is_warned_as_by_one_daemon(self):
+        rays = rain(20000)
+        rays[9000, 4] = np.nan
+        rays[15000:15003] = 0
+        far = np.float64(rays[:, (0, 1, 2, 4, 5, 6)])
+        far[8000:8010, 0] += 1e9
+        points, up = np.zeros((400, 3)), np.tile([0.0, 1, 0], (400, 1))
+        points[300] = np.nan
+        for what, given, options in (("not valid", rays, {}), ("max_hits", rays, {"kind": "all", "max_hits": 1}),
+                                     ("rays start so far", far, {}), ("of point 300", generators.hemisphere(
+                                         points, up, samples=20, seed=4), {"reduce": "hit_fraction"})):
+            with self.subTest(what):
+                whole = self.warned(lambda: self.woods.trace(given, **options))
+                self.assertTrue(any(what in text for text, _ in whole), whole)
+                self.assertEqual(self.warned(lambda: many.trace(self.now.client, SCENE, given, **options, item_rays=3000,
+                                                                setup=self.setup)), whole)
+        with self.subTest("by this machine"):
+            self.now.scheduler.kill()
+            told = self.warned(lambda: many.trace(self.now.client, SCENE, rays, item_rays=3000, setup=self.setup))
+            whole = self.warned(lambda: self.woods.trace(rays))
+            self.assertEqual([each for each in told if "Dask scheduler" not in each[0]], whole)
+            self.assertEqual(len(told), len(whole) + 1, told)
+
+
+if __name__ == "__main__":
+    main()
