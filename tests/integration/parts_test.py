@@ -3,8 +3,11 @@
 
   parts_test.py RAYNESTD RAYNEST
 """
+import json
+import os
 import pathlib
 import struct
+import subprocess
 import sys
 import zlib
 
@@ -206,14 +209,27 @@ class Parts(DaemonTest):
         out = self.out / "wrong.npz"
         self.refused(5, "a part is missing: rows 4000 to 7999 of 12000", "merge", out, made[0], made[2])
         self.refused(5, "a part is missing: rows 8000 to 11999", "merge", out, *made[:2])
-        self.refused(5, "1-again.npz has rows that another part has too", "merge", out, *made, made[0])
+        self.refused(5, "1-again.npz has rows that .*/1-again.npz has too: 0 to 3999$", "merge", out, *made, made[0])
         other = self.out / "foreign.npz"
         self.done("query", "woods", *SWEEP, "--fields", "t", "--mask", "1", "-o", other, "--part", "2/3")
         self.refused(5, "foreign.npz is of another request .*: mask is 1, not 4294967295", "merge", out, made[0], other,
                      made[2])
         self.client.json("load", "builtin:forest?trees=21", "--name", "others")
         self.done("query", "others", *SWEEP, "--fields", "t", "-o", other, "--part", "2/3")
-        self.refused(5, "foreign.npz is of another request .*: hash is", "merge", out, made[0], other, made[2])
+        self.refused(5, "foreign.npz is of another scene than .*/1-again.npz: its digest is [0-9a-f]{12}, not [0-9a-f]{12}$", "merge", out,
+                     made[0], other, made[2])
+        with numpy.load(made[1]) as part:
+            columns = dict(part)
+        said = columns["part"].tobytes().replace(b'"epoch":1', b'"epoch":2')
+        numpy.savez(other, **{**columns, "part": numpy.frombuffer(said, numpy.uint8)})
+        self.refused(5, "foreign.npz is of another epoch of the scene than .*/1-again.npz: it is 2, not 1$", "merge", out,
+                     made[0], other, made[2])
+        for size, fov, said in (("64x96", "40", "another range than .*/size.png: of 96 rows of pixels, not 64$"),
+                                ("64x64", "50", "another request than .*/size.png: the options' digest is [0-9a-f]{12}, not")):
+            self.done("render", "woods", "--size", "64x64", "--fov", "40", "-o", self.out / "size.png", "--part", "1/2")
+            self.done("render", "woods", "--size", size, "--fov", fov, "-o", self.out / "other.png", "--part", "2/2")
+            self.refused(5, f"other.png is of {said}", "merge", self.out / "wrong.png", self.out / "size.png",
+                         self.out / "other.png")
         self.refused(5, "whole-again.npz: is no part", "merge", out, self.out / "whole-again.npz")
         self.refused(5, "nowhere.npz: No such file", "merge", out, "nowhere.npz")
         self.refused(2, "parts become a .npz, a .png, an .exr, or a point cloud", "merge", "out.txt", made[0])
@@ -226,6 +242,21 @@ class Parts(DaemonTest):
             for length in (0, 9, 100, whole.stat().st_size - 30):
                 (self.out / name).write_bytes(whole.read_bytes()[:length])
                 self.refused(5, f"{name}: is no part", "merge", self.out / ("wrong" + name[3:]), self.out / name)
+
+    def test_json(self):
+        made = self.same_columns("told.npz", 2, *SWEEP, "--fields", "t")
+        out = self.out / "told.npz"
+        for parts, code in ((made, 0), (made[:1], 5)):
+            done = subprocess.run([sys.executable, "-m", "raynest.merge", "--json", out, *parts], capture_output=True,
+                                  text=True, env={**os.environ, "PYTHONPATH": str(PACKAGE)})
+            self.assertEqual(done.returncode, code, done.stderr)
+            if code == 0:
+                self.assertEqual(json.loads(done.stdout), {"file": str(out), "parts": 2, "notes": []})
+            else:
+                self.assertEqual(done.stdout, "")
+                error = json.loads(done.stderr)["error"]
+                self.assertEqual((error["name"], error["message"]),
+                                 ("FILE_INVALID", "a part is missing: rows 6000 to 11999 of 12000"))
 
     def test_a_part_that_cannot_be_made_says_why(self):
         picture = ("render", "woods", "--size", "64x64", "-o", self.out / "no.png")

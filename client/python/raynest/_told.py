@@ -23,11 +23,10 @@ def carry_out(work: Callable[[], tuple[str, dict[str, Any]]], as_json: bool) -> 
     try:
         line, document = work()
     except KeyboardInterrupt:
-        return _fail(Error("interrupted", "INTERRUPTED"), 130, as_json)
+        return fail(Error("interrupted", "INTERRUPTED"), 130, as_json)
     except Error as error:
-        return _fail(error, error.exit_code, as_json)
-    said = document.get("notes", [])
-    document["notes"] = [*said, *(note for note in notes if note not in said)]
+        return fail(error, error.exit_code, as_json)
+    document["notes"] = list(dict.fromkeys([*document.get("notes", []), *notes]))
     if as_json:
         print(json.dumps(document, separators=(",", ":")))
     else:
@@ -37,7 +36,8 @@ def carry_out(work: Callable[[], tuple[str, dict[str, Any]]], as_json: bool) -> 
     return 0
 
 
-def _fail(error: Error, exit_code: int, as_json: bool) -> int:
+def fail(error: Error, exit_code: int, as_json: bool) -> int:
+    """Prints the error; returns the exit code."""
     if as_json:
         told = {"code": error.code or 1000 + exit_code, "name": error.name or NAMES.get(exit_code, "FAILED"),
                 "message": str(error)}

@@ -25,7 +25,8 @@ import numpy as np
 from ._requests.columns import OF_HITS, REDUCED
 from ._requests.exr import channel_count, read_exr, unpacked
 from ._requests.npz import write_npz
-from .errors import Error, InvalidError, ProtocolError, UsageError
+from ._told import carry_out, fail
+from .errors import FailedError, InvalidError, ProtocolError, UsageError
 from .points import ENDINGS, formatted
 
 LINES = 16                  # rows of a block of the daemon's EXR files, at which parts begin
@@ -34,6 +35,8 @@ EXR = struct.pack("<II", 20000630, 2)
 SIDE_MAX = 1 << 20
 PIXELS_MAX = 1 << 30
 _FILTERS = range(5)          # of a PNG's row
+# Words for what parts may differ in, and the order in which that is told; the last one comes after all other keys.
+FOREIGN = {"hash": ("scene", "its digest"), "epoch": ("epoch of the scene", "it"), "request": ("request", "the options' digest")}
 TILE = re.compile(r"(\d{1,7}) (\d{1,7}) (\d{1,7}) (\d{1,7}) of (\d{1,7})x(\d{1,7})\Z")
 
 
@@ -105,18 +108,25 @@ def _umask() -> int:
 
 
 def _check(parts: Sequence[Part], rows: str) -> None:
-    first = parts[0]
+    first = before = parts[0]
     end = 0
     for part in parts:
-        for key in sorted(first.request.keys() | part.request.keys()):
-            one, other = first.request.get(key), part.request.get(key)
-            if one != other:
-                raise InvalidError(f"{part.path} is of another request than {first.path}: {key} is {_short(other)}, not "
-                                   f"{_short(one)}", "FILE_INVALID")
+        differing = [key for key in first.request.keys() | part.request.keys()
+                     if first.request.get(key) != part.request.get(key)]
+        if [key.removeprefix("raynest:") for key in differing] == ["request"] and part.of != first.of:
+            differing = []      # as a picture of another size has
+        if differing:
+            key = min(differing, key=_place)
+            what, named = FOREIGN.get(key.removeprefix("raynest:"), ("request", key.removeprefix("raynest:")))
+            raise InvalidError(f"{part.path} is of another {what} than {first.path}: {named} is "
+                               f"{_short(part.request.get(key))}, not {_short(first.request.get(key))}", "FILE_INVALID")
         if part.of != first.of:
-            raise InvalidError(f"{part.path} is of {part.of} {rows}, {first.path} of {first.of}", "FILE_INVALID")
+            raise InvalidError(f"{part.path} is of another range than {first.path}: of {part.of} {rows}, not {first.of}",
+                               "FILE_INVALID")
         if part.first < end:
-            raise InvalidError(f"{part.path} has {rows} that another part has too: from {part.first} on", "FILE_INVALID")
+            raise InvalidError(f"{part.path} has {rows} that {before.path} has too: {part.first} to "
+                               f"{min(end, part.first + part.rows) - 1}", "FILE_INVALID")
+        before = part
         if part.first > end:
             raise InvalidError(f"a part is missing: {rows} {end} to {part.first - 1} of {part.of}", "FILE_INVALID")
         end = part.first + part.rows
@@ -124,8 +134,19 @@ def _check(parts: Sequence[Part], rows: str) -> None:
         raise InvalidError(f"a part is missing: {rows} {end} to {first.of - 1} of {first.of}", "FILE_INVALID")
 
 
+def _place(key: str) -> tuple[int, str]:
+    """Scenes are compared before requests: what differs first says most. A digest says no more than that they differ."""
+    key = key.removeprefix("raynest:")
+    order = list(FOREIGN)
+    return (order.index(key) - len(order) if key in order[:-1] else key == order[-1]), key
+
+
 def _short(value: Any) -> str:
+    if value is None:
+        return "left out"
     text = json.dumps(value) if not isinstance(value, str) else value
+    if re.fullmatch("[0-9a-f]{64}", text):
+        return text[:12]
     return text if len(text) <= 60 else text[:57] + "..."
 
 
@@ -416,18 +437,21 @@ def _exr_of(parts: Sequence[Part], fields: Sequence[tuple[str, str, bytes]]) -> 
 
 
 def main(words: Optional[Sequence[str]] = None) -> int:
-    """The command `raynest merge`. Returns its exit code."""
-    out, *paths = sys.argv[1:] if words is None else words
+    """The command `raynest merge`, with "--json" before its words for a document. Returns its exit code."""
+    words = sys.argv[1:] if words is None else words
+    as_json = words[:1] == ["--json"]
+    out, *paths = words[as_json:]
+
+    def work() -> tuple[str, dict[str, Any]]:
+        line = merge(out, paths)
+        return line, {"file": out, "parts": len(paths)}
     try:
-        print(merge(out, paths), flush=True)
-        return 0
+        code = carry_out(work, as_json)
+        sys.stdout.flush()
+        return code
     except OSError as error:
-        print(f"raynest: cannot write to stdout: {error.strerror}", file=sys.stderr)
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())  # the end of Python would try again
-        return 1
-    except Error as error:
-        print(f"raynest: {error}", file=sys.stderr)
-        return error.exit_code
+        return fail(FailedError(f"cannot write to stdout: {error.strerror}"), 1, as_json)
 
 
 if __name__ == "__main__":
