@@ -148,6 +148,18 @@ class Dealt(WithCluster):
             work()
         return [(str(each.message), each.category) for each in said]
 
+    def test_a_request_tells_a_note_once(self):
+        scene = many.prepare(SCENE)
+
+        def request():
+            many._known(self.now.client, scene, self.setup, None, PATIENCE)
+            for _ in range(2):      # the one that asks for the scene's digest, and the one that traces
+                deal = many.Deal(self.now.client, self.setup, scene, makes, [many.Part({})], PATIENCE, None)
+                deal.notes["a host has no room"] = None
+                self.assertEqual(len(list(deal.answers())), 1)
+        for _ in range(2):
+            self.assertEqual(self.warned(request), [("a host has no room", raynest.RayWarning)])
+
     def test_the_user_is_warned_as_by_one_daemon(self):
         rays = rain(20000)
         rays[9000, 4] = np.nan

@@ -10,8 +10,7 @@ from typing import Any, Sequence
 
 from ._own_daemon import NOBODY_WAITS, dropped, here
 from ._workers import LOOK_SECONDS, Carried, Host, Source
-from .errors import (BusyError, CancelledError, ConnectError, DeadlineError, Error, FailedError, InvalidError,
-                     UsageError)
+from .errors import BY_EXIT_CODE, CancelledError, DeadlineError, Error, FailedError
 
 
 def command(host: Host, source: Source, options: dict[str, Any]) -> tuple[bytes, dict[str, Any]]:
@@ -32,7 +31,7 @@ def command(host: Host, source: Source, options: dict[str, Any]) -> tuple[bytes,
             return file.read(), document
 
 
-INCOMPLETE = 8     # exit code of a picture that had to be cut short
+PARTIAL = 8        # exit code of an answer that lacks hits beyond --max-hits, or samples
 
 
 def _told_by(host: Host, program: Sequence[str], folder: str) -> Any:
@@ -53,17 +52,17 @@ def _told_by(host: Host, program: Sequence[str], folder: str) -> Any:
                 host.look()
         finally:
             running.kill()
-    if running.returncode == INCOMPLETE:
-        raise DeadlineError("a part had not all of its samples at its deadline: give more time, or leave --deadline out")
-    if running.returncode:
+    if running.returncode not in (0, PARTIAL):
         raise error_of(running.returncode, said.decode(errors="replace"))
-    return json.loads(told)
+    document = json.loads(told)
+    if document.get("incomplete"):
+        raise DeadlineError("a part had not all of its samples at its deadline: give more time, or leave --deadline out")
+    return document
 
 
 def error_of(exit_code: int, said: str) -> Error:
     """The error of a command with --json that ended with this code."""
-    kinds = (UsageError, InvalidError, BusyError, DeadlineError, ConnectError)
-    kind = next((each for each in kinds if each.exit_code == exit_code), FailedError)
+    kind = BY_EXIT_CODE.get(exit_code, FailedError)
     line = said.strip().splitlines()[-1] if said.strip() else "it said nothing"
     try:
         told = json.loads(line)["error"]

@@ -6,22 +6,24 @@ import contextlib
 import logging
 import os
 import re
+import signal
 import sys
 import tempfile
 import threading
 import warnings
-from typing import Any, Sequence, Union
+from typing import Any, Iterator, Sequence, Union
 
 import numpy as np
 
-from ._beside import command
+from ._beside import PARTIAL, command
 from ._deal import PATIENCE, Deal, Part, known_to
 from ._prepared import Prepared
 from ._requests.files import STANDARD
-from ._told import carry_out
+from ._requests.film import is_lit
+from ._told import carry_out, fail
 from ._own_daemon import Setup, distributed
 from ._workers import Carried
-from .errors import ConnectError, Error, FailedError, UsageError
+from .errors import ConnectError, Error, FailedError, InvalidError, UsageError
 from .merge import merge
 
 PARTS_PER_THREAD = 4
@@ -39,14 +41,20 @@ def run(address: str, parts_max: int, scene: str, out: str, words: Sequence[str]
     ending = os.path.splitext(out)[1].lower()
     if ending not in (".npz", ".png", ".exr"):
         raise UsageError(f"{out}: with --dask an answer is written as .npz, .png or .exr")
+    if any(word.partition("=")[0] == "--server" for word in words):
+        raise UsageError("--dask goes without --server: each worker has a daemon of its own")
+    if not re.search("[/:.]", scene):
+        raise InvalidError(f"scene '{scene}' is not loaded; with --dask name a file in its place, such as {scene}.glb",
+                           "SCENE_UNKNOWN")
     known = Prepared(scene, {})
-    cluster = _connected(address)
-    with cluster, tempfile.TemporaryDirectory(prefix="raynest-dask-") as folder:
+    with _cluster(address) as cluster, tempfile.TemporaryDirectory(prefix="raynest-dask-") as folder:
         progress = _bar if shows else None
         known_to(cluster, known, setup, patience, progress)
         plain, rays = _carried(known, _without_output(words, out))
         threads = sum(worker["nthreads"] for worker in cluster.scheduler_info()["workers"].values())
-        count = max(1, min(rays // PART_RAYS + 1 if rays else parts_max, PARTS_PER_THREAD * threads))
+        most = rays // PART_RAYS + 1 if rays else parts_max
+        # A row of a lit picture may take minutes, so its parts are as small as they can be.
+        count = max(1, most if is_lit(_integrator(words)) else min(most, PARTS_PER_THREAD * threads))
         parts = [Part({"scene": scene, "ending": ending,
                        "words": [*plain, "-o", None, "--part", f"{i + 1}/{count}"]}) for i in range(count)]
         paths = [os.path.join(folder, f"{i}{ending}") for i in range(count)]
@@ -57,6 +65,19 @@ def run(address: str, parts_max: int, scene: str, out: str, words: Sequence[str]
             with open(paths[item], "wb") as file:
                 file.write(answer)
         return merge(out, paths), {**whole_of(told), "file": out, "parts": count}
+
+
+CLOSE_SECONDS = 2.0         # for what changes nothing any more
+
+
+@contextlib.contextmanager
+def _cluster(address: str) -> Iterator[Any]:
+    cluster = _connected(address)
+    try:
+        yield cluster
+    finally:
+        with contextlib.suppress(OSError, asyncio.TimeoutError):
+            cluster.close(timeout=CLOSE_SECONDS)
 
 
 def _connected(address: str) -> Any:
@@ -86,8 +107,8 @@ def _check_versions(cluster: Any) -> None:
         for package in ("distributed", "dask", "msgpack"):
             theirs = each["packages"].get(package)
             if theirs != ours[package]:
-                with contextlib.suppress(OSError, asyncio.TimeoutError):    # slow to go, which changes nothing
-                    cluster.close(timeout=2)
+                with contextlib.suppress(OSError, asyncio.TimeoutError):
+                    cluster.close(timeout=CLOSE_SECONDS)
                 raise UsageError(f"{where} has {package} {theirs}, this machine {ours[package]}: install one version "
                                  "on all hosts")
 
@@ -124,6 +145,13 @@ def _carried(known: Prepared, words: Sequence[str]) -> tuple[list[Union[str, Car
     return made, rows
 
 
+def _integrator(words: Sequence[str]) -> str:
+    for word, following in zip(words, [*words[1:], ""]):
+        if word.startswith("--integrator"):
+            return word.partition("=")[2] or following
+    return "primary"
+
+
 def _rows_of(path: str) -> int:
     try:
         return int(np.load(path, mmap_mode="r").shape[0])
@@ -134,6 +162,10 @@ def _rows_of(path: str) -> int:
 def whole_of(told: Sequence[dict[str, Any]]) -> dict[str, Any]:
     """The document of --json of a whole, but for statistics that only all pixels together have."""
     whole = {key: value for key, value in told[0].items() if key not in OF_ALL_PIXELS}
+    firsts = np.cumsum([0, *(each.get("rays", 0) for each in told)]).tolist()
+    invalid = [first + each["first_invalid"] for first, each in zip(firsts, told) if "first_invalid" in each]
+    if invalid:
+        whole["first_invalid"] = invalid[0]
     for key in SUMS:
         if key in whole:
             whole[key] = sum(each[key] for each in told)
@@ -147,23 +179,53 @@ def whole_of(told: Sequence[dict[str, Any]]) -> dict[str, Any]:
 
 
 def _bar(done: int, total: int, stage: str) -> None:
-    print(f"\r{done} of {total} {'pieces of the files sent' if stage == 'sending' else stage} ", end="\n" if done == total else "", file=sys.stderr, flush=True)
+    what = "pieces of the files sent" if stage == "sending" else stage
+    print(f"\r{done} of {total} {what}\033[K", end="", file=sys.stderr, flush=True)
+
+
+def _tell_counts(document: dict[str, Any], as_json: bool) -> int:
+    """Says how many rays were not valid, or had too many hits, as one machine does. Returns the exit code."""
+    rays, invalid, truncated = (document.get(key, 0) for key in ("rays", "invalid", "truncated"))
+    if invalid:
+        first = f"ray {document['first_invalid']}"
+        told = f"{first} is not valid and counts as a miss" if invalid == 1 else (
+            f"{invalid:,} of {rays:,} rays are not valid and count as misses, the first is {first}")
+        print(f"raynest: {told}: something in it is not finite, its direction is zero, or tmin is negative or beyond tmax",
+              file=sys.stderr)
+    if not truncated:
+        return 0
+    return fail(FailedError(f"{truncated:,} of {rays:,} rays have more hits than --max-hits, of which the nearest were kept; "
+                            "raise it", "PARTIAL"), PARTIAL, as_json)
 
 
 def main(words: Sequence[str]) -> int:
     """Is called with what `raynest --dask` has read. Returns the exit code."""
-    as_json = words[0] == "--json"
-    address, parts_max, scene, out, *rest = words[1:] if as_json else words
+    as_json, is_quiet = (flag in words[:2] for flag in ("--json", "--quiet"))
+    address, parts_max, scene, out, *rest = words[as_json + is_quiet:]
+    is_quiet |= "--quiet" in rest
+    document: dict[str, Any] = {}
     # Dask tells its troubles at length, from threads of its own; the user gets one line.
     logging.disable(logging.CRITICAL)
     threading.excepthook = lambda _: None
     sys.unraisablehook = lambda _: None
+    # One that a Ctrl-C has kept from connecting would wait for itself for ever, when it goes.
+    setattr(distributed.Client, "__del__", lambda _: None)
+
     def work() -> tuple[str, dict[str, Any]]:
         try:
-            return run(address, int(parts_max), scene, out, rest, shows=sys.stderr.isatty() and not as_json)
+            shows = sys.stderr.isatty() and not as_json and not is_quiet
+            try:
+                line, found = run(address, int(parts_max), scene, out, rest, shows=shows)
+            finally:
+                if shows:
+                    print("\r\033[K", end="", file=sys.stderr)      # the bar goes before what is told
+            document.update(found)
+            return line, found
         except Error:
             raise
         except Exception as error:      # of Dask: a line of it is what the user can use
             said = str(error).strip().splitlines()
             raise FailedError(f"Dask failed: {type(error).__name__}: {said[0] if said else 'it said nothing'}") from None
-    return carry_out(work, as_json)
+    code = carry_out(work, as_json) or _tell_counts(document, as_json)
+    signal.signal(signal.SIGINT, signal.SIG_DFL)    # the end of Python would tell where a Ctrl-C has met it
+    return code

@@ -18,7 +18,7 @@ from ._version import VERSION
 from ._notes import Told, tell
 from ._own_daemon import Setup, distributed, here, until_left
 from ._workers import NoRoom, Source, files_at, has_deadline, info_of, item as make_item
-from .errors import DeadlineError, Error, FailedError, InvalidError, RayWarning, UsageError, warn
+from .errors import BY_EXIT_CODE, DeadlineError, Error, FailedError, InvalidError, RayWarning, UsageError, warn
 
 PATIENCE = 4.0             # s of silence after which open items are dealt again
 COPIES_MAX = 3             # of an item on the workers, before it is made here
@@ -393,8 +393,9 @@ class Deal:
                 _, answer, told = make_item(VERSION, self._setup, part.source or self._source, self._method,
                                             None if part.rays is None else part.rays(), part.options)
         except Error as own:
-            raise FailedError(f"no worker finished an item{_because(error)}, and this machine cannot make it: {own}"
-                              ) from error
+            raise BY_EXIT_CODE.get(own.exit_code, FailedError)(
+                f"no worker finished an item{_because(error)}, and this machine cannot make it: {own}", own.name, own.code
+            ) from error
         if not self._alone:
             self.notes[f"no worker finished some items{_because(error)}; they were made on this machine"] = None
         return answer, told

@@ -126,14 +126,14 @@ def warn(text: str, category: type[Warning]) -> None:
     warnings.warn(text, category, level)
 
 
-_BY_EXIT_CODE: dict[int, type[Error]] = {kind.exit_code: kind for kind in (
+BY_EXIT_CODE: dict[int, type[Error]] = {kind.exit_code: kind for kind in (
     FailedError, UsageError, ConnectError, NotAllowedError, InvalidError, BusyError, DeadlineError,
     CancelledError)}
 INTERNAL: tuple[str, type[Error]] = ("INTERNAL", FailedError)
 
 # The error table of PROTOCOL.md, in order of its codes from 1.
 TABLE: tuple[tuple[str, type[Error]], ...] = tuple(
-    (name, _BY_EXIT_CODE[exit_code]) for name, exit_code in ERRORS)
+    (name, BY_EXIT_CODE[exit_code]) for name, exit_code in ERRORS)
 
 
 def shown_text(text: str) -> str:

@@ -1,0 +1,117 @@
+#!/usr/bin/env python3
+"""`raynest --dask`: what it tells the user, and with which exit code, is what one daemon's command tells.
+
+  dask_command_test.py RAYNESTD RAYNEST FLATC
+"""
+import json
+import os
+import pty
+import subprocess
+import sys
+
+import numpy as np
+
+from raynest import errors
+from raynest._beside import error_of
+from daemon import PATIENCE
+from with_cluster import WithCluster
+from with_daemon import main, rain
+
+SCENE = "builtin:forest?trees=20"
+
+
+class Commands(WithCluster):
+    @classmethod
+    def setUpClass(cls):
+        super().setUpClass()
+        cls.environment = {**os.environ, "RAYNEST_PYTHON": sys.executable, "RAYNESTD": cls.raynestd}
+
+    def run_as(self, *words, **how):
+        return subprocess.run([*map(str, words)], env=self.environment, cwd=self.out, text=True, timeout=10 * PATIENCE,
+                              **{"stdin": subprocess.DEVNULL, "stdout": subprocess.PIPE, "stderr": subprocess.PIPE, **how})
+
+    def dealt(self, cluster, *words, **how):
+        return self.run_as(self.raynest, "--dask", cluster.client.scheduler.address, *words, **how)
+
+    def test_rays_that_are_not_valid_or_hit_too_much_are_told_as_by_one_daemon(self):
+        cluster = self.cluster(1)
+        rays = np.float64(rain(150000)[:, (0, 1, 2, 4, 5, 6)])
+        rays[70000] = rays[140000] = np.nan
+        np.save(self.out / "rays.npy", rays)
+        np.save(self.out / "one.npy", rays[70001:140001])
+        for file, kind, code in (("rays", "closest", 0), ("rays", "all", 8), ("one", "closest", 0)):
+            words = ("query", SCENE, "--rays", f"{file}.npy", "--fields", "t", *(
+                ("--kind", "all", "--max-hits", "1") if kind == "all" else ()), "-o")
+            for before in ((), ("--json",)):
+                with self.subTest(file, kind=kind, json=before):
+                    one = self.run_as(self.raynest, "--server", self.daemon.uri, *before, *words, "one.npz")
+                    many = self.dealt(cluster, *before, *words, "many.npz")
+                    self.assertEqual((many.returncode, many.stderr), (code, one.stderr))
+                    self.assertEqual(one.returncode, code)
+                    self.assertIn("not valid", one.stderr)
+                    if before:
+                        one, many = json.loads(one.stdout), json.loads(many.stdout)
+                        for key in ("invalid", "first_invalid", "truncated", "notes", "rays"):
+                            self.assertEqual(many[key], one[key], key)
+                    with np.load(self.out / "one.npz") as wanted, np.load(self.out / "many.npz") as found:
+                        self.same(dict(found), dict(wanted))
+
+    def test_a_lit_picture_has_as_many_parts_as_it_can(self):
+        cluster = self.cluster(1)
+        for integrator, parts in (("ao", 25), ("primary", 8)):
+            done = self.dealt(cluster, "--json", "render", SCENE, "--size", "64x400", f"--integrator={integrator}",
+                              *(("--spp", "1") if integrator == "ao" else ()), "-o", "lit.exr")
+            self.assertEqual(json.loads(done.stdout)["parts"], parts, done.stderr)
+
+    def test_quiet(self):
+        cluster = self.cluster(1)
+        look = ("render", SCENE, "--size", "64x64", "-o", "p.png")
+        inside = ("-c", "import sys\nfrom raynest import _command\nsys.exit(_command.main(sys.argv[1:]))")
+        address = cluster.client.scheduler.address
+        for is_quiet, program in (
+                (False, (self.raynest, "--dask", address, *look)), (True, (self.raynest, "--dask", address, *look, "--quiet")),
+                (True, (sys.executable, *inside, "--quiet", address, "4", SCENE, "p.png", *look))):
+            ours, theirs = pty.openpty()
+            done = self.run_as(*program, stderr=theirs)
+            os.close(theirs)
+            said = b""
+            try:
+                while found := os.read(ours, 1 << 16):
+                    said += found
+            except OSError:     # the end of it
+                pass
+            os.close(ours)
+            self.assertEqual(done.returncode, 0, said)
+            self.assertEqual(b"of 4 parts" in said, not is_quiet, said)
+            self.assertEqual(done.stdout, "p.png: 64 rows of pixels of 4 parts\n")
+            if not is_quiet:
+                self.assertTrue(said.endswith(b"\r\033[K"), said)
+
+    def test_what_is_wrong_has_the_exit_code_of_one_daemon(self):
+        cluster = self.cluster(0)
+        for code, said, words in (
+                (5, "scene 'nosuch' is not loaded; with --dask name a file in its place, such as nosuch.glb", ("nosuch",)),
+                (2, "--dask goes without --server: each worker has a daemon of its own", (SCENE, "--server", "unix:/x")),
+                (2, "--dask goes without --server: each worker has a daemon of its own", (SCENE, "--server=unix:/x"))):
+            done = self.dealt(cluster, "render", *words, "-o", "x.png")
+            self.assertEqual((done.returncode, done.stderr), (code, f"raynest: {said}\n"))
+        one = self.run_as(self.raynest, "--server", self.daemon.uri, "render", "nosuch", "-o", "x.png")
+        self.assertRegex(one.stderr, "^raynest: scene 'nosuch' is not loaded; ")
+        self.assertEqual(one.returncode, 5)
+        for kind in (errors.FailedError, errors.UsageError, errors.ConnectError, errors.NotAllowedError, errors.InvalidError,
+                     errors.BusyError, errors.DeadlineError, errors.CancelledError):
+            self.assertIs(type(error_of(kind.exit_code, "raynest: it says so")), kind)
+
+    def test_an_early_interrupt_is_a_line(self):
+        program = ("import sys, time, distributed\nfrom raynest import _command\n"
+                   "def start(self, **_):\n    self._Client__loop = 1\n    raise KeyboardInterrupt\n"
+                   "distributed.Client.start = start\n"
+                   "distributed.Client.close = lambda self, *_, **__: time.sleep(1000)\n"
+                   "sys.exit(_command.main(sys.argv[1:]))")
+        done = self.run_as(sys.executable, "-c", program, "tcp://127.0.0.1:1", "4", SCENE, "p.png", "render", SCENE, "-o",
+                           "p.png")
+        self.assertEqual((done.returncode, done.stdout, done.stderr), (130, "", "raynest: interrupted\n"))
+
+
+if __name__ == "__main__":
+    main()
