@@ -22,7 +22,7 @@ from raynest import generators
 from with_cluster import Elsewhere, WithCluster, many
 from with_daemon import main, rain
 
-SEEDS = 200 if LONG else 6
+SEEDS = 200 if LONG else 8      # one of each kind
 SCENE = "builtin:forest?trees=20"
 RAYS = rain(1 << 18)
 LIDAR = generators.lidar(np.linspace(-40, 5, 256), (0, 360, 2048), look_at=((0, 9, 0), (1, 9, 0)))
@@ -49,6 +49,8 @@ class Faults(WithCluster):
     def setUpClass(cls):
         super().setUpClass()
         cls.whole = [alone(cls.woods) for alone, _ in REQUESTS]
+        # Both workers share its daemon: namespaces of one machine are one host.
+        cls.shared = cls.setup._replace(each="host", options=("--threads=2",))
 
     def setUp(self):
         self.far, self.now = None, None
@@ -79,10 +81,10 @@ class Faults(WithCluster):
         until(lambda: len(self.now.client.scheduler_info()["workers"]) == WORKERS - 1)
         self.join()
 
-    def asked(self, request, progress=None):
+    def asked(self, request, setup, progress=None):
         """Carries out a request, whose answer must be that of one daemon; returns how long that took."""
         begin = time.monotonic()
-        answer = REQUESTS[request][1](self.now.client, SCENE, setup=self.setup, progress=progress)
+        answer = REQUESTS[request][1](self.now.client, SCENE, setup=setup, progress=progress)
         took = time.monotonic() - begin
         self.same({name: np.asarray(column) for name, column in answer.items()},
                   {name: np.asarray(column) for name, column in self.whole[request].items()})
@@ -91,14 +93,21 @@ class Faults(WithCluster):
     def fault(self, kind, pause):
         """Returns what happens, and what is done afterwards. Something stuck goes on after `pause` seconds, or never."""
         worker = self.now.workers[-1]
-        pid = worker.pid if "worker" in kind else until(lambda: children(worker.pid, "raynest-dask-"))[0]
+        if "shared" in kind:    # by whichever worker it was started, and those workers go on
+            pid, = until(lambda: [pid for each in self.now.workers for pid in children(each.pid, *self.shared.options)])
+        else:
+            pid = worker.pid if "worker" in kind else until(lambda: children(worker.pid, "--threads\0"))[0]
         if kind == "the scheduler is killed":
             return self.now.scheduler.kill, self.begin
         if kind == "a link is cut":
             return self.far.cut, self.replace
         if "killed" in kind:
             return lambda: os.kill(pid, signal.SIGKILL), self.replace if "worker" in kind else lambda: None
-        going = threading.Timer(pause, lambda: os.kill(pid, signal.SIGCONT))
+
+        def go_on():
+            with contextlib.suppress(ProcessLookupError):   # somebody has ended it
+                os.kill(pid, signal.SIGCONT)
+        going = threading.Timer(pause, go_on)
 
         def stop():
             os.kill(pid, signal.SIGSTOP)
@@ -108,7 +117,7 @@ class Faults(WithCluster):
         def after():
             if np.isfinite(pause):
                 going.join()
-            else:
+            elif "shared" not in kind:
                 self.replace()
         return stop, after
 
@@ -119,7 +128,8 @@ class Faults(WithCluster):
         pause = chance.choice([chance.uniform(0.5, 8), np.inf])
         with warnings.catch_warnings():
             warnings.simplefilter("ignore", raynest.RayWarning)
-            faultless = self.asked(request)
+            setup = self.shared if "shared" in kind else self.setup
+            faultless = self.asked(request, setup)
             act, after = self.fault(kind, pause)
             begin, happened = time.monotonic(), []
 
@@ -128,15 +138,15 @@ class Faults(WithCluster):
                     time.sleep(delay)
                     act()
                     happened.append(time.monotonic() - begin)
-            took = self.asked(request, progress)
+            took = self.asked(request, setup, progress)
         after()
         left = max(0.0, faultless - happened[0])
-        lost = 0.0 if kind == "a daemon is killed" else min(left, pause) if "stuck" in kind else left
+        lost = 0.0 if "daemon is killed" in kind else min(left, pause) if "stuck" in kind else left
         return took - faultless - lost
 
     def test_no_byte_differs(self):
         kinds = ["a worker is killed", "a worker is stuck", "a daemon is killed", "a daemon is stuck",
-                 "the scheduler is killed", *(["a link is cut"] if self.far else [])]
+                 "the scheduler is killed", "a shared daemon is killed", "a shared daemon is stuck", *(["a link is cut"] if self.far else [])]
         beyond = collections.defaultdict(list)
         self.begin()
         for seed in range(SEEDS):

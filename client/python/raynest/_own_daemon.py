@@ -29,8 +29,8 @@ try:
 except ImportError:
     raise ImportError("raynest.dask needs Dask distributed: apt install python3-distributed python3-paramiko") from None
 
-DAEMON_SECONDS = 5.0       # between two looks whether a daemon answers while it makes an item
-SILENT_LOOKS = 3           # in a row, after which it counts as stuck
+DAEMON_SECONDS = 2.0       # between two looks whether a daemon answers while it makes an item
+SILENT_LOOKS = 2           # in a row, after which it counts as stuck
 START_SECONDS = 60.0       # until a daemon is ready
 LEFT_SECONDS = 3600.0      # after which the folder of a worker that is gone is taken away
 NAME_LETTERS = 16          # of a folder's name, which tell it from others of its host
