@@ -130,7 +130,8 @@ void declare(CommandLine& line, AnimateOptions& animate) {
     add_animation(line, animate.job);
     add_camera(line, animate.camera);
     add_output(line, animate.output, {".mp4", ".png", ".exr"},
-               "FILM.mp4 (by ffmpeg), or FRAMES.png or .exr: FRAMES.0000.png and so on", false);
+               "FILM.mp4 (by ffmpeg), or FRAMES.png or .exr: FRAMES.0000.png and so on", false)
+        .required();
     add_film(line, animate);
     line.add_number("--fps", animate.fps, 0.001, 1000.0, "a number from 0.001 to 1000",
                     "pictures per second (25)");

@@ -4,6 +4,7 @@
   cli_test.py RAYNESTD RAYNEST
 """
 import json
+import re
 import shutil
 import signal
 import struct
@@ -76,6 +77,28 @@ class Cli(DaemonTest):
         beyond = Client(self.raynest, "tcp://127.0.0.1:65537").run("scenes")
         self.assertEqual(beyond.returncode, 2)
         self.assertIn("from 1 to 65535", beyond.stderr)
+
+    def test_no_command_writes_files_that_nobody_named(self):
+        self.expect(0, "load", "builtin:street?cars=1&seconds=1", "--name", "street")
+        lit = self.out / "lit.exr"
+        self.expect(0, "render", "hills", "--size", "8x8", "--integrator", "ao", "--spp", "1", "-o", lit)
+        job = self.client.json("query", "hills", "--ray", DOWN, "--detach")["job"]
+        without = {"export": ["street"], "render": ["street", "--size", "8x8"], "resume": [lit, "--spp", "2"],
+                   "animate": ["street", "--size", "8x8", "--to", "0"], "query": ["street", "--ray", DOWN],
+                   "heatmap": ["street", "--size", "8x8"], "fetch": [job]}
+        commands = re.findall(r"^  ([a-z-]+)  ", self.client.run("--help").stdout.partition("Subcommands:")[2], re.M)
+        self.assertEqual({name for name in commands if "-o,--output" in self.client.run(name, "--help").stdout}, set(without))
+        for command, words in without.items():
+            with self.subTest(command=command):
+                here = self.out / f"{command} alone"
+                here.mkdir()
+                started = self.client.start(command, *words, cwd=here)
+                said, error = started.communicate(timeout=PATIENCE)
+                self.assertEqual(list(here.iterdir()), [])
+                if started.returncode != 0:
+                    self.assertIn("is required", error)
+                else:
+                    self.assertTrue(said)
 
     def test_a_taken_name_needs_replace_and_is_a_new_epoch(self):
         first = self.client.json("load", "builtin:terrain?size=8", "--name", "taken")
