@@ -274,8 +274,8 @@ Result<void> run(Context& context, const QueryOptions& options) {
         request.hidden.emplace_back(name);
     };
     const bool may_be_rows = options.output.empty() || options.job.detach;
-    const bool has_points = std::ranges::any_of(request.fields, is_point_field) ||
-                            is_point_ending(extension_of(options.output));
+    const bool has_points =
+        !place_of(request.fields).empty() || is_point_ending(extension_of(options.output));
     if (request.reduce.empty()) {
         if ((may_be_rows || has_points) && !has_splits(request.kind)) need("hit");
         if (may_be_rows) need("flags");

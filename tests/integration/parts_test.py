@@ -69,7 +69,12 @@ class Parts(DaemonTest):
 
     def merged(self, name, made):
         out = self.out / f"merged-{name}"
-        self.assertIn(f"of {len(made)} parts", self.done("merge", out, *made))
+        said = self.done("merge", out, *made)
+        self.assertIn(f"of {len(made)} parts", said)
+        if name.endswith(".npz"):
+            with numpy.load(out) as file:
+                rows = len(file["ray_splits"]) - 1 if "ray_splits" in file else len(file[file.files[0]])
+            self.assertIn(f": {rows:,} rows of", said)
         return out
 
     def refused(self, code, said, *words):

@@ -285,7 +285,7 @@ class PointClouds(WithDaemon):
 
     def test_parts_of_a_sweep_become_the_same_points(self):
         words, _ = self.sensor()
-        for fields, more in (("position,t,ring,time", ()), ("position,base_colour,hit", ()), ("position,prim,ring", ("--kind", "multi"))):
+        for fields, more in (("position,t,ring,time", ()), ("position,base_colour,hit", ()), ("sensor_position,ring,t", ()), ("position,prim,ring", ("--kind", "multi"))):
             with self.subTest(fields=fields, more=more):
                 parts = []
                 for part in (3, 1, 2):
@@ -297,6 +297,9 @@ class PointClouds(WithDaemon):
                     self.assertEqual(done.returncode, 0, done.stderr)
                     if ending != ".npz":
                         self.assertEqual((self.folder / ("merged" + ending)).read_bytes(), (self.folder / ("whole" + ending)).read_bytes())
+                    with self.subTest(ending=ending):
+                        count = parse_ply((self.folder / "merged.ply").read_bytes()).size
+                        self.assertIn(": 540 rows of 3 parts" if ending == ".npz" else f": {count:,} points of 3 parts", done.stdout)
                 with np.load(self.folder / "merged.npz") as merged, np.load(self.folder / "whole.npz") as whole:
                     self.same(dict(merged), dict(whole))
         refused = self.cli.run("merge", self.folder / "no.las", *parts)
@@ -306,7 +309,13 @@ class PointClouds(WithDaemon):
         self.query("1.npz", *words, "--fields", "t", "--part", "1/1")
         refused = self.cli.run("merge", self.folder / "no.ply", self.folder / "1.npz")
         self.assertEqual((refused.returncode, (self.folder / "no.ply").exists()), (2, False))
-        self.assertIn("among its --fields", refused.stderr)
+        self.assertIn("position, or sensor_position, among its --fields", refused.stderr)
+        self.query("1.npz", *words, "--fields", "sensor_position,t", "--part", "1/1")
+        with np.load(self.folder / "1.npz") as part:
+            np.savez(self.folder / "1.npz", **{name: part[name] for name in part.files if name != "hit"})
+        refused = self.cli.run("merge", self.folder / "no.ply", self.folder / "1.npz")
+        self.assertEqual((refused.returncode, (self.folder / "no.ply").exists()), (2, False))
+        self.assertIn("do not say which rays have hit", refused.stderr)
 
 
 if __name__ == "__main__":

@@ -1,8 +1,8 @@
 """Joins the files of `raynest query|render|heatmap --part I/N`: `raynest merge OUT PARTS...`.
 
 Each part says which scene (digest, epoch) and request it is of, and which rows it has. An .exr is the file of the
-whole picture, byte by byte; a .png has its pixels, and a .npz its columns. Parts in .npz with the column position also
-become a point cloud: a .ply, .pcd or .las.
+whole picture, byte by byte; a .png has its pixels, and a .npz its columns. Parts in .npz with the column position, or
+sensor_position, also become a point cloud: a .ply, .pcd or .las.
 """
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ from ._requests.exr import channel_count, read_exr, unpacked
 from ._requests.npz import write_npz
 from ._told import carry_out, fail
 from .errors import FailedError, InvalidError, ProtocolError, UsageError
-from .points import ENDINGS, formatted
+from .points import ENDINGS, formatted, place_of
 
 LINES = 16                  # rows of a block of the daemon's EXR files, at which parts begin
 PNG = b"\x89PNG\r\n\x1a\n"
@@ -55,7 +55,9 @@ def merge(out: str, paths: Sequence[str]) -> str:
     """Joins parts into `out`; returns a line that says what it is. Raises InvalidError, which names the part, if one
     is missing, is there twice, or is of another request."""
     ending = os.path.splitext(out)[1].lower()
-    kinds: dict[str, tuple[Callable[[str, bytes], Part], Callable[[Sequence[Part]], Any], str]] = {
+    # How a part is read; how parts are joined, which returns the file's bytes or what writes them, and what it has;
+    # and what parts have rows of.
+    kinds: dict[str, tuple[Callable[[str, bytes], Part], Callable[[Sequence[Part]], tuple[Any, str]], str]] = {
         ".npz": (_read_npz, _join_npz, "rows"), ".png": (_read_png, _join_png, "rows of pixels"),
         ".exr": (_read_exr, _join_exr, "rows of pixels"),
         **dict.fromkeys(ENDINGS, (_read_npz, functools.partial(_join_points, ending), "rows"))}
@@ -84,7 +86,7 @@ def merge(out: str, paths: Sequence[str]) -> str:
     _check(parts, rows)
     folder, name = os.path.split(os.path.abspath(out))
     try:
-        whole = join(parts)
+        whole, what = join(parts)
         with tempfile.NamedTemporaryFile(dir=folder, prefix="." + name, delete=False) as file:
             try:
                 whole(file) if callable(whole) else file.write(whole)
@@ -98,7 +100,7 @@ def merge(out: str, paths: Sequence[str]) -> str:
         raise UsageError(f"cannot write {out}: {error.strerror}") from None
     except MemoryError:
         raise InvalidError(f"{out}: has more than fits into memory", "FILE_INVALID") from None
-    return f"{out}: {parts[0].of} {rows} of {len(parts)} parts"
+    return f"{out}: {what} of {len(parts)} parts"
 
 
 def _umask() -> int:
@@ -181,7 +183,7 @@ def _check_rows(columns: dict[str, Any], count: int) -> int:
         raise ValueError("its ray_splits do not rise")
     if not columns:
         raise ValueError("it has no columns")
-    rows = len(next(iter(columns.values()))) if splits is None else len(splits) - 1
+    rows = _row_count(columns)
     if rows % max(1, count) or (rows and not count):
         raise ValueError(f"it has {rows} rows for {count} rays or points")
     for name, column in columns.items():
@@ -191,19 +193,26 @@ def _check_rows(columns: dict[str, Any], count: int) -> int:
     return rows // max(1, count)
 
 
-def _join_npz(parts: Sequence[Part]) -> Any:
+def _row_count(columns: dict[str, Any]) -> int:
+    return len(columns["ray_splits"]) - 1 if "ray_splits" in columns else len(next(iter(columns.values())))
+
+
+def _join_npz(parts: Sequence[Part]) -> tuple[Any, str]:
     columns = _joined_columns(parts)
+    rows = _row_count(columns)
     if "hit" not in parts[0].request.get("fields", ["hit"]):
         columns.pop("hit", None)    # which parts have for those that make points of them
-    return lambda file: write_npz(file, columns)
+    return lambda file: write_npz(file, columns), f"{rows:,} rows"
 
 
-def _join_points(ending: str, parts: Sequence[Part]) -> bytes:
+def _join_points(ending: str, parts: Sequence[Part]) -> tuple[bytes, str]:
     """The points that were hit, as `raynest query` would have written them for all rays."""
     columns, fields = _joined_columns(parts), parts[0].request.get("fields", ())
-    place = next((name for name in ("position", "sensor_position") if name in columns), "")
-    if not place or not columns.keys() & {"hit", "ray_splits"}:
+    place = place_of(columns)
+    if not place:
         raise UsageError("these parts are no point cloud: each needs position, or sensor_position, among its --fields")
+    if not columns.keys() & {"hit", "ray_splits"}:
+        raise UsageError("these parts do not say which rays have hit: make them again, with hit among their --fields")
     splits, where = columns.pop("ray_splits", None), columns.get("hit")
     if "hit" not in fields:
         columns.pop("hit", None)
@@ -213,7 +222,8 @@ def _join_points(ending: str, parts: Sequence[Part]) -> bytes:
         columns["return"] = (np.arange(splits[-1]) - np.repeat(splits[:-1], counts)).astype(np.uint16)
         columns["returns"] = np.repeat(counts, counts).astype(np.uint16)
     order = [*(name for name in fields if name in columns), *(name for name in columns if name not in fields)]
-    return formatted(ending, columns[place], where, {name: columns[name] for name in order if name != place})[0]
+    data, count = formatted(ending, columns[place], where, {name: columns[name] for name in order if name != place})
+    return data, f"{count:,} points"
 
 
 def _joined_columns(parts: Sequence[Part]) -> dict[str, Any]:
@@ -304,7 +314,11 @@ def _read_png(path: str, data: bytes) -> Part:
     return _placed(path, texts, width, height, (head, keep, rows))
 
 
-def _join_png(parts: Sequence[Part]) -> bytes:
+def _rows_of_pixels(parts: Sequence[Part]) -> str:
+    return f"{parts[0].of:,} rows of pixels"
+
+
+def _join_png(parts: Sequence[Part]) -> tuple[bytes, str]:
     head, keep, _ = parts[0].body
     width = struct.unpack_from(">I", head)[0]
     packer = zlib.compressobj(6)
@@ -316,7 +330,7 @@ def _join_png(parts: Sequence[Part]) -> bytes:
     packed += packer.flush()
     blocks = [(b"IHDR", struct.pack(">II", width, parts[0].of) + head[8:]), *keep, (b"IDAT", packed), (b"IEND", b"")]
     return PNG + b"".join(struct.pack(">I", len(body)) + kind + body + struct.pack(">I", zlib.crc32(kind + body))
-                          for kind, body in blocks)
+                          for kind, body in blocks), _rows_of_pixels(parts)
 
 
 def _unfiltered(row: bytes) -> bytes:
@@ -364,11 +378,11 @@ def _read_exr(path: str, data: bytes) -> Part:
     return _placed(path, texts, width, height, (fields, blocks))
 
 
-def _join_exr(parts: Sequence[Part]) -> bytes:
+def _join_exr(parts: Sequence[Part]) -> tuple[bytes, str]:
     fields = parts[0].body[0]
     asked = parts[0].request.get("raynest:range_asked", "")
     if not asked:
-        return _exr_of(parts, fields)
+        return _exr_of(parts, fields), _rows_of_pixels(parts)
     # The range needs all counts, so they are read out of the whole.
     metric, _, level = parts[0].request.get("raynest:metric", "").partition(".")
     try:
@@ -377,7 +391,7 @@ def _join_exr(parts: Sequence[Part]) -> bytes:
     except (LookupError, ValueError, ProtocolError) as error:
         raise InvalidError(f"{parts[0].path}: has no range: {error}", "FILE_INVALID") from None
     return _exr_of(parts, [("raynest:range", kind, made) if name == "raynest:range_asked" else (name, kind, value)
-                           for name, kind, value in fields])
+                           for name, kind, value in fields]), _rows_of_pixels(parts)
 
 
 def range_text(asked: str, counts: Any, is_difference: bool) -> str:

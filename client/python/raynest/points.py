@@ -4,7 +4,7 @@ from __future__ import annotations
 import os
 import re
 import struct
-from typing import Any, Mapping, Union
+from typing import Any, Collection, Mapping, Union
 
 import numpy as np
 
@@ -40,6 +40,11 @@ def save(path: Union[str, os.PathLike[str]], position: Any, /, *, where: Any = N
     with open(path, "wb") as file:
         file.write(data)
     return count
+
+
+def place_of(columns: Collection[str]) -> str:
+    """Which of these columns is where the points stand; "" if none is."""
+    return next((name for name in ("position", "sensor_position") if name in columns), "")
 
 
 def formatted(ending: str, position: Any, where: Any, columns: Mapping[str, Any]) -> tuple[bytes, int]:
