@@ -103,8 +103,30 @@ class AnimatedParts(WithDaemon):
                                     (RAIN[:3], {"time": [0, 1, 2], "detach": True}, "detach")):
             with self.assertRaisesRegex(raynest.UsageError, says):
                 scene.trace(rays, **options)
-        with self.assertRaisesRegex(raynest.UsageError, "one number here"):
-            scene.render(time=[0, 1])
+        # One ray may lack its brackets, and masked rows are invalid rays.
+        down, way = RAIN[0, :3].tolist(), RAIN[0, 4:7].tolist()
+        alone = scene.trace(RAIN[:1], time=1, fields=("t",))["t"]
+        for one in ((down + way,), (down, way), ([down], way)):
+            np.testing.assert_array_equal(scene.trace(*one, time=[1], fields=("t",))["t"], alone)
+        for none in (([],), ([], way), (down, [])):
+            self.assertEqual(scene.trace(*none, time=[], fields=("t",))["t"].shape, (0,))
+        with self.assertWarns(raynest.RayWarning):
+            scene.trace(np.ma.array(RAIN[:2], mask=[[False] * 8, [True] * 8]), time=[0, 1], fields=("t",))
+        self.assertEqual([self.client.outcome[name] for name in ("invalid", "first_invalid")], [1, 1])
+        with self.assertRaisesRegex(raynest.UsageError, "rays must be numbers, in rows of one length"):
+            scene.trace([[1, 2, 3, 4, 5, 6], [1, 2]], time=[0, 1])
+        for call in (scene.render, scene.heatmap, scene.blame, lambda **job: next(scene.render_stream(**job)), lambda **job: scene.explain(RAIN[0], **job),
+                     lambda **job: scene.occluded(RAIN[:2, :3], RAIN[2:4, :3], **job), lambda **job: next(scene.stream(RAIN, **job))):
+            with self.assertRaisesRegex(raynest.UsageError, "time must be one number here"):
+                call(time=[0, 1])
+            for job in ({}, {"time": 1.0}, {"time": None}):
+                with self.assertRaisesRegex(raynest.UsageError, "^time_step is for rays with times of their own: "):
+                    call(**job, time_step=.1)
+        for job in ({}, {"time": 1.0}, {"time": None}):
+            with self.assertRaisesRegex(raynest.UsageError, "^time_step is for rays with times of their own: "):
+                scene.trace(RAIN, **job, time_step=.1)
+            with self.assertRaisesRegex(raynest.UsageError, "^time_step is for rays with times of their own: "):
+                raynest.returns.measure(scene, sweep, **job, time_step=.1)
 
     def test_a_lidar_measures_returns_and_velocities_of_what_moves_meanwhile(self):
         gltf = animation_test.Gltf()

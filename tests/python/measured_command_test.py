@@ -127,6 +127,8 @@ class MeasuredCommand(WithDaemon):
         self.cli.fails(5, "nobody", "query", "nobody", *lidar, *one, *out)
         self.cli.fails(5, "absent.npy", "query", "woods", *ray, "--times", self.out / "absent.npy", *out)
         self.cli.fails(2, "time of shape (2,) for 1 rays", "query", "wind", *ray, "--times", two, *out)
+        np.save(self.out / "still.npy", 0.5)
+        self.cli.fails(5, "still.npy has the shape ()", "query", "wind", *ray, "--times", self.out / "still.npy", "--time-step", 1, *out)
 
 
 if __name__ == "__main__":

@@ -86,6 +86,8 @@ def _timed(scene: Scene, asked: dict[str, Any], job: dict[str, Any]) -> tuple[di
     if asked["masks_file"]:
         job["mask"] = _array(asked["masks_file"])
     times = _array(asked["times_file"])
+    if times.ndim != 1:
+        raise InvalidError(f"{asked['times_file']} has the shape {times.shape}: a time for each ray has the shape (N,)", "FILE_INVALID")
     made = scene.trace(rays, directions, time=times, kind=asked["kind"], fields=asked["fields"] or None,
                        max_hits=asked["max_hits"], **job)
     return made, len(times)

@@ -6,7 +6,7 @@ from typing import Any, Callable, Mapping
 import numpy as np
 
 from ._net.frame import Array
-from ._requests.arguments import is_several, numbers, real
+from ._requests.arguments import array_of, is_several, numbers, real
 from ._requests.columns import OF_HITS
 from ._requests.job import SUMS
 from .errors import UsageError
@@ -22,8 +22,11 @@ def trace_at_times(trace: Callable[..., dict[str, Array]], outcome: Callable[[],
         raise UsageError("a time for each ray goes without reduce= and detach=")
     if hasattr(rays, "source"):
         raise UsageError("a generator's rays have the times of its sensor: pass one time, or step_error= to the generator")
-    rays, directions = np.asarray(rays), None if directions is None else np.asarray(directions)
-    count = max(len(each) for each in (rays, directions) if each is not None and each.ndim == 2) if rays.ndim else 0
+    # Masked rows stay so.
+    rays, directions = (each if each is None or isinstance(each, np.ndarray) else array_of(what, each)
+                        for what, each in (("rays", rays), ("directions", directions)))
+    sent = [each for each in (rays, directions) if each is not None]
+    count = max((len(each) for each in sent if each.ndim == 2), default=int(all(each.size for each in sent)))
     times = numbers("time", options["time"]).astype(np.float64)
     if times.shape != (count,) or not np.isfinite(times).all():
         raise UsageError(f"time of shape {times.shape} for {count} rays: it must be one number, or a finite one for each ray")

@@ -123,7 +123,7 @@ class Scene(Renders, Editable):
         column of that name: the share of each point's rays that hit, and 0 for an invalid point or normal.
         "visible_pixels" gives the columns path, ascending, and pixels, the number of rays that meet that path first.
         """
-        if is_several("time", job.get("time")) or job.get("time_step") is not None:
+        if is_several("time", job.get("time")):
             return trace_at_times(self.trace, lambda: self._client.outcome, rays, directions, dict(
                 job, kind=kind, fields=fields, max_hits=max_hits, reduce=reduce, origin=origin, progress=progress, detach=detach))
         if detach:

@@ -155,8 +155,11 @@ def job_message(scene: str, options: JobOptions) -> Message:
     message["scene"] = scene
     if is_several("mask", options.get("mask")):
         raise UsageError("mask must be one number here: rays that trace(), stream() and occluded() send have one each")
-    if is_several("time", options.get("time")) or options.get("time_step") is not None:
-        raise UsageError("time must be one number here: trace() takes one for each ray that is sent, and a time_step")
+    if is_several("time", options.get("time")):
+        raise UsageError("time must be one number here: trace() takes one for each ray that it sends")
+    if options.get("time_step") is not None:
+        raise UsageError("time_step is for rays with times of their own: pass trace() a time for each ray that it sends, "
+                         "or leave time_step out")
     if options.get("time") is not None:
         message["timed"] = True
     if isinstance(options.get("animation"), (int, np.integer)) and not isinstance(options["animation"], bool):
