@@ -125,6 +125,9 @@ class MeasuredCommand(WithDaemon):
         dask = ("--dask", "tcp://127.0.0.1:9")
         self.cli.fails(2, "--dask goes without", *dask, "query", "woods", *lidar, *one, *out)
         self.cli.fails(5, "nobody", "query", "nobody", *lidar, *one, *out)
+        for words in (("query", "woods", *lidar, *one, *out), ("query", "wind", *ray, *ray, "--times", two, *out),
+                      ("render", "woods", "--trajectory", self.trajectory, "-o", self.out / "no.png")):
+            self.cli.fails(5, "; leave --epoch out", *words, "--epoch", 99)
         self.cli.fails(5, "absent.npy", "query", "woods", *ray, "--times", self.out / "absent.npy", *out)
         self.cli.fails(2, "time of shape (2,) for 1 rays", "query", "wind", *ray, "--times", two, *out)
         np.save(self.out / "still.npy", 0.5)

@@ -6,6 +6,7 @@ import sys
 import warnings
 from typing import Any, Callable
 
+from ._wording import speak_as_command
 from .errors import Error, Warning
 
 NAMES: dict[int, str] = {2: "USAGE", 3: "CANNOT_CONNECT", 5: "FILE_INVALID", 7: "DEADLINE", 130: "INTERRUPTED"}
@@ -13,6 +14,7 @@ NAMES: dict[int, str] = {2: "USAGE", 3: "CANNOT_CONNECT", 5: "FILE_INVALID", 7: 
 
 def carry_out(work: Callable[[], tuple[str, dict[str, Any]]], as_json: bool) -> int:
     """Prints the line that `work` returns, or with --json the document, and its warnings. Returns the exit code."""
+    speak_as_command()
     notes: list[str] = []
 
     def show(message: Any, category: type[BaseException], *_: Any, **__: Any) -> None:

@@ -1,28 +1,18 @@
-"""Translates the protocol's words in messages to those of this package."""
+"""Translates the protocol's words in messages to those of this package, or of the command line."""
 from __future__ import annotations
 
 import re
 
-WORDS = {
-    # requests
-    "CancelJob": "Job.cancel()", "Edit": "Scene.edit()", "Export": "Scene.export()",
-    "Fetch": "Job.fetch()",
-    "Info": "Scene.info",
-    "Jobs": "Client.jobs()", "Load": "Client.load()", "Pin": "Scene.pin()", "Scenes": "Client.scenes()",
-    "Unload": "Scene.unload()", "Variants": "Client.variants()", "Wait": "Job.wait()",
-    # fields
-    "animation": "animation=", "ao_distance": "ao_distance=", "camera": "camera=", "count": "count=",
-    "deadline_ms": "deadline=", "depth": "depth=",
-    "detach": "detach=", "environment": "environment=", "environment_rotate": "environment_rotate=",
-    "epoch": "epoch=",
-    "exposure": "exposure=", "hide": "hide=", "keep": "keep=True", "level": "level=",
-    "look_at": "look_at=", "mask": "mask=", "name": "name=", "noise": "noise=",
-    "only": "only=", "origin": "origin=", "palette": "palette=", "primitive": "primitive=",
-    "progressive": "render_stream()", "radius": "radius=", "replace": "replace=True",
-    "samples": "spp=", "scale": "scale=", "seed": "seed=", "size": "size=",
-    "skip_hidden_boxes": "skip_hidden_boxes=", "spacing": "spacing=", "sun": "sun=", "time": "time=",
-    "tonemap": "tonemap=", "top": "top=",
-    "traversal": "traversal=", "unit": "unit=", "up": "up=", "variant": "variant=", "worker": "worker="}
+from ._lists import WORDS
+
+_COMMAND, _PYTHON = range(2)    # whose words: columns of WORDS
+_own = _PYTHON
+
+
+def speak_as_command() -> None:
+    """This program is a command of raynest from now on: messages have the command line's words."""
+    global _own
+    _own = _COMMAND
 
 
 def _points(numbers: str) -> str:
@@ -33,8 +23,13 @@ def _points(numbers: str) -> str:
 
 def localize_message(message: str) -> str:
     """Replaces the words between backticks in a message of the daemon, which are fields or messages
-    of the protocol (PROTOCOL.md, 9), by this package's spelling."""
+    of the protocol (PROTOCOL.md, 9), by the user's spelling."""
+    if _own == _PYTHON:
+        message = _with_points(message)
+    return re.sub("`([A-Za-z_]+)`", lambda match: WORDS[match[1]][_own] if match[1] in WORDS else match[0], message)
+
+
+def _with_points(message: str) -> str:
     message = re.sub(r"`origin` ([-+.,e\d]+)", r"origin=(\1)", message)
     # Eye, point and, where there is one, up.
-    message = re.sub(r"`look_at` ([-+.,e\d]+)", lambda match: "look_at=" + _points(match[1]), message)
-    return re.sub("`([A-Za-z_]+)`", lambda match: WORDS.get(match[1], match[0]), message)
+    return re.sub(r"`look_at` ([-+.,e\d]+)", lambda match: "look_at=" + _points(match[1]), message)
