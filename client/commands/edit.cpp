@@ -51,6 +51,9 @@ struct Word {
     const char* text;
 };
 constexpr std::size_t shown_max = 60;  // letters of what a user said, in an error
+constexpr std::uint64_t file_bytes_max = 64 << 20;
+// Of texts that are sent: other lists, and the message itself, take room too.
+constexpr std::size_t texts_bytes_max = protocol::Limits{}.control_bytes_max / 2;
 constexpr std::string_view a_mask = "a mask";
 constexpr std::string_view a_uid = "a user id";
 constexpr std::string_view a_material = "a material";
@@ -121,12 +124,13 @@ std::string read_change(const Word& word, const std::string& text, std::string s
 /// Reads a file of changes, one a line: "move PATH=1,0,0". Empty lines, and those that begin with
 /// #, say nothing.
 Result<void> read_changes(const std::string& path, EditOptions& edit) {
-    constexpr std::uint64_t bytes_max = 64 << 20;
+    constexpr std::string_view byte_order_mark = "\xEF\xBB\xBF";  // of editors on Windows
     constexpr const char* blanks = " \t\r";
-    const auto file = read_file(path, bytes_max);
+    const auto file = read_file(path, file_bytes_max);
     if (!file) return tl::unexpected<Failure>(file.error());
-    std::istringstream lines(
-        std::string(reinterpret_cast<const char*>(file->data()), file->size()));
+    std::string_view text(reinterpret_cast<const char*>(file->data()), file->size());
+    if (text.starts_with(byte_order_mark)) text.remove_prefix(byte_order_mark.size());
+    std::istringstream lines{std::string(text)};
     std::string line;
     for (int number = 1; std::getline(lines, line); ++number) {
         line.erase(0, line.find_first_not_of(blanks));
@@ -231,8 +235,7 @@ Result<std::map<std::string, std::uint32_t>> spare_texts(Context& context,
     const auto fit = [&](const std::vector<std::string>& texts) {
         std::size_t bytes = 0;
         for (const std::string& text : texts) bytes += text.size();
-        // Other lists, and the message itself, take room too.
-        return texts.size() <= limits.list_items_max && bytes <= limits.control_bytes_max / 2;
+        return texts.size() <= limits.list_items_max && bytes <= texts_bytes_max;
     };
     std::vector<std::string> texts;
     TextList list{texts};
@@ -243,12 +246,18 @@ Result<std::map<std::string, std::uint32_t>> spare_texts(Context& context,
     if (!numbers) return numbers;
     std::erase_if(texts, [&](const std::string& text) { return numbers->contains(text); });
     if (fit(texts)) return numbers;
-    return fail(Exit::usage,
-                std::to_string(texts.size()) + " texts of parts within instances, as '" +
-                    texts.front().substr(0, shown_max) + "', and one edit takes " +
-                    std::to_string(limits.list_items_max) + ", of " +
-                    std::to_string(limits.control_bytes_max / 2) +
-                    " bytes in all: let * stand for several, or name parts by user ids, as uid=7");
+    const auto longest = std::ranges::max_element(texts, {}, &std::string::size);
+    if (longest->size() > texts_bytes_max)
+        return fail(Exit::usage, "'" + longest->substr(0, shown_max) + "...' is a text of " +
+                                     std::to_string(longest->size()) +
+                                     " bytes, and those of one edit have at most " +
+                                     std::to_string(texts_bytes_max) + " in all");
+    return fail(
+        Exit::usage,
+        std::to_string(texts.size()) + " texts that name no whole outermost instance, as '" +
+            texts.front().substr(0, shown_max) + "', and one edit takes " +
+            std::to_string(limits.list_items_max) + ", of " + std::to_string(texts_bytes_max) +
+            " bytes in all: let * stand for several, or name parts by user ids, as uid=7");
 }
 
 /// True if an error quotes a path, or a step of it after the steps above.
@@ -303,7 +312,13 @@ void declare(CommandLine& line, EditOptions& edit) {
             return std::string();
         },
         "File of changes, one a line, as these options without their dashes: move PATH=DX,DY,DZ. "
-        "Empty lines, and those that begin with #, say nothing; all are one epoch");
+        "Empty lines, and those that begin with #, say nothing; all are one epoch. It has at "
+        "most " +
+            std::to_string(file_bytes_max >> 20) + " MiB and " +
+            std::to_string(protocol::Limits{}.edit_rows_max) + " changes, and at most " +
+            std::to_string(protocol::Limits{}.list_items_max) +
+            " different texts for what is no whole outermost instance: parts within one, and texts "
+            "with *");
     line.add_flag("--keep", edit.keep,
                   "keep the edited scene through a restart, in a daemon with --state. Without this "
                   "option a restart brings back what was loaded or kept last");

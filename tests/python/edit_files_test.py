@@ -10,6 +10,7 @@ from pathlib import Path
 import numpy as np
 
 import raynest
+from raynest import _limits
 from with_daemon import WithDaemon, main
 
 COUNT = 1300    # more texts than a message has
@@ -67,13 +68,27 @@ class EditFiles(WithDaemon):
         self.assertEqual(self.edit("cars", "\n".join([*moves, "move car#700/body=0,9,0"])).returncode, 0)
         np.testing.assert_array_equal(self.heights(self.cars)[[5, 599, 650, 700]], [5, 599, 0, 9])
         many = [f"car#{i}/body" for i in range(600)]
-        said = "600 texts of parts within instances, as 'car#0/body', and one edit takes 512, of 32768 bytes in all: let . stand for several"
+        said = "600 texts that name no whole outermost instance, as 'car#0/body', and one edit takes 512, of 32768 bytes in all: let . stand for several"
         self.refused("cars", "\n".join(f"hide {text}" for text in many), 2, said)
         with self.assertRaisesRegex(raynest.UsageError, said), self.cars.edit() as edit:
             edit.hide(many)
-        with self.assertRaisesRegex(raynest.UsageError, "300 texts of parts .* of 32768 bytes in all"), self.cars.edit() as edit:
+        with self.assertRaisesRegex(raynest.UsageError, "300 texts that name .* of 32768 bytes in all"), self.cars.edit() as edit:
             edit.hide([f"car#{i}/{'body' * 30}" for i in range(300)])   # too long together
+        long = "car#0/" + 40000 * "b"
+        said = "^'car#0/b.* is a text of 40006 bytes, and those of one edit have at most 32768 in all"
+        self.refused("cars", f"hide {long}", 2, said)
+        with self.assertRaisesRegex(raynest.UsageError, said), self.cars.edit() as edit:
+            edit.hide(["car#1/body", long])
         self.assertEqual(self.heights(self.cars)[700], 9)
+
+    def test_a_file_of_a_windows_editor(self):
+        self.assertEqual(self.edit("row", "\ufeffmove box#0=0,3,0\r\nmove box#1=0,4,0\r\n").returncode, 0)
+        np.testing.assert_array_equal(self.heights(self.row)[:3], [3, 4, 0])
+
+    def test_the_help_names_the_limits(self):
+        said = " ".join(self.cli.run("edit", "--help").stdout.split())
+        for limit in ("64 MiB", f"{_limits.edit_rows_max} changes", f"{_limits.list_items_max} different texts"):
+            self.assertIn(limit, said)
 
     def test_an_error_names_the_change_and_leaves_the_scene(self):
         turned = "1,0,0,0,0,1,0,0,0,0,1"

@@ -42,6 +42,8 @@ _NUMBER, _TEXT, _USER_ID = range(3)  # of "by"
 _PLACE, _MOVE, _MASK, _REMOVE, _ADD, _VERTICES, _UID, _MATERIAL = range(8)
 _FRAMES = ("world", "parent", "own")
 _EXAMPLES = 3   # of texts in an error
+# Of texts that are sent: other lists, and the message itself, take room too.
+_TEXTS_BYTES_MAX = _limits.control_bytes_max // 2
 
 
 class Edit:
@@ -261,8 +263,12 @@ class Edit:
             raise UsageError(f"{len(rows)} rows in one edit, at most {_limits.edit_rows_max} are taken")
         texts = self._texts if _fit(self._texts) or not self._paths else self._spared(rows)
         if not _fit(texts):
-            raise UsageError(f"{len(texts)} texts of parts within instances, as {reprlib.repr(next(iter(texts)))}, and one edit "
-                             f"takes {_limits.list_items_max}, of {_limits.control_bytes_max // 2} bytes in all: let * stand for "
+            longest = max(texts, key=_bytes_of)
+            if _bytes_of(longest) > _TEXTS_BYTES_MAX:
+                raise UsageError(f"{reprlib.repr(longest)} is a text of {_bytes_of(longest)} bytes, and those of one edit have "
+                                 f"at most {_TEXTS_BYTES_MAX} in all")
+            raise UsageError(f"{len(texts)} texts that name no whole outermost instance, as {reprlib.repr(next(iter(texts)))}, and "
+                             f"one edit takes {_limits.list_items_max}, of {_TEXTS_BYTES_MAX} bytes in all: let * stand for "
                              "several, or name parts by user ids (raynest.Uids)")
         lists = {"targets": list(texts), "scenes": [scene for scene, _ in self._added],
                  "names": [name for _, name in self._added], "materials": list(self._materials),
@@ -364,9 +370,13 @@ def _triples(name: str, values: Any) -> Array:
     return np.ascontiguousarray(triples)
 
 
+def _bytes_of(text: str) -> int:
+    return len(text.encode())
+
+
 def _fit(texts: Collection[str]) -> bool:
-    """True if a message has room for these, and for the other lists."""
-    return len(texts) <= _limits.list_items_max and sum(len(text.encode()) for text in texts) <= _limits.control_bytes_max // 2
+    """True if a message has room for these."""
+    return len(texts) <= _limits.list_items_max and sum(map(_bytes_of, texts)) <= _TEXTS_BYTES_MAX
 
 
 def _some(rows: Array) -> Array:
