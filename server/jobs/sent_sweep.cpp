@@ -24,6 +24,12 @@ std::uint64_t SweepOrder::sent_bytes() const {
            sizeof(double);  // a camera has neither channels nor columns
 }
 
+Reply<void> check_elevations(std::span<const LidarChannel> channels) {
+    const auto lies_within = [](double elevation) { return std::abs(elevation) <= 90; };
+    if (std::ranges::all_of(channels, lies_within, &LidarChannel::elevation)) return {};
+    return refuse(Code::invalid_field, "elevations must lie between -90 and 90 degrees");
+}
+
 void SentSweep::begin(Budget::Lease lease) {
     lease_ = std::move(lease);
     file_.emplace(0, order_.sent_bytes());
@@ -77,6 +83,7 @@ Reply<void> SentSweep::make(const Stop& stop) {
     if (!std::ranges::all_of(azimuths, is_finite) ||
         !std::ranges::all_of(channels, is_finite, &LidarChannel::elevation))
         return refuse(Code::invalid_field, "elevations and azimuths must be finite");
+    if (auto good = check_elevations(channels); !good) return good;
     std::vector<Pose> poses;
     poses.reserve(order_.all_lines());
     velocities_.reserve(order_.all_lines());

@@ -13,6 +13,7 @@
 #include <algorithm>
 #include <cstdint>
 #include <optional>
+#include <span>
 #include <utility>
 #include <vector>
 
@@ -60,6 +61,9 @@ struct SweepOrder {
         return sent_bytes() + all_lines() * (sizeof(Pose) + sizeof(Vec3)) + steps * step_bytes;
     }
 };
+
+/// Fails for a channel that looks further up than straight up, or down.
+Reply<void> check_elevations(std::span<const LidarChannel> channels);
 
 /// Receives the trajectory and makes the sensor. Functions are called on the io thread; the tasks
 /// that next() returns run elsewhere, one at a time.

@@ -317,7 +317,11 @@ class Generators(WithDaemon):
                 ("elevations must be numbers", lambda: generators.lidar("up")),
                 ("pose must be numbers", lambda: generators.pinhole(9, pose="up")),
                 ("width, height", lambda: generators.orthographic(5)),
-                ("channels", lambda: generators.lidar([])),
+                ("elevations of shape", lambda: generators.lidar([])),
+                *(("elevations must lie between -90 and 90 degrees", call) for call in (
+                    lambda: generators.lidar([0, 91]), lambda: generators.lidar([-90.5], np.arange(9)),
+                    lambda: generators.sweep([91], trajectory=([0], [np.eye(4)])),
+                    lambda: raynest.sweeps.lidar([91], trajectory=([0], [np.eye(4)])))),
                 ("elevations", lambda: generators.lidar(np.zeros(4097))),
                 ("whose angles are a list goes without look_at", lambda: generators.lidar([0, 1], np.arange(9), azimuth_offsets=[1, 2], look_at=([0, 0, 1], [1, 0, 0]))),
                 ("azimuths", lambda: generators.lidar([0], (0, 360, 65537))),

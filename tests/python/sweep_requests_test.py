@@ -318,6 +318,7 @@ class SweepRequests(WithDaemon):
             (1, slice(1, 13)), np.diag([1, 1, -1.0, 1])[:3].ravel()))
         refused("measures at 0.0.*the trajectory lasts from 0.05", put(0, 0, 0.05))
         refused("elevations and azimuths must be finite", lambda made: made._angles.__setitem__(5, np.nan))
+        refused("elevations must lie between -90 and 90 degrees", lambda made: made._angles.__setitem__(0, -90.5))
         refused("longer than its announced", lambda made: made._settings.update(poses="3"))
 
         def say(**settings):

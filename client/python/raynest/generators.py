@@ -31,7 +31,7 @@ from ._requests.arguments import Call, Unpack, count_of, float32, none_is_defaul
 from ._requests.picture import camera_message, size_message
 from ._requests.rays import Rays, Source, Starts, pair, vector
 from .errors import UsageError
-from .sweeps import angles_of, finite, known_poses, swept, turn_of, turn_or_angles
+from .sweeps import angles_of, elevations_of, finite, known_poses, swept, turn_of, turn_or_angles
 
 
 class SensorPose(TypedDict, total=False):
@@ -202,10 +202,7 @@ def lidar(elevations: Any, azimuths: Any = (0.0, 360.0, 2048), *,
         return sweep(elevations, turn or azimuths, azimuth_offsets=azimuth_offsets, origin_offsets=origin_offsets,
                      trajectory=trajectory, tmin=sensor.get("tmin"), tmax=sensor.get("tmax"), **motion)
     columns = turn[2]
-    channels = numbers("elevations", elevations).size
-    if not 0 < channels <= _limits.list_items_max:
-        raise UsageError(f"a lidar of {channels} channels: it has 1 to {_limits.list_items_max}; "
-                         "trace more in several sweeps")
+    channels = len(elevations_of(elevations, _limits.list_items_max))
     settings = {"elevations": _text("elevations", elevations), "azimuths": _turn_text(turn),
                 **_offset_settings(channels, azimuth_offsets, origin_offsets)}
     made = Lidar("lidar", settings, channels * columns, sensor=sensor)
@@ -254,7 +251,7 @@ def sweep(elevations: Any, azimuths: Any = (0.0, 360.0, 2048), *, azimuth_offset
     in the middle of the step, so that no part is further than `step_error`, in the scene's units, from where it is
     at the time of a ray. The trajectory's times are those of the animation, or, with `time` of trace(), that is the
     animation's time at `begin`."""
-    heights = finite("elevations", elevations, _limits.sweep_channels_max)
+    heights = elevations_of(elevations)
     settings = {"channels": str(len(heights)), **_offset_settings(len(heights), azimuth_offsets, origin_offsets)}
     turn, around = turn_or_angles(azimuths)
     if turn is not None:

@@ -44,7 +44,7 @@ def lidar(elevations: Any, azimuths: Any = (0.0, 360.0, 2048), *, begin: float =
     (K, 3, 4) or (K, 4, 4) from the sensor's space (x ahead, y left, z up) to the world. Between them positions are
     interpolated along lines and rotations along the shortest arc, in float64. A sensor that stands has one pose, which is
     its pose at all times."""
-    heights, around = finite("elevations", elevations, _limits.sweep_channels_max), _azimuths(azimuths)
+    heights, around = elevations_of(elevations), _azimuths(azimuths)
     begin, end = real("begin", begin), real("end", end)
     if not -np.inf < begin <= end < np.inf:
         raise UsageError(f"a sweep from {begin} to {end}: both must be finite, and it must end after it begins")
@@ -182,6 +182,14 @@ def _azimuths(azimuths: Any) -> Array:
 def angles_of(turn: tuple[float, float, int]) -> Array:
     start, stop, columns = turn
     return start + (stop - start) * np.arange(columns) / columns
+
+
+def elevations_of(elevations: Any, most: int = _limits.sweep_channels_max) -> Array:
+    """Returns the elevations of 1 to `most` channels."""
+    angles = finite("elevations", elevations, most)
+    if (np.abs(angles) > 90).any():
+        raise UsageError("elevations must lie between -90 and 90 degrees")
+    return angles
 
 
 def finite(what: str, values: Any, most: int) -> Array:

@@ -200,22 +200,24 @@ Reply<void> read_offsets(const GeneratorSettings& given, std::vector<LidarChanne
     return {};
 }
 
-std::vector<LidarChannel> channels_of(const setting::Steps& elevations) {
+Reply<std::vector<LidarChannel>> channels_of(const setting::Steps& elevations) {
     std::vector<LidarChannel> channels;
     for (const double elevation : elevations.values) channels.push_back({elevation});
+    if (auto good = check_elevations(channels); !good) return tl::unexpected(good.error());
     return channels;
 }
 
 Reply<Generated> make_lidar(const Wanted& request) {
     const GeneratorSettings& given = request.settings;
     if (!given.elevations || !given.azimuths) return lacks(request.kind, "elevations and azimuths");
-    std::vector<LidarChannel> channels = channels_of(*given.elevations);
-    if (auto good = read_offsets(given, channels); !good) return tl::unexpected(good.error());
+    auto channels = channels_of(*given.elevations);
+    if (!channels) return tl::unexpected(channels.error());
+    if (auto good = read_offsets(given, *channels); !good) return tl::unexpected(good.error());
     SensorPose sensor_pose = request.sensor_pose;
     if (given.camera || given.lookat) sensor_pose.pose = upright(sensor_pose.pose, up_of(request));
     const setting::Sweep sweep = *given.azimuths;
-    const ImageSize grid{sweep.count, static_cast<std::uint32_t>(channels.size())};
-    return std::make_shared<LateSensor>(grid, [=, channels = std::move(channels)] {
+    const ImageSize grid{sweep.count, static_cast<std::uint32_t>(channels->size())};
+    return std::make_shared<LateSensor>(grid, [=, channels = std::move(*channels)] {
         return Sensor{Lidar(sensor_pose, channels, sweep.start, sweep.stop, sweep.count)};
     });
 }
@@ -269,10 +271,12 @@ Reply<Generated> make_sweep(const Wanted& request) {
         return lacks(request.kind,
                      "elevations or channels, and azimuths or columns: one of each two");
     order.sends_elevations = !given.elevations;
-    if (given.elevations)
-        order.channels = channels_of(*given.elevations);
-    else
-        order.channels.resize(*channels);
+    order.channels.resize(*channels);
+    if (given.elevations) {
+        auto listed = channels_of(*given.elevations);
+        if (!listed) return tl::unexpected(listed.error());
+        order.channels = std::move(*listed);
+    }
     if (auto good = read_offsets(given, order.channels); !good) return tl::unexpected(good.error());
     if (const auto& sweep = given.azimuths) {
         order.turn.emplace(sweep->start, sweep->stop);
