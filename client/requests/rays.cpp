@@ -149,12 +149,15 @@ Result<void> RaySource::open_masks(const std::string& path) {
     if (array->shape != std::vector<std::uint64_t>{count_})
         return blame("has the shape " + shape_text(array->shape) +
                      "; masks of these rays have the shape (" + std::to_string(count_) + ",)");
+    if (array->dtype[1] == 'f')
+        return blame("has floats (" + array->dtype +
+                     "); masks are whole numbers: save them as astype(numpy.uint32)");
     array->shape.push_back(1);
     masks_.reserve(count_);
     for (std::uint64_t i = 0; i < count_; ++i) {
         const double mask = value_at(*array, i, 0);
         constexpr double most = std::numeric_limits<std::uint32_t>::max();
-        if (!(mask >= 0 && mask <= most) || mask != std::floor(mask)) {
+        if (mask < 0 || mask > most) {
             std::ostringstream why;
             why.precision(12);
             why << "has " << mask << " as the mask of ray " << i

@@ -64,7 +64,7 @@ class Globs(WithDaemon):
         with self.scene.edit() as edit:
             edit.move(["post#0", "car#1*"], [(0, 7, 0), (0, 1, 0)])        # a text has one value where these suffice
             edit.move(["post#1", "car#1*"], [(0, 8, 0), (0, 0, 0), (0, 5, 0), (0, 6, 0)])
-            edit.place("post#1*", [(15, 100, 0), (105, 200, 0), (115, 300, 0)])
+            edit.place("post#1*", [np.column_stack([np.eye(3), at]) for at in ((15, 100, 0), (105, 200, 0), (115, 300, 0))])
         self.assertEqual(self.heights(self.places[[1, 10, 11]]), [2.75, 7.75, 8.75])
         self.assertEqual(self.heights(self.places[[0, 1, 2, 10, 11]] + (5, 0, 0)), [8, 101, 1, 201, 301])
         with self.scene.edit() as edit:

@@ -5,6 +5,7 @@ UTF-8, and values of wrong types.
   inputs_test.py RAYNESTD RAYNEST FLATC
 """
 import ast
+import functools
 import json
 import os
 import pathlib
@@ -248,6 +249,53 @@ class Inputs(WithDaemon):
                 self.client.load(source)
         with self.assertRaisesRegex(TypeError, "instances of type bytes"):
             self.client.load("balls.npy", primitive="sphere", instances=b"places.npy")
+
+    def test_truths_are_no_numbers(self):
+        lidar, pose = generators.lidar([0], (0, 360, 4)), np.eye(3, 4)
+        lit = {"size": (8, 8), "integrator": "path"}
+        still = {"size": (8, 8), "trajectory": ([0.0], [pose])}
+        self.assertEqual(len(self.woods.trace(DOWN, skip_hidden_boxes=True)["t"]), 1)
+        for yes in (True, np.True_):
+            calls = [(name, functools.partial(self.woods.trace, DOWN, **{name: yes}))
+                     for name in ("epoch", "time", "mask", "deadline", "animation")]
+            calls += [(name, functools.partial(self.woods.render, **lit, **{name: yes}))
+                      for name in ("fov", "spp", "seed", "depth", "ao_distance", "environment_rotate", "noise", "exposure")]
+            calls += [(name, functools.partial(self.woods.render, **still, **{name: yes})) for name in ("begin", "readout", "step_error")]
+            calls += [(name, functools.partial(raynest.returns.measure, self.woods, lidar, **{name: yes}))
+                      for name in ("divergence", "footprint", "returns", "resolution", "threshold", "noise", "seed")]
+            calls += [("max_hits", lambda: self.woods.trace(DOWN, kind="all", max_hits=yes)),
+                      ("margin", lambda: self.woods.occluded([[0, 0, 0]], [[1, 1, 1]], margin=yes)),
+                      ("size", lambda: self.woods.render(size=(yes, yes))), ("range", lambda: self.woods.heatmap(size=(8, 8), range=(yes, yes))),
+                      ("tile", lambda: self.woods.render(size=(8, 8), tile=(yes, 0, 2, 2))), ("top", lambda: self.woods.blame(top=yes)),
+                      ("level", lambda: self.woods.blame(level=yes)), ("pixel", lambda: self.woods.explain(pixel=(yes, 1))),
+                      ("steps", lambda: self.woods.explain(pixel=(1, 1), steps=yes)), ("time", lambda: self.woods.info_at(yes)),
+                      ("path", lambda: self.woods.path(yes)), ("path", lambda: self.woods.path_of(yes)),
+                      ("epoch", lambda: self.woods.path(1, epoch=yes)), ("job", lambda: self.client.job(yes)),
+                      ("mask", lambda: self.client.load("builtin:forest?trees=2", "never", masks={"*": yes})),
+                      ("mask", lambda: raynest.Place("a", mask=yes)), ("uid", lambda: raynest.Place("a", uid=yes)),
+                      ("radii", lambda: raynest.Spheres([[0, 0, 0]], yes)), ("uids", lambda: raynest.Uids(yes)),
+                      ("azimuths", lambda: generators.lidar([0], (0, 360, yes))), ("elevations", lambda: generators.lidar([yes])),
+                      ("scans", lambda: generators.sweep([0], trajectory=([0.0], [pose]), scans=yes)),
+                      ("begin", lambda: raynest.sweeps.lidar([0], begin=yes, trajectory=([0.0], [pose]))),
+                      ("size", lambda: generators.camera(size=(yes, yes))), ("tmax", lambda: generators.camera(tmax=yes)),
+                      ("samples", lambda: generators.hemisphere([[0, 0, 0]], [0, 1, 0], samples=yes)),
+                      ("seed", lambda: generators.hemisphere([[0, 0, 0]], [0, 1, 0], samples=2, seed=yes)),
+                      ("reconnect", lambda: raynest.connect(self.daemon.uri, reconnect=yes))]
+            with self.woods.edit() as edit:
+                calls += [("mask", lambda: edit.set_mask(0, yes)), ("mask", lambda: edit.set_mask([0], [yes])),
+                          ("uid", lambda: edit.set_uid(0, yes)), ("material", lambda: edit.set_material(0, yes)),
+                          ("instance", lambda: edit.hide(yes)), ("instance", lambda: edit.hide([yes])),
+                          ("mask", lambda: edit.add("woods", mask=yes)), ("epoch", lambda: self.woods.edit(epoch=yes))]
+                for name, call in calls:
+                    with self.subTest(name=name, yes=yes), self.assertRaisesRegex((raynest.UsageError, TypeError), name):
+                        call()
+        self.assertEqual(self.woods.info["epoch"], 1)
+
+    def test_offsets_are_no_places(self):
+        with self.woods.edit() as edit:
+            for given in ((1, 0, 0), np.zeros((2, 3))):
+                with self.assertRaisesRegex(raynest.UsageError, r"must be \(3, 4\) or \(4, 4\), .*; move\(\) takes offsets"):
+                    edit.place([0, 1], given)
 
     def test_who_finds_no_daemon_reads_how_to_start_one(self):
         with self.assertRaisesRegex(raynest.ConnectError, "start a daemon with: raynestd --listen "

@@ -219,12 +219,12 @@ class RayMasks(WithDaemon):
         done = self.cli.run("merge", self.out / "all.npz", *(self.out / f"part-{part}.npz" for part in (1, 2, 3)))
         self.assertEqual(done.returncode, 0, done.stderr)
         self.same(read("all.npz"), self.woods.trace(rays, mask=masks))
-        np.save(self.out / "masks.npy", masks.astype(np.float64))   # whole numbers of any type
+        np.save(self.out / "masks.npy", masks.astype(np.int64))     # of any size
         self.cli.run(*words)
         self.same(read(), self.woods.trace(rays, mask=masks))
         for wrong, said in ((masks[:10], r"has the shape \(10,\); masks of these rays have the shape \(40000,\)"),
                             (-masks.astype(int), "as the mask of ray 0; masks are whole numbers"),
-                            (np.full(40000, 0.5), "has 0.5 as the mask of ray 0; masks are whole numbers"),
+                            (masks.astype(np.float64), r"has floats \(<f8\); masks are whole numbers"),
                             (np.arange(40000), "ray_masks_max = 64")):
             np.save(self.out / "masks.npy", wrong)
             done = self.cli.run(*words)
@@ -248,7 +248,7 @@ class RayMasks(WithDaemon):
                 self.woods.trace(rays, mask=wrong)
         with self.assertRaisesRegex(raynest.UsageError, "0 to 4294967295"):
             self.woods.trace(rays[:2], mask=[1, 2**32])
-        for wrong in ([1.5, 2], [-1, 2]):
+        for wrong in ([1.5, 2], [1.0, 2.0], [-1, 2]):
             with self.assertRaises(raynest.UsageError):
                 self.woods.trace(rays[:2], mask=wrong)
         with self.assertRaisesRegex(raynest.UsageError, "mask of bools"):

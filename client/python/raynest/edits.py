@@ -86,7 +86,7 @@ class Edit:
         """Places instances: `matrices` maps the object's own coordinates to those of the world, or of the
         "parent". It is (3, 4) or (4, 4), or has one matrix for each of several instances: (N, 3, 4) or
         (N, 4, 4). Not for a scene with an origin, whose objects have coordinates of their own: move() those."""
-        return self._add(which, _PLACE, matrices_of("matrices", matrices), frame)
+        return self._add(which, _PLACE, matrices_of("matrices", matrices, offsets=False), frame)
 
     def add(self, scene: Any, matrices: Any = (0, 0, 0), name: str = "", mask: int = 2**32 - 1) -> Edit:
         """Adds placements of another loaded scene, given by its name or as a Scene: its geometry and materials,

@@ -342,7 +342,7 @@ class Scene(Renders, Editable):
         if not isinstance(range, str):
             if not has_shape(range, 2):
                 raise UsageError(f"range of {range!r}: it must be 'p99', 'auto' or (low, high)")
-            range = f"{float(range[0])!r}:{float(range[1])!r}"
+            range = ":".join(map(repr, numbers("range", range).astype(np.float64).tolist()))
         answer = self._picture("Heatmap", camera, look_at, fov, size, progress, detach, job, {
             "metric": metric, "palette": palette, "scale": scale, "range": range, "count": count,
             "encode": encode, "other": other_message(self.name, job, diff)}, tile)

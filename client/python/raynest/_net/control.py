@@ -20,6 +20,8 @@ import reprlib
 import struct
 from typing import Any, Mapping, NamedTuple, Optional
 
+import numpy as np
+
 from .. import _limits
 from ..errors import ProtocolError, UsageError
 from .schema import SCALARS, SCHEMA, Field
@@ -27,6 +29,7 @@ from .schema import SCALARS, SCHEMA, Field
 Message = dict[str, Any]
 
 _OFFSET = "<I"
+_TRUTHS = {bool, np.bool_}
 
 
 # ---- writing ------------------------------------------------------------------------------------
@@ -83,6 +86,8 @@ def _write_table(out: bytearray, name: str, values: Mapping[str, Any]) -> int:
             if is_struct:
                 form.pack_into(out, place, *value)
             else:
+                if type(value) in _TRUTHS and field.type != "bool":     # which struct takes for 1
+                    raise TypeError
                 form.pack_into(out, place, value if inline else _write_outside(out, field, value) - place)
         except UsageError:  # of a table within
             raise

@@ -5,6 +5,8 @@ import os
 import time
 from typing import Callable, Optional
 
+import numpy as np
+
 from .. import errors
 
 DEFAULT_SECONDS = 10.0
@@ -23,7 +25,7 @@ def seconds_of(reconnect: Optional[float]) -> float:
             reconnect = float(text) if text else DEFAULT_SECONDS
         except ValueError:
             raise errors.UsageError(f"RAYNEST_RECONNECT={text!r}: it must be seconds") from None
-    if not 0 <= reconnect <= 3600:
+    if isinstance(reconnect, (bool, np.bool_, str)) or not 0 <= reconnect <= 3600:
         raise errors.UsageError(f"reconnect of {reconnect!r}: it must be 0 to 3600 seconds")
     return reconnect
 

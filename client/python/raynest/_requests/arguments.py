@@ -74,7 +74,7 @@ def check_name(what: str, name: Any) -> None:
 
 def whole(what: str, value: Any, most: int, least: int = 1) -> int:
     try:
-        number = operator.index(value)
+        number = least - 1 if isinstance(value, (bool, np.bool_)) else operator.index(value)
     except TypeError:
         number = least - 1
     if not least <= number <= most:

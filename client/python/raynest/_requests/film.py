@@ -66,7 +66,7 @@ def film_message(integrator: str, spp: int, seed: int, fields: dict[str, Any]) -
         message[name] = real(name, fields[name])
     message["tonemap"] = fields["tonemap"]
     exposure = fields["exposure"]
-    message["exposure"] = exposure if isinstance(exposure, str) else repr(float(exposure))
+    message["exposure"] = exposure if isinstance(exposure, str) else repr(real("exposure", exposure))
     if fields["sun"] is not None:
         azimuth, elevation = sun_angles(fields["sun"])
         message.update(sun=True, sun_azimuth=azimuth, sun_elevation=elevation)

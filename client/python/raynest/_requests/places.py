@@ -120,13 +120,13 @@ def read_parts(parts: Mapping[str, Any], places: Optional[Mapping[str, Any]]) ->
 _IDENTITY = np.eye(4)
 
 
-def matrices_of(what: str, value: Any) -> Array:
-    """Returns a (4, 4) or (N, 4, 4) of float64: from offsets (3,) and (N, 3), or matrices (3, 4), (4, 4),
-    (N, 3, 4) and (N, 4, 4)."""
+def matrices_of(what: str, value: Any, offsets: bool = True) -> Array:
+    """Returns a (4, 4) or (N, 4, 4) of float64: from offsets (3,) and (N, 3), where these are taken, or matrices (3, 4),
+    (4, 4), (N, 3, 4) and (N, 4, 4)."""
     given = numbers(what, value).astype(np.float64)
     shape = given.shape
     rows, columns = shape[-2:] if len(shape) >= 2 else (0, 0)
-    if shape == (3,) or (len(shape) == 2 and columns == 3):
+    if offsets and (shape == (3,) or (len(shape) == 2 and columns == 3)):
         made = np.empty(shape[:-1] + (4, 4))
         made[...] = _IDENTITY
         made[..., :3, 3] = given
@@ -135,8 +135,9 @@ def matrices_of(what: str, value: Any) -> Array:
         made[..., 3, 3] = 1
         made[..., :rows, :] = given
     else:
-        raise UsageError(f"{what} has shape {shape}: it must be (3,), (3, 4) or (4, 4), or (N, 3), (N, 3, 4) "
-                         "or (N, 4, 4) for several")
+        one, each = ("(3,), ", "(N, 3), ") if offsets else ("", "")
+        raise UsageError(f"{what} has shape {shape}: it must be {one}(3, 4) or (4, 4), or {each}(N, 3, 4) "
+                         f"or (N, 4, 4) for several{'' if offsets else '; move() takes offsets'}")
     if rows == 4 and not (made[..., 3, :] == (0, 0, 0, 1)).all():
         raise UsageError(f"{what}: the last row of a 4x4 matrix must be 0 0 0 1")
     if not np.isfinite(given).all():
