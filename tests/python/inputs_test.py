@@ -280,6 +280,7 @@ class Inputs(WithDaemon):
                       ("size", lambda: generators.camera(size=(yes, yes))), ("tmax", lambda: generators.camera(tmax=yes)),
                       ("samples", lambda: generators.hemisphere([[0, 0, 0]], [0, 1, 0], samples=yes)),
                       ("seed", lambda: generators.hemisphere([[0, 0, 0]], [0, 1, 0], samples=2, seed=yes)),
+                      ("unit", lambda: self.client.load("builtin:forest?trees=2", unit=yes)), ("spacing", lambda: self.client.load("builtin:forest?trees=2", spacing=yes)),
                       ("reconnect", lambda: raynest.connect(self.daemon.uri, reconnect=yes))]
             with self.woods.edit() as edit:
                 calls += [("mask", lambda: edit.set_mask(0, yes)), ("mask", lambda: edit.set_mask([0], [yes])),

@@ -388,8 +388,11 @@ class ScenesOfParts(WithDaemon):
                 (lambda: of({"a": cube, "g": {"x": ("a", flat)}}), "^number 1 of the place 'x' in the group 'g'")):
             with self.subTest(words=words), self.assertRaisesRegex((TypeError, ValueError, raynest.InvalidError), words):
                 make()
-        with self.assertRaisesRegex(raynest.UsageError, "make 512 files, at most 511 are taken"):
-            of({f"ball {i}": ball for i in range(512)})
+        balls, cubes = {f"ball {i}": ball for i in range(510)}, {f"cube {i}": cube for i in range(101)}
+        with self.assertRaisesRegex(raynest.UsageError, "make 512 files, at most 511 are taken: spheres .* one for 100. Join"):
+            of({**balls, **cubes})
+        del cubes["cube 0"]
+        of({**balls, **cubes})
         of({**{f"g{i}": chain[f"g{i}"] for i in range(29)}, "g29": {"x": "a"}, "a": ball})     # 30 groups
         with mock.patch.object(parts, "JSON_BYTES_MAX", 1000), \
                 self.assertRaisesRegex(raynest.UsageError, r"put them into a group, as \{'cars': \{'car': \('car', matrices\)"):

@@ -53,8 +53,9 @@ def composition_of(parts: Parts, origin: Optional[Array], up: str) -> tuple[File
         raise UsageError(f"the places take {len(text)} bytes of text, at most {JSON_BYTES_MAX} are taken: make groups of them, "
                          "or leave out masks and user ids that differ from place to place")
     if len(files) > _limits.upload_files_max:
-        raise UsageError(f"meshes with materials, records, and tables of over {_TABLE_ROWS} matrices make {len(files) - 1} "
-                         f"files, at most {_limits.upload_files_max - 1} are taken: join parts that stand together")
+        raise UsageError(f"these parts make {len(files) - 1} files, at most {_limits.upload_files_max - 1} are taken: spheres and "
+                         f"other records, meshes with materials, and tables of over {_TABLE_ROWS} matrices have one each, and "
+                         f"other meshes one for {_ARCHIVE_MESHES}. Join parts that stand together")
     return (files[0]._replace(data=text), *files[1:])
 
 

@@ -9,7 +9,7 @@ import numpy as np
 
 from .._net.control import Message
 from ..errors import UsageError
-from .arguments import Masks, mask_rules
+from .arguments import Masks, mask_rules, real
 from .composed import composition_of
 from .files import path_text
 from .gltf import mesh_glb
@@ -113,7 +113,7 @@ def _metres(unit: Union[str, float]) -> float:
     units = {"mm": 0.001, "cm": 0.01, "m": 1.0, "in": 0.0254, "ft": 0.3048}
     if isinstance(unit, str) and unit not in units:
         raise UsageError(f"unit must be one of {', '.join(units)}, or metres as a number, not {unit!r}")
-    metres = units[unit] if isinstance(unit, str) else float(unit)
+    metres = units[unit] if isinstance(unit, str) else real("unit", unit)
     return 0.0 if metres == 1 else metres
 
 
