@@ -221,7 +221,9 @@ def _join_points(ending: str, parts: Sequence[Part]) -> tuple[bytes, str]:
         columns = {name: column if name in OF_HITS else np.repeat(column, counts, axis=0) for name, column in columns.items()}
         columns["return"] = (np.arange(splits[-1]) - np.repeat(splits[:-1], counts)).astype(np.uint16)
         columns["returns"] = np.repeat(counts, counts).astype(np.uint16)
-    order = [*(name for name in fields if name in columns), *(name for name in columns if name not in fields)]
+    # The sensor's columns stand behind those of the daemon.
+    order = sorted(columns, key=lambda name: (
+        name not in fields, name in ("ring", "time"), name in fields and fields.index(name)))
     data, count = formatted(ending, columns[place], where, {name: columns[name] for name in order if name != place})
     return data, f"{count:,} points"
 
