@@ -33,7 +33,8 @@ class Uids:
 
 
 # The number of an outermost instance, as in the column inst; the text of a path at any depth, which includes all
-# below it and in which '*' stands for any text; several of these; or user ids.
+# below it and in which '*' stands for any text ('car#3/*' are the parts of that car, which stays); several of these;
+# or user ids.
 Which = Union[int, str, Sequence[Union[int, str]], Array, Uids]
 
 _ROW = np.dtype([("what", "<u4"), ("target", "<u4"), ("by", "<u4"), ("value", "<u4"),
