@@ -3,8 +3,11 @@
 
   dask_deal_test.py RAYNESTD RAYNEST FLATC
 """
-import time
+import os
+import signal
 import threading
+import time
+import unittest.mock
 import warnings
 
 import distributed
@@ -12,7 +15,7 @@ import numpy as np
 
 import raynest
 from daemon import PATIENCE, until
-from raynest import generators
+from raynest import _workers, generators
 from with_cluster import WithCluster, many
 from with_daemon import main, rain
 
@@ -141,6 +144,34 @@ class Dealt(WithCluster):
         told, = (str(each.message) for each in said)
         self.assertRegex(told, rf"^the worker {self.first} failed at \d+ items \(OSError: it is broken\), made elsewhere$")
         self.assertLess(deal._failures[f"the worker {self.first}"].items, items // 3)
+
+    def test_ctrl_c_ends_what_this_machine_makes(self):
+        cluster = self.cluster(0)
+        cluster.environment["RAYNESTD"] = "/nowhere"
+        cluster.workers.append(cluster.add())
+        cluster.wait(1)
+        self.enterContext(unittest.mock.patch.dict(os.environ, RAYNESTD=self.raynestd))
+        setup = self.setup._replace(binary="")
+
+        def jobs():
+            found = []
+            for host in [host for (kind, _), host in _workers._hosts.items() if kind == setup and host._process]:
+                with raynest.connect(host.uri) as client:
+                    found += [job for job in client.jobs() if job["kind"] != "load"]
+            return found
+
+        def interrupt():
+            try:
+                until(jobs)
+            finally:
+                os.kill(os.getpid(), signal.SIGINT)
+        interrupting = threading.Thread(target=interrupt)
+        interrupting.start()
+        with warnings.catch_warnings(), self.assertRaises(KeyboardInterrupt):
+            warnings.simplefilter("ignore")
+            many.render(cluster.client, SCENE, size=(640, 640), integrator="path", spp=1 << 16, setup=setup, patience=QUICK)
+        interrupting.join()
+        until(lambda: not jobs(), jobs)
 
     def warned(self, work):
         with warnings.catch_warnings(record=True) as said:

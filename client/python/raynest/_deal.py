@@ -370,9 +370,10 @@ class Deal:
         """Living workers that have none of these copies, and a free thread, if that `must` be."""
         if places is None or must_be_free and not self._seconds:
             return []
-        return [worker for worker in self._fit(list(self._workers())) or () if self._living(worker)
+        workers = self._workers()
+        return [worker for worker in self._fit(list(workers)) or () if self._living(worker) and worker in workers
                 and not places.have(worker, keys)
-                and not (must_be_free and len(places.making.get(worker, ())) >= self._workers()[worker]["nthreads"])]
+                and not (must_be_free and len(places.making.get(worker, ())) >= workers[worker]["nthreads"])]
 
     def _give_up_cluster(self, error: Optional[BaseException]) -> None:
         if not self._alone:
