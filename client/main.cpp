@@ -92,6 +92,7 @@ Failure become_dask(const Options& options) {
                 std::vector<std::string> words = {options.dask, std::to_string(parts),
                                                   command.job.scene, command.output};
                 words.insert(words.end(), options.words.begin(), options.words.end());
+                if (options.quiet) words.insert(words.begin(), "--quiet");
                 if (options.json) words.insert(words.begin(), "--json");
                 return become_python("raynest._command", std::move(words));
             }
@@ -102,7 +103,7 @@ Failure become_dask(const Options& options) {
 
 Result<void> connect_and_run(Options options) {
     if (const auto* merge = std::get_if<MergeOptions>(&options.command))
-        return tl::unexpected<Failure>(become_merge(*merge));
+        return tl::unexpected<Failure>(become_merge(*merge, options.json));
     const auto of_python = std::visit(
         [&](const auto& command) -> Result<bool> {
             if constexpr (requires { is_by_python(command); }) {

@@ -201,7 +201,7 @@ struct Context {
 #include "client/commands/commands.def"
 
 /// `merge`, which needs no connection. The program becomes the one that joins them, or this fails.
-Failure become_merge(const MergeOptions& options);
+Failure become_merge(const MergeOptions& options, bool json);
 
 /// `logout` without a connection.
 Result<void> log_out(const std::string& uri, bool json);

@@ -175,6 +175,12 @@ Result<Parsed> parse_options(int argc, const char* const* argv) {
             return word == "render" || word == "heatmap" || word == "query";
         };
         const char* const* const end = argv + argc;
+        // RAYNEST_SERVER may be set for all commands, and says nothing of this one.
+        if (std::any_of(argv + 1, end, [](std::string_view word) {
+                return word == "--server" || word.starts_with("--server=");
+            }))
+            return program.refuse(
+                "--dask goes without --server: each worker has a daemon of its own");
         options.words.assign(std::find_if(argv + 1, end, is_command), end);
         // It may stand behind the command, too, and is not for those who make the parts.
         for (auto word = options.words.begin(); word != options.words.end();) {

@@ -3,6 +3,7 @@
 #include <unistd.h>
 
 #include <cerrno>
+#include <csignal>
 #include <cstdlib>
 #include <cstring>
 #include <iostream>
@@ -12,11 +13,13 @@ namespace raynest::client {
 namespace {
 
 /// A package that is missing is one line, which names it.
-constexpr const char* start = R"(import importlib, json, sys
+/// A Ctrl-C waits until somebody can tell it in a line.
+constexpr const char* start = R"(import sys
 def interrupted():
     print('raynest: interrupted', file=sys.stderr)
     return 130
 try:
+    import importlib, json, signal
     module = importlib.import_module(sys.argv[1])
 except ImportError as error:
     named = str(error) if 'apt install' in str(error) else f'{error}: apt install python3-raynest python3-numpy'
@@ -25,6 +28,7 @@ except ImportError as error:
 except KeyboardInterrupt:
     sys.exit(interrupted())
 try:
+    signal.pthread_sigmask(signal.SIG_UNBLOCK, [signal.SIGINT])
     code = module.main(sys.argv[2:])
 except KeyboardInterrupt:
     code = interrupted()
@@ -41,6 +45,10 @@ Failure become_python(const std::string& module, std::vector<std::string> words)
     for (std::string& word : all) pointers.push_back(word.data());
     pointers.push_back(nullptr);
     std::cout.flush();
+    sigset_t interrupt;
+    ::sigemptyset(&interrupt);
+    ::sigaddset(&interrupt, SIGINT);
+    ::pthread_sigmask(SIG_BLOCK, &interrupt, nullptr);
     ::execvp(pointers.front(), pointers.data());
     return failure(Exit::failed, std::string("this needs ")
                                      .append(program)
