@@ -1,7 +1,7 @@
 #include "engine/integrators/integrator.h"
 
 #include "engine/geometry/tile_order.h"
-#include "engine/integrators/code.h"
+#include "engine/integrators/target_module.h"
 #include "integrator_headers.inc"
 
 #include <array>

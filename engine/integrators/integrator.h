@@ -63,7 +63,7 @@ struct IntegratorScene {
     ColumnSource source;                   ///< without rays and hits
     Box bounds;                            ///< of the scene
     const ShadingView* shading = nullptr;  ///< null: base colours are all that is known
-    /// The CPU target whose code shades (integrators/code.h); "": the baseline's.
+    /// The CPU target whose code shades (integrators/target_module.h); "": the baseline's.
     std::string_view target = {};
     /// The scene as rays see it: the same in other records, in which some instances have the mask 0
     /// and some objects no primitives (scene/selection). Null: that of `source`.

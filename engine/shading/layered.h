@@ -24,7 +24,7 @@ public:
           sheen_colour_(point.layers.sheen),
           sheen_(std::max(outgoing.z, 1e-4F), point.layers.sheen_roughness),
           sheen_roughness_(point.layers.sheen_roughness),
-          coat_frame_(frame_around(point.coat_normal)) {
+          coat_frame_(basis_around(point.coat_normal)) {
         sheen_most_ = std::min(largest(sheen_colour_), 1.0F);
         sheen_seen_ = sheen_albedo(outgoing.z);
         const Vec3 seen = coat_frame_.to_local(outgoing);
@@ -121,7 +121,7 @@ private:
     SheenLobe sheen_;
     float sheen_roughness_;
     float sheen_most_ = 0, sheen_seen_ = 0, sheen_share_ = 0;
-    Frame coat_frame_;
+    Basis coat_frame_;
     AlbedoRows coat_rows_;
     GlossyLobe coat_lobe_{Vec3(0), 1, Vec3(0)};
     float coat_ = 0, coat_seen_ = 0, coat_mean_ = 0, coat_share_ = 0;

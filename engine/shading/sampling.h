@@ -14,7 +14,7 @@ inline constexpr float pi = std::numbers::pi_v<float>;
 inline constexpr float one_below = 0x1.fffffep-1F;  ///< the largest float below 1
 
 /// Three perpendicular unit vectors; z is the normal.
-struct Frame {
+struct Basis {
     Vec3 x{1, 0, 0}, y{0, 1, 0}, z{0, 0, 1};
 
     [[nodiscard]] Vec3 to_world(const Vec3& v) const { return v.x * x + v.y * y + v.z * z; }
@@ -23,9 +23,9 @@ struct Frame {
     }
 };
 
-/// A frame around a unit vector without a branch for any direction (Duff et al., "Building an
+/// A basis whose z is a unit vector, without a branch for any direction (Duff et al., "Building an
 /// Orthonormal Basis, Revisited", JCGT 2017).
-inline Frame frame_around(const Vec3& n) {
+inline Basis basis_around(const Vec3& n) {
     const float sign = std::copysign(1.0F, n.z);
     const float a = -1.0F / (sign + n.z);
     const float b = n.x * n.y * a;

@@ -418,7 +418,7 @@ const ShadingPoint& finish_point(UnfinishedPoint& from) {
         material.transmission *= texel->x;
     const float scale = point.surface != nullptr ? point.surface->normal_scale : 1.0F;
     const bool has_bumps = has_normal(from, TextureSlot::normal);
-    point.frame = frame_around(normal_of(from, TextureSlot::normal, scale));
+    point.frame = basis_around(normal_of(from, TextureSlot::normal, scale));
     if (has_bumps) material.smooth = point.frame.to_local(point.front ? from.n : -from.n);
     if (point.kind == shading_type("layered")) finish_directions(from);
     return point;

@@ -16,7 +16,7 @@
 namespace raynest {
 
 struct ShadingPoint {
-    Frame frame;             ///< z: the shading normal, on the side that the ray came from
+    Basis frame;             ///< z: the shading normal, on the side that the ray came from
     Vec3 normal{0};          ///< geometric, on the same side
     bool front = true;       ///< the ray met the outer side
     std::uint32_t kind = 0;  ///< SurfaceRecord::kind

@@ -22,7 +22,7 @@ struct SunDisc {
         const float below = u.x * (1.0F - cosine);  // 1 less the cosine
         const float s = std::sqrt(below * (2.0F - below));
         return glm::normalize(
-            frame_around(direction).to_world(Vec3(s * circle(u.y), 1.0F - below)));
+            basis_around(direction).to_world(Vec3(s * circle(u.y), 1.0F - below)));
     }
 };
 

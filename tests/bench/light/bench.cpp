@@ -6,7 +6,7 @@
 // traced once more by the bare stream traversal. All figures of a row are ratios of CPU seconds of
 // the same laps. BENCH.md says what the rows mean; light.py adds what a daemon shows.
 #include "engine/integrators/camera.h"
-#include "engine/integrators/code.h"
+#include "engine/integrators/target_module.h"
 #include "engine/packs/kernel_selector.h"
 #include "tests/bench/clock.h"
 #include "tests/bench/cpus.h"

@@ -231,7 +231,7 @@ TEST_CASE(
     constexpr std::size_t rings = 16, sectors = 16;
     const auto count = [&](const SunDisc& drawn) {
         std::vector<double> counts(rings * sectors + 1);
-        const Frame frame = frame_around(sun.direction);
+        const Basis frame = basis_around(sun.direction);
         for (int i = 0; i < samples; ++i) {
             const float u = random.uniform();
             const Vec3 d = frame.to_local(drawn.sample({u, random.uniform()}));

@@ -1,6 +1,6 @@
 // The integrators of every CPU target give the bytes of the baseline.
 #include "engine/integrators/camera.h"
-#include "engine/integrators/code.h"
+#include "engine/integrators/target_module.h"
 #include "engine/shading/types.h"
 #include "tests/unit/engine/integrators/kernel_caster.h"
 #include "tests/unit/engine/small_scenes.h"

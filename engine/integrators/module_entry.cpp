@@ -1,5 +1,5 @@
-// The entry of a module of integrators for one CPU target (integrators/code.h).
-#include "engine/integrators/code.h"
+// The entry of a module of integrators for one CPU target (integrators/target_module.h).
+#include "engine/integrators/target_module.h"
 
 extern "C" [[gnu::visibility("default")]] const raynest::IntegratorCode*
 raynest_integrators() noexcept {

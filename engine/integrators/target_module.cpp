@@ -1,4 +1,4 @@
-#include "engine/integrators/code.h"
+#include "engine/integrators/target_module.h"
 
 #include "engine/packs/load.h"
 #include "engine/packs/registry.h"
