@@ -142,6 +142,8 @@ class AnimatedParts(WithDaemon):
             self.assertEqual(len(made["t"]), 40)
             np.testing.assert_allclose(made["t"], 4.5 + 8 * sweep.time, atol=off)
             np.testing.assert_allclose(made["radial_velocity"], 8, atol=1e-3)
+            made = raynest.returns.measure(scene, sweep, time=sweep.time, time_step=step, fields=("velocity", "ng"))
+            np.testing.assert_allclose(made["velocity"], np.tile([10, 0, 0], (40, 1)), atol=1e-3)
         with self.assertRaisesRegex(raynest.UsageError, "one for each beam"):
             raynest.returns.measure(scene, sweep, time=sweep.time[1:])
 

@@ -79,6 +79,16 @@ class MeasuredCommand(WithDaemon):
         head = (self.out / "scan.ply").read_bytes().split(b"end_header")[0]
         self.assertEqual(head.count(b"property"), 4)
         self.assertIn(b"property double share", head)
+        # Columns of the hits.
+        stands = generators.lidar(*HEAD, look_at=((0, 3, 0), (0, 3, -1)))
+        fields = ("normal", "base_colour", "texcoord", "reflectance", "velocity", "t")
+        _, made = self.columns(*lidar[2:], "--fields", ",".join(fields))
+        self.same(made, returns.measure(self.woods, stands, **MEASURE, fields=fields))
+        self.cli.json(*lidar, "-o", self.out / "scan.ply", "--fields", "position,normal,base_colour")
+        head = (self.out / "scan.ply").read_bytes().split(b"end_header")[0]
+        for name in (b"x", b"nx", b"red"):
+            self.assertRegex(head, rb"property \w+ " + name + rb"\n")
+        self.cli.fails(2, "needs the column position", *lidar, "-o", self.out / "scan.ply", "--fields", "normal")
 
     def test_a_daemon_and_a_scene_of_its_own(self):
         words = ("query", "builtin:forest?trees=20", "--generate", "lidar", *ANGLES, "lookat=0,3,0,0,3,-1", *WORDS)

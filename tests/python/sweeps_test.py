@@ -171,6 +171,27 @@ class Returns(WithDaemon):
             self.assertAlmostEqual(whole["share"][0], 1, places=12)
         self.assertEqual((made["return"].max(), made["returns"].max(), made["share"].min()), (0, 1, 1))
 
+    def test_returns_have_the_columns_of_their_hits(self):
+        sweep = still(np.linspace(-20, 20, 9), (0, 360, 90), (0, 3, 0))
+        more = ("normal", "base_colour", "texcoord", "reflectance", "material", "front")
+        hits = self.woods.trace(sweep.rays, fields=("hit", "uid", *more))
+        made = returns.measure(self.woods, sweep, fields=("base_colour", "uid", *more, "beam"))
+        self.assertEqual(list(made), ["base_colour", "uid", "normal", "texcoord", "reflectance", "material", "front", "beam"])
+        self.assertGreater(hits["hit"].sum(), 300)
+        self.assertEqual(made["beam"].tolist(), np.flatnonzero(hits["hit"]).tolist())
+        for name in ("uid", *more):
+            self.assertEqual(made[name].dtype, hits[name].dtype)
+            np.testing.assert_array_equal(made[name], hits[name][hits["hit"]], name)
+        # A beam that is split: each return has those of its own hits.
+        near, far = (raynest.Mesh(*plate(0, y=y, z=(-5, 5)), raynest.Material(name, colour))
+                     for name, y, colour in (("near", (-5, 0), (.2, .4, .6)), ("far", (-5, 5), (.8, .1, .3))))
+        scene = self.client.scene_of({"near": near, "far": far}, {"near": ("near", (10, 0, 0)), "far": ("far", (20, 0, 0))}, name="split")
+        split = returns.measure(scene, still([0], [0.0]), divergence=0.01, footprint=100, returns=3, fields=("t", "base_colour", "return"))
+        np.testing.assert_allclose(split["base_colour"], [(.2, .4, .6), (.8, .1, .3)], rtol=1e-6)
+        self.assertEqual(list(returns.measure(self.woods, sweep, fields="normal")), ["normal"])
+        with self.assertRaisesRegex(raynest.UsageError, "no column colour: there are beam, t, .*, and of hits .*texcoord"):
+            returns.measure(self.woods, sweep, fields=("t", "colour"))
+
     def test_masks_many_texts_and_one_epoch(self):
         places = np.stack([np.arange(700.0), 0 * np.arange(700), 0 * np.arange(700)], 1)
         scene = self.client.scene_of({"p": plate(0, y=(-.2, .2), z=(-.2, .2))}, {"p": ("p", places)}, name="row")
@@ -264,6 +285,8 @@ class Returns(WithDaemon):
         turning = name == "turns"
         moving[turning] = velocity + np.stack([-2.5 * arm[:, 1], 2.5 * arm[:, 0], 0 * arm[:, 0]], -1)[turning]
         np.testing.assert_allclose(made["radial_velocity"], ((moving - speed) * way).sum(axis=1), atol=1e-4)
+        moved = returns.measure(scene, sweep, velocities={"drives": velocity, "turns": [velocity, spin, pivot]}, fields=("velocity",))
+        np.testing.assert_allclose(moved["velocity"], moving, atol=1e-4)
         # A star stands for any letters, and a beam that meets nothing moves nothing.
         stars = returns.measure(scene, sweep, velocities={"driv*": velocity, "t*": [velocity, spin, pivot]})
         np.testing.assert_array_equal(stars["radial_velocity"], made["radial_velocity"])

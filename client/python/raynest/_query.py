@@ -6,7 +6,7 @@ import contextlib
 import json
 import os
 import shutil
-from typing import IO, Any, Callable, Iterator, Mapping, Sequence, Union
+from typing import IO, Any, Callable, Iterator, Mapping, Optional, Sequence, Union
 
 import numpy as np
 
@@ -42,7 +42,7 @@ def _run(asked: dict[str, Any]) -> tuple[str, dict[str, Any]]:
             return _filmed(scene, asked, job)
         made, count = (_measured if asked["generate"] else _timed)(scene, asked, job)
         outcome = dict(client.outcome)
-        written = _write(asked["output"], made, asked["fields"])
+        written = _write(asked["output"], made)
         rows, rays = ("returns", "beams") if asked["generate"] else ("rows", "rays")
         said = f"{written:,} {rows} of {count:,} {rays}"
         line = f"{asked['output']}: {said}, {outcome['intersector']}, {scene.name} epoch {outcome['epoch']}"
@@ -66,6 +66,7 @@ def _params(asked: dict[str, Any]) -> dict[str, Any]:
 
 def _measured(scene: Scene, asked: dict[str, Any], job: dict[str, Any]) -> tuple[dict[str, Array], int]:
     sensor = _sensor(asked["generate"])
+    fields = _fields(asked)
     step = job.pop("time_step", None)
     if step is not None:
         if not isinstance(sensor, generators.Sweep):
@@ -73,7 +74,7 @@ def _measured(scene: Scene, asked: dict[str, Any], job: dict[str, Any]) -> tuple
         # As with step_error: the animation's time at the beginning, or those of the trajectory.
         times, start = sensor.time, job.pop("time", None)
         job.update(time=times if start is None else start + (times - times.min()), time_step=step)
-    return returns.measure(scene, sensor, **asked["measure"], **job), sensor.count
+    return returns.measure(scene, sensor, **asked["measure"], fields=fields, **job), sensor.count
 
 
 def _timed(scene: Scene, asked: dict[str, Any], job: dict[str, Any]) -> tuple[dict[str, Array], int]:
@@ -184,22 +185,27 @@ def _array(path: str) -> Array:
     return made
 
 
-def _write(path: str, made: dict[str, Array], fields: Sequence[str]) -> int:
+def _ending_of(path: str) -> str:
+    return os.path.splitext(path)[1].lower()
+
+
+def _fields(asked: dict[str, Any]) -> Optional[Sequence[str]]:
+    """The columns of returns that a file gets; None: those of measure()."""
+    path, fields = asked["output"], asked["fields"]
+    if _ending_of(path) not in points.ENDINGS:
+        return fields or None
+    if fields and "position" not in fields:
+        raise UsageError(f"{path} needs the column position among --fields")
+    return fields or (_OF_LAS if _ending_of(path) == ".las" else _OF_POINTS)
+
+
+def _write(path: str, columns: dict[str, Array]) -> int:
     """Writes the columns, and returns the number of rows."""
-    ending = os.path.splitext(path)[1].lower()
-    if not fields:
-        fields = {".las": _OF_LAS, ".npz": tuple(made)}.get(ending, _OF_POINTS)
-    lacking = [name for name in fields if name not in made and name != "position"]
-    if lacking:
-        raise UsageError(f"there is no column {lacking[0]}: there are {', '.join(made)}")
-    columns = {name: made[name] for name in ("ray_splits", *fields) if name in made}
-    if ending not in points.ENDINGS:
+    if _ending_of(path) not in points.ENDINGS:
         with _writable(path) as file:
             write_npz(file, columns)
-        return len(next(reversed(columns.values()), ()))
-    if "position" not in columns:
-        raise UsageError(f"{path} needs the column position among --fields")
-    data, count = points.formatted(ending, columns.pop("position"), None, columns)
+        return max((len(column) for name, column in columns.items() if name != "ray_splits"), default=0)
+    data, count = points.formatted(_ending_of(path), columns.pop("position"), None, columns)
     with _writable(path) as file:
         file.write(data)
     return count

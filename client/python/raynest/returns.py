@@ -6,7 +6,7 @@
 from __future__ import annotations
 
 import inspect
-from typing import Any, Literal, Mapping, Optional, Union
+from typing import Any, Literal, Mapping, Optional, Sequence, Union
 
 import numpy as np
 
@@ -14,6 +14,7 @@ from . import _limits, generators
 from ._net.frame import Array
 from ._paths import form_of
 from ._requests.arguments import count_of, is_several, numbers, real, unknown_argument, whole
+from ._requests.columns import OF_HITS
 from ._requests.job import JobOptions
 from .errors import UsageError
 from .scene import Scene
@@ -26,15 +27,17 @@ _FOOTPRINT_MAX = 1024
 # Luminance of red, green and blue, by ITU-R BT.709.
 _LUMINANCE = np.array([0.2126, 0.7152, 0.0722])
 _ROUNDING = 1e-9  # of a share, a sum of powers
-_CHOSEN = ("kind", "fields", "reduce", "max_hits", "detach")
+_CHOSEN = ("kind", "reduce", "max_hits", "detach")
 _IDS = ("prim", "geom", "path", "uid")
+# Those of an answer whose `fields` are not named.
+_COLUMNS = ("beam", "t", "share", "intensity", *_IDS, "return", "returns", "position", "ring", "time", "radial_velocity")
 
 
 def measure(scene: Scene, sweep: Union[Sweep, generators.Sweep, generators.Lidar], *, divergence: float = 0.0,
             footprint: int = 19, returns: int = 1, prefer: Literal["nearest", "strongest"] = "nearest",
             resolution: float = 0.3, threshold: float = 0.0, range: Optional[tuple[float, float]] = None,
             noise: float = 0.0, seed: int = 0, velocities: Optional[Mapping[str, Any]] = None,
-            **job: Any) -> dict[str, Array]:
+            fields: Union[str, Sequence[str], None] = None, **job: Any) -> dict[str, Array]:
     """Measures a sweep and returns columns with a row per return, beam by beam, near ones first. `sweep` is one of
     raynest.sweeps, or a lidar() or sweep() of raynest.generators, whose rays are then made here.
 
@@ -48,7 +51,9 @@ def measure(scene: Scene, sweep: Union[Sweep, generators.Sweep, generators.Lidar
     Columns: beam (row of the sweep), ring, time, return (from 0) and returns (how many the beam has); t and position,
     along the beam's middle, with noise; share (of the beam's power that met this surface) and intensity (share times
     the base colour's luminance times the cosine to the surface's normal: 1 is a white wall seen at right angles);
-    prim, geom, path and uid of the hit that reflected most; radial_velocity (away from the sensor is positive).
+    prim, geom, path and uid of the hit that reflected most; radial_velocity (away from the sensor is positive). `fields`
+    names those that are wanted, of these and of the columns of hits that trace() has: normal, base_colour, texcoord,
+    reflectance, material, ... are of the hit that reflected most, and velocity is that of the point.
 
     `velocities` says what moves, by texts of paths, with * as in edits: {"car-*": v} moves the cars and all their
     parts. If several texts match, the first counts. v is a velocity (3,), or (3, 3): the velocity, the angular
@@ -79,6 +84,7 @@ def measure(scene: Scene, sweep: Union[Sweep, generators.Sweep, generators.Lidar
         raise UsageError(f"measure() chooses {', '.join(sorted(taken))} itself: leave it out")
     if velocities is not None and not isinstance(velocities, Mapping):
         raise UsageError("velocities are by the texts of paths: {'car-3': (12, 0, 0)}")
+    names, of_hits = _asked(fields)
     moves = {text: _motion(text, motion) for text, motion in (velocities or {}).items()}
     texts = list(moves)
     for first in np.arange(0, len(texts), _limits.list_items_max):  # a text that names nothing is refused
@@ -90,7 +96,9 @@ def measure(scene: Scene, sweep: Union[Sweep, generators.Sweep, generators.Lidar
     for name, values in of_beams.items():
         if values.shape != (len(sweep.rays),):
             raise UsageError(f"{name} of shape {values.shape} for {len(sweep.rays)} beams: it must be one number, or one for each beam")
-    fields = ("t", *_IDS, "normal", "base_colour", *(("velocity",) if "time" in job or "time" in of_beams else ()))
+    if "time" in job or "time" in of_beams:
+        of_hits = (*of_hits, "velocity")
+    traced = tuple(dict.fromkeys(("t", "normal", "base_colour", *of_hits)))
     beams = max(1, _TRACED_MAX // len(power))
     parts = []
     for first in np.arange(0, max(1, len(sweep.rays)), beams):
@@ -100,9 +108,9 @@ def measure(scene: Scene, sweep: Union[Sweep, generators.Sweep, generators.Lidar
         cast = np.empty((len(rays), len(power), 8))
         cast[..., :3], cast[..., 3], cast[..., 7] = rays[:, None, :3], near, far
         cast[..., 4:7] = _spread(rays[:, 3:], offsets)
-        hits = scene.trace(cast.reshape(-1, 8), fields=fields, **job)
+        hits = scene.trace(cast.reshape(-1, 8), fields=traced, **job)
         job["epoch"] = scene._client.outcome["epoch"]  # all parts see one scene
-        part = _returns_of(hits, cast[..., 4:7].reshape(-1, 3), power, resolution, threshold, returns, prefer)
+        part = _returns_of(hits, cast[..., 4:7].reshape(-1, 3), power, resolution, threshold, returns, prefer, of_hits)
         part["beam"] += first
         parts.append(part)
     made = {name: np.concatenate([part[name] for part in parts]) for name in parts[0]}
@@ -117,7 +125,18 @@ def measure(scene: Scene, sweep: Union[Sweep, generators.Sweep, generators.Lidar
         since = (made["time"][of] - sweep.time.min(initial=np.inf))[:, None]
         moving[of] = along + np.cross(turning, made["position"][of] - pivot - along * since)
     made["radial_velocity"] = ((moving - sweep.velocity[beam]) * sweep.rays[beam, 3:]).sum(axis=1)
-    return made
+    made["velocity"] = moving
+    return {name: made[name] for name in names}
+
+
+def _asked(fields: Union[str, Sequence[str], None]) -> tuple[tuple[str, ...], tuple[str, ...]]:
+    """Returns the columns of the answer, and those of hits that are needed for it."""
+    names = _COLUMNS if fields is None else (fields,) if isinstance(fields, str) else tuple(fields)
+    for name in names:
+        if name not in _COLUMNS and name not in OF_HITS:
+            raise UsageError(f"there is no column {name}: there are {', '.join(_COLUMNS)}, and of hits "
+                             f"{', '.join(each for each in OF_HITS if each not in _COLUMNS)}")
+    return names, (*_IDS, *(name for name in names if name not in (*_COLUMNS, "velocity")))
 
 
 def _range_of(sweep: Any) -> tuple[float, float]:
@@ -168,8 +187,8 @@ def _spread(ways: Array, offsets: Array) -> Array:
 
 
 def _returns_of(hits: dict[str, Array], ways: Array, power: Array, resolution: float, threshold: float, most: int,
-                prefer: str) -> dict[str, Array]:
-    """Joins the hits of K rays per beam to returns."""
+                prefer: str, of_hits: Sequence[str]) -> dict[str, Array]:
+    """Joins the hits of K rays per beam to returns, with these columns of the hit that reflected most."""
     rays = len(power)
     t = hits["t"].astype(np.float64).reshape(-1, rays)
     order = np.argsort(t, axis=1, kind="stable")
@@ -197,7 +216,7 @@ def _returns_of(hits: dict[str, Array], ways: Array, power: Array, resolution: f
     beam = np.zeros(count, np.int64)
     beam[number] = row // rays
     made: dict[str, Array] = {"beam": beam, "t": total(weight * t.ravel()[row]) / np.where(share > 0, share, 1), "share": share,
-            "intensity": np.minimum(total(light), 1), **{name: hits[name][strongest] for name in (*_IDS, "velocity") if name in hits}}
+            "intensity": np.minimum(total(light), 1), **{name: hits[name][strongest] for name in of_hits}}
     kept = np.flatnonzero(share >= threshold - _ROUNDING)
     if prefer == "strongest":
         kept = kept[np.lexsort((-made["intensity"][kept], beam[kept]))]
