@@ -270,7 +270,7 @@ class Lists(Planted):
              "protocol/lists/generators.def", "protocol/lists/reducers.def", "protocol/lists/roles.def", "protocol/lists/workers.def", "engine/queries/fields.def",
              "engine/geometry/counters.def", "engine/integrators/measures.def", "engine/packs/words.def",
              "engine/integrators/palettes.def", "engine/integrators/layers.def",
-             "engine/integrators/tonemaps.def", "engine/integrators/LIST", "server/ground/metrics.def",
+             "engine/integrators/tonemaps.def", "engine/integrators/LIST", "server/ground/metrics.def", "client/ground/wording.def",
              "protocol/PROTOCOL.md",
              "protocol/messages.fbs", "client/python/README.md",
              "client/python/raynest/_lists.py", "client/python/raynest/_limits.py",
