@@ -7,6 +7,7 @@
 #include "engine/math/vec.h"
 #include "engine/scene/placed_box.h"
 #include "engine/scene/snapshot.h"
+#include "engine/scene/tree_knowledge.h"
 
 #include <tbb/parallel_for.h>
 
@@ -16,8 +17,8 @@
 #include <cstddef>
 #include <cstdint>
 #include <limits>
-#include <span>
 #include <utility>
+#include <vector>
 
 namespace raynest {
 
@@ -45,6 +46,9 @@ public:
         }
         return Reach(inner, start);
     }
+
+    [[nodiscard]] const Direction& direction() const { return direction_; }
+    [[nodiscard]] double start() const { return start_; }
 
     [[nodiscard]] double of(const Box& box) const {
         double sum = start_;
@@ -81,14 +85,14 @@ private:
 struct ObjectTree {
     const Node* nodes;
     std::uint32_t root;  ///< child word
+    std::uint32_t node_count;
     Box bounds;
 };
 
-/// An instance in an object's tree. `padding` is PlacedBox::padding.
+/// An instance in an object's tree.
 struct TreePlacement {
     std::uint32_t object;
     Transform to_parent;
-    double padding;
 };
 
 /// Finds the extent of an object along a direction, or an upper bound. Visits the farthest child
@@ -101,27 +105,33 @@ struct TreePlacement {
 /// instances saves 4 % of the entries at three levels and 1 % of the time; 256 nodes save no more
 /// than 32, and 8 half as much.
 ///
-/// The exact distance uses the vertices of leaves without padding, and may open far more nodes.
-/// Boxes contain their vertices, so pruning by boxes is safe.
+/// The exact distance uses the vertices of leaves without padding, and may open far more nodes: where
+/// many parts end at one height, all their padded boxes reach beyond it. Boxes contain their
+/// vertices, so pruning by boxes is safe, and so is pruning by what earlier searches have learnt.
 ///
 /// `Trees` has the trees of a scene, while it is built or afterwards: tree(object) -> ObjectTree,
-/// placement(object, instance) -> TreePlacement, and farthest_in_leaf(object, leaf, reach, most) ->
-/// the extent of what a leaf holds, or `most`.
+/// placement(object, instance) -> TreePlacement, padding(object, instance) -> its
+/// PlacedBox::padding, and farthest_in_leaf(object, leaf, reach, most) -> the extent of what a leaf
+/// holds, or `most`.
 template <class Trees>
 class Farthest {
 public:
-    enum class Aim { bound, exact };
+    /// An upper bound.
     Farthest(const Trees& trees, std::uint32_t object, const Direction& direction)
-        : Farthest(trees, object, Reach(direction), Aim::bound) {}
-    /// Of an object in the placement that `reach` has come through. Looks no further once the extent
-    /// is `enough` as a float.
-    Farthest(const Trees& trees, std::uint32_t object, const Reach& reach, Aim aim,
-             float enough = std::numeric_limits<float>::infinity())
         : trees_(trees),
-          exact_(aim == Aim::exact),
-          opened_max_(exact_ ? 1 << 16 : 32),
-          enough_(enough) {
-        enter(object, reach, std::numeric_limits<double>::infinity());
+          opened_max_(32) {
+        enter(object, Reach(direction), infinity);
+    }
+    /// Exact once it is rounded to float, unless more is opened than a scene of `instances` needs
+    /// that places each of them once. `known` is of the direction.
+    Farthest(const Trees& trees, std::uint32_t object, const Direction& direction,
+             KnownExtents& known, std::uint64_t instances)
+        : trees_(trees),
+          opened_max_((1U << 16) + 2 * instances),
+          known_(&known),
+          direction_(direction) {
+        enter(object, Reach(direction), infinity);
+        known.count(opened_);
     }
     [[nodiscard]] double distance() const { return farthest_; }
 
@@ -131,49 +141,84 @@ private:
         const std::uint32_t object;
         const ObjectTree tree;
         const Reach reach;
+        std::vector<double>* const known;  ///< extents of its nodes; or null
+
+        [[nodiscard]] double known_of(std::uint32_t child) const {
+            if (known == nullptr || is_leaf(child)) return infinity;
+            const double inside = (*known)[child];
+            return reach.start() + inside + slack(inside);
+        }
+        void learn(std::uint32_t node, double extent) const {
+            if (known == nullptr) return;
+            const double inside = extent - reach.start() + slack(extent);
+            (*known)[node] = std::min((*known)[node], inside);
+        }
+        /// Sums are rounded in another order where the object stands elsewhere.
+        [[nodiscard]] double slack(double extent) const {
+            return reach.start() == 0 ? 0 : 0x1p-46 * (std::abs(reach.start()) + std::abs(extent));
+        }
     };
 
-    /// Enters an object; `most` bounds its extent.
-    void enter(std::uint32_t object, const Reach& reach, double most) {
-        const ObjectTree tree = trees_.tree(object);
-        visit({object, tree, reach}, tree.root, std::min(most, reach.of(tree.bounds)));
+    [[nodiscard]] bool is_exact() const { return known_ != nullptr; }
+    [[nodiscard]] bool reaches_beyond(double extent) const {
+        return is_exact() ? static_cast<float>(extent) > static_cast<float>(farthest_)
+                          : extent > farthest_;
     }
 
-    void visit(const Level& level, std::uint32_t child, double most) {
+    /// Enters an object; `most` bounds its extent. Returns a bound, too, as visit() does.
+    double enter(std::uint32_t object, const Reach& reach, double most) {
+        const ObjectTree tree = trees_.tree(object);
+        most = std::min(most, reach.of(tree.bounds));
+        const bool has_known = is_exact() && tree.node_count >= KnownExtents::nodes_min &&
+                               reach.direction() == direction_;
+        const Level level{object, tree, reach,
+                          has_known ? &known_->of(object, tree.node_count) : nullptr};
+        most = std::min(most, level.known_of(tree.root));
+        if (is_exact() && !reaches_beyond(most)) return most;
+        return visit(level, tree.root, most);
+    }
+
+    double visit(const Level& level, std::uint32_t child, double most) {
         const bool is_instance = is_leaf(child) && kind_of(child) == ChildKind::instance;
-        if (exact_ && is_leaf(child) && !is_instance)
+        if (is_exact() && is_leaf(child) && !is_instance)
             most = std::min(most, trees_.farthest_in_leaf(level.object, child, level.reach, most));
         if ((is_leaf(child) && !is_instance) || opened_ == opened_max_) {
             farthest_ = std::max(farthest_, most);
-            return;
+            return most;
         }
         ++opened_;
         if (is_instance) {
-            const TreePlacement placement = trees_.placement(level.object, leaf_instance(child));
-            enter(placement.object,
-                  level.reach.through(placement.to_parent, exact_ ? 0 : placement.padding), most);
-            return;
+            const std::uint32_t place = leaf_instance(child);
+            const TreePlacement placement = trees_.placement(level.object, place);
+            const double padding = is_exact() ? 0 : trees_.padding(level.object, place);
+            return enter(placement.object, level.reach.through(placement.to_parent, padding), most);
         }
         const Node& node = level.tree.nodes[child];
         std::array<double, 8> distances = level.reach.of(node);
         for (std::size_t slot = 0; slot < 8; ++slot) {
             const bool valid = (node.valid() >> slot & 1U) != 0;
-            distances[slot] = valid ? std::min(most, distances[slot]) : nothing;
+            distances[slot] =
+                valid ? std::min({most, distances[slot], level.known_of(node.child[slot])})
+                      : -infinity;
         }
-        for (;;) {
-            const auto next = std::max_element(distances.begin(), distances.end());
-            if (*next <= farthest_ || static_cast<float>(farthest_) >= enough_) return;
-            visit(level, node.child[next - distances.begin()], std::exchange(*next, nothing));
+        double extent = -infinity;
+        auto next = distances.begin();
+        while (next = std::max_element(distances.begin(), distances.end()), reaches_beyond(*next)) {
+            const double bound = std::exchange(*next, -infinity);
+            extent = std::max(extent, visit(level, node.child[next - distances.begin()], bound));
         }
+        extent = std::max(extent, *next);
+        level.learn(child, extent);
+        return extent;
     }
 
-    static constexpr double nothing = -std::numeric_limits<double>::infinity();
+    static constexpr double infinity = std::numeric_limits<double>::infinity();
     const Trees& trees_;
-    const bool exact_;
-    const int opened_max_;
-    const float enough_;
-    double farthest_ = nothing;
-    int opened_ = 0;
+    const std::uint64_t opened_max_;
+    KnownExtents* const known_ = nullptr;
+    const Direction direction_{};
+    double farthest_ = -infinity;
+    std::uint64_t opened_ = 0;
 };
 
 /// Computes PlacedBox::padding. The box test covers the error from the ray's origin. The padding
@@ -227,56 +272,46 @@ PlacedBox place_box(const Trees& trees, std::uint32_t child, const Transform& to
     return {box, pad};
 }
 
-/// Calls extent(side, reach along it) for each side of a box, and returns the box.
+/// Calls extent(side, direction to it) for each side of a box, and returns the box.
 template <class Extent>
 Box box_of_extents(const Extent& extent) {
     Box box;
-    tbb::parallel_for(0, 6, [&](int side) {
-        const int axis = side / 2;
-        const float sign = side % 2 == 0 ? -1 : 1;
+    tbb::parallel_for(std::size_t{0}, std::size_t{6}, [&](std::size_t side) {
+        const bool is_lower = side % 2 == 0;
         Direction direction{};
-        direction[static_cast<std::size_t>(axis)] = static_cast<double>(sign);
+        direction[side / 2] = is_lower ? -1 : 1;
         // + 0: without -0
-        (sign < 0 ? box.lower : box.upper)[axis] = sign * extent(side, Reach(direction)) + 0.0F;
+        (is_lower ? box.lower : box.upper)[static_cast<int>(side / 2)] =
+            (is_lower ? -1.0F : 1.0F) * extent(side, direction) + 0.0F;
     });
     return box;
 }
 
-/// Computes the box of all vertices of an object as its instances place them (scene_bounds()).
+/// Computes the box of all vertices of an object as its instances place them (scene_bounds()), of a
+/// scene that has so many instances.
 template <class Trees>
-Box vertex_bounds(const Trees& trees, std::uint32_t root) {
-    using Search = Farthest<Trees>;
+Box vertex_bounds(const Trees& trees, std::uint32_t root, std::uint64_t instances) {
     if (trees.tree(root).bounds.is_empty()) return {};
-    return box_of_extents([&](int, const Reach& reach) {
-        return static_cast<float>(Search(trees, root, reach, Search::Aim::exact).distance());
+    KnownBox known;
+    return box_of_extents([&](std::size_t side, const Direction& direction) {
+        return static_cast<float>(
+            Farthest(trees, root, direction, known.sides[side], instances).distance());
     });
 }
 
-/// Computes the same box after some instances of the root have moved. It was `before`, and their
-/// padded boxes, before and afterwards, lie in `reached`. Others may share a side with one that has
-/// left it, so the search ends with the first that it finds there.
+/// Computes the same box after some instances of the root have changed. It was `before`, and their
+/// padded boxes, before and afterwards, lie in `reached`. `known` says nothing of what has changed.
 template <class Trees>
-Box vertex_bounds_after(const Trees& trees, std::uint32_t root, const Box& before,
-                        const Box& reached, std::span<const std::uint32_t> moved) {
-    using Search = Farthest<Trees>;
-    return box_of_extents([&](int side, const Reach& reach) {
-        const int axis = side / 2;
-        const float sign = side % 2 == 0 ? -1 : 1;
+Box vertex_bounds_after(const Trees& trees, std::uint32_t root, std::uint64_t instances,
+                        const Box& before, const Box& reached, KnownBox& known) {
+    return box_of_extents([&](std::size_t side, const Direction& direction) {
         const auto at = [&](const Box& box) {
-            return sign * (sign < 0 ? box.lower : box.upper)[axis];
+            const int axis = static_cast<int>(side / 2);
+            return side % 2 == 0 ? -box.lower[axis] : box.upper[axis];
         };
         if (at(reached) < at(before)) return at(before);
-        float most = -std::numeric_limits<float>::infinity();
-        for (const std::uint32_t instance : moved) {
-            const TreePlacement placement = trees.placement(root, instance);
-            if (trees.tree(placement.object).bounds.is_empty()) continue;
-            const Search search(trees, placement.object, reach.through(placement.to_parent, 0),
-                                Search::Aim::exact);
-            most = std::max(most, static_cast<float>(search.distance()));
-        }
-        if (most >= at(before)) return most;
         return static_cast<float>(
-            Search(trees, root, reach, Search::Aim::exact, at(before)).distance());
+            Farthest(trees, root, direction, known.sides[side], instances).distance());
     });
 }
 

@@ -16,12 +16,15 @@ public:
 
     [[nodiscard]] ObjectTree tree(std::uint32_t object) const {
         const Tree& tree = content_.trees[object];
-        return {tree.nodes.data(), tree.root, tree.bounds};
+        return {tree.nodes.data(), tree.root, static_cast<std::uint32_t>(tree.nodes.size()),
+                tree.bounds};
     }
     [[nodiscard]] TreePlacement placement(std::uint32_t object, std::uint32_t place) const {
         const std::size_t instance = content_.objects[object].first_instance + place;
-        return {content_.instances[instance].object, content_.instance_infos[instance].to_parent,
-                content_.instance_paddings[instance]};
+        return {content_.instances[instance].object, content_.instance_infos[instance].to_parent};
+    }
+    [[nodiscard]] double padding(std::uint32_t object, std::uint32_t place) const {
+        return content_.instance_paddings[content_.objects[object].first_instance + place];
     }
     /// Returns the extent of a leaf: of its triangles' vertices, or of its records' boxes.
     [[nodiscard]] double farthest_in_leaf(std::uint32_t object, std::uint32_t leaf,
@@ -76,7 +79,8 @@ PlacedBox placed_box(const Content& content, std::uint32_t child, const Transfor
 
 Box scene_bounds(const Content& content) {
     return vertex_bounds(BuiltTrees(content),
-                         static_cast<std::uint32_t>(content.objects.size() - 1));
+                         static_cast<std::uint32_t>(content.objects.size() - 1),
+                         content.instances.size());
 }
 
 }  // namespace raynest

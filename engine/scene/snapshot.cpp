@@ -88,6 +88,9 @@ Result<std::shared_ptr<const Snapshot>> Snapshot::reopen(BuiltArena built, std::
 
     const std::shared_ptr<Snapshot> snapshot(new Snapshot);
     const std::byte* const base = arena.data();
+    auto uses = std::make_shared<std::vector<std::uint32_t>>(view->object_count);
+    for (std::uint32_t i = 0; i < view->instance_count; ++i) ++(*uses)[view->instances[i].object];
+    snapshot->uses_ = std::move(uses);
     snapshot->view_ = *view;
     snapshot->paths_ = format::path_table(base);
     ShadingView& shading = snapshot->shading_;
@@ -117,7 +120,7 @@ Result<std::shared_ptr<const Snapshot>> Snapshot::reopen(BuiltArena built, std::
     s.trees.sah_cost = trees[view->root].sah_cost;
     for (const TreeStatistics& tree : trees) {
         s.trees.height = std::max(s.trees.height, tree.height);
-        snapshot->tree_costs_.push_back(tree.sah_cost);
+        snapshot->trees_.costs.push_back(tree.sah_cost);
     }
     const auto& header = *reinterpret_cast<const format::Header*>(base);
     s.build = header.build;
@@ -210,14 +213,9 @@ Result<std::shared_ptr<const Snapshot>> Snapshot::open_edited(BuiltArena built,
     snapshot->origin_ = before.origin_;
     snapshot->bounds_ = reinterpret_cast<const format::Header*>(base)->bounds;
     snapshot->statistics_ = before.statistics_;
-    if (traces.root_cost) {
-        snapshot->tree_costs_ = before.tree_costs_;
-        snapshot->tree_costs_[view.root] = *traces.root_cost;
-    } else {
-        snapshot->tree_costs_ = measure_again(view, before.tree_costs_, traces.objects);
-    }
-    snapshot->root_links_ = std::move(traces.links);
-    snapshot->statistics_.trees.sah_cost = snapshot->tree_costs_[view.root];
+    snapshot->trees_ = std::move(traces.trees);
+    snapshot->uses_ = before.uses_;
+    snapshot->statistics_.trees.sah_cost = snapshot->tree_costs()[view.root];
     snapshot->statistics_.edits = built.edits;
     snapshot->statistics_.degenerate_triangles =
         reinterpret_cast<const format::Header*>(base)->degenerate_triangles;
@@ -280,8 +278,14 @@ Arena Snapshot::copy_arena() const {
     return arena;
 }
 
+TreeKnowledge Snapshot::trees_to_edit() const {
+    const std::scoped_lock lock(edit_mutex_);
+    auto extents = std::exchange(trees_.extents, nullptr);
+    return {trees_.links, trees_.costs, extents ? extents : std::make_shared<KnownBox>()};
+}
+
 std::shared_ptr<const SharedPages> Snapshot::share() const {
-    const std::scoped_lock lock(share_mutex_);
+    const std::scoped_lock lock(edit_mutex_);
     auto shared = shareable_.lock();
     if (!shared) shareable_ = shared = std::make_shared<const SharedPages>(bytes());
     return shared;

@@ -12,6 +12,7 @@
 #include "engine/scene/content_digest.h"
 #include "engine/scene/description.h"
 #include "engine/scene/page_set.h"
+#include "engine/scene/tree_knowledge.h"
 #include "engine/scene/tree_statistics.h"
 #include "engine/shading/records.h"
 
@@ -59,6 +60,9 @@ struct EditStatistics {
     double built_cost = 0;
     std::uint64_t refits = 0;    ///< edits since then
     std::uint64_t rebuilds = 0;  ///< how often it was built again
+    /// What the last edit looked at: nodes above what changed, and nodes and instances for the
+    /// scene's box.
+    std::uint64_t nodes = 0;
 };
 
 /// The numbers that `info` prints; instanced_triangles and instances count placements.
@@ -115,8 +119,6 @@ struct BuiltArena {
 /// Throws std::bad_alloc.
 Result<BuiltArena> build_arena(const SceneDescription& description);
 
-struct TreeLinks;  // scene/edits/tree_links.h
-
 /// The memory that an arena has in common with others.
 struct ArenaSharing {
     std::shared_ptr<const SharedPages> shared;  ///< what copies may begin with; or null
@@ -141,11 +143,9 @@ inline constexpr std::size_t edits_remembered = 64;
 
 /// The differences of an edited arena from the one before.
 struct EditTraces {
-    ArenaSharing sharing;                    ///< of the copy, before the edit
-    ArenaChanges changed;                    ///< by the edit
-    std::vector<std::uint32_t> objects;      ///< whose trees are measured, ascending
-    std::optional<double> root_cost;         ///< of the root's tree, where it is known already
-    std::shared_ptr<const TreeLinks> links;  ///< of the root's tree
+    ArenaSharing sharing;  ///< of the copy, before the edit
+    ArenaChanges changed;  ///< by the edit
+    TreeKnowledge trees;
     TouchedObjects content;
 };
 
@@ -222,9 +222,11 @@ public:
     [[nodiscard]] const std::vector<std::uint64_t>& record_counts() const { return record_counts_; }
     [[nodiscard]] const std::vector<MeshUse>& meshes() const { return meshes_; }
     /// Expected costs of the objects' trees (TreeStatistics::sah_cost).
-    [[nodiscard]] const std::vector<double>& tree_costs() const { return tree_costs_; }
-    /// Null but for an edited scene.
-    [[nodiscard]] const std::shared_ptr<const TreeLinks>& root_links() const { return root_links_; }
+    [[nodiscard]] const std::vector<double>& tree_costs() const { return trees_.costs; }
+    /// Returns what an edit of this scene begins with. The extents go to the first one that asks.
+    [[nodiscard]] TreeKnowledge trees_to_edit() const;
+    /// How often instances place each object.
+    [[nodiscard]] const std::vector<std::uint32_t>& uses() const { return *uses_; }
     /// One per material.
     [[nodiscard]] const std::vector<MaterialUse>& material_uses() const { return material_uses_; }
 
@@ -243,8 +245,8 @@ private:
     Box bounds_;
     std::optional<Box> framed_;
     SceneStatistics statistics_;
-    std::vector<double> tree_costs_;
-    std::shared_ptr<const TreeLinks> root_links_;
+    mutable TreeKnowledge trees_;
+    std::shared_ptr<const std::vector<std::uint32_t>> uses_;  ///< edits in place do not change it
     std::string digest_;
     std::string arena_id_;
     bool is_edited_ = false;
@@ -253,7 +255,7 @@ private:
     /// The last edits, newest first, each with the differences between its two scenes
     std::vector<std::shared_ptr<const EditedFrom>> edits_;
     ArenaSharing sharing_;
-    mutable std::mutex share_mutex_;
+    mutable std::mutex edit_mutex_;                       ///< of shareable_ and trees_.extents
     mutable std::weak_ptr<const SharedPages> shareable_;  ///< this arena, for copies of it
     std::vector<std::string> record_types_;
     std::vector<std::uint64_t> record_counts_;

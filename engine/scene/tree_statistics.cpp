@@ -36,30 +36,13 @@ public:
     std::vector<TreeStatistics> measure() {
         std::vector<TreeStatistics> all;
         for (std::uint32_t i = 0; i < scene_.object_count; ++i) {  // children come first
-            cost_.push_back(cost_of(scene_.objects[i]));
+            cost_.push_back(tree_cost(scene_, scene_.objects[i], cost_));
             all.push_back({cost_.back(), height_of(scene_.objects[i])});
         }
         return all;
     }
 
-    std::vector<double> measure_again(std::vector<double> costs,
-                                      std::span<const std::uint32_t> objects) {
-        cost_ = std::move(costs);
-        for (const std::uint32_t object : objects) cost_[object] = cost_of(scene_.objects[object]);
-        return std::move(cost_);
-    }
-
 private:
-    /// Returns the cost of the object per unit of its box's area.
-    [[nodiscard]] double cost_of(const ObjectRecord& object) const {
-        if (object.node_count == 0 || !(area_of(object.bounds) > 0))
-            return leaf_cost(scene_, object, object.root, cost_);
-        double sum = 0;
-        for (std::uint32_t i = 0; i < object.node_count; ++i)
-            sum += cost_share(scene_, object, scene_.nodes[object.first_node + i], cost_);
-        return cost_of_shares(object.bounds, sum);
-    }
-
     std::uint32_t height_of(const ObjectRecord& object) {
         heights_.assign(object.node_count, 1);
         std::uint8_t height = object.node_count == 0 ? 0 : 1;
@@ -93,6 +76,16 @@ double cost_share(const SceneView& scene, const ObjectRecord& object, const Node
     return sum;
 }
 
+double tree_cost(const SceneView& scene, const ObjectRecord& object,
+                 std::span<const double> costs) {
+    if (object.node_count == 0 || !(area_of(object.bounds) > 0))
+        return leaf_cost(scene, object, object.root, costs);
+    double sum = 0;
+    for (std::uint32_t i = 0; i < object.node_count; ++i)
+        sum += cost_share(scene, object, scene.nodes[object.first_node + i], costs);
+    return cost_of_shares(object.bounds, sum);
+}
+
 double cost_of_shares(const Box& bounds, double sum) {
     return double{build::node_cost} + sum / area_of(bounds);
 }
@@ -103,11 +96,6 @@ double shares_of_cost(const Box& bounds, double cost) {
 
 std::vector<TreeStatistics> measure_each_tree(const SceneView& scene) {
     return Measurer(scene).measure();
-}
-
-std::vector<double> measure_again(const SceneView& scene, std::vector<double> costs,
-                                  std::span<const std::uint32_t> objects) {
-    return Measurer(scene).measure_again(std::move(costs), objects);
 }
 
 TreeStatistics measure_trees(const SceneView& scene) {

@@ -30,8 +30,7 @@ double cost_share(const SceneView& scene, const ObjectRecord& object, const Node
 double cost_of_shares(const Box& bounds, double sum);
 double shares_of_cost(const Box& bounds, double cost);
 
-/// Returns `costs` of all objects with those of some (ascending) measured again.
-std::vector<double> measure_again(const SceneView& scene, std::vector<double> costs,
-                                  std::span<const std::uint32_t> objects);
+/// Returns the cost of an object; `costs` are those of what it places.
+double tree_cost(const SceneView& scene, const ObjectRecord& object, std::span<const double> costs);
 
 }  // namespace raynest

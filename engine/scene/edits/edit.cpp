@@ -111,8 +111,10 @@ template <class Change>
 Result<void> check_places(const Snapshot& scene, const std::vector<Change>& changes) {
     const SceneView& view = scene.view();
     const std::uint32_t count = view.objects[view.root].instance_count;
-    std::vector<bool> outermost(changes.empty() ? 0 : count);
-    std::set<InstancePlace> nested;
+    // Batches are in order, and then each place is compared with the one before it alone.
+    std::set<InstancePlace> seen;
+    const InstancePlace* last = nullptr;
+    const bool in_order = std::ranges::is_sorted(changes, {}, &Change::instance);
     for (const Change& change : changes) {
         const InstancePlace& place = change.instance;
         if (place.outermost >= count)
@@ -123,8 +125,8 @@ Result<void> check_places(const Snapshot& scene, const std::vector<Change>& chan
             return fail(ErrorCode::field_invalid, "there is no such instance within " +
                                                       label(scene, InstancePlace(place.outermost)));
         const bool again =
-            place.below.empty() ? outermost[place.outermost] : !nested.insert(place).second;
-        if (place.below.empty()) outermost[place.outermost] = true;
+            in_order ? last != nullptr && *last == place : !seen.insert(place).second;
+        last = &place;
         if (again) return refused(scene, place, "{} is named twice in one edit");
     }
     return {};
@@ -209,7 +211,7 @@ Result<void> check_materials(const Snapshot& scene, const std::vector<MeshMateri
 std::uint32_t mask_below(const SceneView& view, std::uint32_t object) {
     const ObjectRecord& record = view.objects[object];
     std::uint32_t mask = record.has_own_primitives() ? ~0U : 0;
-    for (std::uint32_t i = 0; i < record.instance_count; ++i)
+    for (std::uint32_t i = 0; mask != ~0U && i < record.instance_count; ++i)
         mask |= view.instances[record.first_instance + i].mask;
     return mask;
 }
@@ -270,22 +272,6 @@ TouchedObjects touched_by(const SceneView& view, const SceneChanges& changes, bo
     return touched;
 }
 
-/// The box of a scene after its instances have moved.
-Box bounds_after(const SceneView& view, const Snapshot& before, const SceneChanges& changes,
-                 const Box& reached) {
-    constexpr std::size_t few = 16;
-    std::vector<std::uint32_t> moved;
-    bool is_simple =
-        changes.deformed.empty() && changes.moves.size() <= few && before.record_types().empty();
-    for (std::size_t i = 0; is_simple && i < changes.moves.size(); ++i) {
-        is_simple = changes.moves[i].instance.below.empty();
-        moved.push_back(changes.moves[i].instance.outermost);
-    }
-    const ViewTrees trees(view);
-    return is_simple ? vertex_bounds_after(trees, view.root, before.bounds(), reached, moved)
-                     : vertex_bounds(trees, view.root);
-}
-
 /// Applies moves, masks, user ids and vertices in a copy of the arena.
 Result<std::shared_ptr<const Snapshot>> change_in_place(const Snapshot& scene,
                                                         const SceneChanges& changes,
@@ -324,11 +310,9 @@ Result<std::shared_ptr<const Snapshot>> change_in_place(const Snapshot& scene,
         places[object_of(arena.view(), mesh.instance)].vertices = mesh.vertices;
         note(steps_to(arena.view(), mesh.instance), nullptr);
     }
-    const std::shared_ptr<const TreeLinks> links =
-        scene.root_links()
-            ? scene.root_links()
-            : std::make_shared<const TreeLinks>(links_of(scene.view(), scene.view().objects[root]));
-    const Refitted refitted = refit(arena, places, *links, scene.tree_costs());
+    TreeKnowledge known = scene.trees_to_edit();
+    const std::uint64_t opened = known.extents->opened();
+    const Refitted refitted = refit(arena, places, scene.tree_costs(), known);
     if (refitted.far) {
         const auto is_far = [&](const WayStep& step) {
             const std::uint32_t first = arena.object(step.object).first_instance;
@@ -347,22 +331,23 @@ Result<std::shared_ptr<const Snapshot>> change_in_place(const Snapshot& scene,
     }
     // A move within the scene leaves no side of it and reaches none.
     if (!is_inside(refitted.reached, scene.bounds()))
-        arena.set_bounds(bounds_after(arena.view(), scene, changes, refitted.reached));
+        arena.set_bounds(vertex_bounds_after(ViewTrees(arena.view()), root,
+                                             arena.view().instance_count, scene.bounds(),
+                                             refitted.reached, *known.extents));
 
     BuiltArena built;
     built.edits = scene.statistics().edits;
     if (built.edits.built_cost == 0) built.edits.built_cost = scene.statistics().trees.sah_cost;
     ++built.edits.refits;
-    std::vector<std::uint32_t> objects;
-    for (const auto& [object, unused] : places) objects.push_back(object);
+    built.edits.nodes = refitted.nodes + known.extents->opened() - opened;
     ArenaChanges changed = arena.changed();
     const double limit = rebuild_cost_factor * built.edits.built_cost;
     const bool may_rebuild = !places.empty() && !arena.object(root).has_own_primitives();
     TouchedObjects touched = touched_by(arena.view(), changes, scene.paths().node_count == 0);
     built.arena = arena.take();
-    auto edited = Snapshot::open_edited(std::move(built), scene,
-                                        {std::move(copy.sharing), std::move(changed), objects,
-                                         refitted.root_cost, links, std::move(touched)});
+    auto edited = Snapshot::open_edited(
+        std::move(built), scene,
+        {std::move(copy.sharing), std::move(changed), std::move(known), std::move(touched)});
     if (!edited || !may_rebuild || (*edited)->statistics().trees.sah_cost <= limit) return edited;
     return rebuild(**edited);
 }

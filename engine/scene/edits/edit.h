@@ -79,9 +79,9 @@ inline constexpr double rebuild_cost_factor = 1.2;
 /// that is singular, not finite or reaches beyond coordinate_max, and as link_scenes() does; names
 /// the instance by its path; and with limit_exceeded beyond nested_uids_max. Asks the guard for all that
 /// it takes beside an edited copy of the scene (shared_ways.h), and fails as that does. User ids of a scene whose
-/// nodes name its paths cost a copy of it. Thread-safe. Moves and masks cost a copy of what differs, a look at
-/// each node of the trees above, and what moved; the rest costs what link_scenes() and unshare()
-/// cost. Throws std::bad_alloc.
+/// nodes name its paths cost a copy of it. Thread-safe. Moves cost a copy of what differs, what moved and
+/// a look at the nodes above it; masks within groups a look at what stands beside them, until one of
+/// these sees all rays; the rest costs what link_scenes() and unshare() cost. Throws std::bad_alloc.
 Result<std::shared_ptr<const Snapshot>> edit_scene(const Snapshot& scene,
                                                    const SceneChanges& changes,
                                                    std::shared_ptr<const Snapshot> spare = nullptr,

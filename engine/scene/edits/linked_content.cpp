@@ -336,17 +336,21 @@ std::uint32_t LinkedContent::mask_of(std::uint32_t object) const {
 
 ObjectTree LinkedContent::tree(std::uint32_t object) const {
     if (object == origins_.size())
-        return {root_tree_.nodes.data(), root_tree_.root, root_tree_.bounds};
+        return {root_tree_.nodes.data(), root_tree_.root,
+                static_cast<std::uint32_t>(root_tree_.nodes.size()), root_tree_.bounds};
     const Origin& origin = origins_[object];
     return ViewTrees(scenes_[origin.scene].snapshot->view()).tree(origin.object);
 }
 
 TreePlacement LinkedContent::placement(std::uint32_t object, std::uint32_t place) const {
     const std::size_t at = content_.objects[object].first_instance + place;
-    const std::uint32_t child = content_.instances[at].object;
-    const Transform& to_parent = content_.instance_infos[at].to_parent;
+    return {content_.instances[at].object, content_.instance_infos[at].to_parent};
+}
+
+double LinkedContent::padding(std::uint32_t object, std::uint32_t place) const {
+    const auto [child, to_parent] = placement(object, place);
     const float error = placement_error(to_parent, content_.objects[child].origin_error);
-    return {child, to_parent, placed_padding(content_.objects[child].bounds, to_parent, error)};
+    return placed_padding(content_.objects[child].bounds, to_parent, error);
 }
 
 double LinkedContent::farthest_in_leaf(std::uint32_t object, std::uint32_t leaf, const Reach& reach,
@@ -408,7 +412,8 @@ Result<void> LinkedContent::add_root(std::uint32_t name, std::vector<Placed> ins
     root.bounds = root_tree_.bounds;
     root.node_count = static_cast<std::uint32_t>(root_tree_.nodes.size());
     content_.objects.push_back(root);
-    content_.bounds = vertex_bounds(*this, static_cast<std::uint32_t>(content_.objects.size() - 1));
+    content_.bounds = vertex_bounds(*this, static_cast<std::uint32_t>(content_.objects.size() - 1),
+                                    content_.instances.size());
     return {};
 }
 

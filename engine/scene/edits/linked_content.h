@@ -59,6 +59,7 @@ public:
     // The trees of the new objects, for farthest.h.
     [[nodiscard]] ObjectTree tree(std::uint32_t object) const;
     [[nodiscard]] TreePlacement placement(std::uint32_t object, std::uint32_t place) const;
+    [[nodiscard]] double padding(std::uint32_t object, std::uint32_t place) const;
     [[nodiscard]] double farthest_in_leaf(std::uint32_t object, std::uint32_t leaf,
                                           const Reach& reach, double most) const;
 

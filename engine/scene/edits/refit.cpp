@@ -89,26 +89,32 @@ Box refit_object(EditedArena& arena, ObjectRecord& object, std::span<const std::
     return reached;
 }
 
-/// Makes the boxes above a few changed instances of the root anew, which has nodes and instances
-/// alone in them, and its expected cost.
-void refit_few(EditedArena& arena, const std::vector<ChangedPlace>& changes,
-               std::span<const Box> boxes, const TreeLinks& links, std::span<const double> costs,
-               Refitted& done) {
-    ObjectRecord& root = arena.object(arena.view().root);
-    const std::span<Node> nodes = arena.nodes(root);
+/// Makes the boxes above a few changed instances of an object anew, and its expected cost: it was of
+/// the `costs_before`, and what it places has the known ones. Returns the box of where they were and
+/// where they are.
+Box refit_few(EditedArena& arena, std::uint32_t index, const std::vector<ChangedPlace>& changes,
+              std::span<const Box> boxes, std::span<const double> costs_before,
+              TreeKnowledge& known, std::uint64_t& nodes_seen) {
+    ObjectRecord& object = arena.object(index);
+    const std::span<Node> nodes = arena.nodes(object);
+    std::shared_ptr<const TreeLinks>& made = known.links[index];
+    if (!made) made = std::make_shared<const TreeLinks>(links_of(arena.view(), object));
+    const TreeLinks& links = *made;
     std::set<std::uint32_t, std::greater<>> above;  // a child has a larger index than its parent
     for (const ChangedPlace& change : changes)
         for (std::uint32_t node = links.holders[change.place]; node != no_id;
              node = links.parents[node])
             if (!above.insert(node).second) break;
-    const auto shares = [&] {
+    nodes_seen += above.size();
+    const auto shares = [&](std::span<const double> costs) {
         double sum = 0;
         for (const std::uint32_t node : above)
-            sum += cost_share(arena.view(), root, nodes[node], costs);
+            sum += cost_share(arena.view(), object, nodes[node], costs);
         return sum;
     };
-    const double before = shares();
-    double sum = shares_of_cost(root.bounds, costs[arena.view().root]);
+    const bool had_area = object.bounds.half_area() > 0;
+    double sum = shares_of_cost(object.bounds, costs_before[index]) - shares(costs_before);
+    Box reached;
     for (std::size_t i = 0; i < changes.size(); ++i) {
         const std::uint32_t holder = links.holders[changes[i].place];
         if (holder == no_id) continue;
@@ -120,27 +126,31 @@ void refit_few(EditedArena& arena, const std::vector<ChangedPlace>& changes,
         Node& node = nodes[holder];
         const auto slot = static_cast<std::size_t>(std::ranges::find_if(node.child, is_leaf_of) -
                                                    std::begin(node.child));
-        done.reached.extend(box_of(node, slot));
-        done.reached.extend(boxes[i]);
+        reached.extend(box_of(node, slot));
+        reached.extend(boxes[i]);
         set(node, slot, boxes[i]);
     }
     for (const std::uint32_t i : above) {
         Node& node = nodes[i];
         build::order_children(node, static_cast<std::uint32_t>(std::popcount(node.valid())));
         arena.touch(node);
+        known.extents->forget(index, i);
         if (links.parents[i] == no_id) continue;
         Node& parent = nodes[links.parents[i]];
         set(parent, slot_of(parent, i), box_of(node));
     }
-    root.bounds = box_of(nodes[root.root]);
-    sum += shares() - before;
-    done.root_cost = cost_of_shares(root.bounds, sum);
+    object.bounds = box_of(nodes[object.root]);
+    sum += shares(known.costs);
+    known.costs[index] = had_area && object.bounds.half_area() > 0
+                             ? cost_of_shares(object.bounds, sum)
+                             : tree_cost(arena.view(), object, known.costs);
+    return reached;
 }
 
 }  // namespace
 
-Refitted refit(EditedArena& arena, const ChangesByObject& by_object, const TreeLinks& links,
-               std::span<const double> costs) {
+Refitted refit(EditedArena& arena, const ChangesByObject& by_object,
+               std::span<const double> costs_before, TreeKnowledge& known) {
     const ViewTrees trees(arena.view());
     Refitted done;
     // Children have smaller indices than their parents.
@@ -150,9 +160,8 @@ Refitted refit(EditedArena& arena, const ChangesByObject& by_object, const TreeL
         if (!change.vertices.positions.empty())
             arena.add_degenerate(deform(arena, object, change.vertices));
         constexpr std::size_t many = 64;  // a node has up to so many in two levels below it
-        const bool few = by_object.size() == 1 && index == arena.view().root &&
-                         object.node_count / many > changes.size() &&
-                         change.vertices.positions.empty();
+        const bool few =
+            object.node_count / many > changes.size() && change.vertices.positions.empty();
         std::vector<std::uint32_t> change_of(few ? 0 : object.instance_count, no_id);
         std::vector<Box> boxes(changes.size());
         std::vector<float> errors(changes.size());
@@ -182,12 +191,16 @@ Refitted refit(EditedArena& arena, const ChangesByObject& by_object, const TreeL
         }
         if (done.far) return done;
         arena.touch(object);
+        Box reached;
         if (few) {
-            refit_few(arena, changes, boxes, links, costs, done);
-            continue;
+            reached = refit_few(arena, index, changes, boxes, costs_before, known, done.nodes);
+        } else {
+            reached =
+                refit_object(arena, object, change_of, boxes, !change.vertices.positions.empty());
+            known.costs[index] = tree_cost(arena.view(), object, known.costs);
+            known.extents->forget(index);
+            done.nodes += object.node_count;
         }
-        const Box reached =
-            refit_object(arena, object, change_of, boxes, !change.vertices.positions.empty());
         if (index == arena.view().root) done.reached = reached;
     }
     return done;

@@ -5,7 +5,7 @@
 #include "engine/math/vec.h"
 #include "engine/scene/edits/deform.h"
 #include "engine/scene/edits/edited_arena.h"
-#include "engine/scene/edits/tree_links.h"
+#include "engine/scene/tree_knowledge.h"
 
 #include <cstdint>
 #include <map>
@@ -37,14 +37,13 @@ struct Refitted {
         std::uint32_t place;
     };
     std::optional<Far> far;
-    std::optional<double>
-        root_cost;  ///< expected cost of the root's tree, where it is known already
+    std::uint64_t nodes = 0;  ///< looked at
 };
 
-/// Moves and refits. The placements have been checked: they are invertible. `links` are those of
-/// the root, and `costs` the expected costs of all objects (tree_statistics.h): with a few moves in
-/// the root alone, only the nodes above these are looked at.
-Refitted refit(EditedArena& arena, const ChangesByObject& changes, const TreeLinks& links,
-               std::span<const double> costs);
+/// Moves and refits. The placements have been checked: they are invertible. Where few of an object's
+/// many instances change, only the nodes above these are looked at. Brings what is known up to date;
+/// `costs_before` are those of the trees as they are.
+Refitted refit(EditedArena& arena, const ChangesByObject& changes,
+               std::span<const double> costs_before, TreeKnowledge& known);
 
 }  // namespace raynest

@@ -90,8 +90,7 @@ Result<std::vector<InstancePlace>> shared_ways(const Snapshot& scene, const Scen
                               std::back_inserter(ways));
         }
     if (ways.empty() && changes.deformed.empty() && changes.materials.empty()) return ways;
-    std::vector<std::uint32_t> uses(view.object_count);
-    for (std::uint32_t i = 0; i < view.instance_count; ++i) ++uses[view.instances[i].object];
+    const std::vector<std::uint32_t>& uses = scene.uses();
     const auto is_shared = [&](const InstancePlace& place) {
         return std::ranges::any_of(steps_to(view, place), [&](const WayStep& step) {
             return step.object != view.root && uses[step.object] > 1;

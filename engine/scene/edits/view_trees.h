@@ -19,16 +19,18 @@ public:
 
     [[nodiscard]] ObjectTree tree(std::uint32_t object) const {
         const ObjectRecord& record = view_.objects[object];
-        return {view_.nodes + record.first_node, record.root, record.bounds};
+        return {view_.nodes + record.first_node, record.root, record.node_count, record.bounds};
     }
     [[nodiscard]] TreePlacement placement(std::uint32_t object, std::uint32_t place) const {
         const std::size_t instance = view_.objects[object].first_instance + place;
         const std::uint32_t child = view_.instances[instance].object;
-        const Transform& to_parent = view_.instance_infos[instance].to_parent;
+        return {child, view_.instance_infos[instance].to_parent};
+    }
+    [[nodiscard]] double padding(std::uint32_t object, std::uint32_t place) const {
+        const auto [child, to_parent] = placement(object, place);
         const ObjectRecord& record = view_.objects[child];
-        return {child, to_parent,
-                placed_padding(record.bounds, to_parent,
-                               placement_error(to_parent, record.origin_error))};
+        return placed_padding(record.bounds, to_parent,
+                              placement_error(to_parent, record.origin_error));
     }
     /// Records have no box of their own any more: what is known of their leaf counts.
     [[nodiscard]] double farthest_in_leaf(std::uint32_t object, std::uint32_t leaf,

@@ -1,0 +1,119 @@
+// An edit looks at what changes and at what lies above it, not at what stands beside it; and its scene
+// is that of a fresh build.
+#include "engine/scene/edits/edit.h"
+#include "tests/conformance/scenes.h"
+#include "tests/unit/engine/small_scenes.h"
+
+#include <doctest/doctest.h>
+
+#include <algorithm>
+#include <cstdint>
+#include <memory>
+#include <utility>
+#include <vector>
+
+using namespace raynest;
+using conformance::Random;
+using test::build_scene;
+using test::place;
+using test::translation;
+
+namespace {
+
+using Scene = std::shared_ptr<const Snapshot>;
+
+/// Nodes that an edit may look at in trees of some thousand instances: the ways up, and beside each node
+/// of them its eight children, for each side of the box.
+constexpr std::uint64_t nodes_max = 600;
+
+void check_as_fresh(const Snapshot& edited, const SceneDescription& description) {
+    const Scene fresh = build_scene(description);
+    CHECK(edited.bounds().lower == fresh->bounds().lower);
+    CHECK(edited.bounds().upper == fresh->bounds().upper);
+    CHECK(edited.digest() == fresh->digest());
+    CHECK(edited.statistics().trees.sah_cost ==
+          doctest::Approx(measure_trees(edited.view()).sah_cost).epsilon(1e-9));
+}
+
+/// Places squares in a row of rows, which end at the heights that height() says.
+template <class Height>
+std::vector<InstanceDescription> field(std::uint32_t side, Height&& height) {
+    std::vector<InstanceDescription> parts;
+    for (std::uint32_t i = 0; i < side * side; ++i)
+        parts.push_back(place(0, translation(2 * static_cast<float>(i % side),
+                                             2 * static_cast<float>(i / side), height())));
+    return parts;
+}
+
+/// Moves parts of a field, those in its corners too; `to_place` says where they stand in the scene.
+template <class ToPlace>
+void move_parts(const SceneDescription& description, std::vector<InstanceDescription>& parts,
+                Scene scene, Random& random, ToPlace&& to_place) {
+    const auto count = static_cast<std::uint32_t>(parts.size());
+    Scene spare;
+    for (int step = 0; step < 30; ++step) {
+        CAPTURE(step);
+        const std::uint32_t which[] = {random.below(count), count - 1, 0, count - 60};
+        const std::uint32_t part = which[step % 4];
+        parts[part].transform.m[3] += 0.01F;
+        // Now and then one stands out, and leaves again.
+        parts[part].transform.m[11] += step % 8 == 3 ? 1e-5F : step % 8 == 7 ? -1e-5F : 0;
+        const auto edited =
+            edit_scene(*scene, {{{to_place(part), parts[part].transform}}}, std::move(spare));
+        REQUIRE_MESSAGE(edited, edited.error().message);
+        spare = std::exchange(scene, *edited);
+        // The first ones look at everything, once for each side of the box.
+        if (step >= 4) CHECK(scene->statistics().edits.nodes <= nodes_max);
+        if (step % 3 == 0) check_as_fresh(*scene, description);
+    }
+}
+
+}  // namespace
+
+TEST_CASE("a part of a flat field moves without a look at the others") {
+    for (const bool is_level : {true, false}) {
+        CAPTURE(is_level);
+        Random random(7);
+        SceneDescription description;
+        description.objects.resize(2);
+        description.objects[0].geometries.push_back(test::unit_square());
+        description.objects[1].instances =
+            field(80, [&] { return is_level ? 0.1F : 0.1F + 1e-6F * random.unit(); });
+        description.root = 1;
+        move_parts(description, description.objects[1].instances, build_scene(description), random,
+                   [](std::uint32_t part) { return InstancePlace(part); });
+    }
+}
+
+TEST_CASE("a part of a group moves without a look at the others") {
+    for (const bool is_shared : {false, true}) {
+        CAPTURE(is_shared);
+        Random random(8);
+        SceneDescription description;
+        description.objects.resize(4);
+        description.objects[0].geometries.push_back(test::unit_square());
+        description.objects[1].instances = field(80, [&] { return random.between(0, 1); });
+        description.objects[2].instances = description.objects[1].instances;
+        auto& root = description.objects[3].instances;
+        root.push_back(place(1, translation(0.3F, 0, 0)));
+        if (is_shared) root.push_back(place(2, translation(500, 0, 0)));
+        root.push_back(place(0, translation(0, 0, 9)));
+        description.root = 3;
+        // The first edit gives the two places objects of their own.
+        SceneDescription before = description;
+        if (is_shared) before.objects[3].instances[1].object = 1;
+        move_parts(description, description.objects[1].instances, build_scene(before), random,
+                   [](std::uint32_t part) { return InstancePlace(0, {part}); });
+    }
+}
+
+TEST_CASE("the box of a flat field ends where its parts do, however many they are") {
+    SceneDescription description;
+    description.objects.resize(2);
+    description.objects[0].geometries.push_back(test::unit_square());
+    description.objects[1].instances = field(270, [] { return 0.1F; });
+    description.root = 1;
+    const Box box = build_scene(description)->bounds();
+    CHECK(box.lower == Vec3(0, 0, 0.1F));
+    CHECK(box.upper == Vec3(539, 539, 0.1F));
+}
