@@ -8,6 +8,7 @@
 #include <atomic>
 #include <cstring>
 #include <mutex>
+#include <numeric>
 #include <string_view>
 #include <type_traits>
 #include <unordered_map>
@@ -18,7 +19,8 @@ namespace {
 
 using format::Section;
 
-/// Instances whose bytes are hashed together: an edit of one hashes all of them.
+/// Instances whose bytes are hashed together: an edit of one hashes all of them. Of more runs than
+/// this, the digests are hashed in runs again.
 constexpr std::uint32_t run_instances = 512;
 constexpr std::size_t piece_elements = 4096;
 constexpr std::size_t short_name = 64;
@@ -139,17 +141,18 @@ public:
         return sum(text);
     }
 
-    /// Hashes instances and what was hashed of them; `stale` tells which runs have changed.
+    /// Hashes instances and what was hashed of them; `stale` are the runs that have changed,
+    /// ascending.
     template <class Below>
-    void set_runs(const ObjectRecord& record, ObjectDigests& object, const std::vector<bool>& stale,
-                  const Below& below) {
-        tbb::parallel_for(std::size_t{0}, stale.size(), [&](std::size_t i) {
-            if (stale[i]) set_run(record, i, object, below);
-        });
+    void set_runs(const ObjectRecord& record, ObjectDigests& object,
+                  std::span<const std::size_t> stale, const Below& below) {
+        tbb::parallel_for(std::size_t{0}, stale.size(),
+                          [&](std::size_t i) { set_run(record, stale[i], object, below); });
         object.mask = record.has_own_primitives() ? ~0U : 0;
         for (const std::uint32_t mask : object.run_masks) object.mask |= mask;
         Text text("whole object");
-        text.add(object.primitives), text.add(object.runs);
+        text.add(object.primitives);
+        text.add(object.runs.size() <= run_instances ? object.runs : long_runs(object, stale));
         object.whole = sum(text);
     }
 
@@ -213,6 +216,24 @@ private:
         }
         object.run_masks[number] = seen;
         object.runs[number] = sum(text);
+    }
+
+    /// Returns the digests of an object's runs in runs of their own.
+    const std::vector<Sha256>& long_runs(ObjectDigests& object,
+                                         std::span<const std::size_t> stale) {
+        object.long_runs.resize((object.runs.size() + run_instances - 1) / run_instances);
+        std::size_t last = object.long_runs.size();
+        for (const std::size_t run : stale) {
+            const std::size_t number = run / run_instances;
+            if (std::exchange(last, number) == number) continue;
+            const std::size_t first = number * run_instances;
+            const std::size_t count =
+                std::min<std::size_t>(run_instances, object.runs.size() - first);
+            Text text("runs");
+            text.add(std::span<const Sha256>(object.runs).subspan(first, count));
+            object.long_runs[number] = sum(text);
+        }
+        return object.long_runs;
     }
 
     [[nodiscard]] const SceneView& view() const { return scene_.view; }
@@ -330,7 +351,9 @@ Result<std::shared_ptr<const ContentDigests>> ContentDigests::of(const CheckedAr
         ObjectDigests& object = (*objects)[i];
         object.runs.resize(runs);
         object.run_masks.resize(runs);
-        hasher.set_runs(view.objects[i], object, std::vector<bool>(runs, true), below);
+        std::vector<std::size_t> all(runs);
+        std::iota(all.begin(), all.end(), std::size_t{0});
+        hasher.set_runs(view.objects[i], object, all, below);
     }
     if (auto sound = hasher.state(); !sound) return tl::unexpected(sound.error());
     digests->opened_ = objects;
@@ -351,8 +374,11 @@ Result<std::shared_ptr<const ContentDigests>> ContentDigests::after(
         const ObjectRecord& record = view.objects[index];
         ObjectDigests object = digests->at(index);
         if (changes.primitives) object.primitives = hasher.primitives(record, *materials_);
-        std::vector<bool> stale(object.runs.size());
-        for (const std::uint32_t place : changes.places) stale[place / run_instances] = true;
+        std::vector<std::size_t> stale;
+        for (const std::uint32_t place : changes.places) stale.push_back(place / run_instances);
+        std::ranges::sort(stale);
+        const auto doubles = std::ranges::unique(stale);
+        stale.erase(doubles.begin(), doubles.end());
         hasher.set_runs(record, object, stale, below);
         digests->changed_[index] = std::make_shared<const ObjectDigests>(std::move(object));
     }

@@ -55,6 +55,7 @@ private:
     struct ObjectDigests {
         Sha256 primitives{};
         std::vector<Sha256> runs;              ///< of instances
+        std::vector<Sha256> long_runs;         ///< of runs, where there are many
         std::vector<std::uint32_t> run_masks;  ///< which rays see something in each
         Sha256 whole{};
         std::uint32_t mask = 0;  ///< which rays see something in the object

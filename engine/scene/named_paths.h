@@ -16,8 +16,9 @@ struct PathRange {
 };
 
 /// Returns the paths that have this text, or have it above them: ranges that ascend and do not
-/// touch; none where a step of the text has no name or is not there. Looks at what lies beside each
-/// step, at about 2 ns, and in a scene with nodes at those below the last one.
+/// touch; none where a step of the text has no name or is not there. The first text of a scene that
+/// leads through a long list looks at all of it (StepIndices); in a scene with nodes each looks at those
+/// below the last step.
 [[nodiscard]] std::vector<PathRange> named_paths(const Snapshot& scene, std::string_view text);
 
 /// The path behind the last one of a run, of a scene with `path_count` paths.

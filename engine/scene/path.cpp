@@ -103,17 +103,6 @@ Token token_of(std::string_view text) {
     return token;
 }
 
-/// Returns the offset of a name; each name is stored once.
-std::optional<std::uint32_t> offset_of(const Snapshot& scene, std::string_view name) {
-    if (name.empty()) return 0;
-    const std::string_view all(scene.view().names, scene.paths().names_bytes);
-    std::string bounded(1, '\0');
-    (bounded += name) += '\0';
-    const std::size_t at = all.find(bounded);
-    if (at == std::string_view::npos) return std::nullopt;
-    return static_cast<std::uint32_t>(at + 1);
-}
-
 /// Follows a text down the tree, one step at a time.
 class Finder {
 public:
@@ -141,44 +130,52 @@ private:
             end = std::min(text_.find('/', first), text_.size());
             at_ = text_.substr(0, first == 0 ? 0 : first - 1);
             const Token token = token_of(text_.substr(first, end - first));
-            const auto name = offset_of(scene_, token.name);
-            const bool found =
-                name && (paths_.node_count != 0 ? enter_node(*name, token.number)
-                                                : enter_instance(*name, token.number));
-            if (!found) return no_such(token, name, text_.substr(first, end - first));
+            const bool found = paths_.node_count != 0 ? enter_node(token) : enter_instance(token);
+            if (!found) return no_such(token, text_.substr(first, end - first));
         }
         return {};
     }
 
-    bool enter_node(std::uint32_t name, std::uint32_t number) {
+    bool enter_node(const Token& token) {
         // A node with several placements stands for several numbers. Only the first of them has
         // children.
         if (number_ != no_id && number_ != paths_.nodes[node_].number) return false;
         const auto [first, end] = children_of(paths_, node_);
-        std::uint32_t found = no_id;
-        for (std::uint32_t i = first; i < end; ++i) {
-            const PathNode& node = paths_.nodes[i];
-            if (node.name != name || (node.number == no_id) != (number == no_id)) continue;
-            if (number == no_id || node.number <= number) found = i;
-        }
-        if (found == no_id) return false;
-        node_ = found;
-        number_ = number;
+        const auto found = find_step(node_, end - first, token, [&, at = first](std::uint32_t i) {
+            return NamedStep{paths_.nodes[at + i].name, paths_.nodes[at + i].number};
+        });
+        if (!found) return false;
+        node_ = first + *found;
+        number_ = token.number;
         return true;
     }
 
-    bool enter_instance(std::uint32_t name, std::uint32_t number) {
+    bool enter_instance(const Token& token) {
         const SceneView& view = scene_.view();
         const ObjectRecord& object = view.objects[object_];
-        for (std::uint32_t i = 0; i < object.instance_count; ++i) {
+        const auto step_at = [&](std::uint32_t i) {
             const std::uint32_t index = object.first_instance + i;
-            if (view.instance_infos[index].name != name || number_of(paths_, index) != number)
-                continue;
-            path_ += view.instances[index].path_base;
-            object_ = view.instances[index].object;
-            return true;
-        }
-        return false;
+            return NamedStep{view.instance_infos[index].name, number_of(paths_, index)};
+        };
+        const auto found = find_step(object_, object.instance_count, token, step_at);
+        if (!found || step_at(*found).number != token.number) return false;
+        const InstanceRecord& instance = view.instances[object.first_instance + *found];
+        path_ += instance.path_base;
+        object_ = instance.object;
+        return true;
+    }
+
+    /// As StepIndex::find() does.
+    template <class StepAt>
+    [[nodiscard]] std::optional<std::uint32_t> find_step(std::uint32_t parent, std::uint32_t count,
+                                                         const Token& token,
+                                                         const StepAt& at) const {
+        const char* const names = scene_.view().names;
+        if (count >= StepIndices::steps_min)
+            return scene_.steps()
+                .of(parent, names, count, at)
+                ->find(names, token.name, token.number);
+        return StepIndex(names, count, at).find(names, token.name, token.number);
     }
 
     [[nodiscard]] Result<std::uint64_t> path_of_node() const {
@@ -254,11 +251,9 @@ private:
         return refuse(fmt::format("'{}' places nothing that can be hit{}", shown(text_), hint));
     }
 
-    [[nodiscard]] tl::unexpected<Error> no_such(const Token& token,
-                                                std::optional<std::uint32_t> name,
-                                                std::string_view step) const {
+    [[nodiscard]] tl::unexpected<Error> no_such(const Token& token, std::string_view step) const {
         const std::string where = at_.empty() ? "the scene" : fmt::format("'{}'", shown(at_));
-        if (token.number == no_id && name && is_repeated(*name)) {
+        if (token.number == no_id && is_repeated(token.name)) {
             const char* const slash = at_.empty() ? "" : "/";
             return refuse(fmt::format("{} has several '{}': give the number, as '{}{}{}#0'", where,
                                       shown(step), shown(at_), slash, shown(step)));
@@ -270,10 +265,10 @@ private:
         return refuse(fmt::format("{} has no '{}'{}", where, shown(step), hint));
     }
 
-    [[nodiscard]] bool is_repeated(std::uint32_t name) const {
+    [[nodiscard]] bool is_repeated(std::string_view name) const {
         bool repeated = false;
         each_below([&](std::uint32_t other, std::uint32_t number) {
-            repeated = other == name && number != no_id;
+            repeated = scene_.view().names + other == name && number != no_id;
             return !repeated;
         });
         return repeated;

@@ -12,6 +12,7 @@
 #include "engine/scene/content_digest.h"
 #include "engine/scene/description.h"
 #include "engine/scene/page_set.h"
+#include "engine/scene/step_index.h"
 #include "engine/scene/tree_knowledge.h"
 #include "engine/scene/tree_statistics.h"
 #include "engine/shading/records.h"
@@ -225,6 +226,8 @@ public:
     [[nodiscard]] const std::vector<double>& tree_costs() const { return trees_.costs; }
     /// Returns what an edit of this scene begins with. The extents go to the first one that asks.
     [[nodiscard]] TreeKnowledge trees_to_edit() const;
+    /// Those of the steps below objects, in a scene with nodes below these.
+    [[nodiscard]] StepIndices& steps() const { return *steps_; }
     /// How often instances place each object.
     [[nodiscard]] const std::vector<std::uint32_t>& uses() const { return *uses_; }
     /// One per material.
@@ -246,7 +249,9 @@ private:
     std::optional<Box> framed_;
     SceneStatistics statistics_;
     mutable TreeKnowledge trees_;
-    std::shared_ptr<const std::vector<std::uint32_t>> uses_;  ///< edits in place do not change it
+    // Edits in place change neither of these.
+    std::shared_ptr<const std::vector<std::uint32_t>> uses_;
+    std::shared_ptr<StepIndices> steps_;
     std::string digest_;
     std::string arena_id_;
     bool is_edited_ = false;

@@ -1,11 +1,13 @@
 // The cost of an edit: one of many instances of a sphere moves, over a build of the same scene, and
 // over what Embree's top level costs where Embree is there. CPU time of the whole process; best of
-// each. The memory and cost of 1,000 epochs, each of which somebody holds. With VERTICES, the cost of
-// a skinned mesh of so many at another moment.
+// each. The cost of moves at the rim of a flat field, within groups and by text. The memory and cost
+// of 1,000 epochs, each of which somebody holds. With VERTICES, the cost of a skinned mesh of so many
+// at another moment.
 //
 //   raynest-bench-edits [INSTANCES] [ROUNDS] [VERTICES]      prints one JSON object
 #include "engine/scene/edits/edit.h"
 #include "tests/bench/edits/measured.h"
+#include "tests/bench/edits/parts.h"
 #include "tests/bench/edits/skin.h"
 
 #include <nlohmann/json.hpp>
@@ -177,7 +179,8 @@ void run(std::uint32_t count, int rounds, std::uint32_t vertices) {
                           {"move_one_over_build", one / build},
                           {"move_all_over_build", all / build},
                           {"scene_bytes", scene->bytes().size()},
-                          {"held", held_rows}};
+                          {"held", held_rows},
+                          {"parts", bench::part_figures(count, rounds)}};
 #ifdef RAYNEST_EMBREE
     const double low = embree_commit(description.objects[0].geometries[0], count,
                                      std::max(3, rounds / 5), RTC_BUILD_QUALITY_LOW);

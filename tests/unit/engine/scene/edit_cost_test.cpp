@@ -1,14 +1,18 @@
 // An edit looks at what changes and at what lies above it, not at what stands beside it; and its scene
 // is that of a fresh build.
 #include "engine/scene/edits/edit.h"
+#include "engine/scene/edits/names.h"
+#include "engine/scene/named_paths.h"
 #include "tests/conformance/scenes.h"
 #include "tests/unit/engine/small_scenes.h"
 
 #include <doctest/doctest.h>
+#include <fmt/format.h>
 
 #include <algorithm>
 #include <cstdint>
 #include <memory>
+#include <string>
 #include <utility>
 #include <vector>
 
@@ -116,4 +120,56 @@ TEST_CASE("the box of a flat field ends where its parts do, however many they ar
     const Box box = build_scene(description)->bounds();
     CHECK(box.lower == Vec3(0, 0, 0.1F));
     CHECK(box.upper == Vec3(539, 539, 0.1F));
+}
+
+TEST_CASE("a text finds its part without a look at the others, in all epochs") {
+    Random random(9);
+    SceneDescription description;
+    description.objects.resize(3);
+    description.objects[0].geometries.push_back(test::unit_square());
+    for (std::uint32_t i = 0; i < 900; ++i) {
+        const std::uint32_t kind = random.below(4);
+        const std::string name = kind == 0   ? ""
+                                 : kind == 1 ? fmt::format("lone-{}", i)
+                                             : std::string(kind == 2 ? "car" : "tree");
+        const auto x = static_cast<float>(i);
+        for (const std::uint32_t object : {1U, 2U})
+            description.objects[object].instances.push_back(place(0, translation(x, 0, 0), name));
+    }
+    description.objects[2].instances.push_back(place(1, translation(0, 9, 0), "group"));
+    description.root = 2;
+    Scene scene = build_scene(description);
+    CHECK(scene->steps().made() == 0);
+    for (int epoch = 0; epoch < 3; ++epoch) {
+        for (std::uint64_t path = 0; path < 1800; path += epoch == 0 ? 1 : 77) {
+            const std::string text = path_name(*expand_path(*scene, path));
+            CAPTURE(text);
+            const auto found = find_path(*scene, text);
+            REQUIRE_MESSAGE(found, found.error().message);
+            CHECK(*found == path);
+        }
+        // Those of the root and of the group, which epochs have in common.
+        CHECK(scene->steps().made() == 2);
+        for (const char* text : {"car", "car#9999", "group#0", "lone-1#0", "group/car", "other"})
+            CHECK(!find_path(*scene, text));
+        scene = *edit_scene(*scene, {{{0, translation(0, 0, static_cast<float>(epoch))}}});
+    }
+}
+
+TEST_CASE("one of 300,000 parts moves, and the digest is that of a fresh scene") {
+    SceneDescription description;
+    description.objects.resize(2);
+    description.objects[0].geometries.push_back(test::unit_square());
+    auto& parts = description.objects[1].instances = field(548, [] { return 0.1F; });
+    description.root = 1;
+    Scene scene = build_scene(description);
+    for (const std::size_t part : {std::size_t{0}, std::size_t{262'145}, parts.size() - 1}) {
+        CAPTURE(part);
+        const std::string before = scene->digest();
+        parts[part].transform.m[11] = -1;
+        const auto which = static_cast<std::uint32_t>(part);
+        scene = *edit_scene(*scene, {{{which, parts[part].transform}}});
+        CHECK(scene->digest() != before);
+    }
+    CHECK(scene->digest() == build_scene(description)->digest());
 }
