@@ -16,17 +16,15 @@ from .errors import BY_EXIT_CODE, CancelledError, DeadlineError, Error, FailedEr
 def command(host: Host, source: Source, options: dict[str, Any]) -> tuple[bytes, dict[str, Any]]:
     """A command of raynest with --part, run beside the daemon. Returns the bytes of its file, and what it tells."""
     scene = host.scene(source)
-    files = os.path.join(host.folder, "files")
-    for carried in {word for word in options["words"] if isinstance(word, Carried)}:
-        host.take(carried, files, source)
-    os.makedirs(files, exist_ok=True)
+    given = [host.local(word, source) for word in options["words"]]
     with tempfile.TemporaryDirectory(dir=host.folder) as folder:
         output = os.path.join(folder, "part" + options["ending"])
         words = [output if word is None else word.prefix + word.name if isinstance(word, Carried) else
-                 scene.name if word == options["scene"] else word for word in options["words"]]
+                 found.name if isinstance(word, Source) else scene.name if word == options["scene"] else word
+                 for word, found in zip(options["words"], given)]
         program = [os.path.join(os.path.dirname(host.binary()), "raynest"), "--server", host.uri, "--reconnect", "0",
                    "--json", *words]
-        document = _told_by(host, program, files)
+        document = _told_by(host, program, host.files)
         with open(output, "rb") as file:
             return file.read(), document
 

@@ -11,7 +11,7 @@ import sys
 import tempfile
 import threading
 import warnings
-from typing import Any, Iterator, Sequence, Union
+from typing import Any, Callable, Iterator, Sequence, Union
 
 import numpy as np
 
@@ -22,14 +22,16 @@ from ._requests.files import STANDARD
 from ._requests.film import is_lit
 from ._told import carry_out, fail
 from ._own_daemon import Setup, distributed
-from ._workers import Carried
+from ._workers import Carried, Source
 from .errors import ConnectError, Error, FailedError, InvalidError, UsageError
 from .merge import merge
 
 PARTS_PER_THREAD = 4
 PART_RAYS = 1 << 16         # at least, of a file's
-# Words whose next one is a file, or begins with a mark and a file.
-FILES = {"--rays": "", "--masks": "", "--env": "", "--range-from": "", "--set": "@"}
+# Words whose next one is a file, or with the mark NAME=@FILE.
+FILES = {"--rays": "", "--masks": "", "--env": "", "--range-from": "", "--set": "@", "--diff": "@"}
+SCENE = "--diff"            # whose next one may also be a scene
+SETTINGS = ("points", "trajectory", "elevations", "azimuths")   # of --generate, whose value may be a file
 SUMS = ("rays", "hits", "misses", "truncated", "invalid", "rows", "seconds", "queued_seconds")
 OF_ALL_PIXELS = ("p50", "p90", "p99", "clipped", "below", "range_low", "range_high")
 
@@ -50,7 +52,8 @@ def run(address: str, parts_max: int, scene: str, out: str, words: Sequence[str]
     with _cluster(address) as cluster, tempfile.TemporaryDirectory(prefix="raynest-dask-") as folder:
         progress = _bar if shows else None
         known_to(cluster, known, setup, patience, progress)
-        plain, rays = _carried(known, _without_output(words, out))
+        plain, rays = _carried(known, _without_output(words, out),
+                               lambda other: known_to(cluster, Prepared(other, {}), setup, patience, progress))
         threads = sum(worker["nthreads"] for worker in cluster.scheduler_info()["workers"].values())
         most = rays // PART_RAYS + 1 if rays else parts_max
         # A row of a lit picture may take minutes, so its parts are as small as they can be.
@@ -118,31 +121,40 @@ def _without_output(words: Sequence[str], out: str) -> list[str]:
     return [*words[:at], *words[at + (2 if words[at] in ("-o", "--output") else 1):]]
 
 
-def _carried(known: Prepared, words: Sequence[str]) -> tuple[list[Union[str, Carried]], int]:
-    """The words, with the files that they name in their place, and how many rays or points those have."""
-    made: list[Union[str, Carried]] = []
+def _carried(known: Prepared, words: Sequence[str], known_here: Callable[[str], Prepared]
+             ) -> tuple[list[Union[str, Carried, Source]], int]:
+    """The words, with the files and scenes that they name in their place, and how many rays or points those have."""
+    made: list[Union[str, Carried, Source]] = []
     rows, before = 0, ""
+    for word in _apart(words):
+        start, sign, path = word.partition("=@" if "@" in FILES.get(before, "") else "=")
+        if before == SCENE and is_scene(word):
+            made.append(known.carry_scene(known_here(word)))
+        elif before in FILES:
+            path, start, sign = (path, start, sign) if "@" in FILES[before] else (word, "", "")
+            made.append(known.carry(path, start + sign) if _is_file(path) else word)
+        else:
+            made.append(known.carry(path, start + sign) if start in SETTINGS and _is_file(path) else word)
+        if before == "--rays" or start == "points":
+            rows = _rows_of(path)
+        before = word
+    return made, rows
+
+
+def _apart(words: Sequence[str]) -> Iterator[str]:
+    """Options and their values as words of their own."""
     for word in words:
         option, _, value = word.partition("=")
-        prefix = ""
-        if option in FILES and value:
-            before, prefix, word = option, option + "=", value
-        mark = FILES.get(before)
-        if mark == "@":
-            name, sign, path = word.partition("=@")
-            prefix += name + sign
-        elif option in ("points", "trajectory", "elevations", "azimuths") and value:
-            prefix, path, word = option + "=", value, value
-        else:
-            path = word if mark is not None else ""
-        if path and (path in STANDARD or os.path.isfile(path)):
-            made.append(known.carry(path, prefix))
-            if before == "--rays" or prefix == "points=":
-                rows = _rows_of(path)
-        else:
-            made.append(prefix + word if prefix and mark != "@" else word)
-        before = word if word in FILES else ""
-    return made, rows
+        yield from (option, value) if option in FILES and value else (word,)
+
+
+def is_scene(word: str) -> bool:
+    """True for the OTHER_SCENE of --diff, false for its KEY=VALUE."""
+    return "=" not in word or word.startswith(("builtin:", "root:")) or os.path.isfile(word)
+
+
+def _is_file(path: str) -> bool:
+    return path in STANDARD or os.path.exists(path) and not os.path.isdir(path)
 
 
 def _integrator(words: Sequence[str]) -> str:
@@ -154,7 +166,7 @@ def _integrator(words: Sequence[str]) -> str:
 
 def _rows_of(path: str) -> int:
     try:
-        return int(np.load(path, mmap_mode="r").shape[0])
+        return int(np.load(path, mmap_mode="r").shape[0]) if os.path.isfile(path) else 0
     except (OSError, ValueError, AttributeError, LookupError):
         return 0        # a pipe; or the daemon says what is wrong with it
 

@@ -46,7 +46,7 @@ class Prepared:
         self.source = self._source(scene, load)
         self._log = os.urandom(8).hex()
         self._epoch = 0
-        self._added: dict[str, Prepared] = {}   # by the name that their content gives them
+        self._others: dict[str, Prepared] = {}  # by the name that their content gives them
         self.sending = 0
         self.noted: set[str] = set()            # what the user was told since the request began
 
@@ -91,11 +91,27 @@ class Prepared:
 
     def carry(self, path: str, prefix: str = "") -> Carried:
         """A file that a command names: it travels as the scene does."""
-        data = read_file(path, _limits.upload_bytes_max)
+        return self.carry_bytes(read_file(path, _limits.upload_bytes_max), prefix, os.path.splitext(path)[1])
+
+    def carry_bytes(self, data: Any, prefix: str = "", ending: str = "") -> Carried:
+        """What is in a file."""
         digest = hashlib.sha256(data).digest()
         for i, key in enumerate(keys_of_file(digest, len(data), self.piece_bytes)):
             self._keep(key, np.frombuffer(data, np.uint8)[i * self.piece_bytes:(i + 1) * self.piece_bytes])
-        return Carried(prefix, digest.hex()[:16] + os.path.splitext(path)[1], digest, len(data))
+        return Carried(prefix, digest.hex()[:16] + ending, digest, len(data))
+
+    def carry_scene(self, other: Prepared) -> Source:
+        """Another scene, which this one is compared with."""
+        if other.epoch and self.epoch:
+            raise UsageError("two scenes that were edited are compared: a host has one at a time; prepare one of them from "
+                             "a file of what it has become")
+        self._take_along(other)
+        return other.at(other.epoch)
+
+    def _take_along(self, other: Prepared) -> None:
+        self._others[other.source.name] = other
+        for key, piece in other._pieces.items():
+            self._pieces.setdefault(key, piece)
 
     def piece(self, key: str) -> Array:
         piece: Array = self._pieces[key]
@@ -143,13 +159,11 @@ class Prepared:
             raise UsageError(f"{scene.source.path} is added to a scene on many hosts: it must be where this program runs")
         if scene.epoch:
             raise UsageError("a scene that was edited is added: add it as it was prepared, and edit its parts here")
-        self._added[scene.source.name] = scene
-        for key, piece in scene._pieces.items():
-            self._pieces.setdefault(key, piece)
+        self._take_along(scene)
         return scene.source.name
 
     def _record(self, change: Change) -> dict[str, Any]:
-        sources = [self._added[name].source for name in change.message.get("scenes", ())]
+        sources = [self._others[name].source for name in change.message.get("scenes", ())]
         key, = keys_of_changes(self._log, self._epoch, self._epoch + 1)
         self._keep(key, np.frombuffer(pickle.dumps((change, sources)), np.uint8))
         self._epoch += 1

@@ -57,9 +57,9 @@ class Source(NamedTuple):
 
 
 class Carried(NamedTuple):
-    """A word of a command that names a file of the client's machine."""
+    """A file of the client's machine that a command or a picture names."""
 
-    prefix: str         # of the word, as "points="
+    prefix: str         # of the command's word, as "points="
     name: str           # the same on all hosts, as the parts must say the same request
     digest: bytes
     size: int
@@ -142,18 +142,29 @@ class Host(Daemon):
         keys = keys_of_file(*source.files()[number], source.piece_bytes)
         yield from fetch(keys, source.piece_seconds, source.sending)
 
-    def take(self, carried: Carried, folder: str, source: Source) -> None:
-        """Has a file that only the client's machine had in the folder, under its name."""
-        os.makedirs(folder, exist_ok=True)
-        path = os.path.join(folder, carried.name)
+    @property
+    def files(self) -> str:
+        """The folder of files that only the client's machine had."""
+        os.makedirs(folder := os.path.join(self.folder, "files"), exist_ok=True)
+        return folder
+
+    def local(self, sent: Any, source: Source) -> Any:
+        """An argument of an item as it is here: the path of a file that was sent, another scene, or what it was."""
+        if isinstance(sent, Source):
+            return self.scene(sent._replace(sending=source.sending))
+        return self._take(sent, source) if isinstance(sent, Carried) else sent
+
+    def _take(self, carried: Carried, source: Source) -> str:
+        path = os.path.join(self.files, carried.name)
         with self._turn():
             if os.path.exists(path):
-                return
+                return path
             with open(path + ".part", "wb") as file:
                 for piece in fetch(keys_of_file(carried.digest, carried.size, source.piece_bytes),
                                    source.piece_seconds, source.sending):
                     file.write(piece.data)
             os.replace(path + ".part", path)
+        return path
 
     def _changed(self, client: Client, source: Source) -> Scene:
         """The scene at an epoch, as this thread's own copy of it, to which each change is made once, in their order."""
@@ -232,7 +243,8 @@ def item(version: str, setup: Setup, source: Source, method: Any, rays: Any, opt
                     return here(), method(host, source, options), Told(tuple(warned))
                 if isinstance(rays, MaskedRays):
                     rays, options = rays.rays, {**options, "mask": rays.masks}
-                answer = getattr(host.scene(source), method)(*(() if rays is None else (rays,)), **options)
+                given = {name: host.local(value, source) for name, value in options.items()}
+                answer = getattr(host.scene(source), method)(*(() if rays is None else (rays,)), **given)
                 return here(), _plain(answer), told_of(method, warned, host.client().outcome)
         except Missing as missing:
             return here(), missing, Told()

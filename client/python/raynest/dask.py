@@ -19,7 +19,7 @@ import functools
 import importlib
 import operator
 import sys
-from typing import Any, Callable, Iterable, Iterator, Optional, Sequence, Union
+from typing import Any, Callable, Iterable, Iterator, Mapping, Optional, Sequence, Union
 
 import numpy as np
 
@@ -28,7 +28,7 @@ from ._deal import PATIENCE, Deal, Part, known_to
 from ._net.frame import Array
 from ._requests.arguments import is_several, numbers
 from ._requests.columns import Columns
-from ._requests.film import Layers, is_lit
+from ._requests.film import EnvironmentFile, Layers, is_lit
 from ._prepared import Prepared
 from ._version import VERSION
 from ._own_daemon import Setup
@@ -55,6 +55,19 @@ def prepare(scene: Any, faces: Any = None, **load: Any) -> Prepared:
 def _known(cluster: Any, scene: Any, setup: Setup, load: Optional[dict[str, Any]], patience: float,
            progress: Any = None) -> Prepared:
     return known_to(cluster, prepare(scene, **(load or {})), setup, patience, progress)
+
+
+def _file(known: Prepared, given: Any, _known_here: Any) -> Any:
+    data = EnvironmentFile(given).data
+    return known.carry_bytes(data) if len(data) else given
+
+
+def _other(known: Prepared, given: Any, known_here: Callable[[Any], Prepared]) -> Any:
+    return given if given is None or isinstance(given, Mapping) else known.carry_scene(known_here(given))
+
+
+# Arguments of a picture that name what only this machine may have, and what travels in their place.
+TRAVELS: dict[str, Callable[[Prepared, Any, Callable[[Any], Prepared]], Any]] = {"environment": _file, "diff": _other}
 
 
 def trace(cluster: Any, scene: Any, rays: Any, *, fields: Union[str, Sequence[str], None] = None,
@@ -206,7 +219,8 @@ def render(cluster: Any, scene: Any, *, size: tuple[int, int] = (960, 540), inte
 def heatmap(cluster: Any, scene: Any, *, size: tuple[int, int] = (960, 540),
             load: Optional[dict[str, Any]] = None, setup: Setup = Setup(), patience: float = PATIENCE,
             progress: Any = None, item_samples: int = ITEM_SAMPLES, **options: Any) -> Array:
-    """As Scene.heatmap(), in tiles: returns the counts, (height, width)."""
+    """As Scene.heatmap(), in tiles: returns the counts, (height, width). `diff` may be what prepare() takes, too, but for
+    parts."""
     known = _known(cluster, scene, setup, load, patience, progress)
     pieces = _tiles(cluster, known, "heatmap", size, 1, item_samples, options, setup, patience, progress)
     return _mosaic(size, pieces)[""]
@@ -228,6 +242,8 @@ def _tiles(cluster: Any, known: Prepared, method: str, size: tuple[int, int], sa
     width, height = size
     if width < 1 or height < 1:
         raise UsageError(f"a picture of size {width}x{height}: it needs a pixel or more")
+    options = {name: TRAVELS[name](known, value, lambda scene: _known(cluster, scene, setup, None, patience, progress))
+               if name in TRAVELS else value for name, value in options.items()}
     cut = tiles(size, item_samples // samples)
     parts = [Part({**options, "size": size, "tile": tile}, weight=tile[2] * tile[3],
                   fits=functools.partial(_has_pixels, tile[2], tile[3])) for tile in cut]

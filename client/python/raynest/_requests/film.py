@@ -100,6 +100,11 @@ class EnvironmentFile(FileSender):
         self._data = np.frombuffer(data, np.uint8)
         self.message = {"environment": "picture", "environment_bytes": len(data)}
 
+    @property
+    def data(self) -> Array:
+        """The bytes of the file; none of a word."""
+        return self._data
+
 
 def layers_of(file: bytes, outcome: Outcome, last: bool, pixels_max: int = _limits.picture_pixels_max) -> Layers:
     channels, texts = read_exr(file, pixels_max, LIT_CHANNELS_MAX)

@@ -1,0 +1,133 @@
+#!/usr/bin/env python3
+"""All forms of what one daemon takes, on many hosts: files that only the client has, cameras, rays, columns.
+
+  dask_forms_test.py RAYNESTD RAYNEST FLATC
+"""
+import inspect
+import json
+import os
+import re
+import subprocess
+import sys
+import typing
+
+import numpy as np
+
+import raynest
+from daemon import PATIENCE
+from raynest import _command, generators
+from raynest._requests import exr, loads
+from with_cluster import WithCluster, many
+from with_daemon import main, rain
+
+SCENE = "builtin:forest?trees=20"
+OTHER = "builtin:forest?trees=5"
+# A red sky.
+HDR = b"#?RADIANCE\nFORMAT=32-bit_rle_rgbe\n\n-Y 2 +X 4\n" + bytes((200, 20, 10, 129)) * 8
+
+
+class Forms(WithCluster):
+    def setUp(self):
+        super().setUp()
+        # No worker sees what is named below this folder: theirs is another.
+        before = os.getcwd()
+        os.chdir(self.out)
+        self.addCleanup(os.chdir, before)
+
+    def command(self, cluster, *words):
+        return subprocess.run([self.raynest, "--dask", cluster.client.scheduler.address, *map(str, words)], cwd=self.out,
+                              env={**os.environ, "RAYNEST_PYTHON": sys.executable}, stdin=subprocess.DEVNULL,
+                              capture_output=True, text=True, timeout=10 * PATIENCE)
+
+    def one(self, *words):
+        """The same command on one daemon."""
+        subprocess.run([self.raynest, "--server", self.daemon.uri, *map(str, words)], cwd=self.out, check=True,
+                       capture_output=True)
+
+    def carried(self, cluster, *words):
+        done = self.command(cluster, *words)
+        self.assertEqual(done.returncode, 0, done.stderr)
+        return done
+
+    # ---- files that only the client has ---------------------------------------------------------
+
+    def test_what_names_a_file_is_known(self):
+        """A new argument or option that names a file must travel, too."""
+        def named(function, *words):
+            return {name for name, hint in typing.get_type_hints(function).items()
+                    if any(word in str(hint) for word in words)} - {"return"}
+        scene = raynest.scene.Scene
+        found = {name: named(getattr(scene, name), "PathLike", "Scene") for name in ("trace", "render", "heatmap")}
+        self.assertEqual(found, {"trace": set(), "render": {"environment"}, "heatmap": {"diff"}})
+        self.assertEqual(set(many.TRAVELS), set().union(*found.values()))
+        self.assertEqual(named(raynest.scene.JobOptions, "PathLike", "Scene"), set())
+        # prepare() reads these itself.
+        self.assertEqual([named(each, "PathLike") for each in (loads.load_of_file, loads.load_of_mesh, loads.load_of_parts)],
+                         [{"source", "instances"}, set(), set()])
+        for name, function in inspect.getmembers(generators, inspect.isfunction):
+            if function.__module__ == generators.__name__ and not name.startswith("_") and name != "of_sensor":
+                self.assertEqual(named(function, "PathLike"), set(), name)
+        options, settings = set(), set()
+        for command in ("query", "render", "heatmap"):
+            text = subprocess.run([self.raynest, command, "--help"], check=True, capture_output=True, text=True).stdout
+            text = re.sub(r"\n {24,}(?=\S)", " ", text)     # a name too long for its column has its text below it
+            for line in text.splitlines():
+                if re.search("FILE|OTHER_SCENE", line) and (option := re.match(r" +(?:-\w,)?(--[\w-]+)", line)):
+                    options.add(option[1])
+                elif "FILE" in line and (setting := re.match(r"  ([a-z]\w+) {2,}", line)):
+                    settings.add(setting[1])
+        # Those of the last line are refused with --dask, or name what is written.
+        self.assertEqual(options - {"--returns", "--times", "--trajectory", "--output", "--detach", "--cameras"},
+                         set(_command.FILES))
+        self.assertEqual(settings, set(_command.SETTINGS))
+
+    def test_files_of_pictures_travel(self):
+        cluster = self.cluster(1)
+        (self.out / "red.hdr").write_bytes(HDR)
+        lit = {"size": (96, 64), "integrator": "path", "spp": 2}
+        red = self.woods.render(**lit, environment=HDR)
+        self.assertFalse((red["rgba"] == self.woods.render(**lit, environment="sky")["rgba"]).all())
+        for environment in ("red.hdr", self.out / "red.hdr", HDR):
+            self.same(many.render(cluster.client, SCENE, **lit, environment=environment, item_samples=4096, setup=self.setup),
+                      red)
+        for environment in ("sky", None):
+            self.same(many.render(cluster.client, SCENE, **lit, environment=environment, setup=self.setup),
+                      self.woods.render(**lit, environment=environment))
+        with self.assertRaisesRegex(raynest.InvalidError, "^nowhere.hdr: No such file"):
+            many.render(cluster.client, SCENE, **lit, environment="nowhere.hdr", setup=self.setup)
+        words = ("render", SCENE, "--size", "96x64", "--integrator", "path", "--spp", "2", "--env=red.hdr", "-o")
+        self.carried(cluster, *words, "many.exr")
+        self.same(raynest.read_layers((self.out / "many.exr").read_bytes()), red)
+
+    def test_what_is_compared_with_travels(self):
+        cluster = self.cluster(1)
+        size = {"size": (96, 64)}
+        triangles = np.array([[-40, 0, -40], [40, 0, -40], [0, 0, 60]]), np.array([[0, 1, 2]])
+        np.savez(self.out / "flat.npz", vertices=triangles[0], faces=triangles[1])
+        flat = self.client.mesh(*triangles)
+        whole = self.woods.heatmap(**size, diff=flat)
+        self.assertTrue((whole != 0).any())
+        for diff in (triangles, "flat.npz", flat, many.prepare(*triangles)):
+            np.testing.assert_array_equal(many.heatmap(cluster.client, SCENE, **size, diff=diff, item_samples=2048,
+                                                       setup=self.setup), whole)
+        opaque = {"intersector": "opaque"}
+        np.testing.assert_array_equal(many.heatmap(cluster.client, SCENE, **size, diff=opaque, setup=self.setup),
+                                      self.woods.heatmap(**size, diff=opaque))
+        edited = many.prepare(*triangles)
+        with edited.edit() as edit:
+            edit.hide("*")
+        with edited.edit() as edit:
+            edit.show("*")
+        np.testing.assert_array_equal(many.heatmap(cluster.client, SCENE, **size, diff=edited, setup=self.setup), whole)
+        with self.assertRaisesRegex(raynest.UsageError, "two scenes that were edited"):
+            many.heatmap(cluster.client, edited, **size, diff=edited, setup=self.setup)
+        for other in ("flat.npz", OTHER):
+            words = ("heatmap", SCENE, "--size", "96x64", "--diff", other, "--metric", "boxes", "-o")
+            self.carried(cluster, *words, "many.exr")
+            self.one(*words, "one.exr")
+            (seen, _), (wanted, _) = (exr.read_exr((self.out / name).read_bytes(), 1 << 20) for name in ("many.exr", "one.exr"))
+            self.same(seen, wanted)
+
+
+if __name__ == "__main__":
+    main()
