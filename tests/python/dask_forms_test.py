@@ -128,6 +128,26 @@ class Forms(WithCluster):
             (seen, _), (wanted, _) = (exr.read_exr((self.out / name).read_bytes(), 1 << 20) for name in ("many.exr", "one.exr"))
             self.same(seen, wanted)
 
+    # ---- commands that one daemon takes ---------------------------------------------------------
+
+    def test_all_cameras(self):
+        cluster = self.cluster(1)
+        words = ("render", SCENE, "--size", "96x64", "--cameras")
+        done = self.carried(cluster, *words, "all", "-o", "many.png")
+        self.assertRegex(done.stdout, r"^many\.0\.png: 64 rows of pixels of \d+ parts\nmany\.1\.png: 64 rows[^\n]*\n$")
+        done = self.carried(cluster, "--json", "render", SCENE, "--size", "96x64", "--cameras=all", "-o", "many.exr")
+        documents = [json.loads(line) for line in done.stdout.splitlines()]
+        self.assertEqual([(each["file"], each["camera"], each["height"]) for each in documents],
+                         [("many.0.exr", "clearing", 64), ("many.1.exr", "canopy", 64)])
+        self.one(*words, "all", "-o", "one.exr")
+        for i in range(2):
+            (seen, _), (wanted, _) = (exr.read_exr((self.out / f"{name}.{i}.exr").read_bytes(), 1 << 20)
+                                      for name in ("many", "one"))
+            self.same(seen, wanted)
+        np.savez(self.out / "flat.npz", vertices=np.eye(3), faces=np.array([[0, 1, 2]]))
+        done = self.command(cluster, "render", "flat.npz", "--cameras", "all", "-o", "x.png")
+        self.assertEqual((done.returncode, done.stderr), (5, "raynest: the scene has no cameras: leave --cameras out\n"))
+
 
 if __name__ == "__main__":
     main()

@@ -11,7 +11,7 @@ import sys
 import tempfile
 import threading
 import warnings
-from typing import Any, Callable, Iterator, Sequence, Union
+from typing import Any, Callable, Iterator, Optional, Sequence, Union
 
 import numpy as np
 
@@ -22,7 +22,7 @@ from ._requests.files import STANDARD
 from ._requests.film import is_lit
 from ._told import carry_out, fail
 from ._own_daemon import Setup, distributed
-from ._workers import Carried, Source
+from ._workers import Carried, Source, info_of
 from .errors import ConnectError, Error, FailedError, InvalidError, UsageError
 from .merge import merge
 
@@ -37,9 +37,9 @@ OF_ALL_PIXELS = ("p50", "p90", "p99", "clipped", "below", "range_low", "range_hi
 
 
 def run(address: str, parts_max: int, scene: str, out: str, words: Sequence[str], setup: Setup = Setup(),
-        patience: float = PATIENCE, shows: bool = False) -> tuple[str, dict[str, Any]]:
-    """Has a cluster carry out a command of raynest, and writes the whole of its parts as `out`. Returns a line that
-    says so, and the document of --json."""
+        patience: float = PATIENCE, shows: bool = False) -> list[tuple[str, dict[str, Any]]]:
+    """Has a cluster carry out a command of raynest, and writes the whole of its parts as `out`, or of all cameras as
+    files beside it. Returns for each file a line that says so, and the document of --json."""
     ending = os.path.splitext(out)[1].lower()
     if ending not in (".npz", ".png", ".exr"):
         raise UsageError(f"{out}: with --dask an answer is written as .npz, .png or .exr")
@@ -54,20 +54,32 @@ def run(address: str, parts_max: int, scene: str, out: str, words: Sequence[str]
         known_to(cluster, known, setup, patience, progress)
         plain, rays = _carried(known, _without_output(words, out),
                                lambda other: known_to(cluster, Prepared(other, {}), setup, patience, progress))
+        pictures: list[tuple[str, list[str]]] = [(out, [])]
+        if at := _all_cameras(plain):
+            del plain[at]
+            (_, info), = Deal(cluster, setup, known, info_of, [Part({})], patience, None).answers()
+            if not info["cameras"]:
+                raise InvalidError("the scene has no cameras: leave --cameras out")
+            # As render names them.
+            pictures = [(f"{out[:-len(ending)]}.{i}{out[-len(ending):]}", ["--camera", str(i)])
+                        for i in range(len(info["cameras"]))]
         threads = sum(worker["nthreads"] for worker in cluster.scheduler_info()["workers"].values())
         most = rays // PART_RAYS + 1 if rays else parts_max
         # A row of a lit picture may take minutes, so its parts are as small as they can be.
-        count = max(1, most if is_lit(_integrator(words)) else min(most, PARTS_PER_THREAD * threads))
+        count = max(1, most if is_lit(_integrator(words)) else min(most, -(-PARTS_PER_THREAD * threads // len(pictures))))
         parts = [Part({"scene": scene, "ending": ending,
-                       "words": [*plain, "-o", None, "--part", f"{i + 1}/{count}"]}) for i in range(count)]
-        paths = [os.path.join(folder, f"{i}{ending}") for i in range(count)]
-        told: list[dict[str, Any]] = [{}] * count
+                       "words": [*plain, *which, "-o", None, "--part", f"{i + 1}/{count}"]})
+                 for _, which in pictures for i in range(count)]
+        paths = [os.path.join(folder, f"{i}{ending}") for i in range(len(parts))]
+        told: list[dict[str, Any]] = [{}] * len(parts)
         for item, (answer, document) in Deal(cluster, setup, known, command, parts, patience,
                                              progress, "parts").answers():
             told[item] = document
             with open(paths[item], "wb") as file:
                 file.write(answer)
-        return merge(out, paths), {**whole_of(told), "file": out, "parts": count}
+        return [(merge(path, paths[i * count:(i + 1) * count]),
+                 {**whole_of(told[i * count:(i + 1) * count]), "file": path, "parts": count})
+                for i, (path, _) in enumerate(pictures)]
 
 
 CLOSE_SECONDS = 2.0         # for what changes nothing any more
@@ -119,6 +131,14 @@ def _check_versions(cluster: Any) -> None:
 def _without_output(words: Sequence[str], out: str) -> list[str]:
     at = next(i for i, word in enumerate(words) if word in ("-o", "--output", f"-o{out}", f"--output={out}"))
     return [*words[:at], *words[at + (2 if words[at] in ("-o", "--output") else 1):]]
+
+
+def _all_cameras(words: Sequence[Any]) -> Optional[slice]:
+    """Where the words say so."""
+    for at, word in enumerate(words):
+        if word in ("--cameras", "--cameras=all"):
+            return slice(at, at + (2 if word == "--cameras" else 1))
+    return None
 
 
 def _carried(known: Prepared, words: Sequence[str], known_here: Callable[[str], Prepared]
@@ -215,7 +235,7 @@ def main(words: Sequence[str]) -> int:
     as_json, is_quiet = (flag in words[:2] for flag in ("--json", "--quiet"))
     address, parts_max, scene, out, *rest = words[as_json + is_quiet:]
     is_quiet |= "--quiet" in rest
-    document: dict[str, Any] = {}
+    done: list[tuple[str, dict[str, Any]]] = []
     # Dask tells its troubles at length, from threads of its own; the user gets one line.
     logging.disable(logging.CRITICAL)
     threading.excepthook = lambda _: None
@@ -223,21 +243,20 @@ def main(words: Sequence[str]) -> int:
     # One that a Ctrl-C has kept from connecting would wait for itself for ever, when it goes.
     setattr(distributed.Client, "__del__", lambda _: None)
 
-    def work() -> tuple[str, dict[str, Any]]:
+    def work() -> list[tuple[str, dict[str, Any]]]:
         try:
             shows = sys.stderr.isatty() and not as_json and not is_quiet
             try:
-                line, found = run(address, int(parts_max), scene, out, rest, shows=shows)
+                done.extend(run(address, int(parts_max), scene, out, rest, shows=shows))
             finally:
                 if shows:
                     print("\r\033[K", end="", file=sys.stderr)      # the bar goes before what is told
-            document.update(found)
-            return line, found
+            return done
         except Error:
             raise
         except Exception as error:      # of Dask: a line of it is what the user can use
             said = str(error).strip().splitlines()
             raise FailedError(f"Dask failed: {type(error).__name__}: {said[0] if said else 'it said nothing'}") from None
-    code = carry_out(work, as_json) or _tell_counts(document, as_json)
+    code = carry_out(work, as_json) or max((_tell_counts(document, as_json) for _, document in done), default=0)
     signal.signal(signal.SIGINT, signal.SIG_DFL)    # the end of Python would tell where a Ctrl-C has met it
     return code

@@ -29,7 +29,7 @@ def main(words: Sequence[str]) -> int:
     """Is called with the file of what `raynest query` has read. Returns the exit code."""
     with open(words[-1], "rb") as file:
         asked = json.load(file)
-    return carry_out(lambda: _run(asked), asked["json"])
+    return carry_out(lambda: [_run(asked)], asked["json"])
 
 
 def _run(asked: dict[str, Any]) -> tuple[str, dict[str, Any]]:

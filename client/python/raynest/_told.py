@@ -4,7 +4,7 @@ from __future__ import annotations
 import json
 import sys
 import warnings
-from typing import Any, Callable
+from typing import Any, Callable, Sequence
 
 from ._wording import speak_as_command
 from .errors import Error, Warning
@@ -12,8 +12,8 @@ from .errors import Error, Warning
 NAMES: dict[int, str] = {2: "USAGE", 3: "CANNOT_CONNECT", 5: "FILE_INVALID", 7: "DEADLINE", 130: "INTERRUPTED"}
 
 
-def carry_out(work: Callable[[], tuple[str, dict[str, Any]]], as_json: bool) -> int:
-    """Prints the line that `work` returns, or with --json the document, and its warnings. Returns the exit code."""
+def carry_out(work: Callable[[], Sequence[tuple[str, dict[str, Any]]]], as_json: bool) -> int:
+    """Prints the lines that `work` returns, or with --json the documents, and its warnings. Returns the exit code."""
     speak_as_command()
     notes: list[str] = []
 
@@ -23,17 +23,21 @@ def carry_out(work: Callable[[], tuple[str, dict[str, Any]]], as_json: bool) -> 
     warnings.showwarning = show
     warnings.simplefilter("always")
     try:
-        line, document = work()
+        done = work()
     except KeyboardInterrupt:
         return fail(Error("interrupted", "INTERRUPTED"), 130, as_json)
     except Error as error:
         return fail(error, error.exit_code, as_json)
-    document["notes"] = list(dict.fromkeys([*document.get("notes", []), *notes]))
-    if as_json:
-        print(json.dumps(document, separators=(",", ":")))
-    else:
+    told: set[str] = set()
+    for line, document in done:
+        document["notes"] = list(dict.fromkeys([*document.get("notes", []), *notes]))
+        if as_json:
+            print(json.dumps(document, separators=(",", ":")))
+            continue
         for note in document["notes"]:
-            print(f"raynest: {note}", file=sys.stderr)
+            if note not in told:
+                print(f"raynest: {note}", file=sys.stderr)
+        told.update(document["notes"])
         print(line)
     return 0
 
