@@ -123,6 +123,7 @@ struct ExplainOptions : LightOptions {
 struct MergeOptions {
     std::string output;
     std::vector<std::string> parts;
+    std::vector<std::string> limits;  ///< of --fail-if
 };
 struct TopOptions {
     bool once = false;  ///< one look, and the end

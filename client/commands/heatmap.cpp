@@ -3,6 +3,7 @@
 #include "client/arguments/shared_options.h"
 #include "client/commands/deliver.h"
 #include "client/files/exr_header.h"
+#include "client/files/files.h"
 #include "client/ground/json.h"
 #include "client/ground/lists.h"
 #include "client/output/fail_if.h"
@@ -212,10 +213,15 @@ void declare(CommandLine& line, HeatmapOptions& heatmap) {
         .needs(top);
     line.at_end([&heatmap]() -> std::string {
         const bool has_detach = heatmap.job.detach;
-        if (heatmap.part.count != 0 &&
-            (heatmap.top != 0 || !heatmap.fail_if.empty() || !heatmap.output.ends_with(".exr")))
-            return "--part: makes a .exr alone: the legend, the ranking and --fail-if need all "
-                   "rays";
+        const bool is_part = heatmap.part.count != 0;
+        if (is_part && heatmap.top != 0)
+            return "--part: leave it out with --top, which ranks the work of all rays at once";
+        if (is_part && !heatmap.fail_if.empty())
+            return "--part: give --fail-if to raynest merge, which has the counts of all pixels";
+        if (is_part && extension_of(heatmap.output) != ".exr")
+            return "--part: makes a .exr alone: write that, and raynest merge joins the parts, "
+                   "also "
+                   "to a .npy; a legend and a report need all rays at once";
         if (heatmap.output.empty() && !has_detach && heatmap.top == 0 && heatmap.fail_if.empty())
             return "--output, --top or --fail-if is required";
         if (heatmap.output.empty() && heatmap.top != 0 &&

@@ -8,14 +8,28 @@ void declare(CommandLine& line, MergeOptions& merge) {
     line.add_option(
             "OUT", merge.output,
             "FILE.npz, FILE.png or FILE.exr that the parts become; parts in .npz with the column "
-            "position also become FILE.ply, .pcd or .las")
+            "position also become FILE.ply, .pcd or .las, and parts in .png or of heat maps "
+            "FILE.npy")
         .required();
     line.add_options("PART", merge.parts, "files that --part has written, in any order");
+    line.add_each(
+        "--fail-if",
+        [&merge](const std::string& text) -> Result<void> {
+            merge.limits.push_back(text);
+            return {};
+        },
+        "of a heat map, 'METRIC[.LEVEL].STATISTIC OP NUMBER' as heatmap takes it: end with exit "
+        "code 9 if that is true; may be repeated");
 }
 
 Failure become_merge(const MergeOptions& options, bool json) {
-    std::vector<std::string> words = {options.output};
-    if (json) words.insert(words.begin(), "--json");
+    std::vector<std::string> words;
+    if (json) words.emplace_back("--json");
+    for (const std::string& limit : options.limits) {
+        words.emplace_back("--fail-if");
+        words.push_back(limit);
+    }
+    words.push_back(options.output);
     words.insert(words.end(), options.parts.begin(), options.parts.end());
     return become_python("raynest.merge", std::move(words));
 }

@@ -23,7 +23,8 @@ Result<void> render_one(Context& context, const RenderOptions& options) {
         if (auto writable = check_writable(options.output); !writable) return writable;
     if (options.part.count != 0 && encoding_of(options.output) == "raw")
         return fail(Exit::usage,
-                    "--part: a .npy does not say which part it is; write a .png or an .exr");
+                    "--part: a .npy does not say which part it is: write a .png, of which raynest "
+                    "merge also makes a .npy");
     auto made = picture_request<wire::RenderT>(options);
     if (!made) return tl::unexpected<Failure>(made.error());
     wire::RenderT& request = *made;

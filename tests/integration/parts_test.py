@@ -140,6 +140,55 @@ class Parts(DaemonTest):
                 self.assertIn(b"raynest:range\0", whole.read_bytes())
                 self.assertEqual(whole.read_bytes(), self.merged(f"heat{number}.exr", made).read_bytes())
 
+    def test_parts_become_arrays(self):
+        size = ("--size", "200x150")
+        for number, (ending, words) in enumerate((("png", ("render", "woods", *size)),
+                                                  ("png", ("render", "woods", "--size", "9x40", "--integrator", "ao", "--spp",
+                                                           "2", "--exposure", "0")),
+                                                  ("exr", ("heatmap", "woods", *size)),
+                                                  ("exr", ("heatmap", "woods", *size, "--metric", "boxes.1")),
+                                                  ("exr", ("heatmap", "woods", *size, "--diff", "mask=2")))):
+            with self.subTest(words=words):
+                _, made = self.parts(f"{number}.{ending}", 3, *words)
+                whole, out = self.out / f"whole{number}.npy", self.out / f"merged{number}.npy"
+                self.done(*words, "-o", whole)
+                self.done("merge", out, *made)
+                wanted, seen = numpy.load(whole), numpy.load(out)
+                self.assertEqual(wanted.dtype, seen.dtype)
+                numpy.testing.assert_array_equal(wanted, seen)
+        lit = self.out / "lit.exr"
+        self.done("render", "woods", *size, "-o", lit, "--part", "1/1")
+        self.refused(5, "is of a picture, and no heat map", "merge", self.out / "no.npy", lit)
+        self.refused(5, "does not end in .png, as the parts of a .npy do", "merge", self.out / "no.npy", "x.npz")
+
+    def test_limits_are_checked_of_all_parts(self):
+        """By the package, of which `raynest merge` is the command."""
+        heat = ("heatmap", "woods", "--size", "200x150")
+        _, made = self.parts("heat.exr", 5, *heat, "--metric", "boxes")
+        asked = [f"{metric}.{statistic}>-1" for metric in ("total", "boxes", "boxes.1", "rejects")
+                 for statistic in ("min", "mean", "p50", "p90", "p99", "max")]
+        words = [word for limit in asked for word in ("--fail-if", limit)]
+        done = self.client.run(*heat, *words)
+        self.assertEqual(done.returncode, 9)
+        wanted = done.stderr.splitlines()[-1]
+
+        def merged(*words):
+            return subprocess.run([sys.executable, "-m", "raynest.merge", *map(str, words)], capture_output=True, text=True,
+                                  env=dict(self.client.environment))
+        done = merged(*words, self.out / "all.exr", *made)
+        self.assertEqual((done.returncode, done.stderr), (9, wanted + "\n"))
+        self.assertTrue((self.out / "all.exr").exists())
+        for limit, code, said in (("total.p99<1", 0, "total.p99 is \\d+, not below 1: ok"), ("boxes.99.max>1", 2, "has no boxes.99"),
+                                  ("total.p98>1", 2, "'total.p98>1' is not METRIC"), ("total.p99>x", 2, "is not METRIC"),
+                                  ("levels > 3", 2, "which raynest info tells")):
+            done = merged("--fail-if", limit, self.out / "one.exr", *made)
+            self.assertEqual(done.returncode, code, done.stderr)
+            self.assertRegex(done.stderr if code else done.stdout.splitlines()[1], said)
+        picture = self.out / "1.png"
+        self.done("render", "woods", "--size", "64x48", "-o", picture, "--part", "1/1")
+        done = merged("--fail-if", "total.p99>1", self.out / "one.png", picture)
+        self.assertEqual((done.returncode, done.stderr), (2, "raynest: --fail-if is for the parts of a heat map, which are .exr\n"))
+
     def test_parts_of_other_pictures_are_told_apart(self):
         size = ("--size", "64x48")
         for kind, command, others in (("png", "render", (("--fov", "30"), ("--hide", "inst=3"), ("--only", "inst=3"))),
@@ -237,7 +286,7 @@ class Parts(DaemonTest):
                          self.out / "other.png")
         self.refused(5, "whole-again.npz: is no part", "merge", out, self.out / "whole-again.npz")
         self.refused(5, "nowhere.npz: No such file", "merge", out, "nowhere.npz")
-        self.refused(2, "parts become a .npz, a .png, an .exr, or a point cloud", "merge", "out.txt", made[0])
+        self.refused(2, "parts become a .npz, a .png, an .exr, a .npy", "merge", "out.txt", made[0])
         (self.out / "cut.npz").write_bytes(made[0].read_bytes()[:300])
         self.refused(5, "cut.npz: is no part", "merge", out, self.out / "cut.npz")
         self.assertFalse(out.exists())
@@ -270,7 +319,11 @@ class Parts(DaemonTest):
         self.refused(2, "64 rows of pixels have at most 4 parts", *picture, "--part", "1/5")
         self.refused(2, "give `exposure` in stops|--exposure", *picture, "--integrator", "path", "--part", "1/2")
         self.refused(2, "a .npy does not say", *picture[:-1], self.out / "no.npy", "--part", "1/2")
-        self.refused(2, "--part: makes a .exr alone", "heatmap", "woods", "-o", self.out / "no.png", "--part", "1/2")
+        heat = ("heatmap", "woods", "--part", "1/2", "-o")
+        for name in ("no.png", "no.npy", "no.html"):
+            self.refused(2, "--part: makes a .exr alone: .*raynest merge", *heat, self.out / name)
+        self.refused(2, "--part: give --fail-if to raynest merge", *heat, self.out / "no.exr", "--fail-if", "total.p99>1")
+        self.refused(2, "--part: leave it out with --top", *heat, self.out / "no.exr", "--top", "3")
         self.refused(2, "--part needs -o", "query", "woods", *SWEEP, "--part", "1/2")
 
 

@@ -148,6 +148,28 @@ class Forms(WithCluster):
         done = self.command(cluster, "render", "flat.npz", "--cameras", "all", "-o", "x.png")
         self.assertEqual((done.returncode, done.stderr), (5, "raynest: the scene has no cameras: leave --cameras out\n"))
 
+    def test_what_all_parts_say_together(self):
+        cluster = self.cluster(1)
+        heat = ("heatmap", SCENE, "--size", "96x64")
+        self.carried(cluster, *heat, "-o", "many.npy")
+        np.testing.assert_array_equal(np.load(self.out / "many.npy"), self.woods.heatmap(size=(96, 64)))
+        done = self.carried(cluster, *heat, "--fail-if", "total.max>1e9", "--fail-if=total.min<0", "-o", "many.exr")
+        self.assertRegex(done.stdout, r"\ntotal.max is \d+, not above 1000000000: ok\ntotal.min is \d+, not below 0: ok\n$")
+        done = self.command(cluster, *heat, "--fail-if", "total.max>1", "-o", "many.exr")
+        self.assertEqual(done.returncode, 9)
+        self.assertRegex(done.stderr, "^raynest: 1 of 1 limit exceeded: total.max is .*\n$")
+        self.carried(cluster, "render", SCENE, "--size", "96x64", "-o", "many.npy")
+        np.testing.assert_array_equal(np.load(self.out / "many.npy"), self.woods.render(size=(96, 64)))
+        words = ("query", SCENE, "--generate", "camera", "size=96x64", "--fields", "position,t", "-o")
+        self.carried(cluster, *words, "many.ply")
+        self.one(*words, "one.ply")
+        self.assertEqual((self.out / "many.ply").read_bytes(), (self.out / "one.ply").read_bytes())
+        for words, said in (((*heat, "--top", "3", "-o", "x.exr"), "leave it out, or --dask"),
+                            ((*heat, "-o", "x.png"), "a heat map is written as .exr or .npy")):
+            done = self.command(cluster, *words)
+            self.assertEqual((done.returncode, done.stderr.count("\n")), (2, 1), done.stderr)
+            self.assertIn(said, done.stderr)
+
 
 if __name__ == "__main__":
     main()

@@ -25,7 +25,8 @@ import numpy as np
 import raynest
 from raynest._net.control import decode, encode
 from raynest._net.frame import HEADER, MAGIC, Header, write_header
-from raynest.merge import _unfiltered, merge, range_text
+from raynest._heat import range_text
+from raynest.merge import _unfiltered, merge
 from daemon import PATIENCE
 from with_fake import WELCOME, WithFake, frame, t
 

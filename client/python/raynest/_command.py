@@ -24,7 +24,7 @@ from ._told import carry_out, fail
 from ._own_daemon import Setup, distributed
 from ._workers import Carried, Source, info_of
 from .errors import ConnectError, Error, FailedError, InvalidError, UsageError
-from .merge import merge
+from .merge import PARTS_OF, merge
 
 PARTS_PER_THREAD = 4
 PART_RAYS = 1 << 16         # at least, of a file's
@@ -40,14 +40,12 @@ def run(address: str, parts_max: int, scene: str, out: str, words: Sequence[str]
         patience: float = PATIENCE, shows: bool = False) -> list[tuple[str, dict[str, Any]]]:
     """Has a cluster carry out a command of raynest, and writes the whole of its parts as `out`, or of all cameras as
     files beside it. Returns for each file a line that says so, and the document of --json."""
-    ending = os.path.splitext(out)[1].lower()
-    if ending not in (".npz", ".png", ".exr"):
-        raise UsageError(f"{out}: with --dask an answer is written as .npz, .png or .exr")
     if any(word.partition("=")[0] == "--server" for word in words):
         raise UsageError("--dask goes without --server: each worker has a daemon of its own")
     if not re.search("[/:.]", scene):
         raise InvalidError(f"scene '{scene}' is not loaded; with --dask name a file in its place, such as {scene}.glb",
                            "SCENE_UNKNOWN")
+    ending, (limits, words) = _ending(words[0], out), _without_limits(words)
     known = Prepared(scene, {})
     with _cluster(address) as cluster, tempfile.TemporaryDirectory(prefix="raynest-dask-") as folder:
         progress = _bar if shows else None
@@ -61,8 +59,8 @@ def run(address: str, parts_max: int, scene: str, out: str, words: Sequence[str]
             if not info["cameras"]:
                 raise InvalidError("the scene has no cameras: leave --cameras out")
             # As render names them.
-            pictures = [(f"{out[:-len(ending)]}.{i}{out[-len(ending):]}", ["--camera", str(i)])
-                        for i in range(len(info["cameras"]))]
+            stem, last = os.path.splitext(out)
+            pictures = [(f"{stem}.{i}{last}", ["--camera", str(i)]) for i in range(len(info["cameras"]))]
         threads = sum(worker["nthreads"] for worker in cluster.scheduler_info()["workers"].values())
         most = rays // PART_RAYS + 1 if rays else parts_max
         # A row of a lit picture may take minutes, so its parts are as small as they can be.
@@ -77,7 +75,7 @@ def run(address: str, parts_max: int, scene: str, out: str, words: Sequence[str]
             told[item] = document
             with open(paths[item], "wb") as file:
                 file.write(answer)
-        return [(merge(path, paths[i * count:(i + 1) * count]),
+        return [(merge(path, paths[i * count:(i + 1) * count], limits),
                  {**whole_of(told[i * count:(i + 1) * count]), "file": path, "parts": count})
                 for i, (path, _) in enumerate(pictures)]
 
@@ -126,6 +124,31 @@ def _check_versions(cluster: Any) -> None:
                     cluster.close(timeout=CLOSE_SECONDS)
                 raise UsageError(f"{where} has {package} {theirs}, this machine {ours[package]}: install one version "
                                  "on all hosts")
+
+
+def _ending(command: str, out: str) -> str:
+    """The ending of the parts of a file."""
+    ending = os.path.splitext(out)[1].lower()
+    is_heat = command == "heatmap"
+    if ending not in PARTS_OF or is_heat and ending not in (".exr", ".npy"):
+        raise UsageError(f"{out}: with --dask " + (
+            "a heat map is written as .exr or .npy; its legend and report are made by one daemon" if is_heat else
+            "an answer is written as .npz, .png, .exr or .npy, or as a point cloud: .ply, .pcd or .las"))
+    return ".exr" if is_heat else PARTS_OF[ending][0]
+
+
+def _without_limits(words: Sequence[str]) -> tuple[list[str], list[str]]:
+    """Those of --fail-if, which are of all parts together, and the other words."""
+    limits, others, given = [], [], iter(words)
+    for word in given:
+        option, _, value = word.partition("=")
+        if option == "--top":
+            raise UsageError("--top ranks the work of all rays at once, which one daemon does: leave it out, or --dask")
+        if option == "--fail-if":
+            limits.append(value or next(given))
+        else:
+            others.append(word)
+    return limits, others
 
 
 def _without_output(words: Sequence[str], out: str) -> list[str]:

@@ -94,7 +94,7 @@ class Prepared:
         return self.carry_bytes(read_file(path, _limits.upload_bytes_max), prefix, os.path.splitext(path)[1])
 
     def carry_bytes(self, data: Any, prefix: str = "", ending: str = "") -> Carried:
-        """What is in a file."""
+        """The content of a file."""
         digest = hashlib.sha256(data).digest()
         for i, key in enumerate(keys_of_file(digest, len(data), self.piece_bytes)):
             self._keep(key, np.frombuffer(data, np.uint8)[i * self.piece_bytes:(i + 1) * self.piece_bytes])

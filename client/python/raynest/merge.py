@@ -2,7 +2,8 @@
 
 Each part says which scene (digest, epoch) and request it is of, and which rows it has. An .exr is the file of the
 whole picture, byte by byte; a .png has its pixels, and a .npz its columns. Parts in .npz with the column position, or
-sensor_position, also become a point cloud: a .ply, .pcd or .las.
+sensor_position, also become a point cloud: a .ply, .pcd or .las. Parts in .png, and those of heat maps, also become a
+.npy. With --fail-if the limits of a heat map are checked.
 """
 from __future__ import annotations
 
@@ -17,18 +18,23 @@ import tempfile
 import tokenize
 import zipfile
 import zlib
-from decimal import Decimal
 from typing import Any, Callable, NamedTuple, Optional, Sequence
 
 import numpy as np
 
+from ._heat import check, limit_of, range_text
 from ._requests.columns import OF_HITS, REDUCED
 from ._requests.exr import channel_count, read_exr, unpacked
 from ._requests.npz import write_npz
+from ._requests.png import unfiltered
 from ._told import carry_out, fail
 from .errors import FailedError, InvalidError, ProtocolError, UsageError
 from .points import ENDINGS, formatted, place_of
 
+# Endings of files, and those of the parts that become one.
+PARTS_OF = {".npz": (".npz",), ".png": (".png",), ".exr": (".exr",), ".npy": (".png", ".exr"),
+            **dict.fromkeys(ENDINGS, (".npz",))}
+EXACT = 1 << 24             # below it float32 has all whole numbers
 LINES = 16                  # rows of a block of the daemon's EXR files, at which parts begin
 PNG = b"\x89PNG\r\n\x1a\n"
 EXR = struct.pack("<II", 20000630, 2)
@@ -51,27 +57,31 @@ class Part(NamedTuple):
     body: Any
 
 
-def merge(out: str, paths: Sequence[str]) -> str:
-    """Joins parts into `out`; returns a line that says what it is. Raises InvalidError, which names the part, if one
-    is missing, is there twice, or is of another request."""
+def merge(out: str, paths: Sequence[str], limits: Sequence[str] = ()) -> str:
+    """Joins parts into `out`; returns a line that says what it is, and one for each of the `limits` of --fail-if. Raises
+    InvalidError, which names the part, if one is missing, is there twice, or is of another request."""
     ending = os.path.splitext(out)[1].lower()
-    # How a part is read; how parts are joined, which returns the file's bytes or what writes them, and what it has;
-    # and what parts have rows of.
-    kinds: dict[str, tuple[Callable[[str, bytes], Part], Callable[[Sequence[Part]], tuple[Any, str]], str]] = {
-        ".npz": (_read_npz, _join_npz, "rows"), ".png": (_read_png, _join_png, "rows of pixels"),
-        ".exr": (_read_exr, _join_exr, "rows of pixels"),
-        **dict.fromkeys(ENDINGS, (_read_npz, functools.partial(_join_points, ending), "rows"))}
-    if ending not in kinds:
-        raise UsageError(f"{out}: parts become a .npz, a .png, an .exr, or a point cloud: a .ply, .pcd or .las")
-    read, join, rows = kinds[ending]
-    of_parts = ".npz" if ending in ENDINGS else ending
+    if ending not in PARTS_OF:
+        raise UsageError(f"{out}: parts become a .npz, a .png, an .exr, a .npy of pixels or counts, or a point cloud: a .ply, "
+                         ".pcd or .las")
     if not paths:
         raise UsageError("name the parts behind the file that they become")
+    of_parts = os.path.splitext(paths[0])[1].lower()
+    if of_parts not in PARTS_OF[ending]:
+        of_parts = PARTS_OF[ending][0]
+    asked = [limit_of(text) for text in limits]
+    if asked and of_parts != ".exr":
+        raise UsageError("--fail-if is for the parts of a heat map, which are .exr")
+    read, join, rows = _KINDS[of_parts]
+    if ending in ENDINGS:
+        join = functools.partial(_join_points, ending)
+    elif ending == ".npy":
+        join = _join_npy
     parts = []
     for path in paths:
         if os.path.splitext(path)[1].lower() != of_parts:
             raise InvalidError(f"{path}: does not end in {of_parts}, as " + (
-                f"{out} does" if of_parts == ending else "parts of a point cloud do"), "FILE_INVALID")
+                f"{out} does" if of_parts == ending else f"the parts of a {ending} do"), "FILE_INVALID")
         try:
             with open(path, "rb") as file:
                 parts.append(read(path, file.read()))
@@ -100,7 +110,8 @@ def merge(out: str, paths: Sequence[str]) -> str:
         raise UsageError(f"cannot write {out}: {error.strerror}") from None
     except MemoryError:
         raise InvalidError(f"{out}: has more than fits into memory", "FILE_INVALID") from None
-    return f"{out}: {what} of {len(parts)} parts"
+    said = f"{out}: {what} of {len(parts)} parts"
+    return "\n".join([said, *(check(asked, _counts(parts)) if asked else ())])
 
 
 def _umask() -> int:
@@ -311,7 +322,7 @@ def _read_png(path: str, data: bytes) -> Part:
     rows = zlib.decompressobj().decompress(b"".join(packed), size)
     if len(rows) != size:
         raise ValueError("it is too short")
-    if rows[0] not in _FILTERS:
+    if not set(rows[::1 + 4 * width]).issubset(_FILTERS):
         raise ValueError("a row has an unknown filter")
     return _placed(path, texts, width, height, (head, keep, rows))
 
@@ -385,50 +396,46 @@ def _join_exr(parts: Sequence[Part]) -> tuple[bytes, str]:
     asked = parts[0].request.get("raynest:range_asked", "")
     if not asked:
         return _exr_of(parts, fields), _rows_of_pixels(parts)
-    # The range needs all counts, so they are read out of the whole.
-    metric, _, level = parts[0].request.get("raynest:metric", "").partition(".")
-    try:
-        counts = read_exr(_exr_of(parts, fields), PIXELS_MAX)[0][f"L{level}.{metric}" if level else metric]
-        made = range_text(asked, counts.ravel(), "raynest:other_scene" in parts[0].request).encode()
-    except (LookupError, ValueError, ProtocolError) as error:
+    try:    # the range needs all counts
+        made = range_text(asked, _counted(parts).ravel(), _differs(parts)).encode()
+    except (LookupError, ValueError) as error:
         raise InvalidError(f"{parts[0].path}: has no range: {error}", "FILE_INVALID") from None
     return _exr_of(parts, [("raynest:range", kind, made) if name == "raynest:range_asked" else (name, kind, value)
                            for name, kind, value in fields]), _rows_of_pixels(parts)
 
 
-def range_text(asked: str, counts: Any, is_difference: bool) -> str:
-    """The range of a heat map's colours, as the daemon makes it of what was asked for: p99, auto or LOW:HIGH."""
-    if asked not in ("p99", "auto"):
-        low, high = (float(number) for number in asked.split(":"))
-        if not np.isfinite([low, high]).all():
-            raise ValueError(f"it is {asked}")
-        return f"{_shortest(low)}:{_shortest(high)}"
-    values = np.abs(counts.astype(np.float64))
+def _differs(parts: Sequence[Part]) -> bool:
+    return "raynest:other_scene" in parts[0].request
 
-    def p99() -> float:
-        rank = max(1, (len(values) * 99 + 99) // 100)
-        return float(np.partition(values, rank - 1)[rank - 1])
-    most, high = float(values.max()), p99()
-    if is_difference:
-        if high < 0.01 * most:
-            values = values[values != 0]
-            high = p99()
+
+def _counts(parts: Sequence[Part]) -> dict[str, Any]:
+    """All that a heat map counts, by its names there."""
+    if "raynest:metric" not in parts[0].request:
+        raise InvalidError(f"{parts[0].path} is of a picture, and no heat map", "FILE_INVALID")
+    try:
+        return read_exr(_exr_of(parts, parts[0].body[0]), PIXELS_MAX)[0]
+    except ProtocolError as error:
+        raise InvalidError(f"{parts[0].path}: {error}", "FILE_INVALID") from None
+
+
+def _counted(parts: Sequence[Part]) -> Any:
+    """The counts that a heat map shows."""
+    metric, _, level = parts[0].request.get("raynest:metric", "").partition(".")
+    return _counts(parts)[f"L{level}.{metric}" if level else metric]
+
+
+def _join_npy(parts: Sequence[Part]) -> tuple[Any, str]:
+    """The pixels of a picture, or the counts of a heat map, as `raynest render` and `raynest heatmap` write them."""
+    if parts[0].path.lower().endswith(".png"):
+        made = np.concatenate([unfiltered(part.body[2], part.request["width"]) for part in parts])
     else:
-        least = float(values.min())
-        most, high = (2 * end if end == least else end for end in (most, high))
-    high = max(1.0, most if asked == "auto" else high)
-    return f"{_shortest(-high if is_difference else 0)}:{_shortest(high)}"
-
-
-def _shortest(value: float) -> str:
-    """A number as C++'s std::to_chars() writes it."""
-    sign, digits, exponent = Decimal(repr(float(value))).normalize().as_tuple()
-    assert isinstance(exponent, int)
-    text = "".join(map(str, digits))
-    power = exponent + len(text) - 1
-    plain = format(Decimal((0, digits, exponent)), "f")
-    scientific = text[0] + ("." + text[1:] if text[1:] else "") + f"e{'-' if power < 0 else '+'}{abs(power):02}"
-    return "-" * sign + min(plain, scientific, key=len)
+        made = _counted(parts)
+        if _differs(parts):
+            if (np.abs(made) >= EXACT).any():
+                raise InvalidError(f"{parts[0].path}: an .exr has differences of {EXACT} or more rounded: let one machine "
+                                   "write the .npy", "FILE_INVALID")
+            made = made.astype("<i4")
+    return lambda file: np.save(file, made), _rows_of_pixels(parts)
 
 
 def _exr_of(parts: Sequence[Part], fields: Sequence[tuple[str, str, bytes]]) -> bytes:
@@ -452,15 +459,27 @@ def _exr_of(parts: Sequence[Part], fields: Sequence[tuple[str, str, bytes]]) -> 
     return head + struct.pack(f"<{len(table)}Q", *table) + b"".join(body)
 
 
-def main(words: Optional[Sequence[str]] = None) -> int:
-    """The command `raynest merge`, with "--json" before its words for a document. Returns its exit code."""
-    words = sys.argv[1:] if words is None else words
-    as_json = words[:1] == ["--json"]
-    out, *paths = words[as_json:]
+# By the ending of parts: how one is read; how they are joined, which returns the file's bytes or what writes them, and
+# what it has; and what parts have rows of.
+_KINDS: dict[str, tuple[Callable[[str, bytes], Part], Callable[[Sequence[Part]], tuple[Any, str]], str]] = {
+    ".npz": (_read_npz, _join_npz, "rows"), ".png": (_read_png, _join_png, "rows of pixels"),
+    ".exr": (_read_exr, _join_exr, "rows of pixels")}
 
-    def work() -> tuple[str, dict[str, Any]]:
-        line = merge(out, paths)
-        return line, {"file": out, "parts": len(paths)}
+
+def main(words: Optional[Sequence[str]] = None) -> int:
+    """The command `raynest merge [--json] [--fail-if LIMIT]... OUT PARTS...`. Returns its exit code."""
+    given = list(sys.argv[1:] if words is None else words)
+    as_json = given[:1] == ["--json"]
+    del given[:as_json]
+    limits = []
+    while given[:1] == ["--fail-if"]:
+        limits.append(given[1])
+        del given[:2]
+    out, *paths = given
+
+    def work() -> list[tuple[str, dict[str, Any]]]:
+        line = merge(out, paths, limits)
+        return [(line, {"file": out, "parts": len(paths)})]
     try:
         code = carry_out(work, as_json)
         sys.stdout.flush()

@@ -1,0 +1,108 @@
+"""Numbers of a heat map as a whole, computed here of its parts as the daemon does: the range of its
+colours, and the statistics that --fail-if limits."""
+from __future__ import annotations
+
+import operator
+import re
+from decimal import Decimal
+from typing import Any, Mapping, NamedTuple, Sequence
+
+import numpy as np
+
+from .errors import Error, UsageError
+
+_OF_SCENE = ("levels", "bytes", "triangles")
+_FORM = re.compile(r" *(\w+(?:\.\d+)?)\.(min|mean|p50|p90|p99|max) *(>=?|<=?) *([-+.\w]+) *\Z")
+_WORDS = {">": (operator.gt, "above"), ">=": (operator.ge, "at or above"), "<": (operator.lt, "below"),
+          "<=": (operator.le, "at or below")}
+
+
+class LimitError(Error):
+    """A limit of --fail-if is exceeded."""
+
+    exit_code = 9
+
+
+class Limit(NamedTuple):
+    text: str           # as it was given
+    metric: str         # total, or boxes.1
+    statistic: str
+    comparison: str
+    number: float
+
+
+def limit_of(text: str) -> Limit:
+    """Reads METRIC[.LEVEL].STATISTIC OP NUMBER."""
+    if re.split("[<>]", text)[0].strip() in _OF_SCENE:
+        raise UsageError(f"'{text}': that is a number of the scene, which raynest info tells, and not one of its pixels")
+    form = _FORM.match(text)
+    try:
+        if form is not None and np.isfinite(number := float(form[4])):
+            return Limit(text, form[1], form[2], form[3], number)
+    except ValueError:
+        pass
+    raise UsageError(f"'{text}' is not METRIC[.LEVEL].STATISTIC OP NUMBER, as total.p99>120; statistics are min mean p50 p90 "
+                     "p99 max, OP is one of > >= < <=")
+
+
+def check(limits: Sequence[Limit], channels: Mapping[str, Any]) -> list[str]:
+    """Compares the limits with the counts of a heat map's .exr, by their names there. Returns a line for each, or raises
+    LimitError."""
+    told, exceeded = [], []
+    for limit in limits:
+        metric, _, level = limit.metric.partition(".")
+        counts = channels.get(f"L{level}.{metric}" if level else metric)
+        if counts is None:
+            raise UsageError(f"'{limit.text}': the heat map has no {limit.metric}")
+        value = _statistic(limit.statistic, counts.ravel())
+        compares, words = _WORDS[limit.comparison]
+        said = (f"{limit.metric}.{limit.statistic} is {value:.10g}, {'' if compares(value, limit.number) else 'not '}{words} "
+                f"{limit.number:.10g}: ")
+        told.append(said + ("exceeded" if compares(value, limit.number) else "ok"))
+        if compares(value, limit.number):
+            exceeded.append(told[-1])
+    if exceeded:
+        raise LimitError(f"{len(exceeded)} of {len(limits)} limit{'s' * (len(limits) > 1)} exceeded: {'; '.join(exceeded)}",
+                         "THRESHOLD")
+    return told
+
+
+def _statistic(name: str, counts: Any) -> float:
+    if name == "mean":
+        return float(counts.sum(dtype=np.float64) / len(counts))
+    return percentile(counts, int(name[1:])) if name.startswith("p") else float(getattr(counts, name)())
+
+
+def percentile(values: Any, percent: int) -> float:
+    rank = max(1, (len(values) * percent + 99) // 100)
+    return float(np.partition(values, rank - 1)[rank - 1])
+
+
+def range_text(asked: str, counts: Any, is_difference: bool) -> str:
+    """The range of a heat map's colours, as the daemon makes it of what was asked for: p99, auto or LOW:HIGH."""
+    if asked not in ("p99", "auto"):
+        low, high = (float(number) for number in asked.split(":"))
+        if not np.isfinite([low, high]).all():
+            raise ValueError(f"it is {asked}")
+        return f"{_shortest(low)}:{_shortest(high)}"
+    values = np.abs(counts.astype(np.float64))
+    most, high = float(values.max()), percentile(values, 99)
+    if is_difference:
+        if high < 0.01 * most:
+            high = percentile(values[values != 0], 99)
+    else:
+        least = float(values.min())
+        most, high = (2 * end if end == least else end for end in (most, high))
+    high = max(1.0, most if asked == "auto" else high)
+    return f"{_shortest(-high if is_difference else 0)}:{_shortest(high)}"
+
+
+def _shortest(value: float) -> str:
+    """A number as C++'s std::to_chars() writes it."""
+    sign, digits, exponent = Decimal(repr(float(value))).normalize().as_tuple()
+    assert isinstance(exponent, int)
+    text = "".join(map(str, digits))
+    power = exponent + len(text) - 1
+    plain = format(Decimal((0, digits, exponent)), "f")
+    scientific = text[0] + ("." + text[1:] if text[1:] else "") + f"e{'-' if power < 0 else '+'}{abs(power):02}"
+    return "-" * sign + min(plain, scientific, key=len)
