@@ -17,6 +17,12 @@ const RETRY_MS = [100, 200, 400, 800, 1500];
 const LAST = new Set(["Done", "Detached", "Loaded", "SceneList", "SceneInfo", "PathName", "Unloaded",
                       "VariantList", "Statistics", "PartList", "JobList", "JobInfo", "PageAddress", "Pong"]);
 
+/** Fields of a Query: of a generator's rays, or of the points of a hemisphere, these alone are traced. */
+export const part = (first, count) => ({ part_first: first, part_count: count });
+
+/** Fields of a Render or Heatmap: of the picture these pixels alone are made, as they are in the whole. */
+export const tile = (x, y, width, height) => ({ tile_x: x, tile_y: y, tile_width: width, tile_height: height });
+
 /** An Error message of the daemon, or a lost connection (name CONNECTION_LOST). */
 export class DaemonError extends Error {
   constructor(name, message, retryAfterMs = 0) {
