@@ -34,18 +34,18 @@ class Forms(WithCluster):
         os.chdir(self.out)
         self.addCleanup(os.chdir, before)
 
-    def command(self, cluster, *words):
+    def command(self, cluster, *words, stdin=subprocess.DEVNULL):
         return subprocess.run([self.raynest, "--dask", cluster.client.scheduler.address, *map(str, words)], cwd=self.out,
-                              env={**os.environ, "RAYNEST_PYTHON": sys.executable}, stdin=subprocess.DEVNULL,
+                              env={**os.environ, "RAYNEST_PYTHON": sys.executable}, stdin=stdin,
                               capture_output=True, text=True, timeout=10 * PATIENCE)
 
-    def one(self, *words):
+    def one(self, *words, stdin=subprocess.DEVNULL):
         """The same command on one daemon."""
         subprocess.run([self.raynest, "--server", self.daemon.uri, *map(str, words)], cwd=self.out, check=True,
-                       capture_output=True)
+                       stdin=stdin, capture_output=True)
 
-    def carried(self, cluster, *words):
-        done = self.command(cluster, *words)
+    def carried(self, cluster, *words, stdin=subprocess.DEVNULL):
+        done = self.command(cluster, *words, stdin=stdin)
         self.assertEqual(done.returncode, 0, done.stderr)
         return done
 
@@ -169,6 +169,32 @@ class Forms(WithCluster):
             done = self.command(cluster, *words)
             self.assertEqual((done.returncode, done.stderr.count("\n")), (2, 1), done.stderr)
             self.assertIn(said, done.stderr)
+
+    def test_rays_of_all_kinds_are_dealt_out(self):
+        cluster = self.cluster(1)       # of two threads, with four parts for each
+        np.save(self.out / "rays.npy", rain(140000))
+        points = np.random.default_rng(3).uniform(-20, 20, (900, 3))
+        np.save(self.out / "points.npy", np.hstack([points, np.broadcast_to([0, 1, 0], points.shape)]))
+        np.save(self.out / "few.npy", np.load(self.out / "points.npy")[:3])
+        np.save(self.out / "up.npy", np.linspace(-40, 5, 32))
+        np.save(self.out / "round.npy", np.linspace(0, 350, 4096))
+        np.save(self.out / "way.npy", np.array([[0, 1, 0, 0, 0, 0, 1, 0, 9, 0, 0, 1, 0], [1, 1, 0, 0, 5, 0, 1, 0, 9, 0, 0, 1, 0]]))
+        sky, sweep = ("--generate", "hemisphere", "seed=1"), ("--generate", "sweep", "trajectory=way.npy", "end=0.05")
+        for parts, given, words in (
+                (2, "", ("--rays", "rays.npy")), (2, "rays.npy", ("--rays", "-")), (1, "", ("--ray", "0,9,0,0,-1,0")),
+                (8, "", (*sky, "points=points.npy", "samples=800")), (3, "", (*sky, "points=few.npy", "samples=65536")),
+                (1, "", (*sky, "points=points.npy")), (2, "", (*sweep, "elevations=up.npy", "azimuths=round.npy")),
+                (4, "", (*sweep, "elevations=up.npy", "azimuths=0:360:4096", "scans=2")),
+                (3, "", (*sweep, "elevations=-5,0,5", "azimuths=round.npy", "scans=16"))):
+            with self.subTest(words=words):
+                words = ("query", SCENE, *words, "--fields", "t,prim", "-o")
+                with open(self.out / given if given else os.devnull, "rb") as file:
+                    done = self.carried(cluster, "--json", *words, "many.npz", stdin=file)
+                self.assertEqual(json.loads(done.stdout)["parts"], parts)
+                with open(self.out / given if given else os.devnull, "rb") as file:
+                    self.one(*words, "one.npz", stdin=file)
+                with np.load(self.out / "many.npz") as seen, np.load(self.out / "one.npz") as wanted:
+                    self.same(dict(seen), dict(wanted))
 
 
 if __name__ == "__main__":

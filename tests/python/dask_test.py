@@ -199,8 +199,8 @@ class ManyHosts(WithCluster):
             points = np.random.default_rng(3).uniform(-20, 20, (900, 3))
             np.save(self.out / "points.npy", np.hstack([points, np.broadcast_to([0, 1, 0], points.shape)]))
             np.save(self.out / "masks.npy", np.arange(150000) % 3)
-            for name, parts, words in (("rays", 3, ("--rays", "/proc/self/cwd/rays.npy", "--fields", "t,prim")),
-                                       ("masked", 3, ("--rays", "/proc/self/cwd/rays.npy", "--masks",
+            for name, parts, words in (("rays", 2, ("--rays", "/proc/self/cwd/rays.npy", "--fields", "t,prim")),
+                                       ("masked", 2, ("--rays", "/proc/self/cwd/rays.npy", "--masks",
                                                       "/proc/self/cwd/masks.npy", "--fields", "t,prim")),
                                        ("sky", 1, ("--generate", "hemisphere", "points=/proc/self/cwd/points.npy",
                                                    "samples=8", "--reduce", "hit_fraction"))):

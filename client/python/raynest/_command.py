@@ -3,6 +3,7 @@ from __future__ import annotations
 
 import asyncio
 import contextlib
+import io
 import logging
 import os
 import re
@@ -11,14 +12,15 @@ import sys
 import tempfile
 import threading
 import warnings
-from typing import Any, Callable, Iterator, Optional, Sequence, Union
+from typing import Any, Callable, Iterator, Mapping, Optional, Sequence, Union
 
 import numpy as np
 
+from . import _limits
 from ._beside import PARTIAL, command
 from ._deal import PATIENCE, Deal, Part, known_to
 from ._prepared import Prepared
-from ._requests.files import STANDARD
+from ._requests.files import STANDARD, read_file
 from ._requests.film import is_lit
 from ._told import carry_out, fail
 from ._own_daemon import Setup, distributed
@@ -27,7 +29,7 @@ from .errors import ConnectError, Error, FailedError, InvalidError, UsageError
 from .merge import PARTS_OF, merge
 
 PARTS_PER_THREAD = 4
-PART_RAYS = 1 << 16         # at least, of a file's
+PART_RAYS = 1 << 16         # at least: some 50 ms of work
 # Words whose next one is a file, or with the mark NAME=@FILE.
 FILES = {"--rays": "", "--masks": "", "--env": "", "--range-from": "", "--set": "@", "--diff": "@"}
 SCENE = "--diff"            # whose next one may also be a scene
@@ -50,7 +52,7 @@ def run(address: str, parts_max: int, scene: str, out: str, words: Sequence[str]
     with _cluster(address) as cluster, tempfile.TemporaryDirectory(prefix="raynest-dask-") as folder:
         progress = _bar if shows else None
         known_to(cluster, known, setup, patience, progress)
-        plain, rays = _carried(known, _without_output(words, out),
+        plain, rows = _carried(known, _without_output(words, out),
                                lambda other: known_to(cluster, Prepared(other, {}), setup, patience, progress))
         pictures: list[tuple[str, list[str]]] = [(out, [])]
         if at := _all_cameras(plain):
@@ -62,8 +64,8 @@ def run(address: str, parts_max: int, scene: str, out: str, words: Sequence[str]
             stem, last = os.path.splitext(out)
             pictures = [(f"{stem}.{i}{last}", ["--camera", str(i)]) for i in range(len(info["cameras"]))]
         threads = sum(worker["nthreads"] for worker in cluster.scheduler_info()["workers"].values())
-        most = rays // PART_RAYS + 1 if rays else parts_max
-        # A row of a lit picture may take minutes, so its parts are as small as they can be.
+        most = _parts_max(words, rows, parts_max)
+        # A row of a lit picture may take minutes, so its parts are as small as pays.
         count = max(1, most if is_lit(_integrator(words)) else min(most, -(-PARTS_PER_THREAD * threads // len(pictures))))
         parts = [Part({"scene": scene, "ending": ending,
                        "words": [*plain, *which, "-o", None, "--part", f"{i + 1}/{count}"]})
@@ -165,21 +167,27 @@ def _all_cameras(words: Sequence[Any]) -> Optional[slice]:
 
 
 def _carried(known: Prepared, words: Sequence[str], known_here: Callable[[str], Prepared]
-             ) -> tuple[list[Union[str, Carried, Source]], int]:
-    """The words, with the files and scenes that they name in their place, and how many rays or points those have."""
+             ) -> tuple[list[Union[str, Carried, Source]], dict[str, int]]:
+    """The words, with the files and scenes that they name in their place, and how many rows the arrays among these
+    have, by option or setting."""
     made: list[Union[str, Carried, Source]] = []
-    rows, before = 0, ""
+    rows: dict[str, int] = {}
+    before = ""
     for word in _apart(words):
         start, sign, path = word.partition("=@" if "@" in FILES.get(before, "") else "=")
         if before == SCENE and is_scene(word):
             made.append(known.carry_scene(known_here(word)))
-        elif before in FILES:
-            path, start, sign = (path, start, sign) if "@" in FILES[before] else (word, "", "")
-            made.append(known.carry(path, start + sign) if _is_file(path) else word)
+        elif before in FILES or start in SETTINGS:
+            if FILES.get(before) == "":
+                path, start, sign = word, "", ""
+            if path in STANDARD or os.path.exists(path) and not os.path.isdir(path):
+                data = read_file(path, _limits.upload_bytes_max)
+                made.append(known.carry(data, start + sign, os.path.splitext(path)[1]))
+                rows[start or before] = _rows_of(data)
+            else:
+                made.append(word)
         else:
-            made.append(known.carry(path, start + sign) if start in SETTINGS and _is_file(path) else word)
-        if before == "--rays" or start == "points":
-            rows = _rows_of(path)
+            made.append(word)
         before = word
     return made, rows
 
@@ -196,10 +204,6 @@ def is_scene(word: str) -> bool:
     return "=" not in word or word.startswith(("builtin:", "root:")) or os.path.isfile(word)
 
 
-def _is_file(path: str) -> bool:
-    return path in STANDARD or os.path.exists(path) and not os.path.isdir(path)
-
-
 def _integrator(words: Sequence[str]) -> str:
     for word, following in zip(words, [*words[1:], ""]):
         if word.startswith("--integrator"):
@@ -207,11 +211,37 @@ def _integrator(words: Sequence[str]) -> str:
     return "primary"
 
 
-def _rows_of(path: str) -> int:
+def _rows_of(data: bytes) -> int:
+    """The rows of a .npy; 0 of what is none, of which the daemon says what is wrong with it."""
+    file = io.BytesIO(data)
+    form: Any = np.lib.format       # has no types in older versions
     try:
-        return int(np.load(path, mmap_mode="r").shape[0]) if os.path.isfile(path) else 0
-    except (OSError, ValueError, AttributeError, LookupError):
-        return 0        # a pipe; or the daemon says what is wrong with it
+        read = form.read_array_header_1_0 if form.read_magic(file) == (1, 0) else form.read_array_header_2_0
+        return int(read(file)[0][0])
+    except (ValueError, LookupError):
+        return 0
+
+
+def _parts_max(words: Sequence[str], rows: Mapping[str, int], told: int) -> int:
+    """How many parts of sensible size there are at most. `told` is what `raynest` knows, which has not read the files."""
+    given = dict(word.split("=", 1) for word in words if "=" in word)
+
+    def angles(name: str) -> int:
+        count = given[name].rpartition(":")[2]      # LOWEST:HIGHEST:COUNT, or a,b,...
+        return rows.get(name) or (int(count) if ":" in given[name] else len(count.split(",")))
+    try:
+        if "--rays" in rows:
+            rays = most = rows["--rays"]
+        elif "points" in rows:
+            most = rows["points"]
+            rays = most * int(given.get("samples", 64))
+        elif rows.keys() & {"elevations", "azimuths"}:
+            rays = most = int(given.get("scans", 1)) * angles("elevations") * angles("azimuths")
+        else:
+            return told
+    except (ValueError, LookupError):
+        return told
+    return max(1, min(most, rays // PART_RAYS))
 
 
 def whole_of(told: Sequence[dict[str, Any]]) -> dict[str, Any]:

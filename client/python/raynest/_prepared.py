@@ -11,10 +11,9 @@ from typing import Any, Iterable, Mapping, Sequence
 
 import numpy as np
 
-from . import _limits, _travel
+from . import _travel
 from ._net.frame import Array
 from ._travel import PIECE_BYTES, PIECE_SECONDS, keys_of_changes, keys_of_file
-from ._requests.files import read_file
 from ._requests.job import Progress
 from ._requests.loads import Load, load_of_file, load_of_mesh, load_of_parts
 from ._requests.materials import Mesh
@@ -89,12 +88,8 @@ class Prepared:
         """The size of the files."""
         return sum(size for _, size in self.source.files()) if self.source.message else 0
 
-    def carry(self, path: str, prefix: str = "") -> Carried:
-        """A file that a command names: it travels as the scene does."""
-        return self.carry_bytes(read_file(path, _limits.upload_bytes_max), prefix, os.path.splitext(path)[1])
-
-    def carry_bytes(self, data: Any, prefix: str = "", ending: str = "") -> Carried:
-        """The content of a file."""
+    def carry(self, data: Any, prefix: str = "", ending: str = "") -> Carried:
+        """The content of a file that a command or a picture names: it travels as the scene does."""
         digest = hashlib.sha256(data).digest()
         for i, key in enumerate(keys_of_file(digest, len(data), self.piece_bytes)):
             self._keep(key, np.frombuffer(data, np.uint8)[i * self.piece_bytes:(i + 1) * self.piece_bytes])

@@ -59,7 +59,7 @@ def _known(cluster: Any, scene: Any, setup: Setup, load: Optional[dict[str, Any]
 
 def _file(known: Prepared, given: Any, _known_here: Any) -> Any:
     data = EnvironmentFile(given).data
-    return known.carry_bytes(data) if len(data) else given
+    return known.carry(data) if len(data) else given
 
 
 def _other(known: Prepared, given: Any, known_here: Callable[[Any], Prepared]) -> Any:
