@@ -184,6 +184,7 @@ Result<void> deliver_query(Context& context, const std::string& output, const st
         return check_whole(*outcome);
     }
 
+    columns.complete(what);
     std::string said;
     if (!part.is_null()) {
         Json whole = part;

@@ -43,11 +43,12 @@ inline constexpr std::array worker_words = {
 
 struct ReducerWords {
     std::string_view name;
-    std::string_view kind;  ///< default kind of the query
-    std::string_view rows;  ///< points | found
+    std::string_view kind;     ///< default kind of the query
+    std::string_view rows;     ///< points | found
+    std::string_view columns;  ///< "path u64, pixels u32"
 };
 inline constexpr std::array reducer_words = {
-#define RAYNEST_REDUCER(name, kind, rows, columns, text) ReducerWords{#name, #kind, #rows},
+#define RAYNEST_REDUCER(name, kind, rows, columns, text) ReducerWords{#name, #kind, #rows, columns},
 #include "protocol/lists/reducers.def"
 };
 inline constexpr std::array reduce_words = {

@@ -2,6 +2,8 @@
 
 #include "client/files/npy.h"
 #include "client/files/points.h"
+#include "client/ground/lists.h"
+#include "client/ground/numbers.h"
 #include "client/requests/generator.h"
 
 #include <algorithm>
@@ -93,6 +95,17 @@ void Columns::append_points(const QueryChunk& chunk, const protocol::BlockView& 
         const double value = double{points[i]} + (missed ? 0 : chunk.origin[i % 3]);
         const auto bytes = std::as_bytes(std::span(&value, 1));
         column.bytes.insert(column.bytes.end(), bytes.begin(), bytes.end());
+    }
+}
+
+void Columns::complete(std::string_view reducer) {
+    const ReducerWords* const words = find_reducer(reducer);
+    if (words == nullptr) return;
+    for (const std::string& each : split(words->columns, ',')) {
+        const std::vector<std::string> word = split(each, ' ');
+        Column column;
+        column.numpy = word.back() == "u64" ? "<u8" : word.back() == "u32" ? "<u4" : "<f4";
+        columns_.try_emplace(word.front(), column);
     }
 }
 

@@ -20,6 +20,9 @@ public:
     /// Fails with exit code 1 if a column changes its type.
     Result<void> append(const QueryChunk& chunk);
 
+    /// Adds the columns of a reducer that has found nothing and so sent no chunk: empty ones.
+    void complete(std::string_view reducer);
+
     /// The .npz of the columns that users asked for; `part` becomes an array of its letters, unless
     /// it is empty.
     [[nodiscard]] std::vector<std::byte> npz(std::string_view part) const;

@@ -113,7 +113,12 @@ class Parts(DaemonTest):
                   "--reduce", "visible_pixels")
         whole, made = self.parts("sky.npz", 4, *around)
         with numpy.load(made[0]) as file:
-            self.assertEqual(file.files, ["part"])
+            self.assertEqual([(name, file[name].dtype, file[name].size) for name in file.files[1:]],
+                             [("path", numpy.uint64, 0), ("pixels", numpy.uint32, 0)])
+        self.done(*around[:6], "range=0:1", *around[6:], "-o", self.out / "nothing.npz")
+        with numpy.load(self.out / "nothing.npz") as file:
+            self.assertEqual([(name, file[name].dtype, file[name].size) for name in file.files],
+                             [("path", numpy.uint64, 0), ("pixels", numpy.uint32, 0)])
         with numpy.load(self.merged("sky.npz", made)) as file, numpy.load(whole) as wanted:
             self.assertGreater(wanted["path"].size, 0)
             for name in wanted.files:
