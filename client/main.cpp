@@ -11,10 +11,12 @@
 #include "client/net/ssh_tunnel.h"
 #include "client/output/output.h"
 #include "client/output/output_file.h"
+#include "client/requests/film.h"
 #include "client/requests/generator.h"
 #include "client/requests/scene_source.h"
 #include "client/requests/tables.h"
 
+#include <algorithm>
 #include <cstdlib>
 #include <exception>
 #include <iostream>
@@ -57,18 +59,23 @@ Result<void> load_first(Context& context, Command& command) {
     return {};
 }
 
-/// How many parts a command may have at most, of sensible size; 0: it takes none.
+/// How many parts a command may have at most, each with 50 ms of work or more; 0: it takes none.
 template <class Command>
 std::uint64_t parts_max(const Command& command) {
     constexpr std::uint64_t rays = 1 << 16;
+    const auto of_rays = [](std::uint64_t all) { return std::max<std::uint64_t>(1, all / rays); };
     if constexpr (requires { command.rays_file; }) {
         const auto generate = parse_generate(command.generate);
         if (command.rays_file.empty() && command.rays.empty() && generate &&
             generate->points.empty())
-            return sensor_rays(generate->message) / rays + 1;
+            return of_rays(sensor_rays(generate->message));
         return 1;
     } else if constexpr (requires { command.part; }) {
-        return (command.camera.height + part_rows - 1) / part_rows;
+        const CameraOptions& camera = command.camera;
+        std::uint64_t samples = 1;
+        if constexpr (requires { samples_of(command); }) samples = samples_of(command);
+        return std::min<std::uint64_t>((camera.height + part_rows - 1) / part_rows,
+                                       of_rays(samples * camera.width * camera.height));
     }
     return 0;
 }

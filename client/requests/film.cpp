@@ -133,11 +133,16 @@ void set_light(const LightOptions& options, wire::RenderT& request) {
     request.sun_elevation = (*options.sun)[1];
 }
 
+std::uint32_t samples_of(const RenderOptions& options) {
+    if (options.samples != 0) return options.samples;
+    if (!is_lit(options.integrator)) return 1;
+    return options.noise > 0 ? noise_samples : lit_samples;
+}
+
 Result<void> fill_film(const RenderOptions& options, wire::RenderT& request, FilmFiles& files) {
     const bool lit = is_lit(options.integrator);
     set_light(options, request);
-    const std::uint32_t own = !lit ? 1 : options.noise > 0 ? noise_samples : lit_samples;
-    request.samples = options.samples != 0 ? options.samples : own;
+    request.samples = samples_of(options);
     request.tonemap = options.tonemap;
     request.exposure = options.exposure;
     request.progressive = options.progressive;

@@ -37,6 +37,9 @@ struct FilmFiles {
     std::string environment_name;  ///< of the picture's file, for messages
 };
 
+/// Samples of each pixel, as they were asked for or as the integrator has them.
+[[nodiscard]] std::uint32_t samples_of(const RenderOptions& options);
+
 /// Sets what a Render has beside the fields of all pictures, and reads the files.
 Result<void> fill_film(const RenderOptions& options, wire::RenderT& request, FilmFiles& files);
 

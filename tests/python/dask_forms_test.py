@@ -170,6 +170,13 @@ class Forms(WithCluster):
             self.assertEqual((done.returncode, done.stderr.count("\n")), (2, 1), done.stderr)
             self.assertIn(said, done.stderr)
 
+    def test_a_part_is_no_smaller_than_pays(self):
+        cluster = self.cluster(1)
+        for parts, words in ((1, ("render", SCENE, "--size", "96x64")), (4, ("heatmap", SCENE, "--size", "1024x256")),
+                             (2, ("render", SCENE, "--size", "96x64", "--integrator", "ao", "--spp", "22"))):
+            document = json.loads(self.carried(cluster, "--json", *words, "-o", "many.exr").stdout)
+            self.assertEqual(document["parts"], parts)
+
     def test_rays_of_all_kinds_are_dealt_out(self):
         cluster = self.cluster(1)       # of two threads, with four parts for each
         np.save(self.out / "rays.npy", rain(140000))

@@ -175,12 +175,12 @@ class ManyHosts(WithCluster):
         def run(*words):
             return subprocess.run([self.raynest, "--dask", address, *map(str, words)], env=environment, cwd=self.out,
                                   stdin=subprocess.DEVNULL, capture_output=True, text=True, timeout=10 * PATIENCE)
-        lit = ("render", SCENE, "--size", "160x90", "--integrator", "path", "--spp", "2")
+        lit = ("render", SCENE, "--size", "160x90", "--integrator", "path", "--spp", "28")
         done = run(*lit, "-o", folder / "lit.exr")
         self.assertEqual((done.returncode, done.stdout), (0, f"{folder}/lit.exr: 90 rows of pixels of 6 parts\n"),
                          done.stderr)
         layers = raynest.read_layers((folder / "lit.exr").read_bytes())
-        self.same(layers, self.woods.render(size=(160, 90), integrator="path", spp=2))
+        self.same(layers, self.woods.render(size=(160, 90), integrator="path", spp=28))
         done = run("query", SCENE, "--generate", "camera", "size=500x500", "--fields", "t,prim", "-o", folder / "q.npz")
         self.assertEqual(done.returncode, 0, done.stderr)
         with np.load(folder / "q.npz") as columns:
