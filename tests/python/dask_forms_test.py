@@ -15,6 +15,7 @@ import numpy as np
 
 import raynest
 from daemon import PATIENCE
+from animation_test import travelling
 from raynest import _command, generators
 from raynest._requests import exr, loads
 from with_cluster import WithCluster, many
@@ -22,6 +23,7 @@ from with_daemon import main, rain
 
 SCENE = "builtin:forest?trees=20"
 OTHER = "builtin:forest?trees=5"
+SWEEP = generators.lidar([-20, -10, 0], (0, 360, 500), look_at=((0, 9, 0), (1, 9, 0)))
 # A red sky.
 HDR = b"#?RADIANCE\nFORMAT=32-bit_rle_rgbe\n\n-Y 2 +X 4\n" + bytes((200, 20, 10, 129)) * 8
 
@@ -127,6 +129,67 @@ class Forms(WithCluster):
             self.one(*words, "one.exr")
             (seen, _), (wanted, _) = (exr.read_exr((self.out / name).read_bytes(), 1 << 20) for name in ("many.exr", "one.exr"))
             self.same(seen, wanted)
+
+    # ---- rays that one daemon takes -------------------------------------------------------------
+
+    def test_rays_of_every_form(self):
+        cluster = self.cluster(1)
+        rays = rain(5000)
+        origins, ways = rays[:, :3].astype(np.float64), rays[:, 4:7]
+        masked = np.ma.MaskedArray(np.hstack([origins, ways]), np.repeat(np.arange(5000)[:, None] % 3 == 0, 6, 1))
+        nothing = generators.hemisphere(np.empty((0, 3)), np.empty((0, 3)))
+        for form in ((origins, ways), ((0, 30, 0), ways), (origins, (0, -1, 0)), ((0, 60, 0), (0, -1, 0)), (rays,), (rays[0],),
+                     (masked,), ([],), ([], []), (rays[:0],), (nothing,)):
+            for options in ({"fields": ("t", "prim")}, {"kind": "all", "fields": ("t", "path")}):
+                with self.subTest(form=form, **options):
+                    seen = many.trace(cluster.client, SCENE, *form, **options, item_rays=2000, setup=self.setup)
+                    self.same(seen, self.woods.trace(*form, **options))
+        for form in ([], (origins, ways)):
+            found = many.arrays(cluster.client, SCENE, form, item_rays=2000, setup=self.setup)
+            whole = self.woods.trace(form) if form == [] else self.woods.trace(*form)
+            for name in ("t", "prim"):
+                np.testing.assert_array_equal(cluster.client.compute(found[name], sync=True), whole[name])
+        self.same(many.reduce(cluster.client, SCENE, [], "visible_pixels", setup=self.setup),
+                  self.woods.trace([], reduce="visible_pixels"))
+        for said, form in (("do not fit together", (origins, ways[1:])), ("origins and directions, or a generator", (origins,)),
+                           ("pass no others", (SWEEP, ways))):
+            with self.assertRaisesRegex(raynest.UsageError, said):
+                many.trace(cluster.client, SCENE, *form, setup=self.setup)
+
+    def test_a_camera_in_motion(self):
+        cluster = self.cluster(1)
+        poses = np.tile(np.eye(4)[:3], (2, 1, 1))
+        poses[:, 1, 3], poses[:, 2, 3] = 6, (20, 15)
+        options = {"trajectory": ([0, 1], poses), "readout": .5, "size": (64, 48), "fov": 60, "mask": 1}
+        np.testing.assert_array_equal(many.render(cluster.client, SCENE, **options, setup=self.setup), self.woods.render(**options))
+        for wrong in ({"integrator": "path"}, {"spp": 4}, {"sun": (1, 2)}, {"encode": "exr"}):
+            with self.assertRaises(raynest.UsageError) as one:
+                self.woods.render(**options, **wrong)
+            with self.assertRaises(raynest.UsageError) as seen:
+                many.render(cluster.client, SCENE, **options, **wrong, setup=self.setup)
+            self.assertEqual(str(seen.exception), str(one.exception))
+
+    def test_times_of_rays(self):
+        cluster = self.cluster(1)
+        file = travelling().write(self.out / "moving.glb")
+        rng = np.random.default_rng(4)
+        rays = np.zeros((600, 6), np.float32)
+        rays[:, :3], rays[:, 4] = rng.uniform((-5, 9, -5), (5, 9, 5), (600, 3)), -1
+        times = np.round(rng.uniform(0, 2, 600), 1)
+        scene = self.client.load(file, "moving")
+        self.assertLess(np.isfinite(scene.trace(rays, time=times)["t"]).sum(), 600)
+        for options in ({}, {"time_step": .37}, {"kind": "all", "fields": ("t", "prim")}, {"mask": np.arange(600) % 2},
+                        {"animation": "Rest", "time": times / 4}):
+            options = {"time": times, **options}
+            self.same(many.trace(cluster.client, file, rays, **options, item_rays=170, setup=self.setup),
+                      scene.trace(rays, **options))
+        for wrong in ({"time": times[1:]}, {"time": [*times[1:], np.nan]}, {"time": times, "time_step": 0}, {"time": 1.0, "time_step": 1},
+                      {"time": times, "reduce": "visible_pixels"}):
+            with self.assertRaises(raynest.UsageError) as one:
+                scene.trace(rays, **wrong)
+            with self.assertRaises(raynest.UsageError) as seen:
+                many.trace(cluster.client, file, rays, **wrong, setup=self.setup)
+            self.assertEqual(str(seen.exception), str(one.exception))
 
     # ---- commands that one daemon takes ---------------------------------------------------------
 

@@ -27,10 +27,7 @@ def trace_at_times(trace: Callable[..., dict[str, Array]], outcome: Callable[[],
                         for what, each in (("rays", rays), ("directions", directions)))
     sent = [each for each in (rays, directions) if each is not None]
     count = max((len(each) for each in sent if each.ndim == 2), default=int(all(each.size for each in sent)))
-    times = numbers("time", options["time"]).astype(np.float64)
-    if times.shape != (count,) or not np.isfinite(times).all():
-        raise UsageError(f"time of shape {times.shape} for {count} rays: it must be one number, or a finite one for each ray")
-    at, of = _stretches(times, options.get("time_step"))
+    at, of = _stretches(_checked(options["time"], count), options.get("time_step"))
     parts: list[tuple[Array, dict[str, Array]]] = []
     sums: dict[str, Any] = {}
     invalid: list[int] = []
@@ -52,6 +49,19 @@ def trace_at_times(trace: Callable[..., dict[str, Array]], outcome: Callable[[],
     if invalid:
         outcome()["first_invalid"] = min(invalid)
     return _joined(parts, count)
+
+
+def moments(time: Any, step: Any, count: int) -> Array:
+    """The moment at which each of so many rays meets the scene."""
+    at, of = _stretches(_checked(time, count), step)
+    return at[of]
+
+
+def _checked(time: Any, count: int) -> Array:
+    times = numbers("time", time).astype(np.float64)
+    if times.shape != (count,) or not np.isfinite(times).all():
+        raise UsageError(f"time of shape {times.shape} for {count} rays: it must be one number, or a finite one for each ray")
+    return times
 
 
 def _stretches(times: Array, step: Any) -> tuple[Array, Array]:

@@ -222,11 +222,11 @@ def _host(setup: Setup) -> Host:
 
 
 @dataclasses.dataclass(frozen=True)
-class MaskedRays:
-    """Rays of an item, with the mask of each."""
+class SentRays:
+    """Rays of an item as arguments of trace(), and the options that each has for itself, as its mask."""
 
-    rays: Any
-    masks: Array
+    rays: tuple[Any, ...]
+    options: Mapping[str, Array]
 
 
 def item(version: str, setup: Setup, source: Source, method: Any, rays: Any, options: dict[str, Any]
@@ -241,10 +241,9 @@ def item(version: str, setup: Setup, source: Source, method: Any, rays: Any, opt
             with warnings_taken() as warned:
                 if callable(method):
                     return here(), method(host, source, options), Told(tuple(warned))
-                if isinstance(rays, MaskedRays):
-                    rays, options = rays.rays, {**options, "mask": rays.masks}
                 given = {name: host.local(value, source) for name, value in options.items()}
-                answer = getattr(host.scene(source), method)(*(() if rays is None else (rays,)), **given)
+                sent = rays if isinstance(rays, SentRays) else SentRays(() if rays is None else (rays,), {})
+                answer = getattr(host.scene(source), method)(*sent.rays, **{**given, **sent.options})
                 return here(), _plain(answer), told_of(method, warned, host.client().outcome)
         except Missing as missing:
             return here(), missing, Told()

@@ -29,10 +29,14 @@ from ._net.frame import Array
 from ._requests.arguments import is_several, numbers
 from ._requests.columns import Columns
 from ._requests.film import EnvironmentFile, Layers, is_lit
+from ._requests.job import JobOptions
+from ._requests.rays import pair
+from ._shutter import picture_in_motion
+from ._timed import moments
 from ._prepared import Prepared
 from ._version import VERSION
 from ._own_daemon import Setup
-from ._workers import MaskedRays, columns_of
+from ._workers import SentRays, columns_of
 from .errors import UsageError
 from .generators import Generator
 from .images import Image
@@ -70,14 +74,15 @@ def _other(known: Prepared, given: Any, known_here: Callable[[Any], Prepared]) -
 TRAVELS: dict[str, Callable[[Prepared, Any, Callable[[Any], Prepared]], Any]] = {"environment": _file, "diff": _other}
 
 
-def trace(cluster: Any, scene: Any, rays: Any, *, fields: Union[str, Sequence[str], None] = None,
+def trace(cluster: Any, scene: Any, rays: Any, directions: Any = None, *, fields: Union[str, Sequence[str], None] = None,
           kind: Optional[str] = None, reduce: str = "", load: Optional[dict[str, Any]] = None, setup: Setup = Setup(),
           item_rays: int = ITEM_RAYS, patience: float = PATIENCE, progress: Any = None, **job: Any) -> Columns:
     """As Scene.trace(), on all workers of a cluster: the same columns, in every byte. `scene` is what prepare() takes
-    or returns, or a path that only the hosts see; `load` are more arguments of prepare(). `rays` is a generator, or an
-    array (N, 6) or (N, 8). Items have `item_rays` rays; after `patience` seconds of silence they are sent out again."""
+    or returns, or a path that only the hosts see; `load` are more arguments of prepare(). `rays` has all forms of
+    Scene.trace(), and may be (origins, directions). Items have `item_rays` rays; after `patience` seconds of silence they
+    are sent out again."""
     known = _known(cluster, scene, setup, load, patience, progress)
-    parts = list(_parts_of(rays, item_rays, {**job, "fields": fields, "kind": kind, "reduce": reduce}))
+    parts = list(_parts_of(rays, item_rays, {**job, "fields": fields, "kind": kind, "reduce": reduce}, directions))
     found = [columns for _, columns in sorted(Deal(cluster, setup, known, "trace", parts, patience, progress).answers(),
                                               key=lambda each: each[0])]
     return joined(found, reduce)
@@ -141,43 +146,58 @@ def _check(options: dict[str, Any], per_item: int, *refused: str) -> None:
             raise UsageError(f"{name}= is for one daemon alone: leave it out")
 
 
-def _parts_of(rays: Any, item_rays: int, options: dict[str, Any]) -> Iterator[Part]:
+def _parts_of(rays: Any, item_rays: int, options: dict[str, Any], directions: Any = None) -> Iterator[Part]:
     _check(options, item_rays)
-    masks = options.get("mask")
-    masks = np.asarray(masks) if is_several("mask", masks) else None
-    if masks is not None:
-        options = {name: value for name, value in options.items() if name != "mask"}
     if isinstance(rays, Generator):
-        points = rays._points is not None
+        if directions is not None:
+            raise UsageError("a generator makes its own directions; pass no others")
+        sends = rays._points is not None
         total = len(rays._points) if rays._points is not None else rays.count
         each = max(1, item_rays * total // max(1, rays.count))
         width = int(rays._settings.get("size", "0x0").split("x")[0])
         band = 8 * width        # rows of the daemon's tiles, which it traces faster together
         if band and each >= band:
             each = each // band * band
-        take: Callable[[int, int], Any] = rays.part
+        take: Callable[[int, int], tuple[Any, ...]] = lambda first, count: (rays.part(first, count) if total else rays,)
     else:
-        rows = numbers("rays", rays)
-        if rows.shape in ((6,), (8,)):
-            rows = rows[None]
-        if rows.ndim != 2 or rows.shape[1] not in (6, 8):
-            raise UsageError(f"rays of shape {rows.shape}: they must be (N, 6), (N, 8) or a generator")
-        points, total, each = True, len(rows), item_rays
-
-        def take(first: int, count: int) -> Any:
-            return rows[first:first + count]
+        total, rows = _sent(rays, directions)
+        sends, each = True, item_rays
+        take = lambda first, count: rows(slice(first, first + count))
     per_item = rays.count // total if isinstance(rays, Generator) and total else 1
-    if total == 0:
-        raise UsageError("there are no rays to deal out")
-    if masks is not None and (masks.shape != (total,) or not points):
-        raise UsageError(f"mask of shape {masks.shape}: it must be one number, or one for each of the rays that are sent")
+    of_rays: dict[str, Array] = {}
+    if is_several("mask", options.get("mask")):
+        of_rays["mask"] = np.asarray(options["mask"])
+        if of_rays["mask"].shape != (total,) or not sends:
+            raise UsageError(f"mask of shape {of_rays['mask'].shape}: it must be one number, or one for each of the rays that "
+                             "are sent")
+    if is_several("time", options.get("time")) and not isinstance(rays, Generator):
+        of_rays["time"] = moments(options["time"], options.get("time_step"), total)     # as they are for all rays
+        options = {**options, "time_step": None}
+    options = {name: value for name, value in options.items() if name not in of_rays}
 
     def carried(first: int, count: int) -> Any:
-        return take(first, count) if masks is None else MaskedRays(take(first, count), masks[first:first + count])
-    for first in range(0, total, each):
+        given = take(first, count)
+        own = {name: values[first:first + count] for name, values in of_rays.items()}
+        return SentRays(given, own) if own or len(given) > 1 else given[0]
+    for first in range(0, max(1, total), each):     # no rays have an answer, too
         count = min(each, total - first)
-        yield Part(options, functools.partial(carried, first, count), points, count * per_item,
+        yield Part(options, functools.partial(carried, first, count), sends, count * per_item,
                    fits=functools.partial(_has_rows, count * per_item, bool(options.get("reduce"))))
+
+
+def _sent(rays: Any, directions: Any) -> tuple[int, Callable[[slice], tuple[Any, ...]]]:
+    """The number of rays that are sent, in all forms of Scene.trace(), and what gives some of them in the same form."""
+    if directions is None and isinstance(rays, tuple) and len(rays) == 2 and all(np.shape(each)[-1:] == (3,) for each in rays):
+        rays, directions = rays
+    given = numbers("rays", rays)
+    if directions is not None:
+        origins, ways = pair(given, directions)
+        # One that all have is sent once.
+        return len(ways), lambda part: (given if given.shape == (3,) else origins[part], ways[part])
+    rows = given[None] if given.shape in ((6,), (8,)) else given if given.size else np.empty((0, 6), np.float32)
+    if rows.ndim != 2 or rows.shape[1] not in (6, 8):
+        raise UsageError(f"rays of shape {given.shape}: they must be (N, 6), (N, 8), origins and directions, or a generator")
+    return len(rows), lambda part: (rows[part],)
 
 
 def _has_rows(rays: int, is_reduced: bool, answer: Any) -> bool:
@@ -201,6 +221,10 @@ def render(cluster: Any, scene: Any, *, size: tuple[int, int] = (960, 540), inte
            patience: float = PATIENCE, progress: Any = None, item_samples: int = ITEM_SAMPLES, **options: Any) -> Any:
     """As Scene.render(), in tiles: returns an Image, or for a lit picture its Layers. With `encode` "raw" a lit picture
     is an Image too, and needs `exposure` in stops."""
+    if options.get("trajectory") is not None:
+        return _in_motion(functools.partial(trace, cluster, _known(cluster, scene, setup, load, patience, progress), setup=setup,
+                                            patience=patience), size, encode, progress,
+                          {"integrator": integrator != "primary", "spp": spp}, options)
     encode = encode or ("layers" if is_lit(integrator) else "raw")
     if encode not in ("layers", "raw"):
         raise UsageError(f"encode {encode}: a picture of tiles is 'raw' or 'layers'; write raw as a file with its png()")
@@ -214,6 +238,16 @@ def render(cluster: Any, scene: Any, *, size: tuple[int, int] = (960, 540), inte
     layers = Layers(whole)
     layers.last = True
     return layers
+
+
+def _in_motion(trace: Callable[..., Columns], size: tuple[int, int], encode: str, progress: Any, others: dict[str, Any],
+               options: dict[str, Any]) -> Any:
+    """The picture of a camera that moves, whose rays are dealt out."""
+    given: dict[str, Any] = {"begin": 0.0, "readout": 0.0, "step_error": None, "fov": 0.0}
+    given.update((name, value) for name, value in options.items() if value is not None)
+    job: Any = {name: given.pop(name) for name in list(given) if name in JobOptions.__annotations__}
+    way, begin, readout, step_error, fov = map(given.pop, ("trajectory", "begin", "readout", "step_error", "fov"))
+    return picture_in_motion(trace, way, begin, readout, step_error, fov, size, encode, progress, {**others, **given}, job)
 
 
 def heatmap(cluster: Any, scene: Any, *, size: tuple[int, int] = (960, 540),
