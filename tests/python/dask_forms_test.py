@@ -11,7 +11,9 @@ import subprocess
 import sys
 import typing
 
+import distributed
 import numpy as np
+from dask import array
 
 import raynest
 from daemon import PATIENCE
@@ -26,6 +28,17 @@ OTHER = "builtin:forest?trees=5"
 SWEEP = generators.lidar([-20, -10, 0], (0, 360, 500), look_at=((0, 9, 0), (1, 9, 0)))
 # A red sky.
 HDR = b"#?RADIANCE\nFORMAT=32-bit_rle_rgbe\n\n-Y 2 +X 4\n" + bytes((200, 20, 10, 129)) * 8
+
+
+class Rows:
+    """A file of an array that workers write rows of, the least that a store has."""
+
+    def __init__(self, path):
+        self.path = path
+
+    def __setitem__(self, rows, values):
+        numpy = __import__("numpy")     # the workers get it as code: they have not this module
+        numpy.load(self.path, mmap_mode="r+")[rows] = values
 
 
 class Forms(WithCluster):
@@ -190,6 +203,47 @@ class Forms(WithCluster):
             with self.assertRaises(raynest.UsageError) as seen:
                 many.trace(cluster.client, file, rays, **wrong, setup=self.setup)
             self.assertEqual(str(seen.exception), str(one.exception))
+
+    # ---- answers that stay ----------------------------------------------------------------------
+
+    def test_columns_stay_and_are_stored_from_there(self):
+        cluster = self.cluster(2)
+        whole = self.woods.trace(SWEEP, fields=("t", "direction"))
+        with distributed.Client(cluster.client.scheduler.address) as client:    # which all of Dask then takes
+            found = many.arrays(client, SCENE, SWEEP, fields=("t", "direction"), item_rays=400, setup=self.setup)
+            with self.subTest("persist"):
+                doubled = (found["t"] * 2).persist()
+                distributed.wait(doubled)
+                self.assertEqual(len(client.who_has(doubled)), 4)
+                np.testing.assert_array_equal(doubled.compute(), whole["t"] * 2)
+            with self.subTest("store"):
+                for name, column in found.items():
+                    file = np.lib.format.open_memmap(self.out / f"{name}.npy", "w+", column.dtype, column.shape)
+                    array.store(column, Rows(self.out / f"{name}.npy"), lock=False)
+                    np.testing.assert_array_equal(file, whole[name])
+            with self.subTest("zarr"):
+                try:
+                    import zarr
+                except ImportError:
+                    self.skipTest("no python3-zarr")
+                found["direction"].to_zarr(str(self.out / "d.zarr"))
+                np.testing.assert_array_equal(zarr.open(str(self.out / "d.zarr"))[:], whole["direction"])
+
+    def test_newer_releases_of_dask(self):
+        """A client's copy of the workers' list is empty, and a Future by its key does not ask for the value."""
+        cluster = self.cluster(0)
+        cluster.workers.append(cluster.add("import distributed; made = distributed.Future.__init__; distributed.Future.__init__ = "
+                                           "lambda self, key, client=None, inform=False, state=None: made(self, key, client, False, "
+                                           "state)"))
+        cluster.wait(1)
+        cluster.client._periodic_callbacks["scheduler-info"].stop()
+        cluster.client._scheduler_identity = {}
+        triangles = np.array([[-40, 0, -40], [40, 0, -40], [0, 0, 60]]), np.array([[0, 1, 2]])
+        rays = rain(1000)
+        told = []
+        seen = many.trace(cluster.client, triangles, rays, setup=self.setup, progress=lambda *news: told.append(news))
+        self.same(seen, self.client.mesh(*triangles).trace(rays))
+        self.assertEqual(told[0][2], "sending")
 
     # ---- commands that one daemon takes ---------------------------------------------------------
 

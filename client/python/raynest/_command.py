@@ -22,6 +22,7 @@ from ._deal import PATIENCE, Deal, Part, known_to
 from ._prepared import Prepared
 from ._requests.files import STANDARD, read_file
 from ._requests.film import is_lit
+from ._roster import workers_of
 from ._told import carry_out, fail
 from ._own_daemon import Setup, distributed
 from ._workers import Carried, Source, info_of
@@ -63,7 +64,7 @@ def run(address: str, parts_max: int, scene: str, out: str, words: Sequence[str]
             # As render names them.
             stem, last = os.path.splitext(out)
             pictures = [(f"{stem}.{i}{last}", ["--camera", str(i)]) for i in range(len(info["cameras"]))]
-        threads = sum(worker["nthreads"] for worker in cluster.scheduler_info()["workers"].values())
+        threads = sum(worker["nthreads"] for worker in workers_of(cluster).values())
         most = _parts_max(words, rows, parts_max)
         # A row of a lit picture may take minutes, so its parts are as small as pays.
         count = max(1, most if is_lit(_integrator(words)) else min(most, -(-PARTS_PER_THREAD * threads // len(pictures))))

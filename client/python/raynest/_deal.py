@@ -14,6 +14,7 @@ import numpy as np
 from ._frugal import seldom_profiled, uncompressed
 from ._travel import LOST, Missing
 from ._prepared import Prepared
+from ._roster import Roster
 from ._version import VERSION
 from ._notes import Told, tell
 from ._own_daemon import Setup, distributed, here, until_left
@@ -91,6 +92,7 @@ class Deal:
         self._seconds: list[float] = []                 # that items took
         self._news = time.monotonic()
         self._alone = False
+        self._roster = Roster(cluster, patience)
         self._sends = 0                                 # of pieces that were missing
         self._no_room: dict[str, NoRoom] = {}           # worker -> why it cannot have the scene
         self._failures: dict[str, Failures] = {}        # by worker
@@ -155,9 +157,7 @@ class Deal:
             tell([(firsts[item], told) for item, told in sorted(self._told.items())], firsts[-1])
 
     def _workers(self) -> dict[str, Any]:
-        # The client's own copy, which costs no round trip.
-        found: dict[str, Any] = (self._cluster._scheduler_identity or {}).get("workers", {})
-        return found
+        return self._roster.now()
 
     def _threads(self) -> list[int]:
         return [worker["nthreads"] for worker in self._workers().values()]

@@ -18,6 +18,7 @@ from ._requests.job import Progress
 from ._requests.loads import Load, load_of_file, load_of_mesh, load_of_parts
 from ._requests.materials import Mesh
 from ._requests.precision import rounding_warning
+from ._roster import workers_of
 from ._workers import Carried, Source, named
 from .edits import Change, Edit
 from .errors import FailedError, InvalidError, SceneWarning, UsageError, warn
@@ -199,7 +200,7 @@ class Prepared:
     def send_all(self, cluster: Any) -> None:
         """Gives the workers all that they may come to lack while nobody looks after them."""
         if self._pieces:
-            self.send(cluster, [f"{key}~{self.sending}" for key in self._pieces], cluster.scheduler_info()["workers"])
+            self.send(cluster, [f"{key}~{self.sending}" for key in self._pieces], workers_of(cluster))
 
     def _lost(self, cluster: Any, keys: Sequence[str]) -> list[str]:
         places = cluster.sync(cluster.scheduler.who_has, keys=list(keys))

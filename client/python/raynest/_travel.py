@@ -70,6 +70,8 @@ def fetch(pieces: Sequence[str], patience: float, sending: int) -> Iterator[Arra
     def one(key: str) -> Array:
         try:
             future: Any = distributed.Future(key, cluster)  # type: ignore[no-untyped-call]
+            # Newer releases of Dask do not ask for what another client has made.
+            cluster._send_to_scheduler({"op": "client-desires-keys", "keys": [key], "client": cluster.id})
             return np.asarray(future.result(timeout=patience))
         except LOST:            # its holder died, or is stuck
             raise Missing([key], True) from None

@@ -92,7 +92,8 @@ def arrays(cluster: Any, scene: Any, rays: Any, *, fields: Union[str, Sequence[s
            load: Optional[dict[str, Any]] = None, setup: Setup = Setup(), item_rays: int = ITEM_RAYS,
            patience: float = PATIENCE, **job: Any) -> dict[str, Any]:
     """Returns the columns of trace() as dask arrays, whose blocks stay on the workers that made them, to be reduced or
-    written there, as by to_zarr(). For kinds "closest" and "any". A block that is lost is made again."""
+    written there, as by to_zarr() to where all hosts see it. Their methods work with the Client that Dask takes by
+    default; another one has client.compute(column). For kinds "closest" and "any". A block that is lost is made again."""
     from dask.delayed import delayed
 
     array: Any = importlib.import_module("dask.array")  # has no types
