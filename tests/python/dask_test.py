@@ -16,7 +16,6 @@ import time
 import warnings
 from pathlib import Path
 
-import dask
 import distributed
 import numpy as np
 
@@ -302,9 +301,8 @@ class ManyHosts(WithCluster):
 
     def test_arrays_travel_as_they_are(self):
         rays = np.zeros((20000, 6), np.float32)
-        with dask.config.set({"distributed.comm.compression": "zlib"}):
-            usual, ours = (distributed.protocol.dumps({"rays": distributed.protocol.to_serialize(each)})
-                           for each in (rays, uncompressed(rays)))
+        usual, ours = (distributed.protocol.dumps({"rays": distributed.protocol.to_serialize(each)},
+                                                  context={"compression": "zlib"}) for each in (rays, uncompressed(rays)))
         self.assertLess(memoryview(usual[-1]).nbytes, rays.nbytes)
         self.assertEqual(memoryview(ours[-1]).nbytes, rays.nbytes)
         np.testing.assert_array_equal(distributed.protocol.loads(ours)["rays"], rays)
