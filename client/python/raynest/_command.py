@@ -105,7 +105,7 @@ def _connected(address: str) -> Any:
         with warnings.catch_warnings(record=True) as said:
             warnings.simplefilter("always")
             cluster = connect(address, set_as_default=False)
-    except (OSError, asyncio.TimeoutError, ValueError, TypeError, RuntimeError) as error:
+    except (OSError, asyncio.TimeoutError, ValueError, TypeError, RuntimeError, MemoryError) as error:
         raise ConnectError(f"no Dask scheduler answers at {address}: {error or 'it was too slow'}; "
                            "start one with dask-scheduler or dask-ssh") from None
     if any("Mismatched versions" in str(each.message) for each in said):
