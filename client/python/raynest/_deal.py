@@ -173,6 +173,8 @@ class Deal:
         return [worker for worker in workers or () if worker in fit] or fit
 
     def _deal(self, item: int, workers: Optional[list[str]] = None) -> None:
+        if self._cluster.status != "running":   # all that follows would wait for it
+            return self._give_up_cluster(None)
         part = self._parts[item]
         source = (part.source or self._source)._replace(sending=self._scene.sending)
         workers = self._fit(workers)

@@ -35,6 +35,8 @@ class Roster:
 
     def now(self) -> dict[str, Any]:
         """As last heard; {}: nothing is known, or there are none."""
+        if self._cluster.status != "running":
+            return self._known or {}
         if self._asking is None and (self._known is None or time.monotonic() > self._asked + FRESH_SECONDS):
             self._asked = time.monotonic()
             self._asking = asyncio.run_coroutine_threadsafe(_ask(self._cluster), self._cluster.loop.asyncio_loop)
