@@ -61,13 +61,13 @@ using Costs = std::array<float, 8>;
 /// How a node reaches its least costs.
 class Plan {
 public:
-    /// The node as one root is a leaf.
+    /// True if the node becomes a leaf where it is a root of its own.
     [[nodiscard]] bool is_leaf() const { return (bits_ >> 28 & 1U) != 0; }
     /// True if a single root is the cheapest choice among 1 to `roots` roots.
     [[nodiscard]] bool is_one_root(std::uint32_t roots) const {
         return roots == 1 || (bits_ >> (19 + roots) & 1U) != 0;
     }
-    /// How many of 2..8 roots the left child gets when the node itself is none.
+    /// How many of 2..8 roots the left child gets when the node is not a root of its own.
     [[nodiscard]] std::uint32_t left_roots(std::uint32_t roots) const {
         return bits_ >> (3 * (roots - 2)) & 7U;
     }

@@ -52,7 +52,8 @@ Parts chop(const Corners& corners, const Extent& box, int axis, float plane) {
         part->minus_lower += pad;
         part->upper += pad;
         *part = common(*part, box);
-        // The reference is a part itself and may lie on one side: then its box is cut instead.
+        // The box of a reference that was cut before holds only a part of its triangle, perhaps none of
+        // it on this side of the plane: then the side gets the box, cut at the plane.
         if (!is_empty(*part)) continue;
         *part = box;
         if (part == &parts.left) {

@@ -3,8 +3,7 @@
 // A type becomes a primitive by two free functions found by argument-dependent lookup,
 //
 //     Box  bounds(const P&);
-//     auto intersect(const auto& ray, const P&);    // a RecordHits<P, N>, N = most hits it can
-//     report
+//     auto intersect(const auto& ray, const P&);    // RecordHits<P, N>, N = most hits
 //
 // and one line in geometry/PRIMITIVES. `normal(const P&, Vec3 point)` is optional. The type must be
 // trivially copyable, of whole 4-byte words and aligned to no more: a .npy row of floats becomes

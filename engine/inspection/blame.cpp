@@ -59,8 +59,7 @@ std::optional<CameraHits> watch_rays(const PixelRange& pixels, RayCaster& caster
     return count_hits(hits);
 }
 
-// ---- One chunk
-// -----------------------------------------------------------------------------------
+// ---- One chunk ----------------------------------------------------------------------
 
 std::uint32_t BlameCollector::Rows::touch(const BlameKey& key) {
     const auto [found, is_new] =

@@ -86,7 +86,7 @@ void Film::add(std::uint64_t pixel, std::uint32_t first, std::span<const FilmSam
         for (std::size_t i = 0; i < variance; ++i) mean[i] += (values[i] - mean[i]) / count;
         // Welford, with the variance itself as state: the file holds nothing else.
         const float after = value - mean_luminance();
-        // The square of what is finite may not be.
+        // The square of a finite value may overflow.
         const float square = std::clamp(before * after, 0.0F, std::numeric_limits<float>::max());
         mean[variance] += (square - mean[variance]) / count;
     }

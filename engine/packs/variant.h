@@ -25,8 +25,7 @@
 
 namespace raynest {
 
-// ---- One chunk of rays
-// ---------------------------------------------------------------------------
+// ---- One chunk of rays --------------------------------------------------------------
 
 /// Rays that are traced before their outputs are copied to columns: keeps per-ray state on the
 /// stack and in L1, without an allocation. A stream is larger, because its last rays travel alone.
@@ -245,8 +244,7 @@ TraceStatus observe(const TraceCall* pointer) noexcept {
     return trace_ok;
 }
 
-// ---- The table
-// -----------------------------------------------------------------------------------
+// ---- The table ----------------------------------------------------------------------
 
 /// The single traversal with each CounterMode.
 template <class Isect, Query kind>

@@ -159,7 +159,7 @@ Vec3 to_smooth(const Corners& corners, const Vec3* positions, const Vec3* normal
         const float square = glm::dot(n, n);
         if (!(glm::dot(n, face) > least_cosine * std::sqrt(square * glm::dot(face, face))))
             return Vec3(0);
-        // Rounding bends a flat triangle by less.
+        // A smaller depth is rounding: the triangle is flat here.
         const float depth = -glm::dot(hit - at, n);
         if (depth * depth > 1e-8F * square * glm::dot(hit - at, hit - at))
             way += weights[i] * std::max(depth, 0.0F) / square * n;

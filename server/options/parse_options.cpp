@@ -333,7 +333,7 @@ private:
             return argument == flag || argument.starts_with(flag + '=');
         });
     }
-    /// Spells the options in a text as the keys of a file.
+    /// Removes the dashes of option names in a text.
     static std::string without_dashes(std::string text) {
         for (std::size_t at = 0; (at = text.find(" --", at)) != std::string::npos; ++at)
             text.erase(at + 1, 2);

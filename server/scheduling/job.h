@@ -75,8 +75,8 @@ struct Progress {
     std::uint64_t done = 0;
     std::uint64_t total = 0;  ///< 0: unknown
     const char* stage = "";
-    std::uint32_t samples = 0;  ///< of a film: per pixel, the fewest so far
-    float noise = 0;            ///< of a film: estimated relative error so far; 0: unknown
+    std::uint32_t samples = 0;  ///< a film's smallest number per pixel so far
+    float noise = 0;            ///< a film's estimated relative error so far; 0: unknown
     std::uint64_t left_ms = 0;  ///< until the end, as estimated; 0: unknown
 };
 

@@ -103,7 +103,7 @@ public:
         limits_ = limits;
         quotas_.set_limits(limits);
     }
-    /// The quotas of principals that have others than the limits.
+    /// Quotas that differ from the default limits, by principal.
     [[nodiscard]] Quotas& quotas() { return quotas_; }
 
     /// Returns the number of a new connection.

@@ -103,8 +103,7 @@ Cost time(const Options& options, const std::function<void()>& work) {
     return {cpu_seconds, wall, std::max(crowding_before, crowding_anywhere())};
 }
 
-// ---- in process
-// -----------------------------------------------------------------------------------
+// ---- in process ---------------------------------------------------------------------
 
 constexpr std::uint32_t chunk_rays = 16384;
 
@@ -148,8 +147,7 @@ void for_each_chunk(std::uint64_t count, Work work) {
         work(first, std::min<std::uint64_t>(chunk_rays, count - first));
 }
 
-// ---- by the daemon
-// --------------------------------------------------------------------------------
+// ---- by the daemon ------------------------------------------------------------------
 
 void ask(client::Connection& connection, const wire::QueryT& request, const client::RaySource& rays,
          Answer& answer) {
@@ -176,8 +174,7 @@ wire::QueryT request_of(const Options& options, const std::string& kind, std::ui
     return request;
 }
 
-// ---- controls
-// -------------------------------------------------------------------------------------
+// ---- controls -----------------------------------------------------------------------
 
 /// The rays there and as many bytes as their columns back, chunk by chunk, and nothing else: from
 /// and to the whole arrays, which no cache holds.
@@ -217,8 +214,7 @@ private:
     std::unique_ptr<client::Echo> echo_;
 };
 
-// ---- the race
-// -------------------------------------------------------------------------------------
+// ---- the race -----------------------------------------------------------------------
 
 Lidar lidar_of(const Workload& workload, std::span<const LidarChannel> channels,
                std::uint32_t azimuths) {
