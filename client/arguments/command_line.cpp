@@ -2,6 +2,8 @@
 
 #include <CLI/CLI.hpp>
 
+#include <algorithm>
+#include <cctype>
 #include <map>
 #include <string_view>
 #include <utility>
@@ -69,6 +71,17 @@ const Option& Option::filled() const {
 const Option& Option::hidden() const {
     option_->group("");
     return *this;
+}
+
+std::string CommandLine::number_type(const std::string& what, bool has_range) {
+    const std::size_t from = what.find(" from "), to = what.find(" to ", from);
+    const std::size_t unit = what.rfind(' ', from - 1) + 1;
+    std::string type = what.substr(unit, from - unit);
+    std::ranges::transform(type, type.begin(),
+                           [](unsigned char c) { return static_cast<char>(std::toupper(c)); });
+    if (has_range)
+        type += " in [" + what.substr(from + 6, to - from - 6) + ", " + what.substr(to + 4) + "]";
+    return type;
 }
 
 Option CommandLine::add_option(const std::string& name, std::string& value,

@@ -69,8 +69,8 @@ public:
     /// Adds an option with one or more words behind it.
     Option add_words(const std::string& name, ReadAll read, const std::string& text);
 
-    /// Adds a number from `least` to `most`; `what` is the text for messages. CLI11's own parser
-    /// would read -1 and 2^70 as 2^64 - 1, and its ranges accept NaN.
+    /// Adds a number from `least` to `most`; `what` is the text for messages, as "a number of seconds
+    /// from 1 to 9". CLI11's own parser would read -1 and 2^70 as 2^64 - 1, and its ranges accept NaN.
     template <class Number>
     Option add_number(const std::string& name, Number& value, Number least, Number most,
                       const std::string& what, const std::string& text) {
@@ -82,8 +82,7 @@ public:
             return good ? "" : "'" + digits + "' is not " + what;
         };
         const bool is_bounded = most != std::numeric_limits<Number>::max();
-        const std::string range = is_bounded ? ", " + what.substr(what.find("from ")) : "";
-        return add_parsed(name, read, text + range).type_name("NUMBER");
+        return add_parsed(name, read, text).type_name(number_type(what, is_bounded));
     }
     template <class Whole>
     Option add_whole(const std::string& name, Whole& value, Whole least, Whole most,
@@ -104,6 +103,9 @@ public:
     void footer(const std::string& text);
 
 private:
+    /// Returns "SECONDS in [1, 9]" for "a number of seconds from 1 to 9", without range "SECONDS".
+    static std::string number_type(const std::string& what, bool has_range);
+
     CLI::App* app_;
 };
 

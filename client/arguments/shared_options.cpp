@@ -343,8 +343,7 @@ void add_film(CommandLine& line, RenderOptions& render) {
                     "for all but .exr: stops, or auto (auto; for ao 0)");
     line.add_number("--env-rotate", render.environment_rotate, -360.0F, 360.0F,
                     "a number of degrees from -360 to 360",
-                    "turns the picture of --env by this angle from north eastwards (0)")
-        .type_name("DEGREES");
+                    "turns the picture of --env by this angle from north eastwards (0)");
     line.add_number("--noise", render.noise, 1e-6F, 1.0F, "a number from 0.000001 to 1",
                     "end parts of the picture when their error, as a share of their brightness, is "
                     "below this; --spp is then the most");

@@ -36,7 +36,7 @@ constexpr std::array measure_words = {
                 "instead of each ray, with intensity; by the Python package, for -o FILE",
                 true},
     MeasureWord{"--divergence", "divergence", "radians by which a beam spreads, in all (0)"},
-    MeasureWord{"--footprint", "footprint", "rays that trace a beam that spreads (19)", true},
+    MeasureWord{"--footprint", "footprint", "rays per spreading beam (19)", true},
     MeasureWord{"--resolution", "resolution",
                 "surfaces of a beam that are nearer to each other make one return (0.3)"},
     MeasureWord{"--threshold", "threshold", "least share of a beam that makes a return (0)"},
@@ -154,9 +154,10 @@ void add_measure(CommandLine& line, QueryOptions& query) {
     line.add_option("--times", query.times_file,
                     "FILE.npy of shape (N,): for each ray that is sent the moment of the scene's "
                     "animation, in seconds; by the Python package, for -o FILE.npz");
-    line.add_number("--time-step", query.time_step, 1e-9, 1e9, "a number from 1e-9 to 1e9",
-                    "seconds: the scene stands still for so long, with --times, or with --returns "
-                    "in a sweep, during which it moves then");
+    line.add_number("--time-step", query.time_step, 1e-9, 1e9,
+                    "a number of seconds from 1e-9 to 1e9",
+                    "with --times, or with --returns of a sweep: the scene moves in steps of this "
+                    "length");
 }
 
 void add_trajectory(CommandLine& line, RenderOptions& render) {
@@ -166,18 +167,16 @@ void add_trajectory(CommandLine& line, RenderOptions& render) {
         "top to bottom, as a rolling shutter has it. It looks along -z, with x to the right and y "
         "up; the colours are those of primary; by the Python package. Example: raynest render "
         "SCENE --trajectory way.npy --readout 0.03 -o out.png");
-    line.add_number("--begin", render.begin, -1e9, 1e9, "a number from -1e9 to 1e9",
+    line.add_number("--begin", render.begin, -1e9, 1e9, "a number of seconds from -1e9 to 1e9",
                     "with --trajectory: when the first row is read (0)")
-        .type_name("SECONDS")
         .needs(trajectory);
-    line.add_number("--readout", render.readout, 0.0, 1e9, "a number from 0 to 1e9",
+    line.add_number("--readout", render.readout, 0.0, 1e9, "a number of seconds from 0 to 1e9",
                     "with --trajectory: how long the reading of all rows takes (0)")
-        .type_name("SECONDS")
         .needs(trajectory);
-    line.add_number("--step-error", render.step_error, 1e-9, 1e9, "a number from 1e-9 to 1e9",
+    line.add_number("--step-error", render.step_error, 1e-9, 1e9,
+                    "a number of metres from 1e-9 to 1e9",
                     "with --trajectory: an animated scene moves meanwhile, and no part is further "
                     "than this from where it should be")
-        .type_name("METRES")
         .needs(trajectory);
 }
 
