@@ -254,7 +254,7 @@ Result<std::map<std::string, std::uint32_t>> spare_texts(Context& context,
                                      std::to_string(texts_bytes_max) + " in all");
     return fail(
         Exit::usage,
-        std::to_string(texts.size()) + " texts that name no whole outermost instance, as '" +
+        std::to_string(texts.size()) + " texts that use * or name a part within an instance, as '" +
             texts.front().substr(0, shown_max) + "', and one edit takes " +
             std::to_string(limits.list_items_max) + ", of " + std::to_string(texts_bytes_max) +
             " bytes in all: let * stand for several, or name parts by user ids, as uid=7");
@@ -311,14 +311,14 @@ void declare(CommandLine& line, EditOptions& edit) {
                 edit.bad_file = read.error();
             return std::string();
         },
-        "File of changes, one a line, as these options without their dashes: move PATH=DX,DY,DZ. "
+        "File of changes, one a line, written like these options without dashes: move "
+        "PATH=DX,DY,DZ. "
         "Empty lines, and those that begin with #, say nothing; all are one epoch. It has at "
         "most " +
             std::to_string(file_bytes_max >> 20) + " MiB and " +
             std::to_string(protocol::Limits{}.edit_rows_max) + " changes, and at most " +
             std::to_string(protocol::Limits{}.list_items_max) +
-            " different texts for what is no whole outermost instance: parts within one, and texts "
-            "with *");
+            " different texts that use * or name a part within an instance");
     line.add_flag("--keep", edit.keep,
                   "keep the edited scene through a restart, in a daemon with --state. Without this "
                   "option a restart brings back what was loaded or kept last");

@@ -92,7 +92,7 @@ void declare(CommandLine& line, ExplainOptions& explain) {
               "the rays of a path in place of a traversal: ao | direct | path, as render has them");
     line.add_whole("--sample", explain.sample, 0U,
                    static_cast<std::uint32_t>(protocol::Limits{}.samples_max - 1),
-                   "of an integrator: the sample of the pixel whose path is shown (0)");
+                   "number of the sample whose path is shown (0); for --integrator");
     ray.excludes(line.find("--integrator"));
     all.excludes(line.find("--integrator"));
     for (const char* other : {"--seed", "--depth", "--ao-distance", "--env", "--sun", "--sample"})

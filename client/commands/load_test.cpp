@@ -179,7 +179,7 @@ void declare(CommandLine& line, LoadTestOptions& load_test) {
     line.add_number(
         "--rate", load_test.rate, 0.1, 1.0e7, "a number from 0.1 to 10000000",
         "requests per second of all clients (else each client sends when it has its "
-        "answer). Times count from when a request is due; one that is 5 s late is MISSED");
+        "answer). Latency counts from a request's scheduled time; one that is 5 s late is MISSED");
 }
 
 Result<void> run(Context& context, const LoadTestOptions& options) {

@@ -236,7 +236,7 @@ Json look_json(const Look& look) {
 }  // namespace
 
 void declare(CommandLine& line, TopOptions& top) {
-    line.add_flag("--once", top.once, "print one look at a second of the daemon's work, and end");
+    line.add_flag("--once", top.once, "print one second's figures and exit");
 }
 
 Result<void> run(Context& context, const TopOptions& options) {

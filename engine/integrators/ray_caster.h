@@ -34,10 +34,10 @@ public:
     [[nodiscard]] virtual bool counted(std::span<const Ray> rays, std::span<HitRecord> hits,
                                        std::span<Counters> counters) = 0;
     /// The nearest hit of each ray by the single-ray traversal, one ray after the other, and how many
-    /// nanoseconds it took: the median of `ray_time_runs` runs over all rays, less the cost of a ray
-    /// that nothing can hit. `noise` gets by how much the runs of a ray differ: the distance of
-    /// their quartiles. Returns its mean over all rays, as a share of the median; nothing where
-    /// there are no answers, as of casters that measure no time.
+    /// nanoseconds it took: the median of `ray_time_runs` runs over all rays, minus the time of a ray
+    /// that hits nothing. `noise` gets by how much the runs of a ray differ: the distance of their
+    /// quartiles. Returns its mean over all rays, as a share of the median; nothing where there are no
+    /// answers, as from casters that measure no time.
     [[nodiscard]] virtual std::optional<double> timed(std::span<const Ray> /*rays*/,
                                                       std::span<HitRecord> /*hits*/,
                                                       std::span<std::uint32_t> /*nanoseconds*/,

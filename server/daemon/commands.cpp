@@ -368,8 +368,9 @@ constexpr std::array<StateCommand, 4> state_commands = {{
      "folder NEW; raynestd restore brings it back",
      [](const auto& words, Form form) { return back_up_state(words[0], words[1], form); }},
     {"restore", 2,
-     "raynestd restore BACKUP DIR puts what raynestd backup has made in the place of what the "
-     "state folder DIR holds, which no daemon uses",
+     "raynestd restore BACKUP DIR replaces the state folder DIR, while no daemon uses it, by a "
+     "copy "
+     "of BACKUP, which raynestd backup made",
      [](const auto& words, Form form) { return restore_state(words[0], words[1], form); }},
     {"gc", 1,
      "raynestd gc DIR removes what no scene of a state folder needs, while no daemon uses it",
@@ -385,7 +386,7 @@ std::optional<int> run_command(int argc, const char* const* argv) {
         std::vector<const char*> words(argv + 2, argv + argc);
         const bool is_json =
             std::erase_if(words, [](const char* w) { return std::string_view(w) == "--json"; }) > 0;
-        const std::string usage = std::string(command.usage) + "; with --json it tells in JSON";
+        const std::string usage = std::string(command.usage) + "; --json prints JSON";
         const auto is_help = [](const std::string_view w) { return w == "-h" || w == "--help"; };
         if (std::ranges::any_of(words, is_help)) {
             std::cout << usage << '\n';

@@ -68,11 +68,11 @@ class EditFiles(WithDaemon):
         self.assertEqual(self.edit("cars", "\n".join([*moves, "move car#700/body=0,9,0"])).returncode, 0)
         np.testing.assert_array_equal(self.heights(self.cars)[[5, 599, 650, 700]], [5, 599, 0, 9])
         many = [f"car#{i}/body" for i in range(600)]
-        said = "600 texts that name no whole outermost instance, as 'car#0/body', and one edit takes 512, of 32768 bytes in all: let . stand for several"
+        said = "600 texts that use . or name a part within an instance, as 'car#0/body', and one edit takes 512, of 32768 bytes in all: let . stand for several"
         self.refused("cars", "\n".join(f"hide {text}" for text in many), 2, said)
         with self.assertRaisesRegex(raynest.UsageError, said), self.cars.edit() as edit:
             edit.hide(many)
-        with self.assertRaisesRegex(raynest.UsageError, "300 texts that name .* of 32768 bytes in all"), self.cars.edit() as edit:
+        with self.assertRaisesRegex(raynest.UsageError, "300 texts that use .* of 32768 bytes in all"), self.cars.edit() as edit:
             edit.hide([f"car#{i}/{'body' * 30}" for i in range(300)])   # too long together
         long = "car#0/" + 40000 * "b"
         said = "^'car#0/b.* is a text of 40006 bytes, and those of one edit have at most 32768 in all"

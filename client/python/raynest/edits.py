@@ -268,9 +268,9 @@ class Edit:
             if _bytes_of(longest) > _TEXTS_BYTES_MAX:
                 raise UsageError(f"{reprlib.repr(longest)} is a text of {_bytes_of(longest)} bytes, and those of one edit have "
                                  f"at most {_TEXTS_BYTES_MAX} in all")
-            raise UsageError(f"{len(texts)} texts that name no whole outermost instance, as {reprlib.repr(next(iter(texts)))}, and "
-                             f"one edit takes {_limits.list_items_max}, of {_TEXTS_BYTES_MAX} bytes in all: let * stand for "
-                             "several, or name parts by user ids (raynest.Uids)")
+            raise UsageError(f"{len(texts)} texts that use * or name a part within an instance, as "
+                             f"{reprlib.repr(next(iter(texts)))}, and one edit takes {_limits.list_items_max}, of "
+                             f"{_TEXTS_BYTES_MAX} bytes in all: let * stand for several, or name parts by user ids (raynest.Uids)")
         lists = {"targets": list(texts), "scenes": [scene for scene, _ in self._added],
                  "names": [name for _, name in self._added], "materials": list(self._materials),
                  "vertex_counts": [len(points) for points, _ in self._vertices],

@@ -41,11 +41,11 @@ Result<Moment> find_moment(const Snapshot& scene, std::string_view animation, do
 std::uint64_t bytes_to_pose(const Snapshot& scene);
 
 /// Returns the scene at a moment that it has. Nodes that the animation does not move are where the
-/// scene was loaded with them. What edits have done to an instance as it was loaded is done to it
-/// where the animation has it. Keys are met exactly;
-/// what lies between is computed in double. An instance whose scale becomes 0 is hidden. Rays hit
-/// what they would hit in a scene loaded in this pose, bit for bit. Costs what edit_scene() costs,
-/// and the vertices that move. Asks the guard for all of that. Thread-safe. Fails as edit_scene() does. Throws std::bad_alloc.
+/// scene was loaded with them. Edits apply to an instance after the animation has placed it: what has
+/// moved it from its loaded place then moves it. Keys are met exactly; what lies between is computed
+/// in double. An instance whose scale becomes 0 is hidden. Rays hit what they would hit in a scene
+/// loaded in this pose, bit for bit. Costs what edit_scene() costs, and the vertices that move. Asks
+/// the guard for all of that. Thread-safe. Fails as edit_scene() does. Throws std::bad_alloc.
 Result<std::shared_ptr<const Snapshot>> pose(const Snapshot& scene, const Moment& moment,
                                              const EditGuard& guard = {});
 
