@@ -93,7 +93,7 @@ private:
     std::size_t room_;  ///< places for items
     Array<Item> items_;
     Array<BinaryNode> nodes_;
-    std::optional<MortonOrder> order_;  ///< of a fast build
+    std::optional<MortonOrder> order_;  ///< set for a fast build
     float overlap_min_ = 0;
     Link root_;
     Box box_;

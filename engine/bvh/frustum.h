@@ -175,8 +175,8 @@ private:
     }
     RAYNEST_INLINE static F8 absolute(const F8& a) { return flip_sign(a, a); }
 
-    ShearTerms<float> axes_;  ///< of the ray in the middle; its scale is not used
-    float reach_;             ///< of all slopes from the middle
+    ShearTerms<float> axes_;  ///< the middle ray's; its scale is not used
+    float reach_;             ///< the largest distance of a slope from the middle's
     Slopes groups_[packet_groups];
 };
 

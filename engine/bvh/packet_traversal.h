@@ -95,7 +95,7 @@ private:
 
     struct Entry {
         const Node* node;
-        std::uint32_t slot;  ///< of `node`; its child is what the entry stands for
+        std::uint32_t slot;  ///< slot in `node`, whose child the entry stands for
         float near;
     };
 
@@ -104,7 +104,7 @@ private:
         const Place& place;
         const PacketLevel& level;
         const PacketBounds bounds;
-        std::optional<Frustum> frustum;  ///< of rays that have one
+        std::optional<Frustum> frustum;  ///< set if the rays have one
 
         Walk(const Place& in, const PacketLevel& rays_there, const PacketRange& range, RayMask rays,
              std::uint32_t octant)
@@ -449,7 +449,7 @@ private:
     Isect& isect_;
     PacketRange range_;
     RayMask live_ = 0;        ///< rays whose query is not answered yet
-    std::uint32_t mask_ = 0;  ///< of the call, as in RayView
+    std::uint32_t mask_ = 0;  ///< the call's, as in RayView
     std::uint32_t flags_ = 0;
     Cancellation* cancellation_ = nullptr;
     const Ray* world_ = nullptr;

@@ -39,7 +39,7 @@ struct StreamRay {
     BoxRay* levels;  ///< the ray at every level down to where it is
     BoxRay* ray;     ///< the last of them
     Query query;
-    TreeArrays arrays;        ///< of the ray's object
+    TreeArrays arrays;        ///< the arrays of the ray's object
     std::uint32_t* children;  ///< the stack: child words,
     float* nears;             ///< and where the ray enters them; of ordered queries only
     std::uint32_t top;        ///< entries in use
@@ -95,7 +95,7 @@ private:
             advance(flight);
         }
         constexpr std::uint32_t few = stream_width / 2;
-        constexpr std::uint32_t round_work = 8 * stream_width;  // of leaves, which are not counted
+        constexpr std::uint32_t round_work = 8 * stream_width;  // for leaves, which are not counted
         while (inner_count_ + leaf_count_ != 0 && !is_cancelled(io_.cancellation, round_work)) {
             if (inner_count_ != 0 && leaf_count_ < few) {
                 const std::uint32_t standing = std::exchange(inner_count_, 0);

@@ -52,7 +52,7 @@ private:
     RAYNEST_INLINE static std::uint64_t address(const std::byte* at) {
         return reinterpret_cast<std::uintptr_t>(at);
     }
-    const std::byte* base_[2];  ///< of nodes and of blocks
+    const std::byte* base_[2];  ///< where nodes and blocks begin
 };
 
 }  // namespace raynest

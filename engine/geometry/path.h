@@ -17,14 +17,14 @@ struct PathNode {
     std::uint32_t name;       ///< offset in `names`, spelled as in path texts
     std::uint32_t number;     ///< first one of the node among siblings of its name; no_id: unique
     std::uint32_t source;     ///< index in the file
-    std::uint32_t first_run;  ///< of its own placements, or no_id
+    std::uint32_t first_run;  ///< its own placements' first, or no_id
 };
 
 /// Consecutive paths that are placements of one node.
 struct PathRun {
     std::uint64_t first_path;
     std::uint32_t node;
-    std::uint32_t number;  ///< of the first placement; the others count on
+    std::uint32_t number;  ///< the first placement's; the others count on
 };
 
 /// How paths are named. A scene that was read from a tree of nodes keeps that tree, because equal
@@ -34,7 +34,7 @@ struct PathTable {
     const PathNode* nodes = nullptr;         ///< breadth first, so that siblings are neighbours
     const PathRun* runs = nullptr;           ///< in the order of paths, without gaps
     const std::uint32_t* numbers = nullptr;  ///< per instance, no_id: unique; null: all are
-    std::uint64_t names_bytes = 0;           ///< of SceneView::names
+    std::uint64_t names_bytes = 0;           ///< bytes in SceneView::names
     std::uint32_t node_count = 0;            ///< 0: paths are named by instances
     std::uint32_t run_count = 0;
 

@@ -47,7 +47,7 @@ struct Pinhole {
     SensorPose sensor_pose;
     ImageSize size;
     double center_x = 0, center_y = 0;  ///< principal point, in pixels from the upper left corner
-    double step_x = 0, step_y = 0;      ///< of the direction per pixel: 1 / focal length
+    double step_x = 0, step_y = 0;      ///< change of the direction per pixel: 1 / focal length
 
     [[nodiscard]] RAYNEST_FN Ray ray(std::uint64_t column, std::uint64_t row) const {
         return ray_at(static_cast<double>(column) + 0.5, static_cast<double>(row) + 0.5);

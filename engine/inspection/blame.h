@@ -29,9 +29,9 @@ struct BlamedWork {
     std::uint64_t prims = 0;
     std::uint64_t wasted = 0;      ///< boxes and primitives of rays that hit nothing in it
     std::uint64_t rays = 0;        ///< that entered it; of a material, tested its primitives
-    std::uint64_t hit_rays = 0;    ///< of those, rays whose nearest hit lies in it
+    std::uint64_t hit_rays = 0;    ///< those with their nearest hit in it
     std::uint64_t candidates = 0;  ///< hits that the intersector judged
-    std::uint64_t refused = 0;     ///< of those, refused
+    std::uint64_t refused = 0;     ///< those that it refused
     /// Instances in its own tree that were entered by rays whose hit lies in one of them, and those
     /// that held the hit.
     std::uint64_t entered = 0;

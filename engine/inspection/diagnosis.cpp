@@ -23,7 +23,7 @@ double ratio(std::uint64_t part, std::uint64_t whole) {
 struct Subject {
     const SceneView& view;
     const RankedRow& row;
-    std::uint64_t rays;   ///< of the picture
+    std::uint64_t rays;   ///< the picture's rays
     std::uint64_t total;  ///< work of all rays
     [[nodiscard]] const ObjectRecord& object() const { return view.objects[row.key.index]; }
     [[nodiscard]] double share() const { return ratio(row.ranked, total); }

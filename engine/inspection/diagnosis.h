@@ -11,15 +11,15 @@ namespace raynest {
 
 /// A figure beyond its threshold.
 struct Finding {
-    std::string name;             ///< of findings.def
-    std::string subject;          ///< of a mesh or material, as the file has it
+    std::string name;             ///< a name in findings.def
+    std::string subject;          ///< name of a mesh or material in the file
     bool is_material = false;     ///< else an object
-    std::uint32_t index = no_id;  ///< of that object or material
+    std::uint32_t index = no_id;  ///< that object's or material's index
     double figure = 0;
     double threshold = 0;
     bool below = false;  ///< true: the figure should not be below the threshold; false: not above
     std::string unit;    ///< what the figure counts
-    double share = 0;    ///< of all work, what was spent in the subject
+    double share = 0;    ///< the part of all work that was spent in the subject
     std::string remedy;
 };
 

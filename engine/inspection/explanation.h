@@ -25,19 +25,19 @@ inline constexpr std::size_t entry_kinds = 4;
 /// world less the scene's origin.
 struct ExplainedEntry {
     EntryKind kind = EntryKind::node;
-    StepOutcome outcome = outcome_accepted;  ///< of instances and candidates
+    StepOutcome outcome = outcome_accepted;  ///< for instances and candidates
     std::uint32_t parent = no_id;  ///< its index among the entries; no_id: the root's tree
-    std::uint32_t level = 0;       ///< of the tree it lies in; of an instance, of the tree it opens
+    std::uint32_t level = 0;       ///< level of its tree; for an instance, of the tree it opens
     std::uint32_t object = no_id;  ///< whose tree that is
     std::uint32_t place = 0;       ///< node, first block or record, primitive
-    PlacementRange placements;     ///< of an instance: what it places
+    PlacementRange placements;     ///< for an instance: what it places
     Box box;                       ///< not of candidates
     float near = 0;                ///< where the ray enters the box
     std::uint32_t tested = 0;      ///< boxes or primitives
-    std::uint32_t passed = 0;      ///< of those entered or hit
-    std::uint32_t refused = 0;     ///< of those, refused by the intersector
-    std::uint32_t behind = 0;      ///< of a node: entered boxes left behind the best hit, unvisited
-    float t = 0, u = 0, v = 0;     ///< of a candidate
+    std::uint32_t passed = 0;      ///< those entered or hit
+    std::uint32_t refused = 0;     ///< those refused by the intersector
+    std::uint32_t behind = 0;      ///< for a node: entered boxes behind the best hit, unvisited
+    float t = 0, u = 0, v = 0;     ///< for a candidate
     bool front = false;
     Refusal refusal = {};
 };

@@ -21,7 +21,7 @@ struct PathRay {
     std::uint32_t parent = no_id;  ///< index of the ray on whose hit it begins
     std::uint32_t bounce = 0;      ///< surfaces that the path met before
     Ray ray;
-    bool blocked = false;  ///< of a shadow ray: the light is hidden
+    bool blocked = false;  ///< for a shadow ray: the light is hidden
     HitRecord hit;         ///< the nearest surface; of a shadow ray one that blocks it
 };
 

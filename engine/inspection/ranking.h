@@ -18,7 +18,7 @@ struct RankedRow {
 struct Ranking {
     std::vector<RankedRow> rows;  ///< all of them
     std::uint64_t total = 0;      ///< boxes and primitives of all rays
-    std::uint64_t remainder = 0;  ///< of that, what belongs to no row
+    std::uint64_t remainder = 0;  ///< the part that belongs to no row
 };
 
 /// Ranks instances; or meshes, which are objects with primitives; or materials. Rows and remainder

@@ -31,7 +31,7 @@ struct PlacementFacts {
     std::uint64_t path = 0;
     std::uint32_t object = no_id;
     std::uint32_t outermost = no_id;  ///< its outermost instance's place in the root
-    std::uint32_t mask = no_id;       ///< of its innermost instance
+    std::uint32_t mask = no_id;       ///< its innermost instance's
     std::uint32_t depth = 0;          ///< number of instances on the way
     Transform to_scene;
 };

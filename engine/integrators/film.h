@@ -25,8 +25,8 @@ namespace raynest {
 struct FilmSample {
     Vec3 radiance{0};  ///< linear Rec. 709, premultiplied by alpha
     float alpha = 0;   ///< 1 where the camera ray met a surface, or what counts as one
-    Vec3 albedo{0};    ///< of the first surface, in [0, 1]; 0 for a miss
-    Vec3 normal{0};    ///< of the first surface, turned to the ray, unit length; 0 for a miss
+    Vec3 albedo{0};    ///< the first surface's, in [0, 1]; 0 for a miss
+    Vec3 normal{0};    ///< the first surface's, turned to the ray, unit length; 0 for a miss
     /// The first surface; a film keeps that of sample 0 alone, because ids and depths have no mean.
     float depth = 0;                 ///< `t` of the camera ray, along the view axis
     Vec3 position{0};                ///< relative to the scene's origin
@@ -44,7 +44,7 @@ enum class FilmLayer : std::uint8_t {
 inline constexpr std::size_t film_layers = static_cast<std::size_t>(FilmLayer::count_);
 
 struct FilmLayerInfo {
-    std::string_view name;  ///< of the channel in an EXR
+    std::string_view name;  ///< name of the channel in an EXR
     bool is_float;
     std::string_view text;
 };

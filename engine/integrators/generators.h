@@ -25,7 +25,7 @@ namespace raynest {
 struct Orthographic {
     SensorPose sensor_pose;
     ImageSize size;
-    double width = 0, height = 0;  ///< of the window
+    double width = 0, height = 0;  ///< the window's size
 
     [[nodiscard]] const Pose& pose(std::uint64_t, std::uint64_t) const { return sensor_pose.pose; }
     [[nodiscard]] Ray ray(std::uint64_t column, std::uint64_t row) const {

@@ -50,7 +50,7 @@ struct IntegratorSettings {
         none,
         picture
     } environment = Environment::automatic;
-    std::shared_ptr<const EnvironmentPicture> picture = nullptr;  ///< of Environment::picture
+    std::shared_ptr<const EnvironmentPicture> picture = nullptr;  ///< for Environment::picture
     float environment_rotate =
         0;                    ///< degrees from the north eastwards by which the picture is turned
     bool sun = false;         ///< the two angles count
@@ -61,14 +61,14 @@ struct IntegratorSettings {
 /// The scene of a job; all it points to outlives the integrator.
 struct IntegratorScene {
     ColumnSource source;                   ///< without rays and hits
-    Box bounds;                            ///< of the scene
+    Box bounds;                            ///< the scene's box
     const ShadingView* shading = nullptr;  ///< null: base colours are all that is known
     /// The CPU target whose code shades (integrators/target_module.h); "": the baseline's.
     std::string_view target = {};
     /// The scene as rays see it: the same in other records, in which some instances have the mask 0
     /// and some objects no primitives (scene/selection). Null: that of `source`.
     const SceneView* seen = nullptr;
-    std::uint32_t mask = ~0U;  ///< of rays: what they cannot enter gives no light
+    std::uint32_t mask = ~0U;  ///< the rays' mask: what they cannot enter gives no light
     [[nodiscard]] const SceneView& view() const { return *source.scene; }
 };
 
@@ -103,7 +103,7 @@ struct Wavefront {
     std::vector<Ray> shadow_rays;
     std::vector<std::uint8_t> occluded;
     std::vector<FilmSample> samples;
-    std::unique_ptr<IntegratorMemory> memory;  ///< of the integrator that last used it
+    std::unique_ptr<IntegratorMemory> memory;  ///< made by the integrator that last used it
 };
 
 class Integrator {

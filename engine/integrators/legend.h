@@ -17,8 +17,8 @@ namespace raynest {
 struct HeatScale {
     double low;
     double high;
-    bool logarithmic;      ///< of 1 + the distance from `low`, so that 0 has a place
-    bool centred = false;  ///< of a difference: low = -high, and 0 stands in the middle
+    bool logarithmic;      ///< in 1 + the distance from `low`, so that 0 has a place
+    bool centred = false;  ///< a difference: low = -high, and 0 stands in the middle
 
     /// 0 to 1; what lies beyond an end stands at that end.
     [[nodiscard]] double position(double count) const;

@@ -79,7 +79,7 @@ private:
     std::vector<EmittingTriangle> triangles_;
     std::vector<float> material_brightness_;  ///< mean emission, one per material
     AliasTable near_;                         ///< near_lights_, then triangles_
-    std::vector<float> weights_;              ///< of near_
+    std::vector<float> weights_;              ///< weights for near_
     Sky sky_;
     bool has_sun_ = false;
     std::vector<std::string> notes_;

@@ -73,7 +73,7 @@ Vec3 absorbed(const SurfaceRecord& surface, float distance) {
 struct Path::State {
     Vec3 throughput{1};
     Vec3 radiance{0};
-    float density = 0;  ///< of the last direction; 0: no other strategy could have found it
+    float density = 0;  ///< the last direction's; 0: no other strategy could have found it
     float width = 0, spread = 0;
     float covered = 0;  ///< FilmSample::alpha
 };
@@ -91,7 +91,7 @@ struct Path::Vertex {
     Ray next, shadow;
     Vec3 light{0};  ///< what arrives if the shadow ray meets nothing
     bool goes_on = false;
-    FilmSample* film = nullptr;  ///< of the first vertex
+    FilmSample* film = nullptr;  ///< for the first vertex
 };
 
 struct Path::Memory final : IntegratorMemory {
@@ -106,7 +106,7 @@ struct Path::Memory final : IntegratorMemory {
     static constexpr std::size_t vertices_max = 64;
 
     const TextureTable& textures;
-    const std::uint64_t number;  ///< of the integrator
+    const std::uint64_t number;  ///< the integrator's
     std::vector<State> states;
     std::vector<std::uint32_t> active, lit;
     std::vector<Vec3> light;

@@ -68,7 +68,7 @@ void shade_primary(const ColumnSource& source, std::span<Vec4> out);
 /// The results of measure_time(), one of each pixel.
 struct PixelTimes {
     std::span<std::uint32_t> nanoseconds;
-    std::span<std::uint32_t> noise;  ///< of the sum, as if the rays' noises had nothing in common
+    std::span<std::uint32_t> noise;  ///< the sum's, as if the rays' noises had nothing in common
 };
 /// Measures how long a pixel's rays take together. `spread` gets what RayCaster::timed() returns.
 [[nodiscard]] std::optional<CameraHits> measure_time(const PixelRange& pixels, RayCaster& caster,
@@ -109,7 +109,7 @@ Result<HeatMetric> parse_metric(const std::string& name);
 
 struct HeatOptions {
     std::string metric = "total";     ///< as parse_metric() reads it
-    std::string palette = "turbo";    ///< of palettes.def
+    std::string palette = "turbo";    ///< a name in palettes.def
     std::string scale = "linear";     ///< linear | log
     std::string range = "p99";        ///< auto | p99 | a:b; of a difference -b:b
     std::string count = "traversed";  ///< traversed | necessary: for the legend alone

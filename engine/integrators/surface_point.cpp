@@ -35,7 +35,7 @@ SurfacePoint surface_point(const ColumnSource& source, const Ray& ray, const Hit
     const ObjectRecord& object = scene.objects[hit.object];
     const Point origin(ray.origin);
     Point error;
-    Point normal(0);  // of the object, as long as twice the triangle's area there
+    Point normal(0);  // the object's normal, as long as twice the triangle's area there
     Point world(0);   // the same in the world, where its length is how the levels stretch it
     Point v0(0), e1(0), e2(0);  // a triangle's corner and edges from it
     double extent = 0;

@@ -15,7 +15,7 @@ struct SurfacePoint {
     /// bound follows the rounding of the vertices, of the origin and of each transform on the way
     /// down to the object.
     double lift = 0;
-    double twice_area = 0;  ///< of a triangle, in the world
+    double twice_area = 0;  ///< for a triangle, in the world
 
     /// The origin of a ray that leaves on the side of `direction`, `shift` away from the surface.
     [[nodiscard]] Vec3 origin(const Vec3& direction, const Vec3& shift = Vec3(0)) const {

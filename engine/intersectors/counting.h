@@ -50,8 +50,8 @@ concept NamesTriangles8 = Overrides<Isect, R, TrianglesByName>;
 template <class Base, bool ByLevel = false>
 struct Counting {
     Base& base;
-    Counters* counters;        ///< of the chunk's rays, `levels` of each
-    std::uint32_t levels = 1;  ///< of the scene, if ByLevel
+    Counters* counters;        ///< for the chunk's rays, `levels` of each
+    std::uint32_t levels = 1;  ///< the scene's, if ByLevel
     /// Bit l: the instance that the ray entered last at level l counts as one without a hit.
     std::uint32_t missed = 0;
 

@@ -91,7 +91,7 @@ private:
 struct Meetings {
     MetTriangles& met;
     std::uint32_t known = 0;     ///< hit by the ray
-    std::uint32_t repeated = 0;  ///< of these, hit in another leaf before
+    std::uint32_t repeated = 0;  ///< hits in another leaf before
 };
 
 /// Triangles of which a ray hits those alone that it has not met in another leaf.

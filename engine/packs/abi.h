@@ -35,7 +35,7 @@ enum ValueType : std::uint32_t { value_f32, value_u32, value_choice, value_table
 enum CounterMode : std::uint32_t {
     counters_none,
     counters_total,     ///< one per ray
-    counters_by_level,  ///< of each ray one per level of the scene, the root's first
+    counters_by_level,  ///< for each ray, one per level of the scene, the root's first
     counter_modes
 };
 enum TraceFlags : std::uint32_t { trace_cull_back = 1 };
@@ -60,9 +60,9 @@ struct PackParam {
     ValueType type;
     std::uint32_t choice_count;
     const char* const* choices;  ///< for value_choice; the value is the index
-    double minimum;              ///< of a table: of each of its values
+    double minimum;              ///< for a table: each value's
     double maximum;
-    double initial;  ///< of a table, which is empty then: 0
+    double initial;  ///< for a table, which is empty then: 0
 };
 
 /// A per-ray output of an intersector; written for misses too. u32 or f32.
@@ -103,7 +103,7 @@ struct TraceCall {
     /// One per PackParam of type value_table, in order; null: all are empty.
     const Table* tables = nullptr;
 
-    const Observer* observer = nullptr;  ///< of PackVariant::observe; else not read
+    const Observer* observer = nullptr;  ///< for PackVariant::observe; else not read
 
     const void* device = nullptr;  ///< set behind the interface of packs/device.h only
 };

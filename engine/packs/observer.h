@@ -29,7 +29,7 @@ enum StepOutcome : std::uint32_t {
 /// Lanes are bits: children of a node, triangles of a block, hits of a record.
 struct Step {
     StepKind kind = step_node;
-    StepOutcome outcome = outcome_accepted;  ///< of candidates and instances
+    StepOutcome outcome = outcome_accepted;  ///< for candidates and instances
     std::uint32_t object = 0;                ///< the level's, by its index in the scene
     /// Within the object: the node, the leaf block, or the record's place in tree order. Of a
     /// candidate the primitive, of an instance its index in the scene.
@@ -39,10 +39,10 @@ struct Step {
     std::uint32_t passed = 0;      ///< lanes that the ray enters or hits, the intersector agreeing
     std::uint32_t rejected = 0;    ///< lanes that the intersector refused
     std::uint32_t first = 0;       ///< 1: the first block or record of its leaf
-    const float* nears = nullptr;  ///< of a node: where the ray enters each lane of `passed`
-    float t = 0, u = 0, v = 0;     ///< of a candidate
+    const float* nears = nullptr;  ///< for a node: where the ray enters each lane of `passed`
+    float t = 0, u = 0, v = 0;     ///< for a candidate
     std::uint32_t front = 0;       ///< 1: the candidate's front faces the ray
-    Refusal refusal = {};          ///< of a refused candidate, where the intersector says why
+    Refusal refusal = {};          ///< for a refused candidate, where the intersector says why
 };
 
 /// Receives the steps. Called on the thread that traces.

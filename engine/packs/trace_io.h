@@ -19,8 +19,8 @@ struct TraceIO {
     using Query = std::conditional_t<kind == query_closest, ClosestHit,
                                      std::conditional_t<kind == query_any, AnyHit, MultiHit>>;
     const TraceCall& call;
-    std::uint32_t first;                   ///< of the group in the call
-    Cancellation* cancellation = nullptr;  ///< of the call
+    std::uint32_t first;                   ///< the group's first ray in the call
+    Cancellation* cancellation = nullptr;  ///< the call's
 
     [[nodiscard]] RAYNEST_INLINE const Ray* rays() const { return call.rays + first; }
     /// Asks memory for rays [from, to) of the group or behind it, as far as the call has them.

@@ -55,7 +55,7 @@ struct FieldInfo {
     bool reads_sensor;    ///< it needs ColumnSource::sensors
     /// Is it a column of a query that names none?
     enum class Shown : std::uint8_t { asked, hits, any } shown;
-    std::string_view title;  ///< of a counter
+    std::string_view title;  ///< a counter's title
 };
 
 [[nodiscard]] const FieldInfo& field_info(Field field);
@@ -99,7 +99,7 @@ struct ColumnSource {
     const PathTable* paths = nullptr;          ///< null: user ids are those of instances
     const GeometryShading* shading = nullptr;  ///< one per geometry; null: vertices have no normals
     const Velocities* velocities = nullptr;    ///< null: the scene stands still
-    std::span<const SensorAt> sensors = {};  ///< of each ray, in the order of the answers; or none
+    std::span<const SensorAt> sensors = {};    ///< each ray's, in the order of the answers; or none
 };
 
 /// Writes an element of field_bytes() per hit (counters: per ray), canonical for misses. A counter

@@ -64,7 +64,7 @@ private:
 struct Content {
     BuildQuality build = BuildQuality::medium;
     UpAxis up = UpAxis::y;
-    std::uint8_t chosen_variant = 0;  ///< of format::Header, as is the next one
+    std::uint8_t chosen_variant = 0;  ///< as in format::Header, as is the next one
     std::uint16_t variants = 0;
     WorldPoint origin{};
     std::uint64_t degenerate_triangles = 0;

@@ -54,8 +54,8 @@ public:
 private:
     struct ObjectDigests {
         Sha256 primitives{};
-        std::vector<Sha256> runs;              ///< of instances
-        std::vector<Sha256> long_runs;         ///< of runs, where there are many
+        std::vector<Sha256> runs;              ///< one for each run of instances
+        std::vector<Sha256> long_runs;         ///< one for each run of runs, where there are many
         std::vector<std::uint32_t> run_masks;  ///< which rays see something in each
         Sha256 whole{};
         std::uint32_t mask = 0;  ///< which rays see something in the object
@@ -70,7 +70,7 @@ private:
     std::shared_ptr<const std::vector<Sha256>> materials_;
     std::shared_ptr<const std::vector<ObjectDigests>> opened_;
     std::map<std::uint32_t, std::shared_ptr<const ObjectDigests>> changed_;  ///< by edits since
-    Sha256 rest_{};  ///< of what no edit changes in place
+    Sha256 rest_{};  ///< digest of what no edit changes in place
     std::string scene_;
 };
 

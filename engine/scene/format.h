@@ -107,15 +107,15 @@ struct Header {
     std::array<char, 8> magic;
     std::uint32_t version;
     std::uint32_t byte_order;  ///< 0x01020304 in the reader's byte order
-    std::uint64_t bytes;       ///< of the whole arena
-    BuildQuality build;        ///< of the trees
+    std::uint64_t bytes;       ///< bytes in the whole arena
+    BuildQuality build;        ///< how the trees were built
     UpAxis up;
     std::uint8_t chosen_variant;  ///< its number, from 1; 0: none
     /// So many warnings, the last ones, are names of variants.
     std::uint16_t variants;
     std::array<double, 3> origin;  ///< subtracted from world coordinates
     std::uint64_t degenerate_triangles;
-    Box bounds;  ///< of the vertices in the scene; the trees' boxes are larger
+    Box bounds;  ///< box of the vertices in the scene; the trees' boxes are larger
     std::array<SectionEntry, section_count> sections;
 };
 static_assert(sizeof(Header) == 88 + 24 * section_count);

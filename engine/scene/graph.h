@@ -15,7 +15,7 @@ namespace raynest {
 /// Numbers of placements below an object; all sums are checked for overflow.
 struct Placements {
     std::uint64_t placement_count = 0;  ///< flat leaf placements (geometry/path.h)
-    std::uint64_t triangles = 0;        ///< of those leaves
+    std::uint64_t triangles = 0;        ///< triangles in those leaves
 
     bool operator==(const Placements&) const = default;
 };

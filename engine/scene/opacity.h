@@ -59,7 +59,7 @@ public:
 
 private:
     const SceneDescription& scene_;
-    std::map<std::uint32_t, AlphaPyramid> pyramids_;  ///< of the images in use
+    std::map<std::uint32_t, AlphaPyramid> pyramids_;  ///< for the images in use
 };
 
 }  // namespace raynest

@@ -45,7 +45,7 @@ inline constexpr std::uint32_t record_size_max = 4096;  ///< bytes of one record
 inline constexpr std::uint32_t texture_side_max =
     16384;  ///< pixels; an RGBA plane stays below 2^31
 /// Limits on the contents of an arena that are copied or looked up by name.
-inline constexpr std::uint32_t scene_name_bytes_max = 8192;  ///< of any name or warning
+inline constexpr std::uint32_t scene_name_bytes_max = 8192;  ///< for any name or warning
 inline constexpr std::uint32_t scene_warnings_max = 1024;    ///< names of variants counted
 inline constexpr std::uint32_t scene_skips_max = 1024;       ///< reasons
 inline constexpr std::uint32_t scene_record_types_max = 256;
@@ -144,7 +144,7 @@ inline constexpr std::size_t edits_remembered = 64;
 
 /// The differences of an edited arena from the one before.
 struct EditTraces {
-    ArenaSharing sharing;  ///< of the copy, before the edit
+    ArenaSharing sharing;  ///< the copy's, before the edit
     ArenaChanges changed;  ///< by the edit
     TreeKnowledge trees;
     TouchedObjects content;
@@ -269,7 +269,7 @@ private:
 };
 
 /// Limits on texts of paths: what has more steps or bytes keeps its end, behind a step "...".
-inline constexpr std::size_t path_step_bytes_max = 240;  ///< of a name, before its number
+inline constexpr std::size_t path_step_bytes_max = 240;  ///< for a name, before its number
 inline constexpr std::size_t path_steps_max = 480;
 inline constexpr std::size_t path_text_bytes_max = 4000;
 

@@ -11,7 +11,7 @@ void add_surfaces(const SceneDescription& description, Content& content) {
     struct Planes {
         std::uint64_t colour = no_offset;
         std::uint64_t alpha = no_offset;
-        std::array<TextureLevels, 2> levels;  ///< of colours, of data
+        std::array<TextureLevels, 2> levels;  ///< for colours, for data
     };
     std::vector<Planes> planes(description.images.size());
     for (const TextureDescription& texture : description.textures) {

@@ -30,7 +30,7 @@ constexpr std::uint32_t blocks_max = 1 << 16;
 /// A point of a surface, and what holds that surface.
 struct Point {
     Vec3 at;
-    std::uint32_t leaf;   ///< of the object's tree
+    std::uint32_t leaf;   ///< leaf in the object's tree
     std::uint32_t way;    ///< where the nodes above the leaf begin in Points::ways
     std::uint32_t below;  ///< if the leaf is an instance: the point of its object
 };
@@ -240,8 +240,8 @@ private:
     }
 
     const SceneView& scene_;
-    const std::uint32_t points_each_;  ///< of an object, at least
-    std::vector<Points> points_;       ///< of the objects so far
+    const std::uint32_t points_each_;  ///< for an object, at least
+    std::vector<Points> points_;       ///< for the objects so far
     Random random_{1};
     std::uint64_t visits_ = 0;
 };

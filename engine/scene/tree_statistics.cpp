@@ -56,7 +56,7 @@ private:
     }
 
     const SceneView& scene_;
-    std::vector<double> cost_;  ///< of the objects so far
+    std::vector<double> cost_;  ///< for the objects so far
     std::vector<std::uint8_t> heights_;
 };
 

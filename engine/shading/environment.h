@@ -25,7 +25,7 @@ public:
     /// What a direction shows.
     struct View {
         Vec3 radiance{0};
-        float density = 0;  ///< of sample(), per solid angle
+        float density = 0;  ///< density of sample(), per solid angle
     };
     [[nodiscard]] bool empty() const { return texels_.empty(); }
     [[nodiscard]] View view(const Vec3& direction) const;

@@ -45,7 +45,7 @@ Vec3 iridescent_f0(float cosine, float film_ior, float thickness, const Vec3& f0
 
     const float outer = schlick(Vec3(border_reflectance(ior)), cosine).x;
     const float through = 1.0F - outer;
-    const float outer_shift = ior < 1 ? 0.0F : pi;  // of the reflection from within
+    const float outer_shift = ior < 1 ? 0.0F : pi;  // for the reflection from within
     Vec3 inner, shift;
     for (int c = 0; c < 3; ++c) {
         const float root = std::sqrt(std::clamp(f0[c], 0.0F, 0.9999F));

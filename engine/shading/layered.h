@@ -90,7 +90,7 @@ public:
     }
 
 private:
-    static constexpr float coat_f0 = 0.04F;  ///< of an index of 1.5, as the extension says
+    static constexpr float coat_f0 = 0.04F;  ///< for an index of 1.5, as the extension says
 
     [[nodiscard]] static Reflectance reflectance(const MaterialPoint& point, const Vec3& outgoing) {
         const Layers& layers = point.layers;

@@ -7,7 +7,7 @@
 //         Vec3 emitted() const;                        // radiance towards `outgoing`
 //         bool scatters() const;                       // false: the three below are not called
 //         Vec3 evaluate(const Vec3& incoming) const;   // BSDF x |cosine of incoming|
-//         float density(const Vec3& incoming) const;   // of sample(), per solid angle
+//         float density(const Vec3& incoming) const;   // density of sample(), per solid angle
 //         Vec3 sample(float choice, const Vec2& u) const;  // a direction; zero where there is none
 //         Scattered scatter(const Vec3& incoming) const;   // may be left out: both of the above
 //     };
@@ -36,8 +36,8 @@ struct MaterialPoint {
     Vec3 smooth{0, 0, 1};  ///< the normal without the normal texture, in the point's frame
     /// Set where the material is `layered`.
     Layers layers;
-    float film_thickness = 400;  ///< of the iridescent film, in nanometres
-    Vec3 coat_normal{0, 0, 1};   ///< of the clear coat, in the point's frame
+    float film_thickness = 400;  ///< the iridescent film's, in nanometres
+    Vec3 coat_normal{0, 0, 1};   ///< the clear coat's, in the point's frame
     Vec2 along{1, 0};            ///< the direction of anisotropy, a unit vector in the frame's xy
 };
 

@@ -33,7 +33,7 @@ struct Placement {
     std::vector<Level> levels;  ///< outermost first
     glm::dmat3 to_object{1};    ///< from the world, without the shift
     glm::dmat3 to_world{1};
-    double volume = 1;     ///< of what a unit cube of the object becomes in the world
+    double volume = 1;     ///< volume in the world of a unit cube of the object
     bool mirrors = false;  ///< the object is seen as in a mirror
 
     void set(const SceneView& scene, std::uint64_t to) {

@@ -57,7 +57,7 @@ struct Layers {
     Vec3 specular_colour{1};
     float iridescence = 0;
     float iridescence_ior = 1.3F;
-    float thickness_least = 100, thickness_most = 400;  ///< of the iridescent film, in nanometres
+    float thickness_least = 100, thickness_most = 400;  ///< the iridescent film's, in nanometres
     float anisotropy = 0;
     float anisotropy_turn = 0;  ///< radians, from the tangent towards the bitangent
 
@@ -81,7 +81,7 @@ struct SurfaceRecord {
     float attenuation_distance = 0;  ///< 0: the solid absorbs nothing
     Vec3 attenuation_colour{1};      ///< what is left of white after attenuation_distance
     std::uint32_t unused = 0;
-    Layers layers;  ///< of the kind `layered`
+    Layers layers;  ///< for the kind `layered`
     TextureUse textures[surface_textures];
 
     [[nodiscard]] TextureUse& use(TextureSlot slot) {
@@ -108,7 +108,7 @@ struct GeometryShading {
 
 /// The smaller copies of a texture: level k has each side halved k times, rounded down, at least 1.
 struct TextureLevels {
-    std::uint64_t offset = no_offset;  ///< of level 1; RGBA8 planes, one behind the other
+    std::uint64_t offset = no_offset;  ///< where level 1 begins; RGBA8 planes, one behind the other
     std::uint32_t count = 1;           ///< levels, level 0 included
     std::uint32_t linear = 0;          ///< 1: data; 0: colours in sRGB
 };

@@ -10,7 +10,7 @@ namespace raynest {
 struct SunDisc {
     Vec3 direction{0, 1, 0};  ///< towards it
     Vec3 radiance{0};         ///< black: there is none
-    float cosine = 1;         ///< of its angular radius
+    float cosine = 1;         ///< cosine of its angular radius
 
     [[nodiscard]] float density() const { return 1.0F / (2.0F * pi * (1.0F - cosine)); }
     [[nodiscard]] bool contains(const Vec3& direction_of) const {

@@ -13,7 +13,7 @@
 namespace raynest {
 namespace {
 
-constexpr std::uint64_t block_bytes = 512;  // of st_blocks
+constexpr std::uint64_t block_bytes = 512;  // the unit of st_blocks
 #if defined(__SANITIZE_ADDRESS__) || defined(__SANITIZE_THREAD__)
 // The sanitizer's own tables take at least this.
 constexpr std::uint64_t checks_bytes = 32 << 20;

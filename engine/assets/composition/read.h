@@ -32,7 +32,7 @@ struct Places {
     std::string object;
     std::string name;                ///< its step in path texts
     std::vector<Matrix> matrices;    ///< from the object's space to that of the group
-    std::optional<PoseParts> parts;  ///< of one that no matrix places
+    std::optional<PoseParts> parts;  ///< set if no matrix places the part
     std::string table;               ///< a .npy of matrices in place of these
     std::uint32_t mask = 0xFFFFFFFFU;
     std::uint32_t uid = no_id;  ///< the column `uid` of its hits; no_id: none
@@ -46,10 +46,10 @@ struct Object {
     FileOptions options;
     WorldPoint origin{};
     std::vector<std::string> masks;
-    std::string variant;            ///< of KHR_materials_variants
+    std::string variant;            ///< a variant by KHR_materials_variants
     std::string mesh;               ///< as in ImportRequest
     bool has_up = false;            ///< options.z_up was given
-    std::vector<Places> instances;  ///< of a group
+    std::vector<Places> instances;  ///< a group's content
 
     /// How many instances have each name. Where they are several, each has a number.
     [[nodiscard]] std::map<std::string_view, std::size_t> entries_by_name() const {
@@ -78,10 +78,10 @@ struct Change {
     enum class What : std::uint8_t { move, place, set_mask, set_uid, set_material, remove };
     What what = What::move;
     std::string path;                    ///< as InstanceFinder::find() takes it
-    EditFrame frame = EditFrame::world;  ///< of `matrix`
-    Matrix matrix{1};                    ///< of move and place
-    std::uint32_t value = 0;             ///< of set_mask and set_uid
-    std::string material;                ///< of set_material, as find_material() takes it
+    EditFrame frame = EditFrame::world;  ///< `matrix` is in this frame
+    Matrix matrix{1};                    ///< for move and place
+    std::uint32_t value = 0;             ///< for set_mask and set_uid
+    std::string material;                ///< for set_material, as find_material() takes it
 };
 
 /// Keys of a part of where an instance stands, as those of a node in glTF.

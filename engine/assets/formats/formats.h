@@ -20,7 +20,7 @@ using ReadFile = Result<FileContent> (*)(const ImportRequest&, const ImportLimit
 
 struct FileFormat {
     std::string_view extension;  ///< ".ply"
-    ReadFile read;               ///< of a request whose first file is not empty
+    ReadFile read;               ///< for a request whose first file is not empty
 };
 
 /// Returns the format of a source by its ending, in upper or lower case; null if there is none.

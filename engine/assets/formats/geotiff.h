@@ -25,7 +25,7 @@ struct HeightGrid {
     std::optional<std::array<double, 6>> to_map;
     bool is_in_degrees = false;
     std::uint32_t unit = 0;         ///< EPSG's code of the map's unit of length; 0: not said
-    std::uint32_t height_unit = 0;  ///< of the heights; 0: not said
+    std::uint32_t height_unit = 0;  ///< the heights' unit; 0: not said
 };
 
 /// Reads the first picture of a TIFF: one band of 8 to 64 bits, in strips or tiles. limit_exceeded:

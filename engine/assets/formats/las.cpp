@@ -12,7 +12,7 @@
 namespace raynest {
 namespace {
 
-constexpr std::size_t header_bytes_min = 227;  ///< of LAS 1.0 to 1.2
+constexpr std::size_t header_bytes_min = 227;  ///< the header of LAS 1.0 to 1.2
 constexpr std::size_t header_bytes_14 = 375;
 constexpr std::size_t format_count = 11;
 /// The least bytes of a point in each format; more are a file's own.
@@ -91,7 +91,7 @@ Result<FileContent> read_las(const ImportRequest& request, const ImportLimits& l
     if (count > limits.triangles_max)
         return fail(ErrorCode::limit_exceeded, fmt::format("has {} points; at most {} are allowed",
                                                            count, limits.triangles_max));
-    std::array<double, 6> scale_offset{};  // of x, y, z each
+    std::array<double, 6> scale_offset{};  // for x, y, z each
     std::memcpy(scale_offset.data(), file.data() + 131, sizeof scale_offset);
     for (std::size_t i = 0; i < scale_offset.size(); ++i)
         if (!std::isfinite(scale_offset[i]) || (i < 3 && scale_offset[i] == 0))

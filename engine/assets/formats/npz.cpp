@@ -67,7 +67,7 @@ Result<Entries> read_directory(Bytes file) {
 /// Inflates to exactly `size` bytes. `size` is bounded by what deflate can do, so that a small file
 /// cannot ask for much.
 Result<std::vector<std::byte>> inflate_exactly(Bytes packed, std::uint64_t size) {
-    constexpr std::uint64_t ratio_max = 1032;  // of deflate
+    constexpr std::uint64_t ratio_max = 1032;  // deflate's highest
     if (size > packed.size() * ratio_max + 64 || size > 0xFFFFFFFF || packed.size() > 0xFFFFFFFF)
         return damaged("an array is longer than its packed bytes can give");
     std::vector<std::byte> bytes(size);

@@ -272,7 +272,7 @@ private:
     bool has_objects_ = false;
     std::vector<Corner> polygon_;
     std::vector<std::uint32_t> corners_, triangles_;
-    std::vector<std::uint32_t> first_use_;  ///< of each position: the vertex made last
+    std::vector<std::uint32_t> first_use_;  ///< by position: the vertex made last
 };
 
 }  // namespace

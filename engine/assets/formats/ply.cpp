@@ -20,7 +20,7 @@ enum class Encoding : std::uint8_t { ascii, little, big };
 struct Property {
     std::string name;
     Number type = Number::f32;
-    std::optional<Number> count;  ///< of a list: the type of its length
+    std::optional<Number> count;  ///< for a list: the type of its length
 };
 struct Element {
     std::string name;
@@ -34,7 +34,7 @@ struct Header {
 };
 
 constexpr std::size_t header_bytes_max = 1 << 20;
-constexpr std::size_t properties_max = 1024;  ///< of all elements
+constexpr std::size_t properties_max = 1024;  ///< in all elements
 
 std::optional<Number> number_named(std::string_view name) {
     constexpr std::array<std::array<std::string_view, 2>, 8> names{{{"char", "int8"},
@@ -256,7 +256,7 @@ private:
     Result<void> read_vertices(const Element& element) {
         if (!geometry_.positions.empty())
             return fail(ErrorCode::scene_invalid, "has two elements 'vertex'");
-        std::vector<std::size_t> places;  // of each property among the slots
+        std::vector<std::size_t> places;  // each property's among the slots
         std::array<Number, slots> types{};
         std::array<bool, slots> has{};
         for (const Property& property : element.properties) {

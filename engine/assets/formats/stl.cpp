@@ -43,7 +43,7 @@ FileContent read_binary(std::span<const std::byte> facets, std::uint64_t count) 
 Result<FileContent> read_text(std::span<const std::byte> bytes, const ImportLimits& limits) {
     FileContent content;
     TextReader text(bytes);
-    std::size_t corners = 0;  // of the current facet
+    std::size_t corners = 0;  // in the current facet
     while (!text.at_end()) {
         const std::string key = lower(text.word());
         if (key == "solid") {

@@ -92,7 +92,7 @@ private:
     }
 
     const std::vector<glm::dvec2>& flat_;
-    CornerPlaces before_, after_;  ///< of the corners that remain
+    CornerPlaces before_, after_;  ///< the corners that remain
 };
 
 }  // namespace

@@ -32,7 +32,7 @@ private:
         /// Returns "" if there is none.
         [[nodiscard]] std::string line(const char* others_do, const char* effect) const;
     };
-    std::uint64_t triangles_ = 0, against_ = 0, nowhere_ = 0;  ///< of the mesh that is being read
+    std::uint64_t triangles_ = 0, against_ = 0, nowhere_ = 0;  ///< in the mesh that is being read
     Faulty turned_, directionless_;
 };
 

@@ -50,7 +50,7 @@ private:
         WorldPoint centre{};            ///< was subtracted from a mesh's vertices
         double reach = 0;               ///< greatest distance of its parts from zero
         glm::dvec3 lower{0}, upper{0};  ///< box; both 0 where it has no vertices
-        double half_step = 0;           ///< of its vertices as the file has them
+        double half_step = 0;           ///< half a step of its vertices as the file has them
     };
     std::vector<Extent> extents_;  ///< by object
     double rounding_ = 0;

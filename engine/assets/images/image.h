@@ -52,7 +52,7 @@ Result<std::vector<std::byte>> encode_exr(std::uint32_t width, std::uint32_t hei
 [[nodiscard]] constexpr std::uint64_t exr_bytes_max(std::uint32_t width, std::uint32_t height,
                                                     std::uint32_t channels) {
     const std::uint64_t blocks = height / 16 + 1;
-    constexpr std::uint64_t description = 64;  // of a channel in the header
+    constexpr std::uint64_t description = 64;  // a channel's bytes in the header
     return (std::uint64_t{4} * width * height + description) * channels + 16 * blocks +
            image_header_bytes_max;
 }

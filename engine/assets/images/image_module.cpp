@@ -36,7 +36,7 @@ void configure_once() {
     static std::once_flag once;
     std::call_once(once, [] {
         oiio::attribute("threads", 1);
-        oiio::attribute("limits:channels", 64);  // of a film; decode() allows 4
+        oiio::attribute("limits:channels", 64);  // a film's; decode() allows 4
         oiio::attribute("limits:imagesize_MB", 2048);
     });
 }

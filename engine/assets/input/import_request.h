@@ -23,7 +23,7 @@ struct NamedBytes {
 /// How to read a format that says neither its unit nor its axes (formats/formats.h).
 struct FileOptions {
     double unit = 0;           ///< metres per unit; 0: 1
-    double radius = 0;         ///< of a point that has none, in units of the file; 0: none
+    double radius = 0;         ///< for points without one, in units of the file; 0: none
     double spacing = 0;        ///< units between the heights of a grid; 0: 1
     bool z_up = false;         ///< z points up in the file, and so in the scene; else y does
     bool auto_origin = false;  ///< an origin is chosen if the file lies far from zero
@@ -38,7 +38,7 @@ struct ImportRequest {
     WorldPoint origin{};  ///< subtracted from world coordinates before they are rounded
     FileOptions options{};
     std::vector<std::string> masks;  ///< rules "GLOB=HEX" (mask_rules.h)
-    std::string variant = {};        ///< of KHR_materials_variants; empty: none is chosen
+    std::string variant = {};        ///< a variant by KHR_materials_variants; empty: none is chosen
     /// One of several meshes in a .npz: its arrays are "MESH/vertices" and "MESH/faces". Empty: it has one.
     std::string mesh = {};
 };

@@ -39,10 +39,10 @@ struct FileHeader {
 struct ResultHeader {
     std::uint64_t magic = result_magic;
     std::uint32_t status = status_done;  ///< or an ErrorCode
-    std::uint32_t words = 0;             ///< of 32 bits, for each pixel of a picture
+    std::uint32_t words = 0;             ///< 32-bit words for each pixel of a picture
     std::uint64_t bytes = 0;             ///< size of the arena, picture or message that follows
     double build_seconds = 0;
-    std::uint32_t width = 0, height = 0;  ///< of a picture
+    std::uint32_t width = 0, height = 0;  ///< a picture's size
     std::uint64_t left_out = 0;           ///< LightPicture::left_out
 };
 

@@ -22,8 +22,8 @@ namespace raynest {
 /// The space that a matrix is given in.
 enum class EditFrame : std::uint32_t {
     world,
-    parent,  ///< of the object that places the instance
-    own,     ///< of the instance's object; to move alone
+    parent,  ///< the frame of the object that places the instance
+    own,     ///< the frame of the instance's object; to move alone
 };
 
 /// Not thread-safe. `scene` must outlive it.

@@ -194,7 +194,7 @@ private:
     LinkedContent content_;
     std::map<const Snapshot*, std::size_t> scenes_;  ///< numbers in content_ of what was added
     std::vector<LinkedContent::Placed> instances_;
-    std::vector<PathRange> paths_;  ///< of the base, that stay
+    std::vector<PathRange> paths_;  ///< paths of the base that stay
     std::vector<AddedPaths> added_paths_;
     std::map<std::uint32_t, std::uint32_t> next_;  ///< free numbers of names that were added
 };

@@ -69,8 +69,8 @@ private:
         std::vector<std::uint32_t> objects;    ///< new indices, no_id: not copied
         std::vector<std::uint32_t> materials;  ///< new indices
         std::unordered_map<std::uint64_t, std::uint64_t> runs =
-            {};                                   ///< of attributes: old -> new offset
-        std::vector<std::uint32_t> numbers = {};  ///< of its instances, as in section 17
+            {};                                   ///< for attributes: old -> new offset
+        std::vector<std::uint32_t> numbers = {};  ///< its instances', as in section 17
     };
     struct Origin {
         std::size_t scene;
@@ -97,7 +97,7 @@ private:
 
     Content content_;
     std::deque<Scene> scenes_;
-    std::vector<Origin> origins_;         ///< of the objects; the new root has none
+    std::vector<Origin> origins_;         ///< the objects'; the new root has none
     std::vector<std::uint32_t> numbers_;  ///< per instance
     std::map<std::string, std::vector<std::uint32_t>> alike_;  ///< objects that may be the same
     std::map<std::string, std::uint32_t> known_materials_;

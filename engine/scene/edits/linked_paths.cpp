@@ -154,12 +154,12 @@ Result<void> link_paths(const Snapshot& base, std::span<const PathRange> kept,
     // Nodes stand breadth first, so the trees are merged level by level.
     const std::vector<std::uint32_t> base_levels = levels_of(paths);
     std::vector<std::uint32_t> made(paths.node_count, 0);
-    using Nodes = std::vector<std::uint32_t>;  ///< of a copied tree: the new index of each
+    using Nodes = std::vector<std::uint32_t>;  ///< a copied tree: the new index of each
     std::vector<std::vector<Nodes>> copies(added.size());
     std::deque<NodeTree> trees;
     std::vector<const PathTable*> tables(added.size());
     std::vector<std::vector<std::uint32_t>> levels(added.size());
-    std::vector<std::uint32_t> tops(added.size());  // of those with one node
+    std::vector<std::uint32_t> tops(added.size());  // tops of those with one node
     const auto push = [&](PathNode node, std::uint32_t parent, std::uint32_t uid = no_id) {
         const std::uint32_t source = uid == no_id ? node.source : uid;
         nodes.push_back({parent, node.name, node.number, source, no_id});

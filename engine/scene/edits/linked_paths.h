@@ -19,7 +19,7 @@ struct AddedPaths {
     std::uint32_t name;          ///< offset in content.names
     std::uint32_t first_number;  ///< the others count on; no_id: the only one, and unique
     std::uint32_t copies;
-    std::uint32_t uid = no_id;  ///< of all their nodes; no_id: each keeps its own
+    std::uint32_t uid = no_id;  ///< all their nodes have this one; no_id: each keeps its own
 };
 
 /// Fills path_nodes and path_runs: the base's nodes without those that have lost all of their

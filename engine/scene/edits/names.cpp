@@ -158,7 +158,7 @@ private:
     const Snapshot& scene_;
     const TextOf text_of_;
     const std::string_view glob_;
-    const std::string_view beginning_;  ///< of the glob, before its first star
+    const std::string_view beginning_;  ///< the glob's, before its first star
     const std::function<bool()>& stopped_;
     std::uint64_t first_ = 0;    ///< the first path of an outermost instance
     std::vector<bool> matches_;  ///< its placements

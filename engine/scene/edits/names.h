@@ -60,8 +60,8 @@ private:
 
     const Snapshot& scene_;
     const std::function<bool()> stopped_;
-    std::vector<std::string> texts_;  ///< of the first outermost instances
-    std::string text_;                ///< of a later one
+    std::vector<std::string> texts_;  ///< texts of the first outermost instances
+    std::string text_;                ///< text of a later one
     std::uint64_t looked_at_ = 0;     ///< placements, by all searches
 };
 

@@ -156,7 +156,7 @@ private:
     const MotionSampling sampling_;
     const std::vector<Affine> to_scene_;  ///< by node
     const std::vector<Affine> at_rest_;   ///< likewise
-    const InstanceInfo* const placed_;    ///< of outermost instances, as edits have left them
+    const InstanceInfo* const placed_;    ///< outermost instances, as edits have left them
     const LightRecord* const lights_;
     std::deque<PosedVertices> vertices_;
 };

@@ -31,7 +31,7 @@ std::uint64_t copy_bytes(const SceneView& view, const ObjectRecord& object) {
 
 /// Returns how many bytes the added scenes take, besides what is copied of the base.
 std::uint64_t bytes_to_add(const Snapshot& scene, const SceneChanges& changes) {
-    std::map<const Snapshot*, std::uint64_t> nodes;  ///< of a copy, by its scene
+    std::map<const Snapshot*, std::uint64_t> nodes;  ///< nodes of a copy, by its scene
     // Nodes and runs stand in the content and in the arena, and their new numbers beside them.
     constexpr std::uint64_t node_bytes = 2 * sizeof(PathNode) + 2 * sizeof(std::uint32_t);
     const bool has_nodes = nodes_name(scene, changes.added);
@@ -101,8 +101,8 @@ Result<std::vector<InstancePlace>> shared_ways(const Snapshot& scene, const Scen
     std::uint32_t changes_seen = 0;
     const auto part_meshes = [&](const auto& meshes, auto change_of) {
         struct Alike {
-            std::uint32_t number;    ///< of the change
-            std::uint32_t uses = 0;  ///< of the object, by objects that are not shared
+            std::uint32_t number;    ///< the change's number
+            std::uint32_t uses = 0;  ///< uses of the object by objects that are not shared
         };
         std::map<std::pair<std::uint32_t, decltype(change_of(meshes[0]))>, Alike> alike;
         for (const auto& mesh : meshes) {

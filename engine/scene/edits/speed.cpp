@@ -176,7 +176,7 @@ private:
                 }
             }
         }
-        Affine widest = identity_affine;  // of those that place the mesh
+        Affine widest = identity_affine;  // the widest map that places the mesh
         for (const std::uint32_t place : motion_.places.subspan(mesh.first_place, mesh.place_count))
             if (const Affine at = placed_at(place); stretch(at) > stretch(widest)) widest = at;
         for (std::uint32_t j = 0; j < mesh.joint_count; ++j) {
@@ -268,7 +268,7 @@ private:
     std::map<std::uint32_t, Follower> carried_;  ///< by outermost instance
     std::uint32_t pieces_ = pieces;
     std::vector<double> keys_;
-    std::size_t next_ = 0;          ///< of keys_
+    std::size_t next_ = 0;          ///< index in keys_
     std::uint32_t piece_ = 0;       ///< from there to the next key
     double before_ = 0, last_ = 0;  ///< speeds at the two moments before
     double most_ = 0;

@@ -109,7 +109,7 @@ public:
 
 private:
     struct Range : PathRange {
-        std::size_t steps = 0;  ///< of the text of the node; of several, the fewest
+        std::size_t steps = 0;  ///< steps in the text of the node; of several, the fewest
     };
 
     /// Returns the paths of each id, those that follow each other in one range.

@@ -12,14 +12,14 @@ namespace {
 
 /// Placements of a node that follow each other and have one user id.
 struct UidPart {
-    std::uint32_t number;              ///< of the first placement
+    std::uint32_t number;              ///< the first placement's
     std::optional<std::uint32_t> uid;  ///< nothing: the node's
 };
 
 /// The id that the paths of a node and of those below it get.
 struct Given {
     bool any_path = false;
-    std::optional<std::uint32_t> uid;  ///< of all of them; nothing: several, or none
+    std::optional<std::uint32_t> uid;  ///< the user id of all; nothing: several, or none
 
     void add(const Given& other) {
         if (!other.any_path) return;

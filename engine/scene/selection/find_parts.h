@@ -20,8 +20,8 @@ inline constexpr std::size_t selected_parts_max = 1 << 16;
 
 /// Names of parts of a scene.
 struct PathNames {
-    std::vector<std::string> texts;  ///< of paths, as InstanceFinder takes them
-    std::vector<std::uint64_t> ids;  ///< of paths
+    std::vector<std::string> texts;  ///< texts of paths, as InstanceFinder takes them
+    std::vector<std::uint64_t> ids;  ///< ids of paths
 
     [[nodiscard]] bool empty() const { return texts.empty() && ids.empty(); }
     bool operator==(const PathNames&) const = default;

@@ -156,7 +156,7 @@ public:
         follow(root, {scene_.root, scene_.root, false}, selection.only_named);
     }
 
-    std::uint64_t instances = 0, nodes = 0, objects = 0;  ///< of copies
+    std::uint64_t instances = 0, nodes = 0, objects = 0;  ///< counts of copies
     bool hides_own = false;
 
 private:
@@ -230,7 +230,7 @@ private:
 
     const SceneView& scene_;
     Records* const records_;
-    std::vector<std::uint32_t> uses_;  ///< of the scene's objects
+    std::vector<std::uint32_t> uses_;  ///< by the scene's objects
     std::vector<bool> shown_;          ///< outermost instances; empty: none
 };
 

@@ -132,7 +132,7 @@ struct Primitive {
     std::uint32_t colour = no_id;
     std::uint32_t normal = no_id;
     std::uint32_t tangent = no_id;
-    std::uint32_t radius = no_id;  ///< of points, `_RADIUS`: they are spheres
+    std::uint32_t radius = no_id;  ///< `_RADIUS` of points, which are spheres
     std::uint32_t material = no_id;
     std::vector<MorphTarget> targets;
     std::vector<JointSet> joint_sets;
@@ -237,7 +237,7 @@ struct Model {
     std::vector<Skin> skins;
     std::vector<Node> nodes;
     std::vector<Animation> animations;
-    std::vector<MotionSampler> samplers;  ///< of their channels; their numbers are in key_floats
+    std::vector<MotionSampler> samplers;  ///< for their channels; their numbers are in key_floats
     std::vector<float> key_floats;
     std::vector<Camera> cameras;
     std::vector<Light> lights;

@@ -24,7 +24,7 @@ constexpr std::array supported = {
 constexpr double ior_most = 10;
 constexpr double emission_most = 1e12;
 constexpr double specular_most = 1e3;  ///< beyond 1 where the index is low, as the extension says
-constexpr double thickness_max = 1e5;  ///< of an iridescent film, in nanometres
+constexpr double thickness_max = 1e5;  ///< for an iridescent film, in nanometres
 
 class SurfaceReader {
 public:

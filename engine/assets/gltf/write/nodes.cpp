@@ -107,8 +107,8 @@ private:
     /// A node whose children are not written yet.
     struct Open {
         std::uint32_t object;
-        std::uint64_t path;  ///< of its first placement
-        std::uint32_t mask;  ///< of the way down to it
+        std::uint64_t path;  ///< its first placement's
+        std::uint32_t mask;  ///< for the way down to it
     };
 
     void add_children(const Open& open) {
