@@ -69,7 +69,7 @@ public:
     Checks& tables(const char* field, const Vector<flatbuffers::Offset<wire::ParamTable>>* list) {
         items(field, list);
         if (error_ || list == nullptr) return *this;
-        std::uint64_t values = 0;  // of lists in one message: cannot wrap
+        std::uint64_t values = 0;  // the lists of one message cannot wrap it
         for (const wire::ParamTable* table : *list) {
             named(field, table->name());
             if (table->values() != nullptr) values += table->values()->size();

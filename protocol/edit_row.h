@@ -24,12 +24,12 @@ struct EditRow {
     /// Says what `target` is: an outermost instance, an index in `targets`, a user id.
     enum By : std::uint32_t { number, text, uid, by_count };
     std::uint32_t what;
-    std::uint32_t target;  ///< of add: an index in `scenes`
+    std::uint32_t target;  ///< for add: an index in `scenes`
     std::uint32_t by;
     /// The mask of set_mask and add, the frame of place and move, the user id of set_uid; of
     /// set_material an index in `materials`, of vertices one in `vertex_counts`
     std::uint32_t value;
-    double m[12];  ///< of place, move and add: a 3x4 matrix, row by row
+    double m[12];  ///< for place, move and add: a 3x4 matrix, row by row
 };
 static_assert(sizeof(EditRow) == 112);
 

@@ -27,7 +27,7 @@ Result<void> check_by_python(const RenderOptions& render);
 struct DaemonPlace {
     std::string uri;
     const Access& access;
-    std::string folder;  ///< of a daemon for this command alone: removed once it is reached
+    std::string folder;  ///< a daemon's for this command alone: removed once it is reached
     double reconnect = 0;
     bool json = false;
 };

@@ -57,8 +57,8 @@ struct EditChange {
     protocol::EditRow::What what = protocol::EditRow::move;
     std::string path;         ///< a text, '*' for any text, or inst=N; of add the name of a scene
     std::uint32_t value = 0;  ///< a mask, the frame of place and move, or a user id
-    std::string material{};   ///< of set_material: its name or number
-    std::array<double, 12> matrix{1, 0, 0, 0, 0, 1, 0, 0, 0, 0, 1, 0};  ///< of place, move and add
+    std::string material{};   ///< for set_material: its name or number
+    std::array<double, 12> matrix{1, 0, 0, 0, 0, 1, 0, 0, 0, 0, 1, 0};  ///< for place, move and add
     std::string said{};  ///< where: "line 3 of FILE", or the option
 };
 struct EditOptions {
@@ -89,7 +89,7 @@ struct QueryOptions {
     JobOptions job;
     std::vector<WorldRay> rays;
     std::vector<std::string> generate;  ///< a kind and key=value (generator.h), or empty
-    std::string step_error;             ///< of a sweep: a setting of its generator
+    std::string step_error;             ///< for a sweep: a setting of its generator
     std::string rays_file, masks_file, kind, reduce, output;
     std::optional<WorldPoint> from;  ///< common origin of the file's rays
     std::uint32_t max_hits = 0;      ///< 0: the kind's default
@@ -98,7 +98,7 @@ struct QueryOptions {
     /// Arguments of raynest.returns.measure() (by_python.h), and their values as JSON
     std::vector<std::pair<std::string, std::string>> measure;
     std::string prefer;      ///< nearest | strongest
-    std::string times_file;  ///< of rays that are sent
+    std::string times_file;  ///< for rays that are sent
     double time_step = 0;    ///< seconds; 0: each ray has its own time
 };
 struct HeatmapOptions : PictureOptions {
@@ -108,7 +108,7 @@ struct HeatmapOptions : PictureOptions {
     std::vector<FailIf> fail_if;
     std::string command_line;  ///< for the report: the words of this command, as a shell takes them
     std::uint32_t top = 0;     ///< rows of a ranking; 0: none is asked for
-    std::uint32_t level = 0;   ///< of the instances that it groups by; 0: the innermost
+    std::uint32_t level = 0;   ///< level of the instances that it groups by; 0: the innermost
 };
 
 struct ExplainOptions : LightOptions {
@@ -163,7 +163,7 @@ struct RestoreOptions {
 struct GcOptions {};
 struct AdminOptions {
     std::string act;     ///< connections | drain | reload | kick | quota
-    std::string target;  ///< of kick: a connection's number or a principal; of quota: a principal
+    std::string target;  ///< for kick: a connection's number or a principal; for quota: a principal
     std::vector<std::string> quota;  ///< "jobs=8"
 };
 struct LoadTestOptions {

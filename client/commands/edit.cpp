@@ -124,7 +124,7 @@ std::string read_change(const Word& word, const std::string& text, std::string s
 /// Reads a file of changes, one a line: "move PATH=1,0,0". Empty lines, and those that begin with
 /// #, say nothing.
 Result<void> read_changes(const std::string& path, EditOptions& edit) {
-    constexpr std::string_view byte_order_mark = "\xEF\xBB\xBF";  // of editors on Windows
+    constexpr std::string_view byte_order_mark = "\xEF\xBB\xBF";  // from editors on Windows
     constexpr const char* blanks = " \t\r";
     const auto file = read_file(path, file_bytes_max);
     if (!file) return tl::unexpected<Failure>(file.error());
@@ -168,7 +168,7 @@ Result<std::map<std::string, std::uint32_t>> numbers_of(Context& context,
     constexpr std::uint64_t searched_max = 1 << 20;
     std::map<std::string, Named, std::less<>> named;
     for (const std::string& text : texts) named.try_emplace(text);
-    std::map<std::uint32_t, std::uint64_t> placements;  // of each outermost instance
+    std::map<std::uint32_t, std::uint64_t> placements;  // each outermost instance's
     wire::StructureT request;
     request.scene = scene;
     request.kind = "placements";

@@ -83,7 +83,7 @@ struct Look {
     std::vector<std::vector<std::string>> job_rows;
     Json jobs = Json::array();
     std::uint64_t running = 0;
-    std::uint64_t waiting = 0;  ///< of those that run, the ones with nothing done yet
+    std::uint64_t waiting = 0;  ///< running ones with nothing done yet
     std::vector<ListedScene> scenes;
     std::map<std::string, PrincipalUse> principals;
     [[nodiscard]] double rate(const std::string& name) const {

@@ -28,8 +28,8 @@ struct Array {
 /// The contents of a .npy according to its header.
 struct NpyHeader {
     Array array;              ///< without its bytes
-    std::uint64_t begin = 0;  ///< of the array in the file
-    std::uint64_t bytes = 0;  ///< of the array
+    std::uint64_t begin = 0;  ///< where the array begins in the file
+    std::uint64_t bytes = 0;  ///< the array's
 };
 /// Reads the header alone; nothing where `begin` ends within it. Exit code 5 as parse_npy().
 Result<std::optional<NpyHeader>> read_npy_header(std::span<const std::byte> begin);

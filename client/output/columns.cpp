@@ -146,7 +146,7 @@ Result<std::vector<std::byte>> Columns::points(std::string_view ending) const {
                     "the answer is no point cloud: the query needs the columns position, or "
                     "sensor_position, and hit among its --fields; write a .npz");
     const std::vector<std::uint64_t> hits = hit_rows();
-    std::vector<std::uint64_t> rays;  // of each hit, where a ray may have several
+    std::vector<std::uint64_t> rays;  // each hit's ray, where a ray may have several
     for (std::uint64_t ray = 0; has_splits_ && ray + 1 < splits_.size(); ++ray)
         rays.insert(rays.end(), splits_[ray + 1] - splits_[ray], ray);
     const std::string_view place = place_of(order_);

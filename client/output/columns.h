@@ -45,7 +45,7 @@ private:
     };
 
     void append_points(const QueryChunk& chunk, const protocol::BlockView& block, Column& column);
-    [[nodiscard]] std::vector<std::uint64_t> hit_rows() const;  ///< of position
+    [[nodiscard]] std::vector<std::uint64_t> hit_rows() const;  ///< rows of column position
 
     bool has_splits_;
     std::map<std::string, Column, std::less<>> columns_;

@@ -52,7 +52,7 @@ private:
     std::string target_;          ///< with links resolved
     Descriptor file_;             ///< none: stdout
     std::string temporary_;       ///< empty: written in place
-    std::optional<mode_t> mode_;  ///< of the replaced file
+    std::optional<mode_t> mode_;  ///< the replaced file's
 };
 
 /// Writes a whole file. After a failure no part of a new file remains.

@@ -34,7 +34,7 @@ struct ResumeOptions {
 struct FilmFiles {
     protocol::Buffer resumed;      ///< an EXR to continue: file 0
     protocol::Buffer environment;  ///< a picture of the surroundings: file 1
-    std::string environment_name;  ///< of the picture's file, for messages
+    std::string environment_name;  ///< name of the picture's file, for messages
 };
 
 /// Samples of each pixel, as they were asked for or as the integrator has them.

@@ -42,9 +42,9 @@ template <class Request>
 
 /// The bounds of an answer, so that no daemon fills the memory or delivers something else.
 struct Room {
-    std::uint64_t bytes_max = 0;          ///< of a document or a file
-    std::uint64_t pixel_bytes = 0;        ///< of a picture: what each pixel may have beside them
-    std::uint32_t width = 0, height = 0;  ///< of the picture; 0: its first piece says them
+    std::uint64_t bytes_max = 0;          ///< for a document or a file
+    std::uint64_t pixel_bytes = 0;        ///< for a picture: what each pixel may have beside them
+    std::uint32_t width = 0, height = 0;  ///< the picture's; 0: its first piece says them
     std::string encode = {};              ///< empty: its first piece says it
     bool starts = true;                   ///< STARTED comes first
 };
@@ -67,7 +67,7 @@ struct ReceivedPicture {
     std::vector<std::byte> bytes;
     std::uint64_t total = 0;  ///< bytes of the whole payload; 0: none has begun
     bool is_last = false;     ///< no payload comes after this one
-    float exposure = 0;       ///< of encode linear: the stops of exposure `auto`
+    float exposure = 0;       ///< for encode linear: the stops of exposure `auto`
     Outcome outcome;
 };
 /// Takes each whole picture of an answer that refines one, but for the last.

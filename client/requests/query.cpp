@@ -121,7 +121,7 @@ private:
     std::map<std::uint64_t, Reply<wire::Chunk>> waiting_;
     std::uint64_t waiting_bytes_ = 0;
     std::set<std::string> fields_;
-    std::set<std::string> names_;  ///< of the columns of the chunk before
+    std::set<std::string> names_;  ///< columns of the chunk before
 };
 
 /// Returns the number of rows of the answer, or an upper bound while only the daemon knows it:

@@ -77,7 +77,7 @@ private:
 
     std::vector<float> values_;
     std::vector<std::uint32_t> masks_;
-    std::vector<double> moved_;  ///< of the rays in values_, or of all rays
+    std::vector<double> moved_;  ///< for the rays in values_, or for all rays
     protocol::Buffer file_;
     Array array_;
     std::uint64_t first_ = 0;  ///< number of the first ray that is kept

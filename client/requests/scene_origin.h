@@ -13,7 +13,7 @@ namespace raynest::client {
 struct SceneOrigin {
     WorldPoint point{};
     std::uint64_t epoch = 0;
-    WorldPoint centre{};  ///< of the scene's box, in the world
+    WorldPoint centre{};  ///< the middle of the scene's box, in the world
     double size = 0;      ///< the diagonal of that box; 0 for an empty scene
 };
 Result<SceneOrigin> ask_origin(Connection& connection, const std::string& scene);

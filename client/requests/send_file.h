@@ -17,7 +17,7 @@ using FrameConsumer = std::function<Result<void>(const protocol::Frame&)>;
 /// The place of a file among those that a request sends, for the progress.
 struct Among {
     std::uint64_t before = 0;  ///< bytes of the files before it
-    std::uint64_t total = 0;   ///< of all; 0: there is this one alone
+    std::uint64_t total = 0;   ///< bytes of all files; 0: there is this one alone
 };
 
 /// Copies the bytes of a file from `offset` on.

@@ -89,7 +89,7 @@ private:
     asio::posix::stream_descriptor listening_;
     asio::posix::stream_descriptor peer_;
     asio::steady_timer timer_;
-    std::uint64_t inode_ = 0;  ///< of the socket's name
+    std::uint64_t inode_ = 0;  ///< the inode of the socket's name
     pid_t pid_ = 0;
     Fd process_;  ///< that of the peer
     Phase phase_ = Phase::alone;

@@ -22,7 +22,7 @@ struct HeatDocument {
     std::string camera;
     std::uint32_t width = 0;
     std::uint32_t height = 0;
-    const HeatStatistics& statistics;  ///< of options.metric
+    const HeatStatistics& statistics;  ///< statistics of options.metric
     std::vector<std::uint64_t> histogram;
     struct Row {
         std::string metric;

@@ -15,7 +15,7 @@ struct Payload {
     std::vector<std::byte> bytes;
     std::uint32_t samples = 0;  ///< per pixel, of a film
     bool last = true;           ///< false: a later payload replaces this one
-    float exposure = 0;         ///< of a linear film: auto_exposure()
+    float exposure = 0;         ///< a linear film's: auto_exposure()
 };
 
 /// Returns the payload of a JSON document about a picture of this size.

@@ -23,7 +23,7 @@ public:
     /// The size of a frame that is handed out, at most.
     struct FrameSize {
         std::uint64_t rays = 0;
-        std::uint64_t bytes = 0;  ///< of columns; at least those of one ray
+        std::uint64_t bytes = 0;  ///< the columns'; at least those of one ray
     };
 
     StepRows(Budget& budget, std::string principal, std::uint64_t id, const Columns::Cost& cost,

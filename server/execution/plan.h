@@ -20,7 +20,7 @@ namespace raynest::server {
 
 struct Plan {
     NamedScene scene;
-    std::optional<double> time;  ///< of the animation, at which the scene is; nothing: at none
+    std::optional<double> time;  ///< the scene's moment of its animation; nothing: none
     std::string animation;       ///< its name or number; empty: the first
     const Variant* variant = nullptr;
     Settings settings;

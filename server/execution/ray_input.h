@@ -104,7 +104,7 @@ private:
     std::atomic<std::uint64_t> freed_bytes_{0};
     std::atomic<bool> has_masks_{false};
     std::mutex mutex_;
-    std::vector<std::uint32_t> different_masks_;  ///< of the rays asked for so far
+    std::vector<std::uint32_t> different_masks_;  ///< masks of the rays asked for so far
     std::deque<Received> frames_;                 ///< in order; the front one has unanswered rays
 };
 

@@ -22,7 +22,7 @@ class StepOrder {
 public:
     struct Step {
         std::uint64_t first = 0;  ///< place
-        std::uint64_t count = 0;  ///< of rays; above 0
+        std::uint64_t count = 0;  ///< number of rays; above 0
         std::uint64_t scan = 0;
         std::uint64_t begin = 0, end = 0;  ///< columns of the scan
     };

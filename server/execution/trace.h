@@ -19,7 +19,7 @@ struct TraceBuffers {
 
     std::vector<Ray> rays;              ///< rays that the daemon generates
     std::vector<Ray> sent;              ///< sent rays, completed with what their frame shares
-    std::vector<std::uint32_t> masks;   ///< of sent rays, if they have masks of their own
+    std::vector<std::uint32_t> masks;   ///< the sent rays' own masks, if they have any
     std::vector<HitRecord> hits;        ///< hits_max per ray; packed for kind all
     std::vector<std::uint32_t> order;   ///< index of each row's ray and hit
     std::vector<std::uint32_t> counts;  ///< hits per ray, for kinds multi and all

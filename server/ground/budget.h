@@ -114,7 +114,7 @@ private:
     const std::uint64_t limit_;
     mutable std::mutex mutex_;
     Accounts accounts_;
-    Bytes used_{};  ///< of all accounts
+    Bytes used_{};  ///< by all accounts
 };
 
 }  // namespace raynest::server

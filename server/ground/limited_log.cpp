@@ -7,7 +7,7 @@ namespace {
 
 struct Event {
     LineLimit limit;
-    LogLevel level = LogLevel::info;  ///< of the last line
+    LogLevel level = LogLevel::info;  ///< the last line's
 };
 using Events = std::map<std::string, Event, std::less<>>;
 

@@ -18,7 +18,7 @@ namespace raynest::server {
 class LineLimit {
 public:
     using Time = std::chrono::steady_clock::time_point;
-    static constexpr unsigned lines_max = 5;        ///< of a source, per second
+    static constexpr unsigned lines_max = 5;        ///< for a source, per second
     static constexpr std::size_t sources_max = 40;  ///< with lines in one second
 
     /// Lines that were left out, and the source of most of them.
@@ -43,7 +43,7 @@ private:
     void begin(Time now);
 
     Time begin_ = Time() - period;
-    std::map<std::string, Lines, std::less<>> lines_;  ///< of this second, by source
+    std::map<std::string, Lines, std::less<>> lines_;  ///< the lines of this second, by source
     std::uint64_t of_others_ = 0;  ///< left out in this second, of sources beyond sources_max
     LeftOut left_out_;             ///< in seconds that are over
 };

@@ -173,7 +173,7 @@ private:
     const Descriptors descriptors_;
     const protocol::Limits& limits_;
     Metrics& metrics_;
-    const std::vector<std::string> names_;  ///< of the certificate
+    const std::vector<std::string> names_;  ///< the certificate's
     const asio::ip::address address_;
     PeerIdentity peer_;
     HttpServer::List* list_ = nullptr;  ///< null: stopped

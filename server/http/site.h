@@ -46,7 +46,7 @@ struct HttpRequest {
     std::string_view authorization = {};         ///< "Bearer TOKEN"
     std::vector<std::string_view> cookies = {};  ///< every Cookie header
     std::string_view body = {};
-    unsigned version = 11;  ///< of HTTP, times ten
+    unsigned version = 11;  ///< the version of HTTP, times ten
     /// Names of the connection's certificate, which are allowed hosts with the port listened on.
     std::span<const std::string> certificate_names = {};
     ForwardedHeaders forwarded = {};
@@ -71,9 +71,9 @@ struct HttpReply {
     std::string etag = {};       ///< empty: not to be kept by the client
     Foreign foreign = Foreign::none;
     std::string cookie = {};                       ///< Set-Cookie
-    std::string_view allow = "GET, HEAD";          ///< of status 405
+    std::string_view allow = "GET, HEAD";          ///< for status 405
     unsigned retry_after_s = 0;                    ///< 0: not said
-    std::shared_ptr<const Principal> sender = {};  ///< of status 101
+    std::shared_ptr<const Principal> sender = {};  ///< for status 101
 
     [[nodiscard]] std::string_view body() const { return file.empty() ? text : file; }
 };

@@ -259,7 +259,7 @@ private:
     const std::uint64_t answer_bytes_;
     const std::uint64_t chunk_rays_;      ///< maximum rays per answer
     std::atomic<std::uint64_t> fitting_;  ///< kind all: rays of the next task
-    std::optional<StepRows> rows_;        ///< of a scene that moves meanwhile
+    std::optional<StepRows> rows_;        ///< set for a scene that moves meanwhile
 };
 
 /// Fails if the answer of one ray does not fit a frame that the client can receive.

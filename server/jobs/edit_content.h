@@ -31,11 +31,11 @@ struct EditContent {
     };
     std::vector<Source> sources;
     std::uint32_t rows = 0;
-    std::vector<std::uint32_t> vertex_counts;  ///< of the meshes behind the rows
+    std::vector<std::uint32_t> vertex_counts;  ///< for the meshes behind the rows
     /// For each of these the number of its normals: as many, or 0. Empty: 0.
     std::vector<std::uint32_t> normal_counts;
     std::vector<std::string> materials;         ///< names or numbers (find_material())
-    [[nodiscard]] std::uint64_t bytes() const;  ///< of the rows, vertices and normals
+    [[nodiscard]] std::uint64_t bytes() const;  ///< bytes of the rows, vertices and normals
     /// Takes the lists of a valid message, except for `sources`.
     static EditContent of(const wire::Edit& message);
 };

@@ -175,7 +175,7 @@ private:
     /// Added parts stand still, and a scene with primitives of its own becomes a part of another.
     void note_lost_animations(const Snapshot& edited) {
         const auto moves = [](const Snapshot& scene) { return !scene.motion_bytes().empty(); };
-        notes_.clear();  // of an attempt that another edit came before
+        notes_.clear();  // from an attempt that another edit came before
         std::size_t lost = 0;
         const EditContent::Source* first = nullptr;
         for (const EditContent::Source& source : order_.content.sources) {

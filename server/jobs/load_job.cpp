@@ -382,9 +382,9 @@ private:
     std::size_t current_ = 0;  ///< index of the file that is being received
     UploadCopies copies_;
     bool import_started_ = false;
-    std::optional<protocol::Error> refused_;  ///< of an import without memory; written by the task
+    std::optional<protocol::Error> refused_;  ///< an import without memory; written by the task
     bool retried_ = false;
-    std::optional<ImportMemory> memory_;  ///< of the import child, then of its scene
+    std::optional<ImportMemory> memory_;  ///< the import child's, then its scene's
     bool reused_ = false;
     std::shared_ptr<const Snapshot> snapshot_;  ///< written by the import task
     std::size_t huge_bytes_ = 0;                ///< likewise

@@ -26,12 +26,12 @@ namespace raynest::server {
 struct PictureRequest {
     Plan plan;
     Camera camera;
-    std::uint32_t width = 0;  ///< of the pixels that are made
+    std::uint32_t width = 0;  ///< the width of the pixels that are made
     std::uint32_t height = 0;
     std::uint32_t samples = 1;  ///< rays per pixel
     ImageSize whole = {};       ///< size of the picture that they are pixels of
     PixelWindow window = {};    ///< where they lie in it
-    std::string request;        ///< of a tile: the same for all tiles of one picture
+    std::string request;        ///< for a tile: the same for all tiles of one picture
     std::string encode;         ///< png | exr | raw
     Budget::Lease lease;        ///< for all memory of the job, including the payload
     [[nodiscard]] std::uint64_t pixels() const { return std::uint64_t{width} * height; }

@@ -13,10 +13,10 @@ namespace raynest::server {
 
 /// The result of a task.
 struct ScenePoser::Made {
-    Budget::Lease lease;  ///< of the result and of one copy
+    Budget::Lease lease;  ///< for the result and one copy
     Reply<std::shared_ptr<const Snapshot>> snapshot = nullptr;
     std::shared_ptr<const LateVelocities> velocities = nullptr;
-    std::uint64_t bytes = 0;  ///< of both
+    std::uint64_t bytes = 0;  ///< bytes of both
 };
 
 ScenePoser::Posed* ScenePoser::place_of(const std::string& principal, const std::string& arena,

@@ -68,7 +68,7 @@ public:
 private:
     struct Posed {
         std::string principal;
-        std::string arena;  ///< of the scene that it is made of
+        std::string arena;  ///< the arena of the scene that it is made from
         Moment moment;
         std::shared_ptr<const HeldScene> held;  ///< null: it is being made
         Waiters waiting = {};

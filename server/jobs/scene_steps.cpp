@@ -97,8 +97,8 @@ Reply<void> SceneSteps::choose(const Stop& stop) {
     const std::uint64_t each = sweep.grid().pixels() / sweep.scans;
     const std::uint64_t first_scan = first_ / each, last_scan = (first_ + count_ - 1) / each;
     std::uint64_t steps = 1;
-    std::uint64_t rows = sweep.lines();                  // of a camera, that are ordered together
-    std::vector<std::uint64_t> edges{0, sweep.lines()};  // of the camera's stretches
+    std::uint64_t rows = sweep.lines();                  // a camera's, ordered together
+    std::vector<std::uint64_t> edges{0, sweep.lines()};  // edges of the camera's stretches
     std::vector<std::uint64_t> cuts;
     if (motion_) {
         end_ = animations_of(plan_.scene.snapshot(), motion_->animation + std::size_t{1})
@@ -123,7 +123,7 @@ Reply<void> SceneSteps::choose(const Stop& stop) {
         const double speed = search_->fastest();
         search_.reset();
         const double error = *sweep.step_error;
-        constexpr double rounding = 1e-9;  // of the speed
+        constexpr double rounding = 1e-9;  // the speed's
         const double wanted =
             std::ceil((1 - rounding) * speed * (sweep.end - sweep.begin) / (2 * error));
         if (!std::isnan(wanted))

@@ -63,7 +63,7 @@ private:
     struct View;
     /// A part of the sweep that sees the scene at one moment: a step of the order, of a camera one or several.
     struct Stretch {
-        std::size_t first_step, end_step;  ///< of the order
+        std::size_t first_step, end_step;  ///< steps of the order
         std::uint64_t begin, end;          ///< lines, those of a whole sweep
     };
 
@@ -86,12 +86,12 @@ private:
     const std::uint64_t first_, count_;
     const std::string principal_;
     enum class Chosen { no, runs, done } chosen_ = Chosen::no;
-    std::optional<SpeedSearch> search_;  ///< of the first tasks, which follow each other
+    std::optional<SpeedSearch> search_;  ///< for the first tasks, which follow each other
     std::optional<StepOrder> order_;     ///< written by the last one of them
     std::string note_;                   ///< likewise
-    double end_ = 0;                     ///< of the animation; likewise
+    double end_ = 0;                     ///< the animation's end; likewise
     std::vector<Stretch> stretches_;     ///< likewise
-    std::size_t next_ = 0;               ///< of them
+    std::size_t next_ = 0;               ///< the next among them
     mutable std::mutex mutex_;
     std::map<std::size_t, std::shared_ptr<View>> views_;  ///< by stretch: those in use
 };

@@ -26,9 +26,9 @@ struct SweepOrder {
     std::optional<Pinhole> camera;  ///< nothing: a lidar, with all that follows; its pose is unused
     std::vector<LidarChannel> channels;
     bool sends_elevations = false;  ///< those of the channels follow the poses
-    std::uint32_t columns = 0;      ///< of a scan
+    std::uint32_t columns = 0;      ///< columns in a scan
     std::uint32_t scans = 1;
-    double begin = 0, end = 0;  ///< of the first scan
+    double begin = 0, end = 0;  ///< the first scan's
     SensorPose limits;          ///< the range of its rays
     /// The azimuths divide it, its end left out; nothing: they follow the elevations.
     std::optional<std::pair<double, double>> turn;
@@ -54,7 +54,7 @@ struct SweepOrder {
     }
     /// Bytes of memory while it runs.
     [[nodiscard]] std::uint64_t held_bytes() const {
-        constexpr std::uint64_t steps_most = 64ULL << 10;  // of a scene that moves
+        constexpr std::uint64_t steps_most = 64ULL << 10;  // for a scene that moves
         constexpr std::uint64_t step_bytes = 128;          // in all tables of steps and scans
         const std::uint64_t steps =
             step_error ? scans + std::min<std::uint64_t>(all_lines(), steps_most) : 0;
@@ -101,7 +101,7 @@ private:
     UploadCopies copies_;
     enum class Made { no, runs, done } made_ = Made::no;
     std::optional<Sensor> sensor_;  ///< written by the task
-    std::vector<Vec3> velocities_;  ///< of each line; by the task, too
+    std::vector<Vec3> velocities_;  ///< each line's; by the task, too
 };
 
 }  // namespace raynest::server

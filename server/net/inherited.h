@@ -12,7 +12,7 @@ namespace raynest::server {
 
 /// A listening socket of a daemon that gives way (daemon/takeover.h).
 struct HandedSocket {
-    std::string value;      ///< of the option that named it there
+    std::string value;      ///< the value of the option that named it there
     bool has_file = false;  ///< the socket's file is to be removed at the end
     Fd descriptor;
 };
@@ -37,7 +37,7 @@ public:
 private:
     struct Row {
         Address address;
-        std::string value;  ///< of a daemon before; empty: the service manager's
+        std::string value;  ///< from a daemon before; empty: the service manager's
     };
     std::vector<Row> sockets_;
 };

@@ -19,7 +19,7 @@ struct ConfigKey {
     std::size_t line = 0;
     std::string name;
     std::vector<std::string> values;  ///< several for a list
-    std::vector<std::size_t> lines;   ///< of each value
+    std::vector<std::size_t> lines;   ///< each value's
 };
 
 /// Why a file is no configuration.

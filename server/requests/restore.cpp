@@ -358,8 +358,8 @@ private:
     std::size_t next_row_ = 0;
     std::size_t batch_end_ = 0;
     std::vector<std::shared_ptr<void>> locks_;
-    std::map<std::string, BlobPin> pins_;    ///< of blobs that were taken, until the end
-    std::vector<ReturningScene> returning_;  ///< of this batch
+    std::map<std::string, BlobPin> pins_;    ///< pins of blobs that were taken, until the end
+    std::vector<ReturningScene> returning_;  ///< in this batch
     std::vector<ReturningScene> committed_;  ///< likewise, once their rows are on the disk
     struct Mended {
         std::string name;

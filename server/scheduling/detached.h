@@ -89,7 +89,7 @@ private:
     }
 
     Answer answer_;
-    Answer arriving_;  ///< of a preview that is not yet whole
+    Answer arriving_;  ///< a preview that is not yet whole
     std::shared_ptr<const Answer> preview_;
     std::optional<protocol::Error> error_;
     Clock::time_point ended_ = Clock::time_point::max();

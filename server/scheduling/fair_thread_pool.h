@@ -127,8 +127,8 @@ private:
     Turns::iterator next_for_spare();
 
     std::mutex mutex_;
-    std::condition_variable wake_;        ///< of regular threads
-    std::condition_variable wake_spare_;  ///< of spare threads
+    std::condition_variable wake_;        ///< wakes regular threads
+    std::condition_variable wake_spare_;  ///< wakes spare threads
     Accounts accounts_;  ///< principals with waiting or running tasks, or with debt
     Turns turns_;        ///< principals with waiting tasks, each once
     std::uint64_t submitted_ = 0;

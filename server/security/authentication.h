@@ -133,7 +133,7 @@ private:
     AccessPolicy policy_;
     Trust trust_;
     TokenTable tokens_;
-    std::set<WallClock::time_point> certificate_ends_;  ///< of admitted peers
+    std::set<WallClock::time_point> certificate_ends_;  ///< ends of admitted peers' certificates
     LoginFailures failures_;
     PageLogins logins_;
     Metrics::Counter* refused_;

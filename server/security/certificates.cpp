@@ -208,7 +208,7 @@ Result<long> seconds_left(const X509* certificate) {
 
 /// A certificate and its key, as files of one folder hold them.
 struct Pair {
-    FilePlace place;  ///< of the certificate
+    FilePlace place;  ///< the certificate's place
     Certificate certificate;
     Key key;
 };

@@ -50,7 +50,7 @@ Result<FilePlace> FilePlace::find(const fs::path& path) {
     };
     FilePlace place;
     if (!place.enter(path)) return failed(path.parent_path(), std::strerror(errno));
-    std::vector<uid_t> owners;  // of the links
+    std::vector<uid_t> owners;  // owners of the links
     for (;;) {
         if (place.name_.empty() || place.name_ == "." || place.name_ == "..")
             return failed(path, "it is a folder; name a file in it");

@@ -50,7 +50,7 @@ public:
 
 private:
     struct Entry {
-        TokenHash hash{};  ///< of the secret
+        TokenHash hash{};  ///< hash of the secret
         Principal principal;
         Time begun;                ///< for a login that another has made: when that one began
         std::uint64_t parent = 0;  ///< number of the login that has made it; 0: none

@@ -110,7 +110,7 @@ private:
     /// A request that waits for its scene, or for a takeover.
     struct Parked {
         protocol::Frame frame;
-        Budget::Lease lease;  ///< of the frame's bytes
+        Budget::Lease lease;  ///< for the frame's bytes
         Clock::time_point deadline;
         Waits waits;
         std::shared_ptr<SceneWaker::Awake> awake;  ///< begins it once more

@@ -29,7 +29,7 @@ constexpr std::string_view magic{
     "ustar\0"
     "00",
     8};
-constexpr std::size_t end_bytes = 2 * tar_block_bytes;  ///< of zeros
+constexpr std::size_t end_bytes = 2 * tar_block_bytes;  ///< two blocks of zeros
 constexpr std::string_view blobs_folder = "blobs/";
 constexpr std::string_view manifest_name = "manifest.sqlite";
 constexpr const char* not_a_backup = "this is no backup that `raynest backup` has made: ";

@@ -43,7 +43,7 @@ private:
         std::array<std::byte, tar_block_bytes> head{};
     };
     std::vector<Part> parts_;
-    std::uint64_t end_ = 0;  ///< of the last part, padded
+    std::uint64_t end_ = 0;  ///< end of the last part, padded
     std::size_t open_part_ = 0;
     std::unique_ptr<File> open_;  ///< that of open_part_
 };
@@ -89,7 +89,7 @@ private:
     std::size_t padding_ = 0;      ///< and of its padding
     std::string blob_;             ///< the digest that the file is to have; empty: it is no blob
     std::vector<std::byte> piece_;
-    std::vector<unsigned char> digests_;  ///< of the pieces before it
+    std::vector<unsigned char> digests_;  ///< digests of the pieces before it
     bool ended_ = false;
     bool has_manifest_ = false;
     std::optional<std::set<std::string>> wanted_;  ///< nothing: all

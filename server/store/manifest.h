@@ -25,7 +25,7 @@ struct StoredScene {
     std::string digest;                   ///< names its blob
     std::string content = {};             ///< Snapshot::digest(); empty: an older release wrote it
     std::uint64_t epoch = 0;
-    std::uint64_t bytes = 0;                ///< of the blob
+    std::uint64_t bytes = 0;                ///< bytes of the blob
     std::uint64_t instanced_triangles = 0;  ///< for lists, which read no blob
     double build_seconds = 0;
     std::int64_t used = 0;  ///< Unix time
@@ -35,10 +35,10 @@ struct StoredScene {
 /// Without `change` it says that epochs up to this one were told, and must mean nothing else after
 /// a restart.
 struct KeptEdit {
-    std::uint64_t number = 0;  ///< of the scene's row
+    std::uint64_t number = 0;  ///< number of the scene's row
     std::uint64_t epoch = 0;
     std::uint64_t before = 0;  ///< the epoch that it changes
-    std::string digest = {};   ///< of the scene's content at `epoch`; of its arena in older rows
+    std::string digest = {};   ///< the scene's content at `epoch`; in older rows its arena
     std::uint64_t bytes = 0;   ///< likewise
     std::uint64_t instanced_triangles = 0;
     std::vector<std::byte> change = {};
@@ -51,15 +51,15 @@ struct KeptEdit {
 /// The edits of a row, summed up.
 struct KeptEdits {
     KeptEdit last = {};            ///< without its change; epoch 0: there is none
-    std::uint64_t epoch_last = 0;  ///< of all that were told
+    std::uint64_t epoch_last = 0;  ///< the last of all that were told
     std::uint64_t count = 0;
-    std::uint64_t bytes = 0;  ///< of the changes
+    std::uint64_t bytes = 0;  ///< bytes of the changes
 };
 
 /// When a scene was last used, and whether it is pinned: what the next daemon begins with. It is
 /// advice, so a damaged or missing one changes no scene.
 struct SceneUse {
-    std::uint64_t number = 0;  ///< of the scene's row
+    std::uint64_t number = 0;  ///< number of the scene's row
     std::int64_t used_ms = 0;  ///< Unix time
     bool pinned = false;
 };

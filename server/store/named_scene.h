@@ -38,7 +38,7 @@ struct HeldScene {
 
 /// Known of a scene also while it is on the disk alone.
 struct SceneFacts {
-    std::string digest;  ///< of its content
+    std::string digest;  ///< its content's digest
     /// Snapshot::arena_id(), or what stands for it while the scene is on the disk: scenes of equal
     /// content share their memory only where their trees are the same bytes, too.
     std::string arena;

@@ -60,7 +60,7 @@ struct AsleepScene {
 
 /// How an edit of a scene is made, besides its content.
 struct EditPlan {
-    StoredScene row = {};       ///< of the scene; number 0: it is not stored
+    StoredScene row = {};       ///< the scene's row; number 0: it is not stored
     std::uint64_t reserve = 0;  ///< not 0: the epoch to reserve before the edit is published
     bool whole = false;         ///< to keep it, the whole scene must be stored
     DiskRoom room = {};         ///< for the scene then
@@ -71,7 +71,7 @@ struct EditPublication {
     EditPlan plan = {};
     /// Not null: gets what to hand in; has the edit's change, if any
     std::shared_ptr<Keeping> keep = {};
-    BlobPin blob = {};         ///< of the edited scene, if it is stored whole
+    BlobPin blob = {};         ///< the edited scene's, if it is stored whole
     std::uint64_t number = 0;  ///< for its row then
     std::string summary = {};  ///< NamedScene::last_edit
 };
@@ -129,7 +129,7 @@ public:
         StoredScene row;
         std::unique_ptr<StoredScene> before;  ///< the row in whose place it is put; null: none
         std::shared_ptr<const HeldScene> held;
-        std::shared_ptr<void> claim;  ///< of disk_bytes, until the scene has its entry
+        std::shared_ptr<void> claim;  ///< on disk_bytes, until the scene has its entry
     };
     /// Returns what the caller may store under this name.
     [[nodiscard]] DiskRoom disk_room(std::string_view name, const ConnectionId& caller) const;
@@ -150,7 +150,7 @@ public:
     /// What a scene of a backup finds under its owner and name.
     struct Place {
         enum class State { free, damaged, taken } state = State::free;
-        StoredScene row = {};        ///< of a damaged scene
+        StoredScene row = {};        ///< a damaged scene's
         bool edits_damaged = false;  ///< likewise: not its blob, but an edit since
         std::uint64_t epoch = 1;     ///< the first that was not told there
     };
@@ -354,7 +354,7 @@ private:
         std::map<std::uint64_t, std::weak_ptr<const HeldScene>> earlier;
         struct Hold {
             bool temporary = false;   ///< the connection loaded the scene as temporary
-            std::uint64_t bytes = 0;  ///< of the content that it opened
+            std::uint64_t bytes = 0;  ///< bytes of the content that it opened
         };
         /// Connections of each principal.
         std::map<std::string, std::map<std::uint64_t, Hold>> holders;

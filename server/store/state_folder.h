@@ -49,7 +49,7 @@ struct BlobFault {
     bool damaged = false;  ///< false: the system cannot read it now
     std::string why;
     bool of_another_release = false;  ///< the bytes are whole, and that release reads them
-    std::uint64_t inode = 0;          ///< of the file that was read
+    std::uint64_t inode = 0;          ///< the inode of the file that was read
     bool of_edits = false;            ///< the blob is whole, and an edit since is damaged
 };
 
@@ -75,7 +75,7 @@ struct ReturningScene {
     std::uint64_t number = 0;  ///< the new one of its row
     std::uint64_t later = 0;   ///< what is added to its epochs
     BlobPin blob = {};
-    std::optional<StoredScene> before = {};  ///< of the damaged scene in whose place it comes
+    std::optional<StoredScene> before = {};  ///< the damaged scene in whose place it comes
     bool is_damaged = false;                 ///< in the backup
     /// The row and the sum of edits that it has from now on.
     [[nodiscard]] StoredScene new_row() const;
@@ -223,7 +223,7 @@ private:
     std::atomic<bool> failed_{false};
     DurationHistogram commits_;
     std::atomic<bool> closed_{false};
-    std::mutex mutex_;                  ///< of the manifest, and of what follows
+    std::mutex mutex_;                  ///< for the manifest and what follows
     std::optional<Manifest> manifest_;  ///< nothing: closed_
     struct Row {
         std::string digest;

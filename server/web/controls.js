@@ -3,7 +3,7 @@ import { distance, dolly, halfHeight, look, move, orbit, roll, rounded } from ".
 
 const TURN = 0.006;  // radians per pixel
 const CLICK_PIXELS = 4;
-const STEP = 0.06;   // of the distance, for each press of a key
+const STEP = 0.06;   // a share of the distance, for each press of a key
 
 /** `on` has change(camera), hover(x, y) or hover(null), click(x, y), rectangle(from, to, done). */
 export function steer(frame, store, on) {

@@ -17,8 +17,8 @@ export class Image {
     this.colours = new Uint8Array(4 * count);
     this.base = new Uint8Array(4 * count);
     this.columns = {};
-    this.linear = null;  // of a lit picture: RGBA, premultiplied
-    this.stops = 0;  // of a lit picture: exposure auto, as the daemon has measured it
+    this.linear = null;  // for a lit picture: RGBA, premultiplied
+    this.stops = 0;  // for a lit picture: exposure auto, as the daemon has measured it
     this.samples = 0;
   }
 

@@ -265,7 +265,7 @@ function notUnderstood(parts) {
   if (parts.length) notice(`Not understood in this link: ${listed([...misread])}. Defaults are shown.`);
 }
 
-let lastInfo = null, lastScene = "";  // of the scene that was shown last
+let lastInfo = null, lastScene = "";  // the scene that was shown last
 
 /** Asks for everything about the scene, and says what is not as it was when the page showed it last. */
 async function chooseScene(camera) {

@@ -8,7 +8,7 @@ import { traceHeat, traceLit, traceQuery, traceRender } from "./tracer.js";
 import { viewOf } from "./views.js";
 import { RAY_KEYS, TIME_KEYS } from "./store.js";
 
-const COARSE_SHARE = 4;  // of each side: 1/16 of the rays
+const COARSE_SHARE = 4;  // for each side: 1/16 of the rays
 const COARSE_LEAST = [160, 90];
 const SLOW_MS = 50;  // a coarse picture that takes longer gets fewer rays next time
 // Without a movement before the fine picture begins: twice the time between movements, within bounds. A busy

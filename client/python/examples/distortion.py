@@ -10,7 +10,7 @@ AHEAD, ASIDE = 23.0, 8.5    # metres around the sensor that the picture shows
 SCALE = 17.0                # pixels per metre
 GRID = 0.02                 # metres to which points are rounded
 LEFT, TOP, BETWEEN = 34, 28, 46                                 # pixels
-WIDTH, HEIGHT = 2 * AHEAD * SCALE, 2 * ASIDE * SCALE            # of a panel
+WIDTH, HEIGHT = 2 * AHEAD * SCALE, 2 * ASIDE * SCALE            # a panel's
 SHADES = 10
 EARLY, LATE = np.array([30, 70, 220]), np.array([245, 120, 0])  # colours of the first and the last column
 AT_START = 'fill="none" stroke="#333"'

@@ -34,7 +34,7 @@ def main(words: Sequence[str]) -> int:
 
 def _run(asked: dict[str, Any]) -> tuple[str, dict[str, Any]]:
     with connect(asked["server"], **asked["access"]) as client:
-        if asked["folder"]:     # of a daemon for this command alone, to which nobody connects any more
+        if asked["folder"]:     # a daemon's for this command alone, to which nobody connects any more
             shutil.rmtree(asked["folder"], ignore_errors=True)
         scene = _scene(client, asked["scene"], asked["is_source"])
         job = {**asked["job"], **({"params": _params(asked)} if asked["set"] or asked["tables"] else {})}

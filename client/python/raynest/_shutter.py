@@ -54,7 +54,7 @@ def _shade(seen: Mapping[str, Array]) -> Array:
     """Base colours, darker where a surface turns away, in sRGB; alpha says what was hit."""
     normal, way = seen["ng"].astype(np.float64), seen["direction"].astype(np.float64)
     facing = np.abs((normal * way).sum(axis=1)) / np.linalg.norm(way, axis=1)
-    facing[~normal.any(axis=1)] = 1     # of a primitive without a normal
+    facing[~normal.any(axis=1)] = 1     # a primitive without a normal
     colour = seen["base_colour"] * facing[:, None].astype(np.float32)
     linear = np.clip(np.where(seen["hit"][:, None], colour, np.float32(_BACKGROUND)), 0, None)
     encoded = np.where(linear <= 0.0031308, linear * np.float32(12.92),

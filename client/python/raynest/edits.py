@@ -39,10 +39,10 @@ Which = Union[int, str, Sequence[Union[int, str]], Array, Uids]
 
 _ROW = np.dtype([("what", "<u4"), ("target", "<u4"), ("by", "<u4"), ("value", "<u4"),
                  ("matrix", "<f8", (3, 4))])
-_NUMBER, _TEXT, _USER_ID = range(3)  # of "by"
+_NUMBER, _TEXT, _USER_ID = range(3)  # values of "by"
 _PLACE, _MOVE, _MASK, _REMOVE, _ADD, _VERTICES, _UID, _MATERIAL = range(8)
 _FRAMES = ("world", "parent", "own")
-_EXAMPLES = 3   # of texts in an error
+_EXAMPLES = 3   # texts in an error
 # Of texts that are sent: other lists, and the message itself, take room too.
 _TEXTS_BYTES_MAX = _limits.control_bytes_max // 2
 
@@ -52,12 +52,12 @@ class Edit:
     in their order, except that additions and removals come last. If the block raises, nothing is sent. An
     Edit has one such block."""
 
-    epoch: int      # of the scene after the edit
+    epoch: int      # the scene's after the edit
     # As they are here after a batch of no changes, which is not sent.
     instances: int = 0     # how many have changed
     refits: int = 0        # edits since the tree of the scene's root was built
     rebuilds: int = 0      # how often it was built again
-    hash: str = ""         # of the content after the edit
+    hash: str = ""         # the content's after the edit
     kept: bool = False     # the scene, as it is now, is there after a restart
     seconds: float = 0     # that the daemon took
     notes: Sequence[str] = ()  # what the edit has lost: animations of what it added
@@ -65,7 +65,7 @@ class Edit:
     def __init__(self, apply: Callable[[Change], Message], name_of: Callable[[Any, str], str], epoch: int = 0,
                  keep: bool = False, paths: Optional[Paths] = None) -> None:
         self._apply = apply
-        self._name_of = name_of     # of a scene that is added
+        self._name_of = name_of     # for a scene that is added
         self._paths = paths         # None where no daemon is at hand
         self._keep = bool(keep)
         self.epoch = whole("epoch", epoch, 2**64 - 1, 0)

@@ -303,8 +303,8 @@ class _Way(NamedTuple):
 
     settings: dict[str, str]
     rows: Array         # (K, 13): time, and pose row by row
-    start: Array        # of the first pose, as it was passed in
-    times: Array        # of each line
+    start: Array        # the first pose's, as it was passed in
+    times: Array        # each line's
 
     @classmethod
     def of(cls, kind: str, trajectory: Any, begin: float, end: float, step_error: Optional[float], lines: int,

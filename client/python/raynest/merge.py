@@ -40,7 +40,7 @@ PNG = b"\x89PNG\r\n\x1a\n"
 EXR = struct.pack("<II", 20000630, 2)
 SIDE_MAX = 1 << 20
 PIXELS_MAX = 1 << 30
-_FILTERS = range(5)          # of a PNG's row
+_FILTERS = range(5)          # filters for a PNG's row
 # Words for what parts may differ in, and the order in which that is told; the last one comes after all other keys.
 FOREIGN = {"hash": ("scene", "its digest"), "epoch": ("epoch of the scene", "it"), "request": ("request", "the options' digest")}
 TILE = re.compile(r"(\d{1,7}) (\d{1,7}) (\d{1,7}) (\d{1,7}) of (\d{1,7})x(\d{1,7})\Z")

@@ -26,7 +26,7 @@ _RETURNS_MAX = 16
 _FOOTPRINT_MAX = 1024
 # Luminance of red, green and blue, by ITU-R BT.709.
 _LUMINANCE = np.array([0.2126, 0.7152, 0.0722])
-_ROUNDING = 1e-9  # of a share, a sum of powers
+_ROUNDING = 1e-9  # for a share, a sum of powers
 _CHOSEN = ("kind", "reduce", "max_hits", "detach")
 _IDS = ("prim", "geom", "path", "uid")
 # Those of an answer whose `fields` are not named.

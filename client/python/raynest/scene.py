@@ -42,7 +42,7 @@ class Scene(Renders, Editable):
         self._client = client
         self._origin = np.zeros(3)
         self._box: Optional[Array] = None   # its corners, in the world
-        self.made: Optional[tuple[Any, dict[str, Any]]] = None  # of what, and with which options
+        self.made: Optional[tuple[Any, dict[str, Any]]] = None  # what it is made from, and with which options
         if info:
             self._learn(info)
         self._open = True

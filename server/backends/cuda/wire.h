@@ -144,7 +144,7 @@ struct Request {
 enum class Verdict : std::uint32_t {
     done,
     unknown_scene,  ///< the device does not hold the scene; load it first
-    out_of_memory,  ///< of the device or the host; the text says which
+    out_of_memory,  ///< on the device or the host; the text says which
     too_deep,       ///< the scene is nested deeper than the kernels support
     refused,        ///< the request is invalid
     lost            ///< the device failed; the process must be replaced

@@ -107,11 +107,11 @@ private:
     float preview_stops_ = 0;  ///< exposure of tiles that are sent before the end
 
     Stage stage_;
-    bool task_started_ = false;  ///< of the stages that have one task
+    bool task_started_ = false;  ///< for the stages that have one task
     std::uint64_t chunks_running_ = 0;
     std::size_t pass_ = 0;
     bool final_ = false;         ///< the payload that is encoded or sent is the last one
-    Clock::time_point began_{};  ///< of tracing
+    Clock::time_point began_{};  ///< when tracing began
     Clock::time_point shown_{};  ///< when a pass was last shown
     std::uint64_t settled_before_ = 0;
 

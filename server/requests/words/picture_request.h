@@ -24,7 +24,7 @@ Reply<std::string> check_encode(std::string_view word);
 struct AskedPixels {
     ImageSize whole;
     PixelWindow window = {};
-    std::string request = {};  ///< of a tile: request_digest()
+    std::string request = {};  ///< for a tile: request_digest()
     [[nodiscard]] ImageSize size() const { return window.is_whole() ? whole : window.size; }
 };
 /// Returns what tells requests apart: tiles of one picture have the same, on all hosts.

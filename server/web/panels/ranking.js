@@ -11,7 +11,7 @@ import { RAY_KEYS } from "../store.js";
 export const rankingPanel = { id: "ranking", title: "Ranking", build };
 
 const TABLES = ["instances", "meshes", "materials"];
-const FIRST_PIXELS = 120 * 68;  // of a first ranking, which comes at once; the other one refines it
+const FIRST_PIXELS = 120 * 68;  // for a first ranking, which comes at once; the other one refines it
 
 function build(app, place) {
   const { store, model, picture, selection, canvas } = app;

@@ -43,7 +43,7 @@ GRACE_SECONDS = 5.0
 TICK_MS = 100
 # Frames that are followed by more of the same answer; every other frame ends its request.
 CONTINUED = {"Started", "Chunk", "Progress", "Picture", "Credit", "Need"}
-BUFFERS_MAX = 64  # of one system call
+BUFFERS_MAX = 64  # in one system call
 # Explains a connection that the daemon closed in the middle of an answer, where no ERROR fits.
 CUT_SHORT = " within an answer: the daemon ended, or this reader paused and gave way to another client"
 

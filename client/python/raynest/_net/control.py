@@ -89,7 +89,7 @@ def _write_table(out: bytearray, name: str, values: Mapping[str, Any]) -> int:
                 if type(value) in _TRUTHS and field.type != "bool":     # which struct takes for 1
                     raise TypeError
                 form.pack_into(out, place, value if inline else _write_outside(out, field, value) - place)
-        except UsageError:  # of a table within
+        except UsageError:  # about a table within
             raise
         except (struct.error, AttributeError, OverflowError, TypeError, ValueError):
             raise UsageError(f"{field.name} of {reprlib.repr(value)}: it must be "
@@ -211,7 +211,7 @@ class _Reader:
     def __init__(self, data: bytes) -> None:
         self._data = data
         self._tables = 0
-        self._left = _limits.control_bytes_max  # of texts and lists
+        self._left = _limits.control_bytes_max  # for texts and lists
 
     def table(self, name: str, at: int, depth: int) -> Message:
         self._tables += 1

@@ -12,7 +12,7 @@ class Daemon(NamedTuple):
     version: int
     window_bytes: int
     chunk_rays_max: int
-    bulk_bytes_max: int  # of one frame: credit for so much always comes back
+    bulk_bytes_max: int  # for one frame: credit for so much always comes back
     principal: str       # the name under which the daemon knows this client
     role: str            # viewer, user or admin
 

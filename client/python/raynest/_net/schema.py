@@ -25,7 +25,7 @@ class Field(NamedTuple):
     name: str
     type: str           # a scalar, "string", or the name of a table or struct
     many: bool          # a vector of it
-    default: Number     # of a scalar
+    default: Number     # for a scalar
     required: bool
 
 

@@ -152,7 +152,7 @@ def numbers(what: str, value: Any) -> Array:
 
 def user_ids(name: str, uids: Any) -> Array:
     found = numbers(name, uids)
-    if found.shape == (0,):     # of any type
+    if found.shape == (0,):     # any type will do
         return found.astype("<u4")
     if found.ndim > 1 or found.dtype.kind not in "iu" or (found < 0).any() or (found > 2**32 - 2).any():
         raise UsageError(f"{name} of {reprlib.repr(uids)}: user ids are whole numbers from 0 to 4294967294: give one, or "

@@ -18,7 +18,7 @@ from .places import Parts, Place, Spheres
 from .upload import File
 
 _TABLE_ROWS = 1000  # more matrices are a file of their own
-_ARCHIVE_MESHES, _ARCHIVE_BYTES = 100, 64 << 20  # of one file, where not each mesh has its own
+_ARCHIVE_MESHES, _ARCHIVE_BYTES = 100, 64 << 20  # for one file, where not each mesh has its own
 
 
 def composition_of(parts: Parts, origin: Optional[Array], up: str) -> tuple[File, ...]:

@@ -14,7 +14,7 @@ from .._net.frame import Array
 from ..errors import ProtocolError, shown_text
 
 MAGIC = 20000630
-LINES = 16  # of a block
+LINES = 16  # in a block
 ZIP = 3
 CHANNELS_MAX = 512  # every counter of every level
 DTYPES: dict[int, np.dtype[Any]] = {0: np.dtype("<u4"), 2: np.dtype("<f4")}

@@ -23,7 +23,7 @@ NAME_BYTES_MAX = 1024
 GLB, JSON, BIN = 0x46546C67, 0x4E4F534A, 0x004E4942
 _ESCAPE = re.compile(rb"%([0-9A-Fa-f]{2})?")
 FLOAT, UINT = 5126, 5125
-_HEAD_BYTES = 2048  # of a mesh's .glb before its vertices, without names: two headers, the JSON and a third header
+_HEAD_BYTES = 2048  # a mesh's .glb before its vertices, without names: two headers, the JSON and a third header
 
 
 def _refuse(why: str) -> NoReturn:

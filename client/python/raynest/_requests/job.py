@@ -25,10 +25,10 @@ class JobOptions(TypedDict, total=False):
     default."""
 
     intersector: Optional[str]      # a variant's name; "auto" masks by alpha where the scene does
-    params: Optional[Mapping[str, object]]  # of the intersector: {"cutoff": 0.3}, a table as an array
+    params: Optional[Mapping[str, object]]  # the intersector's: {"cutoff": 0.3}, a table as an array
     traversal: Optional[str]        # "auto", or one of those that `raynest query --help` lists
     mask: Any                       # rays see instances that share a bit with it; of rays that are sent also (N,)
-    epoch: Optional[int]            # of the scene; 0 is the current one, others only while a request reads them
+    epoch: Optional[int]            # the scene's; 0 is the current one, others only while a request reads them
     deadline: Optional[float]       # seconds; 0 is none
     priority: Optional[str]         # "normal", "low" or "high"
     worker: Optional[Worker]        # "auto" lets the daemon choose

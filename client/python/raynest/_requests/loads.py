@@ -91,7 +91,7 @@ def load_of_parts(parts: Mapping[str, Any], places: Optional[Mapping[str, Any]] 
     message: Message = {**upload.message(), **_origin_message(origin), "replace": replace, "build": build,
                         "masks": rules, "up": axis, "temporary": not name and not keep}
     if not name:
-        digests = message["file_digests"]   # of a composition, which names no content, and of its files
+        digests = message["file_digests"]   # for a composition, which names no content, and for its files
         seal = digests if len(files) == 1 else hashlib.sha256(digests).digest()
         message["name"] = _own_name(f"parts-{seal[:8].hex()}", message)
     return Load(message, upload.read)

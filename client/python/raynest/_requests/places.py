@@ -15,7 +15,7 @@ from .._net.frame import Array
 from ..errors import UsageError
 
 _ALL = 2**32 - 1    # the mask of what every ray may enter
-_EXAMPLES = 5       # of the names of parts in an error
+_EXAMPLES = 5       # names of parts in an error
 
 
 class Records:
@@ -77,7 +77,7 @@ class Parts(NamedTuple):
     meshes: dict[str, Mesh]
     records: dict[str, Records]
     groups: dict[str, dict[str, Place]]
-    places: dict[str, Place]    # of the scene itself
+    places: dict[str, Place]    # in the scene itself
 
     @property
     def are_meshes(self) -> bool:

@@ -106,9 +106,9 @@ class Source:
     count: int                              # number of rays that will be traced
     generator: Optional[Message] = None     # makes the rays in the daemon
     stands: Optional[Starts] = None         # where it stands, if the caller says it
-    part: tuple[int, int] = (0, 0)          # of the generator's rays, of a hemisphere its points: first, count
+    part: tuple[int, int] = (0, 0)          # the generator's rays, a hemisphere's points: first, count
     upload: Optional[Array] = None          # bytes of a trajectory, which follow the request
-    masks: Optional[Array] = None           # of each ray or point that is sent, uint32
+    masks: Optional[Array] = None           # for each ray or point that is sent, uint32
     # Columns that follow from the rays' numbers.
     own: Mapping[str, Callable[[], Array]] = dataclasses.field(default_factory=dict)
 

@@ -231,8 +231,8 @@ class Sender:
         self._sizes, self._read = sizes, read
         self._is_asked = False
         self._needed: list[int] = []
-        self._arrays: Iterator[Array] = iter(())    # of the file that is sent
-        self._rest: Array = np.zeros(0, np.uint8)   # of its array
+        self._arrays: Iterator[Array] = iter(())    # the file that is sent
+        self._rest: Array = np.zeros(0, np.uint8)   # what is left of its array
         self._offset = 0
         self.sent = 0
         self.total = 0

@@ -60,7 +60,7 @@ class RayMeshIntersector:
         self._client = connection if isinstance(connection, Client) else connect(connection)
         self._key: Hashable = None
         self._scene: Optional[Scene] = None
-        self._corners = np.empty((0, 3, 3))  # of all triangles, in the mesh's coordinates
+        self._corners = np.empty((0, 3, 3))  # all triangles', in the mesh's coordinates
         self._shift = np.zeros(3)
         self._scale = self._size = 1.0
 
