@@ -23,7 +23,7 @@ namespace {
 
 struct BuildTime {
     double wall_seconds;
-    double cpu_seconds;  ///< of the whole process
+    double cpu_seconds;  ///< the whole process's
 };
 
 BuildTime timed(const std::function<void()>& build) {

@@ -318,7 +318,7 @@ Generated interior(float scale) {
         }
     }
     const std::uint32_t slats = scaled(200, scale, 10);
-    for (std::uint32_t i = 0; i < slats; ++i) {  // of a blind, as high as the room
+    for (std::uint32_t i = 0; i < slats; ++i) {  // a blind's, as high as the room
         const float x = room.x * (0.05F + 0.9F * static_cast<float>(i) / static_cast<float>(slats));
         add_surface(mesh, 1, 1, [&](float s, float t) {
             return Vec3(x + 0.012F * s, 0.1F + 3.6F * t, 0.3F + 0.01F * s);

@@ -51,14 +51,14 @@ struct PeerForm {
 /// One build of the library's tree, its vertices already in place.
 struct PeerBuild {
     double wall_seconds;
-    double cpu_seconds;  ///< of the whole process
+    double cpu_seconds;  ///< the whole process's
 };
 
 /// Memory of a scene besides its vertices and indices: growth of the resident set, because the
 /// library's own monitor misses most of an instance.
 struct PeerMemory {
-    std::uint64_t tree_bytes;      ///< of the root's commit
-    std::int64_t reported_bytes;   ///< of the same, by the monitor
+    std::uint64_t tree_bytes;      ///< at the root's commit
+    std::int64_t reported_bytes;   ///< the same, by the monitor
     std::uint64_t instance_bytes;  ///< the scene with its instances less the scene without
 };
 

@@ -360,7 +360,7 @@ private:
     const bool reference_only_;
     const bool with_outputs_;
     CheckCounts counts_;
-    std::vector<Counters> totals_;  ///< of the question asked last
+    std::vector<Counters> totals_;  ///< for the question asked last
     int printed_ = 0;
 };
 

@@ -115,7 +115,7 @@ private:
 
     const server::Role role_;
     std::uint64_t window_ = 0;
-    std::uint64_t epoch_ = 1;  ///< of the scene "mine"
+    std::uint64_t epoch_ = 1;  ///< the epoch of scene "mine"
     std::map<std::uint64_t, Request> requests_;
 };
 

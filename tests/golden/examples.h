@@ -11,7 +11,7 @@
 namespace raynest::golden {
 
 struct Example {
-    std::string name;  ///< of the message, and what tells a second one of it from the first
+    std::string name;  ///< the message's, and what tells a second one of it from the first
     protocol::Frame frame;
 };
 

@@ -14,7 +14,7 @@ namespace raynest::golden {
 struct Malformed {
     std::string name;              ///< says what is wrong
     std::vector<std::byte> bytes;  ///< sent after a good greeting
-    protocol::Code code;           ///< of the ERROR frame that answers
+    protocol::Code code;           ///< in the ERROR frame that answers
     bool closes;                   ///< framing is lost: the connection ends after the ERROR
     bool needs_query;              ///< belongs to a Query of two rays that is under way as query_id
 };

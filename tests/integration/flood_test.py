@@ -18,9 +18,9 @@ from daemon import PATIENCE, Client, Programs, main, until
 from secure_daemon import Certificates, SecureDaemon, Tokens
 from websocket import HEADER, Closed, greeted, host_of, post
 
-COUNT = 40            # of a flood that one connection sends
-LINES_PER_SECOND = 6  # of one source and event, with the line that says what was left out
-DAMAGED_MAX = 64      # of a connection in a minute
+COUNT = 40            # requests that one connection sends
+LINES_PER_SECOND = 6  # for one source and event, with the line that says what was left out
+DAMAGED_MAX = 64      # for a connection in a minute
 PING = 2
 
 
@@ -38,7 +38,7 @@ class StandingReader(Programs):
         self.addCleanup(daemon.kill)
         until((folder / "ready").exists)
         client = Client(self.raynest, json.loads((folder / "ready").read_text())["listen"][0])
-        for number in range(40):    # of more than 200 bytes of log each
+        for number in range(40):    # more than 200 bytes of log each
             client.json("load", "builtin:flake", "--name", f"flake-{number}")
         self.assertIn(b" started ", os.read(reader, 1 << 16))
         # Lines that were left out are counted once there is room.

@@ -115,7 +115,7 @@ class Geotiff(WithFiles):
             for slot in range(table + 2, table + 2 + 12 * struct.unpack_from("<H", data, table)[0], 12):
                 tag, _, _, at = struct.unpack_from("<HHII", data, slot)
                 if tag in (324, 325):
-                    struct.pack_into("<I", data, at, 0)  # of the first tile
+                    struct.pack_into("<I", data, at, 0)  # the first tile's
             with warnings.catch_warnings(record=True) as told:
                 warnings.simplefilter("always")
                 scene = self.load(bytes(data))

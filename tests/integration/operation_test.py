@@ -206,7 +206,7 @@ class Operation(Programs):
         clients["bob"].run("query", "car", "--ray", "0,9,0,0,-1,0")
         after = anybody.json("stats")
         for name in shown:
-            if name != "bytes_received":  # of the look itself
+            if name != "bytes_received":  # the look itself adds to it
                 self.assertEqual(after[name], before[name], name)
         self.assertLess(after["bytes_received"] - before["bytes_received"], 2000)
         own, whole = clients["bob"].json("stats"), root.json("stats")

@@ -329,7 +329,7 @@ with raynest.connect(uri) as owner, raynest.connect(uri) as other:
             with self.edits("woods", True, 100_000) as edits:
                 edits.stdout.readline()
                 loaded = client.json("load", f"{WOODS}&seed={number}", "--name", "woods", "--replace")
-                epoch, digest = edits.stdout.readline().split()  # of an edit behind it, or under way
+                epoch, digest = edits.stdout.readline().split()  # an edit's behind it, or under way
                 edits.kill()
                 told |= {(int(epoch), digest), (loaded["epoch"], loaded["hash"])}
                 said = [line.split() for line in edits.stdout.read().splitlines() if line.count(" ") == 1 and len(line) > 60]

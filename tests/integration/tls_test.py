@@ -308,7 +308,7 @@ class Tls(Programs):
         self.refuses_server(context, "TLS")
 
     def test_a_handshake_that_stops_ends_in_time(self):
-        hello = bytes.fromhex("160301020001")  # of a ClientHello that never comes whole
+        hello = bytes.fromhex("160301020001")  # a ClientHello that never comes whole
         crowd = [socket.create_connection(("127.0.0.1", self.daemon.port), timeout=PATIENCE)
                  for _ in range(8)]
         for i, connection in enumerate(crowd):

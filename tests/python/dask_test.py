@@ -327,9 +327,9 @@ class ManyHosts(WithCluster):
             if name != "d":         # where no daemon was started
                 (folder / "lock").touch()
             os.utime(folder, (0, 0))
-        os.utime(folders["b"])  # of a worker that begins
+        os.utime(folders["b"])  # as a worker that begins does
         with open(folders["c"] / "lock", "rb") as lock:
-            fcntl.flock(lock, fcntl.LOCK_EX)  # of one that lives
+            fcntl.flock(lock, fcntl.LOCK_EX)  # a worker that lives
             self.same(self.traced(cluster), self.sweep)
         self.assertEqual([name for name, folder in folders.items() if folder.exists()], ["b", "c"])
 

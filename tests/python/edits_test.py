@@ -205,7 +205,7 @@ class Edits(WithDaemon):
         first = scene.info["epoch"]
         edits = 1000
         stop = threading.Event()
-        newest = [first] * 8  # of each reader
+        newest = [first] * 8  # by reader
 
         def read(number):
             seen = set()

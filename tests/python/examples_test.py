@@ -22,7 +22,7 @@ sys.path.insert(0, str(CLIENT / "examples"))
 import sun_hours
 import visibility
 
-SECONDS_MAX = 4 * PATIENCE  # of a whole program
+SECONDS_MAX = 4 * PATIENCE  # for a whole program
 FOREST = "builtin:forest?trees=20"
 
 

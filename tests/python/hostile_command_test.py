@@ -21,7 +21,7 @@ from daemon import PATIENCE
 from with_fake import WithFake, frame, t
 
 RAYNEST = sys.argv[2]
-MEMORY_KIB = 3 << 20  # of any command
+MEMORY_KIB = 3 << 20  # for any command
 
 SCENE = {"name": "a", "hash": "0", "build": "medium", "cameras": ["front"], "animations": ["walk"],
          "animation_seconds": [1.0]}

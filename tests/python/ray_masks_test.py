@@ -219,7 +219,7 @@ class RayMasks(WithDaemon):
         done = self.cli.run("merge", self.out / "all.npz", *(self.out / f"part-{part}.npz" for part in (1, 2, 3)))
         self.assertEqual(done.returncode, 0, done.stderr)
         self.same(read("all.npz"), self.woods.trace(rays, mask=masks))
-        np.save(self.out / "masks.npy", masks.astype(np.int64))     # of any size
+        np.save(self.out / "masks.npy", masks.astype(np.int64))     # any size will do
         self.cli.run(*words)
         self.same(read(), self.woods.trace(rays, mask=masks))
         for wrong, said in ((masks[:10], r"has the shape \(10,\); masks of these rays have the shape \(40000,\)"),

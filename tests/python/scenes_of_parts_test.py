@@ -291,7 +291,7 @@ class ScenesOfParts(WithDaemon):
             scene = self.client.scene_of({"ball": Spheres([[0, 0, 0]], 0.1251), "up": {"ball": ("ball", (0, 1, 0))}},
                                          keep=True, progress=progress)
         self.assertGreater(max(sent), 0)
-        self.assertEqual(sent[-1], max(sent))           # of the first call: the second one uploaded nothing
+        self.assertEqual(sent[-1], max(sent))           # the first call's: the second one uploaded nothing
         other = self.client.scene_of({"ball": Spheres([[0, 0, 0]], 0.1252), "up": {"ball": ("ball", (0, 1, 0))}}, keep=True)
         self.assertNotEqual(other.name, scene.name)
         self.assertNotEqual(other.info["hash"], scene.info["hash"])

@@ -239,7 +239,7 @@ class Secure(Programs):
         with socket.create_connection(("127.0.0.1", self.daemon.port)) as plain, \
                 self.assertRaises(OSError):
             context.wrap_socket(plain)
-        self.assertEqual(_context(Access()).minimum_version, ssl.TLSVersion.TLSv1_2)   # of this package too
+        self.assertEqual(_context(Access()).minimum_version, ssl.TLSVersion.TLSv1_2)   # this package's too
 
 
 if __name__ == "__main__":

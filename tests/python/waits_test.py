@@ -85,7 +85,7 @@ class Waits(WithFake):
         def script(peer):
             peer.until("QueryRays")
             peer.send("Started", {"epoch": 1})
-            header = read_header(peer.exactly(HEADER.size))  # of the next, larger than the socket
+            header = read_header(peer.exactly(HEADER.size))  # the next one's, larger than the socket
             peer.send("Chunk", {"count": count}, t=t(count))
             peer.exactly(header.control_bytes + header.bulk_bytes)
             came_whole.set()

@@ -109,7 +109,7 @@ class Words(WithDaemon):
         # The second of two equal subtrees has the nodes of its own.
         self.assertEqual([step["node"] for step in self.pair.path(3)["steps"]], [1, 5])
         self.assertEqual(self.pair.path_of(list(texts)), list(texts.values()))
-        with mock.patch.object(_limits, "structure_paths_max", 3):     # of one request
+        with mock.patch.object(_limits, "structure_paths_max", 3):     # for one request
             self.assertEqual(self.pair.path_of(list(texts)), list(texts.values()))
         np.testing.assert_array_equal(self.pair.path_ids(list(texts.values())), list(texts))
         self.assertEqual(self.pair.path_ids("b/p"), 2)

@@ -134,10 +134,10 @@ def scene(raynestd, workers=4, megabytes=500):
 class Costs(NamedTuple):
     """Seconds, of the one client and the one scheduler unless it says otherwise."""
 
-    item: float = 2e-3          # of an item that does nothing, whichever of the two is the slower
-    late: float = 10e-3         # of a worker's thread, from an answer to its next item
-    byte: float = 2e-9          # of an answer's, through the client
-    link: float = 1 / 1.25e9    # of a byte through a host's network, here 10 Gbit/s
+    item: float = 2e-3          # an item that does nothing, whichever of the two is the slower
+    late: float = 10e-3         # a worker's thread, from an answer to its next item
+    byte: float = 2e-9          # an answer's, through the client
+    link: float = 1 / 1.25e9    # a byte's through a host's network, here 10 Gbit/s
 
 
 def seconds(costs, items, work, answer, threads):

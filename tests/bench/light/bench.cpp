@@ -147,8 +147,8 @@ struct Side {
     std::unique_ptr<const Integrator> integrator;
     std::unique_ptr<TimedCaster> caster, bare;
     std::unique_ptr<Film> film;
-    std::vector<std::vector<Call>> calls;  ///< of each tile
-    std::vector<std::vector<Cost>> laps;   ///< of each tile
+    std::vector<std::vector<Call>> calls;  ///< by tile
+    std::vector<std::vector<Cost>> laps;   ///< by tile
     std::uint64_t rays = 0;
 
     [[nodiscard]] double seconds(double Cost::*value) const {

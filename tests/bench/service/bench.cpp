@@ -37,7 +37,7 @@ struct Options {
     std::string server;
     int daemon_pid = 0;
     std::string scene = "gen:terrain";
-    std::string name;  ///< of the scene at the daemon
+    std::string name;  ///< the scene's at the daemon
     std::string rays = "diffuse";
     std::uint32_t count = 1 << 20;
     int rounds = 9;
@@ -48,7 +48,7 @@ struct Options {
 struct Cost {
     double cpu_seconds;
     double wall_seconds;
-    double crowding;  ///< of any CPU, before it or after it
+    double crowding;  ///< any CPU's, before it or after it
 };
 
 /// The columns that all sides fill.

@@ -96,8 +96,8 @@ struct Turn {
     FairThreadPool pool{0};
     std::deque<std::function<void()>> posted;
     const Post post = [this](std::function<void()> f) { posted.push_back(std::move(f)); };
-    std::shared_ptr<StopFlag> stop;  ///< of the last one
-    TryDequeue try_dequeue;          ///< of the last one
+    std::shared_ptr<StopFlag> stop;  ///< the last one's
+    TryDequeue try_dequeue;          ///< the last one's
     int tasks = 0;
     int done = 0;
     Coalescer coalescer;

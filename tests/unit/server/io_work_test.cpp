@@ -165,7 +165,7 @@ public:
         turn([&] { client_.runner().tick(server::Clock::now() + std::chrono::seconds(1)); });
     }
 
-    Work most;  ///< of the turns so far
+    Work most;  ///< the most of all turns so far
     static inline std::set<std::uint16_t> asked;
     std::uint64_t id = 0;
 

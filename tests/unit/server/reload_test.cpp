@@ -128,7 +128,7 @@ TEST_CASE("each option of security, set, changed and removed by a reload") {
         const char* name;
         std::function<void(const Running&, SecurityOptions&)> before;
         std::function<void(const Running&, SecurityOptions&)> change;
-        const char* names;    ///< of the options that change
+        const char* names;    ///< names of the options that change
         const char* refused;  ///< letters of transports on which the reload leaves them
     };
     using Run = const Running&;

@@ -121,7 +121,7 @@ public:
     SystemError error;
     std::size_t bytes = 0;    ///< that were read
     std::size_t largest = 0;  ///< bytes of one read
-    std::size_t turns = 0;    ///< of others
+    std::size_t turns = 0;    ///< turns of others
 
 private:
     void run(const std::function<asio::awaitable<void>()>& task) {
@@ -138,7 +138,7 @@ private:
     std::shared_ptr<const server::TlsContext> context_;
     std::unique_ptr<SSL_CTX, Free<SSL_CTX_free>> client_context_;
     std::unique_ptr<SSL, Free<SSL_free>> tls_;
-    BIO* gathered_ = nullptr;  ///< of `tls_`
+    BIO* gathered_ = nullptr;  ///< what `tls_` has written
     std::unique_ptr<server::TlsTransport> transport_;
     std::thread sender_;
 };

@@ -257,7 +257,7 @@ TEST_CASE("a difference has signed statistics, and a range with zero in its midd
     CHECK(s->p99 == 18);
     CHECK(s->max == 19);
     CHECK(s->mean == doctest::Approx(-30.5));
-    CHECK(s->range_high == 79);  // of the distances from zero
+    CHECK(s->range_high == 79);  // by distances from zero
     CHECK(s->range_low == -79);
     CHECK(s->below == doctest::Approx(0.01));
     CHECK(s->clipped == 0);

@@ -35,7 +35,7 @@ GeometryDescription rectangle(const Vec3& centre, const Vec3& x, const Vec3& y,
 }
 
 struct Mean {
-    double value = 0, error = 0;  ///< of the mean over all samples
+    double value = 0, error = 0;  ///< the mean over all samples
 };
 
 /// A scene and an orthographic camera above a point, as wide as a pixel's share of `width`.

@@ -34,7 +34,7 @@ struct Outcome {
 Outcome trace(TraceFunction function, Query query, const Snapshot& scene,
               const std::vector<Ray>& rays, Caller* caller) {
     constexpr std::uint32_t most = 4;
-    constexpr std::size_t levels_most = 64;  // of a scene here
+    constexpr std::size_t levels_most = 64;  // a scene here has no more
     const std::uint32_t each = query == query_multi || query == query_all ? most : 1;
     Outcome outcome{trace_ok, std::vector<HitRecord>(rays.size() * 2 * most),
                     std::vector<std::uint32_t>(rays.size())};

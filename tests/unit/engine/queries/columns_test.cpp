@@ -184,7 +184,7 @@ TEST_CASE("surfaces have the normals, texture coordinates and colours of their v
     const auto scene = test::build_scene(description);
     const std::vector<Ray> rays(3);
     std::vector<HitRecord> hits{hit_at(scene->view(), 0, 0, 1), hit_at(scene->view(), 0, 2, 1), {}};
-    hits[0].u = 0.25F;  // of corner 1; corner 2 has half
+    hits[0].u = 0.25F;  // weight of corner 1; corner 2 has half
     hits[0].v = 0.5F;
     ColumnSource source{&scene->view(), rays, hits};
     source.shading = scene->shading().geometries;

@@ -219,7 +219,7 @@ TEST_CASE("the names of nodes and of instances both stay where a scene becomes p
         const auto made =
             linked(base, {part, "glb", {translation(50, 0, 0), translation(60, 0, 0)}, {~0U, ~0U}});
         CHECK(texts_of(*made) == wanted);
-        CHECK(expand_path(*made, instances.size() + 2)->at(2).uid == 5);  // of b/p
+        CHECK(expand_path(*made, instances.size() + 2)->at(2).uid == 5);  // the user id of b/p
         wanted = nodes;
         std::ranges::copy(with("woods/", instances), std::back_inserter(wanted));
         CHECK(texts_of(*linked(part, {base, "woods", {translation(50, 0, 0)}, {~0U}})) == wanted);
