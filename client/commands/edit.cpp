@@ -52,7 +52,7 @@ struct Word {
 };
 constexpr std::size_t shown_max = 60;  // letters of what a user said, in an error
 constexpr std::uint64_t file_bytes_max = 64 << 20;
-// Of texts that are sent: other lists, and the message itself, take room too.
+// The bytes of all texts that are sent: other lists, and the message itself, take room too.
 constexpr std::size_t texts_bytes_max = protocol::Limits{}.control_bytes_max / 2;
 constexpr std::string_view a_mask = "a mask";
 constexpr std::string_view a_uid = "a user id";

@@ -71,7 +71,7 @@ namespace raynest {
 [[nodiscard]] inline float rough_log2(float x) {
     const auto bits = std::bit_cast<std::uint32_t>(x);
     const auto exponent = static_cast<float>(static_cast<int>(bits >> 23) - 127);
-    // Of the mantissa m in [1, 2): minimax over the interval, exact at 1 and 2.
+    // The mantissa m in [1, 2): minimax over the interval, exact at 1 and 2.
     const float m = std::bit_cast<float>((bits & 0x007FFFFFU) | 0x3F800000U) - 1.0F;
     const float part =
         m *

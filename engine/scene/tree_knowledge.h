@@ -1,4 +1,4 @@
-// What is known of a scene's trees beside the arena, so that an edit need not look at all of them: the
+// Knowledge of a scene's trees beside the arena, so that an edit need not look at all of them: the
 // ways up from instances to the roots, expected costs, and how far nodes reach.
 #pragma once
 
@@ -84,9 +84,9 @@ struct KnownBox {
 };
 
 struct TreeKnowledge {
-    /// Of the objects in which few of many instances have changed.
+    /// By object, for those in which few of many instances have changed.
     std::map<std::uint32_t, std::shared_ptr<const TreeLinks>> links;
-    std::vector<double> costs;  ///< of all objects (TreeStatistics::sah_cost)
+    std::vector<double> costs;  ///< by object (TreeStatistics::sah_cost)
     std::shared_ptr<KnownBox> extents;
 };
 

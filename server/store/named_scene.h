@@ -54,7 +54,7 @@ struct SceneFacts {
 struct NamedScene {
     std::string name;         ///< as its caller finds it: "car", or "OWNER/car" of another owner
     std::uint64_t epoch = 0;  ///< 1 for the first content of a name
-    /// Of the load that published it. Equal content is held once, and the time that another's load
+    /// The time of the load that published it. Equal content is held once, and the time that another's load
     /// took would tell that it is there.
     double build_seconds = 0;
     bool kept = false;                         ///< as it is, it outlives the daemon

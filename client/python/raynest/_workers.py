@@ -101,7 +101,7 @@ class Host(Daemon):
 
     @contextlib.contextmanager
     def _turn(self) -> Iterator[None]:
-        """Of all threads of the host's workers one loads, so that each scene is loaded once."""
+        """Lets one of all threads of the host's workers load, so that each scene is loaded once."""
         with open(self.folder + "/loading", "wb") as lock:
             while True:
                 with contextlib.suppress(BlockingIOError):
