@@ -276,6 +276,14 @@ class Cli(DaemonTest):
                     says="--lookat: 'nan,0,0,1,0,0' has a number that is not finite")
         self.assertIn("--set NAME=VALUE", self.expect(0, "render", "--help").stdout)
 
+    def test_help_shows_the_range_of_a_number_with_its_type(self):
+        # Behind the text it would read as the range of --spp.
+        said = " ".join(self.expect(0, "render", "--help").stdout.split())
+        self.assertRegex(said, r"--noise NUMBER in \[0\.000001, 1\] .*; --spp is then the most --progressive")
+        for entry in ("--seed NUMBER seed", "--deadline SECONDS in [0.001, 4000000] give up",
+                      "--readout SECONDS in [0, 1e9] Needs: --trajectory with"):
+            self.assertIn(entry, said)
+
     def test_a_heat_map_says_what_it_counts_and_what_lies_below_its_range(self):
         told = self.client.json("heatmap", "hills", "--size", "64x36", "-o", self.out / "h.png",
                                 "--range", "1000:2000", "--count", "necessary")

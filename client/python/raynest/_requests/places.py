@@ -52,8 +52,8 @@ class Spheres(Records):
 class Place:
     """Where a part of scene_of() stands, with more than ("car", matrices) can say. `matrices` are those, by default none.
     `mask`, `uid` and `visible` are one value for all of several places, or (N,), one for each: rays whose mask shares
-    no bit with `mask` do not enter; `uid` is the column `uid` of hits within, of which the outermost counts; what is not
-    visible has the mask 0, as after Edit.hide()."""
+    no bit with `mask` do not enter; hits inside report the `uid` of the outermost place; what is not visible has the
+    mask 0, as after Edit.hide()."""
 
     def __init__(self, part: str, matrices: Any = None, *, mask: Any = None, uid: Any = None, visible: Any = True) -> None:
         self.part = part
