@@ -2,6 +2,7 @@
 """Writes what follows from the lists of the tree: Python's tables and the tables of the documents.
 
   lists.py [--check] [ROOT]      --check writes nothing; prints what is stale, exit code 1 when anything is
+                                 Names what a row needs elsewhere and does not have, exit code 1, too
 
 A list is a .def file: rows of a macro, which C++ includes wherever it needs them. This script reads the
 same rows. Where a document says `lists: NAME`, the lines up to `lists: end` are written here.
@@ -36,6 +37,7 @@ class Lists:
         self.reducers = self.rows("protocol/lists/reducers.def", "REDUCER")
         self.workers = self.rows("protocol/lists/workers.def", "AUTO|WORKER")
         self.fields = self.rows("engine/queries/fields.def", "FIELD")
+        self.counted = self.rows("engine/geometry/counters.def", "COUNTER")
         # A sum has its value before its title.
         self.counters = [(name, title) for name, *_, title in
                          self.rows("engine/geometry/counters.def", "COUNTER|SUM")]
@@ -174,6 +176,24 @@ TABLES = {
 }
 
 
+# Rows need more than themselves where no compiler misses it: the list, a file, and how that says each name.
+NEEDS = (
+    ("counted", "engine/intersectors/counting.h", "{}"),
+    ("reducers", "server/jobs/reduce_job.cpp", "{}"),
+    ("tonemaps", "server/web/tonemap.js", "vec3 {}"),
+    ("tonemaps", "client/python/raynest/_render.py", "{}"),
+)
+
+
+def missing(root, lists):
+    for rows, file, form in NEEDS:
+        text = (root / file).read_text(encoding="utf-8")
+        for name, *_ in getattr(lists, rows):
+            said = form.format(name)
+            if not re.search(rf"\b{said}\b", text):
+                yield f"{file} has no `{said}`, which the row of {name} needs: see \"How do I add\" in server/README.md"
+
+
 def python_module(lists):
     def dtypes(columns):
         return {name: TYPES[kind] for name, kind in columns}
@@ -267,7 +287,9 @@ def main():
             print(f"{file.relative_to(root)} is stale: run python3 .ci/lists.py")
         else:
             file.write_text(written[file], encoding="utf-8")
-    return 1 if check and stale else 0
+    lacks = list(missing(root, lists))
+    print("\n".join(lacks), end="\n" * bool(lacks))
+    return 1 if lacks or check and stale else 0
 
 
 if __name__ == "__main__":

@@ -270,11 +270,15 @@ class Lists(Planted):
              "protocol/lists/generators.def", "protocol/lists/reducers.def", "protocol/lists/roles.def", "protocol/lists/workers.def", "engine/queries/fields.def",
              "engine/geometry/counters.def", "engine/integrators/measures.def", "engine/packs/words.def",
              "engine/integrators/palettes.def", "engine/integrators/layers.def",
-             "engine/integrators/tonemaps.def", "engine/integrators/LIST", "server/ground/metrics.def", "client/ground/wording.def",
+             "engine/integrators/tonemaps.def", "engine/integrators/LIST", "server/ground/metrics.def",
+             "client/ground/wording.def",
              "protocol/PROTOCOL.md",
              "protocol/messages.fbs", "client/python/README.md",
              "client/python/raynest/_lists.py", "client/python/raynest/_limits.py",
-             "server/web/lists.js")
+             "server/web/lists.js",
+             # The files where rows need more than themselves.
+             "engine/intersectors/counting.h", "server/jobs/reduce_job.cpp", "server/web/tonemap.js",
+             "client/python/raynest/_render.py")
 
     def setUp(self):
         super().setUp()
@@ -293,7 +297,7 @@ class Lists(Planted):
                  ("protocol/PROTOCOL.md", "raynest/_limits.py")),
                 ("protocol/lists/requests.def", 'RAYNEST_REQUEST(99, New, fresh, nothing, user, once, plain, "Pong")',
                  ("protocol/PROTOCOL.md", "protocol/messages.fbs", "raynest/_lists.py", "server/web/lists.js")),
-                ("engine/geometry/counters.def", 'RAYNEST_COUNTER(news, "news per ray")',
+                ("engine/geometry/counters.def", 'RAYNEST_SUM(news, c.nodes, "news per ray")',
                  ("protocol/PROTOCOL.md", "python/README.md", "raynest/_lists.py",
                   "server/web/lists.js"))):
             path = self.root / name
@@ -307,6 +311,28 @@ class Lists(Planted):
             self.assertEqual(self.lists("--check"), (0, ""))
         self.assertIn("| `new_max` | 2097152 | new, things |",
                       (self.root / "protocol/PROTOCOL.md").read_text(encoding="utf-8"))
+
+    def test_a_row_without_its_function_is_named(self):
+        for name, row, file, said in (
+                ("engine/integrators/tonemaps.def", 'RAYNEST_TONEMAP(hable, "as film, with a shoulder")',
+                 "server/web/tonemap.js", "vec3 hable"),
+                ("engine/integrators/tonemaps.def", 'RAYNEST_TONEMAP(filmic, "as film")',
+                 "client/python/raynest/_render.py", "filmic"),
+                ("engine/geometry/counters.def", 'RAYNEST_COUNTER(pairs, "pairs per ray")',
+                 "engine/intersectors/counting.h", "pairs"),
+                ("protocol/lists/reducers.def", 'RAYNEST_REDUCER(farthest, closest, found, "t f32", "the farthest hit")',
+                 "server/jobs/reduce_job.cpp", "farthest")):
+            with self.subTest(file=file):
+                self.setUp()
+                path = self.root / name
+                path.write_text(path.read_text(encoding="utf-8").replace("\n#undef", f"\n{row}\n#undef", 1))
+                for _ in range(2):
+                    code, text = self.lists()
+                    self.assertEqual(code, 1, text)
+                    self.assertIn(f"{file} has no `{said}`", text)
+                with (self.root / file).open("a", encoding="utf-8") as at:
+                    at.write(f"// {said}\n")
+                self.assertNotIn(file, self.lists()[1])
 
     def test_a_table_that_was_edited_by_hand_is_stale(self):
         page = self.root / "protocol/PROTOCOL.md"

@@ -338,7 +338,7 @@ void add_film(CommandLine& line, RenderOptions& render) {
                    static_cast<std::uint32_t>(limits.samples_max),
                    "samples per pixel (16, with --noise 1024; primary has 1)");
     line.add_option("--tonemap", render.tonemap,
-                    "for all but .exr: agx | aces | reinhard | none (agx; for ao none)");
+                    "for all but .exr: " + alternatives(tonemap_words) + " (agx; for ao none)");
     line.add_option("--exposure", render.exposure,
                     "for all but .exr: stops, or auto (auto; for ao 0)");
     line.add_number("--env-rotate", render.environment_rotate, -360.0F, 360.0F,

@@ -34,6 +34,10 @@ inline constexpr std::array palette_words = {
 #define RAYNEST_PALETTE(name, ...) std::string_view(#name),
 #include "engine/integrators/palettes.def"
 };
+inline constexpr std::array tonemap_words = {
+#define RAYNEST_TONEMAP(name, text) std::string_view(#name),
+#include "engine/integrators/tonemaps.def"
+};
 
 inline constexpr std::array worker_words = {
 #define RAYNEST_AUTO(name, text) std::string_view(#name),

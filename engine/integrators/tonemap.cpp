@@ -64,6 +64,10 @@ Vec3 reinhard(const Vec3& colour) {
     return colour / (1 + std::max(luminance(colour), 0.0F));
 }
 
+Vec3 none(const Vec3& colour) {
+    return colour;
+}
+
 /// The colour of a premultiplied one; light that is seen where nothing covers a pixel is kept.
 Vec3 shown(const Vec4& colour) {
     return Vec3(colour) / (colour.w > 0 ? colour.w : 1);
@@ -71,14 +75,10 @@ Vec3 shown(const Vec4& colour) {
 
 Vec3 mapped(ToneMap tonemap, const Vec3& colour) {
     switch (tonemap) {
-        case ToneMap::agx:
-            return agx(colour);
-        case ToneMap::aces:
-            return aces(colour);
-        case ToneMap::reinhard:
-            return reinhard(colour);
-        case ToneMap::none:
-            break;
+#define RAYNEST_TONEMAP(name, text) \
+    case ToneMap::name:             \
+        return name(colour);
+#include "engine/integrators/tonemaps.def"
     }
     return colour;
 }

@@ -24,8 +24,9 @@ vec3 aces(vec3 c) {
   return vec3(dot(c, vec3(1.60475, -0.53108, -0.07367)), dot(c, vec3(-0.10208, 1.10813, -0.00605)), dot(c, vec3(-0.00327, -0.07276, 1.07602)));
 }
 vec3 reinhard(vec3 c) { return c / (1.0 + max(dot(c, vec3(0.2126, 0.7152, 0.0722)), 0.0)); }
+vec3 none(vec3 c) { return c; }
 vec3 displayed(int tonemap, vec3 c) {
-${TONEMAP_NAMES.map((name, i) => (name === "none" ? "" : `  if (tonemap == ${i}) c = ${name}(c);`)).join("\n")}
+${TONEMAP_NAMES.map((name, i) => `  if (tonemap == ${i}) c = ${name}(c);`).join("\n")}
   c = clamp(c, 0.0, 1.0);
   return mix(12.92 * c, 1.055 * pow(c, vec3(1.0 / 2.4)) - 0.055, greaterThan(c, vec3(0.0031308)));
 }`;
