@@ -46,8 +46,7 @@ class Lists:
         self.untraced = self.rows("engine/packs/words.def", "UNTRACED")
         self.traversals = self.rows("engine/packs/words.def", "TRAVERSAL")
         self.layers = self.rows("engine/integrators/layers.def", "LAYER")
-        self.integrators = [line.split()[0] for line in (root / "engine/integrators/LIST").read_text(
-            encoding="utf-8").splitlines() if line[:1].isalpha()]
+        self.integrators = self.rows("engine/integrators/integrators.def", "INTEGRATOR")
         self.tonemaps = self.rows("engine/integrators/tonemaps.def", "TONEMAP")
         self.palettes = self.rows("engine/integrators/palettes.def", "PALETTE")
         self.words = self.rows("client/ground/wording.def", "WORD")
@@ -152,6 +151,8 @@ TABLES = {
             (int(row[0]), row[1]) for row in lists.requests + lists.parts + lists.answers)), "}"],
     "columns": column_table,
     "layers": layer_table,
+    "integrators": lambda lists: table(("integrator", "settings", ""), [
+        (f"`{name}`", code(settings), text) for name, _, _, text, *settings in lists.integrators]),
     "tonemaps": lambda lists: table(("tonemap", ""), [(f"`{name}`", text) for name, text in lists.tonemaps]),
     "kinds": lambda lists: table(("kind", "answer per ray"), [
         (f"`{name}`", text) for name, *_, text in lists.kinds + lists.untraced]),
@@ -239,7 +240,9 @@ def page_module(lists):
     messages = sorted((int(row[0]), row[1]) for row in lists.requests + lists.parts + lists.answers)
     columns = [(row[0], *TYPES[row[1]]) for row in lists.fields]
     columns += [(name, "u32", 1) for name, _ in lists.counters]
+    integrators = {name: {"lit": lit == "true", "settings": settings} for name, _, lit, _, *settings in lists.integrators}
     values = {
+        "INTEGRATORS": {"primary": {"lit": False, "settings": []}, **integrators},
         "MESSAGES": {name: number for number, name in messages},
         "COLUMNS": {name: [dtype, width] for name, dtype, width in columns},
         "COUNTERS": dict(lists.counters),
@@ -248,8 +251,7 @@ def page_module(lists):
                      for name, *colours in lists.palettes},
         "TONEMAPS": dict(lists.tonemaps),
     }
-    lines = ["// The lists that client and daemon share. Written by .ci/lists.py from the .def files of the tree.",
-             "", f"export const INTEGRATORS = {json.dumps(['primary', *lists.integrators])};"]
+    lines = ["// The lists that client and daemon share. Written by .ci/lists.py from the .def files of the tree."]
     for name, listed in values.items():
         lines += ["", f"export const {name} = {{",
                   *(f"  {key}: {json.dumps(item)}," for key, item in listed.items()), "};"]

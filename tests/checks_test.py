@@ -270,7 +270,7 @@ class Lists(Planted):
              "protocol/lists/generators.def", "protocol/lists/reducers.def", "protocol/lists/roles.def", "protocol/lists/workers.def", "engine/queries/fields.def",
              "engine/geometry/counters.def", "engine/integrators/measures.def", "engine/packs/words.def",
              "engine/integrators/palettes.def", "engine/integrators/layers.def",
-             "engine/integrators/tonemaps.def", "engine/integrators/LIST", "server/ground/metrics.def",
+             "engine/integrators/tonemaps.def", "engine/integrators/integrators.def", "server/ground/metrics.def",
              "client/ground/wording.def",
              "protocol/PROTOCOL.md",
              "protocol/messages.fbs", "client/python/README.md",
@@ -345,6 +345,20 @@ class Lists(Planted):
         code, text = self.lists("--check")
         self.assertEqual(code, 1)
         self.assertIn("does not end", text)
+
+
+class Integrators(unittest.TestCase):
+    """An integrator is named in its row alone: clients and daemon know by it what they need."""
+
+    def test_only_the_list_names_them(self):
+        rows = (HERE.parent / "engine/integrators/integrators.def").read_text(encoding="utf-8")
+        # "path" is a word of instances, too.
+        names = set(re.findall(r"^RAYNEST_INTEGRATOR\((\w+)", rows, re.MULTILINE)) - {"path"}
+        self.assertGreaterEqual(len(names), 2)
+        named = [path for folder in ("server", "client", "engine") for path in (HERE.parent / folder).rglob("*")
+                 if path.suffix in (".h", ".cpp", ".js") and path.name != "lists.js"
+                 and re.search(rf'"({"|".join(names)})"', path.read_text(encoding="utf-8"))]
+        self.assertEqual(named, [])
 
 
 class ServerReadme(unittest.TestCase):

@@ -290,9 +290,10 @@ void add_light(CommandLine& line, LightOptions& light, const std::string& integr
     line.add_whole("--seed", light.seed, std::uint64_t{0}, any_whole,
                    "seed of the random numbers (0)");
     line.add_whole("--depth", light.depth, 1U, static_cast<std::uint32_t>(limits.bounces_max),
-                   "for path: most bounces of a path (8)");
+                   for_integrators("depth") + "most bounces of a path (8)");
     line.add_number("--ao-distance", light.ao_distance, 1e-9F, 1e15F, "a length from 1e-9 to 1e15",
-                    "for ao: distance within which surfaces hide the sky (a tenth of the scene)");
+                    for_integrators("ao_distance") +
+                        "distance within which surfaces hide the sky (a tenth of the scene)");
     add_environment(line, light.environment);
     line.add_parsed(
             "--sun",
@@ -331,16 +332,23 @@ Option add_point(CommandLine& line, const std::string& name, const std::string& 
 
 void add_film(CommandLine& line, RenderOptions& render) {
     constexpr protocol::Limits limits;
-    add_light(line, render,
-              "primary (base colour, darker where it turns away; one ray per pixel) | ao (open or "
-              "hidden from the sky) | direct (lights and shadows) | path (all light)");
+    std::string integrators =
+        "primary (base colour, darker where it turns away; one ray per pixel)";
+    std::string unlit;
+    for (const IntegratorWords& each : integrator_words) {
+        integrators.append(" | ").append(each.name).append(" (").append(each.text).append(")");
+        if (!each.lit) unlit.append(unlit.empty() ? "; for " : ", ").append(each.name);
+    }
+    add_light(line, render, integrators);
     line.add_whole("--spp,--samples", render.samples, 1U,
                    static_cast<std::uint32_t>(limits.samples_max),
                    "samples per pixel (16, with --noise 1024; primary has 1)");
     line.add_option("--tonemap", render.tonemap,
-                    "for all but .exr: " + alternatives(tonemap_words) + " (agx; for ao none)");
-    line.add_option("--exposure", render.exposure,
-                    "for all but .exr: stops, or auto (auto; for ao 0)");
+                    "for all but .exr: " + alternatives(tonemap_words) + " (agx" +
+                        (unlit.empty() ? "" : unlit + " none") + ")");
+    line.add_option(
+        "--exposure", render.exposure,
+        "for all but .exr: stops, or auto (auto" + (unlit.empty() ? "" : unlit + " 0") + ")");
     line.add_number("--env-rotate", render.environment_rotate, -360.0F, 360.0F,
                     "a number of degrees from -360 to 360",
                     "turns the picture of --env by this angle from north eastwards (0)");

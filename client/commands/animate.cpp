@@ -3,6 +3,7 @@
 #include "client/commands/deliver.h"
 #include "client/files/files.h"
 #include "client/ground/child_process.h"
+#include "client/ground/lists.h"
 #include "client/output/output.h"
 #include "client/output/output_file.h"
 #include "client/requests/film.h"
@@ -115,8 +116,9 @@ Result<ReceivedPicture> ask_one(Context& context, const RenderOptions& options,
 
 /// Gives all pictures the exposure that the first one would have: a film must not flicker.
 Result<void> fix_exposure(Context& context, RenderOptions& options) {
-    const bool has_auto = options.integrator == "direct" || options.integrator == "path";
-    if (!has_auto || (!options.exposure.empty() && options.exposure != "auto")) return {};
+    const IntegratorWords* const by = find_integrator(options.integrator);
+    if (by == nullptr || !by->lit || (!options.exposure.empty() && options.exposure != "auto"))
+        return {};
     const auto picture = ask_one(context, options, "linear");
     if (!picture) return tl::unexpected<Failure>(picture.error());
     options.exposure = Json(picture->exposure).dump();

@@ -2,6 +2,7 @@
 // integrator, the rays of a path.
 #include "client/arguments/shared_options.h"
 #include "client/commands/commands.h"
+#include "client/ground/lists.h"
 #include "client/ground/numbers.h"
 #include "client/output/explanation.h"
 #include "client/output/outcome_text.h"
@@ -88,8 +89,12 @@ void declare(CommandLine& line, ExplainOptions& explain) {
         ray.excludes(line.find(other));
     const Option all =
         line.add_flag("--all", explain.all, "all steps of a long traversal, not the first 256");
-    add_light(line, explain,
-              "the rays of a path in place of a traversal: ao | direct | path, as render has them");
+    std::string integrators;
+    for (const IntegratorWords& each : integrator_words)
+        integrators.append(integrators.empty() ? "" : " | ").append(each.name);
+    add_light(
+        line, explain,
+        "the rays of a path in place of a traversal: " + integrators + ", as render has them");
     line.add_whole("--sample", explain.sample, 0U,
                    static_cast<std::uint32_t>(protocol::Limits{}.samples_max - 1),
                    "number of the sample whose path is shown (0); for --integrator");

@@ -20,6 +20,24 @@ const ReducerWords* find_reducer(std::string_view name) {
     return found == reducer_words.end() ? nullptr : found;
 }
 
+bool IntegratorWords::reads(std::string_view setting) const {
+    return std::find(settings.begin(), settings.end(), setting) != settings.end();
+}
+
+const IntegratorWords* find_integrator(std::string_view name) {
+    const auto* found =
+        std::find_if(integrator_words.begin(), integrator_words.end(),
+                     [&](const IntegratorWords& each) { return each.name == name; });
+    return found == integrator_words.end() ? nullptr : found;
+}
+
+std::string for_integrators(std::string_view setting) {
+    std::string names;
+    for (const IntegratorWords& each : integrator_words)
+        if (each.reads(setting)) names.append(names.empty() ? "" : ", ").append(each.name);
+    return "for " + names + ": ";
+}
+
 bool has_splits(std::string_view kind) {
 #define RAYNEST_KIND(name, hits, text) \
     if (kind == #name) return std::string_view(#hits) == "many";

@@ -34,6 +34,23 @@ inline constexpr std::array palette_words = {
 #define RAYNEST_PALETTE(name, ...) std::string_view(#name),
 #include "engine/integrators/palettes.def"
 };
+struct IntegratorWords {
+    std::string_view name;
+    std::string_view text;
+    bool lit;                                  ///< auto exposure suits it
+    std::array<std::string_view, 8> settings;  ///< that it reads
+    [[nodiscard]] bool reads(std::string_view setting) const;
+};
+inline constexpr std::array integrator_words = {
+#define RAYNEST_INTEGRATOR(name, Type, lit, text, ...) \
+    IntegratorWords{#name, text, lit, {__VA_ARGS__}},
+#include "engine/integrators/integrators.def"
+};
+/// Returns the integrator of this name, or null: primary is none.
+[[nodiscard]] const IntegratorWords* find_integrator(std::string_view name);
+/// Returns "for a, b: " of the integrators that read a setting.
+[[nodiscard]] std::string for_integrators(std::string_view setting);
+
 inline constexpr std::array tonemap_words = {
 #define RAYNEST_TONEMAP(name, text) std::string_view(#name),
 #include "engine/integrators/tonemaps.def"

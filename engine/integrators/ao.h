@@ -8,10 +8,6 @@ namespace raynest {
 
 class Ao final : public Integrator {
 public:
-    static constexpr std::string_view text =
-        "ambient occlusion: white where nothing is near, dark in corners";
-    static constexpr bool lit = false;
-
     Ao(const IntegratorScene& scene, const IntegratorSettings& settings)
         : scene_(scene.source),
           distance_(settings.ao_distance > 0

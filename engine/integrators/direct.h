@@ -8,8 +8,6 @@ namespace raynest {
 
 class Direct final : public Path {
 public:
-    static constexpr std::string_view text = "direct light: all lights and shadows, one bounce";
-
     Direct(const IntegratorScene& scene, const IntegratorSettings& settings)
         : Path(scene, settings, 1) {}
 };

@@ -11,18 +11,10 @@
 namespace raynest {
 namespace {
 
-template <class Type>
-constexpr bool is_lit() {
-    if constexpr (requires { Type::lit; })
-        return Type::lit;
-    else
-        return true;
-}
-
 constexpr std::array integrators = {
-#define RAYNEST_INTEGRATOR(name, Type) IntegratorInfo{#name, Type::text, is_lit<Type>()},
-#include "integrator_rows.inc"
-#undef RAYNEST_INTEGRATOR
+#define RAYNEST_INTEGRATOR(name, Type, lit, text, ...) \
+    IntegratorInfo{#name, text, lit, {__VA_ARGS__}},
+#include "engine/integrators/integrators.def"
 };
 
 }  // namespace
@@ -34,10 +26,9 @@ std::span<const IntegratorInfo> integrator_table() {
 Result<std::unique_ptr<const Integrator>> make_from_list(std::string_view name,
                                                          const IntegratorScene& scene,
                                                          const IntegratorSettings& settings) {
-#define RAYNEST_INTEGRATOR(id, Type) \
+#define RAYNEST_INTEGRATOR(id, Type, ...) \
     if (name == #id) return std::make_unique<const Type>(scene, settings);
-#include "integrator_rows.inc"
-#undef RAYNEST_INTEGRATOR
+#include "engine/integrators/integrators.def"
     std::string known;
     for (const IntegratorInfo& one : integrators) known.append(" ").append(one.name);
     return fail(ErrorCode::param_invalid,

@@ -1,10 +1,8 @@
-// Integrators: how light arrives at a camera. Each is a class in a header of its own and a line of
-// LIST; nothing else names it.
+// Integrators: how light arrives at a camera. Each is a class in a header of its own and a row of
+// integrators.def; nothing else names it.
 //
 //     class Ao final : public Integrator {
 //     public:
-//         static constexpr std::string_view text = "...";      // what it shows, for users
-//         static constexpr bool lit = false;                   // 1 is white; left out: true
 //         Ao(const IntegratorScene& scene, const IntegratorSettings& settings);
 //         bool render(...) const override;
 //     };
@@ -24,6 +22,7 @@
 #include "engine/result.h"
 #include "engine/shading/records.h"
 
+#include <array>
 #include <cstdint>
 #include <memory>
 #include <span>
@@ -135,10 +134,9 @@ Result<std::unique_ptr<const Integrator>> make_integrator(std::string_view name,
 
 struct IntegratorInfo {
     std::string_view name;
-    std::string_view text;
-    /// False if 1 means white, so that no exposure suits it better: a type says so with a member
-    /// `lit`.
-    bool lit = true;
+    std::string_view text;                     ///< what it shows, for users
+    bool lit;                                  ///< false if 1 means white
+    std::array<std::string_view, 8> settings;  ///< that it reads, of Render; "" behind the last
 };
 [[nodiscard]] std::span<const IntegratorInfo> integrator_table();
 

@@ -12,9 +12,6 @@ namespace raynest {
 
 class Path : public Integrator {
 public:
-    static constexpr std::string_view text =
-        "path tracing: all light, over any number of bounces up to --depth";
-
     Path(const IntegratorScene& scene, const IntegratorSettings& settings)
         : Path(scene, settings, settings.depth) {}
 

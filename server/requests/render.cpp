@@ -43,7 +43,7 @@ Reply<void> check_tile(const wire::Render& message, const FilmOptions& options,
     return {};
 }
 
-/// A picture of samples, by one of the integrators of engine/integrators/LIST.
+/// A picture of samples, by one of the integrators of engine/integrators/integrators.def.
 Reply<Answer> render_film(const Services& services, const Caller& caller,
                           const wire::Render& message, std::string integrator) {
     auto options = film_options(message, std::move(integrator));

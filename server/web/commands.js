@@ -2,7 +2,7 @@
 import { add, generator, halfHeight } from "./camera.js";
 import { rangeOf } from "./histogram.js";
 import { compares } from "./requests.js";
-import { sunOf } from "./light.js";
+import { reads, sunOf } from "./light.js";
 import { DEFAULTS } from "./store.js";
 import { viewOf } from "./views.js";
 
@@ -43,10 +43,10 @@ function lightOptions(state) {
   if (state.integrator === "primary") return all;
   all.push(["--spp", "spp", state.samples]);
   if (state.seed !== DEFAULTS.seed) all.push(["--seed", "seed", state.seed]);
-  if (state.integrator === "path" && state.depth !== DEFAULTS.depth) all.push(["--depth", "depth", state.depth]);
-  if (state.integrator === "ao" && state.aoDistance !== 0) all.push(["--ao-distance", "ao_distance", state.aoDistance]);
-  if (state.env !== DEFAULTS.env) all.push(["--env", "environment", state.env]);
-  if (sunOf(state.sun) && state.env !== "none") all.push(["--sun", "sun", sunOf(state.sun)]);
+  if (reads(state.integrator, "depth") && state.depth !== DEFAULTS.depth) all.push(["--depth", "depth", state.depth]);
+  if (reads(state.integrator, "ao_distance") && state.aoDistance !== 0) all.push(["--ao-distance", "ao_distance", state.aoDistance]);
+  if (reads(state.integrator, "environment") && state.env !== DEFAULTS.env) all.push(["--env", "environment", state.env]);
+  if (reads(state.integrator, "sun") && sunOf(state.sun) && state.env !== "none") all.push(["--sun", "sun", sunOf(state.sun)]);
   if (state.tonemap !== "") all.push(["--tonemap", "tonemap", state.tonemap]);
   if (state.exposure !== "") all.push(["--exposure", "exposure", state.exposure]);
   return all;

@@ -16,6 +16,9 @@ export function sunOf(text) {
 /** True if the picture follows light, which is then stopped in part by blended surfaces. */
 export const followsLight = ({ view, integrator }) => view === "lit" && integrator !== "primary";
 
+/** True if the integrator uses a setting of Render. */
+export const reads = (integrator, setting) => INTEGRATORS[integrator].settings.includes(setting);
+
 /** Returns the fields of a Render that choose its paths. */
 export function lightOf({ integrator, seed, depth, aoDistance, env, sun }) {
   const angles = sunOf(sun);
@@ -52,8 +55,8 @@ export function lightSection(store) {
     depth, distance, field("Seed", number(store, "seed", { id: "seed", min: 0, max: Number.MAX_SAFE_INTEGER, step: 1 })));
   store.on(["view", "integrator"], ({ view, integrator }) => {
     section.hidden = !followsLight({ view, integrator });
-    depth.hidden = integrator !== "path";
-    distance.hidden = integrator !== "ao";
+    depth.hidden = !reads(integrator, "depth");
+    distance.hidden = !reads(integrator, "ao_distance");
   }, true);
   return section;
 }
@@ -66,9 +69,9 @@ export function lightRow({ store, picture }) {
     store.on([key, ...others], (state) => fillSelect(made, options(state), String(state[key])), true);
     return made;
   };
-  const integrator = select("integrator", "integrator", () => INTEGRATORS.map((name) => [name, name]));
+  const integrator = select("integrator", "integrator", () => Object.keys(INTEGRATORS).map((name) => [name, name]));
   const samples = select("samples", "samples", (state) => [...new Set([...SAMPLES, state.samples])].sort((a, b) => a - b).map((n) => [String(n), String(n)]), Number);
-  const tonemap = select("tonemap", "tonemap", ({ integrator: by }) => [["", `default (${by === "ao" ? "none" : "agx"})`], ...TONEMAP_NAMES.map((name) => [name, name])], String, ["integrator"]);
+  const tonemap = select("tonemap", "tonemap", ({ integrator: by }) => [["", `default (${INTEGRATORS[by].lit ? "agx" : "none"})`], ...TONEMAP_NAMES.map((name) => [name, name])], String, ["integrator"]);
   const exposure = element("input", { type: "number", id: "exposure", min: -64, max: 64, step: 0.5 });
   exposure.onchange = () => { if (exposure.reportValidity()) store.set({ exposure: exposure.value }); };
   const auto = element("button", { type: "button", id: "exposure-auto", title: "Exposure by the surfaces in the picture", onclick: () => store.set({ exposure: "" }) }, "auto");

@@ -1,6 +1,11 @@
 // The lists that client and daemon share. Written by .ci/lists.py from the .def files of the tree.
 
-export const INTEGRATORS = ["primary", "ao", "direct", "path"];
+export const INTEGRATORS = {
+  primary: {"lit": false, "settings": []},
+  ao: {"lit": false, "settings": ["ao_distance"]},
+  direct: {"lit": true, "settings": ["environment", "environment_rotate", "sun"]},
+  path: {"lit": true, "settings": ["depth", "environment", "environment_rotate", "sun"]},
+};
 
 export const MESSAGES = {
   Hello: 1,

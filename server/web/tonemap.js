@@ -1,6 +1,6 @@
 // Tone maps: linear radiance as a screen shows it, by the daemon's own arithmetic (engine/integrators/tonemap.cpp),
 // so that a picture of the page and one of `raynest render` have the same colours.
-import { TONEMAPS } from "./lists.js";
+import { INTEGRATORS, TONEMAPS } from "./lists.js";
 
 export const TONEMAP_NAMES = Object.keys(TONEMAPS);
 
@@ -31,9 +31,9 @@ ${TONEMAP_NAMES.map((name, i) => `  if (tonemap == ${i}) c = ${name}(c);`).join(
   return mix(12.92 * c, 1.055 * pow(c, vec3(1.0 / 2.4)) - 0.055, greaterThan(c, vec3(0.0031308)));
 }`;
 
-/** Returns {tonemap, stops} of a picture; empty settings stand for the daemon's: agx and auto, of ao none and 0. */
+/** Returns {tonemap, stops} of a picture; empty settings stand for the daemon's: agx and auto, or none and 0 where 1 is white. */
 export function lookOf({ integrator, tonemap, exposure }, image) {
-  const lit = integrator !== "ao";
+  const { lit } = INTEGRATORS[integrator];
   const name = TONEMAP_NAMES.includes(tonemap) ? tonemap : lit ? "agx" : "none";
   const automatic = exposure === "auto" || (exposure === "" && lit);
   return { tonemap: TONEMAP_NAMES.indexOf(name), stops: automatic ? image.stops : Number(exposure) || 0 };

@@ -22,7 +22,7 @@ const TEXTS = {
   intersector: any, mask: (text) => /^[0-9a-f]{1,8}$/i.test(text), kind: among("closest", "any"), palette: among(...Object.keys(PALETTES)),
   size: (text) => text === "fit" || /^\d{1,5}x\d{1,5}$/.test(text), control: among("orbit", "first", "free"), upAxis: among("x", "y", "z"),
   panel: among("setup", "ray", "ranking", "objects", "area"), cameraName: any, boxes: (text) => /^\d{1,2}:\d{1,2}:\d{1,2}:[01]$/.test(text),
-  integrator: among(...INTEGRATORS), env: among(...ENVIRONMENTS.map(([name]) => name)), sun: (text) => sunOf(text) !== null,
+  integrator: among(...Object.keys(INTEGRATORS)), env: among(...ENVIRONMENTS.map(([name]) => name)), sun: (text) => sunOf(text) !== null,
   tonemap: among(...TONEMAP_NAMES), exposure: (text) => text === "auto" || (numbers(text, 1) !== null && Math.abs(Number(text)) <= 64),
 };
 /** Whole numbers and lengths of a link: least, most, whether it must be whole. */

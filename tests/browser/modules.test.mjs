@@ -73,6 +73,20 @@ test("Python that is copied says what a heat map is compared with, and its colou
   assert.ok(coloured.includes('palette="viridis"') && coloured.includes('scale="log"'), coloured);
 });
 
+test("a command that is copied has the options that its integrator reads, and no others", async () => {
+  const { asCommand } = await import(new URL("commands.js", web));
+  const { DEFAULTS } = await import(new URL("store.js", web));
+  const { INTEGRATORS } = await import(new URL("lists.js", web));
+  const state = { ...DEFAULTS, scene: "a", view: "lit", depth: 3, aoDistance: 2, env: "sky", sun: "130,35",
+                  camera: { eye: [0, 0, 5], at: [0, 0, 0], up: [0, 1, 0], fov: 45, projection: "perspective" } };
+  const options = { depth: "--depth", ao_distance: "--ao-distance", environment: "--env", sun: "--sun" };
+  for (const [integrator, { settings }] of Object.entries(INTEGRATORS)) {
+    const words = asCommand({ ...state, integrator }, [8, 8]).split(" ");
+    for (const [setting, option] of Object.entries(options))
+      assert.equal(words.some((word) => word.split("=")[0] === option), settings.includes(setting), `${integrator} ${option}`);
+  }
+});
+
 test("a column outside its frame is refused", async () => {
   const { decodeFrame } = await import(new URL("frames.js", web));
   const frame = (block) => {
