@@ -5,35 +5,27 @@
 
 #include <filesystem>
 #include <string>
+#include <type_traits>
 #include <variant>
 
 namespace raynest::client {
 namespace {
 
-/// True if a second run of the command does more than the first.
-template <class Command>
-constexpr bool acts = false;
+// The column `repeat` of the commands: true if a second run does more than the first.
+namespace acts {
 constexpr bool again = false, once = true;
-}  // namespace
-
-// The command of a request has its name, if it has one.
-#define RAYNEST_REQUEST(number, Name, handler, needs, role, repeat, ...) struct Name##Options;
-#include "protocol/lists/requests.def"
-namespace {
 #define RAYNEST_REQUEST(number, Name, handler, needs, role, repeat, ...) \
-    template <>                                                          \
-    constexpr bool acts<Name##Options> = repeat;
+    constexpr bool Name = repeat;
 #include "protocol/lists/requests.def"
-template <>
-constexpr bool acts<CancelOptions> = acts<CancelJobOptions>;
-template <>
-constexpr bool acts<OpenOptions> = acts<PageOptions>;
-template <>
-constexpr bool acts<LoadTestOptions> = true;
-template <>
-constexpr bool acts<LoginOptions> = true;
-template <>
-constexpr bool acts<LogoutOptions> = true;
+}  // namespace acts
+
+/// Has no default: a command says it in its row.
+template <class Command>
+struct Acts;
+#define RAYNEST_COMMAND(Name, word, repeat, ...) \
+    template <>                                  \
+    struct Acts<Name##Options> : std::bool_constant<acts::repeat> {};
+#include "client/commands/commands.def"
 
 bool is_file(const std::string& path) {
     std::error_code ignored;
@@ -66,9 +58,7 @@ bool is_safe(const BackupOptions& backup, const Failure& /*why*/) {
 }
 template <class Command>
 bool is_safe(const Command& command, const Failure& why) {
-    if constexpr (acts<Command>)
-        return false;
-    else if constexpr (requires { command.job.detach; })
+    if constexpr (requires { command.job.detach; })
         return is_job_safe(command.job, why);
     else if constexpr (requires { command.scene.size(); })
         return is_lasting(command.scene);
@@ -82,7 +72,11 @@ bool may_repeat(const CommandOptions& command, const Failure& why, bool printed)
     if (!why.lost) return false;
     // Each look of `top` is complete by itself.
     if (printed && !std::holds_alternative<TopOptions>(command)) return false;
-    return std::visit([&](const auto& options) { return is_safe(options, why); }, command);
+    return std::visit(
+        [&]<class Command>(const Command& options) {
+            return !Acts<Command>::value && is_safe(options, why);
+        },
+        command);
 }
 
 }  // namespace raynest::client

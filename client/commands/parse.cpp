@@ -77,7 +77,8 @@ void add_command(Program& program, Options& options, const char* name, const cha
 }
 
 void add_commands(Program& program, Options& options) {
-#define RAYNEST_COMMAND(Name, ...) add_command<Name##Options>(program, options, __VA_ARGS__);
+#define RAYNEST_COMMAND(Name, word, repeat, ...) \
+    add_command<Name##Options>(program, options, word, __VA_ARGS__);
 #include "client/commands/commands.def"
 }
 
