@@ -33,6 +33,8 @@ class Lists:
         self.parts = self.rows("protocol/lists/requests.def", "PART")
         self.answers = self.rows("protocol/lists/requests.def", "ANSWER")
         self.generators = self.rows("protocol/lists/generators.def", "GENERATOR")
+        # Python makes images by their row.
+        self.sensors = [row for row in self.generators if "size" not in row[1].split(", ")]
         self.settings = self.rows("protocol/lists/generators.def", "SETTING")
         self.reducers = self.rows("protocol/lists/reducers.def", "REDUCER")
         self.workers = self.rows("protocol/lists/workers.def", "AUTO|WORKER")
@@ -177,22 +179,23 @@ TABLES = {
 }
 
 
-# Rows need more than themselves where no compiler misses it: the list, a file, and how that says each name.
+# Rows need more than themselves where no compiler misses it: the list and its file, another file, and how that says each name.
 NEEDS = (
-    ("counted", "engine/intersectors/counting.h", "{}"),
-    ("reducers", "server/jobs/reduce_job.cpp", "{}"),
-    ("tonemaps", "server/web/tonemap.js", "vec3 {}"),
-    ("tonemaps", "client/python/raynest/_render.py", "{}"),
+    ("counted", "engine/geometry/counters.def", "engine/intersectors/counting.h", "{}"),
+    ("sensors", "protocol/lists/generators.def", "client/python/raynest/generators.py", "def {}"),
+    ("reducers", "protocol/lists/reducers.def", "server/jobs/reduce_job.cpp", "{}"),
+    ("tonemaps", "engine/integrators/tonemaps.def", "server/web/tonemap.js", "vec3 {}"),
+    ("tonemaps", "engine/integrators/tonemaps.def", "client/python/raynest/_render.py", "{}"),
 )
 
 
 def missing(root, lists):
-    for rows, file, form in NEEDS:
+    for rows, listed, file, form in NEEDS:
         text = (root / file).read_text(encoding="utf-8")
         for name, *_ in getattr(lists, rows):
             said = form.format(name)
             if not re.search(rf"\b{said}\b", text):
-                yield f"{file} has no `{said}`, which the row of {name} needs: see \"How do I add\" in server/README.md"
+                yield f"{file} has no `{said}`, which the row of {name} in {listed} needs: see server/README.md"
 
 
 def python_module(lists):

@@ -278,7 +278,7 @@ class Lists(Planted):
              "server/web/lists.js",
              # The files where rows need more than themselves.
              "engine/intersectors/counting.h", "server/jobs/reduce_job.cpp", "server/web/tonemap.js",
-             "client/python/raynest/_render.py")
+             "client/python/raynest/_render.py", "client/python/raynest/generators.py")
 
     def setUp(self):
         super().setUp()
@@ -384,12 +384,30 @@ class ServerReadme(unittest.TestCase):
 
     def test_each_file_to_edit_is_there(self):
         rows = self.rows_below("| to add | edit |")
-        self.assertEqual(len(rows.splitlines()), 14)
+        self.assertEqual(len(rows.splitlines()), 18)
         for row in rows.splitlines()[2:]:
             names = re.findall(r"`([\w./]*/[\w./]+)`", row)
             self.assertTrue(0 < len(names) <= 8, row)
             for name in names:
                 self.assertTrue((self.ROOT / name).exists(), name)
+
+    def test_the_row_of_a_list_names_what_its_rows_need(self):
+        rows = self.rows_below("| to add | edit |").splitlines()
+        spec = importlib.util.spec_from_file_location("lists", self.ROOT / ".ci/lists.py")
+        lists = importlib.util.module_from_spec(spec)
+        spec.loader.exec_module(lists)
+        for _, listed, file, _ in lists.NEEDS:
+            self.assertTrue(any(f"`{listed}`" in row and f"`{file}`" in row for row in rows), (listed, file))
+
+    def test_what_new_rows_test_adds_is_what_the_guide_says(self):
+        from_text = re.search(r"`tests/new_rows_test.py` adds (.*?) to a copy", self.TEXT, re.S)[1]
+        said = set(re.findall(r"\ban?\s+([a-z]+(?: map)?)", from_text))
+        test = (self.ROOT / "tests/new_rows_test.py").read_text(encoding="utf-8")
+        added = set(re.findall(r"^def add_(\w+)\(tree\)", test, re.M))
+        added = (added - {"shading", "look"}) | {"material", "light", "tone map", "palette"}
+        self.assertEqual(said, added)
+        in_guide = set(re.findall(r"^\| an? ([a-z ]+?) \|", self.rows_below("| to add | edit |"), re.M))
+        self.assertEqual(said - in_guide, set())
 
 
 if __name__ == "__main__":

@@ -1,8 +1,9 @@
 #!/usr/bin/env python3
-"""A counter, a generator, a request, a material and a light are one row each, and what they do: adds them to a copy of the
-tree, builds that and uses them from the command line, from Python and in the documents.
+"""Things are one row each, and what they do: adds a counter, a generator, a request, a material, a light, an
+integrator, a tone map, a palette, a limit and a command to a copy of the tree as server/README.md says. With
+tests/run.sh --long it builds the copy and uses them from the command line, from Python and in the documents.
 
-  new_rows_test.py SOURCE_DIR BUILD_DIR CMAKE      of tests/run.sh --long; else skipped
+  new_rows_test.py SOURCE_DIR BUILD_DIR CMAKE
 """
 import array
 import base64
@@ -82,9 +83,10 @@ class Tree:
 
 
 def add_counter(tree):
-    tree.add_row("engine/geometry/counters.def", "RAYNEST_COUNTER(leaves",
-                 ("leaves, ", "leaves visited"), ("pairs, ", "pairs of nodes"))
-    tree.edit("engine/intersectors/counting.h", r"\+\+c\.nodes;", "++c.nodes;\n        c.pairs += 2;")
+    tree.add_row("engine/geometry/counters.def", "RAYNEST_COUNTER(prim_hits",
+                 ("prim_hits", "primitives hit"), ("pairs", "pairs of nodes"))
+    tree.edit("engine/intersectors/counting.h", r"c\.box_hits \+= bits\(spans\.mask\);",
+              "c.box_hits += bits(spans.mask);\n        c.pairs += 2;")
 
 
 def add_generator(tree):
@@ -92,7 +94,7 @@ def add_generator(tree):
                  ("equirectangular", "pose, range"), ("square_on", "pose, scale, range"))
     tree.add_row("protocol/lists/generators.def", "RAYNEST_SETTING(fx", ("fx", "in pixels"), ("scale", "over the width"))
     tree.edit("server/requests/words/generator.cpp", r"^Reply<Generated> make_equirectangular", """\
-Reply<Generated> make_square_on(const Request& request) {
+Reply<Generated> make_square_on(const Wanted& request) {
     if (!request.settings.scale) return lacks(request.kind, "scale");
     const double focal = request.settings.scale->at(0) * request.size.width;
     return ready(Pinhole{request.sensor_pose, request.size, 0, 0, 1 / focal, 1 / focal});
@@ -131,13 +133,6 @@ Reply<Answer> echo(const Services& services, const Caller& caller,
 }  // namespace raynest::server
 """)
     tree.edit("server/CMakeLists.txt", r"requests/stats\.cpp", "requests/stats.cpp requests/echo.cpp")
-    handlers = (tree.root / "server/requests/request.cpp").read_text()
-    if "requests.def" not in handlers:
-        row = re.search(r"\w+<wire::Stats, stats>,", handlers)[0]
-        tree.edit("server/requests/request.cpp", re.escape(row), f"{row} {row.replace('Stats, stats', 'Echo, echo')}")
-        tree.edit("server/requests/request.h", r"^Reply<Answer> stats\(",
-                  "Reply<Answer> echo(const Services&, const Caller&, const protocol::Opened<wire::Echo>&);\n"
-                  "Reply<Answer> stats(")
 
 
 def add_shading(tree):
@@ -181,6 +176,74 @@ struct EvenLight {
         path.write_text(path.read_text() + row + "\n")
 
 
+def add_integrator(tree):
+    tree.add_row("engine/integrators/integrators.def", "RAYNEST_INTEGRATOR(direct",
+                 ("direct, Direct", "lights and shadows"), ("twice, Twice", "two bounces"))
+    (tree.root / "engine/integrators/twice.h").write_text("""\
+#pragma once
+
+#include "engine/integrators/path.h"
+
+namespace raynest {
+
+class Twice final : public Path {
+public:
+    Twice(const IntegratorScene& scene, const IntegratorSettings& settings)
+        : Path(scene, settings, 2) {}
+};
+
+}  // namespace raynest
+""")
+
+
+def add_look(tree):
+    """A tone map that halves, and a palette."""
+    tree.add_row("engine/integrators/tonemaps.def", "RAYNEST_TONEMAP(none", ("none", "clipped at 1"), ("half", "x / 2"))
+    tree.edit("engine/integrators/tonemap.cpp", r"^Vec3 none\(", """\
+Vec3 half(const Vec3& colour) {
+    return 0.5F * colour;
+}
+
+Vec3 none(""")
+    tree.edit("server/web/tonemap.js", r"^vec3 none\(", "vec3 half(vec3 c) { return 0.5 * c; }\nvec3 none(")
+    tree.edit("client/python/raynest/_render.py", "reinhard, none", "reinhard, half, none")
+    tree.add_row("engine/integrators/palettes.def", "RAYNEST_PALETTE(gray", ("gray", "0x000000"), ("paper", "0x404040"))
+
+
+def add_limit(tree):
+    tree.add_row("protocol/lists/limits.def", "RAYNEST_LIMIT(total_jobs_max",
+                 ("total_jobs_max", "requests in flight of all connections"), ("echoes_max", "echoes at a time"))
+
+
+def add_command(tree):
+    tree.add_row("client/commands/commands.def", "RAYNEST_COMMAND(Stats",
+                 ('Stats, "stats", Stats, "stats"', "print the daemon's counters"),
+                 ('Beat, "beat", Stats, "beat"', "say that the daemon answers"))
+    tree.edit("client/commands/commands.h", r"^struct ScenesOptions \{\};", "struct ScenesOptions {};\nstruct BeatOptions {};")
+    (tree.root / "client/commands/beat.cpp").write_text("""\
+#include "client/commands/commands.h"
+
+#include <iostream>
+
+namespace raynest::client {
+
+void declare(CommandLine&, BeatOptions&) {}
+
+Result<void> run(Context& context, const BeatOptions&) {
+    const auto reply = ask<wire::Statistics>(context.connection, wire::StatsT{});
+    if (!reply) return tl::unexpected<Failure>(reply.error());
+    std::cout << "it beats\\n";
+    return {};
+}
+
+}  // namespace raynest::client
+""")
+    tree.edit("client/CMakeLists.txt", r"commands/stats\.cpp", "commands/stats.cpp commands/beat.cpp")
+
+
+ADDITIONS = (add_counter, add_generator, add_request, add_shading, add_integrator, add_look, add_limit, add_command)
+
+
 def lit_scene(material, light):
     """A square of two metres that faces +z; a light stands far in front of it."""
     points = array.array("f", [-1, -1, 0, 1, -1, 0, 1, 1, 0, -1, -1, 0, 1, 1, 0, -1, 1, 0]).tobytes()
@@ -195,16 +258,33 @@ def lit_scene(material, light):
         "nodes": [{"mesh": 0}, {"translation": [0, 0, 100], "extensions": {"KHR_lights_punctual": {"light": 0}}}]})
 
 
-class NewRows(unittest.TestCase):
+class Written(unittest.TestCase):
+    """The copy of the tree, with what is added to it."""
+
     @classmethod
     def setUpClass(cls):
         cls.scratch = pathlib.Path(tempfile.mkdtemp(prefix="raynest-rows-"))
         cls.addClassCleanup(shutil.rmtree, cls.scratch)
         cls.tree = Tree(cls.scratch / "tree")
-        for add in (add_counter, add_generator, add_request, add_shading):
+        for add in ADDITIONS:
             add(cls.tree)
         run(sys.executable, cls.tree.root / ".ci/lists.py")
         run(sys.executable, cls.tree.root / ".ci/lists.py", "--check")
+
+    def page(self):
+        return (self.tree.root / "protocol/PROTOCOL.md").read_text()
+
+    def test_documents_have_the_rows(self):
+        for row in ("| `pairs` | u32 | pairs of nodes per ray |", "| `square_on` |", "| Echo | 40 |", "| `half` | x / 2 |",
+                    "| `twice` | `environment`", "| `echoes_max` | 256 |", "`paper`"):
+            self.assertIn(row, self.page())
+
+
+@unittest.skipUnless("RAYNEST_LONG" in os.environ, "tests/run.sh --long builds the copy")
+class NewRows(Written):
+    @classmethod
+    def setUpClass(cls):
+        super().setUpClass()
         build = cls.scratch / "build"
         target = "v3" if "avx2" in pathlib.Path("/proc/cpuinfo").read_text() else "v2"
         run(CMAKE, "-S", cls.tree.root, "-B", build, "-G", "Ninja", "-C", SOURCE / ".ci/release.cmake",
@@ -234,9 +314,6 @@ class NewRows(unittest.TestCase):
                    "client = raynest.connect(sys.argv[1]); woods = client.scene('woods')\n" + program, self.server,
                    env={**os.environ, "PYTHONPATH": str(self.tree.root / "client/python")})
 
-    def page(self):
-        return (self.tree.root / "protocol/PROTOCOL.md").read_text()
-
     def test_a_counter_is_a_column_and_a_metric(self):
         self.assertIn("| pairs ", self.raynest("heatmap", "--help"))
         self.raynest("heatmap", "woods", "--metric", "pairs", "--size", "32x32", "-o", self.scratch / "pairs.png")
@@ -245,7 +322,6 @@ class NewRows(unittest.TestCase):
         told = self.python("c = woods.trace([8, 50, -8, 0, -1, 0], fields=('nodes', 'pairs'))\n"
                            "print(c['nodes'][0] > 0, c['pairs'][0] == 2 * c['nodes'][0], c['pairs'].dtype)")
         self.assertEqual(told.split(), ["True", "True", "uint32"])
-        self.assertIn("| `pairs` | u32 | pairs of nodes per ray |", self.page())
 
     def test_a_generator_makes_rays(self):
         self.assertRegex(self.raynest("query", "--help"), r"square_on +size, camera, lookat, pose, scale, range")
@@ -258,7 +334,6 @@ class NewRows(unittest.TestCase):
                                   "square_on"], capture_output=True, text=True)
         self.assertEqual(refused.returncode, 2)
         self.assertIn("generator square_on needs scale", refused.stderr)
-        self.assertIn("| `square_on` |", self.page())
 
     def mean_of(self, name, material, light):
         """Mean red and green of a picture that the square fills."""
@@ -285,11 +360,27 @@ class NewRows(unittest.TestCase):
                            "try: client.connection.ask('Echo', {'text': '\\x07'}, 'Echoed')\n"
                            "except raynest.UsageError as error: print(error)")
         self.assertEqual(told.splitlines(), ["hello", "`text` is not printable UTF-8"])
-        self.assertIn("| Echo | 40 |", self.page())
+
+    def test_an_integrator_reads_its_settings_and_no_others(self):
+        self.assertRegex(self.raynest("render", "--help"), r"twice\s+\(two\s+bounces\)")
+        shown = (self.bin / "raynest", "--server", self.server, "render", "woods", "--integrator", "twice", "--spp", "1",
+                 "--size", "8x8", "-o", self.scratch / "twice.png")
+        for option, idle in ((("--env", "sky"), False), (("--ao-distance", "2"), True)):
+            said = subprocess.run([*map(str, shown), *option], capture_output=True, text=True)
+            self.assertEqual((said.returncode, "no effect" in said.stderr), (0, idle), said.stderr)
+
+    def test_a_tone_map_and_a_palette_draw(self):
+        self.assertIn("half", self.raynest("render", "--help"))
+        for words in (("render", "woods", "--integrator", "ao", "--spp", "1", "--tonemap", "half"),
+                      ("heatmap", "woods", "--palette", "paper")):
+            self.raynest(*words, "--size", "32x32", "-o", self.scratch / "look.png")
+
+    def test_a_limit_is_an_option(self):
+        self.assertRegex(run(self.bin / "raynestd", "--help"), "--echoes-max UINT=256 ")
+
+    def test_a_command_runs(self):
+        self.assertEqual(self.raynest("beat"), "it beats\n")
 
 
 if __name__ == "__main__":
-    if "RAYNEST_LONG" not in os.environ:
-        print("skipped: tests/run.sh --long runs it")
-        sys.exit(77)
     unittest.main(argv=sys.argv[:1])
