@@ -188,9 +188,8 @@ private:
             if (wanted >= run.number && wanted - run.number < end - run.first_path)
                 return run.first_path + (wanted - run.number);
         }
-        const bool is_other = number_ != no_id && number_ != node.number;
-        const std::uint64_t placed = is_other ? end_of_numbers(node) : 0;
-        if (placed != 0)
+        const std::uint64_t placed = number_ == no_id ? 0 : end_of_numbers(node);
+        if (placed != 0 && number_ >= placed)
             return refuse(fmt::format("there is no '{}': the last one is '{}#{}'", shown(text_),
                                       shown(text_.substr(0, text_.rfind('#'))), placed - 1));
         return nothing_placed();

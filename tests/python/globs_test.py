@@ -107,7 +107,7 @@ class Globs(WithDaemon):
         scene = self.client.scene_of({"post": box(1, 1, 1)}, {"post": raynest.Place("post", 3 * np.eye(3), uid=[5, 5, 5])})
         with scene.edit() as edit:
             edit.remove("post#1")
-        for text, words in (("post#1", "no 'post#1': the last one is 'post#2'"), ("post#3", "the last one is 'post#2'"),
+        for text, words in (("post#1", "'post#1' places nothing that can be hit"), ("post#3", "no 'post#3': the last one is 'post#2'"),
                             ("post#00", "no 'post#00'")):
             with self.assertRaisesRegex(raynest.UsageError, words), scene.edit() as edit:
                 edit.hide(text)

@@ -83,6 +83,6 @@ TEST_CASE("the help names every kind with its keys, and every key") {
     const std::string help = client::generate_help();
     for (const char* line :
          {"  pinhole           size, camera, lookat, pose, fx, fy, cx, cy, range\n",
-          "  seed              of the random numbers (0)\n"})
+          "  seed              seed of the random numbers (0)\n"})
         CHECK(mentions(help, line));
 }
