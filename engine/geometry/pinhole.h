@@ -41,6 +41,12 @@ struct ImageSize {
     [[nodiscard]] RAYNEST_FN std::uint64_t pixels() const { return std::uint64_t{width} * height; }
 };
 
+/// The room of a ray between its neighbours: its width at the start, and by how much that grows per
+/// unit of t.
+struct RayCone {
+    float width = 0, spread = 0;
+};
+
 /// Through pixel centres, from one point; directions have unit length along the view axis, so that
 /// t is the depth.
 struct Pinhole {
@@ -56,6 +62,7 @@ struct Pinhole {
     [[nodiscard]] RAYNEST_FN Ray ray_at(double x, double y) const {
         return sensor_pose.ray({(x - center_x) * step_x, (center_y - y) * step_y, -1});
     }
+    [[nodiscard]] RayCone cone() const { return {0, static_cast<float>(step_y)}; }
 };
 
 /// Rays that lie next to each other in a pinhole's picture: row by row, or in tile order.

@@ -81,6 +81,12 @@ LidarBeam::LidarBeam(const LidarChannel& channel)
       offset(cosine_and_sine(channel.azimuth_offset * degree)),
       at(channel.origin_offset) {}
 
+float step_of(std::span<const glm::dvec2> heads) {
+    if (heads.size() < 2) return 0;
+    const glm::dvec2 &a = heads[0], &b = heads[1];
+    return static_cast<float>(std::abs(std::atan2(a.x * b.y - a.y * b.x, glm::dot(a, b))));
+}
+
 Lidar::Lidar(const SensorPose& sensor_pose, std::span<const LidarChannel> channels, double start,
              double stop, std::uint32_t count)
     : sensor_pose_(sensor_pose),
@@ -111,6 +117,10 @@ ImageSize ray_grid(const Sensor& sensor) {
 
 std::uint64_t ray_count(const Sensor& sensor) {
     return ray_grid(sensor).pixels();
+}
+
+RayCone cone_of(const Sensor& sensor) {
+    return std::visit([](const auto& kind) { return kind.cone(); }, sensor);
 }
 
 Pose pose_of_ray(const Sensor& sensor, std::uint64_t ray) {

@@ -10,6 +10,7 @@
 #include "engine/integrators/camera.h"
 
 #include <cstdint>
+#include <numbers>
 #include <span>
 #include <utility>
 #include <variant>
@@ -38,6 +39,7 @@ struct Orthographic {
             {(x / size.width - 0.5) * width, (0.5 - y / size.height) * height, 0});
         return ray;
     }
+    [[nodiscard]] RayCone cone() const { return {static_cast<float>(height / size.height), 0}; }
 };
 
 /// All around: columns divide 360 degrees of azimuth from behind over the left, rows 180 degrees of
@@ -51,6 +53,9 @@ public:
         const glm::dvec2& azimuth = columns_[column];
         const glm::dvec2& elevation = rows_[row];
         return sensor_pose_.ray({elevation.x * azimuth.y, elevation.y, -elevation.x * azimuth.x});
+    }
+    [[nodiscard]] RayCone cone() const {
+        return {0, 2.0F * std::numbers::pi_v<float> / static_cast<float>(size_.width)};
     }
 
 private:
@@ -81,6 +86,8 @@ struct LidarBeam {
     glm::dvec2 elevation, offset;  ///< cosine and sine
     glm::dvec3 at;                 ///< in the head
 };
+/// The angle between the first two azimuths of a head, by their cosines and sines; 0 without two.
+[[nodiscard]] float step_of(std::span<const glm::dvec2> heads);
 /// A head that turns about z: `count` azimuths divide [start, stop) degrees, counter-clockwise seen
 /// from above, 0 is ahead. Ray c * count + a is that of channel c at azimuth a; directions have
 /// unit length.
@@ -96,6 +103,7 @@ public:
     [[nodiscard]] Ray ray(std::uint64_t azimuth, std::uint64_t channel) const {
         return beams_[channel].ray(sensor_pose_, heads_[azimuth]);
     }
+    [[nodiscard]] RayCone cone() const { return {0, step_of(heads_)}; }
 
 private:
     SensorPose sensor_pose_;
@@ -120,6 +128,7 @@ public:
     [[nodiscard]] Ray ray(std::uint64_t column, std::uint64_t row) const {
         return beams_[row % beams_.size()].ray({pose(column, row), tmin_, tmax_}, heads_[column]);
     }
+    [[nodiscard]] RayCone cone() const { return {0, step_of(heads_)}; }
 
 private:
     float tmin_, tmax_;
@@ -143,6 +152,7 @@ public:
         camera.sensor_pose.pose = poses_[row];
         return camera.ray(column, row);
     }
+    [[nodiscard]] RayCone cone() const { return camera_.cone(); }
 
 private:
     Pinhole camera_;
@@ -158,6 +168,8 @@ using Sensor = std::variant<Pinhole, Orthographic, Equirectangular, Lidar, Sweep
 /// Rays come row by row: of an image from the top, of a lidar channel by channel.
 [[nodiscard]] ImageSize ray_grid(const Sensor& sensor);
 [[nodiscard]] std::uint64_t ray_count(const Sensor& sensor);
+/// Each sensor has its own: one without it does not compile.
+[[nodiscard]] RayCone cone_of(const Sensor& sensor);
 /// Where the sensor stands when it measures a ray.
 [[nodiscard]] Pose pose_of_ray(const Sensor& sensor, std::uint64_t ray);
 /// Rays [first, first + out.size()).

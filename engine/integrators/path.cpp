@@ -32,20 +32,6 @@ constexpr float cone_share = 0.25F;
 /// clear pane, in which a viewer sees what lights nothing.
 constexpr float mirror_density = 100;
 
-/// How the cone of a camera ray widens: its width at the start, and per unit of t.
-struct Cone {
-    float width = 0, spread = 0;
-};
-Cone cone_of(const Sensor& sensor) {
-    if (const auto* pinhole = std::get_if<Pinhole>(&sensor))
-        return {0, cone_share * static_cast<float>(pinhole->step_y)};
-    if (const auto* parallel = std::get_if<Orthographic>(&sensor))
-        return {cone_share * static_cast<float>(parallel->height / parallel->size.height), 0};
-    if (const auto* all_around = std::get_if<Equirectangular>(&sensor))
-        return {0, cone_share * 2.0F * pi / static_cast<float>(all_around->rays().width)};
-    return {};
-}
-
 /// The fields of describe_first_hit(), but the normal.
 void describe_ids(const SceneView& scene, const Ray& ray, const HitRecord& hit,
                   FilmSample& sample) {
@@ -135,10 +121,10 @@ bool Path::render(const SampleRange& range, RayCaster& caster, Wavefront& arrays
         arrays.memory = std::move(fresh);
     }
     Memory& memory = *kept;
-    const Cone cone = cone_of(range.camera);
+    const RayCone cone = cone_of(range.camera);
     State start;
-    start.width = cone.width;
-    start.spread = cone.spread;
+    start.width = cone_share * cone.width;
+    start.spread = cone_share * cone.spread;
     std::vector<State>& states = memory.states;
     states.assign(out.size(), start);
     std::vector<std::uint32_t>& active = memory.active;

@@ -120,3 +120,31 @@ TEST_CASE(
     generate_rays(Hemisphere{samples, 7}, points, 10, 10 * samples, other);
     CHECK(std::none_of(other.begin(), other.end(), is_valid));
 }
+
+TEST_CASE("the cone of a sensor is the room between neighbouring rays") {
+    for (const Sensor& sensor : sensors()) {
+        const ImageSize grid = ray_grid(sensor);
+        const std::vector<Ray> rays = all_rays(sensor);
+        // Near the middle, where directions of a pinhole are about as long as they are far apart.
+        const std::size_t middle = (grid.height / 2) * std::size_t{grid.width} + grid.width / 2;
+        const bool by_rows = std::holds_alternative<Pinhole>(sensor);
+        const Ray &a = rays[middle], &b = rays[middle + (by_rows ? grid.width : 1)];
+        const RayCone cone = cone_of(sensor);
+        CAPTURE(sensor.index());
+        if (std::holds_alternative<Orthographic>(sensor)) {
+            const Ray& below = rays[middle + grid.width];
+            CHECK(cone.width == doctest::Approx(glm::length(below.origin - a.origin)));
+            CHECK(cone.spread == 0);
+        } else {
+            CHECK(cone.spread ==
+                  doctest::Approx(glm::length(b.direction - a.direction)).epsilon(0.02));
+            CHECK(cone.width == 0);
+        }
+    }
+    const Pinhole camera{sensor_pose, {4, 2}, 2, 1, 0.02, 0.03};
+    CHECK(cone_of(RollingShutter(camera, std::vector<Pose>(2))).spread == cone_of(camera).spread);
+    const std::array<double, 2> azimuths = {359.5, 0.5};
+    const std::array<LidarChannel, 1> channels{};
+    CHECK(cone_of(Sweep(sensor_pose, channels, azimuths, std::vector<Pose>(2))).spread ==
+          doctest::Approx(3.14159 / 180));
+}
