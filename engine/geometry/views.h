@@ -98,7 +98,9 @@ static_assert(sizeof(TexcoordBlock) == 192);
 struct InstanceRecord {
     ColumnTransform to_object;  ///< from the parent's space
     std::uint32_t object;
-    std::uint32_t mask;       ///< skipped when (mask & request mask) == 0
+    /// Skipped when (mask & request mask) == 0: the bits of InstanceInfo::mask with which rays see
+    /// something inside
+    std::uint32_t mask;
     std::uint64_t path_base;  ///< leaf placements of the parent before this one (geometry/path.h)
 };
 static_assert(sizeof(InstanceRecord) == 64);
@@ -108,6 +110,7 @@ struct InstanceInfo {
     Transform to_parent;
     std::uint32_t uid;
     std::uint32_t name;  ///< offset in `names`
+    std::uint32_t mask;  ///< as it was given, whatever stands inside
 };
 
 /// A BVH over triangles or records of one other primitive type, over instances, or over both kinds.

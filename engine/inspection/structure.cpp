@@ -166,7 +166,7 @@ std::vector<PlacementFacts> placement_facts(const SceneView& scene, std::uint64_
         facts.path = path;
         const ObjectRecord* object = walk_path(scene, path, [&](std::uint32_t index) {
             if (facts.outermost == no_id) facts.outermost = index - root.first_instance;
-            facts.mask = scene.instances[index].mask;
+            facts.mask = scene.instance_infos[index].mask;
             ++facts.depth;
             facts.to_scene = compose(facts.to_scene, scene.instance_infos[index].to_parent);
         });

@@ -174,7 +174,7 @@ inline auto border_types() {
         RAYNEST_LAYOUT(GeometryRecord, positions, indices, texcoords, colours, opacity,
                        first_triangle, triangle_count, vertex_count, material),
         RAYNEST_LAYOUT(InstanceRecord, to_object, object, mask, path_base),
-        RAYNEST_LAYOUT(InstanceInfo, to_parent, uid, name),
+        RAYNEST_LAYOUT(InstanceInfo, to_parent, uid, name, mask),
         RAYNEST_LAYOUT(ObjectRecord, bounds, origin_error, root, first_node, first_block,
                        first_record, placement_count, texcoord_blocks, node_count, block_count,
                        triangle_count, first_geometry, geometry_count, first_instance,

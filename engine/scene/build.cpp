@@ -162,10 +162,7 @@ private:
                               const std::string& label) {
         const Stopwatch stopwatch(build_seconds_);
         const ObjectDescription& source = description_.objects[node.source];
-        std::vector<Box> boxes;
-        boxes.reserve(std::size_t{object.triangle_count} + object.record_count +
-                      node.instances.size());
-        add_triangle_bounds(source, boxes);
+        std::vector<Box> boxes = triangle_boxes(source);
         for (const GeometryDescription& geometry : source.geometries) {
             degenerate_triangles_ += count_degenerate(geometry);
         }
@@ -190,7 +187,8 @@ private:
         }
 
         const bool clips = description_.build == BuildQuality::high;
-        const std::vector<Corners> corners = clips ? corners_of(source) : std::vector<Corners>();
+        const std::vector<Corners> corners =
+            clips ? triangle_corners(source) : std::vector<Corners>();
         return build_tree({boxes, object.triangle_count, object.record_count, object.instance_count,
                            description_.build, corners});
     }
@@ -253,32 +251,6 @@ private:
         });
     }
 
-    static void add_triangle_bounds(const ObjectDescription& source, std::vector<Box>& boxes) {
-        for (const GeometryDescription& geometry : source.geometries) {
-            const std::size_t first = boxes.size();
-            const std::size_t count = geometry.indices.size() / 3;
-            boxes.resize(first + count);
-            tbb::parallel_for(std::size_t{0}, count, [&](std::size_t i) {
-                for (std::size_t corner = 0; corner < 3; ++corner) {
-                    boxes[first + i].extend(geometry.positions[geometry.indices[3 * i + corner]]);
-                }
-            });
-        }
-    }
-
-    static std::vector<Corners> corners_of(const ObjectDescription& source) {
-        std::vector<Corners> corners;
-        for (const GeometryDescription& geometry : source.geometries) {
-            const auto corner = [&](std::size_t i) {
-                return geometry.positions[geometry.indices[i]];
-            };
-            for (std::size_t i = 0; i < geometry.indices.size(); i += 3) {
-                corners.push_back({corner(i), corner(i + 1), corner(i + 2)});
-            }
-        }
-        return corners;
-    }
-
     void add_instances(const GraphObject& node, ObjectRecord& object, std::vector<Box>& boxes) {
         const ObjectDescription& source = description_.objects[node.source];
         object.first_instance = static_cast<std::uint32_t>(content_.instances.size());
@@ -300,7 +272,7 @@ private:
             object.origin_error = std::max(object.origin_error, errors[i]);
             content_.instance_paddings.push_back(paddings[i]);
             content_.instances.push_back(node.instances[i]);
-            content_.instance_infos.push_back({declared.transform, declared.uid, 0});
+            content_.instance_infos.push_back({declared.transform, declared.uid, 0, declared.mask});
         }
         if (description_.path_nodes.empty()) name_instances(node);
     }

@@ -17,7 +17,8 @@ constexpr std::uint64_t attribute_alignment = 16;
 /// Lanes of leaf blocks that one task fills.
 constexpr std::size_t blocks_part = 1U << 15;
 
-/// Fills the leaf blocks of one object from its vertices, and `texcoords` where it has them.
+}  // namespace
+
 void write_blocks(const ObjectDescription& object, const Tree& tree,
                   std::span<const GeometryRecord> geometries, const MaterialRecord* materials,
                   TriangleBlock* blocks, TexcoordBlock* texcoords) {
@@ -58,6 +59,34 @@ void write_blocks(const ObjectDescription& object, const Tree& tree,
         }
     });
 }
+
+std::vector<Box> triangle_boxes(const ObjectDescription& source) {
+    std::vector<Box> boxes;
+    for (const GeometryDescription& geometry : source.geometries) {
+        const std::size_t first = boxes.size();
+        const std::size_t count = geometry.indices.size() / 3;
+        boxes.resize(first + count);
+        tbb::parallel_for(std::size_t{0}, count, [&](std::size_t i) {
+            for (std::size_t corner = 0; corner < 3; ++corner) {
+                boxes[first + i].extend(geometry.positions[geometry.indices[3 * i + corner]]);
+            }
+        });
+    }
+    return boxes;
+}
+
+std::vector<Corners> triangle_corners(const ObjectDescription& source) {
+    std::vector<Corners> corners;
+    for (const GeometryDescription& geometry : source.geometries) {
+        const auto corner = [&](std::size_t i) { return geometry.positions[geometry.indices[i]]; };
+        for (std::size_t i = 0; i < geometry.indices.size(); i += 3) {
+            corners.push_back({corner(i), corner(i + 1), corner(i + 2)});
+        }
+    }
+    return corners;
+}
+
+namespace {
 
 /// Writes an object's records in tree order with their original indices, then the inverse order.
 void write_records(const ObjectDescription& source, const Tree& tree, std::uint32_t record_size,

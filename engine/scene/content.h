@@ -107,6 +107,16 @@ void add_cameras(const SceneDescription& description, Content& content);
 /// alone. Throws std::bad_alloc.
 Arena write_arena(const Content& content);
 
+/// Boxes and corners of an object's triangles, for build_tree().
+std::vector<Box> triangle_boxes(const ObjectDescription& source);
+std::vector<Corners> triangle_corners(const ObjectDescription& source);
+
+/// Fills the leaf blocks of one object, which hold zeros, from its vertices, and `texcoords` unless it is
+/// null.
+void write_blocks(const ObjectDescription& object, const Tree& tree,
+                  std::span<const GeometryRecord> geometries, const MaterialRecord* materials,
+                  TriangleBlock* blocks, TexcoordBlock* texcoords);
+
 /// Writes nodes, leaf blocks with their texture coordinates, and records.
 void write_trees(const Content& content, Arena& arena);
 

@@ -61,7 +61,8 @@ class ContentDigests::Hasher {
 public:
     explicit Hasher(const CheckedArena& scene)
         : scene_(scene),
-          has_nodes_(format::path_table(scene.bytes.data()).node_count != 0),
+          paths_(format::path_table(scene.bytes.data())),
+          has_nodes_(paths_.node_count != 0),
           bytes_left_(static_cast<std::int64_t>(
               format::section_size(scene.bytes.data(), Section::attributes))),
           name_bytes_left_(
@@ -148,8 +149,6 @@ public:
                   std::span<const std::size_t> stale, const Below& below) {
         tbb::parallel_for(std::size_t{0}, stale.size(),
                           [&](std::size_t i) { set_run(record, stale[i], object, below); });
-        object.mask = record.has_own_primitives() ? ~0U : 0;
-        for (const std::uint32_t mask : object.run_masks) object.mask |= mask;
         Text text("whole object");
         text.add(object.primitives);
         text.add(object.runs.size() <= run_instances ? object.runs : long_runs(object, stale));
@@ -201,20 +200,16 @@ private:
         const auto first = static_cast<std::uint32_t>(number) * run_instances;
         const std::uint32_t end = std::min(first + run_instances, record.instance_count);
         Text text("instances");
-        std::uint32_t seen = 0;
+        const std::uint32_t* const numbers = paths_.numbers;
         for (std::uint32_t i = record.first_instance + first; i < record.first_instance + end;
              ++i) {
             const InstanceInfo& info = view().instance_infos[i];
-            const ObjectDigests& content = below(view().instances[i].object);
-            // A group may have the mask of its contents or one that lets more rays in to no avail.
-            const std::uint32_t mask = view().instances[i].mask & content.mask;
-            // Where there are nodes, these have the user ids.
+            // Where there are nodes, these have the user ids and the numbers.
             text.add(info.to_parent), text.add(has_nodes_ ? 0 : info.uid);
             add_name(text, info.name);
-            text.add(mask), text.add(content.whole);
-            seen |= mask;
+            text.add(numbers == nullptr ? no_id : numbers[i]);
+            text.add(info.mask), text.add(below(view().instances[i].object).whole);
         }
-        object.run_masks[number] = seen;
         object.runs[number] = sum(text);
     }
 
@@ -306,23 +301,23 @@ private:
     }
 
     void add_paths(Text& text) {
-        const PathTable paths = format::path_table(scene_.bytes.data());
-        text.add(in_pieces(paths.node_count, "path nodes",
+        text.add(in_pieces(paths_.node_count, "path nodes",
                            [&](std::size_t first, std::size_t end, Text& piece) {
                                for (std::size_t i = first; i < end; ++i) {
-                                   PathNode node = paths.nodes[i];
+                                   PathNode node = paths_.nodes[i];
                                    add_name(piece, node.name);
                                    node.name = 0;
                                    piece.add(node);
                                }
                            }));
-        text.add(in_pieces(paths.run_count, "path runs",
+        text.add(in_pieces(paths_.run_count, "path runs",
                            [&](std::size_t first, std::size_t end, Text& piece) {
-                               for (std::size_t i = first; i < end; ++i) piece.add(paths.runs[i]);
+                               for (std::size_t i = first; i < end; ++i) piece.add(paths_.runs[i]);
                            }));
     }
 
     const CheckedArena& scene_;
+    const PathTable paths_;
     const bool has_nodes_;
     std::atomic<std::int64_t> bytes_left_;       ///< each byte of the attributes is hashed once
     std::atomic<std::int64_t> name_bytes_left_;  ///< likewise, of long names
@@ -350,7 +345,6 @@ Result<std::shared_ptr<const ContentDigests>> ContentDigests::of(const CheckedAr
             (view.objects[i].instance_count + run_instances - 1) / run_instances;
         ObjectDigests& object = (*objects)[i];
         object.runs.resize(runs);
-        object.run_masks.resize(runs);
         std::vector<std::size_t> all(runs);
         std::iota(all.begin(), all.end(), std::size_t{0});
         hasher.set_runs(view.objects[i], object, all, below);

@@ -54,11 +54,9 @@ public:
 private:
     struct ObjectDigests {
         Sha256 primitives{};
-        std::vector<Sha256> runs;              ///< one for each run of instances
-        std::vector<Sha256> long_runs;         ///< one for each run of runs, where there are many
-        std::vector<std::uint32_t> run_masks;  ///< which rays see something in each
+        std::vector<Sha256> runs;       ///< one for each run of instances
+        std::vector<Sha256> long_runs;  ///< one for each run of runs, where there are many
         Sha256 whole{};
-        std::uint32_t mask = 0;  ///< which rays see something in the object
     };
     [[nodiscard]] const ObjectDigests& at(std::uint32_t object) const {
         const auto found = changed_.find(object);

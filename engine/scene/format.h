@@ -84,7 +84,7 @@ inline constexpr std::array<std::uint32_t, section_count> element_size{
     1,
 };
 // No record has padding: its bytes are its content, so the digest is well defined.
-static_assert(sizeof(ObjectRecord) == 120 && sizeof(InstanceInfo) == 56);
+static_assert(sizeof(ObjectRecord) == 120 && sizeof(InstanceInfo) == 60);
 static_assert(sizeof(GeometryRecord) == 64 && sizeof(MaterialRecord) == 64);
 static_assert(sizeof(TextureRecord) == 40 && sizeof(CameraRecord) == 64);
 static_assert(sizeof(SurfaceRecord) == 612 && sizeof(GeometryShading) == 16);
@@ -99,7 +99,7 @@ struct SectionEntry {
 };
 
 inline constexpr std::array<char, 8> magic{'R', 'N', 'S', 'C', 'E', 'N', 'E', '\0'};
-inline constexpr std::uint32_t version = 13;
+inline constexpr std::uint32_t version = 14;
 inline constexpr std::uint32_t byte_order = 0x01020304;
 inline constexpr std::uint64_t alignment = 64;
 

@@ -114,8 +114,7 @@ private:
             InstanceRecord record{};
             record.to_object = by_columns(to_object);
             record.object = instance.object;
-            // Give a group without a mask that of its contents: rays that see none of them skip it.
-            record.mask = instance.mask == ~0U ? child.mask : instance.mask;
+            record.mask = instance.mask & child.mask;
             entry.mask |= record.mask;
             record.path_base = object.traced.placement_count;
             if (!add(object.traced, child.object.traced)) return too_many_paths(index);

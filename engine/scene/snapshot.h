@@ -57,10 +57,8 @@ using Arena = Pages;
 
 /// The work of edits on the root's tree (scene/edits/edit.h). Not in the arena.
 struct EditStatistics {
-    /// TreeStatistics::sah_cost when the tree was built; 0: never edited
-    double built_cost = 0;
-    std::uint64_t refits = 0;    ///< edits since then
-    std::uint64_t rebuilds = 0;  ///< how often it was built again
+    std::uint64_t refits = 0;    ///< edits since a tree was built again
+    std::uint64_t rebuilds = 0;  ///< trees that were built again
     /// What the last edit looked at: nodes above what changed, and nodes and instances for the
     /// scene's box.
     std::uint64_t nodes = 0;
@@ -110,6 +108,7 @@ struct BuiltArena {
     Arena arena;
     double build_seconds = 0;  ///< SceneStatistics::build_seconds
     EditStatistics edits = {};
+    std::vector<TreeBuild> built = {};  ///< by object; empty, or without an area: built just now
 };
 
 /// Builds every object's tree and lays the arena out. Fails with scene_invalid or limit_exceeded,
@@ -224,6 +223,8 @@ public:
     [[nodiscard]] const std::vector<MeshUse>& meshes() const { return meshes_; }
     /// Expected costs of the objects' trees (TreeStatistics::sah_cost).
     [[nodiscard]] const std::vector<double>& tree_costs() const { return trees_.costs; }
+    /// By object.
+    [[nodiscard]] const std::vector<TreeBuild>& trees_built() const { return *trees_.built; }
     /// Returns what an edit of this scene begins with. The extents go to the first one that asks.
     [[nodiscard]] TreeKnowledge trees_to_edit() const;
     /// Those of the steps below objects, in a scene with nodes below these.

@@ -4,6 +4,7 @@
 
 #include "engine/bvh/node.h"
 #include "engine/geometry/views.h"
+#include "engine/scene/tree_statistics.h"
 
 #include <array>
 #include <cstdint>
@@ -88,6 +89,7 @@ struct TreeKnowledge {
     std::map<std::uint32_t, std::shared_ptr<const TreeLinks>> links;
     std::vector<double> costs;  ///< by object (TreeStatistics::sah_cost)
     std::shared_ptr<KnownBox> extents;
+    std::shared_ptr<const std::vector<TreeBuild>> built;  ///< by object
 };
 
 }  // namespace raynest

@@ -94,6 +94,16 @@ double shares_of_cost(const Box& bounds, double cost) {
     return (cost - double{build::node_cost}) * area_of(bounds);
 }
 
+TreeBuild tree_build(const Box& bounds, double cost) {
+    return {shares_of_cost(bounds, cost), area_of(bounds)};
+}
+
+bool has_grown(const TreeBuild& built, const Box& bounds, double cost, double factor) {
+    const TreeBuild now = tree_build(bounds, cost);
+    return now.area > 0 && built.area > 0 &&
+           now.shares / std::min(now.area, built.area) > factor * built.shares / built.area;
+}
+
 std::vector<TreeStatistics> measure_each_tree(const SceneView& scene) {
     return Measurer(scene).measure();
 }

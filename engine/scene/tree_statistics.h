@@ -30,6 +30,17 @@ double cost_share(const SceneView& scene, const ObjectRecord& object, const Node
 double cost_of_shares(const Box& bounds, double sum);
 double shares_of_cost(const Box& bounds, double cost);
 
+/// An object's tree when it was last built: the sum of the shares of its nodes, and the area of its
+/// box.
+struct TreeBuild {
+    double shares = 0;
+    double area = 0;  ///< 0: nothing is known
+};
+TreeBuild tree_build(const Box& bounds, double cost);
+/// True if a tree costs so many times as much as when it was built, for rays through the smaller one
+/// of its two boxes: then one part that is far away neither hides that nor is worth waiting for.
+bool has_grown(const TreeBuild& built, const Box& bounds, double cost, double factor);
+
 /// Returns the cost of an object; `costs` are those of what it places.
 double tree_cost(const SceneView& scene, const ObjectRecord& object, std::span<const double> costs);
 

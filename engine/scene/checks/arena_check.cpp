@@ -358,12 +358,13 @@ private:
     Result<void> check_instances(const ObjectRecord& object, std::uint32_t index) {
         std::uint64_t leaves = object.has_own_primitives() ? 1 : 0;
         std::uint32_t levels = 1;
+        std::uint32_t mask = object.has_own_primitives() ? ~0U : 0;
         for (std::uint32_t i = 0; i < object.instance_count; ++i) {
             const InstanceRecord& instance = view_.instances[object.first_instance + i];
             const InstanceInfo& info = view_.instance_infos[object.first_instance + i];
             if (instance.object >= index || instance.path_base != leaves ||
                 !is_finite(instance.to_object.m) || !is_finite(info.to_parent.m) ||
-                !is_name(info.name)) {
+                !is_name(info.name) || instance.mask != (info.mask & masks_[instance.object])) {
                 return broken("instance " + std::to_string(object.first_instance + i));
             }
             const ObjectRecord& child = view_.objects[instance.object];
@@ -371,7 +372,9 @@ private:
                 return broken("it has more than 2^63 paths");
             leaves += child.placement_count;
             levels = std::max(levels, child.levels + 1);
+            mask |= instance.mask;
         }
+        masks_.push_back(mask);
         if (leaves != object.placement_count || levels != object.levels ||
             levels > scene_depth_max) {
             return broken("the paths or levels of object " + std::to_string(index));
@@ -417,6 +420,7 @@ private:
 
     std::span<const std::byte> arena_;
     SceneView view_;
+    std::vector<std::uint32_t> masks_;         ///< by object: the union of those inside
     std::vector<std::uint32_t> record_types_;  ///< in the order in which objects use them
 };
 

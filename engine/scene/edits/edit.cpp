@@ -2,6 +2,7 @@
 
 #include "engine/scene/edits/edited_arena.h"
 #include "engine/scene/edits/names.h"
+#include "engine/scene/edits/rebuild.h"
 #include "engine/scene/edits/refit.h"
 #include "engine/scene/edits/shared_ways.h"
 #include "engine/scene/edits/view_trees.h"
@@ -21,68 +22,6 @@
 
 namespace raynest {
 namespace {
-
-using format::Section;
-
-/// Copies bytes on all threads.
-void copy_bytes(std::byte* to, const std::byte* from, std::size_t count) {
-    constexpr std::size_t part = 4U << 20;
-    tbb::parallel_for(std::size_t{0}, (count + part - 1) / part, [&](std::size_t i) {
-        std::memcpy(to + i * part, from + i * part, std::min(part, count - i * part));
-    });
-}
-
-/// Copies an arena with another record and other nodes for its root, whose nodes are the last ones.
-Arena with_root(std::span<const std::byte> from, std::uint32_t object, const ObjectRecord& root,
-                std::span<const Node> nodes) {
-    const auto& old = *reinterpret_cast<const format::Header*>(from.data());
-    format::Header header = old;
-    header.sections[0].count = root.first_node + nodes.size();
-    std::uint64_t end = format::aligned(sizeof header);
-    for (format::SectionEntry& entry : header.sections) {
-        entry.offset = end;
-        end = format::aligned(end + entry.count * entry.element_size);
-    }
-    header.bytes = end;
-    Arena arena(end);
-    std::memcpy(arena.data(), &header, sizeof header);
-    for (std::size_t s = 0; s < format::section_count; ++s) {
-        const format::SectionEntry& entry = header.sections[s];
-        const std::uint64_t kept = s == 0 ? root.first_node : entry.count;
-        copy_bytes(arena.data() + entry.offset, from.data() + old.sections[s].offset,
-                   kept * entry.element_size);
-    }
-    std::memcpy(arena.data() + header.sections[0].offset + root.first_node * sizeof(Node),
-                nodes.data(), nodes.size_bytes());
-    const std::size_t objects = static_cast<std::size_t>(Section::objects);
-    std::memcpy(arena.data() + header.sections[objects].offset + object * sizeof root, &root,
-                sizeof root);
-    return arena;
-}
-
-/// Builds the root's tree again, which has instances alone.
-Result<std::shared_ptr<const Snapshot>> rebuild(const Snapshot& scene) {
-    const SceneView& view = scene.view();
-    ObjectRecord root = view.objects[view.root];
-    std::vector<Box> boxes(root.instance_count);
-    std::vector<float> errors(root.instance_count);
-    const ViewTrees trees(view);
-    tbb::parallel_for(std::uint32_t{0}, root.instance_count, [&](std::uint32_t i) {
-        const std::uint32_t child = view.instances[root.first_instance + i].object;
-        const Transform& to_parent = view.instance_infos[root.first_instance + i].to_parent;
-        errors[i] = placement_error(to_parent, view.objects[child].origin_error);
-        boxes[i] = place_box(trees, child, to_parent, errors[i]).box;
-    });
-    const Tree tree = build_tree({boxes, 0, 0, root.instance_count, scene.statistics().build});
-    root.origin_error = std::max(1.0F, *std::ranges::max_element(errors));
-    root.root = tree.root;
-    root.bounds = tree.bounds;
-    root.node_count = static_cast<std::uint32_t>(tree.nodes.size());
-    return Snapshot::reopen({with_root(scene.bytes(), view.root, root, tree.nodes),
-                             scene.statistics().build_seconds,
-                             {.rebuilds = scene.statistics().edits.rebuilds + 1}},
-                            scene.digest());
-}
 
 bool is_inside(const Box& box, const Box& of) {
     return box.is_empty() || (glm::all(glm::greaterThan(box.lower, of.lower)) &&
@@ -216,18 +155,24 @@ std::uint32_t mask_below(const SceneView& view, std::uint32_t object) {
     return mask;
 }
 
-/// Sets the mask of an instance. Groups above it that had the mask of their contents have it still.
-void set_mask(EditedArena& arena, const InstanceMask& change) {
-    const std::vector<WayStep> steps = steps_to(arena.view(), change.instance);
-    std::uint32_t before = arena.view().instances[steps.back().instance].mask;
-    std::uint32_t after = change.mask;
-    for (std::size_t i = steps.size(); i-- > 0;) {
-        InstanceRecord& record = arena.instance(steps[i].instance);
-        if (record.mask != before) break;
-        if (i != 0) before = mask_below(arena.view(), steps[i].object);
-        record.mask = after;
-        arena.touch(record);
-        if (i != 0) after = mask_below(arena.view(), steps[i].object);
+/// Gives instances their masks, and those above them what follows: each lets in the rays that it
+/// was given and that see something inside.
+void set_masks(EditedArena& arena, const std::vector<InstanceMask>& changes) {
+    std::map<std::uint32_t, std::set<std::uint32_t>> above;  // instances by object, children first
+    for (const InstanceMask& change : changes) {
+        const std::vector<WayStep> steps = steps_to(arena.view(), change.instance);
+        InstanceInfo& info = arena.info(steps.back().instance);
+        info.mask = change.mask;
+        arena.touch(info);
+        for (const WayStep& step : steps) above[step.object].insert(step.instance);
+    }
+    for (const auto& [object, instances] : above) {
+        for (const std::uint32_t index : instances) {
+            InstanceRecord& record = arena.instance(index);
+            const std::uint32_t mask =
+                arena.info(index).mask & mask_below(arena.view(), record.object);
+            if (std::exchange(record.mask, mask) != mask) arena.touch(record);
+        }
     }
 }
 
@@ -275,11 +220,12 @@ TouchedObjects touched_by(const SceneView& view, const SceneChanges& changes, bo
 /// Applies moves, masks, user ids and vertices in a copy of the arena.
 Result<std::shared_ptr<const Snapshot>> change_in_place(const Snapshot& scene,
                                                         const SceneChanges& changes,
-                                                        std::shared_ptr<const Snapshot> spare) {
+                                                        std::shared_ptr<const Snapshot> spare,
+                                                        const EditGuard& guard) {
     ArenaCopy copy = changes.is_last ? ArenaCopy{scene.copy_arena(), {}}
                                      : Snapshot::copy_to_edit(scene, std::move(spare));
     EditedArena arena(std::move(copy.arena), scene.view());
-    for (const InstanceMask& change : changes.masks) set_mask(arena, change);
+    set_masks(arena, changes.masks);
     for (const CameraMove& move : changes.cameras) arena.set_camera(move.camera, move.to_world);
     for (const LightMove& move : changes.lights)
         arena.set_light(move.light, move.position, move.direction);
@@ -335,21 +281,29 @@ Result<std::shared_ptr<const Snapshot>> change_in_place(const Snapshot& scene,
                                              arena.view().instance_count, scene.bounds(),
                                              refitted.reached, *known.extents));
 
+    // A pose is not edited again: its refitted meshes are worth no build.
+    std::vector<std::uint32_t> grown;
+    for (const auto& [index, change] : places) {
+        const ObjectRecord& object = arena.object(index);
+        if (can_rebuild(object) && !(changes.is_last && object.triangle_count != 0) &&
+            has_grown((*known.built)[index], object.bounds, known.costs[index],
+                      rebuild_cost_factor))
+            grown.push_back(index);
+    }
+
     BuiltArena built;
     built.edits = scene.statistics().edits;
-    if (built.edits.built_cost == 0) built.edits.built_cost = scene.statistics().trees.sah_cost;
     ++built.edits.refits;
     built.edits.nodes = refitted.nodes + known.extents->opened() - opened;
     ArenaChanges changed = arena.changed();
-    const double limit = rebuild_cost_factor * built.edits.built_cost;
-    const bool may_rebuild = !places.empty() && !arena.object(root).has_own_primitives();
     TouchedObjects touched = touched_by(arena.view(), changes, scene.paths().node_count == 0);
     built.arena = arena.take();
     auto edited = Snapshot::open_edited(
         std::move(built), scene,
         {std::move(copy.sharing), std::move(changed), std::move(known), std::move(touched)});
-    if (!edited || !may_rebuild || (*edited)->statistics().trees.sah_cost <= limit) return edited;
-    return rebuild(**edited);
+    // Where there is no room for a copy, slow trees stay.
+    if (!edited || grown.empty() || !guard.allows((*edited)->bytes().size())) return edited;
+    return rebuild_trees(**edited, grown);
 }
 
 }  // namespace
@@ -400,7 +354,7 @@ Result<std::shared_ptr<const Snapshot>> edit_scene(const Snapshot& scene,
     if (!changes.moves.empty() || !changes.masks.empty() || !changes.deformed.empty() ||
         !changes.cameras.empty() || !changes.lights.empty() || !changes.uids.empty() ||
         !changes.materials.empty() || (changes.removed.empty() && changes.added.empty()))
-        if (auto done = advance(change_in_place(now(), changes, std::move(spare))); !done)
+        if (auto done = advance(change_in_place(now(), changes, std::move(spare), guard)); !done)
             return tl::unexpected(done.error());
     if (!changes.removed.empty() || !changes.added.empty())
         if (auto done = advance(

@@ -6,9 +6,9 @@
 // Objects stay as they are but for vertices. The trees on the way from what moved to the root are
 // refitted: the boxes above it are made anew and all others stay. What is placed several times and
 // changes at one place gets objects of its own there first. Rays hit what they would hit in the
-// same scene loaded afresh, bit for bit; they may visit other boxes on their way. When the expected
-// cost of the root's refitted tree has grown by a fifth since it was built, it is built again; so
-// it is when instances come or go.
+// same scene loaded afresh, bit for bit; they may visit other boxes on their way. A refitted tree
+// whose expected cost has grown by a fifth since it was built is built again (rebuild.h); so is the
+// root's when instances come or go.
 #pragma once
 
 #include "engine/math/vec.h"
@@ -69,9 +69,6 @@ struct SceneChanges {
     std::vector<MeshMaterial> materials = {};
     bool is_last = false;  ///< no edit follows this one: it gets a whole arena, on huge pages
 };
-
-/// The root's tree is built again once its expected cost is this many times that of its last build.
-inline constexpr double rebuild_cost_factor = 1.2;
 
 /// Returns a changed copy of the scene. `spare` may be the scene before its last edit: if nobody
 /// else refers to it, its memory becomes that of the copy, and an edit costs what it changes. Fails

@@ -72,7 +72,8 @@ public:
         if (!arena) return tl::unexpected(arena.error());
         return BuiltArena{std::move(*arena),
                           base_.statistics().build_seconds,
-                          {.rebuilds = base_.statistics().edits.rebuilds + 1}};
+                          {.rebuilds = base_.statistics().edits.rebuilds + 1},
+                          content_.trees_built()};
     }
 
 private:
@@ -109,7 +110,7 @@ private:
             const InstanceRecord& record = view.instances[at];
             const InstanceInfo& info = view.instance_infos[at];
             instances_.push_back(
-                {content_.keep(0, record.object), info.to_parent, record.mask, info.uid,
+                {content_.keep(0, record.object), info.to_parent, info.mask, info.uid,
                  content_.name(base_, info.name),
                  base_.paths().numbers == nullptr ? no_id : base_.paths().numbers[at]});
             const std::uint64_t end =
@@ -129,7 +130,6 @@ private:
         if (is_new) known->second = content_.add_scene(*added.scene);
         const std::size_t scene = known->second;
         const std::uint32_t object = content_.keep(scene, view.root);
-        const std::uint32_t contents = content_.mask_of(object);
         const std::uint32_t name = content_.content().names.add(added.name);
         const auto copies = static_cast<std::uint32_t>(added.to_scene.size());
         // Where one node stands for all placements, each of them takes a number.
@@ -150,9 +150,8 @@ private:
                 {added.scene.get(), name, static_cast<std::uint32_t>(number), copies, added.uid});
         for (std::uint32_t i = 0; i < copies; ++i)
             instances_.push_back(
-                {object, added.to_scene[i], added.masks[i] == ~0U ? contents : added.masks[i],
-                 added.uid == no_id ? 0 : added.uid, name,
-                 number == no_id ? no_id : static_cast<std::uint32_t>(number) + i});
+                {object, added.to_scene[i], added.masks[i], added.uid == no_id ? 0 : added.uid,
+                 name, number == no_id ? no_id : static_cast<std::uint32_t>(number) + i});
         return {};
     }
 
@@ -222,7 +221,8 @@ Result<BuiltArena> unshare(const Snapshot& base, const std::vector<InstancePlace
     }
     auto arena = content.write(has_nodes);
     if (!arena) return tl::unexpected(arena.error());
-    return BuiltArena{std::move(*arena), base.statistics().build_seconds, base.statistics().edits};
+    return BuiltArena{std::move(*arena), base.statistics().build_seconds, base.statistics().edits,
+                      content.trees_built()};
 }
 
 }  // namespace raynest

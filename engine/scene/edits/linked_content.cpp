@@ -326,6 +326,14 @@ std::uint32_t LinkedContent::add_object(std::size_t number, std::uint32_t index,
     return made;
 }
 
+std::vector<TreeBuild> LinkedContent::trees_built() const {
+    std::vector<TreeBuild> built;
+    for (const Origin& origin : origins_)
+        built.push_back(scenes_[origin.scene].snapshot->trees_built()[origin.object]);
+    built.resize(content_.objects.size());
+    return built;
+}
+
 std::uint32_t LinkedContent::mask_of(std::uint32_t object) const {
     const ObjectRecord& record = content_.objects[object];
     std::uint32_t mask = record.has_own_primitives() ? ~0U : 0;
@@ -379,6 +387,7 @@ Result<void> LinkedContent::add_root(std::uint32_t name, std::vector<Placed> ins
     root.instance_count = static_cast<std::uint32_t>(instances.size());
     std::vector<Box> boxes(instances.size());
     std::vector<float> errors(instances.size());
+    std::unordered_map<std::uint32_t, std::uint32_t> contents;  // by object
     for (const Placed& placed : instances) {
         const ObjectRecord& child = content_.objects[placed.object];
         InstanceRecord record{};
@@ -386,14 +395,16 @@ Result<void> LinkedContent::add_root(std::uint32_t name, std::vector<Placed> ins
         invert(placed.to_parent, to_object);  // the caller has checked it
         record.to_object = by_columns(to_object);
         record.object = placed.object;
-        record.mask = placed.mask;
+        const auto [mask, is_new] = contents.try_emplace(placed.object);
+        if (is_new) mask->second = mask_of(placed.object);
+        record.mask = placed.mask & mask->second;
         record.path_base = root.placement_count;
         if (child.placement_count > scene_paths_max - root.placement_count)
             return fail(ErrorCode::limit_exceeded, "the scene would place more than 2^63 leaves");
         root.placement_count += child.placement_count;
         root.levels = std::max(root.levels, child.levels + 1);
         content_.instances.push_back(record);
-        content_.instance_infos.push_back({placed.to_parent, placed.uid, placed.name});
+        content_.instance_infos.push_back({placed.to_parent, placed.uid, placed.name, placed.mask});
         numbers_.push_back(placed.number);
     }
     if (root.levels > scene_depth_max)

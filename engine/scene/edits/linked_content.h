@@ -39,7 +39,7 @@ public:
     struct Placed {
         std::uint32_t object;  ///< new index
         Transform to_parent;
-        std::uint32_t mask = 0xFFFFFFFFU;
+        std::uint32_t mask = 0xFFFFFFFFU;  ///< InstanceInfo::mask
         std::uint32_t uid = 0;
         std::uint32_t name = 0;  ///< offset in the new names
         std::uint32_t number = no_id;
@@ -50,8 +50,8 @@ public:
     [[nodiscard]] Content& content() { return content_; }
     /// Offset of a name of a scene in the new names.
     std::uint32_t name(const Snapshot& scene, std::uint32_t offset);
-    /// The union of the masks below an object, by its new index.
-    [[nodiscard]] std::uint32_t mask_of(std::uint32_t object) const;
+    /// The objects' trees as they were built; the new root's has nothing yet.
+    [[nodiscard]] std::vector<TreeBuild> trees_built() const;
 
     /// Writes the arena. `has_nodes` tells whether path nodes name the paths; else instances do.
     Result<Arena> write(bool has_nodes);
@@ -92,6 +92,8 @@ private:
     std::uint32_t add_texture(Scene& scene, std::uint32_t texture);
     std::uint32_t add_object(std::size_t scene, std::uint32_t object,
                              const std::vector<std::uint32_t>& children, bool may_share);
+    /// The union of the masks below an object, by its new index.
+    [[nodiscard]] std::uint32_t mask_of(std::uint32_t object) const;
     [[nodiscard]] bool is_same(std::uint32_t known, const Scene& scene, const ObjectRecord& object,
                                const Instances& instances) const;
 

@@ -48,7 +48,7 @@ std::vector<Row> rows_of(const Snapshot& scene, const ObjectRecord& object) {
         const auto joins = [&](std::uint32_t k) {
             const InstanceRecord& other = view.instances[k];
             const InstanceInfo& info = view.instance_infos[k];
-            return other.object == head.object && other.mask == head.mask &&
+            return other.object == head.object && info.mask == view.instance_infos[i].mask &&
                    view.names[info.name] == '\0' && is_scaled_only(info.to_parent);
         };
         std::uint32_t next = i;
@@ -117,9 +117,9 @@ private:
             const InstanceRecord& instance = view_.instances[row.first];
             const ObjectRecord& child = view_.objects[instance.object];
             const std::uint64_t path = open.path + instance.path_base;
-            std::uint32_t mask = open.mask & instance.mask;
-            if (open.mask != mask_of_all && instance.mask != mask_of_all &&
-                open.mask != instance.mask)
+            const std::uint32_t own = view_.instance_infos[row.first].mask;
+            std::uint32_t mask = open.mask & own;
+            if (open.mask != mask_of_all && own != mask_of_all && open.mask != own)
                 ++crossed_masks_;
             std::string node;
             const auto member = [&node](std::string_view text) {

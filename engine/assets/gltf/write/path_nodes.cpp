@@ -63,9 +63,10 @@ private:
         const std::uint32_t mesh = mesh_of_[instance.object];
         std::string row = "{\"name\":" + json_text(name);
         if (mesh != no_id) row += fmt::format(",\"mesh\":{}", mesh);
-        row += ",\"matrix\":" + matrix_text(turned(scene_, view_.instance_infos[index].to_parent));
-        if (instance.mask != 0xFFFFFFFFU)
-            row += fmt::format(R"(,"extras":{{"raynest":{{"mask":{}}}}})", instance.mask);
+        const InstanceInfo& info = view_.instance_infos[index];
+        row += ",\"matrix\":" + matrix_text(turned(scene_, info.to_parent));
+        if (info.mask != 0xFFFFFFFFU)
+            row += fmt::format(R"(,"extras":{{"raynest":{{"mask":{}}}}})", info.mask);
         return tables_.nodes.add(row + '}');
     }
 
