@@ -181,7 +181,7 @@ TABLES = {
 
 # Rows need more than themselves where no compiler misses it: the list and its file, another file, and how that says each name.
 NEEDS = (
-    ("counted", "engine/geometry/counters.def", "engine/intersectors/counting.h", "{}"),
+    ("counted", "engine/geometry/counters.def", "engine/intersectors/counts.h", "{}"),
     ("sensors", "protocol/lists/generators.def", "client/python/raynest/generators.py", "def {}"),
     ("reducers", "protocol/lists/reducers.def", "server/jobs/reduce_job.cpp", "{}"),
     ("tonemaps", "engine/integrators/tonemaps.def", "server/web/tonemap.js", "vec3 {}"),

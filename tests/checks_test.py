@@ -277,7 +277,7 @@ class Lists(Planted):
              "client/python/raynest/_lists.py", "client/python/raynest/_limits.py",
              "server/web/lists.js",
              # The files where rows need more than themselves.
-             "engine/intersectors/counting.h", "server/jobs/reduce_job.cpp", "server/web/tonemap.js",
+             "engine/intersectors/counts.h", "server/jobs/reduce_job.cpp", "server/web/tonemap.js",
              "client/python/raynest/_render.py", "client/python/raynest/generators.py")
 
     def setUp(self):
@@ -319,7 +319,7 @@ class Lists(Planted):
                 ("engine/integrators/tonemaps.def", 'RAYNEST_TONEMAP(filmic, "as film")',
                  "client/python/raynest/_render.py", "filmic"),
                 ("engine/geometry/counters.def", 'RAYNEST_COUNTER(pairs, "pairs per ray")',
-                 "engine/intersectors/counting.h", "pairs"),
+                 "engine/intersectors/counts.h", "pairs"),
                 ("protocol/lists/reducers.def", 'RAYNEST_REDUCER(farthest, closest, found, "t f32", "the farthest hit")',
                  "server/jobs/reduce_job.cpp", "farthest")):
             with self.subTest(file=file):

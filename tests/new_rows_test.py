@@ -85,8 +85,8 @@ class Tree:
 def add_counter(tree):
     tree.add_row("engine/geometry/counters.def", "RAYNEST_COUNTER(prim_hits",
                  ("prim_hits", "primitives hit"), ("pairs", "pairs of nodes"))
-    tree.edit("engine/intersectors/counting.h", r"c\.box_hits \+= bits\(spans\.mask\);",
-              "c.box_hits += bits(spans.mask);\n        c.pairs += 2;")
+    tree.edit("engine/intersectors/counts.h", r"c\.box_hits \+= lanes_of\(entered\);",
+              "c.box_hits += lanes_of(entered);\n    c.pairs += 2;")
 
 
 def add_generator(tree):

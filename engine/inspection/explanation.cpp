@@ -2,6 +2,7 @@
 
 #include "engine/bvh/node.h"
 #include "engine/geometry/moved_box.h"
+#include "engine/intersectors/counts.h"
 
 #include <bit>
 #include <new>
@@ -13,10 +14,6 @@ namespace {
 /// A child word without the size of its leaf: what a visit of the child can tell of it.
 std::uint32_t key_of(std::uint32_t child) {
     return is_leaf(child) && kind_of(child) != ChildKind::instance ? child & ~7U : child;
-}
-
-std::uint32_t count_of(std::uint32_t lanes) {
-    return static_cast<std::uint32_t>(std::popcount(lanes));
 }
 
 }  // namespace
@@ -70,18 +67,13 @@ void ExplanationRecorder::count(const Step& step) {
     if (step.kind == step_primitives && (step.passed | step.rejected) != 0) leave_missed();
     for (Counters* c : {&told_.totals, &told_.levels[depth()]}) {
         if (step.kind == step_node) {
-            ++c->nodes;
-            c->boxes += count_of(step.tested);
-            c->box_hits += count_of(step.passed);
+            count_node(*c, step.tested);
+            count_box_hits(*c, step.passed);
         } else if (step.kind == step_primitives) {
-            c->leaves += step.first;
-            c->prims += count_of(step.tested);
-            c->rejects += count_of(step.rejected);
-            c->prim_hits += count_of(step.passed | step.rejected);
-        } else if (step.kind == step_instance) {
-            const std::uint32_t entered = step.outcome == outcome_accepted ? 1 : 0;
-            c->instances += entered;
-            c->instance_misses += entered;
+            count_primitives(*c, step.first, lanes_of(step.tested));
+            count_candidates(*c, step.passed | step.rejected, step.rejected);
+        } else if (step.kind == step_instance && step.outcome == outcome_accepted) {
+            count_instance(*c);
         }
     }
 }
@@ -89,8 +81,8 @@ void ExplanationRecorder::count(const Step& step) {
 void ExplanationRecorder::leave_missed() {
     for (std::uint32_t level = 1; level <= depth(); ++level) {
         if (!std::exchange(descent_.levels()[level].missed, false)) continue;
-        --told_.totals.instance_misses;
-        --told_.levels[level - 1].instance_misses;
+        count_instances_hit(told_.totals, 1);
+        count_instances_hit(told_.levels[level - 1], 1);
     }
 }
 
@@ -119,9 +111,9 @@ void ExplanationRecorder::add_node(Level& level, const Step& step) {
     entry.level = depth();
     entry.object = step.object;
     entry.place = step.place;
-    entry.tested = count_of(step.tested);
-    entry.passed = entry.behind = count_of(step.passed);
-    entry.refused = count_of(step.rejected);
+    entry.tested = lanes_of(step.tested);
+    entry.passed = entry.behind = lanes_of(step.passed);
+    entry.refused = lanes_of(step.rejected);
     const std::uint32_t index = append(level, step.place, entry);
     if (index == no_id) return;
     const SceneView& view = scene_.view();
@@ -149,9 +141,9 @@ void ExplanationRecorder::add_primitives(Level& level, const Step& step) {
     }
     if (leaf_ == no_id) return;
     ExplainedEntry& leaf = told_.entries[leaf_];
-    leaf.tested += count_of(step.tested);
-    leaf.passed += count_of(step.passed);
-    leaf.refused += count_of(step.rejected);
+    leaf.tested += lanes_of(step.tested);
+    leaf.passed += lanes_of(step.passed);
+    leaf.refused += lanes_of(step.rejected);
 }
 
 void ExplanationRecorder::add_candidate(const Step& step) {

@@ -6,13 +6,12 @@
 
 #include "engine/bvh/intersect_with.h"
 #include "engine/bvh/visit.h"
+#include "engine/intersectors/counts.h"
 #include "engine/math/mask.h"
 #include "engine/math/words.h"
 
-#include <bit>
 #include <cstddef>
 #include <cstdint>
-#include <cstring>
 #include <type_traits>
 
 namespace raynest {
@@ -58,9 +57,9 @@ struct Counting {
     /// A node: its valid children are tested.
     RAYNEST_INLINE auto operator()(const auto& ray, const BoxLike auto& boxes) {
         Counters& c = of(ray);
-        add_pair<offsetof(Counters, nodes), offsetof(Counters, boxes)>(c, 1, bits(boxes.valid()));
+        count_node(c, boxes.valid());
         auto spans = intersect_with(base, ray, boxes);
-        c.box_hits += bits(spans.mask);
+        count_box_hits(c, spans.mask);
         return spans;
     }
 
@@ -71,8 +70,7 @@ struct Counting {
         Counters& c = of(ray);
         std::uint32_t leaves = 1;
         if constexpr (requires { primitive.first; }) leaves = primitive.first ? 1 : 0;
-        add_pair<offsetof(Counters, leaves), offsetof(Counters, prims)>(c, leaves,
-                                                                        count_of(primitive));
+        count_primitives(c, leaves, count_of(primitive));
         if constexpr (!Overrides<Base, R, P>) {
             auto hits = intersect(ray, primitive);
             if (hits.mask != 0) add_candidates(ray, hits.mask, hits.mask);
@@ -94,8 +92,7 @@ struct Counting {
 
     RAYNEST_INLINE bool operator()(const auto& ray, const InstanceLike auto& instance) {
         if (!enters(base, ray, instance)) return false;
-        // Until something in it is hit, it counts as an instance without a hit.
-        add_pair<offsetof(Counters, instances), offsetof(Counters, instance_misses)>(of(ray), 1, 1);
+        count_instance(of(ray));
         missed |= 1U << ray.level;
         return true;
     }
@@ -108,16 +105,11 @@ private:
         return count_other_words(triangles.block->triangle, no_id);
     }
     RAYNEST_INLINE static std::uint32_t count_of(const auto& primitive) {
-        return bits(primitive.valid());
-    }
-    RAYNEST_INLINE static std::uint32_t bits(std::uint32_t mask) {
-        return static_cast<std::uint32_t>(std::popcount(mask));
+        return lanes_of(primitive.valid());
     }
     RAYNEST_INLINE void add_candidates(const auto& ray, std::uint32_t candidates,
                                        std::uint32_t accepted) {
-        Counters& c = of(ray);
-        c.rejects += bits(candidates & ~accepted);
-        c.prim_hits += bits(candidates);
+        count_candidates(of(ray), candidates, candidates & ~accepted);
         const std::uint32_t found = missed & ((1U << ray.level) - 1);
         if (found != 0 && candidates != 0) leave_missed(ray, found);
     }
@@ -126,22 +118,10 @@ private:
         missed &= ~found;
         if constexpr (ByLevel) {
             for (; found != 0; found &= found - 1)
-                --counters[std::size_t{ray.id} * levels + lowest_bit(found)].instance_misses;
+                count_instances_hit(counters[std::size_t{ray.id} * levels + lowest_bit(found)], 1);
         } else {
-            counters[ray.id].instance_misses -= bits(found);
+            count_instances_hit(counters[ray.id], lanes_of(found));
         }
-    }
-    /// Adds to two neighbouring counters by one load and one store.
-    template <std::size_t first, std::size_t second>
-    RAYNEST_INLINE static void add_pair(Counters& c, std::uint32_t to_first,
-                                        std::uint32_t to_second) {
-        static_assert(second == first + sizeof(std::uint32_t) &&
-                      std::endian::native == std::endian::little);
-        auto* at = reinterpret_cast<std::byte*>(&c) + first;
-        std::uint64_t both;
-        std::memcpy(&both, at, sizeof both);
-        both += std::uint64_t{to_second} << 32 | to_first;
-        std::memcpy(at, &both, sizeof both);
     }
 };
 
