@@ -29,6 +29,12 @@ FORBIDDEN = {
 # A line of the log that names who caused it has a limit, so that nobody fills the disk.
 UNLIMITED_LINE = re.compile(r'(?<![\w:])log\((?:[^;"]|"(?!principal"|peer"|newcomer")[^"]*")*"(?:principal|peer|newcomer)"')
 
+# What several requests have, and a picture's many words, are read once, into typed values; the handler
+# of a request names its own message.
+READ_ONCE = re.compile(r"wire::(?:Job|Camera)\b")
+WORDS = "server/requests/words/"
+READ_BY_REQUESTS = re.compile(r"wire::(?:Generator|Query|Render|Heatmap|Explain|Blame)\b")
+
 # nvcc compiles libstdc++'s to a constant.
 WRONG_ON_GPU = re.compile(r"std::countr_(?:zero|one)\(")
 MASKS = "engine/math/mask.h"
@@ -82,6 +88,10 @@ def violations_of(root, name):
         parsed = subprocess.run(["bash", "-n", file], capture_output=True, text=True, check=False)
         if parsed.returncode:
             yield f"{name}: does not parse: {parsed.stderr.strip()}"
+    if name.startswith("server/") and file.suffix in SOURCES and not name.startswith(WORDS):
+        for pattern in (READ_ONCE, *([] if name.startswith("server/requests/") else [READ_BY_REQUESTS])):
+            if match := pattern.search(text):
+                yield f"{name}: {match.group()} is read in {WORDS} alone: take its typed words"
 
 
 def main():

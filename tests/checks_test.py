@@ -182,6 +182,12 @@ class House(Planted):
         for mark in ("<" * 7 + " ours", ">" * 7, "|" * 7 + " base"):
             self.assert_refused("engine/a.md", f"fine\n{mark}\nfine\n", "the mark of a merge")
 
+    def test_messages_are_read_once(self):
+        for name, text in (("server/requests/a.cpp", "int f(const wire::Job& job);\n"),
+                           ("server/documents/a.h", "int f(const wire::Camera& camera);\n"),
+                           ("server/jobs/a.cpp", "int f(const wire::Render& message);\n")):
+            self.assert_refused(name, text, f"{name}: wire::")
+
     def test_machine_paths_are_refused(self):
         self.assert_refused("server/a.md", "see /home/" + "somebody/x\n", "somebody's machine")
 

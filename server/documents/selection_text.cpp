@@ -1,20 +1,17 @@
 #include "server/documents/selection_text.h"
 
-#include "protocol/control.h"
-
 namespace raynest::server {
 namespace {
 
 template <class Number>
-void append(std::string& text, const char* key, const flatbuffers::Vector<Number>* list) {
-    if (list == nullptr) return;
-    for (const Number number : *list)
+void append(std::string& text, const char* key, const std::vector<Number>& list) {
+    for (const Number number : list)
         text.append(text.empty() ? "" : " ").append(key).append(std::to_string(number));
 }
 
 /// Texts of paths, in which a space is %20: spaces part them.
-void append(std::string& text, const protocol::StringList* list) {
-    for (const std::string& path : protocol::strings(list)) {
+void append(std::string& text, const std::vector<std::string>& paths) {
+    for (const std::string& path : paths) {
         if (!text.empty()) text += ' ';
         for (const char c : path) c == ' ' ? text += "%20" : text += c;
     }
@@ -22,16 +19,16 @@ void append(std::string& text, const protocol::StringList* list) {
 
 }  // namespace
 
-SelectionText selection_text(const wire::Job& job) {
+SelectionText selection_text(const SelectionWords& words) {
     SelectionText text;
-    append(text.hide, "inst=", job.hidden_instances());
-    append(text.hide, "object=", job.hidden_objects());
-    append(text.hide, "path=", job.hidden_path_ids());
-    append(text.hide, job.hidden_paths());
-    append(text.only, "inst=", job.only_instances());
-    append(text.only, "object=", job.only_objects());
-    append(text.only, "path=", job.only_path_ids());
-    append(text.only, job.only_paths());
+    append(text.hide, "inst=", words.lists.hidden_instances);
+    append(text.hide, "object=", words.lists.hidden_objects);
+    append(text.hide, "path=", words.hidden.ids);
+    append(text.hide, words.hidden.texts);
+    append(text.only, "inst=", words.lists.only_instances);
+    append(text.only, "object=", words.lists.only_objects);
+    append(text.only, "path=", words.only.ids);
+    append(text.only, words.only.texts);
     return text;
 }
 

@@ -2,7 +2,7 @@
 #pragma once
 
 #include "engine/assets/images/image.h"
-#include "protocol/wire.h"
+#include "server/execution/selected.h"
 
 #include <string>
 #include <vector>
@@ -13,7 +13,7 @@ namespace raynest::server {
 struct SelectionText {
     std::string hide, only;
 };
-[[nodiscard]] SelectionText selection_text(const wire::Job& job);
+[[nodiscard]] SelectionText selection_text(const SelectionWords& words);
 
 /// Adds what is hidden to the attributes of a file; nothing where all is shown.
 void add_selection(const SelectionText& text, std::vector<Attribute>& attributes);

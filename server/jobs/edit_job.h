@@ -9,7 +9,7 @@
 #pragma once
 
 #include "server/ground/budget.h"
-#include "server/jobs/edit_content.h"
+#include "server/jobs/edit_rows.h"
 #include "server/jobs/services.h"
 #include "server/scheduling/job.h"
 #include "server/security/caller.h"

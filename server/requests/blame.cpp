@@ -6,6 +6,7 @@
 #include "server/execution/choose_backends.h"
 #include "server/jobs/picture_job.h"
 #include "server/requests/request.h"
+#include "server/requests/words/generator.h"
 #include "server/requests/words/make_plan.h"
 #include "server/requests/words/picture_request.h"
 
@@ -73,7 +74,7 @@ private:
 
 Reply<Answer> blame(const Services& services, const Caller& caller,
                     const protocol::Opened<wire::Blame>& message) {
-    auto asked = make_plan(services, caller, *message->job(), query_closest);
+    auto asked = make_plan(services, caller, job_words(*message->job()), query_closest);
     if (!asked) return tl::unexpected(asked.error());
     auto plan = Plan::observed(std::move(*asked));
     if (!plan) return tl::unexpected(plan.error());
@@ -95,9 +96,10 @@ Reply<Answer> blame(const Services& services, const Caller& caller,
         std::min<std::uint64_t>(most, instances_by_way(plan->scene.snapshot(), most) +
                                           view.object_count + view.material_count + 1);
     const std::uint64_t document = head_bytes + 3 * std::uint64_t{top} * listed_row_bytes;
-    auto request = make_document_request(services, caller, std::move(*plan), message->camera(),
-                                         {{message->width(), message->height()}},
-                                         rows * row_bytes + document, "group by an outer `level`");
+    auto request =
+        make_document_request(services, caller, std::move(*plan), camera_request(message->camera()),
+                              {{message->width(), message->height()}}, rows * row_bytes + document,
+                              "group by an outer `level`");
     if (!request) return tl::unexpected(request.error());
     JobSubmission accepted = accept(request->plan, "blame", request->rays());
     accepted.advice = "ask for a smaller `top`";

@@ -15,7 +15,7 @@ Reply<Answer> edit(const Services& services, const Caller& caller,
     order.scene = protocol::text(message->scene());
     order.epoch = message->epoch();
     order.keep = message->keep();
-    order.content = EditContent::of(*message.table);
+    order.content = edit_content(*message.table);
     const auto scene = services.scenes.find(order.scene, order.epoch, caller);
     if (!scene) return tl::unexpected(scene.error());
     if (const auto allowed = services.scenes.may_edit(order.scene, caller); !allowed)

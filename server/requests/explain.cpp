@@ -105,7 +105,7 @@ private:
 
 Reply<Answer> explain(const Services& services, const Caller& caller,
                       const protocol::Opened<wire::Explain>& message) {
-    auto asked = make_plan(services, caller, *message->job(), query_closest);
+    auto asked = make_plan(services, caller, job_words(*message->job()), query_closest);
     if (!asked) return tl::unexpected(asked.error());
     auto plan = Plan::observed(std::move(*asked));
     if (!plan) return tl::unexpected(plan.error());

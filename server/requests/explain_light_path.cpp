@@ -4,7 +4,6 @@
 #include "engine/geometry/tile_order.h"
 #include "engine/integrators/camera.h"
 #include "engine/integrators/integrator.h"
-#include "protocol/text.h"
 #include "server/documents/light_path_json.h"
 #include "server/execution/choose_backends.h"
 #include "server/execution/chunk_caster.h"
@@ -13,7 +12,6 @@
 #include "server/jobs/ray_source.h"
 #include "server/requests/words/explain_request.h"
 #include "server/requests/words/film_options.h"
-#include "server/requests/words/generator.h"
 #include "server/requests/words/idle_options.h"
 #include "server/requests/words/make_plan.h"
 
@@ -105,27 +103,26 @@ Reply<Pixel> read_pixel(std::string_view text) {
 
 }  // namespace
 
-Reply<Answer> explain_path(const Services& services, const Caller& caller,
-                           const wire::Render& message, std::string_view pixel_text) {
-    const std::string_view integrator = protocol::word(message.integrator(), "primary");
-    if (integrator == "primary")
+Reply<Answer> explain_path(const Services& services, const Caller& caller, RenderWords words) {
+    const auto [width, height] = words.pixels.whole;
+    if (words.integrator == "primary")
         return refuse(Code::invalid_field,
                       "primary has one ray and no path: Explain tells its traversal; or use one of "
                       "ao, direct, path");
-    if (message.environment_bytes() != 0 || message.resume_bytes() != 0)
+    if (words.environment_bytes != 0 || words.resume_bytes != 0)
         return refuse(Code::unsupported,
                       "a path is explained without files: use environment auto, sky or none");
-    const auto pixel = read_pixel(pixel_text);
+    const auto pixel = read_pixel(words.encode.substr(path_encoding.size()));
     if (!pixel) return tl::unexpected(pixel.error());
-    if (const auto inside = check_pixel(*pixel, message.width(), message.height()); !inside)
+    if (const auto inside = check_pixel(*pixel, width, height); !inside)
         return tl::unexpected(inside.error());
-    auto options = film_options(message, std::string(integrator));
+    auto options = film_options(words);
     if (!options) return tl::unexpected(options.error());
 
-    auto plan = make_plan(services, caller, protocol::present(message.job()), query_closest,
-                          counters_none, true);
+    auto plan =
+        make_plan(services, caller, std::move(words.job), query_closest, counters_none, true);
     if (!plan) return tl::unexpected(plan.error());
-    if (std::string note = idle_options_note(message, integrator); !note.empty())
+    if (std::string note = idle_options_note(words); !note.empty())
         plan->notes.push_back(std::move(note));
     if (plan->detach)
         return refuse(Code::invalid_field, "a path is explained at once: leave `detach` out");
@@ -135,16 +132,15 @@ Reply<Answer> explain_path(const Services& services, const Caller& caller,
     if (auto chosen = choose_backends(services.backends, 1, *plan, others); !chosen)
         return tl::unexpected(chosen.error());
     any->worker = plan->worker;
-    const auto camera = choose_camera(plan->scene.snapshot(), camera_request(message.camera()));
+    const auto camera = choose_camera(plan->scene.snapshot(), words.camera);
     if (!camera) return refuse(Code::invalid_field, camera.error().message);
 
     constexpr std::string_view fewer = "ask for a smaller `depth`";
     auto lease = reserve_explanation(services, caller, 2ULL * (options->settings.depth + 2), fewer);
     if (!lease) return tl::unexpected(lease.error());
-    PathContext context{services.limits,  {},
-                        *pixel,           message.width(),
-                        message.height(), std::string(integrator),
-                        options->seed,    options->samples - 1};
+    PathContext context{
+        services.limits,     {}, *pixel, width, height, options->integrator, options->seed,
+        options->samples - 1};
     JobSubmission accepted = accept_explanation(caller, *plan, lease->bytes(), fewer);
     accepted.job = std::make_unique<PathExplanationJob>(services, caller, std::move(*plan),
                                                         std::move(*any), *camera, options->settings,

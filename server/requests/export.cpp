@@ -141,7 +141,7 @@ Reply<Answer> export_scene(const Services& services, const Caller& caller,
     auto scene =
         services.scenes.find_to_read(protocol::text(message->scene()), message->epoch(), caller);
     if (!scene) return tl::unexpected(scene.error());
-    scene = at_moment(services, caller, std::move(*scene), *message.table);
+    scene = at_moment(services, caller, std::move(*scene), moment_words(*message.table));
     if (!scene) return tl::unexpected(scene.error());
     JobSubmission accepted;
     accepted.kind = "export";

@@ -9,6 +9,7 @@
 #include "server/execution/choose_backends.h"
 #include "server/jobs/heatmap_job.h"
 #include "server/requests/request.h"
+#include "server/requests/words/generator.h"
 #include "server/requests/words/idle_options.h"
 #include "server/requests/words/make_plan.h"
 #include "server/requests/words/picture_request.h"
@@ -114,9 +115,9 @@ Reply<HeatOptions> heat_options(const wire::Heatmap& message) {
 }
 
 /// Makes the plans of a job, or of the other one of a difference.
-Reply<HeatPlans> make_plans(const Services& services, const Caller& caller, const wire::Job& job,
+Reply<HeatPlans> make_plans(const Services& services, const Caller& caller, JobWords job,
                             CounterMode counters, bool necessary, bool timed) {
-    auto plain = make_plan(services, caller, job, query_closest);
+    auto plain = make_plan(services, caller, std::move(job), query_closest);
     if (!plain) return tl::unexpected(plain.error());
     if (timed && plain->worker.asked == "auto") plain->worker.asked = "cpu";
     if (timed && plain->worker.asked != "cpu")
@@ -159,11 +160,11 @@ std::string difference_note(const Plan& plan, const Plan& other) {
 
 /// The legend's words for the scene and the camera: "woods", "from (0, 1, 5) to (0, 0, 0)".
 std::vector<std::string> view_words(const Plan& plan, const Plan* other, const Camera& camera,
-                                    const wire::Camera* asked, std::size_t bytes_max) {
+                                    const CameraRequest& asked, std::size_t bytes_max) {
     const WorldPoint& origin = plan.scene.snapshot().origin();
     const int digits = origin == WorldPoint{} ? 6 : 9;
-    const auto point = [&](const wire::Vec3* at) {
-        const std::array<float, 3> relative{at->x(), at->y(), at->z()};
+    const auto point = [&](const Vec3& at) {
+        const std::array<float, 3> relative{at.x, at.y, at.z};
         std::string text;
         for (std::size_t axis = 0; axis < relative.size(); ++axis) {
             std::array<char, 32> number{};
@@ -177,10 +178,8 @@ std::vector<std::string> view_words(const Plan& plan, const Plan* other, const C
     };
     std::string scene = plan.scene.name;
     if (other != nullptr && other->scene.name != scene) scene += " less " + other->scene.name;
-    const bool looks =
-        asked != nullptr && asked->look_at() && asked->eye() != nullptr && asked->at() != nullptr;
-    const std::string place = looks ? "from " + point(asked->eye()) + " to " + point(asked->at())
-                                    : std::string("camera ").append(camera.name);
+    const std::string place = asked.look_at ? "from " + point(asked.eye) + " to " + point(asked.at)
+                                            : std::string("camera ").append(camera.name);
     return {protocol::clean_text(scene, bytes_max), protocol::clean_text(place, bytes_max)};
 }
 
@@ -200,14 +199,17 @@ Reply<Answer> heatmap(const Services& services, const Caller& caller,
     const CounterMode counters =
         metric.counter.of_level() || form->all_metrics() ? counters_by_level : counters_total;
     const bool necessary = options->count == "necessary";
-    auto plans = make_plans(services, caller, *message->job(), counters, necessary, timed);
+    JobWords job = job_words(*message->job());
+    form->selected = selection_text(job.selection);
+    auto plans = make_plans(services, caller, std::move(job), counters, necessary, timed);
     if (!plans) return tl::unexpected(plans.error());
     Plan& plan = plans->counted;
     std::uint32_t levels = levels_of(plan);
 
     std::optional<HeatPlans> other;
     if (message->other() != nullptr) {
-        auto made = make_plans(services, caller, *message->other(), counters, necessary, timed);
+        auto made =
+            make_plans(services, caller, job_words(*message->other()), counters, necessary, timed);
         if (!made) return tl::unexpected(made.error());
         other = std::move(*made);
         if (plan.scene.snapshot().origin() != other->counted.scene.snapshot().origin())
@@ -224,13 +226,15 @@ Reply<Answer> heatmap(const Services& services, const Caller& caller,
             fmt::format("the scene {}: its trees, and so these counts, may differ from those of "
                         "the same content loaded afresh",
                         plan.time ? "is at a moment of its animation" : "was edited"));
-    if (std::string note = idle_options_note(*message.table, form->file); !note.empty())
+    if (std::string note =
+            idle_colours_note(protocol::text(message->palette()), options->scale, form->file);
+        !note.empty())
         plan.notes.push_back(std::move(note));
     if (const auto known = check_level(metric.counter, levels); !known)
         return refuse(Code::invalid_field, known.error().message);
     std::vector<HeatMetric> metrics = metrics_of(metric, *form, levels);
 
-    form->selected = selection_text(protocol::present(message->job()));
+    const CameraRequest camera = camera_request(message->camera());
     const AskedPixels pixels = asked_pixels(*message.table);
     const auto [width, height] = pixels.size();
     if (!pixels.window.is_whole() && (form->document || form->file == "png"))
@@ -255,14 +259,14 @@ Reply<Answer> heatmap(const Services& services, const Caller& caller,
     }
 
     const std::uint64_t bytes = heat_bytes(width, height, *form, metrics.size());
-    auto request = form->document
-                       ? make_document_request(services, caller, std::move(plan), message->camera(),
-                                               pixels, bytes, smaller_picture(form->file))
-                       : make_request(services, caller, std::move(plan), message->camera(), pixels,
-                                      form->file, bytes);
+    auto request =
+        form->document
+            ? make_document_request(services, caller, std::move(plan), camera, pixels, bytes,
+                                    smaller_picture(form->file))
+            : make_request(services, caller, std::move(plan), camera, pixels, form->file, bytes);
     if (!request) return tl::unexpected(request.error());
     options->view = view_words(request->plan, other ? &other->counted : nullptr, request->camera,
-                               message->camera(), services.limits.name_bytes_max);
+                               camera, services.limits.name_bytes_max);
     JobSubmission accepted = accept(request->plan, "heatmap", request->rays() * (other ? 2 : 1));
     accepted.advice = smaller_picture(form->file);
     accepted.answer_bytes = accepted.result_bytes =

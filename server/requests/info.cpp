@@ -12,7 +12,7 @@ Reply<Answer> info(const Services& services, const Caller& caller,
     const std::string_view name = protocol::text(message->scene());
     const auto scene = services.scenes.find(name, 0, caller);
     if (!scene) return tl::unexpected(scene.error());
-    const auto posed = at_moment(services, caller, *scene, *message.table);
+    const auto posed = at_moment(services, caller, *scene, moment_words(*message.table));
     if (!posed) return tl::unexpected(posed.error());
     if (message->hold())
         if (const auto held = services.scenes.open(name, caller); !held)

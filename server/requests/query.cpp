@@ -87,8 +87,7 @@ Reply<void> check_hidden(std::span<const std::string> hidden, std::span<const st
 
 /// Has the scene move while its sweep is measured, if it has an animation. The CPU traces it: each
 /// step is another scene, and a GPU would be sent each.
-Reply<void> set_motion(Plan& plan, const wire::Job& job, RaySource& source,
-                       const Services& services) {
+Reply<void> set_motion(Plan& plan, RaySource& source, const Services& services) {
     const std::string cpu(services.backends.back()->name());
     if (plan.worker.asked != "auto" && plan.worker.asked != cpu)
         return refuse(Code::invalid_field, "worker " + plan.worker.asked +
@@ -98,12 +97,11 @@ Reply<void> set_motion(Plan& plan, const wire::Job& job, RaySource& source,
     plan.worker.asked = cpu;
     MovingScene motion;
     const Snapshot& scene = plan.scene.snapshot();
-    const std::string_view animation = protocol::text(job.animation());
-    if (job.timed() || !animation.empty() || !animations_of(scene, 1).empty()) {
-        const auto moment = find_moment(scene, animation, job.timed() ? job.time() : 0);
+    if (plan.time || !plan.animation.empty() || !animations_of(scene, 1).empty()) {
+        const auto moment = find_moment(scene, plan.animation, plan.time.value_or(0));
         if (!moment) return refuse(moment.error());
         motion.scene.emplace(SceneMotion{moment->animation, std::nullopt});
-        if (job.timed()) motion.scene->seconds = job.time();
+        if (plan.time) motion.scene->seconds = *plan.time;
     }
     source.set_motion(motion);
     return {};
@@ -121,8 +119,8 @@ Reply<Answer> query(const Services& services, const Caller& caller,
     auto columns = Columns::choose(protocol::strings(message->fields()), kind->query);
     if (!columns) return tl::unexpected(columns.error());
     const bool moves = moves_scene(message->generator());
-    auto plan = make_plan(services, caller, *message->job(), kind->query, columns->counters(),
-                          false, moves ? Posing::by_job : Posing::by_plan);
+    auto plan = make_plan(services, caller, job_words(*message->job()), kind->query,
+                          columns->counters(), false, moves ? Posing::by_job : Posing::by_plan);
     if (!plan) return tl::unexpected(plan.error());
     if (auto known = columns->check_levels(plan->scene.snapshot().view()); !known)
         return tl::unexpected(known.error());
@@ -136,7 +134,7 @@ Reply<Answer> query(const Services& services, const Caller& caller,
     auto source = read_rays(*message.table, plan->scene.snapshot());
     if (!source) return tl::unexpected(source.error());
     if (moves)
-        if (auto set = set_motion(*plan, *message->job(), *source, services); !set)
+        if (auto set = set_motion(*plan, *source, services); !set)
             return tl::unexpected(set.error());
     if (source->rays() > services.limits.rays_max)
         return refuse(Code::limit_exceeded, "a query of " + std::to_string(source->rays()) +

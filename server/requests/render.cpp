@@ -1,5 +1,4 @@
 // RENDER: a picture from a camera.
-#include "protocol/text.h"
 #include "server/documents/film_file.h"
 #include "server/execution/choose_backends.h"
 #include "server/jobs/films/film_job.h"
@@ -21,12 +20,11 @@ namespace raynest::server {
 namespace {
 
 /// Fails where the pixels of a tile would not be those of the whole picture.
-Reply<void> check_tile(const wire::Render& message, const FilmOptions& options,
-                       const AskedPixels& pixels) {
+Reply<void> check_tile(const RenderWords& words, const FilmOptions& options) {
+    const AskedPixels& pixels = words.pixels;
     const PixelWindow& tile = pixels.window;
     if (tile.is_whole()) return {};
-    const std::string_view encode = protocol::word(message.encode(), "png");
-    if (!options.look.exposure && (encode == "png" || encode == "raw"))
+    if (!options.look.exposure && (words.encode == "png" || words.encode == "raw"))
         return refuse(Code::invalid_field,
                       "exposure auto looks at the whole picture, which a tile does not see: give "
                       "`exposure` in stops, or ask for encode exr or linear");
@@ -44,29 +42,27 @@ Reply<void> check_tile(const wire::Render& message, const FilmOptions& options,
 }
 
 /// A picture of samples, by one of the integrators of engine/integrators/integrators.def.
-Reply<Answer> render_film(const Services& services, const Caller& caller,
-                          const wire::Render& message, std::string integrator) {
-    auto options = film_options(message, std::move(integrator));
+Reply<Answer> render_film(const Services& services, const Caller& caller, RenderWords words) {
+    auto options = film_options(words);
     if (!options) return tl::unexpected(options.error());
-    auto plan = make_plan(services, caller, *message.job(), query_closest, counters_none, true);
+    auto plan =
+        make_plan(services, caller, std::move(words.job), query_closest, counters_none, true);
     if (!plan) return tl::unexpected(plan.error());
-    if (std::string note = idle_options_note(message, options->integrator); !note.empty())
+    if (std::string note = idle_options_note(words); !note.empty())
         plan->notes.push_back(std::move(note));
     auto any = Plan::with(*plan, query_any, counters_none);
     if (!any) return tl::unexpected(any.error());
-    const AskedPixels pixels = asked_pixels(message);
-    const ImageSize size = pixels.size();
-    if (auto good = check_tile(message, *options, pixels); !good)
-        return tl::unexpected(good.error());
+    const ImageSize size = words.pixels.size();
+    if (auto good = check_tile(words, *options); !good) return tl::unexpected(good.error());
     const std::uint64_t rays = size.pixels() * options->samples;
     const Plan* others[] = {&*any};
     if (auto chosen = choose_backends(services.backends, rays, *plan, others); !chosen)
         return tl::unexpected(chosen.error());
     any->worker = plan->worker;
-    const std::string_view encode = protocol::word(message.encode(), "png");
+    const std::string_view encode = words.encode;
     // Only films have linear values; they are sent as raw ones are.
     auto request =
-        make_request(services, caller, std::move(*plan), message.camera(), pixels,
+        make_request(services, caller, std::move(*plan), words.camera, words.pixels,
                      encode == "linear" ? "raw" : encode, film_job_bytes(size, encode, *options));
     if (!request) return tl::unexpected(request.error());
     request->encode = encode;
@@ -87,30 +83,27 @@ Reply<Answer> render_film(const Services& services, const Caller& caller,
 
 Reply<Answer> render(const Services& services, const Caller& caller,
                      const protocol::Opened<wire::Render>& message) {
-    const std::string_view form = protocol::text(message->encode());
-    if (form.starts_with(path_encoding) && message->tile_width() != 0)
-        return refuse(Code::invalid_field, "encode path+X,Y is of one pixel: ask for no tile");
-    if (form.starts_with(path_encoding))
-        return explain_path(services, caller, *message.table, form.substr(path_encoding.size()));
-    const std::string_view integrator = protocol::word(message->integrator(), "primary");
-    if (integrator != "primary")
-        return render_film(services, caller, *message.table, std::string(integrator));
-    if (message->resume_bytes() != 0 || message->environment_bytes() != 0)
+    RenderWords words = render_words(*message.table);
+    if (words.encode.starts_with(path_encoding)) {
+        if (!words.pixels.window.is_whole())
+            return refuse(Code::invalid_field, "encode path+X,Y is of one pixel: ask for no tile");
+        return explain_path(services, caller, std::move(words));
+    }
+    if (words.integrator != "primary") return render_film(services, caller, std::move(words));
+    if (words.resume_bytes != 0 || words.environment_bytes != 0)
         return refuse(
             Code::invalid_field,
             "primary takes no files: nothing lights it, and it has no samples to continue");
-    auto plan = make_plan(services, caller, *message->job(), query_closest);
+    auto plan = make_plan(services, caller, std::move(words.job), query_closest);
     if (!plan) return tl::unexpected(plan.error());
-    const AskedPixels asked = asked_pixels(*message.table);
-    const std::uint64_t pixels = asked.size().pixels();
+    const std::uint64_t pixels = words.pixels.size().pixels();
     if (auto chosen = choose_backends(services.backends, pixels, *plan); !chosen)
         return tl::unexpected(chosen.error());
-    if (std::string note = idle_options_note(*message.table, integrator); !note.empty())
+    if (std::string note = idle_options_note(words); !note.empty())
         plan->notes.push_back(std::move(note));
 
-    const std::string_view encode = protocol::word(message->encode(), "png");
-    auto request = make_request(services, caller, std::move(*plan), message->camera(), asked,
-                                encode, primary_job_bytes(pixels, encode));
+    auto request = make_request(services, caller, std::move(*plan), words.camera, words.pixels,
+                                words.encode, primary_job_bytes(pixels, words.encode));
     if (!request) return tl::unexpected(request.error());
     JobSubmission accepted = accept(request->plan, "render", request->rays());
     accepted.advice = smaller_picture(request->encode);

@@ -94,7 +94,7 @@ Reply<Answer> structure(const Services& services, const Caller& caller,
     auto scene =
         services.scenes.find_to_read(protocol::text(message->scene()), message->epoch(), caller);
     if (!scene) return tl::unexpected(scene.error());
-    scene = at_moment(services, caller, std::move(*scene), *message.table);
+    scene = at_moment(services, caller, std::move(*scene), moment_words(*message.table));
     if (!scene) return tl::unexpected(scene.error());
     const SceneView& view = scene->snapshot().view();
     const std::uint32_t levels = view.objects[view.root].levels;

@@ -7,7 +7,7 @@
 #include "server/execution/ray_input.h"
 #include "server/execution/step_order.h"
 #include "server/execution/trajectory.h"
-#include "server/jobs/edit_content.h"
+#include "server/jobs/edit_rows.h"
 #include "tests/fuzz/target.h"
 #include "tests/unit/engine/rich_scene.h"
 

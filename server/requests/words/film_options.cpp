@@ -1,6 +1,5 @@
 #include "server/requests/words/film_options.h"
 
-#include "protocol/control.h"
 #include "protocol/text.h"
 #include "server/documents/plan_text.h"
 #include "server/documents/selection_text.h"
@@ -19,7 +18,7 @@ namespace {
 /// Largest file with a picture of the surroundings.
 constexpr std::uint64_t environment_bytes_max = 512ULL << 20;
 
-Reply<IntegratorSettings> integrator_settings(const wire::Render& message) {
+Reply<IntegratorSettings> integrator_settings(const RenderWords& words) {
     using Environment = IntegratorSettings::Environment;
     constexpr std::array<std::pair<std::string_view, Environment>, 4> environments = {
         {{"auto", Environment::automatic},
@@ -27,25 +26,25 @@ Reply<IntegratorSettings> integrator_settings(const wire::Render& message) {
          {"none", Environment::none},
          {"picture", Environment::picture}}};
     IntegratorSettings settings;
-    if (message.depth() != 0) settings.depth = message.depth();
-    settings.ao_distance = message.ao_distance();
-    const std::string_view word = protocol::word(message.environment(), "auto");
+    if (words.depth != 0) settings.depth = words.depth;
+    settings.ao_distance = words.ao_distance;
+    const std::string_view word = words.environment;
     const auto* const chosen =
         std::ranges::find(environments, word, &std::pair<std::string_view, Environment>::first);
     if (chosen == environments.end())
         return refuse(Code::invalid_field, "unknown environment '" + std::string(word) +
                                                "': use one of auto, sky, none, picture");
     settings.environment = chosen->second;
-    if ((settings.environment == Environment::picture) != (message.environment_bytes() != 0))
+    if ((settings.environment == Environment::picture) != (words.environment_bytes != 0))
         return refuse(Code::invalid_field,
                       "environment picture comes with a file, and only that: say its size in "
                       "environment_bytes");
-    if (message.environment_bytes() > environment_bytes_max)
+    if (words.environment_bytes > environment_bytes_max)
         return refuse(Code::limit_exceeded,
                       "the environment's file has " +
-                          protocol::bytes_text(message.environment_bytes()) + ", at most " +
+                          protocol::bytes_text(words.environment_bytes) + ", at most " +
                           protocol::bytes_text(environment_bytes_max) + " are taken");
-    settings.environment_rotate = message.environment_rotate();
+    settings.environment_rotate = words.environment_rotate;
     if (settings.environment_rotate != 0 && settings.environment != Environment::picture)
         return refuse(Code::invalid_field,
                       "`environment_rotate` turns a picture: give one with `environment`, or place "
@@ -53,26 +52,25 @@ Reply<IntegratorSettings> integrator_settings(const wire::Render& message) {
     if (!(std::abs(settings.environment_rotate) <= 360))
         return refuse(Code::invalid_field,
                       "`environment_rotate` must lie between -360 and 360 degrees");
-    settings.sun = message.sun();
+    settings.sun = words.sun;
     if (settings.sun && settings.environment == Environment::none)
         return refuse(Code::invalid_field,
                       "`environment` none has no sky, and `sun` is a part of it: leave one of them "
                       "out");
-    settings.sun_azimuth = message.sun_azimuth();
-    settings.sun_elevation = message.sun_elevation();
+    settings.sun_azimuth = words.sun_azimuth;
+    settings.sun_elevation = words.sun_elevation;
     if (settings.sun && std::abs(settings.sun_elevation) > 90)
         return refuse(Code::invalid_field, "sun_elevation must lie between -90 and 90 degrees");
     return settings;
 }
 
 /// Chooses the passes of a job.
-void set_passes(const wire::Render& message, FilmOptions& options) {
-    const bool detached = protocol::present(message.job()).detach();
-    if (options.progressive || options.best_by_ms != 0 || detached) {
+void set_passes(const RenderWords& words, FilmOptions& options) {
+    if (options.progressive || options.best_by_ms != 0 || words.job.detach) {
         options.passes = refinement_passes(options.samples);
         return;
     }
-    options.streams_tiles = protocol::word(message.encode(), "png") == "raw";
+    options.streams_tiles = words.encode == "raw";
     // Tiles are shown with the exposure of a first look at the whole picture.
     if (options.streams_tiles && !options.look.exposure && options.samples > 1)
         options.passes.push_back(1);
@@ -81,54 +79,46 @@ void set_passes(const wire::Render& message, FilmOptions& options) {
 
 /// The parts of a request that shape its samples, as text that a client can turn back into the
 /// request.
-std::vector<Attribute> request_attributes(const wire::Render& message, const FilmOptions& options) {
+std::vector<Attribute> request_attributes(const RenderWords& words, const FilmOptions& options) {
     std::string asked = "first";
-    float fov = 0;
-    if (const wire::Camera* camera = message.camera(); camera != nullptr) {
-        if (const auto name = protocol::text(camera->name()); !name.empty())
-            asked = "name " + std::string(name);
-        fov = camera->fov_degrees();
-        const auto* eye = camera->eye();
-        const auto* at = camera->at();
-        if (camera->look_at() && eye != nullptr && at != nullptr) {
-            asked = "lookat";
-            for (const wire::Vec3* v : {eye, at, camera->up()}) {
-                if (v == nullptr) continue;  // the scene's way up
-                for (const float x : {v->x(), v->y(), v->z()})
-                    asked.append(" ").append(number_text(x));
-            }
-        }
+    const CameraRequest& camera = words.camera;
+    if (!camera.name.empty()) asked = "name " + camera.name;
+    if (camera.look_at) {
+        asked = "lookat";
+        const auto add = [&asked](const Vec3& v) {
+            for (const float x : {v.x, v.y, v.z}) asked.append(" ").append(number_text(x));
+        };
+        add(camera.eye);
+        add(camera.at);
+        if (camera.up) add(*camera.up);
     }
     std::string set;
-    for (const std::string& setting :
-         protocol::strings(protocol::present(message.job()).settings()))
+    for (const std::string& setting : words.job.settings)
         set.append(set.empty() ? "" : " ").append(setting);
     // Another table makes another film; whoever adds samples brings the same one again.
-    if (const auto* tables = protocol::present(message.job()).tables()) {
-        for (const wire::ParamTable* table : *tables)
-            set.append(set.empty() ? "" : " ")
-                .append(protocol::text(table->name()))
-                .append("=")
-                .append(table_text(protocol::values(*table)));
-    }
+    for (const NamedTable& table : words.job.tables)
+        set.append(set.empty() ? "" : " ")
+            .append(table.name)
+            .append("=")
+            .append(table_text(table.values));
     const IntegratorSettings& settings = options.settings;
     std::vector<Attribute> attributes = {
         {"raynest:version", RAYNEST_VERSION},
         {"raynest:integrator", options.integrator},
-        {"raynest:width", number_text(message.width())},
-        {"raynest:height", number_text(message.height())},
+        {"raynest:width", number_text(words.pixels.whole.width)},
+        {"raynest:height", number_text(words.pixels.whole.height)},
         {"raynest:spp", number_text(options.samples)},
         {"raynest:seed", number_text(options.seed)},
         {"raynest:depth", number_text(settings.depth)},
         {"raynest:ao_distance", number_text(settings.ao_distance)},
-        {"raynest:environment", std::string(protocol::word(message.environment(), "auto"))},
+        {"raynest:environment", std::string(words.environment)},
         {"raynest:sun", settings.sun ? number_text(settings.sun_azimuth) + "," +
                                            number_text(settings.sun_elevation)
                                      : std::string("auto")},
         {"raynest:noise", number_text(options.noise)},
         {"raynest:set", set.empty() ? std::string("none") : set},
         {"raynest:camera_asked", asked},
-        {"raynest:fov", number_text(fov)}};
+        {"raynest:fov", number_text(camera.fov_degrees)}};
     if (settings.environment == IntegratorSettings::Environment::picture)
         attributes.push_back(
             {"raynest:environment_rotate", number_text(settings.environment_rotate)});
@@ -137,43 +127,45 @@ std::vector<Attribute> request_attributes(const wire::Render& message, const Fil
 
 }  // namespace
 
-Reply<FilmOptions> film_options(const wire::Render& message, std::string integrator) {
+Reply<FilmOptions> film_options(const RenderWords& words) {
     const auto table = integrator_table();
-    const auto info = std::ranges::find(table, integrator, &IntegratorInfo::name);
+    const auto info = std::ranges::find(table, words.integrator, &IntegratorInfo::name);
     if (info == table.end()) {
         std::string known = "primary";
         for (const IntegratorInfo& one : table) known.append(", ").append(one.name);
-        return refuse(Code::invalid_field,
-                      "unknown integrator '" + integrator + "': use one of " + known);
+        return refuse(Code::invalid_field, "unknown integrator '" + std::string(words.integrator) +
+                                               "': use one of " + known);
     }
     FilmOptions options;
-    auto settings = integrator_settings(message);
+    auto settings = integrator_settings(words);
     if (!settings) return tl::unexpected(settings.error());
     options.settings = std::move(*settings);
-    std::string_view tonemap = protocol::word(message.tonemap(), "auto");
+    std::string_view tonemap = words.tonemap.empty() ? "auto" : words.tonemap;
     if (tonemap == "auto") tonemap = info->lit ? "agx" : "none";
     const auto map = parse_tonemap(tonemap);
     if (!map) return refuse(Code::invalid_field, map.error().message);
-    const auto exposure =
-        parse_exposure(protocol::word(message.exposure(), info->lit ? "auto" : "0"));
+    const auto exposure = parse_exposure(!words.exposure.empty() ? words.exposure
+                                         : info->lit             ? "auto"
+                                                                 : "0");
     if (!exposure) return refuse(Code::invalid_field, exposure.error().message);
     options.look = {*map, *exposure};
-    options.integrator = std::move(integrator);
-    options.samples = message.samples();
-    options.seed = message.seed();
-    options.best_by_ms = message.best_by_ms();
-    options.progressive = message.progressive();
-    options.noise = message.noise();
-    options.resume_bytes = message.resume_bytes();
-    const std::uint64_t most = exr_bytes_max(message.width(), message.height(), film_layers);
+    options.integrator = words.integrator;
+    options.samples = words.samples;
+    options.seed = words.seed;
+    options.best_by_ms = words.best_by_ms;
+    options.progressive = words.progressive;
+    options.noise = words.noise;
+    options.resume_bytes = words.resume_bytes;
+    const std::uint64_t most =
+        exr_bytes_max(words.pixels.whole.width, words.pixels.whole.height, film_layers);
     if (options.resume_bytes > most)
         return refuse(Code::invalid_field,
                       "the EXR to continue has " + protocol::bytes_text(options.resume_bytes) +
                           ", but one of this size has at most " + protocol::bytes_text(most));
-    options.environment_bytes = message.environment_bytes();
-    set_passes(message, options);
-    options.attributes = request_attributes(message, options);
-    add_selection(selection_text(protocol::present(message.job())), options.attributes);
+    options.environment_bytes = words.environment_bytes;
+    set_passes(words, options);
+    options.attributes = request_attributes(words, options);
+    add_selection(selection_text(words.job.selection), options.attributes);
     return options;
 }
 

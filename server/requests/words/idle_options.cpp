@@ -1,7 +1,6 @@
 #include "server/requests/words/idle_options.h"
 
 #include "engine/integrators/integrator.h"
-#include "protocol/text.h"
 
 #include <algorithm>
 #include <array>
@@ -10,28 +9,25 @@
 namespace raynest::server {
 namespace {
 
-using wire::Render;
-
 /// An option that a request may have.
 struct Option {
     std::string_view name;
-    bool (*is_given)(const Render&);
+    bool (*is_given)(const RenderWords&);
     bool is_of_films = false;  ///< all integrators use it
 };
 
 constexpr std::array options = {
-    Option{"samples", [](const Render& m) { return m.samples() > 1; }, true},
-    Option{"seed", [](const Render& m) { return m.seed() != 0; }, true},
-    Option{"depth", [](const Render& m) { return m.depth() != 0; }},
-    Option{"ao_distance", [](const Render& m) { return m.ao_distance() != 0; }},
-    Option{"environment",
-           [](const Render& m) { return protocol::word(m.environment(), "auto") != "auto"; }},
-    Option{"environment_rotate", [](const Render& m) { return m.environment_rotate() != 0; }},
-    Option{"sun", [](const Render& m) { return m.sun(); }},
-    Option{"noise", [](const Render& m) { return m.noise() != 0; }, true},
-    Option{"tonemap", [](const Render& m) { return !protocol::text(m.tonemap()).empty(); }, true},
-    Option{"exposure", [](const Render& m) { return !protocol::text(m.exposure()).empty(); }, true},
-    Option{"progressive", [](const Render& m) { return m.progressive(); }, true},
+    Option{"samples", [](const RenderWords& w) { return w.samples > 1; }, true},
+    Option{"seed", [](const RenderWords& w) { return w.seed != 0; }, true},
+    Option{"depth", [](const RenderWords& w) { return w.depth != 0; }},
+    Option{"ao_distance", [](const RenderWords& w) { return w.ao_distance != 0; }},
+    Option{"environment", [](const RenderWords& w) { return w.environment != "auto"; }},
+    Option{"environment_rotate", [](const RenderWords& w) { return w.environment_rotate != 0; }},
+    Option{"sun", [](const RenderWords& w) { return w.sun; }},
+    Option{"noise", [](const RenderWords& w) { return w.noise != 0; }, true},
+    Option{"tonemap", [](const RenderWords& w) { return !w.tonemap.empty(); }, true},
+    Option{"exposure", [](const RenderWords& w) { return !w.exposure.empty(); }, true},
+    Option{"progressive", [](const RenderWords& w) { return w.progressive; }, true},
 };
 
 /// True if each setting of an integrator is an option here.
@@ -64,39 +60,40 @@ std::string note_of(std::string_view where, const std::string& list) {
 
 }  // namespace
 
-std::string idle_options_note(const Render& message, std::string_view integrator) {
+std::string idle_options_note(const RenderWords& words) {
     // A picture that is continued repeats all options of the one before.
-    if (message.resume_bytes() != 0) return {};
-    const bool linear = protocol::word(message.encode(), "png") == "exr";
+    if (words.resume_bytes != 0) return {};
+    const bool linear = words.encode == "exr";
     const auto table = integrator_table();
-    const auto found = std::ranges::find(table, integrator, &IntegratorInfo::name);
+    const auto found = std::ranges::find(table, words.integrator, &IntegratorInfo::name);
     const IntegratorInfo* const info = found == table.end() ? nullptr : &*found;
     std::string by_integrator, by_file;
     for (const Option& option : options) {
-        if (!option.is_given(message)) continue;
+        if (!option.is_given(words)) continue;
         if (!uses(info, option))
             add(by_integrator, option.name);
         else if (linear && (option.name == "tonemap" || option.name == "exposure"))
             add(by_file, option.name);
     }
-    std::string note = note_of("with integrator " + std::string(integrator), by_integrator);
+    std::string note = note_of("with integrator " + std::string(words.integrator), by_integrator);
     if (!by_file.empty())
         note.append(note.empty() ? "" : "; ")
             .append(note_of("on an EXR, which is linear", by_file));
     return note;
 }
 
-std::string idle_options_note(const wire::Heatmap& message, std::string_view file) {
+std::string idle_colours_note(std::string_view palette, std::string_view scale,
+                              std::string_view file) {
     if (file == "png") return {};
     std::string colours;
-    if (!protocol::text(message.palette()).empty()) add(colours, "palette");
-    if (protocol::word(message.scale(), "linear") != "linear") add(colours, "scale");
+    if (!palette.empty()) add(colours, "palette");
+    if (scale != "linear") add(colours, "scale");
     return note_of("on counts, which have no colours", colours);
 }
 
-std::string idle_options_note(const wire::Job& message, bool hides_nothing) {
+std::string idle_boxes_note(bool skips_boxes, bool hides_nothing) {
     std::string boxes;
-    if (hides_nothing && message.skip_hidden_boxes()) add(boxes, "skip_hidden_boxes");
+    if (hides_nothing && skips_boxes) add(boxes, "skip_hidden_boxes");
     return note_of("without `hide` or `only`", boxes);
 }
 

@@ -1,7 +1,7 @@
 // Options of a request that change nothing: they are told, not passed over.
 #pragma once
 
-#include "protocol/control.h"
+#include "server/requests/words/render_words.h"
 
 #include <string>
 #include <string_view>
@@ -11,11 +11,12 @@ namespace raynest::server {
 // Each returns one note that names such options; empty if there are none.
 
 /// Options that the integrator or the file of a picture or path does not use.
-[[nodiscard]] std::string idle_options_note(const wire::Render& message,
-                                            std::string_view integrator);
-/// Options that the file of a heat map does not use: png, exr or raw; empty without one.
-[[nodiscard]] std::string idle_options_note(const wire::Heatmap& message, std::string_view file);
-/// Options of a job that hides something or `hides_nothing`.
-[[nodiscard]] std::string idle_options_note(const wire::Job& message, bool hides_nothing);
+[[nodiscard]] std::string idle_options_note(const RenderWords& words);
+/// Options that the file of a heat map does not use: png, exr or raw; empty without one. A palette
+/// that is not given is empty.
+[[nodiscard]] std::string idle_colours_note(std::string_view palette, std::string_view scale,
+                                            std::string_view file);
+/// Whether a job that hides something, or nothing, skips the boxes that lead to what it hides.
+[[nodiscard]] std::string idle_boxes_note(bool skips_boxes, bool hides_nothing);
 
 }  // namespace raynest::server

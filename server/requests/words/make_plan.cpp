@@ -1,8 +1,6 @@
 #include "server/requests/words/make_plan.h"
 
 #include "engine/packs/registry.h"
-#include "protocol/control.h"
-#include "protocol/text.h"
 #include "server/execution/kept_selections.h"
 #include "server/ground/metrics.h"
 #include "server/requests/words/at_moment.h"
@@ -33,39 +31,21 @@ Reply<Priority> parse_priority(std::string_view word) {
                   "unknown priority '" + std::string(word) + "': use one of low, normal, high");
 }
 
-Reply<Settings> read_settings(const Variant& variant, const wire::Job& job) {
+Reply<Settings> read_settings(const Variant& variant, const JobWords& job) {
     std::vector<std::pair<std::string, std::string>> assignments;
-    for (const std::string& text : protocol::strings(job.settings())) {
+    for (const std::string& text : job.settings) {
         const auto equals = text.find('=');
         assignments.emplace_back(text.substr(0, equals), text.substr(equals + 1));
     }
-    std::vector<NamedTable> tables;
-    if (job.tables() != nullptr) {
-        for (const wire::ParamTable* table : *job.tables()) {
-            const auto values = protocol::values(*table);
-            tables.push_back(
-                {std::string(protocol::text(table->name())), {values.begin(), values.end()}});
-        }
-    }
-    auto settings = parse_settings(variant, assignments, tables);
+    auto settings = parse_settings(variant, assignments, job.tables);
     if (!settings) return refuse(settings.error());
     return std::move(*settings);
 }
 
-template <class T>
-std::vector<T> list(const flatbuffers::Vector<T>* ids) {
-    return ids == nullptr ? std::vector<T>() : std::vector<T>(ids->begin(), ids->end());
-}
-
 /// Returns what a job hides, and memory for its view of the scene; null if it hides nothing.
 Reply<std::shared_ptr<Selected>> reserve_selection(const Services& services, const Caller& caller,
-                                                   const NamedScene& scene, const wire::Job& job) {
+                                                   const NamedScene& scene, SelectionWords words) {
     const SceneView& view = scene.snapshot().view();
-    SelectionWords words{{list(job.hidden_instances()), list(job.hidden_objects()),
-                          list(job.only_instances()), list(job.only_objects())},
-                         {protocol::strings(job.hidden_paths()), list(job.hidden_path_ids())},
-                         {protocol::strings(job.only_paths()), list(job.only_path_ids())},
-                         job.skip_hidden_boxes()};
     if (words.is_everything()) return nullptr;
     if (auto known = SelectedInstances::check(view, words.lists.selection()); !known)
         return refuse(Code::invalid_field, std::move(known.error().message));
@@ -98,24 +78,23 @@ Reply<std::shared_ptr<Selected>> reserve_selection(const Services& services, con
 
 }  // namespace
 
-Reply<Plan> make_plan(const Services& services, const Caller& caller, const wire::Job& job,
-                      Query query, CounterMode counters, bool lit, Posing posing) {
-    using protocol::text;
-    using protocol::word;
-    const auto priority = parse_priority(word(job.priority(), "normal"));
+Reply<Plan> make_plan(const Services& services, const Caller& caller, JobWords job, Query query,
+                      CounterMode counters, bool lit, Posing posing) {
+    const auto priority = parse_priority(job.priority);
     if (!priority) return tl::unexpected(priority.error());
-    const auto traversal = parse_traversal(word(job.traversal(), "auto"));
+    const auto traversal = parse_traversal(job.traversal);
     if (!traversal) return refuse_word(traversal.error());
 
     Plan plan;
-    auto scene = services.scenes.find_to_read(text(job.scene()), job.epoch(), caller);
+    auto scene = services.scenes.find_to_read(job.scene, job.epoch, caller);
     if (!scene) return tl::unexpected(scene.error());
-    if (posing == Posing::by_plan) scene = at_moment(services, caller, std::move(*scene), job);
+    if (posing == Posing::by_plan)
+        scene = at_moment(services, caller, std::move(*scene), job.moment);
     if (!scene) return tl::unexpected(scene.error());
     plan.scene = std::move(*scene);
-    if (job.timed()) plan.time = job.time();
-    plan.animation = text(job.animation());
-    std::string_view intersector = word(job.intersector(), "auto");
+    plan.time = job.moment.time;
+    plan.animation = job.moment.animation;
+    std::string_view intersector = job.intersector;
     if (lit && intersector == "auto" && plan.scene.snapshot().view().blended_materials != 0 &&
         services.registry.find("alpha_blend") != nullptr)
         intersector = "alpha_blend";
@@ -125,18 +104,19 @@ Reply<Plan> make_plan(const Services& services, const Caller& caller, const wire
     auto settings = read_settings(*plan.variant, job);
     if (!settings) return tl::unexpected(settings.error());
     plan.settings = std::move(*settings);
-    auto selected = reserve_selection(services, caller, plan.scene, job);
+    const bool skips_boxes = job.selection.skips_boxes;
+    auto selected = reserve_selection(services, caller, plan.scene, std::move(job.selection));
     if (!selected) return tl::unexpected(selected.error());
     plan.selected = std::move(*selected);
-    if (std::string note = idle_options_note(job, plan.selected == nullptr); !note.empty())
+    if (std::string note = idle_boxes_note(skips_boxes, plan.selected == nullptr); !note.empty())
         plan.notes.push_back(std::move(note));
 
     plan.traversal = *traversal;
-    plan.mask = job.mask();
-    plan.worker.asked = word(job.worker(), "auto");
+    plan.mask = job.mask;
+    plan.worker.asked = job.worker;
     plan.priority = *priority;
-    plan.deadline_ms = job.deadline_ms();
-    plan.detach = job.detach();
+    plan.deadline_ms = job.deadline_ms;
+    plan.detach = job.detach;
     return Plan::with(std::move(plan), query, counters);
 }
 

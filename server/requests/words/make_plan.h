@@ -1,9 +1,9 @@
-// Makes a plan of the words of a wire::Job.
+// Makes a plan of the words of a job.
 #pragma once
 
-#include "protocol/wire.h"
 #include "server/execution/plan.h"
 #include "server/jobs/services.h"
+#include "server/requests/words/job_words.h"
 #include "server/security/caller.h"
 
 namespace raynest::server {
@@ -14,8 +14,8 @@ enum class Posing { by_plan, by_job };
 
 /// Makes the plan of a job; an error names the wrong word. Counters force the single traversal
 /// on the CPU, and a note to the user says so. A lit picture blends where no intersector is named.
-Reply<Plan> make_plan(const Services& services, const Caller& caller, const wire::Job& job,
-                      Query query, CounterMode counters = counters_none, bool lit = false,
+Reply<Plan> make_plan(const Services& services, const Caller& caller, JobWords job, Query query,
+                      CounterMode counters = counters_none, bool lit = false,
                       Posing posing = Posing::by_plan);
 
 }  // namespace raynest::server

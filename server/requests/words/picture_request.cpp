@@ -1,8 +1,5 @@
 #include "server/requests/words/picture_request.h"
 
-#include "protocol/control.h"
-#include "protocol/text.h"
-#include "server/requests/words/generator.h"
 #include "server/scheduling/peers.h"
 
 #include <utility>
@@ -11,18 +8,17 @@ namespace raynest::server {
 namespace {
 
 Reply<PictureRequest> make_checked(const Services& services, const Caller& caller, Plan plan,
-                                   const wire::Camera* camera, const AskedPixels& pixels,
+                                   const CameraRequest& camera, const AskedPixels& pixels,
                                    std::string encode, std::uint64_t bytes,
                                    std::string_view advice) {
     PictureRequest request;
     request.encode = std::move(encode);
 
-    auto chosen = choose_camera(plan.scene.snapshot(), camera_request(camera));
+    auto chosen = choose_camera(plan.scene.snapshot(), camera);
     // Report an unknown camera as a fault of the request, not of the scene.
     if (!chosen) return refuse(Code::invalid_field, chosen.error().message);
     request.camera = std::move(*chosen);
-    const bool asked =
-        camera != nullptr && (camera->look_at() || !protocol::text(camera->name()).empty());
+    const bool asked = camera.look_at || !camera.name.empty();
     if (!asked && plan.scene.snapshot().view().camera_count == 0)
         plan.notes.push_back("the scene has no camera: this one frames its bounding box");
 
@@ -53,7 +49,7 @@ Reply<std::string> check_encode(std::string_view word) {
 }
 
 Reply<PictureRequest> make_request(const Services& services, const Caller& caller, Plan plan,
-                                   const wire::Camera* camera, const AskedPixels& pixels,
+                                   const CameraRequest& camera, const AskedPixels& pixels,
                                    std::string_view encode, std::uint64_t bytes) {
     auto word = check_encode(encode);
     if (!word) return tl::unexpected(word.error());
@@ -63,7 +59,7 @@ Reply<PictureRequest> make_request(const Services& services, const Caller& calle
 }
 
 Reply<PictureRequest> make_document_request(const Services& services, const Caller& caller,
-                                            Plan plan, const wire::Camera* camera,
+                                            Plan plan, const CameraRequest& camera,
                                             const AskedPixels& pixels, std::uint64_t bytes,
                                             std::string_view advice) {
     return make_checked(services, caller, std::move(plan), camera, pixels, "json", bytes, advice);

@@ -1,6 +1,7 @@
 // Shared by the requests for pictures: the camera, the size, the encoding, the memory.
 #pragma once
 
+#include "engine/integrators/camera.h"
 #include "engine/scene/digest.h"
 #include "protocol/wire.h"
 #include "server/jobs/picture_job.h"
@@ -62,12 +63,12 @@ template <class Message>
 /// Makes a picture request and reserves `bytes`, the memory of the job. Chooses a camera of the
 /// scene; adds a note if the scene has none.
 Reply<PictureRequest> make_request(const Services& services, const Caller& caller, Plan plan,
-                                   const wire::Camera* camera, const AskedPixels& pixels,
+                                   const CameraRequest& camera, const AskedPixels& pixels,
                                    std::string_view encode, std::uint64_t bytes);
 
 /// The same for a JSON document about a camera's rays. `advice` tells how to make it smaller.
 Reply<PictureRequest> make_document_request(const Services& services, const Caller& caller,
-                                            Plan plan, const wire::Camera* camera,
+                                            Plan plan, const CameraRequest& camera,
                                             const AskedPixels& pixels, std::uint64_t bytes,
                                             std::string_view advice);
 

@@ -5,6 +5,7 @@
 #include "server/jobs/films/film_options.h"
 #include "server/jobs/picture_job.h"
 #include "server/requests/request.h"
+#include "server/requests/words/generator.h"
 #include "server/requests/words/make_plan.h"
 #include "server/requests/words/picture_request.h"
 #include "tests/unit/server/small_daemon.h"
@@ -137,11 +138,12 @@ TEST_CASE("a picture of several samples per pixel ends, and its edges are smooth
         message.camera = from_above();
         const auto frame = protocol::encode(1, message, limits).value();
         const auto opened = protocol::open<wire::Render>(frame, limits).value();
-        auto plan = make_plan(daemon.services, caller, *opened->job(), query_closest);
+        auto plan = make_plan(daemon.services, caller, job_words(*opened->job()), query_closest);
         REQUIRE(plan);
         REQUIRE(choose_backends(daemon.backends, 64 * 49, *plan));
-        auto request = make_request(daemon.services, caller, std::move(*plan), opened->camera(),
-                                    AskedPixels{{64, 49}}, "raw", 1000);
+        auto request =
+            make_request(daemon.services, caller, std::move(*plan),
+                         camera_request(opened->camera()), AskedPixels{{64, 49}}, "raw", 1000);
         REQUIRE(request);
         request->samples = samples;
         SampledPicture job(daemon.services, caller, std::move(*request));

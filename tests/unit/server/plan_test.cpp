@@ -25,7 +25,8 @@ Plan plan_of(test::SmallDaemon& daemon, const std::function<void(wire::JobT&)>& 
     const auto frame = protocol::encode(1, message, daemon.limits).value();
     const auto opened = protocol::open<wire::Query>(frame, daemon.limits);
     REQUIRE(opened);
-    return make_plan(daemon.services, {{principal, 1}, 1, 1 << 20}, *(*opened)->job(), query)
+    return make_plan(daemon.services, {{principal, 1}, 1, 1 << 20}, job_words(*(*opened)->job()),
+                     query)
         .value();
 }
 

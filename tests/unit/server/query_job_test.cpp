@@ -95,7 +95,7 @@ TEST_CASE("a failed GPU call of several frames is traced again in full") {
     const auto message = protocol::open<wire::Query>(frame, daemon.limits);
     REQUIRE(message);
     const Caller caller{{"me", 1}, 1, 1 << 20};
-    auto plan = make_plan(daemon.services, caller, *(*message)->job(), query_closest);
+    auto plan = make_plan(daemon.services, caller, job_words(*(*message)->job()), query_closest);
     REQUIRE(plan);
     REQUIRE(choose_backends(daemon.backends, query.ray_count, *plan));
     auto source = read_rays(*message->table, plan->scene.snapshot());

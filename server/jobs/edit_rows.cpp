@@ -1,10 +1,9 @@
-#include "server/jobs/edit_content.h"
+#include "server/jobs/edit_rows.h"
 
 #include "engine/scene/edits/edit.h"
 #include "engine/scene/edits/names.h"
 #include "engine/scene/edits/uid_finder.h"
 #include "engine/scene/snapshot.h"
-#include "protocol/control.h"
 #include "protocol/text.h"
 
 #include <fmt/format.h>
@@ -146,29 +145,6 @@ Result<UidPlaces> places_by_uid(const Snapshot& scene, std::uint32_t rows,
 }
 
 }  // namespace
-
-bool gives(const Snapshot& scene, const std::string& digest) {
-    return scene.digest() == digest || scene.arena_digest() == digest;
-}
-
-std::uint64_t EditContent::bytes() const {
-    std::uint64_t sum = std::uint64_t{rows} * sizeof(EditRow);
-    for (const auto& counts : {vertex_counts, normal_counts})
-        for (const std::uint32_t count : counts) sum += std::uint64_t{count} * sizeof(Vec3);
-    return sum;
-}
-
-EditContent EditContent::of(const wire::Edit& message) {
-    EditContent content;
-    content.targets = protocol::strings(message.targets());
-    content.rows = message.rows();
-    content.materials = protocol::strings(message.materials());
-    if (const auto* counts = message.vertex_counts())
-        content.vertex_counts.assign(counts->begin(), counts->end());
-    if (const auto* counts = message.normal_counts())
-        content.normal_counts.assign(counts->begin(), counts->end());
-    return content;
-}
 
 Reply<void> read_edit(EditBatch& batch, const Snapshot& scene, const std::string& name,
                       const EditContent& content, std::span<const std::byte> bytes,
@@ -330,29 +306,8 @@ std::string edit_summary(const Snapshot& scene, const EditContent& content,
     return summary;
 }
 
-// A kept change is an EDIT message, its length before it in 8 bytes, and the rows and vertices
-// behind it.
-
-Reply<std::vector<std::byte>> kept_change(const EditContent& content,
-                                          std::span<const std::byte> bytes) {
-    wire::EditT message;
-    message.scene = "kept";
-    message.targets = content.targets;
-    message.rows = content.rows;
-    message.vertex_counts = content.vertex_counts;
-    message.normal_counts = content.normal_counts;
-    message.materials = content.materials;
-    const auto frame = protocol::encode(0, message);
-    if (!frame) return tl::unexpected(frame.error());
-    const auto& control = frame->control;
-    const std::uint64_t size = control.size();
-    std::vector<std::byte> change;
-    change.reserve(sizeof size + size + bytes.size());
-    const auto head = std::as_bytes(std::span(&size, 1));
-    change.insert(change.end(), head.begin(), head.end());
-    change.insert(change.end(), control.data(), control.data() + size);
-    change.insert(change.end(), bytes.begin(), bytes.end());
-    return change;
+bool gives(const Snapshot& scene, const std::string& digest) {
+    return scene.digest() == digest || scene.arena_digest() == digest;
 }
 
 Reply<std::shared_ptr<const Snapshot>> replay_edits(std::shared_ptr<const Snapshot> scene,
@@ -366,27 +321,14 @@ Reply<std::shared_ptr<const Snapshot>> replay_edits(std::shared_ptr<const Snapsh
             return refuse(Code::scene_invalid,
                           fmt::format("its edit of epoch {} {}", edit.epoch, why));
         };
-        std::uint64_t size = 0;
-        if (edit.change.size() < sizeof size) return damaged("is cut");
-        std::memcpy(&size, edit.change.data(), sizeof size);
-        if (size > edit.change.size() - sizeof size) return damaged("is cut");
-        protocol::Frame frame;
-        frame.header.type = static_cast<std::uint16_t>(protocol::message_of<wire::Edit>);
-        const auto control = std::span(edit.change).subspan(sizeof size, size);
-        frame.control = protocol::Buffer(size);
-        std::ranges::copy(control, frame.control.data());
-        const auto message = protocol::open<wire::Edit>(frame);
-        if (!message) return damaged("cannot be read: " + message.error().message);
-        const EditContent content = EditContent::of(*message->table);
-        const auto rest = std::span(edit.change).subspan(sizeof size + size);
-        if (rest.size() != content.bytes()) return damaged("is cut");
-        // Rows begin where a float may.
-        const std::vector<std::byte> bytes(rest.begin(), rest.end());
+        const auto change = read_change(edit);
+        if (!change) return damaged(change.error().message);
         EditBatch batch(*scene, guard);
         const auto stopped = [&] {
             return refuse(Code::cancelled, "its edits were stopped half-way");
         };
-        if (auto read = read_edit(batch, *scene, "kept", content, bytes, guard); guard.is_stopped())
+        if (auto read = read_edit(batch, *scene, "kept", change->content, change->bytes, guard);
+            guard.is_stopped())
             return stopped();
         else if (!read && read.error().code == Code::resource_exhausted)
             return tl::unexpected(read.error());
