@@ -25,9 +25,14 @@ TEST_CASE("bytes come back from Base64, whatever their number") {
     std::vector<std::byte> all(256);
     for (std::size_t i = 0; i < all.size(); ++i) all[i] = static_cast<std::byte>(i);
     CHECK(from_base64(to_base64(all)) == all);
+    // More than are encoded and decoded at once.
+    all.resize((13U << 20) + 1, std::byte{0x5A});
+    CHECK(from_base64(to_base64(all)) == all);
 }
 
 TEST_CASE("what is no Base64 is refused") {
-    for (const char* text : {"Z", "Zg=", "Zg", "====", "Z===", "Zg==Zg==", "Zm9\n", "Zm9-", "=m9v"})
+    for (const char* text :
+         {"Z", "Zg=", "Zg", "====", "Z===", "Zg==Zg==", "Zm9\n", "Zm9-", "Zm_v", "=m9v", "Z=9v",
+          "Zm=v", "Zm9v    ", "    Zm9v", "Zm9v\n\n\n\n", "Zm9v----"})
         CHECK_FALSE(from_base64(text).has_value());
 }

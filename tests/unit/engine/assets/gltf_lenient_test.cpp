@@ -82,7 +82,10 @@ TEST_CASE("a data URI is base64 or percent-encoded, of any type") {
          {std::string("data:"), std::string("data:;base64"), std::string("data:;base64,"),
           "data:;base64,!" + std::string(base64), "data:;base64,A" + std::string(base64),
           "data:,%0" + percent, "data:,%zz" + percent, "data:," + percent.substr(3),
-          "data:;base64," + std::string(base64).substr(4)}) {
+          "data:;base64," + std::string(base64).substr(4),
+          "data:;base64,    " + std::string(base64).substr(4),
+          "data:;base64,AAA=" + std::string(base64).substr(4),
+          "data:;base64," + std::string(base64).substr(4) + "\\n\\n\\n\\n"}) {
         CAPTURE(uri);
         CHECK(contains(
             refusal(triangle_of(R"({"byteLength":36,"uri":")" + uri + "\"}"), "scene.gltf"),
