@@ -99,7 +99,7 @@ ALLOWED = {
     "server/daemon": ["server", "protocol", *ENGINE],
     "client/ground": ["protocol"],
     "client/net": ["client/ground", "protocol"],
-    "client/files": ["client/ground", "protocol"],
+    "client/files": ["client/ground", "protocol", "engine/assets/images/exr_attributes.h"],
     "client/requests": ["client/net", "client/files", "client/ground", "protocol"],
     "client/output": ["client/requests", "client/files", "client/ground", "protocol"],
     "client/load_test": ["client/ground", "protocol"],

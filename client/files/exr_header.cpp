@@ -1,67 +1,30 @@
 #include "client/files/exr_header.h"
 
 #include "client/files/files.h"
+#include "engine/assets/images/exr_attributes.h"
 
 #include <algorithm>
 #include <cstdint>
-#include <cstring>
-#include <string_view>
 
 namespace raynest::client {
 namespace {
 
-constexpr std::uint32_t exr_magic = 20000630;
 /// The first pixels come after the header; a header of raynest is far smaller.
 constexpr std::size_t exr_header_bytes_max = 1 << 20;
-/// Longest name of an attribute or a type that OpenEXR allows.
-constexpr std::size_t word_bytes_max = 255;
 constexpr std::uint64_t file_bytes_max = 4ULL << 30;
-
-class Reader {
-public:
-    explicit Reader(std::string_view bytes) : rest_(bytes) {}
-
-    /// Takes a word that ends in a zero byte; false where none ends in time.
-    bool word(std::string& out) {
-        const std::size_t end = rest_.substr(0, word_bytes_max + 1).find('\0');
-        if (end == std::string_view::npos) return false;
-        out = rest_.substr(0, end);
-        rest_.remove_prefix(end + 1);
-        return true;
-    }
-    bool number(std::uint32_t& out) {
-        if (rest_.size() < sizeof out) return false;
-        std::memcpy(&out, rest_.data(), sizeof out);
-        rest_.remove_prefix(sizeof out);
-        return true;
-    }
-    bool bytes(std::uint32_t count, std::string_view& out) {
-        if (rest_.size() < count) return false;
-        out = rest_.substr(0, count);
-        rest_.remove_prefix(count);
-        return true;
-    }
-
-private:
-    std::string_view rest_;
-};
 
 }  // namespace
 
 Result<std::map<std::string, std::string>> read_exr_texts(std::span<const std::byte> file) {
-    const std::size_t size = std::min(file.size(), exr_header_bytes_max);
-    Reader reader({reinterpret_cast<const char*>(file.data()), size});
+    ExrReader reader(file.first(std::min(file.size(), exr_header_bytes_max)));
     std::map<std::string, std::string> texts;
-    std::uint32_t magic = 0, version = 0, bytes = 0;
-    if (!reader.number(magic) || magic != exr_magic || !reader.number(version))
-        return fail(Exit::invalid, "is no EXR file");
-    while (true) {
-        std::string name, type;
-        std::string_view value;
-        if (!reader.word(name)) break;
-        if (name.empty()) return texts;
-        if (!reader.word(type) || !reader.number(bytes) || !reader.bytes(bytes, value)) break;
-        if (type == "string") texts[name] = value;
+    if (reader.word() != exr_magic || !reader.word()) return fail(Exit::invalid, "is no EXR file");
+    while (auto attribute = reader.attribute()) {
+        if (attribute->name.empty()) return texts;
+        if (!attribute->value) break;
+        if (attribute->type == "string")
+            texts[attribute->name].assign(reinterpret_cast<const char*>(attribute->value->data()),
+                                          attribute->size);
     }
     return fail(Exit::invalid, "is an EXR file whose header is cut short or damaged");
 }

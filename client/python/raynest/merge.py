@@ -24,7 +24,7 @@ import numpy as np
 
 from ._heat import check, limit_of, range_text
 from ._requests.columns import OF_HITS, REDUCED
-from ._requests.exr import channel_count, read_exr, unpacked
+from ._requests.exr import LINES, MAGIC, blocks_of, channel_count, header_of, read_exr, unpacked
 from ._requests.npz import write_npz
 from ._requests.png import unfiltered
 from ._told import carry_out, fail
@@ -35,9 +35,8 @@ from .points import ENDINGS, formatted, place_of
 PARTS_OF = {".npz": (".npz",), ".png": (".png",), ".exr": (".exr",), ".npy": (".png", ".exr"),
             **dict.fromkeys(ENDINGS, (".npz",))}
 EXACT = 1 << 24             # below it float32 has all whole numbers
-LINES = 16                  # rows of a block of the daemon's EXR files, at which parts begin
 PNG = b"\x89PNG\r\n\x1a\n"
-EXR = struct.pack("<II", 20000630, 2)
+EXR = struct.pack("<II", MAGIC, 2)
 SIDE_MAX = 1 << 20
 PIXELS_MAX = 1 << 30
 _FILTERS = range(5)          # filters for a PNG's row
@@ -364,30 +363,18 @@ def _unfiltered(row: bytes) -> bytes:
 def _read_exr(path: str, data: bytes) -> Part:
     if data[:8] != EXR:
         raise ValueError("it is no EXR of a daemon")
-    at, fields, texts = 8, [], {}
-    while data[at]:
-        end = data.index(0, at)
-        kind_end = data.index(0, end + 1)
-        name, kind = data[at:end].decode(), data[end + 1:kind_end].decode()
-        size, = struct.unpack_from("<I", data, kind_end + 1)
-        value = data[kind_end + 5:kind_end + 5 + size]
-        at = kind_end + 5 + size
-        fields.append((name, kind, value))
-        if kind == "string":
-            texts[name] = value.decode(errors="replace")
-        elif name not in ("dataWindow", "displayWindow"):
-            texts[name] = value.hex()
-    left, top, right, bottom = struct.unpack("<4i", dict((n, v) for n, _, v in fields)["dataWindow"])
+    fields, at = header_of(memoryview(data))
+    texts = {name: value.decode(errors="replace") if kind == "string" else value.hex() for name, kind, value in fields
+             if kind == "string" or name not in ("dataWindow", "displayWindow")}
+    header = {name: value for name, _, value in fields}
+    left, top, right, bottom = struct.unpack("<4i", header["dataWindow"])
     width, height = right - left + 1, bottom - top + 1
     if (left, top) != (0, 0) or not (0 < width <= SIDE_MAX and 0 < height <= SIDE_MAX):
         raise ValueError("its window is another")
-    blocks, values = [], width * channel_count(dict((n, v) for n, _, v in fields)["channels"])
-    for number, offset in enumerate(struct.unpack_from(f"<{-(-height // LINES)}Q", data, at + 1)):
-        row, size = struct.unpack_from("<iI", data, offset)
-        if row != number * LINES or size > len(data) - offset - 8:
-            raise ValueError("a block is elsewhere")
-        blocks.append(data[offset + 8:offset + 8 + size])
-        unpacked(memoryview(blocks[-1]), 4 * values * min(LINES, height - row))  # a damaged one is found out
+    blocks, values = [], width * channel_count(header["channels"])
+    for rows, packed in blocks_of(memoryview(data), at, 0, height):
+        unpacked(packed, 4 * values * rows)  # a damaged one is found out
+        blocks.append(bytes(packed))
     return _placed(path, texts, width, height, (fields, blocks))
 
 

@@ -1,5 +1,6 @@
-// The layout is that of https://openexr.com/en/latest/OpenEXRFileLayout.html
 #include "engine/assets/images/exr_header.h"
+
+#include "engine/assets/images/exr_attributes.h"
 
 #include <algorithm>
 #include <array>
@@ -9,11 +10,9 @@
 namespace raynest {
 namespace {
 
-constexpr std::uint32_t magic = 20000630;
 /// Version 2 of the format, perhaps with long names; no tiles, no parts, no deep data.
 constexpr std::uint32_t version = 2;
 constexpr std::uint32_t long_names = 0x400;
-constexpr std::size_t name_bytes_max = 255;
 constexpr std::uint8_t zip_compression = 3;
 constexpr std::uint32_t side_max = 1U << 20;
 
@@ -21,49 +20,10 @@ tl::unexpected<Error> broken(const std::string& why) {
     return fail(ErrorCode::scene_invalid, "the EXR's header is not one of RayNest's: " + why);
 }
 
-/// Reads little-endian values one after the other, never beyond the end.
-class Reader {
-public:
-    explicit Reader(std::span<const std::byte> bytes) : rest_(bytes) {}
-
-    std::optional<std::uint32_t> word() {
-        const auto bytes = take(4);
-        if (!bytes) return std::nullopt;
-        std::uint32_t value = 0;
-        std::memcpy(&value, bytes->data(), sizeof value);
-        return value;
-    }
-    std::optional<std::uint8_t> byte() {
-        const auto bytes = take(1);
-        if (!bytes) return std::nullopt;
-        return std::to_integer<std::uint8_t>(bytes->front());
-    }
-    std::optional<std::span<const std::byte>> take(std::size_t count) {
-        if (count > rest_.size()) return std::nullopt;
-        const auto taken = rest_.first(count);
-        rest_ = rest_.subspan(count);
-        return taken;
-    }
-    /// A name that ends in 0; without an end, or too long: nothing.
-    std::optional<std::string> name() {
-        const auto window = rest_.first(std::min(rest_.size(), name_bytes_max + 1));
-        const void* const end = std::memchr(window.data(), 0, window.size());
-        if (window.empty() || end == nullptr) return std::nullopt;
-        const auto length =
-            static_cast<std::size_t>(static_cast<const std::byte*>(end) - window.data());
-        std::string text(reinterpret_cast<const char*>(window.data()), length);
-        rest_ = rest_.subspan(length + 1);
-        return text;
-    }
-
-private:
-    std::span<const std::byte> rest_;
-};
-
 /// The channels of an attribute of type chlist; nothing if they are no whole 32-bit channels.
 std::optional<std::vector<ChannelType>> read_channels(std::span<const std::byte> bytes) {
     constexpr std::size_t most = 64;
-    Reader in(bytes);
+    ExrReader in(bytes);
     std::vector<ChannelType> channels;
     while (true) {
         const auto name = in.name();
@@ -82,36 +42,33 @@ std::optional<std::vector<ChannelType>> read_channels(std::span<const std::byte>
 }  // namespace
 
 Result<ExrHeader> read_exr_header(std::span<const std::byte> file) {
-    Reader in(file);
-    if (in.word() != magic) return fail(ErrorCode::scene_unsupported, "the file is not an EXR");
+    ExrReader in(file);
+    if (in.word() != exr_magic) return fail(ErrorCode::scene_unsupported, "the file is not an EXR");
     const auto kind = in.word();
     if (!kind || (*kind & ~long_names) != version)
         return broken("it has tiles, several parts or deep data");
     ExrHeader header;
     std::array<bool, 3> seen{};  // channels, compression, data window
     for (std::size_t count = 0;; ++count) {
-        const auto name = in.name();
-        if (!name) return broken("it is cut short");
-        if (name->empty()) break;
+        const auto attribute = in.attribute();
+        if (!attribute) return broken("it is cut short");
+        const auto& [name, type, size, value] = *attribute;
+        if (name.empty()) break;
         if (count == exr_attributes_max) return broken("it has too many attributes");
-        const auto type = in.name();
-        const auto size = in.word();
-        if (!type || !size || *size > exr_attribute_bytes_max)
-            return broken("attribute '" + *name + "' is too long or cut short");
-        const auto value = in.take(*size);
-        if (!value) return broken("attribute '" + *name + "' is cut short");
-        if (*name == "channels") {
+        if (size > exr_attribute_bytes_max) return broken("attribute '" + name + "' is too long");
+        if (!value) return broken("attribute '" + name + "' is cut short");
+        if (name == "channels") {
             auto channels = read_channels(*value);
             if (!channels || seen[0]) return broken("its channels are not whole 32-bit ones");
             header.channels = std::move(*channels);
             seen[0] = true;
-        } else if (*name == "compression") {
-            if (*size != 1 || std::to_integer<std::uint8_t>(value->front()) != zip_compression)
+        } else if (name == "compression") {
+            if (size != 1 || std::to_integer<std::uint8_t>(value->front()) != zip_compression)
                 return broken("it is not compressed with ZIP");
             seen[1] = true;
-        } else if (*name == "dataWindow" || *name == "displayWindow") {
+        } else if (name == "dataWindow" || name == "displayWindow") {
             std::array<std::uint32_t, 4> window{};
-            if (*size != sizeof window) return broken("its window is invalid");
+            if (size != sizeof window) return broken("its window is invalid");
             std::memcpy(window.data(), value->data(), sizeof window);
             if (window[0] != 0 || window[1] != 0 || window[2] >= side_max || window[3] >= side_max)
                 return broken("its window does not begin at 0,0 or is too large");
@@ -120,9 +77,9 @@ Result<ExrHeader> read_exr_header(std::span<const std::byte> file) {
             header.width = window[2] + 1;
             header.height = window[3] + 1;
             seen[2] = true;
-        } else if (*type == "string") {
+        } else if (type == "string") {
             header.attributes.push_back(
-                {*name, std::string(reinterpret_cast<const char*>(value->data()), *size)});
+                {name, std::string(reinterpret_cast<const char*>(value->data()), size)});
         }
     }
     for (const bool found : seen)

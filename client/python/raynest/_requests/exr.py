@@ -6,6 +6,7 @@ from __future__ import annotations
 
 import struct
 import zlib
+from collections.abc import Iterator
 from typing import Any
 
 import numpy as np
@@ -31,23 +32,37 @@ def read_exr(data: bytes, pixels_max: int, channels_max: int = CHANNELS_MAX) -> 
 
 def _word(data: memoryview, at: int) -> tuple[str, int]:
     end = bytes(data[at:at + 256]).index(0)
-    return shown_text(bytes(data[at:at + end]).decode()), at + end + 1
+    return bytes(data[at:at + end]).decode(), at + end + 1
+
+
+def header_of(data: memoryview) -> tuple[list[tuple[str, str, bytes]], int]:
+    """Returns the attributes of a file, (name, type, value) each, and where they end."""
+    fields, at = [], 8
+    while data[at]:
+        name, at = _word(data, at)
+        kind, at = _word(data, at)
+        size, = struct.unpack_from("<I", data, at)
+        fields.append((name, kind, bytes(data[at + 4:at + 4 + size])))
+        at += 4 + size
+    return fields, at + 1
+
+
+def blocks_of(data: memoryview, at: int, top: int, height: int) -> Iterator[tuple[int, memoryview]]:
+    """Yields each block, as it is packed, behind the number of its rows. `at` is the end of the header."""
+    for number, offset in enumerate(struct.unpack_from(f"<{-(-height // LINES)}Q", data, at)):
+        first, packed = struct.unpack_from("<iI", data, offset)
+        if first != top + number * LINES or packed > len(data) - offset - 8:
+            raise ValueError("a block is elsewhere")
+        yield min(LINES, height - number * LINES), data[offset + 8:offset + 8 + packed]
 
 
 def _read(data: memoryview, pixels_max: int, channels_max: int) -> tuple[dict[str, Array], dict[str, str]]:
     if struct.unpack_from("<I", data)[0] != MAGIC or struct.unpack_from("<I", data, 4)[0] & 0xFF != 2:
         raise ValueError("it is none")
-    header: dict[str, memoryview] = {}
-    texts: dict[str, str] = {}
-    at = 8
-    while data[at]:
-        name, at = _word(data, at)
-        kind, at = _word(data, at)
-        size, = struct.unpack_from("<I", data, at)
-        header[name], at = data[at + 4:at + 4 + size], at + 4 + size
-        if kind == "string":
-            texts[name] = shown_text(bytes(header[name]).decode(errors="replace"))
-    at += 1
+    fields, at = header_of(data)
+    header = {shown_text(name): value for name, _, value in fields}
+    texts = {shown_text(name): shown_text(value.decode(errors="replace"))
+             for name, kind, value in fields if kind == "string"}
     left, top, right, bottom = struct.unpack("<4i", header["dataWindow"])
     width, height = right - left + 1, bottom - top + 1
     if header["compression"][0] != ZIP or min(width, height) < 1 or width * height > pixels_max:
@@ -56,33 +71,30 @@ def _read(data: memoryview, pixels_max: int, channels_max: int) -> tuple[dict[st
     if len(names) > channels_max:
         raise ValueError(f"it has {len(names)} channels")
     planes = {name: np.empty((height, width), dtype) for name, dtype in names}
-    for number, offset in enumerate(struct.unpack_from(f"<{-(-height // LINES)}Q", data, at)):
-        first, packed = struct.unpack_from("<iI", data, offset)
-        rows = min(LINES, height - number * LINES)
-        if first != top + number * LINES or packed > len(data) - offset - 8:
-            raise ValueError("a block is elsewhere")
-        block = unpacked(data[offset + 8:offset + 8 + packed], rows * width * 4 * len(names))
+    row = 0
+    for rows, packed in blocks_of(data, at, top, height):
+        block = unpacked(packed, rows * width * 4 * len(names))
         # Line by line, and in each line channel by channel.
         lines = block.reshape(rows, len(names), 4 * width)
         for index, (name, dtype) in enumerate(names):
-            planes[name][number * LINES:number * LINES + rows] = \
-                np.ascontiguousarray(lines[:, index]).view(dtype)
+            planes[name][row:row + rows] = np.ascontiguousarray(lines[:, index]).view(dtype)
+        row += rows
     return planes, texts
 
 
-def _channels(rest: memoryview) -> list[tuple[str, np.dtype[Any]]]:
+def _channels(attribute: bytes) -> list[tuple[str, np.dtype[Any]]]:
     names: list[tuple[str, np.dtype[Any]]] = []
-    place = 0
+    rest, place = memoryview(attribute), 0
     while rest[place]:
         name, place = _word(rest, place)
-        names.append((name, DTYPES[struct.unpack_from("<I", rest, place)[0]]))
+        names.append((shown_text(name), DTYPES[struct.unpack_from("<I", rest, place)[0]]))
         place += 16
     return names
 
 
 def channel_count(attribute: bytes) -> int:
     """How many channels the attribute `channels` of a file lists."""
-    return len(_channels(memoryview(attribute)))
+    return len(_channels(attribute))
 
 
 def unpacked(data: memoryview, size: int) -> Array:
