@@ -43,7 +43,8 @@ struct EverySecond {
 };
 }  // namespace raynest
 """,
-    "embedder.cpp": """#include "engine/assets/import.h"
+    "embedder.cpp": """#include "engine/assets/builtin/builtin.h"
+#include "engine/assets/import.h"
 #include "engine/packs/registry.h"
 #include "engine/scene/snapshot.h"
 #include <cstdio>
@@ -55,7 +56,7 @@ int main() {
     if (!registry) return std::puts(registry.error().message.c_str()), 1;
     ImportRequest request;
     request.source = "builtin:terrain?size=8";
-    const auto scene = import_here(request, ImportLimits{}, **registry);
+    const auto scene = import_here(request, ImportLimits{}, **registry, describe_builtin);
     if (!scene) return std::puts(scene.error().message.c_str()), 1;
     const auto variant = (*registry)->choose("auto", (*scene)->view());
     const auto trace = find_function(**variant, query_closest, traversal_single);

@@ -1,7 +1,6 @@
 // How an import without a child process goes.
 #include "engine/assets/import.h"
 
-#include "engine/assets/builtin/builtin.h"
 #include "engine/assets/composition/compose.h"
 #include "engine/assets/formats/formats.h"
 #include "engine/assets/formats/npy.h"
@@ -85,14 +84,14 @@ Result<void> check_files(const ImportRequest& request, const ImportLimits& limit
 }
 
 Result<BuiltArena> build_request(const ImportRequest& request, const ImportLimits& limits,
-                                 const Registry& registry) {
+                                 const Registry& registry, DescribeBuiltin builtin) {
     if (is_composition(request.source)) {
         if (auto files = check_files(request, limits); !files) return tl::unexpected(files.error());
         return compose(request, limits, [&](const ImportRequest& file) {
-            return import_arena(file, limits, registry);
+            return import_arena(file, limits, registry, builtin);
         });
     }
-    auto scene = describe(request, limits, registry);
+    auto scene = describe(request, limits, registry, builtin);
     if (!scene) return tl::unexpected(scene.error());
     scene->build = request.build;
     return build_arena(*scene);
@@ -100,7 +99,7 @@ Result<BuiltArena> build_request(const ImportRequest& request, const ImportLimit
 
 /// As describe(), but for the axis that the request says.
 Result<SceneDescription> describe_source(const ImportRequest& request, const ImportLimits& limits,
-                                         const Registry& registry) {
+                                         const Registry& registry, DescribeBuiltin builtin) {
     const std::string_view source = request.source;
     if (!is_origin(request.origin)) {
         return fail(ErrorCode::scene_invalid, "the origin is not finite, or lies beyond 1e15");
@@ -131,7 +130,11 @@ Result<SceneDescription> describe_source(const ImportRequest& request, const Imp
             return fail(ErrorCode::scene_invalid,
                         "y points up in a built-in scene: leave out `up`, or place it in a "
                         "composition with \"up\": \"z\"");
-        return masked(request, check_primitives(describe_builtin(source), registry));
+        if (builtin == nullptr)
+            return fail(ErrorCode::scene_unsupported,
+                        "this program imports files alone: pass describe_builtin() to have "
+                        "built-in scenes");
+        return masked(request, check_primitives(builtin(source), registry));
     }
     if (format != nullptr && format->read != read_tiff && request.options.spacing != 0)
         return fail(ErrorCode::scene_invalid,
@@ -152,15 +155,15 @@ Result<SceneDescription> describe_source(const ImportRequest& request, const Imp
 }  // namespace
 
 Result<SceneDescription> describe(const ImportRequest& request, const ImportLimits& limits,
-                                  const Registry& registry) {
-    auto scene = describe_source(request, limits, registry);
+                                  const Registry& registry, DescribeBuiltin builtin) {
+    auto scene = describe_source(request, limits, registry, builtin);
     if (scene && request.options.z_up) scene->up = UpAxis::z;
     return scene;
 }
 
 Result<BuiltArena> import_arena(const ImportRequest& request, const ImportLimits& limits,
-                                const Registry& registry) try {
-    auto built = build_request(request, limits, registry);
+                                const Registry& registry, DescribeBuiltin builtin) try {
+    auto built = build_request(request, limits, registry, builtin);
     if (!built) return tl::unexpected<Error>(named(request, std::move(built.error())));
     if (const std::uint64_t bytes = built->arena.size(); bytes > limits.scene_bytes_max) {
         return fail(ErrorCode::out_of_memory,
@@ -177,8 +180,9 @@ Result<BuiltArena> import_arena(const ImportRequest& request, const ImportLimits
 
 Result<std::shared_ptr<const Snapshot>> import_here(const ImportRequest& request,
                                                     const ImportLimits& limits,
-                                                    const Registry& registry) {
-    return import_arena(request, limits, registry).and_then(Snapshot::open);
+                                                    const Registry& registry,
+                                                    DescribeBuiltin builtin) {
+    return import_arena(request, limits, registry, builtin).and_then(Snapshot::open);
 }
 
 }  // namespace raynest

@@ -1,5 +1,6 @@
 // raynestd: one program for three kinds of process: the daemon, the short-lived import of one
 // scene, and the device worker; and for the subcommands of commands.h.
+#include "engine/assets/builtin/builtin.h"
 #include "engine/assets/sandbox/import_child.h"
 #include "server/backends/cuda/worker_process.h"
 #include "server/daemon/commands.h"
@@ -22,7 +23,7 @@ namespace {
 
 int run_import_child(int argc, const char* const* argv) {
     const auto registry = Registry::load({{argv + 3, argv + argc}, argv[2]});
-    return registry ? import_child_main(**registry) : 2;
+    return registry ? import_child_main(**registry, describe_builtin) : 2;
 }
 
 /// Keeps memory of freed frames, up to some MiB each, in the heap. By default glibc returns the end

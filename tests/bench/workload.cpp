@@ -1,5 +1,6 @@
 #include "tests/bench/workload.h"
 
+#include "engine/assets/builtin/builtin.h"
 #include "engine/assets/import.h"
 #include "tests/bench/files.h"
 
@@ -29,7 +30,7 @@ Result<Generated> describe_source(const std::string& source, const Registry& reg
         request.source = std::filesystem::path(source).filename();
         request.files.push_back({request.source, main_file});
     }
-    return without_light(describe(request, ImportLimits{}, registry));
+    return without_light(describe(request, ImportLimits{}, registry, describe_builtin));
 }
 
 /// "gen:cards?scale=0.1" -> "cards", "dir/temple.glb" -> "temple".

@@ -280,7 +280,7 @@ Result<std::vector<std::vector<std::uint32_t>>> decode_exr_in_child(
     return planes;
 }
 
-int import_child_main(const Registry& registry) {
+int import_child_main(const Registry& registry, DescribeBuiltin builtin) {
     const Mapping mapped(Fd(wire::request_fd), Mapping::Access::read);
     if (mapped.bytes().empty()) return 2;
     const auto message = wire::parse_request(mapped.bytes());
@@ -288,7 +288,7 @@ int import_child_main(const Registry& registry) {
     if (!bind_to_parent(message->parent)) return 2;
     if (!confine(message->limits)) return 2;
     if (message->work != wire::Work::scene) return decode_picture(*message);
-    const auto result = import_arena(message->request, message->limits, registry);
+    const auto result = import_arena(message->request, message->limits, registry, builtin);
     return wire::write_result(wire::result_fd, result) ? 0 : 3;
 }
 

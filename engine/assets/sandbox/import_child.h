@@ -1,6 +1,7 @@
 // Imports files in a short-lived child process.
 #pragma once
 
+#include "engine/assets/import.h"
 #include "engine/assets/input/import_request.h"
 #include "engine/packs/registry.h"
 #include "engine/result.h"
@@ -27,8 +28,8 @@ Result<std::shared_ptr<const Snapshot>> import_in_child(
     const ImportRequest& request, const ImportLimits& limits, std::span<const std::string> child,
     const StillWanted& wanted = [](std::uint64_t) { return true; });
 
-/// The child's main function: reads the request from fd 3, writes the arena or the error to fd 4.
-/// Returns the process's exit code.
-int import_child_main(const Registry& registry);
+/// The child's main function: reads the request from fd 3, writes the arena or the error to fd 4. Its
+/// built-in scenes are those of `builtin`. Returns the process's exit code.
+int import_child_main(const Registry& registry, DescribeBuiltin builtin = nullptr);
 
 }  // namespace raynest

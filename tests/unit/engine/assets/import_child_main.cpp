@@ -1,5 +1,6 @@
 // The tests' import child: `--import-child` is the real one; other arguments misbehave as a
 // crashed, hung or hijacked child would.
+#include "engine/assets/builtin/builtin.h"
 #include "engine/assets/import.h"
 #include "engine/assets/sandbox/import_child.h"
 #include "engine/assets/sandbox/import_wire.h"
@@ -227,7 +228,8 @@ int main(int count, char** words) {
                                       raynest::Mapping::Access::read);
         const auto message = wire::parse_request(mapped.bytes());
         if (!message) return 1;
-        const auto result = raynest::import_arena(message->request, {}, **registry);
+        const auto result =
+            raynest::import_arena(message->request, {}, **registry, raynest::describe_builtin);
         return wire::write_result(wire::result_fd, result) ? 0 : 1;
     }
     if (mode == "--transposed" || mode == "--regrouped") return answer_falsely(mode);
@@ -235,7 +237,7 @@ int main(int count, char** words) {
     if (std::ranges::find(imports, mode) == imports.end()) return 0;
     if (!registry) return 9;
     const Facts facts;
-    const int code = raynest::import_child_main(**registry);
+    const int code = raynest::import_child_main(**registry, raynest::describe_builtin);
     if (mode == "--import-child") return code;
     if (mode == "--hijacked") return 100 + first_not_refused();
     if (mode == "--report-limits") return report_limits(facts);

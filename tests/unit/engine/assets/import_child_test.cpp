@@ -1,5 +1,6 @@
 #include "engine/assets/sandbox/import_child.h"
 
+#include "engine/assets/builtin/builtin.h"
 #include "engine/assets/import.h"
 #include "engine/assets/sandbox/sandbox.h"
 #include "engine/system/child_process.h"
@@ -83,11 +84,15 @@ TEST_CASE("the child makes the same snapshot as this process") {
     const auto registry = Registry::load({});
     REQUIRE(registry.has_value());
     const ImportRequest request = builtin("builtin:forest?trees=20");
-    const auto here = import_here(request, ImportLimits{}, **registry);
+    const auto here = import_here(request, ImportLimits{}, **registry, describe_builtin);
     const auto there = import(request);
     REQUIRE(here.has_value());
     REQUIRE_MESSAGE(there.has_value(), (there ? "" : there.error().message));
     CHECK((*here)->digest() == (*there)->digest());
+    // Without them an import knows files alone.
+    const auto none = import_here(request, ImportLimits{}, **registry);
+    REQUIRE_FALSE(none.has_value());
+    CHECK(none.error().message.find("pass describe_builtin()") != std::string::npos);
 }
 
 TEST_CASE("the child's error arrives with its code") {

@@ -1,4 +1,5 @@
 // Scenes far from zero: the digits that an origin keeps, and the warnings without one.
+#include "engine/assets/builtin/builtin.h"
 #include "engine/assets/import.h"
 #include "tests/unit/engine/assets/samples.h"
 #include "tests/unit/engine/small_scenes.h"
@@ -146,7 +147,7 @@ TEST_CASE("an invalid origin is refused, and so is one for a built-in scene") {
     ImportRequest request;
     request.source = "builtin:flake";
     request.origin = far;
-    CHECK_FALSE(import_here(request, ImportLimits{}, registry()).has_value());
+    CHECK_FALSE(import_here(request, ImportLimits{}, registry(), describe_builtin).has_value());
 }
 
 TEST_CASE("triangles that no ray can hit are counted, also in the total") {
