@@ -18,7 +18,7 @@ from dask import array
 import raynest
 from daemon import PATIENCE
 from animation_test import travelling
-from raynest import _command, generators
+from raynest import _command, generators, returns
 from raynest._requests import exr, loads
 from with_cluster import WithCluster, many
 from with_daemon import main, rain
@@ -203,6 +203,38 @@ class Forms(WithCluster):
             with self.assertRaises(raynest.UsageError) as seen:
                 many.trace(cluster.client, file, rays, **wrong, setup=self.setup)
             self.assertEqual(str(seen.exception), str(one.exception))
+
+    def test_what_a_lidar_measures(self):
+        cluster = self.cluster(1)
+        poses = np.tile(np.eye(4)[:3], (2, 1, 1))
+        poses[:, :, :3], poses[:, :, 3] = ((1, 0, 0), (0, 0, 1), (0, -1, 0)), ((0, 3, 0), (2, 3, 1))
+        moving = generators.sweep(np.linspace(-20, 10, 4), (0, 360, 90), trajectory=([0, .2], poses), scans=2)
+        beams, stands = moving.beams(), generators.lidar([-10, 0, 5], (0, 360, 90), look_at=((0, 3, 0), (0, 3, -1)))
+        wide = {"returns": 3, "divergence": 0.02, "footprint": 7, "noise": 0.05, "seed": 4}
+        wind = "builtin:forest?trees=20&wind=1"
+        one = {SCENE: self.woods, wind: self.client.load(wind, "wind")}
+        times = 0.5 + moving.time
+        for scene, sweep, options in (
+                (SCENE, moving, wide), (SCENE, beams, {**wide, "mask": np.arange(720) % 2}), (SCENE, stands, wide),
+                (SCENE, moving, {**wide, "velocities": {"oak-*": [(1, 2, 0), (0, 0, 1), (0, 1, 0)]}, "epoch": 1}),
+                (wind, moving, {**wide, "time": times, "time_step": .03}), (wind, beams, {"time": times[0]}),
+                (wind, beams, {"time": times, "fields": ("t", "normal", "velocity"), "hide": "birch-*", "prefer": "strongest"})):
+            with self.subTest(scene=scene, sweep=type(sweep), **options):
+                whole = returns.measure(one[scene], sweep, **options)
+                self.assertGreater(len(whole["t"]), 100)
+                self.same(many.measure(cluster.client, scene, sweep, **options, item_rays=700, setup=self.setup), whole)
+                traced = returns._TRACED_MAX
+                try:        # in pieces of one daemon, too
+                    returns._TRACED_MAX = 500
+                    self.same(returns.measure(one[scene], sweep, **options), whole)
+                finally:
+                    returns._TRACED_MAX = traced
+        for wrong in ({"velocities": {"nothing": (1, 0, 0)}}, {"mask": [1, 2]}, {"time": times[1:]}, {"kind": "all"}, {"epochs": 1}):
+            with self.subTest(**wrong), self.assertRaises((raynest.Error, TypeError)) as told:
+                returns.measure(self.woods, moving, **wrong)
+            with self.assertRaises(type(told.exception)) as seen:
+                many.measure(cluster.client, SCENE, moving, **wrong, setup=self.setup)
+            self.assertEqual(str(seen.exception).replace("dask-", "")[:40], str(told.exception)[:40])
 
     # ---- answers that stay ----------------------------------------------------------------------
 

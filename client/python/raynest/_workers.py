@@ -4,6 +4,7 @@ from __future__ import annotations
 import contextlib
 import dataclasses
 import fcntl
+import functools
 import hashlib
 import os
 import pickle
@@ -231,20 +232,22 @@ class SentRays:
 
 def item(version: str, setup: Setup, source: Source, method: Any, rays: Any, options: dict[str, Any]
          ) -> tuple[str, Any, Told]:
-    """Makes an item: a method of Scene by its name, or a function (host, source, options). Returns where, the
-    answer, which may be Missing, and what it tells."""
+    """Makes an item: a method of Scene by its name, a function (scene, rays, ...), or without rays a function (host, source,
+    options). Returns where, the answer, which may be Missing, and what it tells."""
     if version != VERSION:
         raise UsageError(f"{here()} has RayNest {VERSION}, this client {version}: install one version on all hosts")
     host = _host(setup)
     for last in (False, True):
         try:
             with warnings_taken() as warned:
-                if callable(method):
+                if callable(method) and rays is None:
                     return here(), method(host, source, options), Told(tuple(warned))
                 given = {name: host.local(value, source) for name, value in options.items()}
                 sent = rays if isinstance(rays, SentRays) else SentRays(() if rays is None else (rays,), {})
-                answer = getattr(host.scene(source), method)(*sent.rays, **{**given, **sent.options})
-                return here(), _plain(answer), told_of(method, warned, host.client().outcome)
+                scene = host.scene(source)
+                ask = functools.partial(method, scene) if callable(method) else getattr(scene, method)
+                answer = ask(*sent.rays, **{**given, **sent.options})
+                return here(), _plain(answer), told_of("trace" if callable(method) else method, warned, host.client().outcome)
         except Missing as missing:
             return here(), missing, Told()
         except Error as error:
@@ -278,6 +281,11 @@ def files_at(_host: Host, source: Source, _options: dict[str, Any]) -> Message:
 
 def info_of(host: Host, source: Source, _options: dict[str, Any]) -> dict[str, Any]:
     return host.scene(source).info
+
+
+def paths_of(host: Host, source: Source, options: dict[str, Any]) -> list[str]:
+    found: list[str] = host.scene(source).path_of(**options)
+    return found
 
 
 def _plain(answer: Any) -> Any:

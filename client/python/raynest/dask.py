@@ -36,11 +36,12 @@ from ._timed import moments
 from ._prepared import Prepared
 from ._version import VERSION
 from ._own_daemon import Setup
-from ._workers import SentRays, columns_of
+from ._workers import SentRays, columns_of, paths_of
 from .errors import UsageError
 from .generators import Generator
 from .images import Image
 from .merge import joined
+from .returns import Beam, Tracer, measure as measured
 
 ITEM_RAYS = 1 << 18        # of a query's item: some 50 ms of work or more
 ITEM_SAMPLES = 1 << 16     # of a lit picture's item
@@ -132,6 +133,50 @@ def sweep(cluster: Any, scene: Prepared, scans: Iterable[tuple[int, Any]], *,
         parts.append(part._replace(source=known.at(epoch)))
     found = dict(Deal(cluster, setup, known, "trace", parts, patience, progress, apart=True).answers())
     return [found[i] for i in range(len(parts))]
+
+
+def measure(cluster: Any, scene: Any, sweep: Any, *, load: Optional[dict[str, Any]] = None, setup: Setup = Setup(),
+            item_rays: int = ITEM_RAYS, patience: float = PATIENCE, progress: Any = None, **options: Any) -> Columns:
+    """As raynest.returns.measure(), on all workers of a cluster: the same returns, in every byte. Items are beams, of
+    `item_rays` rays together; the noise is drawn here, over all of them."""
+    _check(options, item_rays)
+    known = _known(cluster, scene, setup, load, patience, progress)
+    return measured(_Dealt(cluster, known, setup, item_rays, patience, progress, options.pop("epoch", None)), sweep, **options)
+
+
+class _Dealt(Tracer):
+    """A scene on all workers of a cluster."""
+
+    def __init__(self, cluster: Any, known: Prepared, setup: Setup, item_rays: int, patience: float, progress: Any,
+                 epoch: Optional[int]) -> None:
+        super().__init__(None, epoch)
+        self._known, self._item_rays, self._progress = known, item_rays, progress
+        self._deal = functools.partial(Deal, cluster, setup, known, patience=patience)
+        self._trace = functools.partial(trace, cluster, known, setup=setup, item_rays=item_rays, patience=patience)
+
+    def trace(self, rays: Any, **options: Any) -> Columns:
+        return self._trace(rays, **options, **self._epoch)
+
+    def path_of(self, ids: Array) -> list[str]:
+        (_, found), = self._deal(paths_of, [Part({"ids": ids, **self._epoch})], progress=None).answers()
+        return list(found)
+
+    def _rays_max(self) -> int:
+        return self._item_rays
+
+    def _of(self, beam: Beam, pieces: Sequence[tuple[Array, dict[str, Any]]]) -> list[Columns]:
+        parts = []
+        for beams, job in pieces:
+            own = {name: value for name, value in job.items() if isinstance(value, np.ndarray)}
+            options = {**{name: value for name, value in job.items() if name not in own}, **self._epoch}
+            parts.append(Part(options, functools.partial(SentRays, (beams,), own), True, len(beams) * len(beam.power),
+                              fits=_has_returns))
+        found = dict(self._deal(beam.measured, parts, progress=self._progress).answers())
+        return [found[i] for i in range(len(parts))]
+
+
+def _has_returns(answer: Any) -> bool:
+    return isinstance(answer, dict) and "beam" in answer and len({len(column) for column in answer.values()}) == 1
 
 
 def reduce(cluster: Any, scene: Any, rays: Any, name: str, **options: Any) -> Columns:

@@ -6,7 +6,7 @@
 from __future__ import annotations
 
 import inspect
-from typing import Any, Literal, Mapping, Optional, Sequence, Union
+from typing import Any, Iterable, Literal, Mapping, NamedTuple, Optional, Sequence, Union
 
 import numpy as np
 
@@ -16,6 +16,7 @@ from ._paths import form_of
 from ._requests.arguments import count_of, is_several, numbers, real, unknown_argument, whole
 from ._requests.columns import OF_HITS
 from ._requests.job import JobOptions
+from ._timed import moments
 from .errors import UsageError
 from .scene import Scene
 from .sweeps import Sweep
@@ -33,7 +34,77 @@ _IDS = ("prim", "geom", "path", "uid")
 _COLUMNS = ("beam", "t", "share", "intensity", *_IDS, "return", "returns", "position", "ring", "time", "radial_velocity")
 
 
-def measure(scene: Scene, sweep: Union[Sweep, generators.Sweep, generators.Lidar], *, divergence: float = 0.0,
+class Beam(NamedTuple):
+    """What a beam is traced by, and which returns its hits become."""
+
+    offsets: Array      # tangents (K, 2) across it
+    power: Array        # (K,)
+    near: float
+    far: float
+    resolution: float
+    threshold: float
+    returns: int
+    prefer: str
+    of_hits: tuple[str, ...]
+
+    def measured(self, scene: Any, beams: Array, **job: Any) -> dict[str, Array]:
+        """The returns of beams (N, 6), without noise. Each may have a mask and a time of its own."""
+        count = len(self.power)
+        cast = np.empty((len(beams), count, 8))
+        cast[..., :3], cast[..., 3], cast[..., 7] = beams[:, None, :3], self.near, self.far
+        cast[..., 4:7] = _spread(beams[:, 3:], self.offsets)
+        of_rays = {name: np.repeat(job[name], count) for name in _several(job)}
+        hits = scene.trace(cast.reshape(-1, 8), fields=tuple(dict.fromkeys(("t", "normal", "base_colour", *self.of_hits))),
+                           **{**job, **of_rays})
+        return _returns_of(hits, cast[..., 4:7].reshape(-1, 3), self.power, self.resolution, self.threshold, self.returns,
+                           self.prefer, self.of_hits)
+
+
+class Tracer:
+    """A scene as measure() traces it, in one epoch."""
+
+    def __init__(self, scene: Any, epoch: Optional[int] = None) -> None:
+        self._scene = scene
+        self._epoch = {"epoch": epoch} if epoch else {}
+
+    def trace(self, rays: Any, **options: Any) -> dict[str, Array]:
+        seen: dict[str, Array] = self._scene.trace(rays, **options, **self._epoch)
+        self._epoch = {"epoch": self._scene._client.outcome["epoch"]}
+        return seen
+
+    def path_of(self, ids: Array) -> list[str]:
+        found: list[str] = self._scene.path_of(ids, **self._epoch)
+        return found
+
+    def measured(self, beam: Beam, beams: Array, job: dict[str, Any]) -> dict[str, Array]:
+        """The returns of all beams, in their order."""
+        order = np.arange(len(beams))
+        if "time" in _several(job):     # each part is of few moments
+            order = np.argsort(job["time"], kind="stable")
+        each = max(1, self._rays_max() // len(beam.power))
+        cuts = [order[first:first + each] for first in range(0, max(1, len(order)), each)]
+        pieces = [(beams[cut], {**job, **{name: np.asarray(job[name])[cut] for name in _several(job)}}) for cut in cuts]
+        parts = list(self._of(beam, pieces))
+        made = {name: np.concatenate([part[name] for part in parts]) for name in parts[0]}
+        made["beam"] = np.concatenate([cut[part["beam"]] for cut, part in zip(cuts, parts)])
+        if "time" not in _several(job):
+            return made
+        back = np.argsort(made["beam"], kind="stable")
+        return {name: column[back] for name, column in made.items()}
+
+    def _rays_max(self) -> int:
+        return _TRACED_MAX
+
+    def _of(self, beam: Beam, pieces: Sequence[tuple[Array, dict[str, Any]]]) -> Iterable[dict[str, Array]]:
+        return (beam.measured(self, beams, **job) for beams, job in pieces)
+
+
+def _several(job: Mapping[str, Any]) -> list[str]:
+    """Those of the options that each beam has for itself."""
+    return [name for name in ("mask", "time") if is_several(name, job.get(name))]
+
+
+def measure(scene: Union[Scene, Tracer], sweep: Union[Sweep, generators.Sweep, generators.Lidar], *, divergence: float = 0.0,
             footprint: int = 19, returns: int = 1, prefer: Literal["nearest", "strongest"] = "nearest",
             resolution: float = 0.3, threshold: float = 0.0, range: Optional[tuple[float, float]] = None,
             noise: float = 0.0, seed: int = 0, velocities: Optional[Mapping[str, Any]] = None,
@@ -87,39 +158,26 @@ def measure(scene: Scene, sweep: Union[Sweep, generators.Sweep, generators.Lidar
     names, of_hits = _asked(fields)
     moves = {text: _motion(text, motion) for text, motion in (velocities or {}).items()}
     texts = list(moves)
+    epoch = job.pop("epoch", None)
+    tracer = scene if isinstance(scene, Tracer) else Tracer(scene, epoch)
     for first in np.arange(0, len(texts), _limits.list_items_max):  # a text that names nothing is refused
-        scene.trace(np.zeros((0, 6)), hide=texts[first:first + _limits.list_items_max],
-                    **{key: job[key] for key in ("epoch",) if key in job})
+        tracer.trace(np.zeros((0, 6)), hide=texts[first:first + _limits.list_items_max])
     if not isinstance(sweep, Sweep):
-        sweep = _beams_of(scene, sweep, job)
-    of_beams = {name: np.asarray(job.pop(name)) for name in ("mask", "time") if is_several(name, job.get(name))}
-    for name, values in of_beams.items():
-        if values.shape != (len(sweep.rays),):
-            raise UsageError(f"{name} of shape {values.shape} for {len(sweep.rays)} beams: it must be one number, or one for each beam")
-    if "time" in job or "time" in of_beams:
+        sweep = _beams_of(tracer, sweep, job)
+    for name in _several(job):
+        if np.shape(job[name]) != (len(sweep.rays),):
+            raise UsageError(f"{name} of shape {np.shape(job[name])} for {len(sweep.rays)} beams: it must be one number, or one for each beam")
+    if "time" in _several(job):     # as they are for all beams
+        job["time"] = moments(job["time"], job.pop("time_step", None), len(sweep.rays))
+    if "time" in job:
         of_hits = (*of_hits, "velocity")
-    traced = tuple(dict.fromkeys(("t", "normal", "base_colour", *of_hits)))
-    beams = max(1, _TRACED_MAX // len(power))
-    parts = []
-    for first in np.arange(0, max(1, len(sweep.rays)), beams):
-        for name, values in of_beams.items():
-            job[name] = np.repeat(values[first:first + beams], len(power))
-        rays = sweep.rays[first:first + beams]
-        cast = np.empty((len(rays), len(power), 8))
-        cast[..., :3], cast[..., 3], cast[..., 7] = rays[:, None, :3], near, far
-        cast[..., 4:7] = _spread(rays[:, 3:], offsets)
-        hits = scene.trace(cast.reshape(-1, 8), fields=traced, **job)
-        job["epoch"] = scene._client.outcome["epoch"]  # all parts see one scene
-        part = _returns_of(hits, cast[..., 4:7].reshape(-1, 3), power, resolution, threshold, returns, prefer, of_hits)
-        part["beam"] += first
-        parts.append(part)
-    made = {name: np.concatenate([part[name] for part in parts]) for name in parts[0]}
+    made = tracer.measured(Beam(offsets, power, near, far, resolution, threshold, returns, prefer, of_hits), sweep.rays, job)
     beam = made["beam"]
     made["t"] = made["t"] + np.random.default_rng(seed).normal(0, noise, len(beam)) if noise else made["t"]
     made["position"] = sweep.rays[beam, :3] + made["t"][:, None] * sweep.rays[beam, 3:]
     made["ring"], made["time"] = sweep.ring[beam], sweep.time[beam]
     moving = made.pop("velocity", np.zeros((len(beam), 3))).astype(np.float64)
-    part_of = _parts_of(scene, made["path"], list(moves), job.get("epoch") or 0)
+    part_of = _parts_of(tracer, made["path"], texts)
     for number, (along, turning, pivot) in enumerate(moves.values()):
         of = part_of == number
         since = (made["time"][of] - sweep.time.min(initial=np.inf))[:, None]
@@ -144,15 +202,13 @@ def _range_of(sweep: Any) -> tuple[float, float]:
     return sensor.get("tmin", 0.0), sensor.get("tmax", np.inf)
 
 
-def _beams_of(scene: Scene, sensor: Union[generators.Sweep, generators.Lidar], job: dict[str, Any]) -> Sweep:
+def _beams_of(tracer: Tracer, sensor: Union[generators.Sweep, generators.Lidar], job: dict[str, Any]) -> Sweep:
     """The rays of a generator. Of a lidar that stands still the daemon makes them: it may stand at a camera of the scene."""
     if isinstance(sensor, generators.Sweep):
         if "step_error" in sensor._settings:
             raise UsageError("measure() goes without the sweep's step_error: pass time=sweep.time and a time_step to it")
         return sensor.beams()
-    of = {name: job[name] for name in ("epoch", "origin") if name in job}
-    found = scene.trace(sensor, fields=("origin", "direction"), **of)
-    job["epoch"] = scene._client.outcome["epoch"]
+    found = tracer.trace(sensor, fields=("origin", "direction"), **{name: job[name] for name in ("origin",) if name in job})
     ways = found["direction"].astype(np.float64)
     ways /= np.linalg.norm(ways, axis=1)[:, None]
     return Sweep(np.hstack([found["origin"], ways]), sensor.ring, np.zeros(sensor.count), np.zeros((sensor.count, 3)))
@@ -233,14 +289,14 @@ def _place_in_beam(beam: Array) -> Array:
     return np.arange(len(beam)) - np.repeat(first, np.diff(first, append=len(beam)))
 
 
-def _parts_of(scene: Scene, paths: Array, texts: list[str], epoch: int) -> Array:
+def _parts_of(tracer: Tracer, paths: Array, texts: list[str]) -> Array:
     """For each path, the first of `texts` that names it or what it is part of; -1 for none."""
     if not texts or not len(paths):
         return np.full(len(paths), -1)
     ids, where = np.unique(paths, return_inverse=True)
     patterns = [form_of(text) for text in texts]
     found = [next((number for number, pattern in enumerate(patterns) if pattern.fullmatch(path)), -1)
-             for path in scene.path_of(ids, epoch=epoch)]
+             for path in tracer.path_of(ids)]
     return np.array(found)[where]
 
 
