@@ -137,9 +137,10 @@ HEAVY = {
 # The Python package: its rooms from the ground up, each with its modules or folders.
 PACKAGE = "client/python/raynest"
 PYTHON = [{"errors", "_lists", "_limits", "_wording", "_version", "_handles", "_told"}, {"_net"}, {"images"},
-          {"_requests"}, {"_session"}, {"job"}, {"generators", "sweeps", "points", "_heat"}, {"_paths"}, {"edits"}, {"_shutter"},
-          {"_render", "_export"}, {"_timed"}, {"scene"}, {"client", "returns"}, {"compat", "merge", "_travel", "_query", "_notes"},
-          {"_own_daemon", "_roster"}, {"_workers"}, {"_prepared", "_frugal", "_beside"}, {"_deal"}, {"__init__"}, {"dask", "_command"}]
+          {"_requests"}, {"_session"}, {"job"}, {"generators", "sweeps", "points", "_heat"}, {"_paths", "_pictures"}, {"edits"},
+          {"_shutter"}, {"_render", "_export"}, {"_timed"}, {"scene"}, {"client", "returns"},
+          {"compat", "merge", "_travel", "_query", "_notes"}, {"_own_daemon", "_roster"},
+          {"_workers"}, {"_prepared", "_frugal", "_beside"}, {"_deal"}, {"__init__"}, {"dask", "_command"}]
 
 SOURCES = {".h", ".cpp", ".cu", ".inc", ".in"}
 INCLUDE = re.compile(r'^\s*#\s*include\s*([<"])([^>"]+)[>"]', re.MULTILINE)

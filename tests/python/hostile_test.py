@@ -26,7 +26,8 @@ import raynest
 from raynest._net.control import decode, encode
 from raynest._net.frame import HEADER, MAGIC, Header, write_header
 from raynest._heat import range_text
-from raynest.merge import _unfiltered, merge
+from raynest._pictures import _unfiltered
+from raynest.merge import merge
 from daemon import PATIENCE
 from with_fake import WELCOME, WithFake, frame, t
 

@@ -18,42 +18,23 @@ import tempfile
 import tokenize
 import zipfile
 import zlib
-from typing import Any, Callable, NamedTuple, Optional, Sequence
+from typing import Any, Callable, Optional, Sequence
 
 import numpy as np
 
-from ._heat import check, limit_of, range_text
+from ._heat import check, limit_of
+from ._pictures import Part, counts_of, join_exr, join_npy, join_png, read_exr_part, read_png
 from ._requests.columns import OF_HITS, REDUCED
-from ._requests.exr import LINES, MAGIC, blocks_of, channel_count, header_of, read_exr, unpacked
 from ._requests.npz import write_npz
-from ._requests.png import unfiltered
 from ._told import carry_out, fail
-from .errors import FailedError, InvalidError, ProtocolError, UsageError
+from .errors import FailedError, InvalidError, UsageError
 from .points import ENDINGS, formatted, place_of
 
 # Endings of files, and those of the parts that become one.
 PARTS_OF = {".npz": (".npz",), ".png": (".png",), ".exr": (".exr",), ".npy": (".png", ".exr"),
             **dict.fromkeys(ENDINGS, (".npz",))}
-EXACT = 1 << 24             # below it float32 has all whole numbers
-PNG = b"\x89PNG\r\n\x1a\n"
-EXR = struct.pack("<II", MAGIC, 2)
-SIDE_MAX = 1 << 20
-PIXELS_MAX = 1 << 30
-_FILTERS = range(5)          # filters for a PNG's row
 # Words for what parts may differ in, and the order in which that is told; the last one comes after all other keys.
 FOREIGN = {"hash": ("scene", "its digest"), "epoch": ("epoch of the scene", "it"), "request": ("request", "the options' digest")}
-TILE = re.compile(r"(\d{1,7}) (\d{1,7}) (\d{1,7}) (\d{1,7}) of (\d{1,7})x(\d{1,7})\Z")
-
-
-class Part(NamedTuple):
-    """A file of rows [first, first + rows) of `of`, made by `request`."""
-
-    path: str
-    first: int
-    rows: int
-    of: int
-    request: dict[str, Any]
-    body: Any
 
 
 def merge(out: str, paths: Sequence[str], limits: Sequence[str] = ()) -> str:
@@ -75,7 +56,7 @@ def merge(out: str, paths: Sequence[str], limits: Sequence[str] = ()) -> str:
     if ending in ENDINGS:
         join = functools.partial(_join_points, ending)
     elif ending == ".npy":
-        join = _join_npy
+        join = join_npy
     parts = []
     for path in paths:
         if os.path.splitext(path)[1].lower() != of_parts:
@@ -110,7 +91,7 @@ def merge(out: str, paths: Sequence[str], limits: Sequence[str] = ()) -> str:
     except MemoryError:
         raise InvalidError(f"{out}: has more than fits into memory", "FILE_INVALID") from None
     said = f"{out}: {what} of {len(parts)} parts"
-    return "\n".join([said, *(check(asked, _counts(parts)) if asked else ())])
+    return "\n".join([said, *(check(asked, counts_of(parts)) if asked else ())])
 
 
 def _umask() -> int:
@@ -275,182 +256,11 @@ def summed(found: Sequence[dict[str, Any]], reduce: str) -> dict[str, Any]:
     return {key: keys, value: sums.astype(REDUCED[reduce][value][0])}
 
 
-# ---- pictures -----------------------------------------------------------------------------------
-
-def _placed(path: str, texts: dict[str, str], width: int, height: int, body: Any) -> Part:
-    """A picture's part by its header; parts are as wide as the whole."""
-    match = TILE.match(texts.pop("raynest:tile", ""))
-    if match is None:
-        raise ValueError("it does not say which tile it is")
-    x, y, tile_width, tile_height, whole_width, whole_height = map(int, match.groups())
-    if (tile_width, tile_height) != (width, height) or x != 0 or width != whole_width:
-        raise ValueError("it is no row of tiles from edge to edge")
-    if not 0 < y + height <= whole_height <= SIDE_MAX:
-        raise ValueError("its range is none")
-    return Part(path, y, height, whole_height, {**texts, "width": whole_width}, body)
-
-
-def _read_png(path: str, data: bytes) -> Part:
-    if not data.startswith(PNG):
-        raise ValueError("it is no PNG")
-    at, texts, packed, head, keep = len(PNG), {}, [], b"", []
-    while at < len(data):
-        size, kind = struct.unpack_from(">I4s", data, at)
-        body = data[at + 8:at + 8 + size]
-        if len(body) != size or zlib.crc32(kind + body) != struct.unpack_from(">I", data, at + 8 + size)[0]:
-            raise ValueError("a chunk is damaged")
-        at += 12 + size
-        if kind == b"IHDR":
-            head = body
-        elif kind == b"IDAT":
-            packed.append(body)
-        elif kind in (b"tEXt", b"iTXt", b"zTXt"):
-            key, _, rest = body.partition(b"\0")
-            text = rest if kind == b"tEXt" else rest[1:]
-            if kind == b"zTXt":
-                text = zlib.decompressobj().decompress(text, 1 << 20)
-            texts[key.decode("latin-1")] = text.decode("latin-1")
-            if key not in (b"raynest:tile", b"raynest:request"):
-                keep.append((kind, body))
-        elif kind != b"IEND":
-            keep.append((kind, body))
-    width, height, depth, colour, _, _, interlaced = struct.unpack(">IIBBBBB", head)
-    if (depth, colour, interlaced) != (8, 6, 0) or not (0 < width <= SIDE_MAX and 0 < height <= SIDE_MAX):
-        raise ValueError("its pixels have another form")
-    size = height * (1 + 4 * width)
-    rows = zlib.decompressobj().decompress(b"".join(packed), size)
-    if len(rows) != size:
-        raise ValueError("it is too short")
-    if not set(rows[::1 + 4 * width]).issubset(_FILTERS):
-        raise ValueError("a row has an unknown filter")
-    return _placed(path, texts, width, height, (head, keep, rows))
-
-
-def _rows_of_pixels(parts: Sequence[Part]) -> str:
-    return f"{parts[0].of:,} rows of pixels"
-
-
-def _join_png(parts: Sequence[Part]) -> tuple[bytes, str]:
-    head, keep, _ = parts[0].body
-    width = struct.unpack_from(">I", head)[0]
-    packer = zlib.compressobj(6)
-    packed = b""
-    for part in parts:
-        rows = part.body[2]
-        # The filter of a row looks at the row above it, and a part's first row had none.
-        packed += packer.compress(_unfiltered(rows[:1 + 4 * width])) + packer.compress(rows[1 + 4 * width:])
-    packed += packer.flush()
-    blocks = [(b"IHDR", struct.pack(">II", width, parts[0].of) + head[8:]), *keep, (b"IDAT", packed), (b"IEND", b"")]
-    return PNG + b"".join(struct.pack(">I", len(body)) + kind + body + struct.pack(">I", zlib.crc32(kind + body))
-                          for kind, body in blocks), _rows_of_pixels(parts)
-
-
-def _unfiltered(row: bytes) -> bytes:
-    """A picture's first row of RGBA without its filter: what lies above it is 0."""
-    kind, values = row[0], np.frombuffer(row, np.uint8, offset=1).reshape(-1, 4)
-    if kind in (0, 2):
-        plain = values
-    elif kind in (1, 4):
-        plain = np.cumsum(values, axis=0, dtype=np.uint8)
-    else:
-        plain = np.empty_like(values)
-        before = np.zeros(4, np.uint8)
-        for i, value in enumerate(values):
-            before = plain[i] = value + before // 2
-    return b"\0" + plain.tobytes()
-
-
-def _read_exr(path: str, data: bytes) -> Part:
-    if data[:8] != EXR:
-        raise ValueError("it is no EXR of a daemon")
-    fields, at = header_of(memoryview(data))
-    texts = {name: value.decode(errors="replace") if kind == "string" else value.hex() for name, kind, value in fields
-             if kind == "string" or name not in ("dataWindow", "displayWindow")}
-    header = {name: value for name, _, value in fields}
-    left, top, right, bottom = struct.unpack("<4i", header["dataWindow"])
-    width, height = right - left + 1, bottom - top + 1
-    if (left, top) != (0, 0) or not (0 < width <= SIDE_MAX and 0 < height <= SIDE_MAX):
-        raise ValueError("its window is another")
-    blocks, values = [], width * channel_count(header["channels"])
-    for rows, packed in blocks_of(memoryview(data), at, 0, height):
-        unpacked(packed, 4 * values * rows)  # a damaged one is found out
-        blocks.append(bytes(packed))
-    return _placed(path, texts, width, height, (fields, blocks))
-
-
-def _join_exr(parts: Sequence[Part]) -> tuple[bytes, str]:
-    fields = parts[0].body[0]
-    asked = parts[0].request.get("raynest:range_asked", "")
-    if not asked:
-        return _exr_of(parts, fields), _rows_of_pixels(parts)
-    try:    # the range needs all counts
-        made = range_text(asked, _counted(parts).ravel(), _differs(parts)).encode()
-    except (LookupError, ValueError) as error:
-        raise InvalidError(f"{parts[0].path}: has no range: {error}", "FILE_INVALID") from None
-    return _exr_of(parts, [("raynest:range", kind, made) if name == "raynest:range_asked" else (name, kind, value)
-                           for name, kind, value in fields]), _rows_of_pixels(parts)
-
-
-def _differs(parts: Sequence[Part]) -> bool:
-    return "raynest:other_scene" in parts[0].request
-
-
-def _counts(parts: Sequence[Part]) -> dict[str, Any]:
-    """All that a heat map counts, by its names there."""
-    if "raynest:metric" not in parts[0].request:
-        raise InvalidError(f"{parts[0].path} is of a picture, and no heat map", "FILE_INVALID")
-    try:
-        return read_exr(_exr_of(parts, parts[0].body[0]), PIXELS_MAX)[0]
-    except ProtocolError as error:
-        raise InvalidError(f"{parts[0].path}: {error}", "FILE_INVALID") from None
-
-
-def _counted(parts: Sequence[Part]) -> Any:
-    """The counts that a heat map shows."""
-    metric, _, level = parts[0].request.get("raynest:metric", "").partition(".")
-    return _counts(parts)[f"L{level}.{metric}" if level else metric]
-
-
-def _join_npy(parts: Sequence[Part]) -> tuple[Any, str]:
-    """The pixels of a picture, or the counts of a heat map, as `raynest render` and `raynest heatmap` write them."""
-    if parts[0].path.lower().endswith(".png"):
-        made = np.concatenate([unfiltered(part.body[2], part.request["width"]) for part in parts])
-    else:
-        made = _counted(parts)
-        if _differs(parts):
-            if (np.abs(made) >= EXACT).any():
-                raise InvalidError(f"{parts[0].path}: an .exr has differences of {EXACT} or more rounded: let one machine "
-                                   "write the .npy", "FILE_INVALID")
-            made = made.astype("<i4")
-    return lambda file: np.save(file, made), _rows_of_pixels(parts)
-
-
-def _exr_of(parts: Sequence[Part], fields: Sequence[tuple[str, str, bytes]]) -> bytes:
-    window = struct.pack("<4i", 0, 0, parts[0].request["width"] - 1, parts[0].of - 1)
-    head = EXR
-    for name, kind, value in fields:
-        if name in ("raynest:tile", "raynest:request"):
-            continue
-        value = window if name in ("dataWindow", "displayWindow") else value
-        head += name.encode() + b"\0" + kind.encode() + b"\0" + struct.pack("<I", len(value)) + value
-    head += b"\0"
-    if any(part.first % LINES for part in parts):
-        raise InvalidError(f"parts of an EXR begin at multiples of {LINES} rows, as those of --part do", "FILE_INVALID")
-    blocks = [block for part in parts for block in part.body[1]]
-    place = len(head) + 8 * len(blocks)
-    table, body = [], []
-    for number, block in enumerate(blocks):
-        table.append(place)
-        body.append(struct.pack("<iI", number * LINES, len(block)) + block)
-        place += 8 + len(block)
-    return head + struct.pack(f"<{len(table)}Q", *table) + b"".join(body)
-
-
 # By the ending of parts: how one is read; how they are joined, which returns the file's bytes or what writes them, and
 # what it has; and what parts have rows of.
 _KINDS: dict[str, tuple[Callable[[str, bytes], Part], Callable[[Sequence[Part]], tuple[Any, str]], str]] = {
-    ".npz": (_read_npz, _join_npz, "rows"), ".png": (_read_png, _join_png, "rows of pixels"),
-    ".exr": (_read_exr, _join_exr, "rows of pixels")}
+    ".npz": (_read_npz, _join_npz, "rows"), ".png": (read_png, join_png, "rows of pixels"),
+    ".exr": (read_exr_part, join_exr, "rows of pixels")}
 
 
 def main(words: Optional[Sequence[str]] = None) -> int:
