@@ -9,7 +9,7 @@ from typing import Any, NamedTuple, Sequence
 import numpy as np
 
 from ._heat import range_text
-from ._requests.exr import channel_count, read_exr, unpacked
+from ._requests.exr import ZIP, channel_count, read_exr, unpacked
 from ._requests.png import unfiltered
 from .errors import InvalidError, ProtocolError
 
@@ -133,11 +133,14 @@ def read_exr_part(path: str, data: bytes) -> Part:
             texts[name] = value.decode(errors="replace")
         elif name not in ("dataWindow", "displayWindow"):
             texts[name] = value.hex()
-    left, top, right, bottom = struct.unpack("<4i", dict((n, v) for n, _, v in fields)["dataWindow"])
+    known = {name: value for name, _, value in fields}
+    left, top, right, bottom = struct.unpack("<4i", known["dataWindow"])
     width, height = right - left + 1, bottom - top + 1
     if (left, top) != (0, 0) or not (0 < width <= SIDE_MAX and 0 < height <= SIDE_MAX):
         raise ValueError("its window is another")
-    blocks, values = [], width * channel_count(dict((n, v) for n, _, v in fields)["channels"])
+    if known["compression"] != bytes([ZIP]):
+        raise ValueError("its compression is another")
+    blocks, values = [], width * channel_count(known["channels"])
     for number, offset in enumerate(struct.unpack_from(f"<{-(-height // LINES)}Q", data, at + 1)):
         row, size = struct.unpack_from("<iI", data, offset)
         if row != number * LINES or size > len(data) - offset - 8:
@@ -152,8 +155,9 @@ def join_exr(parts: Sequence[Part]) -> tuple[bytes, str]:
     asked = parts[0].request.get("raynest:range_asked", "")
     if not asked:
         return _exr_of(parts, fields), _rows_of_pixels(parts)
-    try:    # the range needs all counts
-        made = range_text(asked, _counted(parts).ravel(), _differs(parts)).encode()
+    counts = _counted(parts).ravel()    # the range needs all of them
+    try:
+        made = range_text(asked, counts, _differs(parts)).encode()
     except (LookupError, ValueError) as error:
         raise InvalidError(f"{parts[0].path}: has no range: {error}", "FILE_INVALID") from None
     return _exr_of(parts, [("raynest:range", kind, made) if name == "raynest:range_asked" else (name, kind, value)
@@ -177,7 +181,11 @@ def counts_of(parts: Sequence[Part]) -> dict[str, Any]:
 def _counted(parts: Sequence[Part]) -> Any:
     """The counts that a heat map shows."""
     metric, _, level = parts[0].request.get("raynest:metric", "").partition(".")
-    return counts_of(parts)[f"L{level}.{metric}" if level else metric]
+    counts = counts_of(parts).get(f"L{level}.{metric}" if level else metric)
+    if counts is None:
+        raise InvalidError(f"{parts[0].path}: it is damaged: it says that it shows {parts[0].request['raynest:metric']}, and "
+                           "has no such counts", "FILE_INVALID")
+    return counts
 
 
 def join_npy(parts: Sequence[Part]) -> tuple[Any, str]:

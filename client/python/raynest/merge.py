@@ -71,7 +71,9 @@ def merge(out: str, paths: Sequence[str], limits: Sequence[str] = ()) -> str:
             raise InvalidError(f"{path}: has more than fits into memory", "FILE_INVALID") from None
         except (struct.error, zlib.error, zipfile.BadZipFile, EOFError, ValueError, LookupError, TypeError,
                 AttributeError, ArithmeticError, RuntimeError, tokenize.TokenError) as error:
-            raise InvalidError(f"{path}: is no part, made with --part: {error}", "FILE_INVALID") from None
+            # Others than our own and numpy's say where in the file they were found, and not what is wrong with it.
+            why = error if type(error) is ValueError else "it is damaged, or has been cut"
+            raise InvalidError(f"{path}: is no part, made with --part: {why}", "FILE_INVALID") from None
     parts.sort(key=lambda part: part.first)
     _check(parts, rows)
     folder, name = os.path.split(os.path.abspath(out))
