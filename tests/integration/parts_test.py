@@ -183,6 +183,15 @@ class Parts(DaemonTest):
         done = merged(*words, self.out / "all.exr", *made)
         self.assertEqual((done.returncode, done.stderr), (9, wanted + "\n"))
         self.assertTrue((self.out / "all.exr").exists())
+        with self.subTest("as the command says it of the whole"):
+            one, all = (self.client.run(*command, "--fail-if", "total.p99>1e9", "--fail-if", "boxes.1.max >= 0") for command in (
+                heat, ("merge", self.out / "all.exr", *made)))
+            self.assertEqual((all.returncode, all.stderr), (9, one.stderr))
+            self.assertRegex(all.stderr, r"^raynest: 1 of 2 limits exceeded: boxes.1.max is \d+, at or above 0: exceeded\n$")
+            self.assertEqual(all.stdout.splitlines()[1:], one.stdout.splitlines()[-2:])
+            one, all = (self.client.run("--json", *command, *words) for command in (heat, ("merge", self.out / "all.exr", *made)))
+            self.assertEqual((all.returncode, all.stderr), (9, one.stderr))
+            self.assertEqual(json.loads(all.stdout)["checks"], json.loads(one.stdout)["checks"])
         for limit, code, said in (("total.p99<1", 0, "total.p99 is \\d+, not below 1: ok"), ("boxes.99.max>1", 2, "has no boxes.99"),
                                   ("total.p98>1", 2, "'total.p98>1' is not METRIC"), ("total.p99>x", 2, "is not METRIC"),
                                   ("levels > 3", 2, "which raynest info tells")):

@@ -19,6 +19,7 @@ import numpy as np
 from . import _limits
 from ._beside import PARTIAL, command
 from ._deal import PATIENCE, Deal, Part, known_to
+from ._heat import tell_exceeded
 from ._prepared import Prepared
 from ._requests.files import STANDARD, read_file
 from ._requests.film import is_lit
@@ -78,9 +79,11 @@ def run(address: str, parts_max: int, scene: str, out: str, words: Sequence[str]
             told[item] = document
             with open(paths[item], "wb") as file:
                 file.write(answer)
-        return [(merge(path, paths[i * count:(i + 1) * count], limits),
-                 {**whole_of(told[i * count:(i + 1) * count]), "file": path, "parts": count})
-                for i, (path, _) in enumerate(pictures)]
+        made = []
+        for i, (path, _) in enumerate(pictures):
+            line, document = merge(path, paths[i * count:(i + 1) * count], limits)
+            made.append((line, {**whole_of(told[i * count:(i + 1) * count]), **document}))
+        return made
 
 
 CLOSE_SECONDS = 2.0         # for what changes nothing any more
@@ -311,6 +314,7 @@ def main(words: Sequence[str]) -> int:
         except Exception as error:      # of Dask: a line of it is what the user can use
             said = str(error).strip().splitlines()
             raise FailedError(f"Dask failed: {type(error).__name__}: {said[0] if said else 'it said nothing'}") from None
-    code = carry_out(work, as_json) or max((_tell_counts(document, as_json) for _, document in done), default=0)
+    code = carry_out(work, as_json) or max(
+        (_tell_counts(document, as_json) or tell_exceeded(document, as_json) for _, document in done), default=0)
     signal.signal(signal.SIGINT, signal.SIG_DFL)    # the end of Python would tell where a Ctrl-C has met it
     return code

@@ -9,6 +9,7 @@ from typing import Any, Mapping, NamedTuple, Sequence
 
 import numpy as np
 
+from ._told import fail
 from .errors import Error, UsageError
 
 _OF_SCENE = ("levels", "bytes", "triangles")
@@ -45,26 +46,36 @@ def limit_of(text: str) -> Limit:
                      "p99 max, OP is one of > >= < <=")
 
 
-def check(limits: Sequence[Limit], channels: Mapping[str, Any]) -> list[str]:
-    """Compares the limits with the counts of a heat map's .exr, by their names there. Returns a line for each, or raises
-    LimitError."""
-    told, exceeded = [], []
+def check(limits: Sequence[Limit], channels: Mapping[str, Any]) -> list[dict[str, Any]]:
+    """Compares the limits with the counts of a heat map's .exr, by their names there. Returns the rows `checks` of the
+    document of --json."""
+    checks = []
     for limit in limits:
         metric, _, level = limit.metric.partition(".")
         counts = channels.get(f"L{level}.{metric}" if level else metric)
         if counts is None:
             raise UsageError(f"'{limit.text}': the heat map has no {limit.metric}")
         value = _statistic(limit.statistic, counts.ravel())
-        compares, words = _WORDS[limit.comparison]
-        said = (f"{limit.metric}.{limit.statistic} is {value:.10g}, {'' if compares(value, limit.number) else 'not '}{words} "
-                f"{limit.number:.10g}: ")
-        told.append(said + ("exceeded" if compares(value, limit.number) else "ok"))
-        if compares(value, limit.number):
-            exceeded.append(told[-1])
-    if exceeded:
-        raise LimitError(f"{len(exceeded)} of {len(limits)} limit{'s' * (len(limits) > 1)} exceeded: {'; '.join(exceeded)}",
-                         "THRESHOLD")
-    return told
+        checks.append({"check": limit.text, "value": value, "limit": limit.number,
+                       "exceeded": _WORDS[limit.comparison][0](value, limit.number)})
+    return checks
+
+
+def line_of(row: Mapping[str, Any]) -> str:
+    """What a row of `checks` says."""
+    limit = limit_of(row["check"])
+    return (f"{limit.metric}.{limit.statistic} is {row['value']:.10g}, {'' if row['exceeded'] else 'not '}"
+            f"{_WORDS[limit.comparison][1]} {limit.number:.10g}: {'exceeded' if row['exceeded'] else 'ok'}")
+
+
+def tell_exceeded(document: Mapping[str, Any], as_json: bool) -> int:
+    """Fails with the limits of a document that are exceeded, if any. Returns the exit code."""
+    checks = document.get("checks", ())
+    exceeded = [line_of(row) for row in checks if row["exceeded"]]
+    if not exceeded:
+        return 0
+    return fail(LimitError(f"{len(exceeded)} of {len(checks)} limit{'s' * (len(checks) > 1)} exceeded: {'; '.join(exceeded)}",
+                           "THRESHOLD"), LimitError.exit_code, as_json)
 
 
 def _statistic(name: str, counts: Any) -> float:

@@ -22,7 +22,7 @@ from typing import Any, Callable, Optional, Sequence
 
 import numpy as np
 
-from ._heat import check, limit_of
+from ._heat import check, limit_of, line_of, tell_exceeded
 from ._pictures import Part, counts_of, join_exr, join_npy, join_png, read_exr_part, read_png
 from ._requests.columns import OF_HITS, REDUCED
 from ._requests.npz import write_npz
@@ -37,9 +37,10 @@ PARTS_OF = {".npz": (".npz",), ".png": (".png",), ".exr": (".exr",), ".npy": (".
 FOREIGN = {"hash": ("scene", "its digest"), "epoch": ("epoch of the scene", "it"), "request": ("request", "the options' digest")}
 
 
-def merge(out: str, paths: Sequence[str], limits: Sequence[str] = ()) -> str:
-    """Joins parts into `out`; returns a line that says what it is, and one for each of the `limits` of --fail-if. Raises
-    InvalidError, which names the part, if one is missing, is there twice, or is of another request."""
+def merge(out: str, paths: Sequence[str], limits: Sequence[str] = ()) -> tuple[str, dict[str, Any]]:
+    """Joins parts into `out`; returns a line that says what it is, and one for each of the `limits` of --fail-if, and the
+    document of --json. Raises InvalidError, which names the part, if one is missing, is there twice, or is of another
+    request."""
     ending = os.path.splitext(out)[1].lower()
     if ending not in PARTS_OF:
         raise UsageError(f"{out}: parts become a .npz, a .png, an .exr, a .npy of pixels or counts, or a point cloud: a .ply, "
@@ -92,8 +93,9 @@ def merge(out: str, paths: Sequence[str], limits: Sequence[str] = ()) -> str:
         raise UsageError(f"cannot write {out}: {error.strerror}") from None
     except MemoryError:
         raise InvalidError(f"{out}: has more than fits into memory", "FILE_INVALID") from None
-    said = f"{out}: {what} of {len(parts)} parts"
-    return "\n".join([said, *(check(asked, counts_of(parts)) if asked else ())])
+    checks = check(asked, counts_of(parts)) if asked else []
+    said = [f"{out}: {what} of {len(parts)} parts", *map(line_of, checks)]
+    return "\n".join(said), {"file": out, "parts": len(parts), **({"checks": checks} if asked else {})}
 
 
 def _umask() -> int:
@@ -276,13 +278,15 @@ def main(words: Optional[Sequence[str]] = None) -> int:
         del given[:2]
     out, *paths = given
 
+    done: list[tuple[str, dict[str, Any]]] = []
+
     def work() -> list[tuple[str, dict[str, Any]]]:
-        line = merge(out, paths, limits)
-        return [(line, {"file": out, "parts": len(paths)})]
+        done.append(merge(out, paths, limits))
+        return done
     try:
         code = carry_out(work, as_json)
         sys.stdout.flush()
-        return code
+        return code or tell_exceeded(done[0][1], as_json)
     except OSError as error:
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())  # the end of Python would try again
         return fail(FailedError(f"cannot write to stdout: {error.strerror}"), 1, as_json)
