@@ -15,7 +15,7 @@ import numpy as np
 
 import raynest
 from daemon import PATIENCE, until
-from raynest import _workers, generators
+from raynest import _roster, _workers, generators
 from with_cluster import WithCluster, many
 from with_daemon import main, rain
 
@@ -121,6 +121,17 @@ class Dealt(WithCluster):
         deal._beats = {worker: (seen, when - 100) for worker, (seen, when) in deal._beats.items()}
         deal._hear({self.first: {"last_seen": 1}, self.other: {"last_seen": 2}})
         self.assertEqual((deal._living(self.first), deal._living(self.other)), (False, True))
+
+    def test_what_the_scheduler_tells_of_the_workers_is_known_everywhere(self):
+        deal = self.deal({})
+        self.enterContext(unittest.mock.patch.object(_roster, "FRESH_SECONDS", np.inf))
+        self.assertEqual(set(deal._workers()), {self.first, self.other})
+        self.now.workers.append(self.now.add())
+        self.now.wait(3)
+        self.assertEqual(len(deal._workers()), 2, "it is asked for seldom")
+        deal._places()
+        self.assertEqual(len(deal._workers()), 3)
+        self.assertEqual(len(deal._beats), 3)
 
     def test_answers_of_workers_are_taken_while_this_machine_makes_an_item(self):
         deal = self.deal({"fails": (self.first, self.other), "until": self.end, "patience": PATIENCE}, {"seconds": 1})

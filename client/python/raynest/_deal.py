@@ -215,17 +215,17 @@ class Deal:
 
         async def ask() -> Any:
             told = self._cluster.scheduler
-            return await asyncio.gather(told.processing(workers=None), told.who_has(keys=keys), told.identity())
+            return await asyncio.gather(told.processing(workers=None), told.who_has(keys=keys), self._roster.ask())
         asking = asyncio.run_coroutine_threadsafe(ask(), self._cluster.loop.asyncio_loop)
         try:
-            making, made, identity = asking.result(self._patience)
+            making, made, workers = asking.result(self._patience)
         except LOST:        # what is late is dealt again all the same
             asking.cancel()
             return None
-        self._hear(identity.get("workers", {}))
+        self._hear(workers)
         places = Places({worker: set(theirs) for worker, theirs in making.items()}, {})
-        for key, workers in made.items():
-            for worker in workers:
+        for key, makers in made.items():
+            for worker in makers:
                 places.made.setdefault(worker, set()).add(key)
         return places
 

@@ -33,6 +33,11 @@ class Roster:
         self._asking: Optional[concurrent.futures.Future[dict[str, Any]]] = None
         self._asked = 0.0
 
+    async def ask(self) -> dict[str, Any]:
+        """In Dask's loop, for somebody who waits."""
+        self._known = await _ask(self._cluster)
+        return self._known
+
     def now(self) -> dict[str, Any]:
         """As last heard; {}: nothing is known, or there are none."""
         if self._cluster.status != "running":
