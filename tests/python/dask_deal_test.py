@@ -218,6 +218,14 @@ class Dealt(WithCluster):
                 self.assertTrue(any(what in text for text, _ in whole), whole)
                 self.assertEqual(self.warned(lambda: many.trace(self.now.client, SCENE, given, **options, item_rays=3000,
                                                                 setup=self.setup)), whole)
+        with self.subTest("arrays"), warnings.catch_warnings(record=True) as said:
+            warnings.simplefilter("always")
+            found = many.arrays(self.now.client, SCENE, rays, item_rays=4000, setup=self.setup)
+            self.now.client.compute(found["t"], sync=True)
+            until(lambda: len(said) >= 2, lambda: said)
+            self.assertEqual(sorted(str(each.message).rpartition(":")[0] for each in said if each.category is raynest.RayWarning), [
+                "rays 12000 to 15999 of arrays(): 3 of 4000 rays are not valid and count as misses, the first is ray 15000",
+                "rays 8000 to 11999 of arrays(): ray 9000 is not valid and counts as a miss"])
         with self.subTest("by this machine"):
             self.now.scheduler.kill()
             told = self.warned(lambda: many.trace(self.now.client, SCENE, rays, item_rays=3000, setup=self.setup))

@@ -46,7 +46,8 @@ def tell(told: Iterable[tuple[int, Told]], rays: int) -> None:
         for key in ("invalid", "truncated"):
             whole[key] = whole.get(key, 0) + counts.get(key, 0)
         if "first_invalid" in counts:
-            whole["first_invalid"] = min(whole.get("first_invalid", rays), first + counts["first_invalid"])
+            invalid = first + counts["first_invalid"]
+            whole["first_invalid"] = min(whole.get("first_invalid", invalid), invalid)
         if counts.get("incomplete"):
             whole.update(incomplete=True, samples=min(whole.get("samples", counts["samples"]), counts["samples"]))
         whole.rays_per_point = counts.rays_per_point

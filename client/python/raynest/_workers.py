@@ -16,7 +16,7 @@ import numpy as np
 
 from ._net.control import Message
 from ._net.frame import Array
-from ._notes import Told, told_of
+from ._notes import Told, tell, told_of
 from ._own_daemon import NOBODY_WAITS, Daemon, Setup, distributed, dropped, here
 from ._travel import PIECE_BYTES, PIECE_SECONDS, Missing, fetch, keys_of_changes, keys_of_file
 from ._requests.film import Layers
@@ -263,11 +263,16 @@ def has_deadline(options: Mapping[str, Any]) -> bool:
     return "deadline" in options or any(str(word).startswith("--deadline") for word in options.get("words", ()))
 
 
-def columns_of(version: str, setup: Setup, source: Source, rays: Any, options: dict[str, Any]) -> Any:
-    """The columns of an item alone, as they stay on a worker."""
-    answer = item(version, setup, source, "trace", rays, options)[1]
+def columns_of(version: str, setup: Setup, source: Source, rays: Any, options: dict[str, Any], first: int, count: int) -> Any:
+    """The columns of an item alone, as they stay on a worker: rays `first`, ... What it tells is told by Dask, to all
+    clients of the cluster, as nobody waits for it here."""
+    _, answer, told = item(version, setup, source, "trace", rays, options)
     if isinstance(answer, Missing):
         raise FailedError(f"{here()} lacks the scene, and no other worker has its files: compute the arrays again")
+    with warnings_taken() as said:
+        tell([(first, told)], count)
+    for text, category in said:
+        distributed.worker.warn(f"rays {first} to {first + count - 1} of arrays(): {text}", category)
     return answer
 
 

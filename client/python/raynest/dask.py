@@ -94,7 +94,8 @@ def arrays(cluster: Any, scene: Any, rays: Any, *, fields: Union[str, Sequence[s
            patience: float = PATIENCE, **job: Any) -> dict[str, Any]:
     """Returns the columns of trace() as dask arrays, whose blocks stay on the workers that made them, to be reduced or
     written there, as by to_zarr() to where all hosts see it. Their methods work with the Client that Dask takes by
-    default; another one has client.compute(column). For kinds "closest" and "any". A block that is lost is made again."""
+    default; another one has client.compute(column). For kinds "closest" and "any". A block that is lost is made again.
+    Warnings come when a block is made, of its rays alone."""
     from dask.delayed import delayed
 
     array: Any = importlib.import_module("dask.array")  # has no types
@@ -107,11 +108,13 @@ def arrays(cluster: Any, scene: Any, rays: Any, *, fields: Union[str, Sequence[s
     (_, row), = Deal(cluster, setup, known, "trace", [one], patience, None).answers()
     source = known.at(known.epoch)
     known.send_all(cluster)
-    blocks = []
-    for part in parts:
+    blocks: list[Any] = []
+    firsts = np.cumsum([0, *(part.weight for part in parts)]).tolist()
+    for first, part in zip(firsts, parts):
         assert part.rays is not None
         given = cluster.scatter(uncompressed(part.rays()), hash=False, direct=True) if part.heavy else part.rays()
-        blocks.append(cluster.submit(columns_of, VERSION, setup, source, given, part.options, pure=False, retries=5))
+        blocks.append(cluster.submit(columns_of, VERSION, setup, source, given, part.options, first, part.weight, pure=False,
+                                     retries=5))
         blocks[-1].raynest_scene = known    # whose files the workers have as long as there are blocks
     return {name: array.concatenate([
         array.from_delayed(delayed(operator.getitem)(block, name), (part.weight, *column.shape[1:]), column.dtype)
