@@ -8,13 +8,15 @@ import os
 import pty
 import subprocess
 import sys
+import warnings
 
 import numpy as np
 
-from raynest import errors
+import raynest
+from raynest import _command, _roster, errors
 from raynest._beside import error_of
 from daemon import PATIENCE
-from with_cluster import WithCluster
+from with_cluster import WithCluster, many
 from with_daemon import main, rain
 
 SCENE = "builtin:forest?trees=20"
@@ -62,6 +64,39 @@ class Commands(WithCluster):
                              (("--size", "64x400", "--integrator", "ao", "--spp", "32"), 12), (("--size", "1024x1024"), 8)):
             done = self.dealt(cluster, "--json", "render", SCENE, *words, "-o", "lit.exr")
             self.assertEqual(json.loads(done.stdout)["parts"], parts, done.stderr)
+
+    def test_a_picture_has_the_samples_that_were_made_by_its_deadline(self):
+        cluster = self.cluster(1)
+        lit = ("render", SCENE, "--integrator", "path", "--spp", "65536", "--size", "64x96", "--deadline=6", "-o", "lit.exr")
+        done = self.dealt(cluster, "--json", *lit)
+        self.assertEqual((done.returncode, json.loads(done.stderr)["error"]["name"]), (8, "PARTIAL"))
+        document = json.loads(done.stdout)
+        layers = raynest.read_layers((self.out / "lit.exr").read_bytes())
+        self.assertEqual((document["parts"], document["height"], document["incomplete"]), (6, 96, True))
+        self.assertEqual(document["samples"], layers["samples"].min())
+        self.assertLess(layers["samples"].max(), 65536)
+        spread, = (note for note in document["notes"] if note.startswith("pixels have "))
+        self.assertRegex(spread, f"^pixels have {layers['samples'].min():.0f} to {layers['samples'].max():.0f} of 65536 samples, ")
+        self.assertAlmostEqual(float(spread.split()[-3]), layers["samples"].mean(), delta=layers["samples"].mean() / 50)
+        done = self.dealt(cluster, *lit[:-2], "-o", "lit.exr")
+        self.assertEqual(done.returncode, 8)
+        self.assertEqual(done.stderr.splitlines()[-1], "raynest: lit.exr has fewer samples than were asked for: give it more time, or "
+                         "leave --deadline out")
+        with self.subTest("in Python"), warnings.catch_warnings(record=True) as said:
+            warnings.simplefilter("always")
+            layers = many.render(cluster.client, SCENE, integrator="path", spp=65536, size=(64, 64), deadline=4, setup=self.setup)
+            told = [str(each.message) for each in said if each.category is raynest.RayWarning]
+            self.assertEqual([sum(each.startswith(words) for each in told) for words in ("pixels have ", "the deadline passed: ")],
+                             [1, 1], told)
+            self.assertLess(layers["samples"].max(), 65536)
+
+    def test_each_part_has_its_share_of_a_deadline(self):
+        cluster = self.cluster(1)       # of two threads
+        for items, share in ((1, 6), (2, 6), (8, 1.5)):
+            self.assertEqual(_roster.share_of(cluster.client, 6, items), share)
+        for words, made in ((["--deadline", "6", "x"], ["--deadline", "3.0", "x"]), (["--deadline=6"], ["--deadline=3.0"]),
+                            ([None, "--size", "6"], [None, "--size", "6"])):
+            self.assertEqual(_command._with_share(words, lambda seconds: seconds / 2), made)
 
     def test_quiet(self):
         cluster = self.cluster(1)

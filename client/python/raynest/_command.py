@@ -20,10 +20,11 @@ from . import _limits
 from ._beside import PARTIAL, command
 from ._deal import PATIENCE, Deal, Part, known_to
 from ._heat import tell_exceeded
+from ._notes import notes_of
 from ._prepared import Prepared
 from ._requests.files import STANDARD, read_file
 from ._requests.film import is_lit
-from ._roster import workers_of
+from ._roster import share_of, workers_of
 from ._told import carry_out, fail
 from ._own_daemon import Setup, distributed
 from ._workers import Carried, Source, info_of
@@ -69,6 +70,8 @@ def run(address: str, parts_max: int, scene: str, out: str, words: Sequence[str]
         most = _parts_max(words, rows, parts_max)
         # A row of a lit picture may take minutes, so its parts are as small as pays.
         count = max(1, most if is_lit(_integrator(words)) else min(most, -(-PARTS_PER_THREAD * threads // len(pictures))))
+        if is_lit(_integrator(words)):
+            plain = _with_share(plain, lambda seconds: share_of(cluster, seconds, count * len(pictures)))
         parts = [Part({"scene": scene, "ending": ending,
                        "words": [*plain, *which, "-o", None, "--part", f"{i + 1}/{count}"]})
                  for _, which in pictures for i in range(count)]
@@ -160,6 +163,17 @@ def _without_limits(words: Sequence[str]) -> tuple[list[str], list[str]]:
 def _without_output(words: Sequence[str], out: str) -> list[str]:
     at = next(i for i, word in enumerate(words) if word in ("-o", "--output", f"-o{out}", f"--output={out}"))
     return [*words[:at], *words[at + (2 if words[at] in ("-o", "--output") else 1):]]
+
+
+def _with_share(words: Sequence[Any], share: Callable[[float], float]) -> list[Any]:
+    """The words of a part, whose --deadline is its share."""
+    made = list(words)
+    for at, word in enumerate(made):
+        option, sign, seconds = word.partition("=") if isinstance(word, str) else ("", "", "")
+        if option == "--deadline":
+            to = at if sign else at + 1
+            made[to] = (option + sign if sign else "") + repr(share(float(seconds if sign else made[to])))
+    return made
 
 
 def _all_cameras(words: Sequence[Any]) -> Optional[slice]:
@@ -263,7 +277,10 @@ def whole_of(told: Sequence[dict[str, Any]]) -> dict[str, Any]:
         whole["min"], whole["max"] = min(each["min"] for each in told), max(each["max"] for each in told)
     if "height" in whole:
         whole["height"] = sum(each["height"] for each in told)
-    whole["notes"] = list(dict.fromkeys(note for each in told for note in each.get("notes", ())))
+    if "incomplete" in whole:
+        whole["incomplete"] = any(each["incomplete"] for each in told)
+        whole["samples"] = min(each["samples"] for each in told)
+    whole["notes"] = notes_of((each.get("height", 1), each.get("notes", ())) for each in told)
     return whole
 
 
@@ -281,6 +298,9 @@ def _tell_counts(document: dict[str, Any], as_json: bool) -> int:
             f"{invalid:,} of {rays:,} rays are not valid and count as misses, the first is {first}")
         print(f"raynest: {told}: something in it is not finite, its direction is zero, or tmin is negative or beyond tmax",
               file=sys.stderr)
+    if document.get("incomplete"):
+        return fail(FailedError(f"{document['file']} has fewer samples than were asked for: give it more time, or leave "
+                                "--deadline out", "PARTIAL"), PARTIAL, as_json)
     if not truncated:
         return 0
     return fail(FailedError(f"{truncated:,} of {rays:,} rays have more hits than --max-hits, of which the nearest were kept; "

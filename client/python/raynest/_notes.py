@@ -1,6 +1,8 @@
 """Warnings and notes of items: the user gets them once, as from one daemon that makes all of the items."""
 from __future__ import annotations
 
+import operator
+import re
 from typing import Iterable, NamedTuple, Optional, Sequence
 
 from ._requests.film import warn_if_incomplete
@@ -9,6 +11,27 @@ from .errors import RayWarning, Warning, warn, warnings_taken
 
 # Counts that stand in warnings, by the method of Scene that was called.
 COUNTED = {"trace": ("invalid", "first_invalid", "truncated"), "render": ("incomplete", "samples")}
+
+
+# What a daemon notes of a picture whose pixels have not all the same number of samples.
+_SPREAD = re.compile(r"pixels have (\d+) to (\d+) of (\d+) samples, (\S+) on average\Z")
+
+
+def notes_of(parts: Iterable[tuple[float, Sequence[str]]]) -> list[str]:
+    """The notes of all parts of a request, each once. With those of a part stands how much of the whole it is."""
+    notes: dict[str, None] = {}
+    spread: list[tuple[float, int, int, str, float]] = []
+    for weight, told in parts:
+        for note in told:
+            if form := _SPREAD.match(note):
+                spread.append((weight, int(form[1]), int(form[2]), form[3], float(form[4])))
+            else:
+                notes[note] = None
+    if spread:
+        weights, least, most, asked, means = zip(*spread)
+        mean = sum(map(operator.mul, weights, means)) / sum(weights)
+        notes[f"pixels have {min(least)} to {max(most)} of {asked[0]} samples, {mean:.3g} on average"] = None
+    return list(notes)
 
 
 class Told(NamedTuple):
@@ -39,9 +62,15 @@ def _warn_of(counts: Outcome) -> None:
 
 def tell(told: Iterable[tuple[int, Told]], rays: int) -> None:
     """Warns of what the items of a request tell, each with the number of its first ray of so many."""
-    whole = Outcome()
-    for text, category in dict.fromkeys(each for _, item in told for each in item.warned):
-        warn(text, category)
+    told, whole = list(told), Outcome()
+    ends = [*(first for first, _ in told[1:]), rays]
+    by_category: dict[type[Warning], list[tuple[float, list[str]]]] = {}
+    for (first, item), end in zip(told, ends):
+        for text, category in item.warned:
+            by_category.setdefault(category, []).append((end - first, [text]))
+    for category, parts in by_category.items():
+        for text in notes_of(parts):
+            warn(text, category)
     for first, counts in ((first, item.counts) for first, item in told if item.counts is not None):
         for key in ("invalid", "truncated"):
             whole[key] = whole.get(key, 0) + counts.get(key, 0)

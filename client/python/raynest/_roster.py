@@ -23,6 +23,13 @@ def workers_of(cluster: Any) -> dict[str, Any]:
     return found
 
 
+def share_of(cluster: Any, seconds: float, items: int) -> float:
+    """What each of so many items may take if all of them may take so long: they are made by turns where the workers have
+    fewer threads."""
+    threads: int = sum(worker["nthreads"] for worker in workers_of(cluster).values())
+    return seconds * min(1.0, max(1, threads) / items)
+
+
 class Roster:
     """The same, asked for in the background, so that it costs a loop no round trip; but for the first time, for which it
     waits so many seconds."""

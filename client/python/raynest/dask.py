@@ -34,6 +34,7 @@ from ._requests.rays import pair
 from ._shutter import picture_in_motion
 from ._timed import moments
 from ._prepared import Prepared
+from ._roster import share_of
 from ._version import VERSION
 from ._own_daemon import Setup
 from ._workers import SentRays, columns_of, paths_of
@@ -269,7 +270,7 @@ def render(cluster: Any, scene: Any, *, size: tuple[int, int] = (960, 540), inte
            spp: int = 0, encode: str = "", load: Optional[dict[str, Any]] = None, setup: Setup = Setup(),
            patience: float = PATIENCE, progress: Any = None, item_samples: int = ITEM_SAMPLES, **options: Any) -> Any:
     """As Scene.render(), in tiles: returns an Image, or for a lit picture its Layers. With `encode` "raw" a lit picture
-    is an Image too, and needs `exposure` in stops."""
+    is an Image too, and needs `exposure` in stops. Each tile of a lit picture gets its share of a `deadline`."""
     if options.get("trajectory") is not None:
         return _in_motion(functools.partial(trace, cluster, _known(cluster, scene, setup, load, patience, progress), setup=setup,
                                             patience=patience), size, encode, progress,
@@ -328,6 +329,8 @@ def _tiles(cluster: Any, known: Prepared, method: str, size: tuple[int, int], sa
     options = {name: TRAVELS[name](known, value, lambda scene: _known(cluster, scene, setup, None, patience, progress))
                if name in TRAVELS else value for name, value in options.items()}
     cut = tiles(size, item_samples // samples)
+    if options.get("deadline") and is_lit(options.get("integrator", "primary")):
+        options["deadline"] = share_of(cluster, options["deadline"], len(cut))
     parts = [Part({**options, "size": size, "tile": tile}, weight=tile[2] * tile[3],
                   fits=functools.partial(_has_pixels, tile[2], tile[3])) for tile in cut]
     for item, answer in Deal(cluster, setup, known, method, parts, patience, progress).answers():
