@@ -62,7 +62,7 @@ def check(limits: Sequence[Limit], channels: Mapping[str, Any]) -> list[dict[str
 
 
 def line_of(row: Mapping[str, Any]) -> str:
-    """What a row of `checks` says."""
+    """A row of `checks` in words."""
     limit = limit_of(row["check"])
     return (f"{limit.metric}.{limit.statistic} is {row['value']:.10g}, {'' if row['exceeded'] else 'not '}"
             f"{_WORDS[limit.comparison][1]} {limit.number:.10g}: {'exceeded' if row['exceeded'] else 'ok'}")

@@ -13,7 +13,7 @@ from .errors import RayWarning, Warning, warn, warnings_taken
 COUNTED = {"trace": ("invalid", "first_invalid", "truncated"), "render": ("incomplete", "samples")}
 
 
-# What a daemon notes of a picture whose pixels have not all the same number of samples.
+# A daemon's note of a picture whose pixels have not all the same number of samples.
 _SPREAD = re.compile(r"pixels have (\d+) to (\d+) of (\d+) samples, (\S+) on average\Z")
 
 

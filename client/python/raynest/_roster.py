@@ -24,8 +24,8 @@ def workers_of(cluster: Any) -> dict[str, Any]:
 
 
 def share_of(cluster: Any, seconds: float, items: int) -> float:
-    """What each of so many items may take if all of them may take so long: they are made by turns where the workers have
-    fewer threads."""
+    """The time that each of so many items may take if all of them may take so long: they are made by turns where the
+    workers have fewer threads."""
     threads: int = sum(worker["nthreads"] for worker in workers_of(cluster).values())
     return seconds * min(1.0, max(1, threads) / items)
 

@@ -35,7 +35,7 @@ _COLUMNS = ("beam", "t", "share", "intensity", *_IDS, "return", "returns", "posi
 
 
 class Beam(NamedTuple):
-    """What a beam is traced by, and which returns its hits become."""
+    """Rays that a beam is traced by, and which returns their hits become."""
 
     offsets: Array      # tangents (K, 2) across it
     power: Array        # (K,)
