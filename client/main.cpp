@@ -85,6 +85,12 @@ Failure become_dask(const Options& options) {
     if (options.local) return failure(Exit::usage, "--dask goes without --local");
     return std::visit(
         [&](const auto& command) -> Failure {
+            if constexpr (requires { is_by_python(command); }) {
+                const Access none;
+                if (is_by_python(command))
+                    return become_program(
+                        command, {"", none, "", 0, options.json, options.dask, options.quiet});
+            }
             const std::uint64_t parts = parts_max(command);
             if constexpr (requires {
                               command.part;
@@ -115,10 +121,6 @@ Result<void> connect_and_run(Options options) {
         [&](const auto& command) -> Result<bool> {
             if constexpr (requires { is_by_python(command); }) {
                 if (!is_by_python(command)) return false;
-                if (!options.dask.empty())
-                    return fail(Exit::usage,
-                                "--dask goes without --returns, --times, --trajectory and their "
-                                "like");
                 if (auto fits = check_by_python(command); !fits)
                     return tl::unexpected<Failure>(fits.error());
                 return true;

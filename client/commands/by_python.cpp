@@ -90,6 +90,7 @@ Json document_of(const JobOptions& job, const std::string& output, const DaemonP
     for (const TableOption& table : job.tables) tables[table.name] = table.values;
     return Json{{"server", place.uri},         {"access", std::move(access)},
                 {"folder", place.folder},      {"json", place.json},
+                {"dask", place.dask},          {"quiet", place.quiet},
                 {"scene", job.scene},          {"is_source", is_source(job.scene)},
                 {"job", std::move(asked)},     {"set", job.settings},
                 {"tables", std::move(tables)}, {"output", output}};
@@ -261,7 +262,9 @@ Failure become(Command command, const DaemonPlace& place) {
                        std::string("cannot tell Python the command: ") + std::strerror(errno));
     std::vector<std::string> words = {"/dev/fd/" + std::to_string(file)};
     if (place.json) words.insert(words.begin(), "--json");
-    return become_python("raynest._query", std::move(words));
+    if (place.dask.empty()) return become_python("raynest._query", std::move(words));
+    words.insert(words.begin(), "--several");
+    return become_python("raynest._command", std::move(words));
 }
 
 }  // namespace

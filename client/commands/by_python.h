@@ -30,6 +30,8 @@ struct DaemonPlace {
     std::string folder;  ///< a daemon's for this command alone: removed once it is reached
     double reconnect = 0;
     bool json = false;
+    std::string dask{};  ///< a scheduler's address, in place of a daemon's
+    bool quiet = false;
 };
 /// Makes this process the Python program that carries it out. Returns only where that fails.
 Failure become_program(QueryOptions query, const DaemonPlace& place);

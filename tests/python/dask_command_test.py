@@ -67,24 +67,23 @@ class Commands(WithCluster):
 
     def test_a_picture_has_the_samples_that_were_made_by_its_deadline(self):
         cluster = self.cluster(1)
-        lit = ("render", SCENE, "--integrator", "path", "--spp", "65536", "--size", "64x96", "--deadline=6", "-o", "lit.exr")
+        lit = ("render", SCENE, "--integrator", "path", "--spp", "65536", "--size", "64x64", "--deadline=10", "-o", "lit.exr")
         done = self.dealt(cluster, "--json", *lit)
-        self.assertEqual((done.returncode, json.loads(done.stderr)["error"]["name"]), (8, "PARTIAL"))
+        self.assertEqual(done.returncode, 8, done.stderr)
+        error = json.loads(done.stderr)["error"]
+        self.assertEqual((error["name"], error["message"]), ("PARTIAL", "lit.exr has fewer samples than were asked for: give it "
+                         "more time, or leave --deadline out"))
         document = json.loads(done.stdout)
         layers = raynest.read_layers((self.out / "lit.exr").read_bytes())
-        self.assertEqual((document["parts"], document["height"], document["incomplete"]), (6, 96, True))
+        self.assertEqual((document["parts"], document["height"], document["incomplete"]), (4, 64, True))
         self.assertEqual(document["samples"], layers["samples"].min())
         self.assertLess(layers["samples"].max(), 65536)
         spread, = (note for note in document["notes"] if note.startswith("pixels have "))
         self.assertRegex(spread, f"^pixels have {layers['samples'].min():.0f} to {layers['samples'].max():.0f} of 65536 samples, ")
         self.assertAlmostEqual(float(spread.split()[-3]), layers["samples"].mean(), delta=layers["samples"].mean() / 50)
-        done = self.dealt(cluster, *lit[:-2], "-o", "lit.exr")
-        self.assertEqual(done.returncode, 8)
-        self.assertEqual(done.stderr.splitlines()[-1], "raynest: lit.exr has fewer samples than were asked for: give it more time, or "
-                         "leave --deadline out")
         with self.subTest("in Python"), warnings.catch_warnings(record=True) as said:
             warnings.simplefilter("always")
-            layers = many.render(cluster.client, SCENE, integrator="path", spp=65536, size=(64, 64), deadline=4, setup=self.setup)
+            layers = many.render(cluster.client, SCENE, integrator="path", spp=65536, size=(64, 32), deadline=10, setup=self.setup)
             told = [str(each.message) for each in said if each.category is raynest.RayWarning]
             self.assertEqual([sum(each.startswith(words) for each in told) for words in ("pixels have ", "the deadline passed: ")],
                              [1, 1], told)
@@ -97,6 +96,50 @@ class Commands(WithCluster):
         for words, made in ((["--deadline", "6", "x"], ["--deadline", "3.0", "x"]), (["--deadline=6"], ["--deadline=3.0"]),
                             ([None, "--size", "6"], [None, "--size", "6"])):
             self.assertEqual(_command._with_share(words, lambda seconds: seconds / 2), made)
+
+    def test_what_is_several_requests_is_dealt_out(self):
+        cluster = self.cluster(1)
+        poses = np.array([[0, 1, 0, 0, 0, 0, 0, 1, 3, 0, -1, 0, 0], [.2, 1, 0, 0, 2, 0, 0, 1, 3, 0, -1, 0, 1]])
+        stands = np.array([[0, 1, 0, 0, 0, 0, 1, 0, 6, 0, 0, 1, 20], [1, 1, 0, 0, 0, 0, 1, 0, 6, 0, 0, 1, 15]])
+        np.save(self.out / "drive.npy", poses)
+        np.save(self.out / "way.npy", stands)
+        np.save(self.out / "rays.npy", rain(300))
+        np.save(self.out / "times.npy", np.linspace(.1, 1.3, 300))
+        wind = "builtin:forest?trees=20&wind=1"
+        beams = ("elevations=-20:10:8", "azimuths=0:360:60")
+        wide = ("--returns", 3, "--divergence", .02, "--footprint", 7, "--noise", .05, "--seed", 4)
+        for ending, words in (
+                (".npz", ("query", wind, "--generate", "sweep", *beams, "trajectory=drive.npy", *wide, "--time", 1,
+                          "--time-step", .03)),
+                (".ply", ("query", SCENE, "--generate", "lidar", *beams, "lookat=0,3,0,0,3,-1", *wide, "--hide", "oak-*")),
+                (".npz", ("query", wind, "--rays", "rays.npy", "--times", "times.npy", "--time-step", .25, "--fields", "t,hit")),
+                (".npy", ("render", SCENE, "--trajectory", "way.npy", "--readout", .5, "--size", "64x48")),
+                (".png", ("render", SCENE, "--trajectory", "way.npy", "--readout", .5, "--size", "64x48"))):
+            with self.subTest(words=words):
+                documents = [json.loads(self.done(*command, "--json", *words, "-o", name + ending)) for name, command in (
+                    ("one", (self.raynest, "--server", self.daemon.uri)),
+                    ("many", (self.raynest, "--dask", cluster.client.scheduler.address)))]
+                one, many = ((self.out / (name + ending)).read_bytes() for name in ("one", "many"))
+                self.assertEqual(many, one)
+                self.assertGreater(len(many), 1000)
+                # A daemon tells the digest of the scene as it was last, at a moment of its animation.
+                for key in ("rays", "notes", *({"rows", "width"} & documents[0].keys()), *(() if wind in words else ("hash",))):
+                    self.assertEqual(documents[1][key], documents[0][key], key)
+        done = self.dealt(cluster, *words, "-o", "many.png")
+        self.assertEqual((done.stdout, done.stderr), ("many.png: 64x48, 3,072 rays\n", ""))
+        for code, said, words in (
+                (5, "scene 'nosuch' is not loaded; with --dask name a file in its place", ("query", "nosuch", *wide)),
+                (2, "the scene has no 'nothing'", ("query", SCENE, *wide, "--hide", "nothing")),
+                (2, "--returns and its like go without --part", ("query", SCENE, *wide, "--part", "1/2")),
+                (2, "--dask goes without --local", ("--local", "query", SCENE, *wide))):
+            done = self.dealt(cluster, *words, "--generate", "lidar", *beams, "lookat=0,3,0,0,3,-1", "-o", "x.npz")
+            self.assertEqual((done.returncode, done.stdout, done.stderr.count("\n")), (code, "", 1), done.stderr)
+            self.assertRegex(done.stderr, f"^raynest: .*{said}")
+
+    def done(self, *words):
+        done = self.run_as(*words)
+        self.assertEqual(done.returncode, 0, done.stderr)
+        return done.stdout
 
     def test_quiet(self):
         cluster = self.cluster(1)

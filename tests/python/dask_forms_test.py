@@ -91,7 +91,7 @@ class Forms(WithCluster):
                     options.add(option[1])
                 elif "FILE" in line and (setting := re.match(r"  ([a-z]\w+) {2,}", line)):
                     settings.add(setting[1])
-        # Those of the last line are refused with --dask, or name what is written.
+        # Those of the last line are read here, or name what is written.
         self.assertEqual(options - {"--returns", "--times", "--trajectory", "--output", "--detach", "--cameras"},
                          set(_command.FILES))
         self.assertEqual(settings, set(_command.SETTINGS))

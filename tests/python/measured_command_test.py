@@ -132,8 +132,6 @@ class MeasuredCommand(WithDaemon):
                 ((*moving[:3], "azimuths=1,5,3", moving[-1]), "azimuths=FILE.npy")):
             with self.subTest(words=words):
                 self.cli.fails(2, said, "query", "woods", *words)
-        dask = ("--dask", "tcp://127.0.0.1:9")
-        self.cli.fails(2, "--dask goes without", *dask, "query", "woods", *lidar, *one, *out)
         self.cli.fails(5, "nobody", "query", "nobody", *lidar, *one, *out)
         for words in (("query", "woods", *lidar, *one, *out), ("query", "wind", *ray, *ray, "--times", two, *out),
                       ("render", "woods", "--trajectory", self.trajectory, "-o", self.out / "no.png")):

@@ -3,7 +3,9 @@ from __future__ import annotations
 
 import asyncio
 import contextlib
+import functools
 import io
+import json
 import logging
 import os
 import re
@@ -16,7 +18,7 @@ from typing import Any, Callable, Iterator, Mapping, Optional, Sequence, Union
 
 import numpy as np
 
-from . import _limits
+from . import _limits, _query, dask
 from ._beside import PARTIAL, command
 from ._deal import PATIENCE, Deal, Part, known_to
 from ._heat import tell_exceeded
@@ -47,13 +49,10 @@ def run(address: str, parts_max: int, scene: str, out: str, words: Sequence[str]
     files beside it. Returns for each file a line that says so, and the document of --json."""
     if any(word.partition("=")[0] == "--server" for word in words):
         raise UsageError("--dask goes without --server: each worker has a daemon of its own")
-    if not re.search("[/:.]", scene):
-        raise InvalidError(f"scene '{scene}' is not loaded; with --dask name a file in its place, such as {scene}.glb",
-                           "SCENE_UNKNOWN")
+    known = prepared(scene)
     ending, (limits, words) = _ending(words[0], out), _without_limits(words)
-    known = Prepared(scene, {})
-    with _cluster(address) as cluster, tempfile.TemporaryDirectory(prefix="raynest-dask-") as folder:
-        progress = _bar if shows else None
+    with connected(address) as cluster, tempfile.TemporaryDirectory(prefix="raynest-dask-") as folder:
+        progress = bar if shows else None
         known_to(cluster, known, setup, patience, progress)
         plain, rows = _carried(known, _without_output(words, out),
                                lambda other: known_to(cluster, Prepared(other, {}), setup, patience, progress))
@@ -89,11 +88,19 @@ def run(address: str, parts_max: int, scene: str, out: str, words: Sequence[str]
         return made
 
 
+def prepared(scene: str) -> Prepared:
+    """The scene that a command names."""
+    if not re.search("[/:.]", scene):
+        raise InvalidError(f"scene '{scene}' is not loaded; with --dask name a file in its place, such as {scene}.glb",
+                           "SCENE_UNKNOWN")
+    return Prepared(scene, {})
+
+
 CLOSE_SECONDS = 2.0         # for what changes nothing any more
 
 
 @contextlib.contextmanager
-def _cluster(address: str) -> Iterator[Any]:
+def connected(address: str) -> Iterator[Any]:
     cluster = _connected(address)
     try:
         yield cluster
@@ -284,7 +291,7 @@ def whole_of(told: Sequence[dict[str, Any]]) -> dict[str, Any]:
     return whole
 
 
-def _bar(done: int, total: int, stage: str) -> None:
+def bar(done: int, total: int, stage: str) -> None:
     what = "pieces of the files sent" if stage == "sending" else stage
     print(f"\r{done} of {total} {what}\033[K", end="", file=sys.stderr, flush=True)
 
@@ -307,12 +314,38 @@ def _tell_counts(document: dict[str, Any], as_json: bool) -> int:
                             "raise it", "PARTIAL"), PARTIAL, as_json)
 
 
+def several(asked: dict[str, Any], shows: bool) -> tuple[str, dict[str, Any]]:
+    """Several requests to a daemon, as _query makes them of one command, on all workers."""
+    known = prepared(asked["scene"])
+    with connected(asked["dask"]) as cluster:
+        def on_hosts(function: Callable[..., Any]) -> Callable[..., Any]:
+            return functools.partial(function, cluster, known, progress=bar if shows else None)
+        return _query.answered(_query.Asked(on_hosts(dask.trace), on_hosts(dask.render), on_hosts(dask.measure),
+                                            lambda: ("", {"hash": known.source.digest})), asked)
+
+
 def main(words: Sequence[str]) -> int:
-    """Is called with what `raynest --dask` has read. Returns the exit code."""
+    """Is called with what `raynest --dask` has read, of `several` requests as a file. Returns the exit code."""
+    if words[0] == "--several":
+        with open(words[-1], "rb") as file:
+            asked = json.load(file)
+        shows = sys.stderr.isatty() and not asked["json"] and not asked["quiet"]
+        return carry_out_quietly(lambda: [several(asked, shows)], asked["json"], shows)
     as_json, is_quiet = (flag in words[:2] for flag in ("--json", "--quiet"))
     address, parts_max, scene, out, *rest = words[as_json + is_quiet:]
     is_quiet |= "--quiet" in rest
+    shows = sys.stderr.isatty() and not as_json and not is_quiet
     done: list[tuple[str, dict[str, Any]]] = []
+
+    def work() -> list[tuple[str, dict[str, Any]]]:
+        done.extend(run(address, int(parts_max), scene, out, rest, shows=shows))
+        return done
+    code = carry_out_quietly(work, as_json, shows)
+    return code or max((_tell_counts(document, as_json) or tell_exceeded(document, as_json) for _, document in done), default=0)
+
+
+def carry_out_quietly(work: Callable[[], Sequence[tuple[str, dict[str, Any]]]], as_json: bool, shows: bool) -> int:
+    """carry_out() for `work` of a cluster, which `shows` a bar meanwhile."""
     # Dask tells its troubles at length, from threads of its own; the user gets one line.
     logging.disable(logging.CRITICAL)
     threading.excepthook = lambda _: None
@@ -320,21 +353,18 @@ def main(words: Sequence[str]) -> int:
     # One that a Ctrl-C has kept from connecting would wait for itself for ever, when it goes.
     setattr(distributed.Client, "__del__", lambda _: None)
 
-    def work() -> list[tuple[str, dict[str, Any]]]:
+    def work_in_a_line() -> Sequence[tuple[str, dict[str, Any]]]:
         try:
-            shows = sys.stderr.isatty() and not as_json and not is_quiet
             try:
-                done.extend(run(address, int(parts_max), scene, out, rest, shows=shows))
+                return work()
             finally:
                 if shows:
                     print("\r\033[K", end="", file=sys.stderr)      # the bar goes before what is told
-            return done
         except Error:
             raise
         except Exception as error:      # of Dask: a line of it is what the user can use
             said = str(error).strip().splitlines()
             raise FailedError(f"Dask failed: {type(error).__name__}: {said[0] if said else 'it said nothing'}") from None
-    code = carry_out(work, as_json) or max(
-        (_tell_counts(document, as_json) or tell_exceeded(document, as_json) for _, document in done), default=0)
+    code = carry_out(work_in_a_line, as_json)
     signal.signal(signal.SIGINT, signal.SIG_DFL)    # the end of Python would tell where a Ctrl-C has met it
     return code

@@ -3,10 +3,11 @@ own, and pictures of a camera in motion."""
 from __future__ import annotations
 
 import contextlib
+import functools
 import json
 import os
 import shutil
-from typing import IO, Any, Callable, Iterator, Mapping, Optional, Sequence, Union
+from typing import IO, Any, Callable, Iterator, Mapping, NamedTuple, Optional, Sequence, Union
 
 import numpy as np
 
@@ -32,22 +33,39 @@ def main(words: Sequence[str]) -> int:
     return carry_out(lambda: [_run(asked)], asked["json"])
 
 
+class Asked(NamedTuple):
+    """Methods of the scene that is asked, and the words and the document about what was made."""
+
+    trace: Callable[..., dict[str, Array]]
+    render: Callable[..., Any]
+    measure: Callable[..., dict[str, Array]]
+    told: Callable[[], tuple[str, dict[str, Any]]]
+
+
 def _run(asked: dict[str, Any]) -> tuple[str, dict[str, Any]]:
     with connect(asked["server"], **asked["access"]) as client:
         if asked["folder"]:     # a daemon's for this command alone, to which nobody connects any more
             shutil.rmtree(asked["folder"], ignore_errors=True)
         scene = _scene(client, asked["scene"], asked["is_source"])
-        job = {**asked["job"], **({"params": _params(asked)} if asked["set"] or asked["tables"] else {})}
-        if "film" in asked:
-            return _filmed(scene, asked, job)
-        made, count = (_measured if asked["generate"] else _timed)(scene, asked, job)
-        outcome = dict(client.outcome)
-        written = _write(asked["output"], made)
-        rows, rays = ("returns", "beams") if asked["generate"] else ("rows", "rays")
-        said = f"{written:,} {rows} of {count:,} {rays}"
-        line = f"{asked['output']}: {said}, {outcome['intersector']}, {scene.name} epoch {outcome['epoch']}"
-        return line, {"scene": scene.name, "epoch": outcome["epoch"], "hash": outcome["hash"], "rays": count,
-                      "rows": written, "notes": list(outcome["notes"]), "file": asked["output"]}
+
+        def told() -> tuple[str, dict[str, Any]]:
+            outcome = client.outcome
+            return f", {outcome['intersector']}, {scene.name} epoch {outcome['epoch']}", {
+                "scene": scene.name, "epoch": outcome["epoch"], "hash": outcome["hash"], "notes": list(outcome["notes"])}
+        return answered(Asked(scene.trace, scene.render, functools.partial(returns.measure, scene), told), asked)
+
+
+def answered(by: Asked, asked: dict[str, Any]) -> tuple[str, dict[str, Any]]:
+    """Writes what was asked for; returns a line that says so, and the document of --json."""
+    job = {**asked["job"], **({"params": _params(asked)} if asked["set"] or asked["tables"] else {})}
+    if "film" in asked:
+        return _filmed(by, asked, job)
+    made, count = (_measured if asked["generate"] else _timed)(by, asked, job)
+    words, document = by.told()
+    written = _write(asked["output"], made)
+    rows, rays = ("returns", "beams") if asked["generate"] else ("rows", "rays")
+    return f"{asked['output']}: {written:,} {rows} of {count:,} {rays}{words}", {
+        **document, "rays": count, "rows": written, "file": asked["output"]}
 
 
 def _scene(client: Client, word: str, is_source: bool) -> Scene:
@@ -64,7 +82,7 @@ def _params(asked: dict[str, Any]) -> dict[str, Any]:
     return {**dict(text.split("=", 1) for text in asked["set"]), **asked["tables"]}
 
 
-def _measured(scene: Scene, asked: dict[str, Any], job: dict[str, Any]) -> tuple[dict[str, Array], int]:
+def _measured(by: Asked, asked: dict[str, Any], job: dict[str, Any]) -> tuple[dict[str, Array], int]:
     sensor = _sensor(asked["generate"])
     fields = _fields(asked)
     step = job.pop("time_step", None)
@@ -74,10 +92,10 @@ def _measured(scene: Scene, asked: dict[str, Any], job: dict[str, Any]) -> tuple
         # As with step_error: the animation's time at the beginning, or those of the trajectory.
         times, start = sensor.time, job.pop("time", None)
         job.update(time=times if start is None else start + (times - times.min()), time_step=step)
-    return returns.measure(scene, sensor, **asked["measure"], fields=fields, **job), sensor.count
+    return by.measure(sensor, **asked["measure"], fields=fields, **job), sensor.count
 
 
-def _timed(scene: Scene, asked: dict[str, Any], job: dict[str, Any]) -> tuple[dict[str, Array], int]:
+def _timed(by: Asked, asked: dict[str, Any], job: dict[str, Any]) -> tuple[dict[str, Array], int]:
     rays = np.array(asked["rays"]).reshape(-1, 8)
     directions = None
     if asked["rays_file"]:
@@ -89,26 +107,24 @@ def _timed(scene: Scene, asked: dict[str, Any], job: dict[str, Any]) -> tuple[di
     times = _array(asked["times_file"])
     if times.ndim != 1:
         raise InvalidError(f"{asked['times_file']} has the shape {times.shape}: a time for each ray has the shape (N,)", "FILE_INVALID")
-    made = scene.trace(rays, directions, time=times, kind=asked["kind"], fields=asked["fields"] or None,
-                       max_hits=asked["max_hits"], **job)
+    made = by.trace(rays, directions, time=times, kind=asked["kind"], fields=asked["fields"] or None,
+                    max_hits=asked["max_hits"], **job)
     return made, len(times)
 
 
-def _filmed(scene: Scene, asked: dict[str, Any], job: dict[str, Any]) -> tuple[str, dict[str, Any]]:
+def _filmed(by: Asked, asked: dict[str, Any], job: dict[str, Any]) -> tuple[str, dict[str, Any]]:
     film, path = asked["film"], asked["output"]
     way = _trajectory(film.pop("trajectory"))
-    image = scene.render(**film, **way, **job)
+    image = by.render(**film, **way, **job)
     with _writable(path) as file:
         if path.lower().endswith(".npy"):
             np.save(file, np.asarray(image))
         else:
             file.write(image.png())
     height, width = image.shape[:2]
-    outcome = scene._client.outcome
-    line = (f"{path}: {width}x{height}, {width * height:,} rays, {outcome['intersector']}, {scene.name} epoch "
-            f"{outcome['epoch']}")
-    return line, {"scene": scene.name, "epoch": outcome["epoch"], "hash": outcome["hash"], "rays": width * height,
-                  "width": width, "height": height, "notes": list(outcome["notes"]), "file": path}
+    words, document = by.told()
+    return f"{path}: {width}x{height}, {width * height:,} rays{words}", {
+        **document, "rays": width * height, "width": width, "height": height, "file": path}
 
 
 def _sensor(words: Sequence[str]) -> Kind:
@@ -180,7 +196,7 @@ def _array(path: str) -> Array:
         made: Array = np.load(path, allow_pickle=False)
     except OSError as error:
         raise InvalidError(f"{path}: {error.strerror or error}", "FILE_INVALID") from None
-    except ValueError as error:
+    except (ValueError, EOFError) as error:
         raise InvalidError(f"{path} is no .npy of numbers: {error}", "FILE_INVALID") from None
     return made
 
