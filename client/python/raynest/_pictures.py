@@ -9,14 +9,13 @@ from typing import Any, NamedTuple, Sequence
 import numpy as np
 
 from ._heat import range_text
-from ._requests.exr import ZIP, channel_count, read_exr, unpacked
+from ._requests.exr import LINES, MAGIC, ZIP, blocks_of, channel_count, header_of, read_exr, unpacked
 from ._requests.png import unfiltered
 from .errors import InvalidError, ProtocolError
 
 EXACT = 1 << 24             # below it float32 has all whole numbers
-LINES = 16                  # rows of a block of the daemon's EXR files, at which parts begin
 PNG = b"\x89PNG\r\n\x1a\n"
-EXR = struct.pack("<II", 20000630, 2)
+EXR = struct.pack("<II", MAGIC, 2)
 SIDE_MAX = 1 << 20
 PIXELS_MAX = 1 << 30
 _FILTERS = range(5)          # filters for a PNG's row
@@ -120,19 +119,9 @@ def _unfiltered(row: bytes) -> bytes:
 def read_exr_part(path: str, data: bytes) -> Part:
     if data[:8] != EXR:
         raise ValueError("it is no EXR of a daemon")
-    at, fields, texts = 8, [], {}
-    while data[at]:
-        end = data.index(0, at)
-        kind_end = data.index(0, end + 1)
-        name, kind = data[at:end].decode(), data[end + 1:kind_end].decode()
-        size, = struct.unpack_from("<I", data, kind_end + 1)
-        value = data[kind_end + 5:kind_end + 5 + size]
-        at = kind_end + 5 + size
-        fields.append((name, kind, value))
-        if kind == "string":
-            texts[name] = value.decode(errors="replace")
-        elif name not in ("dataWindow", "displayWindow"):
-            texts[name] = value.hex()
+    fields, at = header_of(memoryview(data))
+    texts = {name: value.decode(errors="replace") if kind == "string" else value.hex() for name, kind, value in fields
+             if kind == "string" or name not in ("dataWindow", "displayWindow")}
     known = {name: value for name, _, value in fields}
     left, top, right, bottom = struct.unpack("<4i", known["dataWindow"])
     width, height = right - left + 1, bottom - top + 1
@@ -141,12 +130,9 @@ def read_exr_part(path: str, data: bytes) -> Part:
     if known["compression"] != bytes([ZIP]):
         raise ValueError("its compression is another")
     blocks, values = [], width * channel_count(known["channels"])
-    for number, offset in enumerate(struct.unpack_from(f"<{-(-height // LINES)}Q", data, at + 1)):
-        row, size = struct.unpack_from("<iI", data, offset)
-        if row != number * LINES or size > len(data) - offset - 8:
-            raise ValueError("a block is elsewhere")
-        blocks.append(data[offset + 8:offset + 8 + size])
-        unpacked(memoryview(blocks[-1]), 4 * values * min(LINES, height - row))  # a damaged one is found out
+    for rows, packed in blocks_of(memoryview(data), at, 0, height):
+        unpacked(packed, 4 * values * rows)  # a damaged one is found out
+        blocks.append(bytes(packed))
     return _placed(path, texts, width, height, (fields, blocks))
 
 
