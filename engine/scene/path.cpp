@@ -365,11 +365,16 @@ std::string path_step_text(std::string_view name) {
     std::string text;
     for (std::size_t i = 0; i < name.size(); ++i) {
         const char c = name[i];
-        const bool escaped = c == '/' || c == '#' || c == '%' || (digits && i == 0);
+        const bool escaped = c == '/' || c == '#' || c == '%' || c == '*' || (digits && i == 0);
         // Cut between characters: a byte 10xxxxxx continues the character before it.
         const bool starts = (static_cast<unsigned char>(c) & 0xC0U) != 0x80U;
-        constexpr std::size_t longest = 4;  // bytes of a character
-        if (starts && text.size() + longest > path_step_bytes_max) break;
+        const auto lead = static_cast<unsigned char>(c);
+        const std::size_t bytes = escaped       ? 3
+                                  : lead < 0x80 ? 1
+                                  : lead < 0xE0 ? 2
+                                  : lead < 0xF0 ? 3
+                                                : 4;
+        if (starts && text.size() + bytes > path_step_bytes_max) break;
         if (!escaped) {
             text += c;
             continue;

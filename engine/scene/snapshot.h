@@ -292,7 +292,7 @@ std::string path_name(const std::vector<PathStep>& steps);
 /// instead.
 Result<std::uint64_t> find_path(const Snapshot& scene, std::string_view text);
 
-/// A name as path texts spell it: '/', '#', '%' and the first digit of a name of digits alone are
+/// A name as path texts spell it: '/', '#', '%', '*' and the first digit of a name of digits alone are
 /// percent-encoded, and it is cut after path_step_bytes_max.
 std::string path_step_text(std::string_view name);
 /// The same with its number behind it; no_id is none.

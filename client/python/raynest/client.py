@@ -165,7 +165,7 @@ class Client(Session):
         `places` says where they stand, by names of their own: {"ground": "ground", "car": ("car", matrices)}. A place
         is the name of a part, alone or with an offset (3,) or a matrix (3, 4) or (4, 4); or with several of these,
         (N, 3), (N, 3, 4) or (N, 4, 4), whose paths are "car#0", "car#1", ... A group's places have paths below,
-        "car#0/wheel#3", unless it holds but one. raynest.Place("car", matrices, mask=, uid=, visible=) says more of
+        "car#0/wheel#3"; one that holds a single part once is that part, and has none. raynest.Place("car", matrices, mask=, uid=, visible=) says more of
         each place. Without `places` each part that is in no group stands once where its vertices are.
 
         Places are the outermost instances, numbered in their order. Each part and each group is stored once, however

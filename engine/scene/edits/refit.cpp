@@ -113,7 +113,8 @@ Box refit_few(EditedArena& arena, std::uint32_t index, const std::vector<Changed
         return sum;
     };
     const bool had_area = object.bounds.half_area() > 0;
-    double sum = shares_of_cost(object.bounds, costs_before[index]) - shares(costs_before);
+    const double sum_before = shares_of_cost(object.bounds, costs_before[index]);
+    double sum = sum_before - shares(costs_before);
     Box reached;
     for (std::size_t i = 0; i < changes.size(); ++i) {
         const std::uint32_t holder = links.holders[changes[i].place];
@@ -141,7 +142,9 @@ Box refit_few(EditedArena& arena, std::uint32_t index, const std::vector<Changed
     }
     object.bounds = box_of(nodes[object.root]);
     sum += shares(known.costs);
-    known.costs[index] = had_area && object.bounds.half_area() > 0
+    // A part that comes back from far away takes nearly all of the sum with it, and its digits.
+    constexpr double digits_kept = 1.0 / (1 << 20);
+    known.costs[index] = had_area && object.bounds.half_area() > 0 && sum > digits_kept * sum_before
                              ? cost_of_shares(object.bounds, sum)
                              : tree_cost(arena.view(), object, known.costs);
     return reached;

@@ -147,7 +147,8 @@ std::uint64_t bytes_beside(const Snapshot& scene, const SceneChanges& changes,
                            const std::vector<InstancePlace>& ways) {
     const auto is_nested = [](const auto& change) { return !change.instance.below.empty(); };
     const std::uint64_t bytes = bytes_to_add(scene, changes) + bytes_to_unshare(scene, ways);
-    const bool is_linked = bytes != 0 || !changes.removed.empty() || !changes.uids.empty();
+    const bool moves_nodes = !changes.uids.empty() && scene.paths().node_count != 0;
+    const bool is_linked = bytes != 0 || !changes.removed.empty() || moves_nodes;
     const bool is_copied = is_linked || !changes.deformed.empty() || !changes.materials.empty() ||
                            std::ranges::any_of(changes.moves, is_nested) ||
                            std::ranges::any_of(changes.masks, is_nested);

@@ -91,12 +91,18 @@ private:
 }  // namespace
 
 std::uint64_t nested_instances(const SceneView& view, std::span<const InstanceUid> uids) {
-    const auto sums = placed_sums(view, [](const ObjectRecord&) { return std::uint64_t{1}; });
+    std::vector<std::uint64_t> sums;  // a look at the whole scene, which meshes do not need
     std::uint64_t nested = 0;
     for (const InstanceUid& change : uids) {
         const std::uint64_t itself = change.instance.below.empty() ? 0 : 1;
-        nested = std::min<std::uint64_t>(
-            1ULL << 62, nested + sums[object_of(view, change.instance)] - 1 + itself);
+        const std::uint32_t object = object_of(view, change.instance);
+        std::uint64_t within = 0;
+        if (view.objects[object].instance_count != 0) {
+            if (sums.empty())
+                sums = placed_sums(view, [](const ObjectRecord&) { return std::uint64_t{1}; });
+            within = sums[object] - 1;
+        }
+        nested = std::min<std::uint64_t>(1ULL << 62, nested + within + itself);
     }
     return nested;
 }

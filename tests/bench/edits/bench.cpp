@@ -195,10 +195,21 @@ void run(std::uint32_t count, int rounds, std::uint32_t vertices) {
 }  // namespace
 
 int main(int count, char** arguments) {
+    const std::vector<std::string> words(arguments + 1, arguments + count);
+    const auto is_number = [](const std::string& word) {
+        return !word.empty() && word.find_first_not_of("0123456789") == std::string::npos;
+    };
+    if (words.size() > 3 || !std::ranges::all_of(words, is_number)) {
+        std::cerr << "for example: raynest-bench-edits 100000 50\n"
+                     "raynest-bench-edits [INSTANCES [ROUNDS [VERTICES]]]\n";
+        return 2;
+    }
+    const auto number = [&](std::size_t i, int otherwise) {
+        return i < words.size() ? std::stoi(words[i]) : otherwise;
+    };
     try {
-        run(count > 1 ? static_cast<std::uint32_t>(std::atoi(arguments[1])) : 100'000,
-            count > 2 ? std::atoi(arguments[2]) : 50,
-            count > 3 ? static_cast<std::uint32_t>(std::atoi(arguments[3])) : 0);
+        run(static_cast<std::uint32_t>(number(0, 100'000)), number(1, 50),
+            static_cast<std::uint32_t>(number(2, 0)));
         return 0;
     } catch (const std::exception& error) {
         std::cerr << "raynest-bench-edits: " << error.what() << '\n';

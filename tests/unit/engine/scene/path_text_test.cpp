@@ -266,6 +266,8 @@ TEST_CASE("a long name is cut between characters, before encoding lengthens it")
     const std::string cut = path_step_text(std::string(300, '/'));
     CHECK(cut.size() <= path_step_bytes_max);
     CHECK(cut.size() % 3 == 0);
+    CHECK(path_step_text(std::string(300, 'a')) == std::string(path_step_bytes_max, 'a'));
+    CHECK(path_step_text("a*b") == "a%2Ab");
     CHECK(path_step_text(std::string(239, 'a') + "\xE6\xA3\xAE").size() <= path_step_bytes_max);
 }
 
