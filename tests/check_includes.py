@@ -32,7 +32,7 @@ def rooms(names, *engine):
 ENGINE = ["engine"]
 SYSTEM = ["engine/result.h", "engine/system"]
 BUILT = up_to("engine/packs") + ["engine/scene", "engine/scene/selection"]
-CLIENT = ["client/" + room for room in ("ground", "net", "files", "requests", "output", "load_test", "arguments", "commands")]
+CLIENT = ["client/" + room for room in ("ground", "net", "files", "requests", "output", "arguments", "commands")]
 
 # Row -> what its files may include besides each other: rows that stand above it, or single headers of
 # such rows, so no circle of folders can arise. A file belongs to the longest row that matches it.
@@ -102,9 +102,8 @@ ALLOWED = {
     "client/files": ["client/ground", "protocol", "engine/assets/images/exr_attributes.h"],
     "client/requests": ["client/net", "client/files", "client/ground", "protocol"],
     "client/output": ["client/requests", "client/files", "client/ground", "protocol"],
-    "client/load_test": ["client/ground", "protocol"],
     "client/arguments": ["client/requests", "client/files", "client/net", "client/ground", "protocol"],
-    "client/commands": ["client/arguments", "client/load_test", "client/output", "client/requests", "client/net",
+    "client/commands": ["client/arguments", "client/output", "client/requests", "client/net",
                         "client/files", "client/ground", "protocol"],
     "client": [*CLIENT, "protocol"],
     "tests": ["client", *CLIENT, "server", "protocol", *ENGINE],
@@ -119,7 +118,7 @@ HEAVY = {
     "meshoptimizer.h": {"engine/assets/gltf/file": 1},
     "hwy/": {"engine/math": 1},
     "glm/": {"engine/math": 1},
-    "boost/asio": {"server/net": 2, "client/net": 1, "client/load_test": 1},
+    "boost/asio": {"server/net": 2, "client/net": 1},
     "boost/beast": {"server/http": 1},
     "flatbuffers/": {"protocol": 1, "server/http": 1},
     # the daemon, and its commands for TLS and tokens

@@ -7,7 +7,7 @@
 # --sanitize builds twice more, beneath build/, and runs the unit and integration tests with the checks
 # of .ci/asan.cmake and of .ci/tsan.cmake instead.
 # --long adds what is slow and rarely fails: four times as many rays at edges, load tests that go on for
-# seconds. Before a release, and after a change to box tests or to `raynest load-test`.
+# seconds. Before a release, and after a change to box tests or to the load test.
 set -euo pipefail
 root=$(cd "$(dirname "${BASH_SOURCE[0]}")/.." && pwd)
 yes=0 browser=OFF sanitize=0

@@ -166,16 +166,6 @@ struct AdminOptions {
     std::string target;  ///< for kick: a connection's number or a principal; for quota: a principal
     std::vector<std::string> quota;  ///< "jobs=8"
 };
-struct LoadTestOptions {
-    JobOptions job;
-    std::string kind = "closest";
-    std::vector<std::string> fields;
-    std::uint32_t max_hits = 0;  ///< 0: the kind's default
-    std::uint32_t clients = 1;
-    std::uint32_t rays = 1;  ///< per request
-    double seconds = 5;
-    double rate = 0;  ///< requests per second of all clients together; 0: as many as possible
-};
 
 template <class, class... Commands>
 /// The first is no command: a list begins with commas

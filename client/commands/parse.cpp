@@ -116,8 +116,7 @@ Result<void> check_local(const Options& options) {
                             "--local ends its daemon with the command: leave --detach out");
             if (std::is_same_v<Command, LoginOptions> || std::is_same_v<Command, LogoutOptions>)
                 return fail(Exit::usage, "login and logout name a daemon: leave --local out");
-            if (std::is_same_v<Command, LoadTestOptions> || std::is_same_v<Command, TopOptions> ||
-                std::is_same_v<Command, OpenOptions>)
+            if (std::is_same_v<Command, TopOptions> || std::is_same_v<Command, OpenOptions>)
                 return fail(Exit::usage,
                             "--local ends its daemon with the command, and this one "
                             "needs a daemon that goes on: start raynestd");

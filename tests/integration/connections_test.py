@@ -12,7 +12,8 @@ import sys
 import tempfile
 import time
 
-from daemon import Client, Daemon, IMPORTS_GROW, PATIENCE, Programs, is_sanitized, main, skip_sanitized, until
+from daemon import (Client, Daemon, IMPORTS_GROW, PATIENCE, Programs, is_sanitized, load_test_of, main, skip_sanitized,
+                    until)
 
 IDLE = 1000
 IDLE_BYTES_MAX = 16 << 10
@@ -70,7 +71,7 @@ class Connections(Programs):
         self.addCleanup(daemon.stop)
         client = Client(self.raynest, daemon.uri)
         client.json("load", "builtin:terrain?size=16", "--name", "hills")
-        client.json("load-test", "hills", "--clients", "8", "--seconds", "0.2")
+        load_test_of(client).json("hills", "--clients", "8", "--seconds", "0.2")
         before = daemon.resident_bytes()
         crowd = [self.connect(daemon) for _ in range(IDLE)]
         self.assertEqual({read_frame(connection) for connection in crowd}, {WELCOME})
@@ -81,7 +82,7 @@ class Connections(Programs):
         # Idle connections are served, and so are others beside them.
         crowd[IDLE // 2].sendall(PING)
         self.assertEqual(read_frame(crowd[IDLE // 2]), PONG)
-        told = client.json("load-test", "hills", "--clients", "8", "--seconds", "0.2")
+        told = load_test_of(client).json("hills", "--clients", "8", "--seconds", "0.2")
         self.assertGreater(told["daemon"]["requests"], 0)
         self.assertEqual(told["daemon"]["refused"], 0)
 

@@ -3,6 +3,7 @@
 A daemon listens on a free loopback port and ends with the test; every wait has a deadline.
 """
 import contextlib
+import copy
 import json
 import os
 import pathlib
@@ -167,6 +168,13 @@ class Client:
         if done.returncode != code or done.stderr.count("\n") != 1 or says not in done.stderr:
             raise AssertionError(f"{arguments}: {done.returncode}, not {code} and {says!r}: {done.stderr}")
         return done
+
+
+def load_test_of(client):
+    """Returns raynest-load-test, which stands beside `raynest`, as a client of the same daemon."""
+    other = copy.copy(client)
+    other.program = pathlib.Path(client.program).with_name("raynest-load-test")
+    return other
 
 
 def second_principal(raynestd, cleanup):

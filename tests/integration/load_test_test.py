@@ -1,5 +1,5 @@
 #!/usr/bin/env python3
-"""Tests raynest load-test: its counts agree with the daemon's, and it reports refusals.
+"""Tests raynest-load-test: its counts agree with the daemon's, and it reports refusals.
 
   load_test_test.py RAYNESTD RAYNEST
 
@@ -10,11 +10,16 @@ import signal
 import time
 import unittest
 
-from daemon import LONG, PATIENCE, Client, Daemon, DaemonTest, main
+from daemon import LONG, PATIENCE, Client, Daemon, DaemonTest, load_test_of, main
 
 
 class LoadTest(DaemonTest):
     loads = {"hills": "builtin:terrain?size=32"}
+
+    @classmethod
+    def setUpClass(cls):
+        super().setUpClass()
+        cls.load_test = load_test_of(cls.client)
 
     def check(self, told):
         for side in ("daemon", "asio_echo", "blocking_echo"):
@@ -32,7 +37,7 @@ class LoadTest(DaemonTest):
 
     def test_a_closed_loop_counts_what_the_daemon_counts(self):
         before = self.client.json("stats")
-        told = self.client.json("load-test", "hills", "--clients", "3", "--rays", "100",
+        told = self.load_test.json("hills", "--clients", "3", "--rays", "100",
                                 "--seconds", "0.4")
         after = self.client.json("stats")
         self.check(told)
@@ -45,7 +50,7 @@ class LoadTest(DaemonTest):
         self.assertEqual(after["jobs_started"], after["jobs_ended"])
 
     def test_an_open_loop_sends_at_its_rate(self):
-        told = self.client.json("load-test", "hills", "--clients", "2", "--rate", "100",
+        told = self.load_test.json("hills", "--clients", "2", "--rate", "100",
                                 "--seconds", "1")
         self.check(told)
         for side in ("daemon", "asio_echo", "blocking_echo"):
@@ -53,7 +58,7 @@ class LoadTest(DaemonTest):
 
     @unittest.skipUnless(LONG, "takes seconds; run with --long")
     def test_a_low_rate_holds_from_turn_to_turn(self):
-        told = self.client.json("load-test", "hills", "--clients", "2", "--rate", "1",
+        told = self.load_test.json("hills", "--clients", "2", "--rate", "1",
                                 "--seconds", "3")
         for side in ("daemon", "asio_echo", "blocking_echo"):
             self.assertTrue(2 <= told[side]["requests"] <= 4, told[side])
@@ -65,7 +70,7 @@ class LoadTest(DaemonTest):
         self.addCleanup(daemon.stop)
         client = Client(self.raynest, daemon.uri)
         client.json("load", "builtin:terrain?size=32", "--name", "hills")
-        testing = client.start("--json", "load-test", "hills", "--clients", "2", "--rate", "200",
+        testing = load_test_of(client).start("--json", "hills", "--clients", "2", "--rate", "200",
                                "--seconds", "3")
 
         # Freeze the daemon repeatedly, so that some counted turn meets a freeze. Each is shorter
@@ -84,7 +89,7 @@ class LoadTest(DaemonTest):
 
     @unittest.skipUnless(LONG, "takes seconds; run with --long")
     def test_a_rate_out_of_reach_is_told(self):
-        done = self.client.run("load-test", "hills", "--rate", "10000000", "--seconds", "0.1",
+        done = self.load_test.run("hills", "--rate", "10000000", "--seconds", "0.1",
                                timeout=2 * PATIENCE)
         self.assertEqual(done.returncode, 0, done.stderr)
         title, *sides, verdict = done.stdout.splitlines()
@@ -96,13 +101,13 @@ class LoadTest(DaemonTest):
         self.assertRegex(verdict, r"; raynestd answered \d+ of 1e\+07 requests per second: lower")
 
     def test_over_a_unix_socket_and_with_other_kinds(self):
-        client = Client(self.raynest, self.socket)
-        self.check(client.json("load-test", "hills", "--kind", "any", "--seconds", "0.2"))
-        self.check(client.json("load-test", "hills", "--fields", "t,prim", "--rays", "16384",
+        client = load_test_of(Client(self.raynest, self.socket))
+        self.check(client.json("hills", "--kind", "any", "--seconds", "0.2"))
+        self.check(client.json("hills", "--fields", "t,prim", "--rays", "16384",
                                "--seconds", "0.3"))
 
     def test_a_daemon_that_refuses_everything_is_busy(self):
-        done = self.client.run("load-test", "hills", "--seconds", "0.2", "--clients", "2",
+        done = self.load_test.run("hills", "--seconds", "0.2", "--clients", "2",
                                "--deadline", "0.001", "--rays", "16384",
                                "--traversal", "reference")
         self.assertEqual(done.returncode, 7, done.stderr)
@@ -114,7 +119,7 @@ class LoadTest(DaemonTest):
         self.addCleanup(daemon.stop)
         client = Client(self.raynest, daemon.uri)
         client.json("load", "builtin:terrain?size=32", "--name", "hills")
-        told = client.json("load-test", "hills", "--clients", "32", "--rays", "16384",
+        told = load_test_of(client).json("hills", "--clients", "32", "--rays", "16384",
                            "--seconds", "0.2")
         for side in ("asio_echo", "blocking_echo"):
             self.assertGreater(told[side]["requests"], 0, told)
@@ -124,18 +129,21 @@ class LoadTest(DaemonTest):
 
         job = client.json("render", "hills", "--size", "4096x4096", "--traversal", "reference",
                           "--detach")["job"]
-        done = client.run("load-test", "hills", "--clients", "8", "--seconds", "0.2")
+        done = load_test_of(client).run("hills", "--clients", "8", "--seconds", "0.2")
         self.assertEqual((done.returncode, done.stdout), (6, ""), done.stderr)
         self.assertRegex(done.stderr, r"\Araynest: all requests were refused: .*\n\Z")
         client.json("cancel", job)
 
     def test_an_unknown_scene_or_intersector_is_told_at_once(self):
         for words, code in ((("no-such",), 5), (("hills", "--intersector", "no-such"), 5)):
-            self.client.fails(code, "", "load-test", *words)
+            self.load_test.fails(code, "", *words)
 
-    def test_help_shows_an_example_first(self):
-        self.assertTrue(self.client.run("load-test", "--help").stdout.startswith(
-            "Example:\n  raynest load-test forest"))
+    def test_everything_has_bounds(self):
+        for word, value in (("--clients", 0), ("--clients", 1001), ("--rays", 0), ("--rays", 16385), ("--seconds", 0),
+                            ("--seconds", "nan"), ("--rate", 0), ("--rate", -3)):
+            self.load_test.fails(2, word, "hills", f"{word}={value}")
+        self.load_test.fails(2, "SCENE is required")
+        self.assertIn("raynest-load-test forest", self.load_test.run("--help").stdout)
 
 
 if __name__ == "__main__":

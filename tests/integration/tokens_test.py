@@ -18,7 +18,7 @@ import urllib.error
 import urllib.request
 
 from connections_test import HELLO, WELCOME, read_frame
-from daemon import LONG, PATIENCE, Programs, main, until
+from daemon import LONG, PATIENCE, Programs, load_test_of, main, until
 from secure_daemon import Certificates, SecureClient, SecureDaemon, Tokens, command, fake_ssh
 
 RAY = "0,50,0,0,-1,0"
@@ -358,8 +358,8 @@ class TokensTest(Programs):
         clients = {name: SecureClient(self.raynest, daemon.uri, None, self.secrets[name])
                    for name in ("alice", "bob")}
         self.says(clients["alice"].run("load", "builtin:terrain?size=256", "--name", "hills", "--share", "public"), 0)
-        running = {name: clients[name].start("--json", "load-test", "alice/hills", "--clients", count,
-                                             "--seconds", "2", "--rays", "16384")
+        running = {name: load_test_of(clients[name]).start("--json", "alice/hills", "--clients", count,
+                                                           "--seconds", "2", "--rays", "16384")
                    for name, count in (("alice", 4), ("bob", 1))}
         rates = {}
         for name, process in running.items():

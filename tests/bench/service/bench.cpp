@@ -4,7 +4,6 @@
 //
 // Sides take turns, one lap after the other in one process, on the same rays and with one thread
 // that traces. CPU time is that of this process and the daemon's, all threads of both.
-#include "client/load_test/echo.h"
 #include "client/net/connection.h"
 #include "client/requests/query.h"
 #include "engine/integrators/generators.h"
@@ -12,6 +11,7 @@
 #include "tests/bench/clock.h"
 #include "tests/bench/cpus.h"
 #include "tests/bench/crowding.h"
+#include "tests/bench/load_test/echo.h"
 #include "tests/bench/race.h"
 #include "tests/bench/rays.h"
 #include "tests/bench/workload.h"

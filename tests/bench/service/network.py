@@ -74,7 +74,8 @@ class Bench:
 
     def busy(self, uri):
         """Queries per second of 50 clients."""
-        done = subprocess.run([self.words.raynest, "--ca", self.ca, "--token-file", self.token_file, "--server", uri, "--json", "load-test", "hills",
+        load_test = pathlib.Path(self.words.raynest).with_name("raynest-load-test")
+        done = subprocess.run([load_test, "--ca", self.ca, "--token-file", self.token_file, "--server", uri, "--json", "hills",
                                "--clients", "50", "--seconds", str(self.words.seconds), "--rays", "1000"],
                               capture_output=True, text=True, check=True)
         return json.loads(done.stdout)["daemon"]["requests_per_second"]

@@ -25,7 +25,6 @@ TEST_CASE("a command whose request acts runs once") {
 TEST_CASE("so does one that acts without a request") {
     CHECK(!may_repeat(LoginOptions{}));
     CHECK(!may_repeat(LogoutOptions{}));
-    CHECK(!may_repeat(LoadTestOptions{}));
 }
 
 TEST_CASE("a command that asks runs again where its daemon is lost, and nowhere else") {

@@ -135,7 +135,7 @@ TEST_CASE("a private daemon is for commands that bring their scene and wait for 
     CHECK(complaint({"--local", "info", "forest"}).find("forest.glb") != std::string::npos);
     CHECK(complaint({"--local", "render", "a.glb", "--detach"}).find("--detach") !=
           std::string::npos);
-    CHECK(complaint({"--local", "load-test", "a.glb"}).find("raynestd") != std::string::npos);
+    CHECK(complaint({"--local", "top"}).find("raynestd") != std::string::npos);
 }
 
 TEST_CASE("mistakes are usage errors in one line") {
@@ -263,19 +263,4 @@ TEST_CASE("jobs are named by whole numbers from 1") {
     for (const char* line :
          {"wait", "wait 0", "wait -1", "fetch x", "cancel 1.5", "fetch 1 -o a.jpg"})
         CHECK_MESSAGE(!complaint(words_of(line)).empty(), line);
-}
-
-TEST_CASE("a load test has bounds for everything") {
-    const auto load = command_of<LoadTestOptions>(words_of(
-        "load-test forest --clients 8 --rays 64 --rate 1000 --seconds 2 --kind any --fields hit"));
-    CHECK(load.job.scene == "forest");
-    CHECK(load.clients == 8);
-    CHECK(load.rays == 64);
-    CHECK(load.rate == 1000);
-    CHECK(load.seconds == 2);
-    CHECK(load.kind == "any");
-    CHECK(load.fields == std::vector<std::string>{"hit"});
-    for (const char* line : {"--clients 0", "--clients 1001", "--rays 0", "--rays 16385",
-                             "--seconds 0", "--seconds nan", "--rate 0", "--rate -3"})
-        CHECK_MESSAGE(!complaint(words_of(std::string("load-test forest ") + line)).empty(), line);
 }

@@ -1,24 +1,44 @@
-// raynest load-test SCENE: measures round trips and throughput of queries, beside bare sockets.
+// raynest-load-test SCENE: measures round trips and throughput of queries, beside bare sockets.
 #include "client/arguments/shared_options.h"
-#include "client/commands/commands.h"
 #include "client/ground/json.h"
-#include "client/load_test/driver.h"
-#include "client/load_test/echo.h"
+#include "client/net/access.h"
+#include "client/net/connection.h"
 #include "client/output/output.h"
 #include "client/requests/job.h"
 #include "protocol/limits.h"
+#include "tests/bench/load_test/driver.h"
+#include "tests/bench/load_test/echo.h"
+
+#include <CLI/CLI.hpp>
 
 #include <array>
 #include <cmath>
 #include <cstdio>
+#include <exception>
 #include <iostream>
+#include <memory>
 #include <random>
+#include <span>
 #include <string>
 #include <utility>
 #include <vector>
 
 namespace raynest::client {
 namespace {
+
+struct LoadTestOptions {
+    std::string server;
+    AccessOptions access;
+    bool json = false;
+    JobOptions job;
+    std::string kind = "closest";
+    std::vector<std::string> fields;
+    std::uint32_t max_hits = 0;  ///< 0: the kind's default
+    std::uint32_t clients = 1;
+    std::uint32_t rays = 1;  ///< per request
+    double seconds = 5;
+    double rate = 0;  ///< requests per second of all clients together; 0: as many as possible
+};
 
 /// Daemon and controls take turns of about this length, so that other work on the machine disturbs
 /// all of them alike.
@@ -164,9 +184,12 @@ std::string verdict(const Side& daemon, const Side& echo, double ratio, double r
     return line.data();
 }
 
-}  // namespace
-
 void declare(CommandLine& line, LoadTestOptions& load_test) {
+    line.add_option("--server", load_test.server, "tcp://HOST:PORT or unix:PATH")
+        .environment_name("RAYNEST_SERVER");
+    line.add_option("--ca", load_test.access.tls.ca, "PEM file of the CAs to trust with tls://");
+    line.add_option("--token-file", load_test.access.token_file, "file with the token, mode 0600");
+    line.add_flag("--json", load_test.json, "print answers and errors as JSON");
     add_job(line, load_test.job);
     add_kind(line, load_test.kind, load_test.max_hits, load_test.fields);
     line.add_whole("--clients", load_test.clients, 1U, 1000U, "connections at the same time (1)");
@@ -182,19 +205,24 @@ void declare(CommandLine& line, LoadTestOptions& load_test) {
         "answer). Latency counts from a request's scheduled time; one that is 5 s late is MISSED");
 }
 
-Result<void> run(Context& context, const LoadTestOptions& options) {
-    if (context.connection.socket() < 0)
-        return fail(Exit::usage, "load-test writes to bare sockets: use tcp:// or unix:");
+Result<void> run(const LoadTestOptions& options) {
+    const std::string server = options.server.empty() ? std::string(default_uri) : options.server;
+    const auto access = find_access(server, options.access);
+    if (!access) return tl::unexpected<Failure>(access.error());
+    const auto first = Connection::open(server, *access);
+    if (!first) return tl::unexpected<Failure>(first.error());
+    if ((*first)->socket() < 0)
+        return fail(Exit::usage, "a load test writes to bare sockets: use tcp:// or unix:");
     wire::InfoT question;
     question.scene = options.job.scene;
-    const auto info = ask<wire::SceneInfo>(context.connection, question);
+    const auto info = ask<wire::SceneInfo>(**first, question);
     if (!info) return tl::unexpected<Failure>(info.error());
 
     std::vector<std::unique_ptr<Connection>> connections;
     std::vector<std::vector<std::byte>> requests;
     std::vector<int> sockets;
     for (std::uint32_t i = 0; i < options.clients; ++i) {
-        auto connection = context.connect();
+        auto connection = Connection::open(server, *access);
         if (!connection) return tl::unexpected<Failure>(connection.error());
         auto request = request_bytes(options, *info->message.table, i);
         if (!request) return tl::unexpected<Failure>(request.error());
@@ -230,19 +258,15 @@ Result<void> run(Context& context, const LoadTestOptions& options) {
     }
 
     const double turns = std::ceil(options.seconds / turn_seconds);
-    for (double i = 0; i < turns; ++i) {
+    for (double i = 0; i < turns; ++i)
         for (Side& side : sides)
             if (auto done = turn(side, options.seconds / turns, options.rate); !done) return done;
-        context.progress.update(static_cast<std::uint64_t>(i + 1),
-                                static_cast<std::uint64_t>(turns), "measuring");
-    }
-    context.progress.clear();
     if (auto answered = check_answered(sides[0].statistics); !answered) return answered;
 
     const double echo_us = sides[1].statistics.latencies.percentile_us(0.5);
     const double ratio =
         echo_us > 0 ? sides[0].statistics.latencies.percentile_us(0.5) / echo_us : 0;
-    if (context.json) {
+    if (options.json) {
         Json json{{"scene", options.job.scene},
                   {"kind", options.kind},
                   {"clients", options.clients},
@@ -266,4 +290,32 @@ Result<void> run(Context& context, const LoadTestOptions& options) {
     return {};
 }
 
+int end_with(const Failure& failure, bool json) {
+    std::cout.flush();
+    std::cerr << describe(failure, json) << '\n';
+    return static_cast<int>(failure.exit);
+}
+
+}  // namespace
 }  // namespace raynest::client
+
+int main(int argc, char** argv) {
+    using namespace raynest::client;
+    LoadTestOptions options;
+    CLI::App app(
+        "Measures round trips and throughput of queries, beside bare sockets, as in\n"
+        "  raynest-load-test forest --clients 8 --rays 64 --seconds 10");
+    CommandLine line(&app);
+    declare(line, options);
+    try {
+        app.parse(argc, argv);
+        const auto done = run(options);
+        return done ? 0 : end_with(done.error(), options.json);
+    } catch (const CLI::CallForHelp& help) {
+        return app.exit(help);
+    } catch (const CLI::ParseError& error) {
+        return end_with(failure(Exit::usage, error.what()), options.json);
+    } catch (const std::exception& thrown) {
+        return end_with(failure(Exit::failed, thrown.what()), options.json);
+    }
+}

@@ -1,4 +1,4 @@
-#include "client/load_test/latencies.h"
+#include "tests/bench/load_test/latencies.h"
 
 #include <doctest/doctest.h>
 

@@ -1,4 +1,4 @@
-#include "client/load_test/echo.h"
+#include "tests/bench/load_test/echo.h"
 
 #include <boost/asio/buffer.hpp>
 #include <boost/asio/generic/stream_protocol.hpp>

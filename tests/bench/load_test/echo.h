@@ -2,7 +2,7 @@
 // cost of a request from the cost of sockets on this machine at this moment.
 #pragma once
 
-#include "client/load_test/sockets.h"
+#include "tests/bench/load_test/sockets.h"
 
 #include <cstddef>
 #include <memory>

@@ -1,4 +1,4 @@
-#include "client/load_test/driver.h"
+#include "tests/bench/load_test/driver.h"
 
 #include "client/ground/interrupt.h"
 #include "protocol/control.h"

@@ -1,4 +1,4 @@
-#include "client/load_test/sockets.h"
+#include "tests/bench/load_test/sockets.h"
 
 #include <netinet/in.h>
 #include <netinet/tcp.h>

@@ -7,9 +7,9 @@
 // measures the daemon and the controls alike, so that its own cost is in both.
 #pragma once
 
-#include "client/load_test/latencies.h"
-#include "client/load_test/sockets.h"
 #include "protocol/frame.h"
+#include "tests/bench/load_test/latencies.h"
+#include "tests/bench/load_test/sockets.h"
 
 #include <chrono>
 #include <cstddef>
