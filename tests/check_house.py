@@ -3,7 +3,7 @@
 
   check_house.py [ROOT]      prints one line per violation, exit code 1 when there is any
 
-Top-level entries, folders, file sizes and lengths, unfinished marks, paths of one developer's machine, shell
+Top-level entries, folders and their lines in a README, file sizes and lengths, unfinished marks, paths of one developer's machine, shell
 scripts that do not parse. Exit code 77 (skipped) where there is no git work tree to list.
 """
 import collections
@@ -17,7 +17,7 @@ TOP = {"CMakeLists.txt", "README.md", "LICENSE",
 FILE_BYTES_MAX = 1 << 20
 SOURCE_LINES_MAX = 500  # the aim is 400
 FOLDER_FILES_MAX = 40  # the aim is 30
-SOURCES = {".h", ".cpp", ".cu", ".py", ".sh"}
+SOURCES = {".h", ".cpp", ".cu", ".py", ".sh", ".js", ".mjs", ".cmake", ".inc"}
 # Written in pieces so that this file does not find itself.
 FORBIDDEN = {
     "an unfinished mark": re.compile(r"\b(?:TO" + r"DO|FIX" + r"ME|X" + r"XX)\b"),
@@ -58,6 +58,18 @@ def crowded_folders(names):
             yield f"{folder}: {count} files, at most {FOLDER_FILES_MAX}: it holds more than one idea"
 
 
+def unnamed_folders(root, names):
+    """The rooms of the product without a line in a README above them that says what belongs there."""
+    folders = {name.rpartition("/")[0] for name in names
+               if name.startswith(("engine/", "server/", "client/")) and pathlib.Path(name).suffix in SOURCES}
+    for folder in sorted(each for each in folders if "/" in each):
+        above = [*pathlib.PurePath(folder).parents][:-1]
+        named = re.compile(rf"(?<![\w-]){re.escape(folder.rpartition('/')[2])}/[`\s]")
+        pages = [root / each / "README.md" for each in above]
+        if not any(page.is_file() and named.search(page.read_text(encoding="utf-8")) for page in pages):
+            yield f"{folder}: no README above it has a line that says what belongs there"
+
+
 def violations_of(root, name):
     file = root / name
     top = name.split("/")[0]
@@ -79,6 +91,10 @@ def violations_of(root, name):
         for match in UNLIMITED_LINE.finditer(text):
             line = text.count("\n", 0, match.start()) + 1
             yield f"{name}:{line}: log() of what a peer causes; call log_limited()"
+    if name.startswith("server/") and file.suffix in SOURCES and not name.startswith(WORDS):
+        for pattern in (READ_ONCE, *([] if name.startswith("server/requests/") else [READ_BY_REQUESTS])):
+            if match := pattern.search(text):
+                yield f"{name}: {match.group()} is read in {WORDS} alone: take its typed words"
     if COMPILED_BY_NVCC.fullmatch(name) and name != MASKS and WRONG_ON_GPU.search(text):
         yield f"{name}: nvcc compiles {WRONG_ON_GPU.search(text).group()}) wrongly; call lowest_bit() ({MASKS})"
     lines = text.count("\n")
@@ -88,10 +104,6 @@ def violations_of(root, name):
         parsed = subprocess.run(["bash", "-n", file], capture_output=True, text=True, check=False)
         if parsed.returncode:
             yield f"{name}: does not parse: {parsed.stderr.strip()}"
-    if name.startswith("server/") and file.suffix in SOURCES and not name.startswith(WORDS):
-        for pattern in (READ_ONCE, *([] if name.startswith("server/requests/") else [READ_BY_REQUESTS])):
-            if match := pattern.search(text):
-                yield f"{name}: {match.group()} is read in {WORDS} alone: take its typed words"
 
 
 def main():
@@ -102,7 +114,7 @@ def main():
         print("skipped: no git work tree, so no list of tracked files")
         return 77
     names = [name for name in names if (root / name).is_file()]
-    found = [*crowded_folders(names), *(line for name in names for line in violations_of(root, name))]
+    found = [*crowded_folders(names), *unnamed_folders(root, names), *(line for name in names for line in violations_of(root, name))]
     print(*found, sep="\n", end="\n" if found else "")
     print(f"{len(names)} tracked files, {len(found)} violations")
     return 1 if found or not names else 0

@@ -4,14 +4,15 @@
   check_includes.py [ROOT]      prints one line per violation, exit code 1 when there is any
 
 A file may include its own row and what ALLOWED names for it: a row that is named stands for the
-files that belong to it, not for those of a row within it. Lists (.def files, which hold rows and no
-code) may be included everywhere; a heavy third-party header may be included only where HEAVY says,
-by at most so many files. The layers are what lets kernels, engine, server and client be understood,
+files that belong to it, not for those of a row within it. Folders do not know each other in a circle,
+those of one row neither. A heavy third-party header may be included only where HEAVY says, by at most
+so many files. Modules of Python and of the page have tables of their own. The layers are what lets kernels, engine, server and client be understood,
 tested and rebuilt one at a time.
 """
 import ast
 import graphlib
 import pathlib
+import posixpath
 import re
 import sys
 
@@ -97,7 +98,10 @@ ALLOWED = {
     "server/sessions": rooms("requests jobs scheduling net store security ground",
                                     "engine/geometry/ray.h"),
     "server/daemon": ["server", "protocol", *ENGINE],
-    "client/ground": ["protocol"],
+    # Of the engine it knows lists (.def files), which hold rows and no code.
+    "client/ground": ["protocol", "engine/queries/fields.def", "engine/geometry/counters.def", "engine/packs/words.def",
+                      *("engine/integrators/" + name for name in
+                        ("integrators.def", "measures.def", "palettes.def", "tonemaps.def"))],
     "client/net": ["client/ground", "protocol"],
     "client/files": ["client/ground", "protocol", "engine/assets/images/exr_attributes.h"],
     "client/requests": ["client/net", "client/files", "client/ground", "protocol"],
@@ -141,8 +145,20 @@ PYTHON = [{"errors", "_lists", "_limits", "_wording", "_version", "_handles", "_
           {"compat", "merge", "_travel", "_query", "_notes"}, {"_own_daemon", "_roster"},
           {"_workers"}, {"_prepared", "_frugal", "_beside"}, {"_deal"}, {"__init__"}, {"dask", "_command"}]
 
+# The page: its modules from the ground up; "*" are those that no other floor names. The first are the client that other
+# programs load, the last the entry points.
+PAGE = "server/web"
+PAGE_FLOORS = [{"raynest.js", "frames.js", "lists.js"}, {"*"}, {"panels"}, {"main.js", "login.js"}]
+
+# Folders that know each other nevertheless, and why.
+CIRCLES = {
+    ("engine/scene", "engine/scene/checks"): "a description and an arena are checked where a snapshot is made of them",
+}
+
 SOURCES = {".h", ".cpp", ".cu", ".inc", ".in"}
 INCLUDE = re.compile(r'^\s*#\s*include\s*([<"])([^>"]+)[>"]', re.MULTILINE)
+IMPORT = re.compile(r"""^\s*(?:import|export)\s+(?:[\w*{}$,\s]+\sfrom\s+)?["']([^"']+)["']"""
+                    r"""|\bimport\(\s*["']([^"']+)["']""", re.MULTILINE)
 
 
 def within(path, folder):
@@ -206,11 +222,53 @@ def python_violations(root):
         for imported in sorted(graph[name]):
             if floors.get(imported[0], 0) > floors[name[0]]:
                 yield f"{where}: {name[0]} may not import {'.'.join(imported)}"
+    if circle := circle_of(graph):
+        yield f"{PACKAGE}: a circle of imports: {' -> '.join('.'.join(name) for name in circle)}"
+
+
+def circle_of(graph):
+    """A circle in {name: the names that it knows}; none: empty."""
     try:
         graphlib.TopologicalSorter(graph).prepare()
     except graphlib.CycleError as error:
-        circle = " -> ".join(".".join(name) for name in reversed(error.args[1]))
-        yield f"{PACKAGE}: a circle of imports: {circle}"
+        return error.args[1][::-1]
+    return []
+
+
+def page_violations(root):
+    files = {file.relative_to(root / PAGE).as_posix(): file for file in sorted((root / PAGE).rglob("*.js"))}
+    floors = {name: floor for floor, names in enumerate(PAGE_FLOORS) for name in names}
+
+    def floor_of(name):
+        return floors.get(name.split("/")[0], floors["*"])
+
+    graph = {}
+    for name, file in files.items():
+        graph[name] = set()
+        for words in IMPORT.findall(file.read_text(encoding="utf-8")):
+            imported = next(filter(None, words))
+            known = posixpath.normpath(posixpath.join(posixpath.dirname(name), imported))
+            if not imported.startswith(".") or known not in files:
+                yield f"{PAGE}/{name}: {imported} is no module of the page"
+                continue
+            graph[name].add(known)
+            if floor_of(known) > floor_of(name) or floor_of(known) == len(PAGE_FLOORS) - 1:
+                yield f"{PAGE}/{name}: may not import {known}"
+    if circle := circle_of(graph):
+        yield f"{PAGE}: a circle of imports: {' -> '.join(circle)}"
+
+
+def folder_circles(root):
+    graph, unused = {}, {pair for pair in CIRCLES if all((root / folder).is_dir() for folder in pair)}
+    for file, header, _ in includes(root):
+        pair = posixpath.dirname(file), posixpath.dirname(header)
+        unused.discard(pair)
+        if pair[0] != pair[1] and pair not in CIRCLES and (root / header).is_file():
+            graph.setdefault(pair[0], set()).add(pair[1])
+    for pair in sorted(unused):
+        yield f"check_includes.py: CIRCLES allows what is gone: {' -> '.join(pair)}"
+    if circle := circle_of(graph):
+        yield f"a circle of folders: {' -> '.join(circle)}"
 
 
 def upward_rows(table):
@@ -226,13 +284,15 @@ def upward_rows(table):
 def violations(root):
     yield from upward_rows(ALLOWED)
     yield from python_violations(root)
+    yield from page_violations(root)
+    yield from folder_circles(root)
     users = {}  # (heavy header, folder) -> files that include it
     for file, header, angled in includes(root):
         if owner(header, ["protocol", "engine", "server", "client", "tests"]):
             layer = owner(file, ALLOWED)
             if layer is None:
                 yield f"{file}: lies in no known layer; name its folder in tests/check_includes.py"
-            elif not may_include(layer, header) and not header.endswith(".def"):
+            elif not may_include(layer, header):
                 yield f"{file}: {layer} may not include {header}"
             if angled:
                 yield f"{file}: our own header {header} is included in quotes, not brackets"

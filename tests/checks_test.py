@@ -41,9 +41,16 @@ class Includes(Planted):
                     "server/jobs/a.cpp": '#include "engine/scene/x.h"\n#include "protocol/frame.h"\n'})
         self.assertEqual(self.check("check_includes.py")[0], 0)
 
-    def test_lists_are_open_to_all(self):
-        self.plant({"client/a.cpp": '#include "engine/queries/fields.def"\n'})
+    def test_lists_are_open_to_those_that_name_them(self):
+        self.plant({"client/ground/a.cpp": '#include "engine/queries/fields.def"\n'})
         self.assertEqual(self.check("check_includes.py")[0], 0)
+        self.assert_refused("client/net/a.cpp", '"engine/queries/fields.def"', "client/net may not include")
+
+    def test_folders_of_one_row_form_no_circle(self):
+        self.plant({"engine/packs/a.h": "", "engine/packs/new/b.h": '#include "engine/packs/a.h"\n'})
+        self.assertEqual(self.check("check_includes.py")[0], 0)
+        self.assert_refused("engine/packs/a.h", '"engine/packs/new/b.h"',
+                            "a circle of folders: engine/packs -> engine/packs/new -> engine/packs")
 
     def test_an_empty_tree_is_not_a_pass(self):
         self.assertEqual(self.check("check_includes.py")[0], 1)
@@ -145,6 +152,36 @@ class Imports(Planted):
         self.assert_refused("no known room")
 
 
+class Page(Planted):
+    """check_includes.py reads the imports of the page's modules."""
+
+    MODULES = {"engine/bvh/a.h": '#include "engine/math/vec.h"\n', "server/web/lists.js": "export const A = 1;\n",
+               "server/web/raynest.js": 'import { A } from "./lists.js";\n',
+               "server/web/dom.js": 'import {\n  A,\n  B,\n} from "./lists.js";\n',
+               "server/web/panels/ray.js": 'import { element } from "../dom.js";\nexport * from "./area.js";\n',
+               "server/web/panels/area.js": "", "server/web/main.js": 'import "./panels/ray.js";\n'}
+
+    def test_downward_imports_pass(self):
+        self.plant(self.MODULES)
+        code, output = self.check("check_includes.py")
+        self.assertEqual(code, 0, output)
+
+    def test_others_are_refused(self):
+        for name, text, reason in (
+                ("raynest.js", 'import {\n  element,\n} from "./dom.js";\n', "raynest.js: may not import dom.js"),
+                ("dom.js", 'export { ray } from "./panels/ray.js";\n', "dom.js: may not import panels/ray.js"),
+                ("dom.js", 'const ray = await import("./panels/ray.js");\n', "dom.js: may not import panels/ray.js"),
+                ("panels/area.js", 'import "../main.js";\n', "area.js: may not import main.js"),
+                ("panels/area.js", 'import { x } from "./ray.js";\n', "a circle of imports: "),
+                ("dom.js", 'import { x } from "./gone.js";\n', "dom.js: ./gone.js is no module"),
+                ("dom.js", 'import x from "https://example.org/x.js";\n', "is no module of the page")):
+            with self.subTest(reason=reason):
+                self.plant({**self.MODULES, f"server/web/{name}": text})
+                code, output = self.check("check_includes.py")
+                self.assertEqual(code, 1, output)
+                self.assertIn(reason, output)
+
+
 class House(Planted):
     def setUp(self):
         super().setUp()
@@ -173,7 +210,16 @@ class House(Planted):
         self.assert_refused("engine/a.h", "", "engine: 41 files, at most 40")
 
     def test_long_files_are_refused(self):
-        self.assert_refused("engine/a.h", "\n" * 1000, "more than one idea")
+        for name in ("engine/a.h", "server/web/a.js", "engine/a.cmake", "engine/a.inc"):
+            self.assert_refused(name, "\n" * 1000, f"{name}: 1000 lines")
+
+    def test_folders_without_a_line_in_a_readme_are_refused(self):
+        self.plant({"engine/README.md": "| `bvh/` | trees |\n| `assets/formats/` | files |\n"})
+        for name in ("engine/bvh/a.h", "engine/assets/formats/a.h"):
+            self.plant({name: ""})
+            subprocess.run(["git", "-C", self.root, "add", "-A"], check=True)
+            self.assertEqual(self.check("check_house.py"), (0, self.check("check_house.py")[1]))
+        self.assert_refused("engine/novel/a.h", "", "engine/novel: no README above it")
 
     def test_unfinished_marks_are_refused(self):
         self.assert_refused("engine/a.h", "// TO" + "DO later\n", "an unfinished mark")
