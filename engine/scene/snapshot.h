@@ -55,7 +55,7 @@ inline constexpr std::uint32_t scene_lights_max = 65536;
 /// The memory of a snapshot.
 using Arena = Pages;
 
-/// The work of edits on the root's tree (scene/edits/edit.h). Not in the arena.
+/// The work of edits on trees (scene/edits/edit.h). Not in the arena.
 struct EditStatistics {
     std::uint64_t refits = 0;    ///< edits since a tree was built again
     std::uint64_t rebuilds = 0;  ///< trees that were built again

@@ -189,7 +189,7 @@ TEST_CASE("a mesh whose vertices scatter gets the tree and the leaf blocks of a 
                    a.block_count));
         CHECK(same(scene->view().attribute<TexcoordBlock>(a.texcoord_blocks),
                    fresh->view().attribute<TexcoordBlock>(b.texcoord_blocks), a.block_count));
-        // What has just been built again stays while nothing changes.
+        // Nothing is built again while nothing changes.
         CHECK(edit(*scene, changes)->statistics().edits.rebuilds ==
               scene->statistics().edits.rebuilds);
     }
