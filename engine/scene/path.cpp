@@ -173,7 +173,7 @@ private:
         const char* const names = scene_.view().names;
         if (count >= StepIndices::steps_min)
             return scene_.steps()
-                .of(parent, names, count, at)
+                .of(parent, [&] { return StepIndex(names, count, at); })
                 ->find(names, token.name, token.number);
         return StepIndex(names, count, at).find(names, token.name, token.number);
     }

@@ -92,6 +92,7 @@ Result<std::shared_ptr<const Snapshot>> Snapshot::reopen(BuiltArena built, std::
     for (std::uint32_t i = 0; i < view->instance_count; ++i) ++(*uses)[view->instances[i].object];
     snapshot->uses_ = std::move(uses);
     snapshot->steps_ = std::make_shared<StepIndices>();
+    snapshot->uids_ = std::make_shared<UidIndices>();
     snapshot->view_ = *view;
     snapshot->paths_ = format::path_table(base);
     ShadingView& shading = snapshot->shading_;
@@ -223,6 +224,7 @@ Result<std::shared_ptr<const Snapshot>> Snapshot::open_edited(BuiltArena built,
     snapshot->trees_ = std::move(traces.trees);
     snapshot->uses_ = before.uses_;
     snapshot->steps_ = before.steps_;
+    snapshot->uids_ = traces.has_new_uids ? std::make_shared<UidIndices>() : before.uids_;
     snapshot->statistics_.trees.sah_cost = snapshot->tree_costs()[view.root];
     snapshot->statistics_.edits = built.edits;
     snapshot->statistics_.degenerate_triangles =

@@ -11,8 +11,9 @@
 #include "engine/result.h"
 #include "engine/scene/content_digest.h"
 #include "engine/scene/description.h"
+#include "engine/scene/lists/step_index.h"
+#include "engine/scene/lists/uid_index.h"
 #include "engine/scene/page_set.h"
-#include "engine/scene/step_index.h"
 #include "engine/scene/tree_knowledge.h"
 #include "engine/scene/tree_statistics.h"
 #include "engine/shading/records.h"
@@ -147,6 +148,7 @@ struct EditTraces {
     ArenaChanges changed;  ///< by the edit
     TreeKnowledge trees;
     TouchedObjects content;
+    bool has_new_uids = false;
 };
 
 class Snapshot {
@@ -229,6 +231,8 @@ public:
     [[nodiscard]] TreeKnowledge trees_to_edit() const;
     /// Those of the steps below objects, in a scene with nodes below these.
     [[nodiscard]] StepIndices& steps() const { return *steps_; }
+    /// Those of the user ids below objects, which nodes do not have.
+    [[nodiscard]] UidIndices& uids() const { return *uids_; }
     /// How often instances place each object.
     [[nodiscard]] const std::vector<std::uint32_t>& uses() const { return *uses_; }
     /// One per material.
@@ -250,9 +254,10 @@ private:
     std::optional<Box> framed_;
     SceneStatistics statistics_;
     mutable TreeKnowledge trees_;
-    // Edits in place change neither of these.
+    // Edits in place change none of these, but those of user ids the last one.
     std::shared_ptr<const std::vector<std::uint32_t>> uses_;
     std::shared_ptr<StepIndices> steps_;
+    std::shared_ptr<UidIndices> uids_;
     std::string digest_;
     std::string arena_id_;
     bool is_edited_ = false;

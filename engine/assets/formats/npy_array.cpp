@@ -30,10 +30,10 @@ bool parse_shape(std::string_view text, std::vector<std::uint64_t>& shape) {
     const char* at = text.data() + 1;
     const char* const end = text.data() + text.size();
     while (at != end && *at != ')') {
-        std::uint64_t extent = 0;
-        const auto [next, error] = std::from_chars(at, end, extent);
+        std::uint64_t length = 0;
+        const auto [next, error] = std::from_chars(at, end, length);
         if (error != std::errc{} || shape.size() == 3) return false;
-        shape.push_back(extent);
+        shape.push_back(length);
         at = next;
         while (at != end && (*at == ',' || *at == ' ')) ++at;
     }

@@ -16,7 +16,7 @@ constexpr std::uint32_t long_names = 0x400;
 constexpr std::uint8_t zip_compression = 3;
 constexpr std::uint32_t side_max = 1U << 20;
 
-tl::unexpected<Error> broken(const std::string& why) {
+tl::unexpected<Error> broken_exr(const std::string& why) {
     return fail(ErrorCode::scene_invalid, "the EXR's header is not one of RayNest's: " + why);
 }
 
@@ -46,34 +46,35 @@ Result<ExrHeader> read_exr_header(std::span<const std::byte> file) {
     if (in.word() != exr_magic) return fail(ErrorCode::scene_unsupported, "the file is not an EXR");
     const auto kind = in.word();
     if (!kind || (*kind & ~long_names) != version)
-        return broken("it has tiles, several parts or deep data");
+        return broken_exr("it has tiles, several parts or deep data");
     ExrHeader header;
     std::array<bool, 3> seen{};  // channels, compression, data window
     for (std::size_t count = 0;; ++count) {
         const auto attribute = in.attribute();
-        if (!attribute) return broken("it is cut short");
+        if (!attribute) return broken_exr("it is cut short");
         const auto& [name, type, size, value] = *attribute;
         if (name.empty()) break;
-        if (count == exr_attributes_max) return broken("it has too many attributes");
-        if (size > exr_attribute_bytes_max) return broken("attribute '" + name + "' is too long");
-        if (!value) return broken("attribute '" + name + "' is cut short");
+        if (count == exr_attributes_max) return broken_exr("it has too many attributes");
+        if (size > exr_attribute_bytes_max)
+            return broken_exr("attribute '" + name + "' is too long");
+        if (!value) return broken_exr("attribute '" + name + "' is cut short");
         if (name == "channels") {
             auto channels = read_channels(*value);
-            if (!channels || seen[0]) return broken("its channels are not whole 32-bit ones");
+            if (!channels || seen[0]) return broken_exr("its channels are not whole 32-bit ones");
             header.channels = std::move(*channels);
             seen[0] = true;
         } else if (name == "compression") {
             if (size != 1 || std::to_integer<std::uint8_t>(value->front()) != zip_compression)
-                return broken("it is not compressed with ZIP");
+                return broken_exr("it is not compressed with ZIP");
             seen[1] = true;
         } else if (name == "dataWindow" || name == "displayWindow") {
             std::array<std::uint32_t, 4> window{};
-            if (size != sizeof window) return broken("its window is invalid");
+            if (size != sizeof window) return broken_exr("its window is invalid");
             std::memcpy(window.data(), value->data(), sizeof window);
             if (window[0] != 0 || window[1] != 0 || window[2] >= side_max || window[3] >= side_max)
-                return broken("its window does not begin at 0,0 or is too large");
+                return broken_exr("its window does not begin at 0,0 or is too large");
             if (seen[2] && (header.width != window[2] + 1 || header.height != window[3] + 1))
-                return broken("its windows differ");
+                return broken_exr("its windows differ");
             header.width = window[2] + 1;
             header.height = window[3] + 1;
             seen[2] = true;
@@ -83,7 +84,7 @@ Result<ExrHeader> read_exr_header(std::span<const std::byte> file) {
         }
     }
     for (const bool found : seen)
-        if (!found) return broken("channels, compression or window are missing");
+        if (!found) return broken_exr("channels, compression or window are missing");
     return header;
 }
 

@@ -298,9 +298,10 @@ Result<std::shared_ptr<const Snapshot>> change_in_place(const Snapshot& scene,
     ArenaChanges changed = arena.changed();
     TouchedObjects touched = touched_by(arena.view(), changes, scene.paths().node_count == 0);
     built.arena = arena.take();
-    auto edited = Snapshot::open_edited(
-        std::move(built), scene,
-        {std::move(copy.sharing), std::move(changed), std::move(known), std::move(touched)});
+    auto edited =
+        Snapshot::open_edited(std::move(built), scene,
+                              {std::move(copy.sharing), std::move(changed), std::move(known),
+                               std::move(touched), !changes.uids.empty()});
     // Where there is no room for a copy, slow trees stay.
     if (!edited || grown.empty() || !guard.allows((*edited)->bytes().size())) return edited;
     return rebuild_trees(**edited, grown);

@@ -7,6 +7,8 @@
 
 #include <algorithm>
 #include <cstddef>
+#include <map>
+#include <memory>
 #include <utility>
 
 namespace raynest {
@@ -17,12 +19,13 @@ using Places = std::vector<std::vector<InstancePlace>>;
 /// Finds instances whose own id is sought. The scene's nodes have none.
 class OwnUids {
 public:
-    OwnUids(const SceneView& view, std::span<const std::uint32_t> uids,
+    OwnUids(const Snapshot& scene, std::span<const std::uint32_t> uids,
             const std::function<bool()>& stopped)
-        : view_(view),
+        : scene_(scene),
+          view_(scene.view()),
           uids_(uids),
           stopped_(stopped),
-          leads_to_one_(view.object_count),
+          leads_to_one_(view_.object_count),
           above_(uids.size()),
           found_(uids.size()) {}
 
@@ -31,6 +34,12 @@ public:
         for (std::uint32_t i = 0; i < view_.object_count; ++i) {
             if (i % 1024 == 0 && stopped_()) return fail(ErrorCode::limit_exceeded, "stopped");
             const ObjectRecord& object = view_.objects[i];
+            if (object.instance_count >= UidIndices::steps_min) {
+                const auto index = index_of(i);
+                places_here_[i] = places_in(*index);
+                leads_to_one_[i] = !places_here_[i].empty() || leads_below(*index);
+                continue;
+            }
             for (std::uint32_t k = 0; k < object.instance_count && !leads_to_one_[i]; ++k) {
                 const std::uint32_t at = object.first_instance + k;
                 leads_to_one_[i] =
@@ -42,6 +51,22 @@ public:
     }
 
 private:
+    [[nodiscard]] std::shared_ptr<const UidIndex> index_of(std::uint32_t object) const {
+        return scene_.uids().of(object, [&] { return UidIndex(view_, view_.objects[object]); });
+    }
+    /// True if something that the instances place leads to one that is sought.
+    [[nodiscard]] bool leads_below(const UidIndex& index) const {
+        return std::ranges::any_of(index.objects(),
+                                   [&](std::uint32_t object) { return leads_to_one_[object]; });
+    }
+    /// Returns the instances of an index that are sought, ascending.
+    [[nodiscard]] std::vector<std::uint32_t> places_in(const UidIndex& index) const {
+        std::vector<std::uint32_t> places;
+        for (const std::uint32_t uid : uids_) index.find(uid, places);
+        std::ranges::sort(places);
+        return places;
+    }
+
     /// Returns the place of an instance's id among those that are sought, or their count.
     [[nodiscard]] std::size_t number_of(std::uint32_t instance) const {
         const std::uint32_t uid = view_.instance_infos[instance].uid;
@@ -53,8 +78,12 @@ private:
     Result<void> enter(std::uint32_t object) {
         if (!leads_to_one_[object]) return {};
         const ObjectRecord& record = view_.objects[object];
-        for (std::uint32_t i = 0; i < record.instance_count; ++i) {
-            if (i % 1024 == 0 && stopped_()) return fail(ErrorCode::limit_exceeded, "stopped");
+        const auto here = places_here_.find(object);
+        const bool all = here == places_here_.end() || leads_below(*index_of(object));
+        const std::size_t count = all ? record.instance_count : here->second.size();
+        for (std::size_t k = 0; k < count; ++k) {
+            const std::uint32_t i = all ? static_cast<std::uint32_t>(k) : here->second[k];
+            if (k % 1024 == 0 && stopped_()) return fail(ErrorCode::limit_exceeded, "stopped");
             if (!way_.empty() && ++looked_at_ > uid_instances_max)
                 return fail(ErrorCode::limit_exceeded,
                             fmt::format("the user ids may stand for more than {} instances within "
@@ -74,10 +103,13 @@ private:
         return {};
     }
 
+    const Snapshot& scene_;
     const SceneView& view_;
     const std::span<const std::uint32_t> uids_;
     const std::function<bool()>& stopped_;
-    std::vector<bool> leads_to_one_;    ///< by object: it places an instance that is sought
+    std::map<std::uint32_t, std::vector<std::uint32_t>>
+        places_here_;                 ///< by object with a long list: its instances that are sought
+    std::vector<bool> leads_to_one_;  ///< by object: it places an instance that is sought
     std::vector<std::uint32_t> above_;  ///< by id: how many on the way have it
     std::vector<std::uint32_t> way_;
     std::uint64_t looked_at_ = 0;  ///< nested instances
@@ -167,7 +199,7 @@ private:
 Result<std::vector<std::vector<InstancePlace>>> find_uids(const Snapshot& scene,
                                                           std::span<const std::uint32_t> uids,
                                                           const std::function<bool()>& stopped) {
-    return scene.paths().node_count == 0 ? OwnUids(scene.view(), uids, stopped).find()
+    return scene.paths().node_count == 0 ? OwnUids(scene, uids, stopped).find()
                                          : NodeUids(scene, uids, stopped).find();
 }
 

@@ -16,7 +16,7 @@ namespace {
 constexpr std::uint64_t bytes_per_stream_byte_max = 64;
 constexpr std::uint64_t attribute_stride_max = 256;
 
-tl::unexpected<Error> refuse(const std::string& why) {
+tl::unexpected<Error> damaged_view(const std::string& why) {
     return fail(ErrorCode::scene_invalid, why);
 }
 
@@ -32,20 +32,20 @@ bool is_allowed_filter(const MeshoptView& view) {
 
 Result<std::uint64_t> meshopt_bytes(const MeshoptView& view) {
     const bool is_index = view.mode == "TRIANGLES" || view.mode == "INDICES";
-    if (!is_index && view.mode != "ATTRIBUTES") return refuse("has an unknown meshopt mode");
+    if (!is_index && view.mode != "ATTRIBUTES") return damaged_view("has an unknown meshopt mode");
     const bool stride_fits =
         is_index ? view.stride == 2 || view.stride == 4
                  : view.stride != 0 && view.stride % 4 == 0 && view.stride <= attribute_stride_max;
     if (!stride_fits)
-        return refuse(fmt::format("has meshopt {} of {} bytes each", view.mode, view.stride));
+        return damaged_view(fmt::format("has meshopt {} of {} bytes each", view.mode, view.stride));
     if (!is_allowed_filter(view)) {
-        return refuse(fmt::format("has a meshopt filter that its {} of {} bytes do not allow",
-                                  view.mode, view.stride));
+        return damaged_view(fmt::format("has a meshopt filter that its {} of {} bytes do not allow",
+                                        view.mode, view.stride));
     }
     if (view.count == 0 || (view.mode == "TRIANGLES" && view.count % 3 != 0))
-        return refuse(fmt::format("has {} meshopt elements", view.count));
+        return damaged_view(fmt::format("has {} meshopt elements", view.count));
     if (view.count > view.stream.size() * bytes_per_stream_byte_max / view.stride) {
-        return refuse(
+        return damaged_view(
             fmt::format("declares {} meshopt elements of {} bytes in {} bytes; it is "
                         "cut short or damaged",
                         view.count, view.stride, view.stream.size()));
@@ -69,7 +69,7 @@ Result<std::vector<unsigned char>> decode_meshopt(const MeshoptView& view) {
         : view.mode == "TRIANGLES"
             ? meshopt_decodeIndexBuffer(out.data(), view.count, view.stride, bytes, size)
             : meshopt_decodeIndexSequence(out.data(), view.count, view.stride, bytes, size);
-    if (fault != 0) return refuse("has meshopt data that is damaged");
+    if (fault != 0) return damaged_view("has meshopt data that is damaged");
     if (view.filter == "OCTAHEDRAL") meshopt_decodeFilterOct(out.data(), view.count, view.stride);
     if (view.filter == "QUATERNION") meshopt_decodeFilterQuat(out.data(), view.count, view.stride);
     if (view.filter == "EXPONENTIAL") meshopt_decodeFilterExp(out.data(), view.count, view.stride);

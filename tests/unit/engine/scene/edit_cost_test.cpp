@@ -2,6 +2,7 @@
 // is that of a fresh build.
 #include "engine/scene/edits/edit.h"
 #include "engine/scene/edits/names.h"
+#include "engine/scene/edits/uid_finder.h"
 #include "engine/scene/named_paths.h"
 #include "tests/conformance/scenes.h"
 #include "tests/unit/engine/small_scenes.h"
@@ -154,6 +155,59 @@ TEST_CASE("a text finds its part without a look at the others, in all epochs") {
         scene = *edit_scene(*scene, {{{0, translation(0, 0, static_cast<float>(epoch))}}});
         // Those of the root and of the group, which epochs have in common.
         CHECK(scene->steps().made() == 2);
+    }
+}
+
+TEST_CASE("user ids find their instances, in lists of runs, of equal ids and of both") {
+    for (std::uint64_t seed = 0; seed < 12; ++seed) {
+        CAPTURE(seed);
+        Random random(seed);
+        SceneDescription description;
+        description.objects.resize(3);
+        description.objects[0].geometries.push_back(test::unit_square());
+        const auto list = [&](std::uint32_t count, std::uint32_t kinds) {
+            std::vector<InstanceDescription> places;
+            for (std::uint32_t i = 0; i < count; ++i) {
+                const std::uint32_t uid = seed % 3 == 0   ? i / 2
+                                          : seed % 3 == 1 ? i % 40
+                                                          : random.below(60);
+                places.push_back(
+                    place(random.below(kinds), translation(static_cast<float>(i), 0, 0), "", uid));
+            }
+            return places;
+        };
+        description.objects[1].instances = list(80, 1);
+        description.objects[2].instances = list(300, seed < 6 ? 1 : 2);
+        description.root = 2;
+        Scene scene = build_scene(description);
+        for (int epoch = 0; epoch < 3; ++epoch) {
+            const std::vector<std::uint32_t> wanted{0, 7, 39, 59, 149, 150};
+            const auto found = find_uids(*scene, wanted, [] { return false; });
+            REQUIRE(found);
+            const auto& outer = description.objects[2].instances;
+            for (std::size_t w = 0; w < wanted.size(); ++w) {
+                std::vector<InstancePlace> expected;
+                for (std::uint32_t i = 0; i < outer.size(); ++i) {
+                    if (outer[i].uid == wanted[w]) {
+                        expected.emplace_back(i);
+                    } else if (outer[i].object == 1) {
+                        const auto& inner = description.objects[1].instances;
+                        for (std::uint32_t k = 0; k < inner.size(); ++k)
+                            if (inner[k].uid == wanted[w]) expected.emplace_back(i, std::vector{k});
+                    }
+                }
+                CHECK((*found)[w] == expected);
+            }
+            // An outermost mesh takes another id; the next epoch finds it by that one.
+            for (std::uint32_t i = 10; i < 20; ++i) {
+                if (outer[i].object != 0) continue;
+                description.objects[2].instances[i].uid = 150;
+                SceneChanges changes;
+                changes.uids = {{i, 150}};
+                scene = *edit_scene(*scene, changes);
+                break;
+            }
+        }
     }
 }
 

@@ -1,11 +1,10 @@
 // Finds a step of a path by its name and number without a look at those beside it.
 #pragma once
 
+#include "engine/scene/lists/long_lists.h"
+
 #include <cstdint>
 #include <functional>
-#include <map>
-#include <memory>
-#include <mutex>
 #include <optional>
 #include <string_view>
 #include <vector>
@@ -38,20 +37,6 @@ private:
     std::vector<Run> runs_;  ///< by hash, name and number
 };
 
-/// The indices of a scene's long lists, each made when it is first asked for. Thread-safe.
-class StepIndices {
-public:
-    /// Shorter lists are read as fast.
-    static constexpr std::uint32_t steps_min = 64;
-
-    std::shared_ptr<const StepIndex> of(std::uint32_t parent, const char* names,
-                                        std::uint32_t count, const StepIndex::StepAt& at);
-    /// How many have been made.
-    [[nodiscard]] std::size_t made() const;
-
-private:
-    mutable std::mutex mutex_;
-    std::map<std::uint32_t, std::shared_ptr<const StepIndex>> by_parent_;
-};
+using StepIndices = LongLists<StepIndex>;
 
 }  // namespace raynest

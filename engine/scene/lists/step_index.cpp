@@ -1,4 +1,4 @@
-#include "engine/scene/step_index.h"
+#include "engine/scene/lists/step_index.h"
 
 #include "engine/geometry/hit.h"
 
@@ -55,19 +55,6 @@ std::optional<std::uint32_t> StepIndex::find(const char* names, std::string_view
         first = behind(no_id);
     }
     return std::nullopt;
-}
-
-std::shared_ptr<const StepIndex> StepIndices::of(std::uint32_t parent, const char* names,
-                                                 std::uint32_t count, const StepIndex::StepAt& at) {
-    const std::scoped_lock lock(mutex_);
-    auto& index = by_parent_[parent];
-    if (!index) index = std::make_shared<const StepIndex>(names, count, at);
-    return index;
-}
-
-std::size_t StepIndices::made() const {
-    const std::scoped_lock lock(mutex_);
-    return by_parent_.size();
 }
 
 }  // namespace raynest
