@@ -2,6 +2,7 @@
 #include "server/security/secret_file.h"
 
 #include "tests/temporary_folder.h"
+#include "tests/unit/server/file_place.h"
 
 #include <doctest/doctest.h>
 #include <grp.h>
@@ -13,12 +14,6 @@
 
 namespace raynest::server {
 namespace {
-
-FilePlace place_of(const std::filesystem::path& file) {
-    auto place = FilePlace::find(file);
-    REQUIRE_MESSAGE(place.has_value(), (place ? "" : place.error().message));
-    return *place;
-}
 
 TEST_CASE("root's file may be read by a group of this process, but by no group of everybody's" *
           doctest::skip(geteuid() != 0)) {

@@ -2,6 +2,7 @@
 
 #include "server/security/secret_file.h"
 #include "tests/temporary_folder.h"
+#include "tests/unit/server/file_place.h"
 
 #include <doctest/doctest.h>
 #include <sys/stat.h>
@@ -13,12 +14,6 @@ namespace raynest::server {
 namespace {
 
 using namespace std::chrono_literals;
-
-FilePlace place_of(const std::filesystem::path& file) {
-    auto place = FilePlace::find(file);
-    REQUIRE_MESSAGE(place.has_value(), (place ? "" : place.error().message));
-    return *place;
-}
 
 TEST_CASE("a token has 256 random bits, and its hash is SHA-256") {
     const std::string token = new_token();

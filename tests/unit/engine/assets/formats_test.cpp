@@ -57,12 +57,12 @@ double area_of(const GeometryDescription& geometry) {
     return area;
 }
 
-const std::string triangle = "v 0 0 0\nv 1 0 0\nv 0 1 0\n";
+const std::string one_triangle = "v 0 0 0\nv 1 0 0\nv 0 1 0\n";
 
 }  // namespace
 
 TEST_CASE("an OBJ's corners become vertices by position, texture coordinate and normal") {
-    const auto scene = must_read("a.obj", triangle +
+    const auto scene = must_read("a.obj", one_triangle +
                                               "v 1 1 0\nvt 0 0\nvt 1 0\nvn 0 0 1\nvn 0 1 0\n"
                                               "f 1/1/1 2/1/1 3/2/1\nf 3/2/1 2/1/1 4/2/2\n");
     REQUIRE(scene.objects.size() == 1);
@@ -73,11 +73,12 @@ TEST_CASE("an OBJ's corners become vertices by position, texture coordinate and 
     CHECK(geometry.texcoords[0][2] == Vec2(1, 1));  // OBJ counts from below
     // The same position with another normal is another vertex; normals count if all corners have
     // them.
-    CHECK(must_read("a.obj", triangle + "vn 0 0 1\nvn 0 1 0\nf 1//1 2//1 3//1\nf 1//2 2//2 3//2\n")
+    CHECK(must_read("a.obj",
+                    one_triangle + "vn 0 0 1\nvn 0 1 0\nf 1//1 2//1 3//1\nf 1//2 2//2 3//2\n")
               .objects[0]
               .geometries[0]
               .positions.size() == 6);
-    CHECK(must_read("a.obj", triangle + "vn 0 0 1\nf 1//1 2 3\n")
+    CHECK(must_read("a.obj", one_triangle + "vn 0 0 1\nf 1//1 2 3\n")
               .objects[0]
               .geometries[0]
               .normals.empty());
@@ -86,7 +87,7 @@ TEST_CASE("an OBJ's corners become vertices by position, texture coordinate and 
 TEST_CASE(
     "an OBJ's objects are named, go on where they come again, and hold a geometry per material") {
     const auto scene =
-        must_read("a.obj", triangle +
+        must_read("a.obj", one_triangle +
                                "o a\nusemtl x\nf 1 2 3\nusemtl y\nf 1 2 3\ng of a\nf 1 2 3\n"
                                "o b\nf -3 -2 -1\no a\nusemtl x\nf 3 2 1\no empty\n");
     REQUIRE(scene.objects.size() == 3);
@@ -99,8 +100,9 @@ TEST_CASE(
     CHECK(placed[1].name == "b");
     CHECK(scene.materials.size() == 2);
     // Groups name the objects of a file without "o".
-    CHECK(must_read("a.obj", triangle + "g left\nf 1 2 3\ng right\nf 1 2 3\n").objects[1].name ==
-          "right");
+    CHECK(
+        must_read("a.obj", one_triangle + "g left\nf 1 2 3\ng right\nf 1 2 3\n").objects[1].name ==
+        "right");
 }
 
 TEST_CASE("polygons keep their area, convex, concave, turned, or with equal corners") {
@@ -115,7 +117,7 @@ TEST_CASE("polygons keep their area, convex, concave, turned, or with equal corn
         "v 0 0 0\nv 5 0 0\nv 5 3 0\nv 4 3 0\nv 4 1 0\nv 3 1 0\nv 3 3 0\nv 2 3 0\nv 2 1 0\nv 1 1 0\n"
         "v 1 3 0\nv 0 3 0\n";
     CHECK(area(comb, "f 1 2 3 4 5 6 7 8 9 10 11 12\n") == doctest::Approx(11));
-    CHECK(area(triangle + "v 1 1 0\n", "f 1 2 2 4 3\n") == doctest::Approx(1));
+    CHECK(area(one_triangle + "v 1 1 0\n", "f 1 2 2 4 3\n") == doctest::Approx(1));
 }
 
 TEST_CASE("PLY: elements and properties in any order, colours of each type, big-endian numbers") {
@@ -186,7 +188,8 @@ TEST_CASE("unit, axes and origin apply in double before rounding") {
     CHECK(scene.objects[0].geometries[0].positions[2].y == doctest::Approx(0.5005 - 1));
     CHECK(must_read("a.obj", far, {}, {5000000, 0, 0}).rounding < 1e-7);
     CHECK(must_read("a.obj", far).rounding > 1e-4);
-    CHECK(must_read("a.obj", triangle + "f 1 2 3", {.auto_origin = true}).origin == WorldPoint{});
+    CHECK(must_read("a.obj", one_triangle + "f 1 2 3", {.auto_origin = true}).origin ==
+          WorldPoint{});
 }
 
 TEST_CASE("numbers as other programs write them") {
@@ -215,7 +218,7 @@ TEST_CASE("files of an OBJ stay in its folder") {
 
 TEST_CASE("an MTL gives colour, opacity and light, and pictures that are there") {
     const std::string obj =
-        triangle + "mtllib a.mtl\nmtllib ../x\nusemtl red\nf 1 2 3\nusemtl glow\nf 1 2 3\n";
+        one_triangle + "mtllib a.mtl\nmtllib ../x\nusemtl red\nf 1 2 3\nusemtl glow\nf 1 2 3\n";
     const std::string mtl =
         "newmtl red\nKd 1 0.5 0\nd 0.25\nmap_Kd -s 2 2 leaf.png\nnewmtl glow\nKd 2 -1 nan\n"
         "Ke 3 0 0\nTr 0\nmap_Kd ../leaf.png\nnewmtl red\nKd 0 0 0\n";
@@ -306,14 +309,15 @@ TEST_CASE("PLY has strips, and faces before the vertices") {
 
 TEST_CASE("an OBJ's face needs vertices alone") {
     const auto scene = must_read(
-        "a.obj", triangle + "vn 0 0 1#up\nf 1/1/1 2/2/2 3/0/1\nf 1 2\nf 1//1 2//1 3//1\n");
+        "a.obj", one_triangle + "vn 0 0 1#up\nf 1/1/1 2/2/2 3/0/1\nf 1 2\nf 1//1 2//1 3//1\n");
     CHECK(scene.objects[0].geometries[0].indices.size() == 6);
     REQUIRE(scene.warnings.size() == 2);
     const std::string warnings = scene.warnings[0] + scene.warnings[1];
     CHECK(warnings.find("4 corners name a normal or texture coordinate that is not there") !=
           std::string::npos);
     CHECK(warnings.find("fewer than three corners") != std::string::npos);
-    CHECK(refusal("a.obj", triangle + "f 1 2 4\n").find("uses vertex 4 of 3") != std::string::npos);
+    CHECK(refusal("a.obj", one_triangle + "f 1 2 4\n").find("uses vertex 4 of 3") !=
+          std::string::npos);
     CHECK(refusal("a.obj", std::string("\xFF\xFEv\0 \0", 6)).find("UTF-16") != std::string::npos);
 }
 

@@ -59,7 +59,7 @@ std::size_t instances(const SceneDescription& scene) {
 }
 
 const std::vector<Vec3> triangle{{0, 0, 0}, {1, 0, 0}, {0, 1, 0}};
-constexpr const char* base64 = "AAAAAAAAAAAAAAAAAACAPwAAAAAAAAAAAAAAAAAAgD8AAAAA";
+constexpr const char* triangle_base64 = "AAAAAAAAAAAAAAAAAACAPwAAAAAAAAAAAAAAAAAAgD8AAAAA";
 const std::string percent =
     "%00%00%00%00%00%00%00%00%00%00%00%00%00%00%80%3f%00%00%00%00%00%00%00"
     "%00%00%00%00%00%00%00%80%3f%00%00%00%00";
@@ -68,10 +68,10 @@ const std::string percent =
 
 TEST_CASE("a data URI is base64 or percent-encoded, of any type") {
     for (const std::string& uri :
-         {"data:application/octet-stream;base64," + std::string(base64),
-          "data:application/x-whatever;base64," + std::string(base64),
-          "data:;base64," + std::string(base64), "data:application/octet-stream," + percent,
-          "data:," + percent}) {
+         {"data:application/octet-stream;base64," + std::string(triangle_base64),
+          "data:application/x-whatever;base64," + std::string(triangle_base64),
+          "data:;base64," + std::string(triangle_base64),
+          "data:application/octet-stream," + percent, "data:," + percent}) {
         CAPTURE(uri);
         const auto scene =
             must_describe(triangle_of(R"({"byteLength":36,"uri":")" + uri + "\"}"), "scene.gltf");
@@ -80,12 +80,13 @@ TEST_CASE("a data URI is base64 or percent-encoded, of any type") {
     }
     for (const std::string& uri :
          {std::string("data:"), std::string("data:;base64"), std::string("data:;base64,"),
-          "data:;base64,!" + std::string(base64), "data:;base64,A" + std::string(base64),
-          "data:,%0" + percent, "data:,%zz" + percent, "data:," + percent.substr(3),
-          "data:;base64," + std::string(base64).substr(4),
-          "data:;base64,    " + std::string(base64).substr(4),
-          "data:;base64,AAA=" + std::string(base64).substr(4),
-          "data:;base64," + std::string(base64).substr(4) + "\\n\\n\\n\\n"}) {
+          "data:;base64,!" + std::string(triangle_base64),
+          "data:;base64,A" + std::string(triangle_base64), "data:,%0" + percent,
+          "data:,%zz" + percent, "data:," + percent.substr(3),
+          "data:;base64," + std::string(triangle_base64).substr(4),
+          "data:;base64,    " + std::string(triangle_base64).substr(4),
+          "data:;base64,AAA=" + std::string(triangle_base64).substr(4),
+          "data:;base64," + std::string(triangle_base64).substr(4) + "\\n\\n\\n\\n"}) {
         CAPTURE(uri);
         CHECK(contains(
             refusal(triangle_of(R"({"byteLength":36,"uri":")" + uri + "\"}"), "scene.gltf"),
@@ -99,7 +100,7 @@ TEST_CASE("a buffer without data matters only if it is used") {
     CHECK(contains(refusal(triangle_of(R"({"byteLength":36,"uri":"gone.bin"})"), "scene.gltf"),
                    "mesh 0 needs buffer 0, which names the file 'gone.bin', which is missing"));
     const std::string good =
-        R"({"byteLength":36,"uri":"data:;base64,)" + std::string(base64) + "\"}";
+        R"({"byteLength":36,"uri":"data:;base64,)" + std::string(triangle_base64) + "\"}";
     for (const char* other :
          {R"({"byteLength":8})", R"({"byteLength":0})", "{}",
           R"({"byteLength":8,"uri":"gone.bin"})", R"({"byteLength":-8,"uri":"data:garbage"})"}) {
@@ -244,17 +245,18 @@ TEST_CASE("a byteStride that is not a multiple of 4 is read, with a warning") {
 }
 
 TEST_CASE("an integer may be written with a fraction of 0") {
-    const auto scene = must_describe(
-        triangle_of(R"({"byteLength":36.0,"uri":"data:;base64,)" + std::string(base64) + "\"}",
-                    R"(,"scenes":[{"nodes":[0.0]}],"scene":0.0)"),
-        "scene.gltf");
+    const auto scene = must_describe(triangle_of(R"({"byteLength":36.0,"uri":"data:;base64,)" +
+                                                     std::string(triangle_base64) + "\"}",
+                                                 R"(,"scenes":[{"nodes":[0.0]}],"scene":0.0)"),
+                                     "scene.gltf");
     CHECK(instances(scene) == 1);
     for (const char* odd : {"36.5", "1e300", "-36.0", "3.6e1000"}) {
         CAPTURE(odd);
-        CHECK_FALSE(describe(triangle_of(std::string(R"({"byteLength":)") + odd +
-                                         R"(,"uri":"data:;base64,)" + base64 + "\"}"),
-                             "scene.gltf")
-                        .has_value());
+        CHECK_FALSE(
+            describe(triangle_of(std::string(R"({"byteLength":)") + odd +
+                                 R"(,"uri":"data:;triangle_base64,)" + triangle_base64 + "\"}"),
+                     "scene.gltf")
+                .has_value());
     }
 }
 

@@ -1,8 +1,10 @@
 #include "engine/assets/gltf/file/prescan.h"
+#include "tests/unit/engine/assets/describe.h"
 #include "tests/unit/engine/assets/samples.h"
 
 using namespace raynest;
 using gltf::prescan_json;
+using test::contains;
 
 namespace {
 
@@ -10,10 +12,6 @@ namespace {
 std::string scan(const std::string& json) {
     const auto done = prescan_json(test::to_bytes(json), ImportLimits{});
     return done ? "" : done.error().message;
-}
-
-bool contains(const std::string& text, const std::string& part) {
-    return text.find(part) != std::string::npos;
 }
 
 std::string repeated(const std::string& text, int count) {

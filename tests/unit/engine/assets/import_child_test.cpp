@@ -10,6 +10,7 @@
 #include "tests/unit/engine/assets/describe.h"
 #include "tests/unit/engine/assets/forbidden_calls.h"
 #include "tests/unit/engine/assets/samples.h"
+#include "tests/unit/engine/assets/test_child.h"
 
 #include <fcntl.h>
 #include <fmt/format.h>
@@ -22,13 +23,10 @@
 #include <thread>
 
 using namespace raynest;
+using test::child;
 namespace fs = std::filesystem;
 
 namespace {
-
-std::vector<std::string> child(const char* mode = "--import-child") {
-    return {RAYNEST_TEST_IMPORT_CHILD, mode};
-}
 
 Result<std::shared_ptr<const Snapshot>> import(const ImportRequest& request,
                                                const char* mode = "--import-child",

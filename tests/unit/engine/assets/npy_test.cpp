@@ -1,5 +1,6 @@
 #include "engine/assets/import.h"
 #include "tests/unit/engine/assets/samples.h"
+#include "tests/unit/engine/builtin_packs.h"
 
 #include <algorithm>
 #include <array>
@@ -8,6 +9,7 @@
 #include <limits>
 
 using namespace raynest;
+using test::registry;
 
 namespace {
 
@@ -44,12 +46,6 @@ std::vector<T> swapped(std::vector<T> values) {
     return values;
 }
 
-const Registry& registry() {
-    static const auto loaded = Registry::load({});
-    REQUIRE(loaded.has_value());
-    return **loaded;
-}
-
 Result<std::shared_ptr<const Snapshot>> load(const test::Bytes& spheres,
                                              const test::Bytes* instances = nullptr) {
     test::Upload upload("points.npy", spheres);
@@ -59,7 +55,7 @@ Result<std::shared_ptr<const Snapshot>> load(const test::Bytes& spheres,
     return import_here(request, ImportLimits{}, registry());
 }
 
-std::string refusal(const test::Bytes& spheres) {
+std::string message_of(const test::Bytes& spheres) {
     const auto scene = load(spheres);
     REQUIRE_FALSE(scene.has_value());
     return scene.error().message;
@@ -97,9 +93,8 @@ TEST_CASE("every layout that numpy.save leaves is read alike") {
     const auto unsigned_ones = load(npy_of<std::uint8_t>("|u1", "(1, 4)", {200, 0, 0, 1}));
     REQUIRE(unsigned_ones.has_value());
     CHECK((*unsigned_ones)->bounds().upper.x == doctest::Approx(201));
-    CHECK(
-        refusal(npy_of<std::uint16_t>("<f2", "(1, 4)", {0x7C00, 0, 0, 0x7E00})).find("2 values") !=
-        std::string::npos);
+    CHECK(message_of(npy_of<std::uint16_t>("<f2", "(1, 4)", {0x7C00, 0, 0, 0x7E00}))
+              .find("2 values") != std::string::npos);
 }
 
 TEST_CASE("instances.npy places the points") {
@@ -128,16 +123,17 @@ TEST_CASE("instances.npy places the points") {
 }
 
 TEST_CASE("an array of a wrong shape is an error that states the right one") {
-    CHECK(refusal(npy<float>("(2, 3)", {0, 0, 0, 1, 1, 1})).find("(N, 4)") != std::string::npos);
-    CHECK(refusal(npy_of<float>("<c8", "(1, 4)", {0, 0, 0, 1, 0, 0, 0, 0}))
+    CHECK(message_of(npy<float>("(2, 3)", {0, 0, 0, 1, 1, 1})).find("(N, 4)") != std::string::npos);
+    CHECK(message_of(npy_of<float>("<c8", "(1, 4)", {0, 0, 0, 1, 0, 0, 0, 0}))
               .find("real numbers of at most 64 bits") != std::string::npos);
-    CHECK(refusal(npy<float>("(2, 4)", {0, 0, 0, 1})).find("cut short") != std::string::npos);
-    CHECK(refusal(npy<float>("(4611686018427387904, 4)", {0})).find("more bytes than a file has") !=
-          std::string::npos);
+    CHECK(message_of(npy<float>("(2, 4)", {0, 0, 0, 1})).find("cut short") != std::string::npos);
+    CHECK(message_of(npy<float>("(4611686018427387904, 4)", {0}))
+              .find("more bytes than a file has") != std::string::npos);
     const float nan = std::numeric_limits<float>::quiet_NaN();
-    CHECK(refusal(npy<float>("(2, 4)", {0, 0, 0, 1, nan, nan, 0, 1})).find("2 values") !=
+    CHECK(message_of(npy<float>("(2, 4)", {0, 0, 0, 1, nan, nan, 0, 1})).find("2 values") !=
           std::string::npos);
-    CHECK(refusal(npy<double>("(1, 4)", {1e300, 0, 0, 1})).find("1 values") != std::string::npos);
+    CHECK(message_of(npy<double>("(1, 4)", {1e300, 0, 0, 1})).find("1 values") !=
+          std::string::npos);
     test::Upload upload("points.npy", npy<float>("(1, 4)", {0, 0, 0, 1}));
     ImportRequest request = upload.request();
     request.primitive = "teapot";

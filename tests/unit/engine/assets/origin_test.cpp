@@ -2,22 +2,18 @@
 #include "engine/assets/builtin/builtin.h"
 #include "engine/assets/import.h"
 #include "tests/unit/engine/assets/samples.h"
+#include "tests/unit/engine/builtin_packs.h"
 #include "tests/unit/engine/small_scenes.h"
 
 #include <cmath>
 #include <limits>
 
 using namespace raynest;
+using test::registry;
 
 namespace {
 
 constexpr WorldPoint far{500'000, 4'500'000, 100};
-
-const Registry& registry() {
-    static const auto loaded = Registry::load({});
-    REQUIRE(loaded.has_value());
-    return **loaded;
-}
 
 std::shared_ptr<const Snapshot> load(const test::Upload& upload, const WorldPoint& origin,
                                      const std::string& primitive = {}) {

@@ -5,6 +5,7 @@
 #include "tests/sanitized.h"
 #include "tests/unit/engine/assets/describe.h"
 #include "tests/unit/engine/assets/samples.h"
+#include "tests/unit/engine/assets/test_child.h"
 
 #include <doctest/doctest.h>
 #include <fmt/format.h>
@@ -18,12 +19,9 @@
 #include <vector>
 
 using namespace raynest;
+using test::child;
 
 namespace {
-
-std::vector<std::string> child(const char* mode) {
-    return {RAYNEST_TEST_IMPORT_CHILD, mode};
-}
 
 std::vector<std::byte> bytes_of(const std::string& text) {
     const auto bytes = std::as_bytes(std::span(text));

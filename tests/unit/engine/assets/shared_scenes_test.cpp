@@ -1,6 +1,7 @@
 // The shared scenes: good ones load with the right counts, hostile ones end in one line.
 #include "engine/assets/import.h"
 #include "tests/unit/engine/assets/samples.h"
+#include "tests/unit/engine/builtin_packs.h"
 
 #include <nlohmann/json.hpp>
 
@@ -10,17 +11,12 @@
 #include <set>
 
 using namespace raynest;
+using test::registry;
 namespace fs = std::filesystem;
 
 namespace {
 
 constexpr std::clock_t seconds_max = 5;  // processor time
-
-const Registry& registry() {
-    static const auto loaded = Registry::load({});
-    REQUIRE(loaded.has_value());
-    return **loaded;
-}
 
 /// Imports a file, which must end in time in a scene or in one readable line. True for a scene.
 bool loads(const ImportRequest& request) {

@@ -6,6 +6,7 @@
 #include "engine/packs/registry.h"
 #include "tests/conformance/answers.h"
 #include "tests/conformance/scenes.h"
+#include "tests/unit/engine/builtin_packs.h"
 #include "tests/unit/engine/small_scenes.h"
 
 #include <doctest/doctest.h>
@@ -16,13 +17,9 @@
 #include <vector>
 
 using namespace raynest;
+using test::registry;
 
 namespace {
-
-const Registry& registry() {
-    static const auto loaded = Registry::load({}).value();
-    return *loaded;
-}
 
 Explanation explain(const Variant& variant, const Snapshot& scene, const Ray& ray,
                     const Settings& settings, std::uint32_t mask = 0xFFFFFFFFU,

@@ -1,6 +1,7 @@
 #include "engine/integrators/film.h"
 
 #include "engine/math/sampler.h"
+#include "tests/unit/engine/integrators/same_bytes.h"
 
 #include <doctest/doctest.h>
 
@@ -11,6 +12,7 @@
 #include <vector>
 
 using namespace raynest;
+using test::same_bytes;
 
 namespace {
 
@@ -25,15 +27,6 @@ std::vector<FilmSample> some_samples(std::uint32_t count) {
         samples[i].mesh = i;
     }
     return samples;
-}
-
-bool same_bytes(const Film& a, const Film& b) {
-    for (std::size_t i = 0; i < film_layers; ++i) {
-        const auto left = a.words(static_cast<FilmLayer>(i));
-        const auto right = b.words(static_cast<FilmLayer>(i));
-        if (std::memcmp(left.data(), right.data(), left.size_bytes()) != 0) return false;
-    }
-    return true;
 }
 
 }  // namespace

@@ -4,6 +4,7 @@
 #include "engine/integrators/surface_point.h"
 #include "engine/math/random.h"
 #include "tests/unit/engine/integrators/kernel_caster.h"
+#include "tests/unit/engine/integrators/same_bytes.h"
 #include "tests/unit/engine/small_scenes.h"
 
 #include <doctest/doctest.h>
@@ -15,6 +16,7 @@
 #include <vector>
 
 using namespace raynest;
+using test::same_bytes;
 
 namespace {
 
@@ -51,15 +53,6 @@ struct Studio {
 };
 
 constexpr std::uint64_t pixel_count = 33 * 21;
-
-bool same_bytes(const Film& a, const Film& b) {
-    for (std::size_t i = 0; i < film_layers; ++i) {
-        const auto left = a.words(static_cast<FilmLayer>(i));
-        const auto right = b.words(static_cast<FilmLayer>(i));
-        if (std::memcmp(left.data(), right.data(), left.size_bytes()) != 0) return false;
-    }
-    return true;
-}
 
 /// Nested placements, turned and scaled, `far` away from the origin.
 SceneDescription far_tree(float far) {

@@ -20,7 +20,7 @@ using test::translation;
 namespace {
 
 using Scene = std::shared_ptr<const Snapshot>;
-constexpr std::uint32_t all = 0xFFFFFFFF;
+constexpr std::uint32_t all_rays = 0xFFFFFFFF;
 
 /// Objects: a square, a group of three, a group of two of those and a square; the root places two of these.
 SceneDescription nested_groups() {
@@ -65,7 +65,7 @@ void check_as_fresh(const Scene& scene, const SceneDescription& description) {
     CHECK(Snapshot::open(std::move(copy)));
 }
 
-Scene edit(const Scene& scene, const SceneChanges& changes) {
+Scene with_masks(const Scene& scene, const SceneChanges& changes) {
     auto edited = edit_scene(*scene, changes);
     REQUIRE_MESSAGE(edited, edited.error().message);
     return *edited;
@@ -85,16 +85,16 @@ TEST_CASE("a hidden group stays hidden while its contents are hidden and shown")
         instance_at(description, at).mask = mask;
         SceneChanges changes;
         changes.masks = {{at, mask}};
-        scene = edit(scene, changes);
+        scene = with_masks(scene, changes);
         check_as_fresh(scene, description);
     };
     set(0, 0);
     for (const std::uint32_t twig : {0U, 1U}) set({0, {twig}}, 0);
     set({0, {2}}, 0);
-    set({0, {1}}, all);
+    set({0, {1}}, all_rays);
     CHECK(outermost_mask(scene, 0) == 0);
-    set(0, all);
-    CHECK(outermost_mask(scene, 0) == all);
+    set(0, all_rays);
+    CHECK(outermost_mask(scene, 0) == all_rays);
     set({0, {1}}, 0);
     CHECK(outermost_mask(scene, 0) == 0);
 }
@@ -108,13 +108,13 @@ TEST_CASE("a group lets in no ray that its own mask does not, whatever stands in
     SceneChanges changes;
     changes.masks = {{{1, {2}}, 2}};
     instance_at(description, {1, {2}}).mask = 2;
-    scene = edit(scene, changes);
+    scene = with_masks(scene, changes);
     CHECK(outermost_mask(scene, 1) == 1);
     check_as_fresh(scene, description);
 }
 
 TEST_CASE("masks on all levels are those of a scene that is built afresh") {
-    constexpr std::uint32_t masks[] = {0, 1, 2, 3, all};
+    constexpr std::uint32_t masks[] = {0, 1, 2, 3, all_rays};
     const std::vector<InstancePlace> places{0,        1,           {0, {0}},    {0, {1}},
                                             {0, {2}}, {0, {0, 1}}, {0, {1, 2}}, {1, {0}},
                                             {1, {1}}, {1, {0, 0}}, {1, {0, 1}}, {1, {0, 2}}};
@@ -131,7 +131,7 @@ TEST_CASE("masks on all levels are those of a scene that is built afresh") {
                 changes.masks.push_back({at, mask});
                 instance_at(description, at).mask = mask;
             }
-            scene = edit(scene, changes);
+            scene = with_masks(scene, changes);
             check_as_fresh(scene, description);
         }
     }

@@ -22,19 +22,19 @@ using test::translation;
 namespace {
 
 using Scene = std::shared_ptr<const Snapshot>;
-constexpr std::uint32_t count = 2000;
+constexpr std::uint32_t part_count = 2000;
 
 Transform somewhere(Random& random, float far = 100) {
     const Vec3 at = random.in_box(far);
     return translation(at.x, at.y, at.z);
 }
 
-/// Objects: a square, `count` of them in a group, a root of two groups. Or the root places the squares.
+/// Objects: a square, `part_count` of them in a group, a root of two groups. Or the root places the squares.
 SceneDescription field(Random& random, bool in_group) {
     SceneDescription scene;
     scene.objects.resize(in_group ? 3 : 2);
     scene.objects[0].geometries = {test::unit_square()};
-    for (std::uint32_t i = 0; i < count; ++i)
+    for (std::uint32_t i = 0; i < part_count; ++i)
         scene.objects[1].instances.push_back(place(0, somewhere(random), "part"));
     if (in_group)
         for (const float x : {0.0F, 300.0F})
@@ -43,7 +43,7 @@ SceneDescription field(Random& random, bool in_group) {
     return scene;
 }
 
-Scene edit(const Snapshot& scene, const SceneChanges& changes, Scene spare = nullptr) {
+Scene edited_by(const Snapshot& scene, const SceneChanges& changes, Scene spare = nullptr) {
     auto edited = edit_scene(scene, changes, std::move(spare));
     REQUIRE_MESSAGE(edited, edited.error().message);
     return *edited;
@@ -52,7 +52,7 @@ Scene edit(const Snapshot& scene, const SceneChanges& changes, Scene spare = nul
 /// Moves one part in a hundred, of the root or of its first group.
 SceneChanges scatter(Random& random, std::vector<InstanceDescription>& parts, bool in_group) {
     SceneChanges changes;
-    for (std::uint32_t i = random.below(100); i < count; i += 100) {
+    for (std::uint32_t i = random.below(100); i < part_count; i += 100) {
         parts[i].transform = somewhere(random);
         const InstancePlace place = in_group ? InstancePlace{0, {i}} : InstancePlace{i};
         changes.moves.push_back({place, parts[i].transform});
@@ -95,9 +95,9 @@ TEST_CASE("a tree whose parts scatter stays as good as a new one, in the root an
                 added.masks = {~0U};
                 SceneChanges changes;
                 changes.added = {added};
-                if (in_group) scene = edit(*scene, changes);
+                if (in_group) scene = edited_by(*scene, changes);
             }
-            Scene next = edit(*scene, scatter(random, parts, in_group), std::move(spare));
+            Scene next = edited_by(*scene, scatter(random, parts, in_group), std::move(spare));
             spare = std::exchange(scene, std::move(next));
         }
         const Scene fresh = build_scene(description);
@@ -116,7 +116,7 @@ TEST_CASE("a part that is far away does not hide that the others have scattered"
         parts[5].transform = at;
         SceneChanges changes;
         changes.moves = {{5, at}};
-        scene = edit(*scene, changes);
+        scene = edited_by(*scene, changes);
     };
     const double built = cost_of(*scene, scene->view().root);
     const Transform home = parts[5].transform;
@@ -124,7 +124,7 @@ TEST_CASE("a part that is far away does not hide that the others have scattered"
     for (int step = 0; step < 20; ++step) {
         SceneChanges changes = scatter(random, parts, false);
         std::erase_if(changes.moves, [](const auto& move) { return move.instance == 5; });
-        scene = edit(*scene, changes);
+        scene = edited_by(*scene, changes);
     }
     park(translation(9e14F, 0, 0));
     park(home);
@@ -168,8 +168,8 @@ TEST_CASE("a mesh whose vertices scatter gets the tree and the leaf blocks of a 
         for (const std::uint32_t i : {0U, 1U}) changes.deformed.push_back({i, {positions}});
         SceneChanges pose = changes;
         pose.is_last = true;
-        CHECK(edit(*scene, pose)->statistics().edits.rebuilds == 0);
-        scene = edit(*scene, changes);
+        CHECK(edited_by(*scene, pose)->statistics().edits.rebuilds == 0);
+        scene = edited_by(*scene, changes);
         CHECK(scene->statistics().edits.rebuilds >= 1);
         const Scene fresh = build_scene(now);
         CHECK(scene->digest() == fresh->digest());
@@ -190,7 +190,7 @@ TEST_CASE("a mesh whose vertices scatter gets the tree and the leaf blocks of a 
         CHECK(same(scene->view().attribute<TexcoordBlock>(a.texcoord_blocks),
                    fresh->view().attribute<TexcoordBlock>(b.texcoord_blocks), a.block_count));
         // Nothing is built again while nothing changes.
-        CHECK(edit(*scene, changes)->statistics().edits.rebuilds ==
+        CHECK(edited_by(*scene, changes)->statistics().edits.rebuilds ==
               scene->statistics().edits.rebuilds);
     }
 }
