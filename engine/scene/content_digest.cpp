@@ -24,6 +24,7 @@ using format::Section;
 constexpr std::uint32_t run_instances = 512;
 constexpr std::size_t piece_elements = 4096;
 constexpr std::size_t short_name = 64;
+constexpr std::size_t changed_objects_max = 256;
 
 /// Bytes that are hashed together.
 class Text {
@@ -375,6 +376,13 @@ Result<std::shared_ptr<const ContentDigests>> ContentDigests::after(
         stale.erase(doubles.begin(), doubles.end());
         hasher.set_runs(record, object, stale, below);
         digests->changed_[index] = std::make_shared<const ObjectDigests>(std::move(object));
+    }
+    // Each edit copies the map: what many edits have changed joins the rest now and then.
+    if (digests->changed_.size() > changed_objects_max) {
+        const auto all = std::make_shared<std::vector<ObjectDigests>>(*opened_);
+        for (const auto& [index, object] : digests->changed_) (*all)[index] = *object;
+        digests->opened_ = all;
+        digests->changed_.clear();
     }
     if (auto sound = hasher.state(); !sound) return tl::unexpected(sound.error());
     if (auto set = digests->set_scene(edited); !set) return tl::unexpected(set.error());

@@ -211,6 +211,27 @@ TEST_CASE("user ids find their instances, in lists of runs, of equal ids and of 
     }
 }
 
+TEST_CASE("each of 600 meshes is deformed, and the digest is that of a fresh scene") {
+    SceneDescription description;
+    description.objects.resize(601);
+    description.root = 600;
+    for (std::uint32_t i = 0; i < 600; ++i) {
+        description.objects[i].geometries.push_back(test::unit_square());
+        const auto x = static_cast<float>(i);
+        description.objects[i].geometries[0].positions[0].z = -x;
+        description.objects[600].instances.push_back(place(i, translation(2 * x, 0, 0)));
+    }
+    Scene scene = build_scene(description);
+    for (std::uint32_t i = 0; i < 600; ++i) {
+        auto& positions = description.objects[i].geometries[0].positions;
+        positions[1].z = 0.25F;
+        SceneChanges changes;
+        changes.deformed = {{i, {positions}}};
+        scene = *edit_scene(*scene, changes);
+        if (i % 100 == 99) CHECK(scene->digest() == build_scene(description)->digest());
+    }
+}
+
 TEST_CASE("one of 300,000 parts moves, and the digest is that of a fresh scene") {
     SceneDescription description;
     description.objects.resize(2);
