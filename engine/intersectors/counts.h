@@ -1,4 +1,4 @@
-// What is counted, event by event: for kernels by the adapter (counting.h), for an explanation from
+// Counters, event by event: for kernels by the adapter (counting.h), for an explanation from
 // the steps that an observer was told (inspection/explanation.cpp).
 #pragma once
 

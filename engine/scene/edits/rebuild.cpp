@@ -79,23 +79,16 @@ Rebuilt rebuilt(const Snapshot& scene, std::uint32_t index) {
     return made;
 }
 
-/// Gives the objects their places in the sections of nodes, leaf blocks and attributes, and returns
-/// the elements of these.
+/// Gives the objects their places in the sections of nodes and leaf blocks, and returns the elements of
+/// these.
 struct Sizes {
-    std::uint64_t nodes = 0, blocks = 0, attributes;
+    std::uint64_t nodes = 0, blocks = 0;
 };
-Sizes lay_out(std::vector<ObjectRecord>& objects, const SceneView& view, std::uint64_t attributes) {
-    Sizes sizes{.attributes = attributes};
-    for (std::size_t i = 0; i < objects.size(); ++i) {
-        ObjectRecord& object = objects[i];
+Sizes lay_out(std::vector<ObjectRecord>& objects) {
+    Sizes sizes;
+    for (ObjectRecord& object : objects) {
         object.first_node = std::exchange(sizes.nodes, sizes.nodes + object.node_count);
         object.first_block = std::exchange(sizes.blocks, sizes.blocks + object.block_count);
-        if (object.texcoord_blocks == no_offset ||
-            object.block_count <= view.objects[i].block_count)
-            continue;
-        object.texcoord_blocks = format::aligned(sizes.attributes);
-        sizes.attributes =
-            object.texcoord_blocks + std::uint64_t{object.block_count} * sizeof(TexcoordBlock);
     }
     return sizes;
 }
@@ -109,12 +102,11 @@ Arena with_trees(const Snapshot& scene, const RebuiltByObject& rebuilt) {
     const auto section = [](auto& header, Section which) -> auto& {
         return header.sections[static_cast<std::size_t>(which)];
     };
-    const Sizes sizes = lay_out(objects, view, section(old, Section::attributes).count);
+    const Sizes sizes = lay_out(objects);
 
     format::Header header = old;
     section(header, Section::nodes).count = sizes.nodes;
     section(header, Section::blocks).count = sizes.blocks;
-    section(header, Section::attributes).count = sizes.attributes;
     std::uint64_t end = format::aligned(sizeof header);
     for (format::SectionEntry& entry : header.sections) {
         entry.offset = end;
@@ -169,8 +161,12 @@ Result<std::shared_ptr<const Snapshot>> rebuild_trees(const Snapshot& scene,
     std::vector<TreeBuild> built = scene.trees_built();
     for (const std::uint32_t index : objects) {
         Rebuilt object = rebuilt(scene, index);
-        const bool fits = object.record.block_count <= leaf_first_max + 1 &&
-                          object.tree.height <= tree_height_max;
+        const ObjectRecord& record = object.record;
+        // Texture coordinates of alpha have room beside the leaf blocks that there are, and no more.
+        const bool fits = record.block_count <= leaf_first_max + 1 &&
+                          object.tree.height <= tree_height_max &&
+                          (record.texcoord_blocks == no_offset ||
+                           record.block_count <= scene.view().objects[index].block_count);
         if (fits) made.emplace(index, std::move(object));
         built[index] = {};
     }

@@ -21,7 +21,7 @@ inline constexpr double rebuild_cost_factor = 1.2;
 }
 
 /// Returns a copy of the scene in which these objects have new trees; ascending. What no longer fits
-/// into one tree keeps its own. Costs a look at the whole scene. Thread-safe. Throws std::bad_alloc.
+/// into one tree, or with an alpha texture takes more leaf blocks than before, keeps its own. Costs a look at the whole scene. Thread-safe. Throws std::bad_alloc.
 Result<std::shared_ptr<const Snapshot>> rebuild_trees(const Snapshot& scene,
                                                       std::span<const std::uint32_t> objects);
 

@@ -152,14 +152,17 @@ TEST_CASE("a mesh whose vertices scatter gets the tree and the leaf blocks of a 
         for (const std::uint32_t corner : {i, i + 1, i + side, i + 1, i + side + 1, i + side})
             mesh.indices.push_back(corner);
     }
-    mesh.material = 0;
     for (const float x : {0.0F, 500.0F})
         description.objects[1].instances.push_back(place(0, translation(x, 0, 0), "mesh"));
     description.root = 1;
-    for (const BuildQuality build :
-         {BuildQuality::fast, BuildQuality::medium, BuildQuality::high}) {
+    for (const auto& [build, has_alpha] :
+         {std::pair(BuildQuality::fast, false), std::pair(BuildQuality::medium, false),
+          std::pair(BuildQuality::high, false), std::pair(BuildQuality::fast, true),
+          std::pair(BuildQuality::medium, true), std::pair(BuildQuality::high, true)}) {
         CAPTURE(static_cast<int>(build));
+        CAPTURE(has_alpha);
         description.build = build;
+        description.objects[0].geometries[0].material = has_alpha ? 0 : no_id;
         SceneDescription now = description;
         Scene scene = build_scene(now);
         std::vector<Vec3>& positions = now.objects[0].geometries[0].positions;
@@ -169,10 +172,17 @@ TEST_CASE("a mesh whose vertices scatter gets the tree and the leaf blocks of a 
         SceneChanges pose = changes;
         pose.is_last = true;
         CHECK(edited_by(*scene, pose)->statistics().edits.rebuilds == 0);
-        scene = edited_by(*scene, changes);
-        CHECK(scene->statistics().edits.rebuilds >= 1);
         const Scene fresh = build_scene(now);
+        // Texture coordinates of alpha have room for as many leaf blocks as there were.
+        const bool fits = !has_alpha || fresh->view().objects[0].block_count <=
+                                            scene->view().objects[0].block_count;
+        scene = edited_by(*scene, changes);
+        CHECK((scene->statistics().edits.rebuilds != 0) == fits);
         CHECK(scene->digest() == fresh->digest());
+        // Nothing is built again while nothing changes.
+        CHECK(edited_by(*scene, changes)->statistics().edits.rebuilds ==
+              scene->statistics().edits.rebuilds);
+        if (!fits) continue;
         const ObjectRecord& a = scene->view().objects[0];
         const ObjectRecord& b = fresh->view().objects[0];
         REQUIRE(a.node_count == b.node_count);
@@ -187,10 +197,8 @@ TEST_CASE("a mesh whose vertices scatter gets the tree and the leaf blocks of a 
                    a.node_count));
         CHECK(same(scene->view().blocks + a.first_block, fresh->view().blocks + b.first_block,
                    a.block_count));
-        CHECK(same(scene->view().attribute<TexcoordBlock>(a.texcoord_blocks),
-                   fresh->view().attribute<TexcoordBlock>(b.texcoord_blocks), a.block_count));
-        // Nothing is built again while nothing changes.
-        CHECK(edited_by(*scene, changes)->statistics().edits.rebuilds ==
-              scene->statistics().edits.rebuilds);
+        if (has_alpha)
+            CHECK(same(scene->view().attribute<TexcoordBlock>(a.texcoord_blocks),
+                       fresh->view().attribute<TexcoordBlock>(b.texcoord_blocks), a.block_count));
     }
 }
