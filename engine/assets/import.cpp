@@ -158,6 +158,7 @@ Result<SceneDescription> describe(const ImportRequest& request, const ImportLimi
                                   const Registry& registry, DescribeBuiltin builtin) {
     auto scene = describe_source(request, limits, registry, builtin);
     if (scene && request.options.z_up) scene->up = UpAxis::z;
+    if (scene && request.stands_at != WorldPoint{}) scene->origin = request.stands_at;
     return scene;
 }
 

@@ -170,11 +170,12 @@ void add_process(Families& families) {
                  std::chrono::duration<double>(begun.time_since_epoch()).count());
     rusage used{};
     if (getrusage(RUSAGE_SELF, &used) == 0) {
-        const auto seconds = [](const timeval& time) {
+        const auto seconds_of = [](const timeval& time) {
             return static_cast<double>(time.tv_sec) + 1e-6 * static_cast<double>(time.tv_usec);
         };
         families.add("process_cpu_seconds_total", MetricType::Counter, "",
-                     "user and system CPU time", seconds(used.ru_utime) + seconds(used.ru_stime));
+                     "user and system CPU time",
+                     seconds_of(used.ru_utime) + seconds_of(used.ru_stime));
     }
     std::ifstream statm("/proc/self/statm");
     std::uint64_t pages = 0;

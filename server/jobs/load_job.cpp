@@ -12,6 +12,7 @@
 #include "server/jobs/services.h"
 #include "server/scheduling/admission.h"
 #include "server/scheduling/peers.h"
+#include "server/store/held_parts.h"
 #include "server/store/import_memory.h"
 #include "server/store/scene_files.h"
 #include "server/store/state_folder.h"
@@ -45,16 +46,54 @@ public:
         skip_complete_files();
     }
 
+    /// Looks for files in the scenes that are there, which the client then need not send.
+    std::optional<Task> prepare() override {
+        // A client that gives no digests sends its files in any case.
+        if (order_.known || std::ranges::none_of(order_.files, [](const UploadFile& file) {
+                return file.digest.has_value();
+            }))
+            return std::nullopt;
+        searched_ = services_.scenes.visible_scenes(order_.caller);
+        if (searched_.empty()) return std::nullopt;
+        is_searching_ = true;
+        Task task;
+        task.run = [this](const Stop& stop) -> Reply<Frames> {
+            std::vector<WantedFile> wanted;
+            for (UploadFile& file : order_.files)
+                wanted.push_back({file.digest ? &*file.digest : nullptr,
+                                  {file.bytes.data(), file.bytes.size()}});
+            const auto reserve = [&](std::uint64_t bytes) {
+                auto lease = services_.budget.reserve(bytes, order_.caller.principal, Use::lasting);
+                if (lease) found_lease_.merge(std::move(*lease));
+                return lease.has_value();
+            };
+            found_ = fill_in_held_parts(searched_, wanted, reserve, stop);
+            return Frames{};
+        };
+        return task;
+    }
     Frames greeting() override {
+        is_searching_ = false;
+        searched_.clear();
+        order_.lease.merge(std::move(found_lease_));
+        for (std::size_t i = 0; i < found_.size(); ++i) {
+            if (!found_[i]) continue;
+            order_.files[i].received = order_.files[i].bytes.size();
+            received_ += order_.files[i].received;
+        }
+        skip_complete_files();
         Frames frames;
-        if (order_.files.empty() || order_.known) return frames;
+        if (order_.known) return frames;
         wire::NeedT need;
-        for (std::uint32_t i = 0; i < order_.files.size(); ++i) need.files.push_back(i);
-        frames.push_back(protocol::answer(id_, need));
+        for (std::uint32_t i = 0; i < order_.files.size(); ++i)
+            if (i >= found_.size() || !found_[i]) need.files.push_back(i);
+        if (!need.files.empty()) frames.push_back(protocol::answer(id_, need));
         return frames;
     }
 
     Reply<std::uint64_t> feed(protocol::Frame frame) override {
+        if (is_searching_)
+            return refuse(Code::invalid_field, "send files once Need has come, which names them");
         const auto message = protocol::open<wire::Upload>(frame, services_.limits);
         if (!message) return tl::unexpected(message.error());
         const auto block = protocol::only_block(message->blocks, "data", wire::Dtype::u8, {1});
@@ -190,7 +229,8 @@ public:
         return import_started_ && (!is_stored_ || commit_started_);
     }
     [[nodiscard]] bool needs_input() const override {
-        return !import_started_ && !order_.known && current_ < order_.files.size();
+        return !is_searching_ && !import_started_ && !order_.known &&
+               current_ < order_.files.size();
     }
     std::uint64_t take_freed_input() override { return copies_.take_freed(); }
     [[nodiscard]] std::uint64_t held_bytes() const override { return order_.lease.bytes(); }
@@ -380,6 +420,10 @@ private:
         [](std::uint64_t sum, const UploadFile& file) { return sum + file.bytes.size(); });
     std::uint64_t received_ = 0;
     std::size_t current_ = 0;  ///< index of the file that is being received
+    bool is_searching_ = false;
+    std::vector<std::shared_ptr<const HeldScene>> searched_;
+    std::vector<bool> found_;    ///< files that scenes had; written by the task that searches
+    Budget::Lease found_lease_;  ///< for them; likewise
     UploadCopies copies_;
     bool import_started_ = false;
     std::optional<protocol::Error> refused_;  ///< an import without memory; written by the task

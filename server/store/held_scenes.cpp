@@ -128,4 +128,26 @@ std::shared_ptr<const HeldScene> SceneStore::with_memory(HeldScene scene) const 
             }};
 }
 
+std::shared_ptr<const HeldScene> SceneStore::find_made_of(const std::string& digest,
+                                                          const ConnectionId& caller) const {
+    std::shared_ptr<const HeldScene> found;
+    for (const auto& [name, entry] : entries_)
+        if (entry.made_of == digest && entry.visible_to(caller) && entry.scene.held)
+            found = entry.scene.held;
+    return found;
+}
+
+std::vector<std::shared_ptr<const HeldScene>> SceneStore::visible_scenes(
+    const ConnectionId& caller) const {
+    std::vector<const Entry*> entries;
+    for (const auto& [name, entry] : entries_)
+        if (entry.visible_to(caller) && entry.scene.held) entries.push_back(&entry);
+    std::ranges::sort(entries, std::greater{}, &Entry::used);
+    std::vector<std::shared_ptr<const HeldScene>> scenes;
+    for (const Entry* entry : entries)
+        if (std::ranges::find(scenes, entry->scene.held) == scenes.end())
+            scenes.push_back(entry->scene.held);
+    return scenes;
+}
+
 }  // namespace raynest::server

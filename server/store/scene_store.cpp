@@ -349,15 +349,6 @@ bool SceneStore::shows(const std::string& hash, const ConnectionId& caller) cons
     });
 }
 
-std::shared_ptr<const HeldScene> SceneStore::find_made_of(const std::string& digest,
-                                                          const ConnectionId& caller) const {
-    std::shared_ptr<const HeldScene> found;
-    for (const auto& [name, entry] : entries_)
-        if (entry.made_of == digest && entry.visible_to(caller) && entry.scene.held)
-            found = entry.scene.held;
-    return found;
-}
-
 protocol::Error SceneStore::not_found(std::string_view name, const ConnectionId& caller) const {
     std::string several;
     const auto [first, last] = entries_.equal_range(name);

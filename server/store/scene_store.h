@@ -215,6 +215,10 @@ public:
     [[nodiscard]] std::shared_ptr<const HeldScene> find_made_of(const std::string& digest,
                                                                 const ConnectionId& caller) const;
 
+    /// Returns the scenes that the caller may see and that are in memory, the last used ones first.
+    [[nodiscard]] std::vector<std::shared_ptr<const HeldScene>> visible_scenes(
+        const ConnectionId& caller) const;
+
     /// Returns the scene that the caller means by a name: its own, one that it holds, or one that
     /// is shared with it. `epoch` must be 0 or the current epoch. Fails with SCENE_UNKNOWN and a
     /// remedy, in the same words and time for a scene of another owner as for none.

@@ -15,6 +15,7 @@ import numpy as np
 import raynest
 from raynest import Place, Records, Spheres
 from raynest._requests import parts
+from raynest._requests.upload import Upload
 from with_daemon import WithDaemon, main
 
 FIELDS = ("t", "prim", "uv", "ng", "path", "inst", "mask")
@@ -298,6 +299,68 @@ class ScenesOfParts(WithDaemon):
         # A part in a group stands there alone.
         self.assertEqual(scene.trace([[0, 9, 0, 0, -1, 0]], fields=("t",))["t"][0], np.float32(9 - 1 - 0.1251))
         self.assertEqual(scene.info["instances"], 1)
+
+    def test_a_part_that_a_scene_has_is_not_sent_again(self):
+        """By its vertices and faces, or its records, whatever that scene makes of it; and the result is that of all files."""
+        steps = np.arange(80)
+        x, z = np.meshgrid(steps, steps)
+        corners = (steps[:-1, None] * 80 + steps[:-1]).reshape(-1, 1)
+        faces = np.vstack([corners + (0, 80, 1), corners + (1, 80, 81)])
+        chance = np.random.default_rng(8)
+        heights = lambda *shape: chance.integers(0, 256, shape) / 256  # exact in float32, also less an origin
+        hill, dune = ((np.stack([x, heights(80, 80), z], -1).reshape(-1, 3), faces) for _ in range(2))
+        rain = Spheres(heights(5000, 3), 0.01)
+        red = raynest.Material("red", (1, 0, 0))
+        far = np.array([448000.0, 5412000, 300])
+        hill_far, dune_far = ((vertices + far, faces) for vertices, faces in (hill, dune))
+        cases = {
+            "mesh": lambda: self.client.mesh(*hill),
+            "material": lambda: self.client.mesh(*hill, material=red),
+            "origin": lambda: self.client.mesh(*hill_far, origin=far),
+            "meshes": lambda: self.client.scene_of({"hill": hill, "dune": dune}),
+            "group": lambda: self.client.scene_of({"hill": hill, "all": {"low": "hill", "high": ("hill", (0, 9, 0))}}, up="z"),
+            "kinds": lambda: self.client.scene_of({"rain": rain, "hill": raynest.Mesh(*hill, red), "dune": dune}),
+            "far": lambda: self.client.scene_of({"hill": hill_far, "rain": Spheres(rain.rows[:, :3] + far, 0.01),
+                                                 "all": {"dune": "dune"}, "dune": dune_far}, origin=far)}
+        sent = []
+        read = Upload.read
+
+        def told(upload, number):
+            sent.append(len(upload.files[number].data))
+            return read(upload, number)
+
+        def load(case):
+            """Returns the scene, and the bytes of what was sent of its parts."""
+            sent.clear()
+            with mock.patch.object(Upload, "read", told):
+                return cases[case](), sum(size for size in sent if size > 16384)
+
+        alone = {}
+        for case in cases:
+            with load(case)[0] as scene:
+                alone[case] = scene.info["hash"]
+        self.assertGreater(load("mesh")[1], 0)
+        self.assertGreater(load("mesh")[1], 0)      # nobody holds the first one any more
+        first, whole = load("kinds")
+        self.assertEqual(first.info["hash"], alone["kinds"])
+        self.assertGreater(whole, 2 * hill[0].size * 4)
+        kept = []
+        for case in cases:
+            scene, size = load(case)
+            self.assertEqual(scene.info["hash"], alone[case], case)
+            self.assertEqual(size, 0, case)
+            kept.append(scene)
+        # A mesh that has changed is no more the one that was sent.
+        changed = self.client.scene_of({"hill": hill, "dune": (dune[0] * 2, faces)})
+        with changed.edit() as edit:
+            edit.set_vertices("dune", dune[0] * 3)
+        _, size = load("meshes")
+        self.assertEqual(size, 0)
+        sent.clear()
+        with mock.patch.object(Upload, "read", told):
+            self.client.scene_of({"dune": (dune[0] * 2, faces)})
+            self.client.scene_of({"dune": (dune[0] * 3, faces)})
+        self.assertEqual(len([size for size in sent if size > 16384]), 1)
 
     def test_add_is_an_edit_of_one_scene(self):
         street = self.client.scene_of({"ground": box(40, 0.1, 40)})

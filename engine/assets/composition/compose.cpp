@@ -57,12 +57,14 @@ public:
     /// Imports the file `name` as `object` says, with the files in its folder.
     Result<Scene> import(const std::string& name, const Object& object) {
         const FileOptions& o = object.options;
-        const std::string key = fmt::format(
-            "{}\n{}\n{}\n{}\n{} {} {} {} {} {} {} {}\n{}", name, object.primitive, object.variant,
-            object.mesh, o.unit, o.radius, o.spacing, o.z_up, o.auto_origin, object.origin[0],
-            object.origin[1], object.origin[2], fmt::join(object.masks, "\n"));
+        const std::string key =
+            fmt::format("{}\n{}\n{}\n{}\n{} {} {} {} {} {} {}\n{}", name, object.primitive,
+                        object.variant, object.mesh, o.unit, o.radius, o.spacing, o.z_up,
+                        o.auto_origin, fmt::join(object.origin, " "), fmt::join(object.at, " "),
+                        fmt::join(object.masks, "\n"));
         if (const auto known = known_.find(key); known != known_.end()) return known->second;
-        ImportRequest request{name, {}, object.primitive, request_.build, object.origin, o, {}};
+        ImportRequest request{name, {}, object.primitive, request_.build, object.origin, {}, o, {}};
+        request.stands_at = object.at;
         request.masks = object.masks;
         request.variant = object.variant;
         request.mesh = object.mesh;
@@ -194,7 +196,7 @@ private:
 
     Result<Scene> nested(const NamedBytes& file, const Object& object) {
         if (object.options != FileOptions{} || !object.primitive.empty() || !object.masks.empty() ||
-            !object.variant.empty())
+            !object.variant.empty() || object.at != WorldPoint{})
             return fail(ErrorCode::scene_invalid,
                         "is a composition, which says itself how to read its files");
         if (std::ranges::find(above_, file.name) != above_.end())

@@ -174,7 +174,7 @@ Object read_object(const std::string& name, const Value& value) {
     Object object;
     object.name = name;
     if (value
-            .only({"file", "unit", "up", "radius", "spacing", "primitive", "origin", "masks",
+            .only({"file", "unit", "up", "radius", "spacing", "primitive", "origin", "at", "masks",
                    "variant", "mesh", "instances"})
             .has("instances")) {
         value.only({"instances"});
@@ -198,6 +198,12 @@ Object read_object(const std::string& name, const Value& value) {
             object.origin = value.at("origin").numbers<3>();
         else if (value.at("origin").text() != "auto")
             value.at("origin").refuse_it("is neither three numbers nor \"auto\"");
+    }
+    if (value.has("at")) {
+        object.at = value.at("at").numbers<3>();
+        if (value.has("origin"))
+            value.at("at").refuse_it("stands beside an origin: give one of the two");
+        if (!is_origin(object.at)) value.at("at").refuse_it("lies beyond 1e15");
     }
     if (value.has("masks"))
         for (const Value& rule : value.at("masks").list()) object.masks.push_back(rule.text());

@@ -45,6 +45,7 @@ struct Object {
     std::string primitive;
     FileOptions options;
     WorldPoint origin{};
+    WorldPoint at{};  ///< where the zero of the file's coordinates lies; then `origin` is zero
     std::vector<std::string> masks;
     std::string variant;            ///< a variant by KHR_materials_variants
     std::string mesh;               ///< as in ImportRequest

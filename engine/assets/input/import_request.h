@@ -36,6 +36,9 @@ struct ImportRequest {
     std::string primitive;          ///< record type of a .npy, e.g. "sphere"
     BuildQuality build = BuildQuality::medium;
     WorldPoint origin{};  ///< subtracted from world coordinates before they are rounded
+    /// Of a composition's part alone: where in the world its file's zero lies, for a file whose
+    /// coordinates are less this already. Then `origin` is zero.
+    WorldPoint stands_at{};
     FileOptions options{};
     std::vector<std::string> masks;  ///< rules "GLOB=HEX" (mask_rules.h)
     std::string variant = {};        ///< a variant by KHR_materials_variants; empty: none is chosen

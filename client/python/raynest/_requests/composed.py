@@ -11,9 +11,9 @@ from .. import _limits
 from .._net.frame import Array
 from ..errors import UsageError
 from .arguments import float32
-from .gltf import JSON_BYTES_MAX, mesh_glb, triangles
+from .gltf import JSON_BYTES_MAX, mesh_files, triangles
 from .npz import write_npz
-from .parts import shift_of
+from .parts import largest, shift_of
 from .places import Parts, Place, Spheres
 from .upload import File
 
@@ -25,27 +25,29 @@ def composition_of(parts: Parts, origin: Optional[Array], up: str) -> tuple[File
     """Returns the files, the composition first. In a scene with an origin, far coordinates keep their digits."""
     files = [File("parts.rnscene.json", b"")]
     objects: dict[str, Any] = {}
-    # Equal meshes with a file of their own are sent once, also in other scenes: so archives are for many alone.
-    plain: dict[str, dict[str, Array]] = {}
+    # A large mesh with a material has two, where there is room.
+    has_room = 2 * len(parts.meshes) + len(parts.records) < _limits.upload_files_max // 2
+    plain: dict[str, tuple[Array, Array]] = {}  # float32 vertices and faces
     for name, mesh in parts.meshes.items():
         points, corners = triangles(mesh.vertices, mesh.faces, f"the part {name!r}: ")
         if not np.isfinite(float32(points)).all():
             raise UsageError(f"the part {name!r} has vertices that are not finite in float32")
         if mesh.material:
             moved = shift_of(points, origin)
-            glb = mesh_glb(points, corners, moved, material=mesh.material, name=name)
-            objects[name] = {"file": _keep(files, glb, ".glb"), "up": up, **_origin_of(moved)}
+            glb, buffer = mesh_files(points, corners, f"{len(files) + 1}.bin" if has_room else "", moved, mesh.material, name)
+            objects[name] = {"file": _keep(files, glb, ".glb"), "up": up, **({"origin": moved.tolist()} if moved.any() else {})}
+            if buffer is not None:
+                _keep(files, buffer, ".bin")
             continue
-        points, shift = _kept(points, points, origin)
-        plain[name] = {"vertices": points, "faces": corners.astype("<u4")}
-        objects[name] = shift
+        points, objects[name] = _kept(points, points, origin)
+        plain[name] = points, corners.astype("<u4")
     for name, records in parts.records.items():
         rows = records.rows
         rows, shift = _kept(rows, rows[:, :3], origin if isinstance(records, Spheres) else None)
         objects[name] = {"file": _keep(files, _npy(rows), ".npy"), "primitive": records.primitive, **shift}
     for name, group in parts.groups.items():
         objects[name] = {"instances": _instances(files, group)}
-    for name, entry in _archived(files, plain).items():
+    for name, entry in _stored(files, plain).items():
         objects[name] = {**entry, **objects[name]}
     document = {"rnscene": 1, "up": up, "objects": objects, "instances": _instances(files, parts.places)}
     text = json.dumps(document, separators=(",", ":")).encode()
@@ -59,35 +61,39 @@ def composition_of(parts: Parts, origin: Optional[Array], up: str) -> tuple[File
     return (files[0]._replace(data=text), *files[1:])
 
 
-def _archived(files: list[File], meshes: dict[str, dict[str, Array]]) -> dict[str, dict[str, str]]:
-    """Keeps meshes, each in a file of its own if there is room for so many. Returns where each is."""
-    if len(files) + len(meshes) <= _limits.upload_files_max:
-        return {name: {"file": _keep(files, _npz(mesh), ".npz")} for name, mesh in meshes.items()}
+def _stored(files: list[File], meshes: dict[str, tuple[Array, Array]]) -> dict[str, dict[str, str]]:
+    """Keeps meshes, each in a file of its own if there is room for so many, else the largest ones. Returns where each is."""
+    left = _limits.upload_files_max - len(files)
+    sizes = {name: points.nbytes + corners.nbytes for name, (points, corners) in meshes.items()}
+    apart = set(meshes) if len(meshes) <= left else largest(sizes, left - 1 - len(meshes) // _ARCHIVE_MESHES -
+                                                            sum(sizes.values()) // _ARCHIVE_BYTES)
+    found = {name: {"file": _keep(files, _ply(*meshes[name]), ".ply")} for name in meshes if name in apart}
     archives: list[list[str]] = []
     size = _ARCHIVE_BYTES
-    for name, mesh in meshes.items():
-        size += sum(array.nbytes for array in mesh.values())
+    for name in meshes:
+        if name in apart:
+            continue
+        size += sizes[name]
         if size > _ARCHIVE_BYTES or len(archives[-1]) == _ARCHIVE_MESHES:
             archives.append([])
-            size = sum(array.nbytes for array in mesh.values())
+            size = sizes[name]
         archives[-1].append(name)
-    found: dict[str, dict[str, str]] = {}
     for names in archives:
         # By number: names of parts may hold what no name of an array may.
         file = _keep(files, _npz({f"{i}/{word}": array for i, name in enumerate(names)
-                                  for word, array in meshes[name].items()}), ".npz")
+                                  for word, array in zip(("vertices", "faces"), meshes[name])}), ".npz")
         found.update((name, {"file": file, "mesh": str(i)}) for i, name in enumerate(names))
     return found
 
 
 def _kept(rows: Array, points: Array, origin: Optional[Array]) -> tuple[Array, dict[str, Any]]:
-    """Rows as they are sent, and the origin to take from their points before these become float32."""
+    """Rows as float32, whose points are less what the second value says."""
     shift = shift_of(points, origin)
-    return rows.astype("<f8") if shift.any() else float32(rows), _origin_of(shift)
-
-
-def _origin_of(shift: Array) -> dict[str, Any]:
-    return {"origin": shift.tolist()} if shift.any() else {}
+    if not shift.any():
+        return float32(rows), {}
+    moved = rows.astype(np.float64)
+    moved[:, :3] -= shift
+    return float32(moved), {"at": shift.tolist()}
 
 
 def _instances(files: list[File], places: dict[str, Place]) -> list[dict[str, Any]]:
@@ -121,6 +127,16 @@ def _entries(files: list[File], name: str, place: Place) -> Iterator[dict[str, A
 def _keep(files: list[File], data: Union[bytes, memoryview], ending: str) -> str:
     files.append(File(f"{len(files)}{ending}", data))
     return files[-1].name
+
+
+def _ply(points: Array, corners: Array) -> bytes:
+    """As the daemon makes it again of a mesh that it has (engine/assets/formats/part_file.h)."""
+    faces = np.empty(len(corners), [("count", "u1"), ("corners", "<u4", 3)])
+    faces["count"], faces["corners"] = 3, corners
+    axes = "".join(f"property float {axis}\n" for axis in "xyz")
+    head = (f"ply\nformat binary_little_endian 1.0\nelement vertex {len(points)}\n{axes}element face {len(corners)}\n"
+            "property list uchar uint vertex_indices\nend_header\n")
+    return b"".join((head.encode(), points.astype("<f4").tobytes(), faces.tobytes()))
 
 
 def _npz(arrays: dict[str, Array]) -> bytes:

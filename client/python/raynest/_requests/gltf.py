@@ -127,12 +127,29 @@ def triangles(vertices: Any, faces: Any, whose: str = "") -> tuple[Array, Array]
     return points, corners
 
 
+# A mesh of so many bytes is a file of its own: the daemon asks for it only if it has it in no scene.
+APART_BYTES = 1 << 16
+
+
 def mesh_glb(vertices: Any, faces: Any, origin: Array = np.zeros(3), material: Optional[Material] = None,
              name: str = "") -> memoryview:
     """Returns a mesh as a .glb: vertices (N, 3), faces (M, 3) of indices. `origin` is subtracted
     before the vertices become float32 and is the position of their node, so that they stay in
     place. Triangle i of the scene is row i of `faces`."""
+    return _mesh_files(*triangles(vertices, faces), origin, material, name, "")[0]
+
+
+def mesh_files(vertices: Any, faces: Any, apart: str, origin: Array = np.zeros(3), material: Optional[Material] = None,
+               name: str = "") -> tuple[memoryview, Optional[memoryview]]:
+    """Returns a mesh as mesh_glb() does. If it is large, its vertices and faces are a file of the name `apart`, the second
+    value."""
     points, corners = triangles(vertices, faces)
+    is_apart = 4 * (points.size + corners.size) >= APART_BYTES
+    return _mesh_files(points, corners, origin, material, name, apart if is_apart else "")
+
+
+def _mesh_files(points: Array, corners: Array, origin: Array, material: Optional[Material], name: str,
+                apart: str) -> tuple[memoryview, Optional[memoryview]]:
     moves = bool(origin.any())
     named: dict[str, Any] = {"name": name} if name else {}
     painted: dict[str, Any] = {"materials": [material.as_gltf()]} if material else {}
@@ -155,7 +172,7 @@ def mesh_glb(vertices: Any, faces: Any, origin: Array = np.zeros(3), material: O
                              "faces[np.isfinite(vertices[faces]).all((1, 2))]")
         positions[lost] = 0
         low, high = box_of(positions)
-    document = {
+    document: dict[str, Any] = {
         "asset": {"version": "2.0"}, "scene": 0, "scenes": [{"nodes": [0]}],
         "nodes": [{"mesh": 0, "name": "mesh",
                    **({"translation": origin.tolist()} if moves else {})}],
@@ -168,13 +185,13 @@ def mesh_glb(vertices: Any, faces: Any, origin: Array = np.zeros(3), material: O
         "bufferViews": [
             {"buffer": 0, "byteLength": position_bytes},
             {"buffer": 0, "byteOffset": position_bytes, "byteLength": index_bytes}],
-        "buffers": [{"byteLength": len(body)}]}
+        "buffers": [{"byteLength": len(body), **({"uri": apart} if apart else {})}]}
+    end = b"" if apart else struct.pack("<2I", len(body), BIN)
     text = json.dumps(document).encode()
-    text = text.ljust(head_bytes - 28)  # blanks to the chunk's end
-    head = struct.pack("<5I", GLB, 2, len(whole), len(text), JSON) + text
-    head += struct.pack("<2I", len(body), BIN)
+    text = text.ljust(head_bytes - 20 - len(end))  # blanks to the chunk's end
+    head = struct.pack("<5I", GLB, 2, head_bytes if apart else len(whole), len(text), JSON) + text + end
     whole[:head_bytes] = np.frombuffer(head, np.uint8)
-    return whole.data
+    return (whole[:head_bytes].data, body.data) if apart else (whole.data, None)
 
 
 def box_of(points: Array) -> tuple[Array, Array]:

@@ -12,7 +12,7 @@ from ..errors import UsageError
 from .arguments import Masks, mask_rules, real
 from .composed import composition_of
 from .files import path_text
-from .gltf import mesh_glb
+from .gltf import mesh_files
 from .materials import Mesh, checked
 from .parts import parts_glb
 from .places import read_parts
@@ -63,12 +63,13 @@ def load_of_mesh(vertices: Any, faces: Any = None, name: Optional[str] = None, *
     if faces is None:
         raise TypeError("mesh() takes vertices and faces")
     shift = np.zeros(3) if origin is None else vector("origin", origin)
-    upload = Upload("mesh.glb", name or "", (File("mesh.glb", mesh_glb(vertices, faces, shift, checked(material))),))
+    glb, buffer = mesh_files(vertices, faces, "1.bin", shift, checked(material))
+    upload = Upload("mesh.glb", name or "", (File("mesh.glb", glb), *([] if buffer is None else [File("1.bin", buffer)])))
     message: Message = {**upload.message(), **_origin_message(shift), "replace": replace, "build": build,
                         "up": _axis(up), "temporary": not name and not keep}
     if not name:
         built = "" if build == "medium" else f"-{build}"
-        message["name"] = _own_name(f"mesh-{message['file_digests'][:8].hex()}{built}", message)
+        message["name"] = _own_name(f"mesh-{_seal(message)}{built}", message)
     # The daemon sees float32 only, and cannot tell whether that lost anything.
     return Load(message, upload.read, ROUNDING_WORDS)
 
@@ -81,7 +82,7 @@ def load_of_parts(parts: Mapping[str, Any], places: Optional[Mapping[str, Any]] 
     rules, axis = mask_rules(masks), _axis(up)
     shift = None if origin is None else vector("origin", origin)
     if made.are_meshes:
-        files: tuple[File, ...] = (File("parts.glb", parts_glb(made.meshes, made.places, shift)),)
+        files = parts_glb(made.meshes, made.places, shift)
     else:
         if rules:
             raise UsageError("masks by path are for scenes of meshes without groups, whose places have no mask= or uid=: give "
@@ -91,10 +92,14 @@ def load_of_parts(parts: Mapping[str, Any], places: Optional[Mapping[str, Any]] 
     message: Message = {**upload.message(), **_origin_message(origin), "replace": replace, "build": build,
                         "masks": rules, "up": axis, "temporary": not name and not keep}
     if not name:
-        digests = message["file_digests"]   # for a composition, which names no content, and for its files
-        seal = digests if len(files) == 1 else hashlib.sha256(digests).digest()
-        message["name"] = _own_name(f"parts-{seal[:8].hex()}", message)
+        message["name"] = _own_name(f"parts-{_seal(message)}", message)
     return Load(message, upload.read)
+
+
+def _seal(message: Message) -> str:
+    """Tells uploads of other content apart: the main file may name files alone."""
+    digests: bytes = message["file_digests"]
+    return (digests if len(message["file_names"]) == 1 else hashlib.sha256(digests).digest())[:8].hex()
 
 
 def _own_name(name: str, message: Message) -> str:

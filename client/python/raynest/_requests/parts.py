@@ -7,11 +7,13 @@ from typing import Any, Optional
 
 import numpy as np
 
+from .. import _limits
 from .arguments import float32
 from .._net.frame import Array
-from .gltf import BIN, FLOAT, GLB, JSON, JSON_BYTES_MAX, UINT, box_of, triangles
+from .gltf import APART_BYTES, BIN, FLOAT, GLB, JSON, JSON_BYTES_MAX, UINT, box_of, triangles
 from .materials import Mesh, distinct
 from .places import Place, matrices_of
+from .upload import File
 from ..errors import UsageError
 
 
@@ -19,10 +21,11 @@ from ..errors import UsageError
 _FAR = 16
 
 
-def parts_glb(meshes: dict[str, Mesh], places: dict[str, Place], origin: Optional[Array] = None) -> bytes:
-    """Returns the scene as a .glb: a mesh for each part, and a node for each place, in their order. In a scene with an
-    origin far vertices keep their digits: what is taken from them stands in the nodes."""
-    body: list[bytes] = []
+def parts_glb(meshes: dict[str, Mesh], places: dict[str, Place], origin: Optional[Array] = None) -> tuple[File, ...]:
+    """Returns the scene as a .glb, with files that it names: a mesh for each part, and a node for each place, in their
+    order. In a scene with an origin far vertices keep their digits: what is taken from them stands in the nodes."""
+    body: list[bytes] = []      # meshes without a file of their own
+    files: list[File] = []
     document: dict[str, Any] = {"asset": {"version": "2.0"}, "scene": 0, "meshes": [], "accessors": [],
                                 "bufferViews": []}
     materials = distinct(meshes.values())
@@ -30,10 +33,26 @@ def parts_glb(meshes: dict[str, Mesh], places: dict[str, Place], origin: Optiona
         document["materials"] = [material.as_gltf() for material in materials]
     number_of = {material: number for number, material in enumerate(materials)}
     shifts = []
-    for name, mesh in meshes.items():
-        shifts.append(_add_mesh(document, body, name, mesh, origin))
-        if mesh.material:
-            document["meshes"][-1]["primitives"][0]["material"] = number_of[mesh.material]
+    made = {name: triangles(mesh.vertices, mesh.faces, f"the part {name!r}: ") for name, mesh in meshes.items()}
+    apart = largest({name: 4 * (points.size + corners.size) for name, (points, corners) in made.items()},
+                    _limits.upload_files_max - 1)
+    for name, (points, corners) in made.items():
+        shift = shift_of(points, origin)
+        positions = _add_mesh(document, name, points - shift if shift.any() else points, corners)
+        buffers = [positions.tobytes(), corners.astype("<u4").tobytes()]
+        start = 0
+        if name in apart:
+            files.append(File(f"{len(files) + 1}.bin", b"".join(buffers)))
+        else:
+            start = sum(map(len, body))
+            body.extend(buffers)
+        document["bufferViews"] += [
+            {"buffer": len(files) if name in apart else 0, "byteOffset": offset, "byteLength": len(data)}
+            for data, offset in zip(buffers, (start, start + len(buffers[0])))]
+        shifts.append(shift)
+        material = meshes[name].material
+        if material:
+            document["meshes"][-1]["primitives"][0]["material"] = number_of[material]
     numbers_of = {name: number for number, name in enumerate(meshes)}
     nodes: list[dict[str, Any]] = []
     for name, place in places.items():
@@ -46,16 +65,27 @@ def parts_glb(meshes: dict[str, Mesh], places: dict[str, Place], origin: Optiona
         by_columns = (placed @ matrices_of("a shift", shift)).swapaxes(-1, -2)
         nodes.extend({**node, "matrix": matrix} for matrix in by_columns.reshape(-1, 16).tolist())
     data = b"".join(body)
+    # The BIN chunk is the first buffer. A file cannot have one of no bytes.
+    own: list[dict[str, Any]] = [{"byteLength": len(file.data), "uri": file.name} for file in files]
+    if not data:
+        for view in document["bufferViews"]:
+            view["buffer"] -= 1
     document.update(nodes=nodes, scenes=[{"nodes": list(range(len(nodes)))}],
-                    buffers=[{"byteLength": len(data)}])
+                    buffers=[{"byteLength": len(data)}] * bool(data) + own)
     text = json.dumps(document, separators=(",", ":")).encode()
     text = text.ljust((len(text) + 3) // 4 * 4)
     if len(text) > JSON_BYTES_MAX:
         raise UsageError(f"{len(nodes)} places take {len(text)} bytes, at most {JSON_BYTES_MAX} are "
                          "taken: put them into a group, as {'cars': {'car': ('car', matrices)}}")
-    size = 28 + len(text) + len(data)
-    return b"".join((struct.pack("<5I", GLB, 2, size, len(text), JSON), text,
-                     struct.pack("<2I", len(data), BIN), data))
+    end = struct.pack("<2I", len(data), BIN) + data if data else b""
+    size = 20 + len(text) + len(end)
+    return (File("parts.glb", struct.pack("<5I", GLB, 2, size, len(text), JSON) + text + end), *files)
+
+
+def largest(sizes: dict[str, int], room: int) -> set[str]:
+    """Names the meshes that are files of their own: the largest ones, of APART_BYTES or more."""
+    by_size = sorted((name for name, size in sizes.items() if size >= APART_BYTES), key=lambda name: -sizes[name])
+    return set(by_size[:max(room, 0)])
 
 
 def shift_of(points: Array, origin: Optional[Array]) -> Array:
@@ -73,24 +103,17 @@ def shift_of(points: Array, origin: Optional[Array]) -> Array:
     return np.zeros(3)
 
 
-def _add_mesh(document: dict[str, Any], body: list[bytes], name: str, mesh: Mesh, origin: Optional[Array]) -> Array:
-    """Returns what was taken from its vertices, (3,)."""
-    points, corners = triangles(mesh.vertices, mesh.faces, f"the part {name!r}: ")
-    shift = shift_of(points, origin)
-    positions = float32(points - shift if shift.any() else points)
+def _add_mesh(document: dict[str, Any], name: str, points: Array, corners: Array) -> Array:
+    """Adds the mesh of the next two bufferViews. Returns its vertices as float32."""
+    positions = float32(points)
     low, high = box_of(positions)
     if not (np.isfinite(low).all() and np.isfinite(high).all()):
         raise UsageError(f"the part {name!r} has vertices that are not finite in float32")
     view = len(document["bufferViews"])
-    for data in (positions.tobytes(), corners.astype("<u4").tobytes()):
-        before = document["bufferViews"][-1] if body else {"byteOffset": 0, "byteLength": 0}
-        document["bufferViews"].append({"buffer": 0, "byteLength": len(data), "byteOffset":
-                                        before["byteOffset"] + before["byteLength"]})
-        body.append(data)
     document["accessors"] += [
         {"bufferView": view, "componentType": FLOAT, "type": "VEC3", "count": len(positions),
          "min": low.tolist(), "max": high.tolist()},
         {"bufferView": view + 1, "componentType": UINT, "type": "SCALAR", "count": corners.size}]
     document["meshes"].append({"name": name, "primitives": [
         {"attributes": {"POSITION": view}, "indices": view + 1}]})
-    return shift
+    return positions

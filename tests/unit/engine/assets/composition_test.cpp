@@ -154,6 +154,27 @@ TEST_CASE("a composition turns what has another axis up") {
     }
 }
 
+TEST_CASE("a file whose coordinates are less an offset stands where the composition says") {
+    const auto scene = compose(
+        R"("origin": [5e6, 0, 0], "objects": {"a": {"file": "a.obj", "at": [5000003, 7, 0]}},
+           "instances": [{"object": "a"}])");
+    CHECK(scene->bounds().lower == Vec3(3, 7, 0));
+    CHECK(scene->bounds().upper == Vec3(4, 9, 4));
+    const auto fails = [](const std::string& object) {
+        const auto bad = import(
+            "x.rnscene.json", {{"a.obj", corner},
+                               {"x.rnscene.json", R"({"rnscene": 1, "objects": {"a": {)" + object +
+                                                      R"(}}, "instances": [{"object": "a"}]})"}});
+        REQUIRE_FALSE(bad);
+        return bad.error().message;
+    };
+    CHECK(fails(R"("file": "a.obj", "at": [1, 0, 0], "origin": [1, 0, 0])")
+              .find("give one of the two") != std::string::npos);
+    CHECK(fails(R"("file": "a.obj", "at": [1e16, 0, 0])").find("beyond 1e15") != std::string::npos);
+    CHECK(fails(R"("file": "x.rnscene.json", "at": [1, 0, 0])").find("says itself") !=
+          std::string::npos);
+}
+
 TEST_CASE("edits change what the instances of a composition placed, in their order") {
     const std::string town =
         R"("objects": {"a": {"file": "a.obj"}}, "instances": [{"object": "a", "name": "one"},
