@@ -3,6 +3,8 @@
 
   dask_deal_test.py RAYNESTD RAYNEST FLATC
 """
+import asyncio
+import contextlib
 import os
 import signal
 import threading
@@ -155,6 +157,40 @@ class Dealt(WithCluster):
         told, = (str(each.message) for each in said)
         self.assertRegex(told, rf"^the worker {self.first} failed at \d+ items \(OSError: it is broken\), made elsewhere$")
         self.assertLess(deal._failures[f"the worker {self.first}"].items, items // 3)
+
+    def test_answers_that_a_stuck_worker_has_are_made_again_and_others_come_meanwhile(self):
+        items, asked, release = 30, [], asyncio.Event()
+        fetch = distributed.worker.get_data_from_worker
+
+        async def fetch_from_who_is_not_stuck(rpc, keys, worker, *rest, **how):
+            if worker == self.first:
+                asked.append(worker)
+                with contextlib.suppress(asyncio.TimeoutError):
+                    await asyncio.wait_for(release.wait(), PATIENCE)
+            return await fetch(rpc, keys, worker, *rest, **how)
+        self.enterContext(unittest.mock.patch.object(distributed.worker, "get_data_from_worker", fetch_from_who_is_not_stuck))
+        deal = self.deal(*[{"seconds": 0.02}] * items)
+        self.addCleanup(self.now.client.loop.add_callback, release.set)
+        self.assertEqual(dict(deal.answers()), dict.fromkeys(range(items), self.other))
+        self.assertGreater(len(asked), 5)       # more than Dask's own gather() would wait for together
+
+    def test_rays_that_a_stuck_worker_is_sent_hold_up_no_other_item(self):
+        other_came = threading.Event()
+
+        async def never(*_rays, **_how):
+            while not other_came.is_set():
+                await asyncio.sleep(0.02)
+            raise OSError("it is stuck")
+        self.enterContext(unittest.mock.patch.object(self.now.client, "scatter", never))
+        rays = rain(100)
+        deal = many.Deal(self.now.client, self.setup, many.prepare(SCENE), "trace", [
+            many.Part({"fields": ("t",)}, lambda: rays, True), many.Part({"fields": ("t",)}, lambda: rays)], PATIENCE, None)
+        order = []
+        for item, answer in deal.answers():
+            order.append(item)
+            other_came.set()
+            self.same(answer, self.woods.trace(rays, fields=("t",)))
+        self.assertEqual(order, [1, 0])
 
     def test_ctrl_c_ends_what_this_machine_makes(self):
         cluster = self.cluster(0)

@@ -3,17 +3,20 @@
 
   dask_scenes_test.py RAYNESTD RAYNEST FLATC
 """
+import asyncio
 import os
 import signal
 import subprocess
 import sys
 import types
+import unittest.mock
 import warnings
 
 import numpy as np
 
 import raynest
 from daemon import PATIENCE
+from raynest import _prepared
 from with_cluster import WithCluster, many
 from with_daemon import main, rain
 
@@ -163,6 +166,27 @@ class OnlyHere(WithCluster):
         self.assertGreater(len(scene._pieces), 5)
         self.same(self.traced(cluster, scene), self.client.mesh(*hills(200)).trace(RAYS, fields=FIELDS))
         self.assertEqual(len(self.holders(cluster, scene)), 2)
+
+    def test_pieces_that_a_stuck_worker_does_not_take_go_to_another(self):
+        cluster = self.cluster(2)
+        scene = self.in_pieces(*hills(200))
+        stuck, other = cluster.client.scheduler_info()["workers"]
+        scatter, given = cluster.client.scatter, []
+
+        async def scatter_to_who_is_not_stuck(data, workers, **how):
+            given.extend(workers)
+            if workers[0] not in (stuck, other):
+                raise OSError("nobody is there")
+            if workers == [stuck]:
+                await asyncio.sleep(PATIENCE)
+            return await scatter(data, workers=workers, **how)
+        self.enterContext(unittest.mock.patch.object(cluster.client, "scatter", scatter_to_who_is_not_stuck))
+        self.enterContext(unittest.mock.patch.object(_prepared, "SLOW_SECONDS", 0.2))
+        scene.send_all(cluster.client)
+        self.assertEqual(self.holders(cluster, scene), {other})
+        self.assertEqual((given.count(stuck), given.count(other)), (1, len(scene._pieces)))
+        with self.assertRaisesRegex(raynest.FailedError, "no worker takes the scene's files"):
+            scene.send(cluster.client, [key + "~1" for key in scene._pieces], ["tcp://nobody:1"])
 
     def test_the_command_line_of_a_file_that_no_worker_sees(self):
         cluster = self.cluster(1)

@@ -13,6 +13,7 @@ import subprocess
 import sys
 import threading
 import time
+import unittest.mock
 import warnings
 from pathlib import Path
 
@@ -21,9 +22,9 @@ import numpy as np
 
 import raynest
 from daemon import PATIENCE, until
-from raynest import generators
+from raynest import _copies, generators
 from raynest._deal import sent_item
-from raynest._frugal import uncompressed
+from raynest._copies import uncompressed
 from raynest._own_daemon import _system
 from raynest._workers import item
 from with_cluster import Elsewhere, WithCluster, many
@@ -286,15 +287,14 @@ class ManyHosts(WithCluster):
 
     def test_an_answer_that_dask_drops_is_made_again(self):
         cluster = self.cluster(1)
-        fetch, dropped = many.Deal._fetch, []
+        fetch, dropped = _copies.answer_of, []
 
-        async def fetch_what_is_gone(deal, copy):
+        async def fetch_what_is_gone(client, key):
             if not dropped:     # as when its worker dies, which also has the rays that it was made of
-                dropped.append(copy.key)
-                await cluster.client.cancel([copy], asynchronous=True)
-            return await fetch(deal, copy)
-        many.Deal._fetch = fetch_what_is_gone
-        self.addCleanup(setattr, many.Deal, "_fetch", fetch)
+                dropped.append(key)
+                await client.cancel([distributed.Future(key, client)], asynchronous=True)
+            return await fetch(client, key)
+        self.enterContext(unittest.mock.patch.object(_copies, "answer_of", fetch_what_is_gone))
         rays = rain(20000)
         self.same(many.trace(cluster.client, SCENE, rays, item_rays=3000, setup=self.setup), self.woods.trace(rays))
         self.assertTrue(dropped)

@@ -3,7 +3,6 @@ from __future__ import annotations
 
 import asyncio
 import concurrent.futures
-import os
 import queue
 import threading
 import time
@@ -11,7 +10,7 @@ from typing import Any, Callable, Iterator, NamedTuple, Optional, Sequence
 
 import numpy as np
 
-from ._frugal import seldom_profiled, uncompressed
+from ._copies import Copy, Road, seldom_profiled, uncompressed
 from ._travel import LOST, Missing
 from ._prepared import Prepared
 from ._roster import Roster
@@ -83,7 +82,7 @@ class Deal:
         self._source = scene.at(scene.epoch)
         self._parts, self._patience, self._progress, self._stage = parts, patience, progress, stage
         self._apart = apart
-        self._open: dict[int, dict[Any, float]] = {}    # item -> its copies, and when each was dealt
+        self._open: dict[int, dict[Copy, float]] = {}   # item -> its copies, and when each was dealt
         self._copies = [0] * len(parts)
         self._left = len(parts)
         self._done = [False] * len(parts)
@@ -92,7 +91,7 @@ class Deal:
         self._seconds: list[float] = []                 # that items took
         self._news = time.monotonic()
         self._alone = False
-        self._roster = Roster(cluster, patience)
+        self._roster, self._road = Roster(cluster, patience), Road(cluster, patience)
         self._sends = 0                                 # of pieces that were missing
         self._no_room: dict[str, NoRoom] = {}           # worker -> why it cannot have the scene
         self._failures: dict[str, Failures] = {}        # by worker
@@ -181,28 +180,17 @@ class Deal:
         if workers == [] and self._no_room:
             raise next(iter(self._no_room.values()))
         rays = None if part.rays is None else part.rays()
+
+        def submit(rays: Any, key: str) -> Any:
+            return self._cluster.submit(sent_item, VERSION, self._setup, source, self._method, rays, part.options, pure=False,
+                                        retries=0, workers=workers or None, key=key)
         try:
-            if part.heavy:
-                rays = self._sent(rays, workers or self._lively())
-            copy = self._cluster.submit(sent_item, VERSION, self._setup, source, self._method, rays, part.options,
-                                        pure=False, retries=0, workers=workers or None, key=f"raynest-{os.urandom(8).hex()}")
-        except (OSError, asyncio.TimeoutError, RuntimeError, ValueError) as error:
+            copy = Copy(self._road, submit, rays, (workers or self._lively()) if part.heavy else None)
+        except RuntimeError as error:   # its loop has ended
             return self._give_up_cluster(error)
         self._copies[item] += 1
         self._open.setdefault(item, {})[copy] = time.monotonic()
-        copy.add_done_callback(lambda done: self._events.put((item, done, None)))
-
-    def _sent(self, rays: Any, workers: list[str]) -> Any:
-        """Sends rays to a worker; where that is stuck they go with the task, through the scheduler."""
-        async def scatter() -> Any:
-            return await self._cluster.scatter(uncompressed(rays), hash=False, direct=True, workers=workers or None,
-                                               asynchronous=True)
-        sending = asyncio.run_coroutine_threadsafe(scatter(), self._cluster.loop.asyncio_loop)
-        try:
-            return sending.result(self._patience)
-        except LOST:        # whatever it is, the rays are still here
-            sending.cancel()
-            return rays
+        copy.when_back(lambda done: self._events.put((item, copy, done)))
 
     def _lively(self) -> list[str]:
         """Addresses of the workers that answered lately."""
@@ -264,16 +252,13 @@ class Deal:
             return [(item, answer)]
         if copy not in self._open.get(item, {}):
             return []
-        if data is None and copy.status == "finished":
-            fetched = asyncio.run_coroutine_threadsafe(self._fetch(copy), self._cluster.loop.asyncio_loop)
-            fetched.add_done_callback(lambda done: self._events.put((item, copy, done)))
-            return []
         born = self._open[item].pop(copy)
-        if data is None:
-            return self._failed(item, copy)
+        if copy.made is not None and copy.made.status != "finished":
+            return self._failed(item, copy.made)
         try:
             where, answer, told = data.result()
         except LOST as error:   # the worker died with the answer, or cannot be reached
+            copy.release()
             return self._again(item, error)
         self._news = self._heard[where] = time.monotonic()
         if isinstance(answer, Missing):
@@ -304,13 +289,10 @@ class Deal:
         self._deal(item)
         return []
 
-    async def _fetch(self, copy: Any) -> Any:
-        return (await self._cluster.gather([copy], direct=True, asynchronous=True))[0]
-
-    def _failed(self, item: int, copy: Any) -> list[tuple[int, Any]]:
-        if copy.status in ("cancelled", "lost"):
+    def _failed(self, item: int, made: Any) -> list[tuple[int, Any]]:
+        if made.status != "error":
             return self._again(item, FailedError("the scheduler dropped it"))
-        error = copy.exception()
+        error = made.exception()
         if isinstance(error, NoRoom):
             self._no_room[error.where.split()[-1]] = error
             self._copies[item] -= 1

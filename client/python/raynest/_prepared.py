@@ -2,6 +2,7 @@
 from __future__ import annotations
 
 import asyncio
+import concurrent.futures
 import hashlib
 import os
 import pickle
@@ -24,7 +25,8 @@ from .edits import Change, Edit
 from .errors import FailedError, InvalidError, SceneWarning, UsageError, warn
 from .scene import Scene
 
-SEND_SECONDS = 20.0         # after which a worker that takes a piece counts as stuck
+SLOW_SECONDS = 4.0          # after which a piece that a worker is slow to take is given to another one, too
+SEND_SECONDS = 20.0         # after which the last worker that takes one counts as stuck
 
 
 class Prepared:
@@ -187,15 +189,10 @@ class Prepared:
         for number, key in enumerate(keys, 1):
             if key.partition("~")[0] not in self._pieces:
                 raise FailedError(f"the workers ask for {key}, which is no piece of this scene")
-            while key in lost:
-                if not takers:
-                    raise FailedError("no worker takes the scene's files")
-                to = takers.pop()
-                if self._give(cluster, sent, key, to):
-                    takers.insert(0, to)
-                    lost.remove(key)
-                    if progress:
-                        progress(number, len(keys), "sending")
+            if key in lost:
+                sent[key] = self._give(cluster, key, takers)
+                if progress:
+                    progress(number, len(keys), "sending")
 
     def send_all(self, cluster: Any) -> None:
         """Gives the workers all that they may come to lack while nobody looks after them."""
@@ -206,14 +203,30 @@ class Prepared:
         places = cluster.sync(cluster.scheduler.who_has, keys=list(keys))
         return [key for key in keys if not places.get(key)]
 
-    def _give(self, cluster: Any, sent: dict[str, Any], key: str, to: str) -> bool:
-        async def scatter() -> Any:
+    def _give(self, cluster: Any, key: str, takers: list[str]) -> Any:
+        """Gives a piece to the first of the takers, who is the last one then, and to the next ones while it waits. Who fails,
+        or was waited for, takes no more, unless there is nobody else."""
+        async def scatter(to: str) -> Any:
             return await cluster.scatter({key: self._pieces[key.partition("~")[0]]}, hash=False, direct=True,
                                          workers=[to], asynchronous=True)
-        giving = asyncio.run_coroutine_threadsafe(scatter(), cluster.loop.asyncio_loop)
-        try:
-            sent[key] = giving.result(SEND_SECONDS)[key]
-            return True
-        except Exception:       # the worker died, or is stuck
-            giving.cancel()
-            return False
+        giving: dict[Any, str] = {}
+        waiting = list(takers)
+        while waiting or giving:
+            if waiting:
+                to = waiting.pop(0)
+                giving[asyncio.run_coroutine_threadsafe(scatter(to), cluster.loop.asyncio_loop)] = to
+            ended, _ = concurrent.futures.wait(giving, SLOW_SECONDS if waiting else SEND_SECONDS,
+                                               concurrent.futures.FIRST_COMPLETED)
+            if not ended and not waiting:
+                break
+            for one in ended:
+                takers.remove(to := giving.pop(one))
+                if not one.cancelled() and one.exception() is None:
+                    for late, whose in giving.items():
+                        late.cancel()
+                        takers.remove(whose)
+                    takers.append(to)
+                    return one.result()[key]
+        for late in giving:
+            late.cancel()
+        raise FailedError("no worker takes the scene's files")

@@ -23,7 +23,7 @@ from typing import Any, Callable, Iterable, Iterator, Mapping, Optional, Sequenc
 
 import numpy as np
 
-from ._frugal import uncompressed
+from ._copies import uncompressed
 from ._deal import PATIENCE, Deal, Part, known_to
 from ._net.frame import Array
 from ._requests.arguments import is_several, numbers
