@@ -14,7 +14,6 @@ import numpy as np
 import raynest
 from daemon import until
 from raynest import _own_daemon, _workers
-from raynest._net import connection
 from raynest._own_daemon import Daemon
 from with_cluster import many
 from with_daemon import WithDaemon, main, rain
@@ -80,14 +79,16 @@ class Hosts(WithDaemon):
             return _workers.item(raynest.__version__, self.setup, source, method, rays, options)[1]
 
     def test_a_stuck_daemon_is_ended_by_any_worker_and_an_item_that_lasts_is_not(self):
+        self.assertLess(_own_daemon.DAEMON_SECONDS + _own_daemon.SILENT_LOOKS * _own_daemon.GREETING_SECONDS, 10,
+                        "a fault may cost no more")
         first, second = self.worker(), self.worker(_workers.Host)
         self.enterContext(unittest.mock.patch.object(_own_daemon, "DAEMON_SECONDS", 0.01))
-        self.enterContext(unittest.mock.patch.object(connection, "GREETING_SECONDS", 0.5))
+        self.enterContext(unittest.mock.patch.object(_own_daemon, "GREETING_SECONDS", 0.5))
         first.client().ping()
         with self.subTest("many looks"):
             looks = []
-            with unittest.mock.patch.object(_own_daemon, "connect", side_effect=lambda *to, **how: looks.append(
-                    raynest.connect(*to, **how)) or looks[-1]):
+            with unittest.mock.patch.object(_own_daemon, "Client", side_effect=lambda *to, **how: looks.append(
+                    raynest.Client(*to, **how)) or looks[-1]):
                 lit = {"size": (64, 64), "integrator": "path", "spp": 128}
                 whole = self.item(second, "render", None, **lit)
             self.assertGreater(len(looks), _own_daemon.SILENT_LOOKS + 1)

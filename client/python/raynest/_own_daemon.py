@@ -20,8 +20,10 @@ import threading
 import time
 from typing import Any, Iterator, NamedTuple, Optional, Union
 
+from ._limits import window_bytes
+from ._net.access import find_access
 from ._net.interrupts import Interrupts
-from .client import Client, connect
+from .client import Client
 from .errors import CancelledError, ConnectError, Error, FailedError
 
 try:
@@ -29,7 +31,8 @@ try:
 except ImportError:
     raise ImportError("raynest.dask needs Dask distributed: apt install python3-distributed python3-paramiko") from None
 
-DAEMON_SECONDS = 2.0       # between two looks whether a daemon answers while it makes an item
+DAEMON_SECONDS = 1.0       # between two looks whether a daemon answers while it makes an item
+GREETING_SECONDS = 4.0     # that one may take to greet, whatever else its host does
 SILENT_LOOKS = 2           # in a row, after which it counts as stuck
 START_SECONDS = 60.0       # until a daemon is ready
 LEFT_SECONDS = 3600.0      # after which the folder of a worker that is gone is taken away
@@ -98,6 +101,10 @@ class Daemon:
             self.greeted()
         return known
 
+    def _open(self) -> Client:
+        return Client(self.uri, find_access(self.uri, None, None, None, None, True), window_bytes,
+                      greeting_seconds=GREETING_SECONDS)
+
     def greeted(self) -> None:
         """Is called when this thread has a new connection."""
 
@@ -113,7 +120,7 @@ class Daemon:
         if time.monotonic() - self._looked < waits or not self._looking.acquire(blocking=False):
             return
         try:
-            connect(self.uri, reconnect=0).close()
+            self._open().close()
             self._silent = 0
         except ConnectError:
             if self._is_stuck():
@@ -166,7 +173,7 @@ class Daemon:
         while True:
             self._private()     # a worker that ends takes it away, and nobody else may put another in its place
             try:
-                return connect(self.uri, reconnect=0)
+                return self._open()
             except ConnectError as error:
                 if time.monotonic() > end:
                     raise

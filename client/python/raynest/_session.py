@@ -7,7 +7,7 @@ from typing import Any, Iterator
 
 from ._handles import Handles
 from ._net.access import Access
-from ._net.connection import Connection
+from ._net.connection import GREETING_SECONDS, Connection
 from ._net.control import Message
 from ._net.ssh import SshTunnel
 from ._requests.job import Outcome
@@ -23,12 +23,13 @@ class _OfThread(threading.local):
 class Session:
     """A connection with the last outcome of each thread and the meshes without a name in use."""
 
-    def __init__(self, uri: str, access: Access, window_bytes: int, reconnect: float = 0.0) -> None:
+    def __init__(self, uri: str, access: Access, window_bytes: int, reconnect: float = 0.0,
+                 greeting_seconds: float = GREETING_SECONDS) -> None:
         self._uri = uri
         self._tunnel = SshTunnel(uri) if uri.startswith("ssh://") else None
         try:
             self.connection = Connection(self._tunnel.uri if self._tunnel else uri, access, window_bytes,
-                                         reconnect, self._tunnel.explain if self._tunnel else None)
+                                         reconnect, self._tunnel.explain if self._tunnel else None, greeting_seconds)
         except BaseException:
             if self._tunnel:
                 self._tunnel.close()

@@ -68,12 +68,13 @@ def _bytes_of(array: Array) -> memoryview:
 
 class Connection:
     def __init__(self, uri: str, access: Access, window_bytes: int, reconnect: float = 0.0,
-                 explain: Optional[Explain] = None) -> None:
+                 explain: Optional[Explain] = None, greeting_seconds: float = GREETING_SECONDS) -> None:
         self.uri = uri
         self._explain = explain or (lambda error: error)
         self._access = access
         self._window_bytes = window_bytes
         self._reconnect = reconnect         # seconds to look for a daemon that went away
+        self._greeting_seconds = greeting_seconds   # that one may take to greet
         self._left = False                  # the caller has closed this
         self.closed = True
         self._opened = 0                    # times that the daemon has greeted this
@@ -96,11 +97,11 @@ class Connection:
         self._id = first_request_id()       # the greeting's: the log names it where it is refused
         self._greeted = False
         self._head = bytearray()            # the header of the last frame, as far as it has come
-        self._begin(GREETING_SECONDS)
+        self._begin(self._greeting_seconds)
         before = getattr(self, "_socket", None)
         if before is not None:
             before.close()
-        self._socket = connect(self.uri, GREETING_SECONDS, self._access)
+        self._socket = connect(self.uri, self._greeting_seconds, self._access)
         self.closed = False
         self._pending = getattr(self._socket, "pending", lambda: 0)  # only TLS decrypts ahead
         self._poll = select.poll()
@@ -279,7 +280,7 @@ class Connection:
             with self.interrupts:
                 name, welcome = self._next(anywhere)
         except errors.DeadlineError:
-            raise errors.ConnectError(f"no RayNest daemon answers within {GREETING_SECONDS:g} s; "
+            raise errors.ConnectError(f"no RayNest daemon answers within {self._greeting_seconds:g} s; "
                                       "is it raynestd that listens there?", lost=True,
                                       silent=True) from None
         except errors.FailedError as error:
