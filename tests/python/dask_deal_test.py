@@ -44,6 +44,13 @@ def makes(_host, _source, options):
     return where
 
 
+def makes_of(_scene, rays, until):
+    import time
+    while not until.exists():
+        time.sleep(0.02)
+    return rays
+
+
 class Dealt(WithCluster):
     def setUp(self):
         self.now = self.cluster(2)
@@ -69,7 +76,8 @@ class Dealt(WithCluster):
     def look(self, deal):
         """Has a Deal see that all of its items were dealt long ago."""
         for copies in deal._open.values():
-            copies.update(dict.fromkeys(copies, -np.inf))
+            for copy in copies:
+                copy.born = -np.inf
         deal._asked = -np.inf
         deal._look()
 
@@ -103,6 +111,18 @@ class Dealt(WithCluster):
         deal._copies[0] = 3
         self.look(deal)
         self.assertEqual((len(copies), deal._here), (2, {}), "living workers make it")
+
+    def test_what_a_living_worker_makes_of_rays_that_a_stuck_one_has_is_dealt_again(self):
+        rays = rain(10)
+        deal = many.Deal(self.now.client, self.setup, many.prepare(SCENE), makes_of, [
+            many.Part({"until": self.end}, lambda: rays, True)], QUICK, None)
+        deal._deal(0, [self.first])
+        until(lambda: self.dealt() == {self.first: 1, self.other: 0}, self.dealt)
+        copy, = deal._open[0]
+        self.assertEqual(copy.onto, self.first)
+        copy.onto = "a worker that is not heard"
+        self.look(deal)
+        until(lambda: self.dealt() == {self.first: 1, self.other: 1}, self.dealt)
 
     def test_an_item_that_lasts_is_made_once(self):
         deal, found = self.deal({"until": self.end}), []
@@ -191,6 +211,30 @@ class Dealt(WithCluster):
             other_came.set()
             self.same(answer, self.woods.trace(rays, fields=("t",)))
         self.assertEqual(order, [1, 0])
+
+    def test_an_item_is_not_late_while_its_rays_are_sent_and_who_did_not_take_them_gets_no_more(self):
+        taken, given = threading.Event(), []
+
+        async def late(_rays, workers, **_how):
+            given.append(workers)
+            while not taken.is_set():
+                await asyncio.sleep(0.02)
+            raise OSError("it is stuck")
+        self.enterContext(unittest.mock.patch.object(self.now.client, "scatter", late))
+        rays = rain(10)
+        deal = many.Deal(self.now.client, self.setup, many.prepare(SCENE), makes_of, [
+            many.Part({"until": self.end}, lambda: rays, True)] * 8, PATIENCE, None)
+        for item in range(7):
+            deal._deal(item, [self.first])
+        until(lambda: given == [[self.first]] * len(given) and len(given) > 2)
+        deal._patience = 0
+        deal._seconds.append(0)
+        deal._look()
+        self.assertEqual(deal._copies, [1] * 7 + [0])
+        taken.set()
+        until(lambda: sum(self.dealt().values()) == 7, self.dealt)
+        self.assertLess(len(given), 7)
+        self.assertEqual(deal._taker(None), self.other)
 
     def test_ctrl_c_ends_what_this_machine_makes(self):
         cluster = self.cluster(0)

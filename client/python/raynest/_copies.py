@@ -10,9 +10,11 @@ from __future__ import annotations
 
 import asyncio
 import contextlib
+import math
 import os
 import threading
-from typing import Any, Callable, Iterator, Optional, Sequence
+import time
+from typing import Any, Callable, Iterator, Optional
 
 from ._own_daemon import distributed
 from .errors import FailedError
@@ -75,35 +77,40 @@ class Road:
 
     def __init__(self, cluster: Any, patience: float) -> None:
         self.cluster, self._patience = cluster, patience
+        self.slow: set[str] = set()                         # workers that did not take rays
         self._sends: Optional[asyncio.Semaphore] = None     # of the loop that first needs it
 
-    async def sent(self, rays: Any, workers: Sequence[str]) -> Any:
-        """Sends rays to one of the workers; where that is stuck, or gone, they go with the task, through the scheduler."""
+    async def sent(self, rays: Any, to: str) -> Any:
+        """Sends rays to a worker; None: it is stuck, or gone."""
         self._sends = self._sends or asyncio.Semaphore(SENDS_MAX)
         async with self._sends:
-            sending = self.cluster.scatter(uncompressed(rays), hash=False, direct=True, workers=list(workers) or None,
-                                           asynchronous=True)
+            if to in self.slow:
+                return None
+            sending = self.cluster.scatter(uncompressed(rays), hash=False, direct=True, workers=[to], asynchronous=True)
             try:
                 return await asyncio.wait_for(sending, self._patience)
             except Exception:
-                return rays
+                self.slow.add(to)
+                return None
 
 
 class Copy:
-    """An item on its way. `submit` makes a Dask Future of its rays and key; `rays` go to one of the workers `onto`
-    before, or are None."""
+    """An item on its way. `submit` makes a Dask Future of its rays and key. The rays go to the worker `onto` before, from
+    which whoever makes the item takes them; without one they go with the item, through the scheduler."""
 
-    def __init__(self, road: Road, submit: Callable[[Any, str], Any], rays: Any, onto: Optional[Sequence[str]]) -> None:
-        self.key = f"raynest-{os.urandom(8).hex()}"
+    def __init__(self, road: Road, submit: Callable[[Any, str], Any], rays: Any, onto: str) -> None:
+        self.key, self.onto = f"raynest-{os.urandom(8).hex()}", onto
         self.made: Any = None       # the Future
-        self._going = asyncio.run_coroutine_threadsafe(self._go(road, submit, rays, onto), road.cluster.loop.asyncio_loop)
+        self.born = math.inf        # since when a worker may make it: then its rays are there
+        self._going = asyncio.run_coroutine_threadsafe(self._go(road, submit, rays), road.cluster.loop.asyncio_loop)
 
-    async def _go(self, road: Road, submit: Callable[[Any, str], Any], rays: Any, onto: Optional[Sequence[str]]) -> Any:
-        if onto is not None:
-            rays = await road.sent(rays, onto)
+    async def _go(self, road: Road, submit: Callable[[Any, str], Any], rays: Any) -> Any:
+        if self.onto:
+            sent = await road.sent(rays, self.onto)
+            rays, self.onto = (rays, "") if sent is None else (sent, self.onto)
         ended, loop = asyncio.Event(), asyncio.get_running_loop()
-        self.made = submit(rays, self.key)
-        del rays                    # the worker has them
+        self.made, self.born = submit(rays, self.key), time.monotonic()
+        del rays
         self.made.add_done_callback(lambda _: loop.call_soon_threadsafe(ended.set))
         await ended.wait()
         return await answer_of(road.cluster, self.key) if self.made.status == "finished" else None

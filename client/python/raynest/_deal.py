@@ -4,6 +4,7 @@ from __future__ import annotations
 import asyncio
 import concurrent.futures
 import queue
+import random
 import threading
 import time
 from typing import Any, Callable, Iterator, NamedTuple, Optional, Sequence
@@ -82,7 +83,7 @@ class Deal:
         self._source = scene.at(scene.epoch)
         self._parts, self._patience, self._progress, self._stage = parts, patience, progress, stage
         self._apart = apart
-        self._open: dict[int, dict[Copy, float]] = {}   # item -> its copies, and when each was dealt
+        self._open: dict[int, set[Copy]] = {}           # item -> its copies
         self._copies = [0] * len(parts)
         self._left = len(parts)
         self._done = [False] * len(parts)
@@ -122,7 +123,7 @@ class Deal:
                         continue
                     self._done[item] = True
                     self._left -= 1
-                    for copy in self._open.pop(item, {}):
+                    for copy in self._open.pop(item, ()):
                         copy.release()
                     answered += self._parts[item].weight
                     if self._progress:
@@ -185,12 +186,18 @@ class Deal:
             return self._cluster.submit(sent_item, VERSION, self._setup, source, self._method, rays, part.options, pure=False,
                                         retries=0, workers=workers or None, key=key)
         try:
-            copy = Copy(self._road, submit, rays, (workers or self._lively()) if part.heavy else None)
+            copy = Copy(self._road, submit, rays, self._taker(workers) if part.heavy else "")
         except RuntimeError as error:   # its loop has ended
             return self._give_up_cluster(error)
         self._copies[item] += 1
-        self._open.setdefault(item, {})[copy] = time.monotonic()
+        self._open.setdefault(item, set()).add(copy)
         copy.when_back(lambda done: self._events.put((item, copy, done)))
+
+    def _taker(self, workers: Optional[list[str]]) -> str:
+        """A worker that gets rays, the more often the more threads it has; "": there is none."""
+        known = self._workers()
+        takers = [worker for worker in workers or self._lively() or known if worker in known and worker not in self._road.slow]
+        return random.choices(takers, [known[worker]["nthreads"] for worker in takers])[0] if takers else ""
 
     def _lively(self) -> list[str]:
         """Addresses of the workers that answered lately."""
@@ -250,9 +257,9 @@ class Deal:
         if copy is None:
             answer, self._told[item] = data.result()
             return [(item, answer)]
-        if copy not in self._open.get(item, {}):
+        if copy not in self._open.get(item, ()):
             return []
-        born = self._open[item].pop(copy)
+        self._open[item].remove(copy)
         if copy.made is not None and copy.made.status != "finished":
             return self._failed(item, copy.made)
         try:
@@ -265,7 +272,7 @@ class Deal:
             return self._send(item, answer)
         if not self._parts[item].fits(answer):
             return self._again(item, FailedError(f"{where} sent an answer of another form"))
-        self._seconds.append(self._news - born)
+        self._seconds.append(self._news - copy.born)
         self._told[item] = told
         if where in self._failures:
             self._failures[where] = self._failures[where]._replace(in_a_row=0, until=-np.inf)
@@ -335,14 +342,15 @@ class Deal:
                 self._make_here(min(self._open), FailedError("the cluster has no workers"))
             return
         late = [item for item, copies in sorted(self._open.items())
-                if item not in self._here and not (copies and now - max(copies.values()) < silence)]
+                if item not in self._here and not (copies and now - max(copy.born for copy in copies) < silence)]
         if not late or now - self._asked < ASK_SECONDS:
             return
         places, self._asked = self._places(), now
         for item in late:
             keys = {copy.key for copy in self._open[item]}
-            makers = [worker for worker, theirs in places.making.items() if theirs & keys] if places else []
-            is_made = any(self._living(worker) for worker in makers)
+            is_made = places is not None and any(
+                copy.key in theirs and self._living(worker) and (not copy.onto or self._living(copy.onto))
+                for copy in self._open[item] for worker, theirs in places.making.items())
             if self._copies[item] < COPIES_MAX:
                 others = self._without(keys, places, is_made)
                 if others or not is_made:
