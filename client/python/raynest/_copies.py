@@ -59,8 +59,8 @@ def seldom_profiled() -> Iterator[None]:
 
 
 async def answer_of(cluster: Any, key: str) -> Any:
-    """What a worker has under a key. Dask's gather() fetches five lots at once, each of all that was asked for meanwhile: a
-    worker that is stuck holds up the answers of all others."""
+    """Fetches what a worker has under a key. Dask's gather() fetches five lots at once, each of all that was asked for
+    meanwhile: a worker that is stuck holds up the answers of all others."""
     for worker in (await cluster.scheduler.who_has(keys=[key])).get(key, ()):
         while True:
             told = await distributed.worker.get_data_from_worker(cluster.rpc, [key], worker)    # type: ignore[no-untyped-call]
