@@ -3,6 +3,7 @@
 
   dask_command_test.py RAYNESTD RAYNEST FLATC
 """
+import contextlib
 import json
 import os
 import pty
@@ -20,6 +21,16 @@ from with_cluster import WithCluster, many
 from with_daemon import main, rain
 
 SCENE = "builtin:forest?trees=20"
+# A worker on which some parts have no sample by their deadline.
+LATE = """
+import raynest, raynest._beside, raynest.scene
+def late():
+    raise raynest.DeadlineError("not one sample was made by then")
+render, command = raynest.scene.Scene.render, raynest._beside.command
+raynest.scene.Scene.render = lambda scene, **how: late() if 16 <= how["tile"][1] < 48 else render(scene, **how)
+raynest._beside.command = lambda host, source, options: (late() if {"2/4", "3/4", "--seed=1"} & {
+    word for word in options["words"] if isinstance(word, str)} else command(host, source, options))
+"""
 
 
 class Commands(WithCluster):
@@ -88,6 +99,51 @@ class Commands(WithCluster):
             self.assertEqual([sum(each.startswith(words) for each in told) for words in ("pixels have ", "the deadline passed: ")],
                              [1, 1], told)
             self.assertLess(layers["samples"].max(), 65536)
+
+    def test_what_has_no_sample_by_its_deadline_is_written_without_one(self):
+        cluster = self.cluster(0)
+        cluster.workers.append(cluster.add(patch=LATE))
+        cluster.wait(1)
+        size, lit = (64, 56), {"integrator": "path", "spp": 128}
+        whole = self.woods.render(size=size, **lit)
+        for name in whole:
+            whole[name] = np.array(whole[name])
+            whole[name][16:48] = raynest._requests.film.UNSAMPLED.get(name, 0)
+        spread = f"pixels have 0 to 128 of 128 samples, {128 * 24 / 56:.3g} on average"
+        with self.subTest("in Python"), warnings.catch_warnings(record=True) as said:
+            warnings.simplefilter("always")
+            self.same(many.render(cluster.client, SCENE, size=size, **lit, deadline=1000, item_samples=128 * 64 * 16,
+                                  setup=self.setup), whole)
+            self.assertEqual([str(each.message) for each in said if each.category is raynest.RayWarning][-2:], [
+                spread, "the deadline passed: pixels of the picture have 0 samples or more, fewer than it was asked for"])
+        words = ("--integrator=path", "--spp", "128", "--size", "64x56", "--deadline=1000", "-o")
+        done = self.dealt(cluster, "--json", "render", SCENE, *words, "late.exr")
+        self.assertEqual(done.returncode, 8, done.stderr)
+        document = json.loads(done.stdout)
+        self.assertEqual([document[key] for key in ("parts", "height", "samples", "incomplete")], [2, 56, 0, True])
+        self.assertIn(spread, document["notes"])
+        self.same(raynest.read_layers((self.out / "late.exr").read_bytes()), whole)
+        done = self.dealt(cluster, "render", SCENE, *words[:-1], "--exposure=0", "-o", "late.npy")
+        self.assertEqual(done.returncode, 8, done.stderr)
+        picture = np.load(self.out / "late.npy")
+        self.same({"": picture[16:48]}, {"": np.zeros((32, 64, 4), np.uint8)})
+        self.assertTrue(picture[:16].any() and picture[48:].any())
+        with self.subTest("all of it"):
+            done = self.dealt(cluster, "render", SCENE, "--seed=1", *words, "late.exr")
+            self.assertEqual((done.returncode, done.stderr.strip()), (7, "raynest: not one sample was made by then"))
+
+    def test_a_pixel_without_a_sample_is_as_in_python(self):
+        for deadline in 0.1 * 2.0 ** np.arange(8):
+            with warnings.catch_warnings(), contextlib.suppress(raynest.DeadlineError):
+                warnings.simplefilter("ignore")
+                layers = self.woods.render(size=(1024, 1024), integrator="path", spp=1, deadline=deadline)
+                without = layers["samples"] == 0
+                if without.any():
+                    break
+        self.assertTrue(without.any() and not without.all())
+        for name, layer in layers.items():
+            with self.subTest(name):
+                self.assertTrue((layer[without] == raynest._requests.film.UNSAMPLED.get(name, 0)).all())
 
     def test_each_part_has_its_share_of_a_deadline(self):
         cluster = self.cluster(1)       # of two threads

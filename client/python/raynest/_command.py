@@ -22,15 +22,15 @@ from . import _limits, _query, dask
 from ._beside import PARTIAL, command
 from ._deal import PATIENCE, Deal, Part, known_to
 from ._heat import tell_exceeded
-from ._notes import notes_of
+from ._notes import Told, note_of_none, notes_of
 from ._prepared import Prepared
 from ._requests.files import STANDARD, read_file
-from ._requests.film import is_lit
+from ._requests.film import is_lit, samples_asked
 from ._roster import share_of, workers_of
 from ._told import carry_out, fail
 from ._own_daemon import Setup, distributed
 from ._workers import Carried, Source, info_of
-from .errors import ConnectError, Error, FailedError, InvalidError, UsageError
+from .errors import ConnectError, DeadlineError, Error, FailedError, InvalidError, UsageError
 from .merge import PARTS_OF, merge
 
 PARTS_PER_THREAD = 4
@@ -69,22 +69,34 @@ def run(address: str, parts_max: int, scene: str, out: str, words: Sequence[str]
         most = _parts_max(words, rows, parts_max)
         # A row of a lit picture may take minutes, so its parts are as small as pays.
         count = max(1, most if is_lit(_integrator(words)) else min(most, -(-PARTS_PER_THREAD * threads // len(pictures))))
+        late = None
         if is_lit(_integrator(words)):
             plain = _with_share(plain, lambda seconds: share_of(cluster, seconds, count * len(pictures)))
+            late = Told()
         parts = [Part({"scene": scene, "ending": ending,
-                       "words": [*plain, *which, "-o", None, "--part", f"{i + 1}/{count}"]})
+                       "words": [*plain, *which, "-o", None, "--part", f"{i + 1}/{count}"]}, late=late)
                  for _, which in pictures for i in range(count)]
         paths = [os.path.join(folder, f"{i}{ending}") for i in range(len(parts))]
-        told: list[dict[str, Any]] = [{}] * len(parts)
-        for item, (answer, document) in Deal(cluster, setup, known, command, parts, patience,
-                                             progress, "parts").answers():
-            told[item] = document
+        told: dict[int, dict[str, Any]] = {}
+        too_late: list[DeadlineError] = []
+        for item, answer in Deal(cluster, setup, known, command, parts, patience, progress, "parts").answers():
+            if isinstance(answer, DeadlineError):
+                too_late.append(answer)
+                continue
+            data, told[item] = answer
             with open(paths[item], "wb") as file:
-                file.write(answer)
+                file.write(data)
         made = []
         for i, (path, _) in enumerate(pictures):
-            line, document = merge(path, paths[i * count:(i + 1) * count], limits)
-            made.append((line, {**whole_of(told[i * count:(i + 1) * count]), **document}))
+            there = [item for item in range(i * count, (i + 1) * count) if item in told]
+            if not there:
+                raise too_late[0]
+            documents = [told[item] for item in there]
+            line, document = merge(path, [paths[item] for item in there], limits, late=len(there) < count)
+            if height := document.pop("late", 0):
+                documents.append({**documents[0], **dict.fromkeys(SUMS, 0), "height": height, "incomplete": True, "samples": 0,
+                                  "notes": [note_of_none(_samples_asked(words))]})
+            made.append((line, {**whole_of(documents), **document}))
         return made
 
 
@@ -234,6 +246,12 @@ def _integrator(words: Sequence[str]) -> str:
         if word.startswith("--integrator"):
             return word.partition("=")[2] or following
     return "primary"
+
+
+def _samples_asked(words: Sequence[str]) -> int:
+    given = dict(zip(words, [*words[1:], ""]))
+    given.update(word.split("=", 1) for word in words if word.startswith("--") and "=" in word)     # type: ignore[misc]
+    return samples_asked(int(given.get("--spp", 0)), "--noise" in given)
 
 
 def _rows_of(data: bytes) -> int:

@@ -52,6 +52,7 @@ class Part(NamedTuple):
     weight: int = 1            # rays or samples, for progress
     source: Optional[Source] = None     # other than the deal's
     fits: Callable[[Any], bool] = lambda answer: True   # says whether an answer may be the item's
+    late: Optional[Told] = None         # what is told where its deadline passes; its answer is the error then
 
 
 class Places(NamedTuple):
@@ -306,6 +307,10 @@ class Deal:
             self._deal(item)
             self.notes[str(error)] = None
             return []
+        late = self._parts[item].late
+        if isinstance(error, DeadlineError) and late is not None:
+            self._told[item] = late
+            return [(item, error)]
         if isinstance(error, _ONCE) or (isinstance(error, DeadlineError) and has_deadline(self._parts[item].options)):
             raise error
         if isinstance(error, ImportError):
@@ -386,6 +391,8 @@ class Deal:
                 _, answer, told = make_item(VERSION, self._setup, part.source or self._source, self._method,
                                             None if part.rays is None else part.rays(), part.options)
         except Error as own:
+            if isinstance(own, DeadlineError) and part.late is not None:
+                return own, part.late
             raise BY_EXIT_CODE.get(own.exit_code, FailedError)(
                 f"no worker finished an item{_because(error)}, and this machine cannot make it: {own}", own.name, own.code
             ) from error

@@ -20,18 +20,25 @@ _SPREAD = re.compile(r"pixels have (\d+) to (\d+) of (\d+) samples, (\S+) on ave
 def notes_of(parts: Iterable[tuple[float, Sequence[str]]]) -> list[str]:
     """The notes of all parts of a request, each once. With those of a part stands how much of the whole it is."""
     notes: dict[str, None] = {}
-    spread: list[tuple[float, int, int, str, float]] = []
+    spread: list[tuple[float, int, int, float]] = []
+    complete, asked = 0.0, 0
     for weight, told in parts:
-        for note in told:
-            if form := _SPREAD.match(note):
-                spread.append((weight, int(form[1]), int(form[2]), form[3], float(form[4])))
-            else:
-                notes[note] = None
+        forms = [_SPREAD.match(note) for note in told]
+        notes.update((note, None) for note, form in zip(told, forms) if not form)
+        for form in filter(None, forms):
+            asked = int(form[3])
+            spread.append((weight, int(form[1]), int(form[2]), float(form[4])))
+        complete += 0 if any(forms) else weight
     if spread:
-        weights, least, most, asked, means = zip(*spread)
+        weights, least, most, means = zip(*spread, *([(complete, asked, asked, asked)] if complete else []))
         mean = sum(map(operator.mul, weights, means)) / sum(weights)
-        notes[f"pixels have {min(least)} to {max(most)} of {asked[0]} samples, {mean:.3g} on average"] = None
+        notes[f"pixels have {min(least)} to {max(most)} of {asked} samples, {mean:.3g} on average"] = None
     return list(notes)
+
+
+def note_of_none(samples: int) -> str:
+    """The note of pixels that have none of so many samples."""
+    return f"pixels have 0 to 0 of {samples} samples, 0 on average"
 
 
 class Told(NamedTuple):
@@ -64,12 +71,9 @@ def tell(told: Iterable[tuple[int, Told]], rays: int) -> None:
     """Warns of what the items of a request tell, each with the number of its first ray of so many."""
     told, whole = list(told), Outcome()
     ends = [*(first for first, _ in told[1:]), rays]
-    by_category: dict[type[Warning], list[tuple[float, list[str]]]] = {}
-    for (first, item), end in zip(told, ends):
-        for text, category in item.warned:
-            by_category.setdefault(category, []).append((end - first, [text]))
-    for category, parts in by_category.items():
-        for text in notes_of(parts):
+    for category in dict.fromkeys(category for _, item in told for _, category in item.warned):
+        for text in notes_of((end - first, [text for text, its in item.warned if its is category])
+                             for (first, item), end in zip(told, ends)):
             warn(text, category)
     for first, counts in ((first, item.counts) for first, item in told if item.counts is not None):
         for key in ("invalid", "truncated"):

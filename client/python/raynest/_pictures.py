@@ -9,7 +9,8 @@ from typing import Any, NamedTuple, Sequence
 import numpy as np
 
 from ._heat import range_text
-from ._requests.exr import LINES, MAGIC, ZIP, blocks_of, channel_count, header_of, read_exr, unpacked
+from ._requests.exr import LINES, MAGIC, ZIP, block_of, blocks_of, channel_count, header_of, read_exr, unpacked
+from ._requests.film import UNSAMPLED
 from ._requests.png import unfiltered
 from .errors import InvalidError, ProtocolError
 
@@ -186,6 +187,28 @@ def join_npy(parts: Sequence[Part]) -> tuple[Any, str]:
                                    "write the .npy", "FILE_INVALID")
             made = made.astype("<i4")
     return lambda file: np.save(file, made), _rows_of_pixels(parts)
+
+
+def filled(parts: Sequence[Part]) -> tuple[list[Part], int]:
+    """The parts, with pixels that have no sample in place of those that are missing, and how many rows these have."""
+    whole: list[Part] = []
+    end = missing = 0
+    for part in [*parts, parts[0]._replace(first=parts[0].of)]:
+        if part.first > end:
+            whole.append(_unsampled(parts[0], end, part.first - end))
+            missing += part.first - end
+        whole.append(part)
+        end = part.first + part.rows
+    return whole[:-1], missing
+
+
+def _unsampled(like: Part, first: int, rows: int) -> Part:
+    width = like.request["width"]
+    if isinstance(like.body[0], bytes):     # the head of a .png
+        return like._replace(first=first, rows=rows, body=(*like.body[:2], bytes(rows * (1 + 4 * width))))
+    channels = next(value for name, _, value in like.body[0] if name == "channels")
+    blocks = [block_of(channels, width, min(LINES, rows - row), UNSAMPLED) for row in range(0, rows, LINES)]
+    return like._replace(first=first, rows=rows, body=(like.body[0], blocks))
 
 
 def _exr_of(parts: Sequence[Part], fields: Sequence[tuple[str, str, bytes]]) -> bytes:

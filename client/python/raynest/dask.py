@@ -28,17 +28,18 @@ from ._deal import PATIENCE, Deal, Part, known_to
 from ._net.frame import Array
 from ._requests.arguments import is_several, numbers
 from ._requests.columns import Columns
-from ._requests.film import EnvironmentFile, Layers, is_lit
-from ._requests.job import JobOptions
+from ._requests.film import LIT_SAMPLES, UNSAMPLED, EnvironmentFile, Layers, is_lit, samples_asked
+from ._requests.job import JobOptions, Outcome
 from ._requests.rays import pair
 from ._shutter import picture_in_motion
 from ._timed import moments
+from ._notes import Told, note_of_none
 from ._prepared import Prepared
 from ._roster import share_of
 from ._version import VERSION
 from ._own_daemon import Setup
 from ._workers import SentRays, columns_of, paths_of
-from .errors import UsageError
+from .errors import DeadlineError, RayWarning, UsageError
 from .generators import Generator
 from .images import Image
 from .merge import joined
@@ -270,7 +271,8 @@ def render(cluster: Any, scene: Any, *, size: tuple[int, int] = (960, 540), inte
            spp: int = 0, encode: str = "", load: Optional[dict[str, Any]] = None, setup: Setup = Setup(),
            patience: float = PATIENCE, progress: Any = None, item_samples: int = ITEM_SAMPLES, **options: Any) -> Any:
     """As Scene.render(), in tiles: returns an Image, or for a lit picture its Layers. With `encode` "raw" a lit picture
-    is an Image too, and needs `exposure` in stops. Each tile of a lit picture gets its share of a `deadline`."""
+    is an Image too, and needs `exposure` in stops. Each tile of a lit picture gets its share of a `deadline`;
+    the pixels of one that has no sample by then are 0."""
     if options.get("trajectory") is not None:
         return _in_motion(functools.partial(trace, cluster, _known(cluster, scene, setup, load, patience, progress), setup=setup,
                                             patience=patience), size, encode, progress,
@@ -279,7 +281,7 @@ def render(cluster: Any, scene: Any, *, size: tuple[int, int] = (960, 540), inte
     if encode not in ("layers", "raw"):
         raise UsageError(f"encode {encode}: a picture of tiles is 'raw' or 'layers'; write raw as a file with its png()")
     known = _known(cluster, scene, setup, load, patience, progress)
-    samples = (spp or 16) if is_lit(integrator) else 1
+    samples = (spp or LIT_SAMPLES) if is_lit(integrator) else 1
     options.update(integrator=integrator, spp=spp, encode=encode)
     pieces = _tiles(cluster, known, "render", size, samples, item_samples, options, setup, patience, progress)
     whole = _mosaic(size, pieces)
@@ -329,19 +331,31 @@ def _tiles(cluster: Any, known: Prepared, method: str, size: tuple[int, int], sa
     options = {name: TRAVELS[name](known, value, lambda scene: _known(cluster, scene, setup, None, patience, progress))
                if name in TRAVELS else value for name, value in options.items()}
     cut = tiles(size, item_samples // samples)
+    late = None
     if options.get("deadline") and is_lit(options.get("integrator", "primary")):
         options["deadline"] = share_of(cluster, options["deadline"], len(cut))
+        late = Told(((note_of_none(samples_asked(options["spp"], options.get("noise"))), RayWarning),),
+                    Outcome(incomplete=True, samples=0))
     parts = [Part({**options, "size": size, "tile": tile}, weight=tile[2] * tile[3],
-                  fits=functools.partial(_has_pixels, tile[2], tile[3])) for tile in cut]
+                  fits=functools.partial(_has_pixels, tile[2], tile[3]), late=late) for tile in cut]
     for item, answer in Deal(cluster, setup, known, method, parts, patience, progress).answers():
         yield cut[item], answer
 
 
 def _mosaic(size: tuple[int, int], pieces: Iterator[tuple[tuple[int, int, int, int], Any]]) -> dict[str, Array]:
     whole: dict[str, Array] = {}
+    late: list[tuple[tuple[slice, slice], DeadlineError]] = []
     for (x, y, width, height), answer in pieces:
+        if isinstance(answer, DeadlineError):
+            late.append(((slice(y, y + height), slice(x, x + width)), answer))
+            continue
         for name, piece in (answer if isinstance(answer, dict) else {"": answer}).items():
             if name not in whole:
                 whole[name] = np.empty((size[1], size[0], *piece.shape[2:]), piece.dtype)
             whole[name][y:y + height, x:x + width] = piece
+    for tile, error in late:
+        if not whole:
+            raise error
+        for name, pixels in whole.items():
+            pixels[tile] = UNSAMPLED.get(name, 0)
     return whole

@@ -23,7 +23,7 @@ from typing import Any, Callable, Optional, Sequence
 import numpy as np
 
 from ._heat import check, limit_of, line_of, tell_exceeded
-from ._pictures import Part, counts_of, join_exr, join_npy, join_png, read_exr_part, read_png
+from ._pictures import Part, counts_of, filled, join_exr, join_npy, join_png, read_exr_part, read_png
 from ._requests.columns import OF_HITS, REDUCED
 from ._requests.npz import write_npz
 from ._told import carry_out, fail
@@ -37,10 +37,11 @@ PARTS_OF = {".npz": (".npz",), ".png": (".png",), ".exr": (".exr",), ".npy": (".
 FOREIGN = {"hash": ("scene", "its digest"), "epoch": ("epoch of the scene", "it"), "request": ("request", "the options' digest")}
 
 
-def merge(out: str, paths: Sequence[str], limits: Sequence[str] = ()) -> tuple[str, dict[str, Any]]:
+def merge(out: str, paths: Sequence[str], limits: Sequence[str] = (), late: bool = False) -> tuple[str, dict[str, Any]]:
     """Joins parts into `out`; returns a line that says what it is, and one for each of the `limits` of --fail-if, and the
     document of --json. Raises InvalidError, which names the part, if one is missing, is there twice, or is of another
-    request."""
+    request. `late` are parts of a lit picture: rows that none has are pixels without a sample, and the document counts
+    them as `late`."""
     ending = os.path.splitext(out)[1].lower()
     if ending not in PARTS_OF:
         raise UsageError(f"{out}: parts become a .npz, a .png, an .exr, a .npy of pixels or counts, or a point cloud: a .ply, "
@@ -76,6 +77,7 @@ def merge(out: str, paths: Sequence[str], limits: Sequence[str] = ()) -> tuple[s
             why = error if type(error) is ValueError else "it is damaged, or has been cut"
             raise InvalidError(f"{path}: is no part, made with --part: {why}", "FILE_INVALID") from None
     parts.sort(key=lambda part: part.first)
+    parts, missing = filled(parts) if late else (parts, 0)
     _check(parts, rows)
     folder, name = os.path.split(os.path.abspath(out))
     try:
@@ -94,8 +96,9 @@ def merge(out: str, paths: Sequence[str], limits: Sequence[str] = ()) -> tuple[s
     except MemoryError:
         raise InvalidError(f"{out}: has more than fits into memory", "FILE_INVALID") from None
     checks = check(asked, counts_of(parts)) if asked else []
-    said = [f"{out}: {what} of {len(parts)} parts", *map(line_of, checks)]
-    return "\n".join(said), {"file": out, "parts": len(parts), **({"checks": checks} if asked else {})}
+    said = [f"{out}: {what} of {len(paths)} parts", *map(line_of, checks)]
+    return "\n".join(said), {"file": out, "parts": len(paths), **({"checks": checks} if asked else {}),
+                             **({"late": missing} if late else {})}
 
 
 def _umask() -> int:

@@ -6,7 +6,7 @@ from __future__ import annotations
 
 import struct
 import zlib
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from typing import Any
 
 import numpy as np
@@ -95,6 +95,14 @@ def _channels(attribute: bytes) -> list[tuple[str, np.dtype[Any]]]:
 def channel_count(attribute: bytes) -> int:
     """How many channels the attribute `channels` of a file lists."""
     return len(_channels(attribute))
+
+
+def block_of(attribute: bytes, width: int, rows: int, values: Mapping[str, Any]) -> bytes:
+    """A packed block of pixels that all have these values, 0 where there is none. The attribute lists the channels."""
+    line = b"".join(np.full(width, values.get(name, 0), dtype).tobytes() for name, dtype in _channels(attribute))
+    plain = np.frombuffer(line * rows, np.uint8)
+    split = np.concatenate([plain[0::2], plain[1::2]])
+    return zlib.compress(np.concatenate([split[:1], np.diff(split) + np.uint8(128)]).tobytes())
 
 
 def unpacked(data: memoryview, size: int) -> Array:

@@ -25,6 +25,9 @@ NOISE_SAMPLES = 1024
 GROUPS = {"rgba": ("R", "G", "B", "A"), "albedo": ("albedo.R", "albedo.G", "albedo.B"),
           "N": ("N.X", "N.Y", "N.Z"), "P": ("P.X", "P.Y", "P.Z")}
 
+# Values of a pixel without a sample, where they are not 0.
+UNSAMPLED: dict[str, Any] = {"Z": np.float32(1e10), **dict.fromkeys(("instance", "mesh", "material"), np.uint32(0xFFFFFFFF))}
+
 Environment = Union[str, bytes, os.PathLike[str]]
 
 
@@ -43,6 +46,11 @@ def is_lit(integrator: str) -> bool:
     return integrator != "primary"
 
 
+def samples_asked(spp: int, noise: Any) -> int:
+    """How many samples a lit picture is asked for."""
+    return spp or (NOISE_SAMPLES if noise else LIT_SAMPLES)
+
+
 def given_of(options: dict[str, Any]) -> list[str]:
     """The names of options that are not at their defaults: None, "" and 0."""
     return sorted(name for name, value in options.items()
@@ -51,8 +59,7 @@ def given_of(options: dict[str, Any]) -> list[str]:
 
 def film_message(integrator: str, spp: int, seed: int, fields: dict[str, Any]) -> Message:
     """The fields of a Render beside those of all pictures."""
-    lit = NOISE_SAMPLES if fields["noise"] else LIT_SAMPLES
-    samples = spp or (lit if is_lit(integrator) else 1)
+    samples = samples_asked(spp, fields["noise"]) if is_lit(integrator) else spp or 1
     message: Message = {"integrator": integrator, "seed": seed,
                         "samples": count_of("spp", samples, _limits.samples_max)}
     if not is_lit(integrator):
