@@ -174,7 +174,13 @@ class Forms(WithCluster):
         poses = np.tile(np.eye(4)[:3], (2, 1, 1))
         poses[:, 1, 3], poses[:, 2, 3] = 6, (20, 15)
         options = {"trajectory": ([0, 1], poses), "readout": .5, "size": (64, 48), "fov": 60, "mask": 1}
-        np.testing.assert_array_equal(many.render(cluster.client, SCENE, **options, setup=self.setup), self.woods.render(**options))
+        whole, made = self.woods.render(**options), []
+        np.testing.assert_array_equal(many.render(cluster.client, SCENE, **options, setup=self.setup,
+                                                  progress=lambda done, _total, stage: stage == "tracing" and made.append(done)), whole)
+        self.assertEqual(made, [6 * 64 * part for part in range(1, 9)])     # four for each thread
+        file, moved = travelling().write(self.out / "travels.glb"), {**options, "readout": 1, "step_error": .02}
+        np.testing.assert_array_equal(many.render(cluster.client, file, **moved, setup=self.setup),
+                                      self.client.load(file, "travels").render(**moved))
         for wrong in ({"integrator": "path"}, {"spp": 4}, {"sun": (1, 2)}, {"encode": "exr"}):
             with self.assertRaises(raynest.UsageError) as one:
                 self.woods.render(**options, **wrong)

@@ -13,7 +13,7 @@ from ._requests.film import (Environment, EnvironmentFile, Layers, film_message,
 from ._requests.job import JobOptions, Outcome, Progress, SceneMoved, job_message
 from ._requests.picture import Picture, camera_message, size_message, tile_message
 from ._session import Session
-from ._shutter import picture_in_motion
+from ._shutter import picture_in_motion, pieces_of, pixels_of
 from .errors import InvalidError, UsageError
 from .job import Job
 
@@ -75,12 +75,11 @@ class Renders(Exports):
                       "environment_rotate": environment_rotate, "noise": noise, "tonemap": tonemap,
                       "exposure": exposure != "", "tile": tile is not None}
 
-            def trace(*rays: Any, **options: Any) -> dict[str, Array]:
-                seen: dict[str, Array] = self.trace(*rays, **options)
-                job["epoch"] = self._client.outcome["epoch"]    # all rows see one scene
-                return seen
-            return picture_in_motion(trace, trajectory, begin, readout, step_error, fov, size, encode, progress,
-                                     others, job)
+            def seen(rays: Any) -> Iterator[tuple[int, Array]]:
+                for first, piece in pieces_of(rays):
+                    yield first, pixels_of(self, piece, **job)
+                    job["epoch"] = self._client.outcome["epoch"]    # all rows see one scene
+            return picture_in_motion(seen, trajectory, begin, readout, step_error, fov, size, encode, progress, others)
         if begin or readout or step_error is not None:
             raise UsageError("begin, readout and step_error are of a camera in motion: pass a trajectory, too")
         film = _Film(self, camera, look_at, fov, size, encode, detach, job, {

@@ -2,13 +2,13 @@
 from __future__ import annotations
 
 import math
-from typing import Any, Callable, Mapping, Optional, Union
+from typing import Any, Callable, Iterable, Iterator, Mapping, Optional, Union
 
 import numpy as np
 
 from . import generators
 from ._net.frame import Array
-from ._requests.arguments import real
+from ._requests.arguments import Unpack, real
 from ._requests.job import JobOptions, Progress
 from ._requests.picture import size_message
 from .errors import UsageError
@@ -20,11 +20,12 @@ _BACKGROUND = 0.18
 _RAYS = 1 << 20
 
 
-def picture_in_motion(trace: Callable[..., dict[str, Array]], trajectory: Any, begin: float, readout: float,
-                      step_error: Optional[float], fov: float, size: tuple[int, int], encode: str, progress: Progress,
-                      refused: Mapping[str, Any], job: JobOptions) -> Union[Image, bytes]:
-    """The picture that the integrator primary makes, each row of it seen from where the camera is then. `trace` is that
-    of a scene, at one epoch; `refused` are the arguments of render() that do not go with it."""
+def picture_in_motion(seen: Callable[[generators.RollingShutter], Iterable[tuple[int, Array]]], trajectory: Any, begin: float,
+                      readout: float, step_error: Optional[float], fov: float, size: tuple[int, int], encode: str,
+                      progress: Progress, refused: Mapping[str, Any]) -> Union[Image, bytes]:
+    """The picture that the integrator primary makes, each row of it seen from where the camera is then. `seen` yields the
+    number of the first of some rays, and their pixels_of() a scene at one epoch; `refused` are the arguments of render()
+    that do not go with it."""
     if given := [name for name, value in refused.items() if value]:
         raise UsageError("a camera in motion makes the picture of the integrator primary: leave "
                          f"{' and '.join(given)} out")
@@ -39,15 +40,26 @@ def picture_in_motion(trace: Callable[..., dict[str, Array]], trajectory: Any, b
     rays = generators.rolling_shutter(height / 2 / math.tan(math.radians(fov or _FOV) / 2), size=(width, height),
                                       trajectory=trajectory, begin=begin, end=begin + readout, step_error=step_error)
     made = np.empty((height * width, 4), np.uint8)
-    rows = max(1, _RAYS // width) * width
-    for first in range(0, len(made), rows):
-        count = min(rows, len(made) - first)
-        seen = trace(rays.part(first, count), fields=("hit", "base_colour", "ng", "direction"), **job)
-        made[first:first + count] = _shade(seen)
+    done = 0
+    for first, pixels in seen(rays):
+        made[first:first + len(pixels)] = pixels
+        done += len(pixels)
         if progress:
-            progress(first + count, len(made), "tracing")
+            progress(done, len(made), "tracing")
     image: Image = made.reshape(height, width, 4).view(Image)
     return image.png() if encode == "png" else image
+
+
+def pieces_of(rays: generators.RollingShutter) -> Iterator[tuple[int, Any]]:
+    """Rays that are traced at once, whole rows, behind the number of the first."""
+    rows = max(1, _RAYS // rays._columns) * rays._columns
+    for first in range(0, rays.count, rows):
+        yield first, rays.part(first, min(rows, rays.count - first))
+
+
+def pixels_of(scene: Any, rays: Any, **job: Unpack[JobOptions]) -> Array:
+    """The pixels (N, 4) of rays."""
+    return _shade(scene.trace(rays, fields=("hit", "base_colour", "ng", "direction"), **job))
 
 
 def _shade(seen: Mapping[str, Array]) -> Array:

@@ -31,11 +31,11 @@ from ._requests.columns import Columns
 from ._requests.film import LIT_SAMPLES, UNSAMPLED, EnvironmentFile, Layers, is_lit, samples_asked
 from ._requests.job import JobOptions, Outcome
 from ._requests.rays import pair
-from ._shutter import picture_in_motion
+from ._shutter import picture_in_motion, pixels_of
 from ._timed import moments
 from ._notes import Told, note_of_none
 from ._prepared import Prepared
-from ._roster import share_of
+from ._roster import share_of, workers_of
 from ._version import VERSION
 from ._own_daemon import Setup
 from ._workers import SentRays, columns_of, paths_of
@@ -46,6 +46,7 @@ from .merge import joined
 from .returns import Beam, Tracer, measure as measured
 
 ITEM_RAYS = 1 << 18        # of a query's item: some 50 ms of work or more
+ITEMS_PER_THREAD = 4       # of a picture whose rows may take long
 ITEM_SAMPLES = 1 << 16     # of a lit picture's item
 
 
@@ -274,8 +275,9 @@ def render(cluster: Any, scene: Any, *, size: tuple[int, int] = (960, 540), inte
     is an Image too, and needs `exposure` in stops. Each tile of a lit picture gets its share of a `deadline`;
     the pixels of one that has no sample by then are 0."""
     if options.get("trajectory") is not None:
-        return _in_motion(functools.partial(trace, cluster, _known(cluster, scene, setup, load, patience, progress), setup=setup,
-                                            patience=patience), size, encode, progress,
+        return _in_motion(functools.partial(Deal, cluster, setup, _known(cluster, scene, setup, load, patience, progress),
+                                            pixels_of, patience=patience, progress=progress),
+                          sum(each["nthreads"] for each in workers_of(cluster).values()), size, encode,
                           {"integrator": integrator != "primary", "spp": spp}, options)
     encode = encode or ("layers" if is_lit(integrator) else "raw")
     if encode not in ("layers", "raw"):
@@ -292,14 +294,21 @@ def render(cluster: Any, scene: Any, *, size: tuple[int, int] = (960, 540), inte
     return layers
 
 
-def _in_motion(trace: Callable[..., Columns], size: tuple[int, int], encode: str, progress: Any, others: dict[str, Any],
+def _in_motion(deal: Callable[..., Deal], threads: int, size: tuple[int, int], encode: str, others: dict[str, Any],
                options: dict[str, Any]) -> Any:
-    """The picture of a camera that moves, whose rays are dealt out."""
+    """The picture of a camera that moves. Its rows are dealt out so that all threads have some: a row of an animated scene
+    may take long."""
     given: dict[str, Any] = {"begin": 0.0, "readout": 0.0, "step_error": None, "fov": 0.0}
     given.update((name, value) for name, value in options.items() if value is not None)
     job: Any = {name: given.pop(name) for name in list(given) if name in JobOptions.__annotations__}
     way, begin, readout, step_error, fov = map(given.pop, ("trajectory", "begin", "readout", "step_error", "fov"))
-    return picture_in_motion(trace, way, begin, readout, step_error, fov, size, encode, progress, {**others, **given}, job)
+
+    def seen(rays: Generator) -> Iterator[tuple[int, Array]]:
+        each = min(ITEM_RAYS, size[0] * -(-size[1] // (ITEMS_PER_THREAD * max(1, threads))))
+        parts = [part._replace(fits=functools.partial(_has_pixels, 4, part.weight)) for part in _parts_of(rays, each, job)]
+        firsts = np.cumsum([0, *(part.weight for part in parts)])
+        return ((firsts[item], pixels) for item, pixels in deal(parts=parts).answers())
+    return picture_in_motion(seen, way, begin, readout, step_error, fov, size, encode, None, {**others, **given})
 
 
 def heatmap(cluster: Any, scene: Any, *, size: tuple[int, int] = (960, 540),
