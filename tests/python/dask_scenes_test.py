@@ -16,7 +16,7 @@ import numpy as np
 
 import raynest
 from daemon import PATIENCE
-from raynest import _prepared
+from raynest import _prepared, generators, returns
 from with_cluster import WithCluster, many
 from with_daemon import main, rain
 
@@ -258,6 +258,32 @@ class Moving(WithCluster):
             fresh = many.prepare(self.PARTS, places=self.PLACES)
             self.same(many.trace(cluster.client, fresh, RAYS, fields=FIELDS, setup=self.setup, item_rays=3000),
                       self.client.scene_of(self.PARTS, self.PLACES).trace(RAYS, fields=FIELDS))
+
+    def test_the_scans_of_a_lidar_are_measured(self):
+        cluster = self.cluster(2)
+        poses = np.tile(np.array([[1, 0, 0, 0], [0, 0, 1, 25], [0, -1, 0, 0.0]]), (2, 1, 1))
+        poses[1, 0, 3] = 4
+        heads = [generators.sweep([-80, -60], (0, 360, 500), trajectory=([0, 1], poses)), generators.lidar(
+            [-60, -40], (0, 360, 500), look_at=((0, 20, 0), (0, 20, -1)))]
+        heads.append(heads[0].beams())
+        wide = {"returns": 3, "divergence": .03, "footprint": 5, "noise": .02, "seed": 3, "velocities": {"car": (1, 0, 2)}}
+        scene, scans, whole = many.prepare(self.PARTS, places=self.PLACES), [], []
+        with self.client.scene_of(self.PARTS, self.PLACES) as alone:
+            for step, head in enumerate(heads):
+                for moved in (scene, alone):
+                    with moved.edit() as edit:
+                        street(edit, step)
+                scans.append((scene.epoch, head))
+                whole.append(returns.measure(alone, head, **wide))
+        found = many.sweep(cluster.client, scene, scans, setup=self.setup, **wide)
+        for seen, one in zip(found, whole):
+            self.assertGreater(len(one["t"]), 100)
+            self.assertTrue(one["radial_velocity"].any())
+            self.same(seen, one)
+        for rays, more, error, said in ((heads[0], {"reduce": "hit_fraction"}, raynest.UsageError, "chooses reduce itself"),
+                                        (RAYS, {}, TypeError, "sweep of type numpy.ndarray")):
+            with self.subTest(said), self.assertRaisesRegex(error, said):
+                many.sweep(cluster.client, scene, [(0, rays)], setup=self.setup, **wide, **more)
 
     def test_the_change_travels_and_not_the_scene(self):
         cluster = self.cluster(2)

@@ -43,7 +43,8 @@ from .errors import DeadlineError, RayWarning, UsageError
 from .generators import Generator
 from .images import Image
 from .merge import joined
-from .returns import Beam, Tracer, measure as measured
+from .returns import OF_RETURNS, Beam, Tracer, check_sweep, measure as measured
+from .sweeps import Sweep
 
 ITEM_RAYS = 1 << 18        # of a query's item: some 50 ms of work or more
 ITEMS_PER_THREAD = 4       # of a picture whose rows may take long
@@ -130,14 +131,16 @@ def sweep(cluster: Any, scene: Prepared, scans: Iterable[tuple[int, Any]], *,
           setup: Setup = Setup(), patience: float = PATIENCE, progress: Any = None, **job: Any) -> list[Columns]:
     """As trace(), for many scans while the scene moves. A scan is (epoch, rays): scene.epoch after the edits that the
     scan is to see, and a generator or an array. Each scan is one item, so that a host makes each change once. Returns
-    the columns of each scan."""
+    the columns of each scan. With `returns`, `divergence` or another argument of measure() each scan is what that
+    takes, and is measured."""
     options = {**job, "fields": fields, "kind": kind, "reduce": reduce}
     known = _known(cluster, scene, setup, None, patience, progress)
+    measures = bool(OF_RETURNS & job.keys())
     parts = []
     for epoch, rays in scans:
-        part, = _parts_of(rays, sys.maxsize, options)
+        part, = _scan_of(rays, options) if measures else _parts_of(rays, sys.maxsize, options)
         parts.append(part._replace(source=known.at(epoch)))
-    found = dict(Deal(cluster, setup, known, "trace", parts, patience, progress, apart=True).answers())
+    found = dict(Deal(cluster, setup, known, measured if measures else "trace", parts, patience, progress, apart=True).answers())
     return [found[i] for i in range(len(parts))]
 
 
@@ -148,6 +151,13 @@ def measure(cluster: Any, scene: Any, sweep: Any, *, load: Optional[dict[str, An
     _check(options, item_rays)
     known = _known(cluster, scene, setup, load, patience, progress)
     return measured(_Dealt(cluster, known, setup, item_rays, patience, progress, options.pop("epoch", None)), sweep, **options)
+
+
+def _scan_of(sweep: Any, options: dict[str, Any]) -> list[Part]:
+    check_sweep(sweep)
+    given = {name: value for name, value in options.items() if name not in ("kind", "reduce") or value}
+    return [Part(given, functools.partial(SentRays, (sweep,), {}), isinstance(sweep, Sweep),
+                 len(sweep.rays) if isinstance(sweep, Sweep) else sweep.count, fits=_has_returns)]
 
 
 class _Dealt(Tracer):
@@ -182,7 +192,7 @@ class _Dealt(Tracer):
 
 
 def _has_returns(answer: Any) -> bool:
-    return isinstance(answer, dict) and "beam" in answer and len({len(column) for column in answer.values()}) == 1
+    return isinstance(answer, dict) and len({len(column) for column in answer.values()}) == 1
 
 
 def reduce(cluster: Any, scene: Any, rays: Any, name: str, **options: Any) -> Columns:

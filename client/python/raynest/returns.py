@@ -133,9 +133,7 @@ def measure(scene: Union[Scene, Tracer], sweep: Union[Sweep, generators.Sweep, g
     perhaps a `time_step` (see Scene.trace()). `job` has more options of that: epoch, hide, origin, ..., and `mask`, one
     for all beams or one for each. All is measured in one epoch of the scene: InvalidError says that it
     has gone, if others edit the scene meanwhile."""
-    if not isinstance(sweep, (Sweep, generators.Sweep, generators.Lidar)):
-        raise TypeError(f"sweep of type {type(sweep).__module__}.{type(sweep).__name__}: measure() takes what "
-                        "raynest.sweeps.lidar() makes, or lidar() or sweep() of raynest.generators")
+    check_sweep(sweep)
     offsets, power = _footprint(divergence, footprint)
     returns = count_of("returns", returns, _RETURNS_MAX)
     resolution, threshold, noise = real("resolution", resolution), real("threshold", threshold), real("noise", noise)
@@ -185,6 +183,16 @@ def measure(scene: Union[Scene, Tracer], sweep: Union[Sweep, generators.Sweep, g
     made["radial_velocity"] = ((moving - sweep.velocity[beam]) * sweep.rays[beam, 3:]).sum(axis=1)
     made["velocity"] = moving
     return {name: made[name] for name in names}
+
+
+# Arguments of measure() by which a function that also traces knows that it is to measure.
+OF_RETURNS = {name for name in inspect.signature(measure).parameters if name not in ("scene", "sweep", "fields", "job")}
+
+
+def check_sweep(sweep: Any) -> None:
+    if not isinstance(sweep, (Sweep, generators.Sweep, generators.Lidar)):
+        raise TypeError(f"sweep of type {type(sweep).__module__}.{type(sweep).__name__}: measure() takes what "
+                        "raynest.sweeps.lidar() makes, or lidar() or sweep() of raynest.generators")
 
 
 def _asked(fields: Union[str, Sequence[str], None]) -> tuple[tuple[str, ...], tuple[str, ...]]:
