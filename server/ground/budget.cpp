@@ -84,14 +84,9 @@ std::uint64_t Budget::held_by(const std::string& principal) const {
 tl::unexpected<protocol::Error> Budget::refuse(const std::string& what, std::uint64_t bytes,
                                                const std::string& principal,
                                                const std::string& remedy) const {
-    const std::uint64_t held = held_by(principal);
     std::string message =
         what + " takes " + protocol::bytes_text(bytes) + " of raynestd's --memory, more than ";
-    if (bytes > fair_part(0, limit_))
-        message += "one user may have";
-    else
-        message += principal + " may take now" +
-                   (held == 0 ? "" : ", which holds " + protocol::bytes_text(held));
+    message += bytes > fair_part(0, limit_) ? "one user may have" : principal + " may take now";
     return server::refuse(Code::resource_exhausted, message + "; " + remedy);
 }
 

@@ -91,11 +91,12 @@ public:
 
     [[nodiscard]] std::uint64_t limit() const { return limit_; }
     [[nodiscard]] std::uint64_t used() const;
-    /// Bytes that a principal holds, for both uses.
+    /// Bytes that are charged to a principal, for both uses. Of a scene that several hold one is
+    /// charged, so this would tell a principal of others: SceneStore::memory_of() does not.
     [[nodiscard]] std::uint64_t held_by(const std::string& principal) const;
 
     /// Refuses what room() has no place for. `what` and its `bytes` begin the message, `remedy`
-    /// ends it. It tells nothing of what others hold.
+    /// ends it. It names no bytes that are held: held_by() says why.
     [[nodiscard]] tl::unexpected<protocol::Error> refuse(const std::string& what,
                                                          std::uint64_t bytes,
                                                          const std::string& principal,

@@ -32,7 +32,7 @@ struct OwnPart {
         if (gauge == "scene_bytes") return scenes(true).bytes + scenes(false).bytes;
         if (gauge == "scenes_unlisted_bytes") return scenes(false).bytes;
         if (gauge == "scenes_on_disk") return services.scenes.asleep_of(principal);
-        if (gauge == "memory_used_bytes") return services.budget.held_by(principal);
+        if (gauge == "memory_used_bytes") return services.scenes.memory_of(principal);
         return whole;
     }
 

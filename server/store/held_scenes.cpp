@@ -2,8 +2,10 @@
 #include "server/store/scene_store.h"
 
 #include <algorithm>
+#include <map>
 #include <memory>
 #include <new>
+#include <set>
 #include <string>
 #include <utility>
 
@@ -81,6 +83,45 @@ NamedScene SceneStore::read_by(NamedScene scene, const std::string& principal) {
     if (auto& readers = scene.held->readers; readers.size() > readers_kept_max)
         std::erase_if(readers, [](const auto& reader) { return reader.second.expired(); });
     return scene;
+}
+
+std::uint64_t SceneStore::memory_of(const std::string& principal) const {
+    std::map<const HeldScene*, std::uint64_t> own;
+    std::set<const HeldScene*> of_others;
+    for (const auto& [name, entry] : entries_) {
+        const HeldScene* held = entry.scene.held.get();
+        if (held == nullptr) continue;
+        if (!entry.charged_to(principal))
+            of_others.insert(held);
+        else
+            own[held] = std::max(own[held], entry.charge(principal));
+        if (entry.spare && entry.owner == principal)
+            own.emplace(entry.spare.get(), entry.spare->lease.bytes());
+    }
+    // Asked for first: a scene may be freed meanwhile on another thread, but none comes.
+    std::uint64_t bytes = budget_.held_by(principal);
+    const auto is_charged = [&](const Budget::Lease& lease) {
+        return lease.bytes() != 0 && lease.principal() == principal;
+    };
+    for (const auto& [arena, known] : by_arena_) {
+        const auto held = known.lock();
+        if (!held) continue;
+        const std::uint64_t charged = is_charged(held->lease) ? held->lease.bytes() : 0;
+        std::uint64_t told = 0;
+        if (const auto found = own.find(held.get()); found != own.end())
+            told = found->second;
+        else if (held->is_left_to_readers)
+            told = held->reader([&](const auto& each) { return each == principal; }) != nullptr
+                       ? held->lease.bytes()
+                       : 0;
+        else if (!of_others.contains(held.get()))
+            told = charged;  // a job has it, or a load before it has its name
+        bytes = bytes - charged + told;
+    }
+    // The bytes of each scene have them already.
+    for (const auto& [pages, known] : shared_leases_)
+        if (const auto lease = known.lock(); lease && is_charged(*lease)) bytes -= lease->bytes();
+    return bytes;
 }
 
 void SceneStore::forget_freed() {

@@ -299,6 +299,9 @@ public:
     /// Returns number and bytes of the scenes that count towards the quotas of a principal, listed
     /// or unlisted ones.
     [[nodiscard]] Total charged_to(const std::string& principal, bool listed) const;
+    /// Returns what a principal holds of the budget, as it is told: each of its scenes counts in
+    /// full, whether or not others hold the same content and are charged for it.
+    [[nodiscard]] std::uint64_t memory_of(const std::string& principal) const;
     /// How much of its quotas a principal has in scenes.
     struct Usage {
         std::size_t scenes = 0;

@@ -316,6 +316,49 @@ TEST_CASE("the memory of a scene is charged to one of those who hold it") {
     CHECK(store.budget.used() == 0);
 }
 
+TEST_CASE("what a principal is told that it holds says nothing of others") {
+    const auto bytes = square(1)->bytes().size();
+    const auto larger = many_squares(20)->bytes().size();
+    // Without anybody else, with one who came before, and with one who comes later.
+    for (const int others : {0, 1, 2}) {
+        CAPTURE(others);
+        Store store;
+        SceneStore& scenes = store.scenes;
+        const auto other_loads = [&](const char* name, const auto& content) {
+            REQUIRE(scenes.publish(name, content, store.shared, store.stranger));
+        };
+        const auto told = [&] { return scenes.memory_of("me"); };
+        const auto request = store.budget.reserve(1000, "me");
+        if (others == 1) other_loads("theirs", square(1));
+        REQUIRE(scenes.publish("town", square(1), {}, store.a));
+        CHECK(told() == 1000 + bytes);
+        if (others == 2) other_loads("theirs", square(1));
+        CHECK(told() == 1000 + bytes);
+        // The epoch before an edit is its owner's as long as the next edit may use its memory.
+        if (others == 1) other_loads("also theirs", many_squares(20));
+        REQUIRE(scenes.publish_edit(*scenes.find("town", 0, store.a), many_squares(20), store.a)
+                    .value());
+        if (others == 2) other_loads("also theirs", many_squares(20));
+        CHECK(told() == 1000 + bytes + larger);
+        if (others != 0) REQUIRE(scenes.unload("theirs", store.stranger));
+        CHECK(told() == 1000 + bytes + larger);
+        scenes.drop_spares();
+        CHECK(told() == 1000 + larger);
+        // A request that goes on reads what was unloaded.
+        std::optional<NamedScene> read(*scenes.find("town", 0, store.a));
+        std::optional<NamedScene> theirs;
+        if (others != 0) theirs = *scenes.find("also theirs", 0, store.stranger);
+        REQUIRE(scenes.unload("town", store.a));
+        if (others != 0) REQUIRE(scenes.unload("also theirs", store.stranger));
+        CHECK(told() == 1000 + larger);
+        CHECK(scenes.memory_of("you") == (others == 0 ? 0 : larger));
+        theirs.reset();
+        CHECK(told() == 1000 + larger);
+        read.reset();
+        CHECK(told() == 1000);
+    }
+}
+
 TEST_CASE("a scene that only requests read any more is charged to one of those who ask") {
     Store store;
     SceneStore& scenes = store.scenes;
