@@ -141,6 +141,11 @@ bool is_beyond_loopback(const Address& address) {
     return tcp != nullptr && !is_loopback(tcp->host);
 }
 
+bool is_remote_peer(const std::string& name) {
+    const std::string host = name.substr(0, name.find('/'));
+    return is_numeric(host) && !is_loopback(host);
+}
+
 std::string scheme_of(const Address& address) {
     const auto* tcp = std::get_if<TcpAddress>(&address);
     return tcp != nullptr ? tcp->scheme : "unix";

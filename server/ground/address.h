@@ -65,6 +65,10 @@ inline constexpr std::array schemes = {
 /// True if other machines may reach the address.
 [[nodiscard]] bool is_beyond_loopback(const Address& address);
 
+/// True for the name of a peer on another machine that is known by its address alone: an IPv4 address
+/// or an IPv6 network (PeerIdentity::name), beyond loopback.
+[[nodiscard]] bool is_remote_peer(const std::string& name);
+
 /// Returns the name of the address's scheme, or http or https.
 [[nodiscard]] std::string scheme_of(const Address& address);
 

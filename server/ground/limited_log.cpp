@@ -1,5 +1,7 @@
 #include "server/ground/limited_log.h"
 
+#include "server/ground/address.h"
+
 #include <mutex>
 
 namespace raynest::server {
@@ -26,7 +28,9 @@ void tell_left_out(const std::string& name, Event& event, LineLimit::Time now) {
         {{"left_out", std::to_string(left_out.lines)},
          {"most_of", left_out.source},
          {"reason", "more than " + std::to_string(LineLimit::lines_max) +
-                        " lines of a source in a second, or too many sources"}});
+                        " lines of a source in a second, " +
+                        std::to_string(LineLimit::remote_lines_max) +
+                        " of all remote addresses, or too many sources"}});
 }
 
 }  // namespace
@@ -34,30 +38,34 @@ void tell_left_out(const std::string& name, Event& event, LineLimit::Time now) {
 void LineLimit::begin(Time now) {
     if (now - begin_ < period) return;
     begin_ = now;
-    left_out_.lines += std::exchange(of_others_, 0);
-    for (const auto& [source, lines] : lines_) {
-        left_out_.lines += lines.left_out;
-        if (lines.left_out <= left_out_.lines_of_source) continue;
-        left_out_.source = source;
-        left_out_.lines_of_source = lines.left_out;
+    for (Group* group : {&known_, &remote_}) {
+        left_out_.lines += group->of_others;
+        for (const auto& [source, lines] : group->by_source) {
+            left_out_.lines += lines.left_out;
+            if (lines.left_out <= left_out_.lines_of_source) continue;
+            left_out_.source = source;
+            left_out_.lines_of_source = lines.left_out;
+        }
+        *group = {};
     }
-    lines_.clear();
 }
 
-bool LineLimit::admit(std::string_view source, Time now) {
+bool LineLimit::admit(const std::string& source, Time now) {
     begin(now);
-    auto found = lines_.find(source);
-    if (found == lines_.end() && lines_.size() < sources_max)
-        found = lines_.emplace(source, Lines()).first;
-    if (found == lines_.end()) {
-        ++of_others_;
+    const bool is_remote = is_remote_peer(source);
+    Group& group = is_remote ? remote_ : known_;
+    auto found = group.by_source.find(source);
+    if (found == group.by_source.end() && group.by_source.size() < sources_max)
+        found = group.by_source.emplace(source, Lines()).first;
+    if (found == group.by_source.end()) {
+        ++group.of_others;
         return false;
     }
-    const bool admitted = found->second.written < lines_max;
-    if (admitted)
-        ++found->second.written;
-    else
-        ++found->second.left_out;
+    Lines& lines = found->second;
+    const bool admitted =
+        lines.written < lines_max && (!is_remote || group.written < remote_lines_max);
+    ++(admitted ? lines.written : lines.left_out);
+    group.written += admitted ? 1U : 0U;
     return admitted;
 }
 
@@ -75,7 +83,7 @@ void log_limited(LogLevel level, std::string_view event, std::string_view source
     if (found == events().end()) found = events().emplace(event, Event()).first;
     tell_left_out(found->first, found->second, now);
     found->second.level = level;
-    if (found->second.limit.admit(source, now)) log(level, event, fields);
+    if (found->second.limit.admit(std::string(source), now)) log(level, event, fields);
 }
 
 void log_left_out() {

@@ -1,5 +1,6 @@
 // The log of events that peers cause: a peer gets a few lines per second and event, and the rest is
-// counted, so that nobody fills a disk or hides what others do. Lines of the daemon's own doing go
+// counted, so that nobody fills a disk or hides what others do. Peers that are known by their address
+// alone share a total, because one machine may have many addresses. Lines of the daemon's own doing go
 // to log() itself.
 #pragma once
 
@@ -18,8 +19,9 @@ namespace raynest::server {
 class LineLimit {
 public:
     using Time = std::chrono::steady_clock::time_point;
-    static constexpr unsigned lines_max = 5;        ///< for a source, per second
-    static constexpr std::size_t sources_max = 40;  ///< with lines in one second
+    static constexpr unsigned lines_max = 5;          ///< for a source, per second
+    static constexpr std::size_t sources_max = 40;    ///< of each group, with lines in one second
+    static constexpr unsigned remote_lines_max = 15;  ///< of all remote addresses, per second
 
     /// Lines that were left out, and the source of most of them.
     struct LeftOut {
@@ -29,23 +31,29 @@ public:
     };
 
     /// True if a line may be written; false counts it as left out.
-    bool admit(std::string_view source, Time now);
+    bool admit(const std::string& source, Time now);
     /// Returns the lines left out since the last call; none while their second goes on.
     LeftOut take_left_out(Time now);
 
 private:
     struct Lines {
-        unsigned written = 0;
+        std::uint64_t written = 0;
         std::uint64_t left_out = 0;
+    };
+    /// The lines of this second.
+    struct Group {
+        std::map<std::string, Lines, std::less<>> by_source = {};
+        std::uint64_t written = 0;
+        std::uint64_t of_others = 0;  ///< left out, of sources beyond sources_max
     };
     static constexpr std::chrono::seconds period{1};
     /// Begins another second if this one is over.
     void begin(Time now);
 
     Time begin_ = Time() - period;
-    std::map<std::string, Lines, std::less<>> lines_;  ///< the lines of this second, by source
-    std::uint64_t of_others_ = 0;  ///< left out in this second, of sources beyond sources_max
-    LeftOut left_out_;             ///< in seconds that are over
+    Group known_;
+    Group remote_;      ///< sources that are addresses of other machines
+    LeftOut left_out_;  ///< in seconds that are over
 };
 
 /// Logs an event within a LineLimit of its own. `source` is the principal or address that causes

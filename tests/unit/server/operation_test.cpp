@@ -61,6 +61,22 @@ TEST_CASE("a few lines per second are written, and the rest is counted") {
     CHECK(limit.take_left_out(begin + 5s).lines == 1000 - LineLimit::sources_max);
 }
 
+TEST_CASE("a machine with many addresses fills no more than their share of the log") {
+    using namespace std::chrono_literals;
+    LineLimit limit;
+    const LineLimit::Time now{100s};
+    unsigned written = 0;
+    for (int i = 0; i < 200; ++i) {
+        const std::string number = std::to_string(i % 100);
+        written += limit.admit("2001:db8:0:" + number + "::/64", now);
+        written += limit.admit("192.0.2." + number, now);
+    }
+    CHECK(written == LineLimit::remote_lines_max);
+    for (const char* known : {"alice", "CN=robot", "uid:1000", "127.0.0.1", ""})
+        CHECK(limit.admit(known, now));
+    CHECK(limit.take_left_out(now + 1s).lines == 400 - LineLimit::remote_lines_max);
+}
+
 TEST_CASE("each principal has its own counts, and only so many are remembered") {
     OwnCounts counts;
     counts.add("alice", 3, 5);
