@@ -295,8 +295,8 @@ HttpReply HttpSite::log_in(const HttpRequest& request) const {
     if (access_ == nullptr) return refuse(404, "nobody needs to log in here");
     const std::string_view old_login = login_of(request);
     const std::string question = access_->question_before(request.sender, code, old_login);
-    if (!question.empty() && form_field(request.body, "replace") != "yes")
-        return refuse(409, question + "; send replace=yes, too, if it may");
+    if (!question.empty() && form_field(request.body, "agreed") != "yes")
+        return refuse(409, question + "; send agreed=yes, too, if the user agrees");
     const auto secret = access_->log_in(request.sender, token, code);
     if (!secret) return refuse_sender(secret.error());
     // The browser forgets its old login now. A code of the same user may come from it, and then the

@@ -88,8 +88,8 @@ public:
     /// Fails with NOT_ALLOWED or BUSY where the peer must log in first.
     virtual Reply<Principal> identify(const PeerIdentity& peer, std::string_view bearer,
                                       std::string_view cookie) = 0;
-    /// Returns the question that must be answered before this code replaces the login of this
-    /// cookie or the peer's certificate; empty: none.
+    /// Returns the question that must be answered before this code logs the page in, in the place of
+    /// this cookie or the peer's certificate, if any; empty: none.
     virtual std::string question_before(const PeerIdentity& peer, std::string_view code,
                                         std::string_view cookie) = 0;
     /// Begins a login by a token or else by a code. Returns the secret of its cookie.

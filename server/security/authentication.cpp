@@ -104,12 +104,18 @@ std::string Authentication::question_before(const PeerIdentity& peer, std::strin
                                             std::string_view cookie,
                                             WallClock::time_point wall) const {
     const Principal* then = logins_.find_code(code, wall);
-    if (then == nullptr) return "";
+    if (then == nullptr || !still_valid(*then, wall)) return "";
     const Principal* known = logins_.find(cookie, wall);
     const std::string now =
         known != nullptr && still_valid(*known, wall) ? known->id : peer.subject;
-    if (now.empty() || now == then->id) return "";
-    return "this page is logged in as " + now + ", and the address logs it in as " + then->id;
+    const std::string becomes = ", and the address logs it in as " + then->id;
+    if (!now.empty()) return now == then->id ? "" : "this page is logged in as " + now + becomes;
+    // Others may send an address whose code is theirs, to see what is loaded then. They have no code
+    // of the daemon's own user.
+    using Place = PeerIdentity::Place;
+    const bool is_daemons_user = then->admittance.by == Admittance::By::transport &&
+                                 then->admittance.place == Place::own_user;
+    return is_daemons_user || then->id == peer.name ? "" : "this page is not logged in" + becomes;
 }
 
 Reply<std::string> Authentication::log_in(const PeerIdentity& peer, std::string_view token,

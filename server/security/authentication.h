@@ -88,8 +88,9 @@ public:
                                                     std::string_view bearer,
                                                     std::string_view cookie, Time now,
                                                     WallClock::time_point wall);
-    /// Returns the question that a browser must answer before a code ends its login: which
-    /// principal it is and which it becomes; empty if the code ends none, or changes no principal.
+    /// Returns the question that a browser must answer before a code logs it in: which principal it
+    /// is and which it becomes. Empty if it is that one already, for the daemon's own user where
+    /// nobody is logged in, and for a code that is not valid.
     [[nodiscard]] std::string question_before(const PeerIdentity& peer, std::string_view code,
                                               std::string_view cookie,
                                               WallClock::time_point wall) const;

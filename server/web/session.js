@@ -1,12 +1,13 @@
 // The login of the page: by a token, or by the code of `raynest open`; and its end.
 
-/** Logs in by {token} or {code}; throws an Error that says what to do. Returns false if the user keeps the login of another. */
+/** Logs in by {token} or {code}; throws an Error that says what to do. Returns false if the user does not agree. */
 export async function logIn(proof) {
   const answer = await fetch("/v1/login", { method: "POST", body: new URLSearchParams(proof) });
   if (answer.ok) return true;
   if (answer.status === 409) {
     const question = (await answer.text()).split(";")[0];
-    return confirm(`${question}. Change the login?`) && logIn({ ...proof, replace: "yes" });
+    // A link of somebody else would make what is loaded here theirs.
+    return confirm(`${question}. Agree only if you made this address yourself, by raynest open.`) && logIn({ ...proof, agreed: "yes" });
   }
   const wait = answer.headers.get("Retry-After");
   throw new Error((await answer.text()).trim() + (wait ? `; try again in ${wait} s` : ""));

@@ -64,6 +64,7 @@ browserTest("raynest open logs in as its caller, once", async ({ context, errors
   const address = JSON.parse(said(raynest, ["--server", daemon.listen, "--json", "open", "alice/forest"], { DISPLAY: "", WAYLAND_DISPLAY: "" })).address;
   assert.match(address, /#scene=alice%2Fforest&code=[0-9a-f]{64}$/);
   const page = await context.newPage();
+  page.on("dialog", (dialog) => dialog.accept());
   await page.goto(address);
   await fine(page);
   assert.ok(!page.url().includes("code="));
@@ -74,6 +75,23 @@ browserTest("raynest open logs in as its caller, once", async ({ context, errors
   await again.waitForFunction(() => document.getElementById("message").textContent.includes("was used"));
   await logIn(again, alice);
   await fine(again);
+  errors.length = 0;
+});
+
+browserTest("a link logs nobody in before it has asked", async ({ context, errors }) => {
+  const address = JSON.parse(said(raynest, ["--server", daemon.listen, "--json", "open", "alice/forest"], { DISPLAY: "", WAYLAND_DISPLAY: "" })).address;
+  const page = await context.newPage();
+  const asked = [];
+  page.on("dialog", (dialog) => { asked.push(dialog.message()); dialog.dismiss(); });
+  await page.goto(address);
+  await page.waitForFunction(() => !location.hash.includes("code="));
+  await until(() => asked.length === 1, "a question");
+  assert.match(asked[0], /not logged in, and the address logs it in as alice. Agree only if you made this address yourself/);
+  await page.waitForSelector("#login");
+  assert.deepEqual(await context.cookies(), []);
+  await logIn(page, bob);
+  await fine(page);
+  assert.match(await page.getAttribute("#state", "title"), /as bob/);
   errors.length = 0;
 });
 

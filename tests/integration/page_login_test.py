@@ -4,24 +4,20 @@
   page_login_test.py RAYNESTD RAYNEST
 """
 import contextlib
-import json
-import os
 import pathlib
 import re
 import signal
 import socket
 import ssl
-import sys
-import tempfile
 import time
 
 import websocket
-from daemon import PATIENCE, Daemon, Programs, main, until
-from secure_daemon import Certificates, SecureClient, SecureDaemon, Tokens
+from daemon import PATIENCE, Daemon, main, until
+from secure_daemon import Certificates, SecureDaemon
 from websocket import WebSocket, connect, get, greeted, host_of, place_of, post, raw, split, upgrade_request
+from with_page import ROLES, WithPage
 
 ROOT = pathlib.Path(__file__).resolve().parents[2]
-ROLES = ("viewer", "user", "admin")
 # Rows of the request table: name, role.
 REQUESTS = re.findall(r"^RAYNEST_REQUEST\(\d+, (\w+), \w+, \w+, (\w+),",
                       (ROOT / "protocol/lists/requests.def").read_text(), re.MULTILINE)
@@ -32,55 +28,7 @@ OPEN = ("/healthz", "/readyz", "/login.html", "/login.js", "/session.js", "/dom.
 CLOSED = ("/", "/index.html", "/main.js", "/raynest.js", "/metrics", "/v1/login")
 
 
-class PageTest(Programs):
-    @classmethod
-    def setUpClass(cls):
-        cls.out = pathlib.Path(cls.enterClassContext(tempfile.TemporaryDirectory(prefix="raynest test ")))
-        cls.certificates = Certificates(cls.raynestd, cls.out / "tls", "gpu.example.org")
-        websocket.trusted.load_verify_locations(cls.certificates.ca)
-        cls.tokens = Tokens(cls.raynestd, cls.out / "tokens")
-        cls.secrets = {role: cls.tokens.add("test-" + role, "--role", role) for role in ROLES}
-        cls.daemon = cls.make_daemon("--http", "https://127.0.0.1:0")
-        cls.addClassCleanup(cls.daemon.stop)
-        cls.http = cls.daemon.http
-
-    @classmethod
-    def make_daemon(cls, *arguments):
-        return SecureDaemon(cls.raynestd, cls.certificates, "--tokens", cls.tokens.file, *arguments)
-
-    def own_daemon(self, *arguments):
-        daemon = self.make_daemon(*arguments)
-        self.addCleanup(daemon.stop)
-        return daemon
-
-    def setUp(self):
-        # A right token ends the wait that wrong tokens of another test have caused.
-        until(lambda: post(self.http, "/v1/login", "token=" + self.secrets["user"])[0] == 200)
-
-    def client(self, name=None, daemon=None):
-        return SecureClient(self.raynest, (daemon or self.daemon).tls, self.certificates.ca,
-                            self.secrets.get(name, name))
-
-    def log_in(self, http, **proof):
-        """Returns the cookie as a header."""
-        (name, value), = proof.items()
-        status, headers, body = post(http, "/v1/login", f"{name}={value}")
-        self.assertEqual(status, 200, body)
-        cookie, *attributes = headers["set-cookie"].split("; ")
-        self.assertIn("HttpOnly", attributes)
-        self.assertIn("SameSite=Strict", attributes)
-        self.assertEqual("Secure" in attributes, http.startswith("https://"))
-        self.assertNotIn(value, cookie)
-        return [f"Cookie: theme=dark; {cookie}"]
-
-    def code(self, client):
-        address = client.json("open")["address"]
-        return address.rpartition("code=")[2]
-
-    def who(self, http, headers=()):
-        status, _, body = get(http, "/v1/login", headers=headers)
-        return json.loads(body) if status == 200 else status
-
+class PageTest(WithPage):
     # ---- https
 
     def test_the_page_is_served_over_https(self):
@@ -258,93 +206,12 @@ class PageTest(Programs):
             connection.sendall(token.encode())
             self.assertIn("set-cookie", split(connection.recv(4096))[1])
 
-    def test_a_code_logs_in_once_as_its_caller(self):
-        local = SecureClient(self.raynest, f"unix:{self.out}/code")
-        daemon = self.own_daemon("--http", "127.0.0.1:0", "--listen", local.uri)
-        uid = f"uid:{os.getuid()}"
-        for client, principal, role in ((local, uid, "admin"),
-                                        (self.client("viewer", daemon), "test-viewer", "viewer")):
-            code = self.code(client)
-            cookie = self.log_in(daemon.http, code=code)
-            self.assertEqual(self.who(daemon.http, cookie),
-                             {"principal": principal, "role": role, "login": True})
-            with greeted(daemon.http, headers=cookie) as stream:
-                client.json("scenes")
-                stream.say("Page", 1)
-                self.assertEqual(stream.hear()[2]["http"], daemon.http)
-            # A replay, a code that never was, and half a code.
-            for wrong in (code, "0" * 64, self.code(client)[:32]):
-                status, headers, body = post(daemon.http, "/v1/login", "code=" + wrong)
-                self.assertEqual(status, 401)
-                self.assertIn(b"was used or has expired", body)
-                self.assertNotIn("set-cookie", headers)
-        # Without a code the page is whoever comes from loopback.
-        self.assertEqual(self.who(daemon.http), {"principal": "127.0.0.1", "role": "user", "login": False})
-        self.assertNotIn(code, daemon.log())
-
-    def test_a_code_expires(self):
-        daemon = self.own_daemon("--http", "https://127.0.0.1:0", "--page-code-ms-max", "50")
-        code = self.code(self.client("user", daemon))
-        time.sleep(0.1)
-        self.assertEqual(post(daemon.http, "/v1/login", "code=" + code)[0], 401)
-
-    def test_a_code_ends_with_the_token_of_its_caller(self):
-        secret = self.tokens.add("leaver")
-        until(lambda: self.client(secret).run("scenes").returncode == 0)
-        code = self.code(self.client(secret))
-        self.tokens.revoke("leaver")
-        until(lambda: self.client(secret).run("scenes").returncode == 4)
-        self.assertEqual(post(self.http, "/v1/login", "code=" + code)[0], 401)
-
     def test_a_login_ends_after_its_time(self):
         daemon = self.own_daemon("--http", "https://127.0.0.1:0", "--page-login-ms-max", "1000")
         cookie = self.log_in(daemon.http, token=self.secrets["user"])
         with greeted(daemon.http, headers=cookie) as stream:
             until(lambda: self.who(daemon.http, cookie) == 401)
             self.assertTrue(self.hears_of_the_end(stream))
-
-    def page_code(self, http, cookie):
-        """A code that the page of this login asks for."""
-        with greeted(http, headers=cookie) as stream:
-            return stream.ask("Page", 1)[-1][2]["code"]
-
-    def test_a_login_that_a_login_has_made_ends_with_it_and_when_it_does(self):
-        daemon = self.own_daemon("--http", "https://127.0.0.1:0", "--page-login-ms-max", "4000")
-        begun = time.monotonic()
-        first = self.log_in(daemon.http, token=self.secrets["user"])
-        second = self.log_in(daemon.http, code=self.page_code(daemon.http, first))
-        time.sleep(max(0, begun + 2 - time.monotonic()))
-        last = self.log_in(daemon.http, code=self.page_code(daemon.http, second))
-        # The middle one takes its own along, and leaves its parent.
-        self.assertEqual(post(daemon.http, "/v1/logout", headers=second)[0], 200)
-        self.assertEqual([self.who(daemon.http, each) == 401 for each in (first, second, last)], [False, True, True])
-        last = self.log_in(daemon.http, code=self.page_code(daemon.http, first))
-        with greeted(daemon.http, headers=last) as stream:
-            self.assertTrue(self.hears_of_the_end(stream))
-        # 6 s would be a time of its own; a slow machine may be late, too.
-        print(f"the login of a login ended after {time.monotonic() - begun:.1f} s of 4", file=sys.stderr)
-        self.assertEqual(self.who(daemon.http, first), 401)
-        self.assertEqual(self.who(daemon.http, last), 401)
-
-    def test_a_code_asks_before_it_replaces_the_login_of_another(self):
-        mine = self.log_in(self.http, token=self.secrets["user"])
-        code = self.code(self.client("viewer"))
-        status, headers, body = post(self.http, "/v1/login", "code=" + code, headers=mine)
-        self.assertEqual(status, 409, body)
-        self.assertIn(b"is logged in as test-user, and the address logs it in as test-viewer", body)
-        self.assertNotIn("set-cookie", headers)
-        self.assertEqual(self.who(self.http, mine)["principal"], "test-user")
-        with greeted(self.http, headers=mine) as stream:
-            status, headers, _ = post(self.http, "/v1/login", f"code={code}&replace=yes", headers=mine)
-            self.assertEqual(status, 200)
-            self.assertTrue(self.hears_of_the_end(stream))
-        self.assertEqual(self.who(self.http, mine), 401)
-        now = ["Cookie: " + headers["set-cookie"].split(";")[0]]
-        self.assertEqual(self.who(self.http, now)["principal"], "test-viewer")
-        # One's own code, a used code and a token ask nothing.
-        self.assertEqual(post(self.http, "/v1/login", "code=" + self.code(self.client("viewer")), headers=now)[0], 200)
-        self.assertEqual(post(self.http, "/v1/login", "code=" + code, headers=now)[0], 401)
-        self.assertEqual(post(self.http, "/v1/login", "token=" + self.secrets["user"], headers=now)[0], 200)
 
     def test_a_login_beside_another_counts_as_none(self):
         mine, = self.log_in(self.http, token=self.secrets["user"])
@@ -359,18 +226,6 @@ class PageTest(Programs):
         self.assertEqual(post(self.http, "/v1/login", "token=" + self.secrets["viewer"], headers=[mine])[0], 200)
         self.assertEqual(self.who(self.http, [mine]), 401)
 
-    def test_codes_and_logins_of_one_principal_void_no_others(self):
-        admins = self.code(self.client("admin"))
-        cookie = self.log_in(self.http, token=self.secrets["admin"])
-        bearer = ["Authorization: Bearer " + self.secrets["viewer"]]
-        with greeted(self.http, headers=bearer) as stream:
-            for number in range(1, 301):
-                self.assertEqual(stream.ask("Page", number)[-1][0], "PageAddress")
-        for _ in range(70):
-            self.log_in(self.http, token=self.secrets["viewer"])
-        self.assertEqual(self.who(self.http, cookie)["principal"], "test-admin")
-        self.log_in(self.http, code=admins)
-
     def test_the_cookie_of_another_daemon_is_none(self):
         other = self.own_daemon("--http", "https://127.0.0.1:0")
         cookie = self.log_in(other.http, token=self.secrets["user"])
@@ -378,17 +233,6 @@ class PageTest(Programs):
         renamed = cookie[0].replace(str(place_of(other.http)[1]), str(place_of(self.http)[1]))
         self.assertEqual(self.who(self.http, [renamed]), 401)
         self.assertEqual(self.who(other.http, cookie)["principal"], "test-user")
-
-    def hears_of_the_end(self, stream):
-        """True if the daemon says NOT_ALLOWED and closes."""
-        try:
-            while True:
-                name, _, message, _ = stream.hear()
-                if name == "Error":
-                    self.assertEqual((message["name"], message["closing"]), ("NOT_ALLOWED", True))
-                    said = True
-        except websocket.Closed:
-            return said
 
     def test_a_revoked_token_ends_the_open_page_within_a_second(self):
         secret = self.tokens.add("mallory")

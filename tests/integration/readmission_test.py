@@ -179,7 +179,7 @@ class Readmission(Programs):
             if name not in ended:
                 self.assertTrue(peer.answers(), name)
         self.assertEqual(get(self.http, "/v1/login", headers=self.cookie)[0], 401 if "cookie" in ended else 200)
-        self.assertEqual(post(self.http, "/v1/login", "code=" + self.code)[0], 401 if "token" in ended else 200)
+        self.assertEqual(post(self.http, "/v1/login", "code=" + self.code + "&agreed=yes")[0], 401 if "token" in ended else 200)
 
     TOKEN = ("token", "token's job", "cookie")
     CERTIFICATE = ("certificate", "certificate over tls", "certificate's job")

@@ -421,27 +421,42 @@ TEST_CASE("a login that a login has made ends with it, and when it does") {
     CHECK(logins.find(cookie, noon) == nullptr);
 }
 
-TEST_CASE("a code asks before it replaces the login of another") {
+TEST_CASE("a code asks before it logs in somebody else than is there") {
     GuardedDaemon guarded;
     Authentication& daemon = guarded.authentication;
     const std::string cookie = daemon.log_in(browser, guarded.alice, "", guarded.now, noon).value();
-    const auto code_of = [&](const char* name) {
-        return daemon.logins().make_code({name, {}, Role::admin}, noon).value();
+    const auto code_of = [&](const char* name, Admittance admittance = {}) {
+        const bool is_daemons_user = admittance.place == Place::own_user;
+        const Role role = is_daemons_user ? Role::admin : *guarded.policy.anonymous;
+        return daemon.logins()
+            .make_code({name, {}, role, "", 0, std::move(admittance)}, noon)
+            .value();
     };
-    const std::string other = code_of("mallory");
+    const auto local = [](Place place) { return Admittance{Admittance::By::transport, place}; };
+    const std::string other = code_of("uid:1", local(Place::other_user));
     const PeerIdentity page{"192.0.2.9", Place::remote, "https"};
     PeerIdentity bob = page;
     bob.subject = "CN=bob";
     CHECK(daemon.question_before(bob, other, "", noon).find("CN=bob") != std::string::npos);
     const std::string question = daemon.question_before(page, other, cookie, noon);
     CHECK(question.find("logged in as alice") != std::string::npos);
-    CHECK(question.find("mallory") != std::string::npos);
+    CHECK(question.find("in as uid:1") != std::string::npos);
     CHECK(daemon.question_before(page, code_of("alice"), cookie, noon).empty());
-    CHECK(daemon.question_before(page, other, "", noon).empty());
+    // Where nobody is logged in, it asks, too: but for the daemon's own user, and who is there.
+    for (const PeerIdentity& nobody : {page, PeerIdentity{"127.0.0.1", Place::loopback, "http"}})
+        CHECK(daemon.question_before(nobody, other, "", noon) ==
+              "this page is not logged in, and the address logs it in as uid:1");
+    CHECK(daemon.question_before(page, code_of("uid:0", local(Place::own_user)), "", noon).empty());
+    const std::string same = code_of("127.0.0.1", local(Place::loopback));
+    CHECK(daemon.question_before({"127.0.0.1", Place::loopback, "http"}, same, "", noon).empty());
+    // A code that ends in an error asks nothing.
+    const std::string revoked = code_of("carl", {Admittance::By::token});
+    CHECK(daemon.question_before(page, revoked, "", noon).empty());
     CHECK(daemon.question_before(page, "", cookie, noon).empty());
     CHECK(daemon.question_before(page, other, cookie, noon + 3min).empty());
     guarded.put({});
-    CHECK(daemon.question_before(page, other, cookie, noon).empty());
+    CHECK(daemon.question_before(page, other, cookie, noon) ==
+          daemon.question_before(page, other, "", noon));
 }
 
 TEST_CASE("a changed limit counts for logins that there are") {
