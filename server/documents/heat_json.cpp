@@ -1,5 +1,6 @@
 #include "server/documents/heat_json.h"
 
+#include "engine/scene/edits/pose.h"
 #include "protocol/base64.h"
 #include "protocol/text.h"
 #include "server/documents/json.h"
@@ -13,10 +14,24 @@ namespace {
 constexpr std::uint64_t head_bytes = 128 * 1024;
 constexpr std::uint64_t row_bytes = 256;
 
+/// Returns "2.5 s of run", for people; null where the scene is as it was loaded.
+Json moment_json(const Plan& plan, const protocol::Limits& limits) {
+    if (!plan.time) return nullptr;
+    const Snapshot& scene = plan.scene.snapshot();
+    const auto moment = find_moment(scene, plan.animation, *plan.time);
+    const std::size_t index = moment ? moment->animation : 0;
+    const auto animations = animations_of(scene, index + 1);
+    const std::string name = index < animations.size() ? animations[index].name : "";
+    return number_text(*plan.time) + " s of " +
+           (name.empty() ? "animation " + std::to_string(index)
+                         : protocol::clean_text(name, limits.name_bytes_max));
+}
+
 Json job_json(const Plan& plan, const protocol::Limits& limits) {
     return {{"scene", plan.scene.name},
             {"hash", plan.scene.snapshot().digest()},
             {"epoch", plan.scene.epoch},
+            {"moment", moment_json(plan, limits)},
             {"intersector", protocol::clean_text(plan.variant->name, limits.name_bytes_max)},
             {"settings", protocol::clean_text(settings_text(plan), limits.text_bytes_max)},
             {"mask", plan.mask}};

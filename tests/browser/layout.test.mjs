@@ -241,9 +241,8 @@ browserTest("a selection says whether hidden boxes are charged, and can leave th
   assert.ok(Math.abs(mean * 160 * 90 - rest) < 1e-3 * rest, `${mean * 160 * 90} and ${rest}`);
 });
 
-browserTest("the report is the command line's, and says scene, metric and camera", async ({ open }) => {
-  const page = await open(daemon, { scene: "forest", size: "160x90", view: "boxes", hidden: "i3", camera: "0.5,2,13,0,3,0,0,1,0,50" });
-  await fine(page);
+/** Saves the page's report; the command line's is the same. Returns it. */
+async function report(page) {
   await page.click("#share");
   const [download] = await Promise.all([page.waitForEvent("download"), page.click("text=Report")]);
   const made = readFileSync(await download.path(), "utf8");
@@ -253,6 +252,22 @@ browserTest("the report is the command line's, and says scene, metric and camera
   // The commands and the link are the reader's own.
   const common = (text) => text.replace(/<p class="command">.*?<\/p>\n/gs, "").replace(/<dt>View.*\n/, "").split("\n");
   assert.deepEqual(common(made), common(told));
+  return made;
+}
+
+browserTest("a report of a moment says it", async ({ open }) => {
+  await daemon.json("load", "builtin:street?seconds=2&cars=2&length=50", "--name", "street");
+  const page = await open(daemon, { scene: "street", size: "160x90", view: "boxes", time: "0.5", camera: "-25,6,12,0,1,0,0,1,0,50" });
+  await fine(page);
+  const made = await report(page);
+  assert.match(made, /<dt>Moment<\/dt><dd>0\.5 s of [^<]+<\/dd>/);
+  assert.match(made, /<caption>street at 0\.5 s of [^:]+: counters, from \(-25, 6, 12\) to \(0, 1, 0\), 50°</);
+});
+
+browserTest("the report is the command line's, and says scene, metric and camera", async ({ open }) => {
+  const page = await open(daemon, { scene: "forest", size: "160x90", view: "boxes", hidden: "i3", camera: "0.5,2,13,0,3,0,0,1,0,50" });
+  await fine(page);
+  const made = await report(page);
   for (const words of ["<h1>Heat map of forest</h1>", "boxes per ray", "hide inst=3", "boxes of what is hidden counted", "forest: counters, from (0.5, 2, 13) to (0, 3, 0), 50°"]) {
     assert.ok(made.includes(words), words);
   }

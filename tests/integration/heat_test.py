@@ -326,6 +326,20 @@ class Reports(Heat):
         self.assertIn("Less that of", words)
         self.assertIn("grove", words)
 
+    def test_a_report_of_a_moment_says_it_where_scene_and_camera_stand(self):
+        self.client.json("load", "builtin:street?seconds=2&cars=2&length=50", "--name", "street")
+        self.client.json("load", "builtin:street?seconds=2&cars=2&length=50", "--name", "avenue")
+        animation, = self.client.json("info", "street")["animations"]
+        name = animation or "animation 0"
+        text, page = self.report("street", *VIEW, "--time", "0.5", "--diff", "avenue")
+        words = "".join(page.words)
+        self.assertIn(f"Moment0.5 s of {name}", words.replace("\n", ""))
+        self.assertIn(f"avenue epoch 1 at 0.5 s of {name},", words)
+        # Both pictures and all tables.
+        for stands in ("<figcaption>", "<caption>"):
+            self.assertEqual(text.count(stands), len(re.findall(stands + f"(?:The view: )?street at 0.5 s of {name}", text)))
+        self.assertNotIn("Moment", "".join(self.report("street", *VIEW)[1].words))
+
     def test_one_line_of_a_build_needs_no_daemon(self):
         client = Client(self.raynest, "unix:/nowhere")
         done = client.run("--local", "heatmap", self.hostile, "--size", "32x32", "--lookat", "0,0,4,0,0,0", "--fail-if",

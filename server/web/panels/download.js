@@ -24,10 +24,10 @@ function captionOf({ store, model, picture }) {
   const named = cameraName === "" ? "" : cameraName === "automatic" ? "whole scene" : model.info?.cameras?.[Number(cameraName)] || `camera ${cameraName}`;
   const at = (point) => `(${placeText(point, model.origin, 4)})`;
   const lens = camera.projection === "orthographic" ? "orthographic" : `${valueText(camera.fov, 4)}°`;
-  const moment = time === "" ? "" : `, at ${valueText(time, 4)} s of ${model.info?.animations?.[animation] || `animation ${animation}`}`;
+  const moment = time === "" ? "" : ` at ${valueText(time, 4)} s of ${model.info?.animations?.[animation] || `animation ${animation}`}`;
   const parts = [hidden.length ? `${hidden.length} hidden` : "", isolated.length ? `${isolated.length} isolated` : ""].filter(Boolean);
-  return { scene, metric: `${picture.image.view.label}${compares(store.values) ? ", difference" : ""}${parts.length ? ` (${parts.join(", ")})` : ""}`,
-    camera: `${named ? `${named}, ` : ""}from ${at(camera.eye)} to ${at(camera.at)}, ${lens}${moment}` };
+  return { scene: `${scene}${moment}`, metric: `${picture.image.view.label}${compares(store.values) ? ", difference" : ""}${parts.length ? ` (${parts.join(", ")})` : ""}`,
+    camera: `${named ? `${named}, ` : ""}from ${at(camera.eye)} to ${at(camera.at)}, ${lens}` };
 }
 
 const CAPTION = { line: 20, margin: 10, swatch: 10, font: "13px system-ui, sans-serif" };
