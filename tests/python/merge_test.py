@@ -1,15 +1,20 @@
 #!/usr/bin/env python3
-"""Files that were damaged on their way: `raynest merge` and `query` say so in a line, whatever has become of them.
+"""Joins parts whatever form their rows have; files that were damaged on their way are refused in a line.
 
   merge_test.py RAYNESTD RAYNEST FLATC
 """
+import json
 import pathlib
 import random
+import struct
 import sys
+import zlib
 
 import numpy as np
 
 import raynest
+from raynest._pictures import read_png
+from raynest._requests.png import unfiltered
 from raynest.merge import merge
 from with_daemon import WithDaemon, main
 
@@ -22,12 +27,59 @@ MADE = {"heat.exr": ("heatmap", "woods", *SIZE, "--metric", "boxes.1"), "differe
 OUT = {".exr": (".exr", ".npy"), ".png": (".png", ".npy"), ".npz": (".npz", ".ply")}
 
 
-class Damaged(WithDaemon):
+class Merging(WithDaemon):
     @classmethod
     def setUpClass(cls):
         super().setUpClass()
         cls.cli.environment.update(PYTHONPATH=str(pathlib.Path(raynest.__file__).parents[1]), RAYNEST_PYTHON=sys.executable)
 
+
+def pixels_of(path):
+    part = read_png(str(path), path.read_bytes())
+    return unfiltered(part.body[2], part.request["width"])
+
+
+def refiltered(data, kind):
+    """The PNG with another filter of its first row; nothing lies above it."""
+    chunks, at, packed = [], 8, b""
+    while at < len(data):
+        size, name = struct.unpack_from(">I4s", data, at)
+        body = data[at + 8:at + 8 + size]
+        packed += body if name == b"IDAT" else b""
+        chunks += [] if name == b"IDAT" else [(name, body)]
+        at += 12 + size
+    width = struct.unpack(">I", chunks[0][1][:4])[0]
+    rows = zlib.decompress(packed)
+    first = unfiltered(rows[:1 + 4 * width], width)[0].astype(int)
+    left = np.vstack([np.zeros((1, 4), int), first[:-1]])
+    row = (first - (0, left, 0, left // 2, left)[kind]) % 256
+    rows = bytes([kind]) + row.astype(np.uint8).tobytes() + rows[1 + 4 * width:]
+    chunks.insert(-1, (b"IDAT", zlib.compress(rows)))
+    return data[:8] + b"".join(struct.pack(">I", len(body)) + name + body + struct.pack(">I", zlib.crc32(name + body))
+                               for name, body in chunks)
+
+
+class Joined(Merging):
+    def test_the_first_row_of_a_part_may_have_any_filter(self):
+        parts = [self.out / f"{i}.png" for i in (1, 2)]
+        for i, path in enumerate(parts, 1):
+            self.cli.json("render", "woods", *SIZE, "-o", path, "--part", f"{i}/2")
+        wanted = np.vstack([pixels_of(path) for path in parts])
+        self.assertGreater(len(np.unique(wanted.reshape(-1, 4), axis=0)), 10)
+        data = parts[1].read_bytes()
+        for kind in range(5):
+            parts[1].write_bytes(refiltered(data, kind))
+            np.testing.assert_array_equal(np.vstack([pixels_of(path) for path in parts]), wanted)
+            whole = self.out / "whole.png"
+            merge(str(whole), list(map(str, parts)))
+            data_of_whole = whole.read_bytes()
+            at = data_of_whole.index(b"IDAT") - 4
+            size = struct.unpack_from(">I", data_of_whole, at)[0]
+            rows = zlib.decompress(data_of_whole[at + 8:at + 8 + size])
+            np.testing.assert_array_equal(unfiltered(rows, wanted.shape[1]), wanted, f"filter {kind}")
+
+
+class Damaged(Merging):
     def parts(self):
         """Files that are all parts of their whole."""
         for name, words in MADE.items():
@@ -68,6 +120,17 @@ class Damaged(WithDaemon):
                     with self.subTest(path.name, round=round, out=out):
                         found = self.refused(path, damaged, out)
                         self.assertTrue(found or path.suffix != ".png")
+
+    def test_a_part_of_no_rays_has_no_rows(self):
+        path, _ = next(found for found in self.parts() if found[0].name == "rows.npz")
+        with np.load(path) as file:
+            columns = {name: file[name] for name in file.files}
+        said = json.loads(columns["part"].tobytes())
+        columns["part"] = np.frombuffer(json.dumps({**said, "count": 0}).encode(), np.uint8)
+        bad = self.out / "none.npz"
+        np.savez(bad, **columns)
+        with self.assertRaisesRegex(raynest.InvalidError, f"^{bad}: is no part, .*: it has 128 rows for 0 rays"):
+            merge(str(self.out / "whole.npz"), [str(bad), str(path)])
 
     def test_what_a_heat_map_shows_is_gone(self):
         """Nothing but the names in its header tells what the counts are."""
