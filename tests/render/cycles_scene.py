@@ -23,9 +23,8 @@ from mathutils import Matrix, Vector
 numpy.bool = bool
 
 ANGLES, ROUGHNESSES, SAMPLES = 64, 32, 4096
-# Cycles' metal has the Fresnel term of an index instead of Schlick's: this "specular" stands for the
-# index 1.345, at which both have the same mean over the hemisphere.
-SCHLICK = 0.2706
+# Cycles' metal has the Fresnel term of an index instead of Schlick's. Indices that may stand for it.
+INDICES = numpy.linspace(1.15, 1.45, 16)
 
 
 # ---- the file -------------------------------------------------------------------------------------
@@ -80,16 +79,21 @@ def linear_image(image):
 # ---- albedo of GGX, as engine/shading/albedo_tables.cpp has it --------------------------------------
 
 def albedo_rows():
-    """(full, edge) of one bounce, by roughness and the square root of the cosine."""
+    """(full, edge) of one bounce, by roughness and the square root of the cosine; and, by roughness, the index whose
+    Fresnel term has the same mean over the hemisphere as Schlick's."""
     points = numpy.random.default_rng(1).random((2, SAMPLES))
     full, edge = numpy.empty((ROUGHNESSES, ANGLES)), numpy.empty((ROUGHNESSES, ANGLES))
+    terms, index = numpy.empty((ANGLES, len(INDICES))), numpy.empty(ROUGHNESSES)
+    cosines = (numpy.arange(ANGLES) / (ANGLES - 1)) ** 2
+    solid = numpy.gradient(cosines ** 2)
     for row in range(ROUGHNESSES):
         alpha = max(row / (ROUGHNESSES - 1), 0.02) ** 2
         for column in range(ANGLES):
             z = max((column / (ANGLES - 1)) ** 2, 1e-4)
             o = numpy.array([math.sqrt(max(0, 1 - z * z)), 0, z])
-            full[row, column], edge[row, column] = one_bounce(o, alpha, points)
-    return full, edge
+            full[row, column], edge[row, column], terms[column] = one_bounce(o, alpha, points)
+        index[row] = numpy.interp(solid @ edge[row], solid @ terms, INDICES)
+    return full, edge, index
 
 
 def smith(w_xy2, w_z, alpha):
@@ -111,14 +115,29 @@ def one_bounce(o, alpha, points):
     ours = smith(o[0] ** 2, o[2], alpha)
     theirs = smith(i[0] ** 2 + i[1] ** 2, numpy.where(up, i[2], 1), alpha)
     weight = numpy.where(up, (1 + ours) / (1 + ours + theirs), 0)
-    return weight.mean(), (weight * numpy.clip(1 - seen, 0, 1) ** 5).mean()
+    return (weight.mean(), (weight * numpy.clip(1 - seen, 0, 1) ** 5).mean(),
+            [(weight * fresnel(numpy.clip(seen, 0, 1), index)).mean() for index in INDICES])
+
+
+def fresnel(cosine, index):
+    """From 0 where light falls straight down to 1 where it grazes."""
+    inside = numpy.sqrt(1 - (1 - cosine ** 2) / index ** 2)
+    s = (cosine - index * inside) / (cosine + index * inside)
+    p = (index * cosine - inside) / (index * cosine + inside)
+    least = reflectance(index)
+    return ((s ** 2 + p ** 2) / 2 - least) / (1 - least)
+
+
+def reflectance(index):
+    return ((index - 1) / (index + 1)) ** 2
 
 
 def tables(ior):
     """Two pictures for a varnish of this index: its albedo by direction and roughness, with m5 of the
-    direction; and, by roughness, what the diffuse base below it is multiplied by."""
-    full, edge = ROWS
-    f0 = ((ior - 1) / (ior + 1)) ** 2
+    direction and what comes of further bounces; and, by roughness, what the diffuse base below it is multiplied by, with
+    Blender's "specular" of the index that stands for Schlick's term."""
+    full, edge, index = ROWS
+    f0 = reflectance(ior)
     cosine = (numpy.arange(2048) + 0.5) / 2048
     at = numpy.sqrt(cosine) * (ANGLES - 1)
 
@@ -127,21 +146,22 @@ def tables(ior):
     full_mean = 2 * (fine(full) * cosine).mean(axis=1)[:, None]
     schlick = f0 + (1 - f0) / 21
     more = schlick ** 2 * full_mean / (1 - schlick * (1 - full_mean))
-    albedo = f0 * (full - edge) + edge + more * (1 - full)
+    further = more * (1 - full)
+    albedo = f0 * (full - edge) + edge + further
     # 1 - albedo is close to a line over m5 = (1 - cosine)^5: then it is a sum of Lambert's base and of
     # Disney's at roughness 0, which is 1 - m5 / 2. Cycles drops negative weights: below roughness 0.33
     # Disney's stands alone, at most 2.4 % too dark where light falls straight down.
     grazing = (1 - cosine) ** 5
     values = fine(albedo)
     left = 1 - 2 * (values * cosine).mean(axis=1)
-    shares = numpy.empty((ROUGHNESSES, 2))
+    shares = numpy.empty((ROUGHNESSES, 3))
     for row in range(ROUGHNESSES):
         slope, level = numpy.polyfit(grazing, values[row], 1, w=numpy.sqrt(cosine))
-        shares[row] = (1 - level - 2 * slope) / left[row], 2 * slope / left[row]
+        shares[row] = (1 - level - 2 * slope) / left[row], 2 * slope / left[row], reflectance(index[row]) / 0.08
         if shares[row, 0] < 0:
-            shares[row] = 0, 42 / 41
+            shares[row, :2] = 0, 42 / 41
     direction = (numpy.arange(ANGLES) / (ANGLES - 1)) ** 2
-    by_direction = numpy.stack([albedo, numpy.broadcast_to(1 - (1 - direction) ** 5 / 2, albedo.shape)], axis=2)
+    by_direction = numpy.stack([albedo, numpy.broadcast_to(1 - (1 - direction) ** 5 / 2, albedo.shape), further], axis=2)
     return picture(by_direction), picture(shares[:, None, :].repeat(2, 1))
 
 
@@ -243,8 +263,8 @@ def replace(material, entry, file):
     def entries(table):
         node = graph.add("ShaderNodeTexImage", {0: place}, image=table, extension="EXTEND")
         return graph.add("ShaderNodeSeparateRGB", {0: node.outputs[0]}).outputs
-    albedo, disney = entries(by_direction)[:2]
-    lambert_share, disney_share = entries(by_roughness)[:2]
+    albedo, disney, further = entries(by_direction)
+    lambert_share, disney_share, schlick = entries(by_roughness)
 
     # The base gets what the varnish lets through, both ways.
     through = graph.less(1.0, albedo)
@@ -253,13 +273,15 @@ def replace(material, entry, file):
         "Color": graph.colours("MULTIPLY", base, graph.product(through, lambert_share)), "Roughness": 0, **common})
     bent = graph.math("DIVIDE", graph.product(through, disney_share), disney)
     other = graph.principled(graph.colours("MULTIPLY", base, bent), 0.0, 0.0, 0.0, common)
-    f0 = ((ior - 1) / (ior + 1)) ** 2
-    # Its further bounces carry less than 0.1 %, and MULTI_GGX gains 1.5 % in a sum with other nodes.
-    varnish = graph.principled((f0, f0, f0, 1), 1.0, SCHLICK, roughness, common)
+    f0 = reflectance(ior)
+    # MULTI_GGX gains 1.5 % in a sum with other nodes. On a dark base the further bounces count.
+    varnish = graph.principled((f0, f0, f0, 1), 1.0, schlick, roughness, common)
+    bounces = graph.add("ShaderNodeBsdfDiffuse", {"Color": further, "Roughness": 0, **common}).outputs[0]
+    varnish = graph.add("ShaderNodeAddShader", {0: varnish, 1: bounces}).outputs[0]
     surface = graph.add("ShaderNodeAddShader", {0: lambert.outputs[0], 1: other}).outputs[0]
     surface = graph.add("ShaderNodeAddShader", {0: surface, 1: varnish}).outputs[0]
     if isinstance(metallic, bpy.types.NodeSocket) or metallic > 0:
-        surface = graph.mix(metallic, surface, graph.principled(base, 1.0, SCHLICK, roughness, common, "MULTI_GGX"))
+        surface = graph.mix(metallic, surface, graph.principled(base, 1.0, schlick, roughness, common, "MULTI_GGX"))
     glossy = {"Roughness": roughness, **common}
     extensions = entry.get("extensions", {})
     clear = extensions.get("KHR_materials_transmission", {}).get("transmissionFactor", 0)
