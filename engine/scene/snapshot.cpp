@@ -123,12 +123,13 @@ Result<std::shared_ptr<const Snapshot>> Snapshot::reopen(BuiltArena built, std::
     for (const TreeStatistics& tree : trees) {
         s.trees.height = std::max(s.trees.height, tree.height);
         snapshot->trees_.costs.push_back(tree.sah_cost);
+        snapshot->trees_.shares.push_back(tree.shares);
     }
     std::vector<TreeBuild>& trees_built = built.built;
     trees_built.resize(view->object_count);
     for (std::uint32_t i = 0; i < view->object_count; ++i)
         if (trees_built[i].area == 0)
-            trees_built[i] = tree_build(view->objects[i].bounds, trees[i].sah_cost);
+            trees_built[i] = tree_build(view->objects[i].bounds, trees[i].shares);
     snapshot->trees_.built = std::make_shared<const std::vector<TreeBuild>>(std::move(trees_built));
     const auto& header = *reinterpret_cast<const format::Header*>(base);
     s.build = header.build;
@@ -291,8 +292,8 @@ Arena Snapshot::copy_arena() const {
 TreeKnowledge Snapshot::trees_to_edit() const {
     const std::scoped_lock lock(edit_mutex_);
     auto extents = std::exchange(trees_.extents, nullptr);
-    return {trees_.links, trees_.costs, extents ? extents : std::make_shared<KnownBox>(),
-            trees_.built};
+    return {trees_.links, trees_.costs, trees_.shares,
+            extents ? extents : std::make_shared<KnownBox>(), trees_.built};
 }
 
 std::shared_ptr<const SharedPages> Snapshot::share() const {

@@ -87,7 +87,8 @@ struct KnownBox {
 struct TreeKnowledge {
     /// By object, for those in which few of many instances have changed.
     std::map<std::uint32_t, std::shared_ptr<const TreeLinks>> links;
-    std::vector<double> costs;  ///< by object (TreeStatistics::sah_cost)
+    std::vector<double> costs;       ///< by object (TreeStatistics::sah_cost)
+    std::vector<CostShares> shares;  ///< by object
     std::shared_ptr<KnownBox> extents;
     std::shared_ptr<const std::vector<TreeBuild>> built;  ///< by object
 };

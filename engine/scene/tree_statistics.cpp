@@ -36,8 +36,10 @@ public:
     std::vector<TreeStatistics> measure() {
         std::vector<TreeStatistics> all;
         for (std::uint32_t i = 0; i < scene_.object_count; ++i) {  // children come first
-            cost_.push_back(tree_cost(scene_, scene_.objects[i], cost_));
-            all.push_back({cost_.back(), height_of(scene_.objects[i])});
+            const ObjectRecord& object = scene_.objects[i];
+            const CostShares shares = cost_shares(scene_, object, cost_);
+            cost_.push_back(cost_of(scene_, object, shares, cost_));
+            all.push_back({cost_.back(), height_of(object), shares});
         }
         return all;
     }
@@ -62,46 +64,50 @@ private:
 
 }  // namespace
 
-double cost_share(const SceneView& scene, const ObjectRecord& object, const Node& node,
-                  std::span<const double> costs) {
-    double sum = 0;
+CostShares cost_shares(const SceneView& scene, const ObjectRecord& object, const Node& node,
+                       std::span<const double> costs) {
+    CostShares shares;
     for (std::uint32_t slot = 0; slot < 8; ++slot) {
         const std::uint32_t child = node.child[slot];
         if (child == child_empty) continue;
-        const double cost =
-            is_leaf(child) ? leaf_cost(scene, object, child, costs) : double{build::node_cost};
-        sum += cost * area_of({{node.lower[0][slot], node.lower[1][slot], node.lower[2][slot]},
-                               {node.upper[0][slot], node.upper[1][slot], node.upper[2][slot]}});
+        const double area =
+            area_of({{node.lower[0][slot], node.lower[1][slot], node.lower[2][slot]},
+                     {node.upper[0][slot], node.upper[1][slot], node.upper[2][slot]}});
+        if (is_leaf(child))
+            shares.leaves += leaf_cost(scene, object, child, costs) * area;
+        else
+            shares.nodes += double{build::node_cost} * area;
     }
-    return sum;
+    return shares;
 }
 
-double tree_cost(const SceneView& scene, const ObjectRecord& object,
-                 std::span<const double> costs) {
-    if (object.node_count == 0 || !(area_of(object.bounds) > 0))
-        return leaf_cost(scene, object, object.root, costs);
-    double sum = 0;
+CostShares cost_shares(const SceneView& scene, const ObjectRecord& object,
+                       std::span<const double> costs) {
+    CostShares shares;
     for (std::uint32_t i = 0; i < object.node_count; ++i)
-        sum += cost_share(scene, object, scene.nodes[object.first_node + i], costs);
-    return cost_of_shares(object.bounds, sum);
+        shares += cost_shares(scene, object, scene.nodes[object.first_node + i], costs);
+    return shares;
 }
 
-double cost_of_shares(const Box& bounds, double sum) {
-    return double{build::node_cost} + sum / area_of(bounds);
+double cost_of(const SceneView& scene, const ObjectRecord& object, const CostShares& shares,
+               std::span<const double> costs) {
+    const double area = area_of(object.bounds);
+    if (object.node_count == 0 || !(area > 0)) return leaf_cost(scene, object, object.root, costs);
+    return double{build::node_cost} + shares.sum() / area;
 }
 
-double shares_of_cost(const Box& bounds, double cost) {
-    return (cost - double{build::node_cost}) * area_of(bounds);
+TreeBuild tree_build(const Box& bounds, const CostShares& shares) {
+    return {shares, area_of(bounds)};
 }
 
-TreeBuild tree_build(const Box& bounds, double cost) {
-    return {shares_of_cost(bounds, cost), area_of(bounds)};
-}
-
-bool has_grown(const TreeBuild& built, const Box& bounds, double cost, double factor) {
-    const TreeBuild now = tree_build(bounds, cost);
-    return now.area > 0 && built.area > 0 &&
-           now.shares / std::min(now.area, built.area) > factor * built.shares / built.area;
+bool has_grown(const TreeBuild& built, const TreeBuild& now, double factor) {
+    if (!(now.area > 0 && built.area > 0)) return false;
+    const auto grew = [&](double of_now, double of_built) {
+        return of_now > 0 && of_built > 0 &&
+               now.shares.sum() / of_now > factor * built.shares.sum() / of_built;
+    };
+    return grew(std::min(now.area, built.area), built.area) ||
+           grew(now.shares.leaves, built.shares.leaves);
 }
 
 std::vector<TreeStatistics> measure_each_tree(const SceneView& scene) {

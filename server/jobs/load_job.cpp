@@ -57,6 +57,7 @@ public:
         if (searched_.empty()) return std::nullopt;
         is_searching_ = true;
         Task task;
+        task.pool = &services_.blocking;
         task.run = [this](const Stop& stop) -> Reply<Frames> {
             std::vector<WantedFile> wanted;
             for (UploadFile& file : order_.files)

@@ -1,4 +1,5 @@
 // The memory of scenes: each arena once, what epochs share once, and who is charged for it.
+#include "server/store/held_parts.h"
 #include "server/store/scene_store.h"
 
 #include <algorithm>
@@ -184,10 +185,14 @@ std::vector<std::shared_ptr<const HeldScene>> SceneStore::visible_scenes(
     for (const auto& [name, entry] : entries_)
         if (entry.visible_to(caller) && entry.scene.held) entries.push_back(&entry);
     std::ranges::sort(entries, std::greater{}, &Entry::used);
+    std::set<const HeldScene*> seen;
     std::vector<std::shared_ptr<const HeldScene>> scenes;
-    for (const Entry* entry : entries)
-        if (std::ranges::find(scenes, entry->scene.held) == scenes.end())
-            scenes.push_back(entry->scene.held);
+    for (const Entry* entry : entries) {
+        const auto& held = entry->scene.held;
+        if (!seen.insert(held.get()).second) continue;
+        if (!held->part_digests) held->part_digests = std::make_shared<PartDigests>();
+        scenes.push_back(held);
+    }
     return scenes;
 }
 

@@ -12,6 +12,7 @@
 namespace raynest::server {
 
 class LateVelocities;
+class PartDigests;
 
 /// A snapshot and its memory reservation. Shared by names, requests and running jobs.
 struct HeldScene {
@@ -24,6 +25,8 @@ struct HeldScene {
     std::shared_ptr<const LateVelocities> velocities = {};
     /// NamedScene::reading of each principal whose requests read the scene. Io thread only.
     mutable std::map<std::string, std::weak_ptr<const void>> readers = {};
+    /// Made by SceneStore::visible_scenes(); io thread only, what it refers to is thread-safe.
+    mutable std::shared_ptr<PartDigests> part_digests = {};
     /// True while neither a name nor a connection refers to the scene: a reader is charged for it.
     mutable bool is_left_to_readers = false;
 

@@ -215,7 +215,8 @@ public:
     [[nodiscard]] std::shared_ptr<const HeldScene> find_made_of(const std::string& digest,
                                                                 const ConnectionId& caller) const;
 
-    /// Returns the scenes that the caller may see and that are in memory, the last used ones first.
+    /// Returns the scenes that the caller may see and that are in memory, the last used ones first,
+    /// with HeldScene::part_digests.
     [[nodiscard]] std::vector<std::shared_ptr<const HeldScene>> visible_scenes(
         const ConnectionId& caller) const;
 

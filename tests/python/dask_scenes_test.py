@@ -130,6 +130,25 @@ class OnlyHere(WithCluster):
         self.same(self.traced(cluster, seen), whole)
         self.assertNotIn(cluster.client, seen._sent, "the workers read it at its path")
 
+    def test_a_scene_of_many_files_is_asked_for_at_once(self):
+        """Else each file that is missing begins the load anew."""
+        cluster = self.cluster(1)
+        asked = []
+        send = many.Prepared.send
+
+        def told(scene, cluster, keys, *others):
+            asked.append(len(keys))
+            return send(scene, cluster, keys, *others)
+        parts = {f"hill {i}": hills(60, i) for i in range(12)}     # large enough for files of their own
+        scene = many.prepare(parts)
+        with unittest.mock.patch.object(many.Prepared, "send", told):
+            self.same(self.traced(cluster, scene), self.client.scene_of(parts).trace(RAYS, fields=FIELDS))
+            self.assertEqual(asked, [13])
+            # Another scene with one of these parts: its host has that one.
+            other = {"hill 3": parts["hill 3"], "hill 20": hills(60, 20)}
+            self.same(self.traced(cluster, other), self.client.scene_of(other).trace(RAYS, fields=FIELDS))
+            self.assertEqual(asked, [13, 2])
+
     def test_a_late_host_gets_it_and_lost_pieces_are_sent_again(self):
         cluster = self.cluster(1)
         scene = many.prepare(*hills())

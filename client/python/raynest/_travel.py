@@ -50,6 +50,20 @@ def keys_of_changes(log: str, first: int, last: int) -> list[str]:
     return [f"raynest-{log}-{i}" for i in range(first, last)]
 
 
+def look_up(pieces: Sequence[str], sending: int) -> Any:
+    """Returns the cluster that has the pieces; raises Missing with all that are nowhere."""
+    import distributed
+    keys = [f"{key}~{sending}" for key in pieces]
+    try:
+        cluster: Any = distributed.get_client()
+    except ValueError:
+        raise Missing(keys) from None
+    places = cluster.sync(cluster.scheduler.who_has, keys=keys)
+    if missing := [key for key in keys if not places.get(key)]:
+        raise Missing(missing)
+    return cluster
+
+
 def fetch(pieces: Sequence[str], patience: float, sending: int) -> Iterator[Array]:
     """Yields the pieces, the next of which come meanwhile; raises Missing at once where one is nowhere. `sending` is
     how often the client has sent them anew."""
@@ -59,13 +73,7 @@ def fetch(pieces: Sequence[str], patience: float, sending: int) -> Iterator[Arra
             yield own[key].piece(key)
         return
     import distributed
-    try:
-        cluster: Any = distributed.get_client()
-    except ValueError:
-        raise Missing(keys) from None
-    places = cluster.sync(cluster.scheduler.who_has, keys=list(keys))
-    if missing := [key for key in keys if not places.get(key)]:
-        raise Missing(missing)
+    cluster = look_up(pieces, sending)
 
     def one(key: str) -> Array:
         try:

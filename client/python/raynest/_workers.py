@@ -6,11 +6,12 @@ import dataclasses
 import fcntl
 import functools
 import hashlib
+import itertools
 import os
 import pickle
 import threading
 import time
-from typing import Any, Iterator, Mapping, NamedTuple, Optional
+from typing import Any, Iterator, Mapping, NamedTuple, Optional, Sequence
 
 import numpy as np
 
@@ -18,7 +19,7 @@ from ._net.control import Message
 from ._net.frame import Array
 from ._notes import Told, tell, told_of
 from ._own_daemon import NOBODY_WAITS, Daemon, Setup, distributed, dropped, here
-from ._travel import PIECE_BYTES, PIECE_SECONDS, Missing, fetch, keys_of_changes, keys_of_file
+from ._travel import PIECE_BYTES, PIECE_SECONDS, Missing, fetch, keys_of_changes, keys_of_file, look_up, own
 from ._requests.film import Layers
 from ._requests.loads import Load, load_of_file
 from ._version import VERSION
@@ -78,6 +79,39 @@ class NoRoom(BusyError):
     where = ""
 
 
+class _Files:
+    """The files of a scene that a daemon lacks: from the same path, if that has the same bytes, else from the cluster."""
+
+    def __init__(self, source: Source, elsewhere: set[str]) -> None:
+        self._source, self._elsewhere = source, elsewhere
+        self._here: Optional[Load] = None
+        self._pieces: Iterator[Array] = iter(())
+
+    def need(self, numbers: Sequence[int]) -> None:
+        """The files that will be read, in this order. Raises Missing with all that is nowhere, before any is read: each
+        time the client sends what is missing, the load begins anew."""
+        source = self._source
+        if source.path and source.name not in self._elsewhere:
+            here = read_at(source)
+            if here is not None and here.message["file_digests"] == (source.message or {})["file_digests"]:
+                self._here = here
+                return
+            self._elsewhere.add(source.name)
+        keys = [key for number in numbers for key in self._keys(number)]
+        if not all(key in own for key in keys):
+            look_up(keys, source.sending)
+        self._pieces = fetch(keys, source.piece_seconds, source.sending)
+
+    def read(self, number: int) -> Iterator[Array]:
+        if self._here is not None:
+            yield from self._here.read(number)
+        else:
+            yield from itertools.islice(self._pieces, len(self._keys(number)))
+
+    def _keys(self, number: int) -> list[str]:
+        return keys_of_file(*self._source.files()[number], self._source.piece_bytes)
+
+
 class Host(Daemon):
     """The daemon of this host, and the scenes that this process has there. Thread-safe."""
 
@@ -115,7 +149,8 @@ class Host(Daemon):
 
     def _load(self, client: Client, source: Source, name: str) -> Scene:
         assert source.message is not None
-        load = Load({**source.message, "name": name}, lambda number: self._read(source, number))
+        files = _Files(source, self._elsewhere)
+        load = Load({**source.message, "name": name}, files.read, need=files.need)
         with self._turn():
             try:
                 scene, info = client._load(load)
@@ -131,17 +166,6 @@ class Host(Daemon):
             raise InvalidError(f"{here()} has another scene at {source.path}: {info['hash'][:12]} in place of "
                                f"{source.digest[:12]}", "SCENE_UNKNOWN")
         return scene
-
-    def _read(self, source: Source, number: int) -> Iterator[Array]:
-        """A file that the daemon lacks: from the same path, if that has the same bytes, else from the cluster."""
-        if source.path and source.name not in self._elsewhere:
-            here = read_at(source)
-            if here is not None and here.message["file_digests"] == (source.message or {})["file_digests"]:
-                yield from here.read(number)
-                return
-            self._elsewhere.add(source.name)
-        keys = keys_of_file(*source.files()[number], source.piece_bytes)
-        yield from fetch(keys, source.piece_seconds, source.sending)
 
     @property
     def files(self) -> str:

@@ -190,6 +190,7 @@ class Client(Session):
         with self.connection.interrupts, contextlib.closing(frames):
             for kind, news in frames:
                 if kind == "Need":
+                    load.need(news["files"])
                     sender.need(news["files"])
                 elif kind == "Loaded":
                     loaded = news

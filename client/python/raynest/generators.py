@@ -324,7 +324,8 @@ class _Way(NamedTuple):
             poses = np.repeat(poses, len(known), axis=0)
             settings["poses"] = str(len(known))
         if times[0] < known[0] or times[-1] > known[-1]:
-            raise UsageError(f"the {kind} lasts from {times[0]} to {times[-1]}, the trajectory from {known[0]} to {known[-1]}")
+            raise UsageError(f"the {kind} lasts from {times[0]} to {times[-1]}, the trajectory from {known[0]} to {known[-1]}: "
+                             "give poses for all of it")
         start = numbers("the trajectory's poses", trajectory[1])[:1, :3, 3]
         return cls(settings, np.column_stack([known, poses.reshape(-1, 12)]), start, times)
 

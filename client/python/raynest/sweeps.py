@@ -109,7 +109,8 @@ def poses_at(trajectory: Any, times: Any) -> Array:
     if len(known) == 1:
         return np.repeat(poses, len(at), axis=0)
     if len(at) and (at.min() < known[0] or at.max() > known[-1]):
-        raise UsageError(f"the sweep lasts from {at.min()} to {at.max()}, the trajectory from {known[0]} to {known[-1]}")
+        raise UsageError(f"the sweep lasts from {at.min()} to {at.max()}, the trajectory from {known[0]} to {known[-1]}: "
+                         "give poses for all of it")
     last = np.clip(np.searchsorted(known, at, side="right"), 1, len(known) - 1)
     share = ((at - known[last - 1]) / (known[last] - known[last - 1]))[:, None]
     made = np.empty((len(at), 3, 4))

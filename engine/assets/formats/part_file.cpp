@@ -33,6 +33,16 @@ std::span<const std::byte> bytes_of(const void* first, std::uint64_t count) {
     return {static_cast<const std::byte*>(first), static_cast<std::size_t>(count)};
 }
 
+bool write_bytes(const void* first, std::uint64_t count, const PartFile::Sink& sink) {
+    constexpr std::uint64_t piece_bytes = 1 << 20;
+    for (auto left = bytes_of(first, count); !left.empty();) {
+        const auto piece = left.first(std::min<std::uint64_t>(left.size(), piece_bytes));
+        if (!sink(piece)) return false;
+        left = left.subspan(piece.size());
+    }
+    return true;
+}
+
 /// Passes `count` items of `bytes` bytes each, which `fill` writes.
 template <class Fill>
 void write_items(std::uint64_t count, std::size_t bytes, const PartFile::Sink& sink, Fill fill) {
@@ -65,23 +75,6 @@ std::uint64_t PartFile::bytes() const {
                (form_ == Form::ply ? face_bytes : triangle_bytes);
 }
 
-std::string PartFile::sample() const {
-    constexpr std::uint32_t samples_max = 64;
-    const bool is_mesh = form_ != Form::npy;
-    const std::uint32_t count = is_mesh ? geometry_->vertex_count : object_->record_count;
-    const std::size_t bytes = is_mesh ? position_bytes : object_->record_size;
-    const std::uint32_t samples = std::min(samples_max, count);
-    std::string taken;
-    for (std::uint32_t s = 0; s < samples; ++s) {
-        const auto i = static_cast<std::uint32_t>(std::uint64_t{s} * count / samples);
-        const void* const item =
-            is_mesh ? static_cast<const void*>(view_->attribute<Vec3>(geometry_->positions) + i)
-                    : view_->record_of(*object_, i);
-        taken.append(static_cast<const char*>(item), bytes);
-    }
-    return taken;
-}
-
 void PartFile::write(const Sink& sink) const {
     if (!head_.empty() && !sink(bytes_of(head_.data(), head_.size()))) return;
     if (form_ == Form::npy) {
@@ -93,9 +86,10 @@ void PartFile::write(const Sink& sink) const {
     }
     const auto* const positions = view_->attribute<Vec3>(geometry_->positions);
     const auto* const indices = view_->attribute<std::uint32_t>(geometry_->indices);
-    if (!sink(bytes_of(positions, std::uint64_t{geometry_->vertex_count} * position_bytes))) return;
+    if (!write_bytes(positions, std::uint64_t{geometry_->vertex_count} * position_bytes, sink))
+        return;
     if (form_ == Form::bin) {
-        sink(bytes_of(indices, std::uint64_t{geometry_->triangle_count} * triangle_bytes));
+        write_bytes(indices, std::uint64_t{geometry_->triangle_count} * triangle_bytes, sink);
         return;
     }
     write_items(geometry_->triangle_count, face_bytes, sink, [&](std::uint64_t i, std::byte* to) {
@@ -106,6 +100,8 @@ void PartFile::write(const Sink& sink) const {
 
 std::vector<PartFile> part_files(const SceneView& view, const ObjectRecord& object) {
     using Form = PartFile::Form;
+    const std::uint64_t records = std::uint64_t{object.record_count} * object.record_size;
+    if (records + std::uint64_t{object.triangle_count} * face_bytes < part_bytes_min) return {};
     if (object.geometry_count == 1 && object.triangle_count != 0)
         return {PartFile(Form::bin, view, object), PartFile(Form::ply, view, object)};
     if (object.record_count != 0 && object.record_size % sizeof(float) == 0)

@@ -27,9 +27,7 @@ public:
     using Sink = std::function<bool(std::span<const std::byte>)>;
 
     [[nodiscard]] std::uint64_t bytes() const;
-    /// Some of its bytes: files of one length that differ here are not equal. Cheap.
-    [[nodiscard]] std::string sample() const;
-    /// Linear in the file; needs no memory that grows with it.
+    /// Linear in the file; needs no memory that grows with it. Pieces have at most 1 MiB.
     void write(const Sink& sink) const;
 
 private:
@@ -44,7 +42,10 @@ private:
     std::string head_;
 };
 
-/// The files that an object may have been made of.
+/// Smaller files are not worth a search.
+inline constexpr std::uint64_t part_bytes_min = 4096;
+
+/// The files that an object may have been made of; none for a small one.
 [[nodiscard]] std::vector<PartFile> part_files(const SceneView& view, const ObjectRecord& object);
 
 }  // namespace raynest

@@ -36,8 +36,8 @@ struct ImportRequest {
     std::string primitive;          ///< record type of a .npy, e.g. "sphere"
     BuildQuality build = BuildQuality::medium;
     WorldPoint origin{};  ///< subtracted from world coordinates before they are rounded
-    /// Of a composition's part alone: where in the world its file's zero lies, for a file whose
-    /// coordinates are less this already. Then `origin` is zero.
+    /// The coordinates of the file are less this already; then `origin` is zero. For parts of
+    /// compositions alone.
     WorldPoint stands_at{};
     FileOptions options{};
     std::vector<std::string> masks;  ///< rules "GLOB=HEX" (mask_rules.h)

@@ -286,7 +286,7 @@ Result<std::shared_ptr<const Snapshot>> change_in_place(const Snapshot& scene,
     for (const auto& [index, change] : places) {
         const ObjectRecord& object = arena.object(index);
         if (can_rebuild(object) && !(changes.is_last && object.triangle_count != 0) &&
-            has_grown((*known.built)[index], object.bounds, known.costs[index],
+            has_grown((*known.built)[index], tree_build(object.bounds, known.shares[index]),
                       rebuild_cost_factor))
             grown.push_back(index);
     }

@@ -107,14 +107,14 @@ Box refit_few(EditedArena& arena, std::uint32_t index, const std::vector<Changed
             if (!above.insert(node).second) break;
     nodes_seen += above.size();
     const auto shares = [&](std::span<const double> costs) {
-        double sum = 0;
+        CostShares sum;
         for (const std::uint32_t node : above)
-            sum += cost_share(arena.view(), object, nodes[node], costs);
+            sum += cost_shares(arena.view(), object, nodes[node], costs);
         return sum;
     };
-    const bool had_area = object.bounds.half_area() > 0;
-    const double sum_before = shares_of_cost(object.bounds, costs_before[index]);
-    double sum = sum_before - shares(costs_before);
+    const CostShares before = known.shares[index];
+    CostShares& sum = known.shares[index];
+    sum -= shares(costs_before);
     Box reached;
     for (std::size_t i = 0; i < changes.size(); ++i) {
         const std::uint32_t holder = links.holders[changes[i].place];
@@ -142,11 +142,11 @@ Box refit_few(EditedArena& arena, std::uint32_t index, const std::vector<Changed
     }
     object.bounds = box_of(nodes[object.root]);
     sum += shares(known.costs);
-    // A part that comes back from far away takes nearly all of the sum with it, and its digits.
+    // A part that comes back from far away takes nearly all of a sum with it, and its digits.
     constexpr double digits_kept = 1.0 / (1 << 20);
-    known.costs[index] = had_area && object.bounds.half_area() > 0 && sum > digits_kept * sum_before
-                             ? cost_of_shares(object.bounds, sum)
-                             : tree_cost(arena.view(), object, known.costs);
+    if (!(sum.nodes > digits_kept * before.nodes && sum.leaves > digits_kept * before.leaves))
+        sum = cost_shares(arena.view(), object, known.costs);
+    known.costs[index] = cost_of(arena.view(), object, sum, known.costs);
     return reached;
 }
 
@@ -200,7 +200,8 @@ Refitted refit(EditedArena& arena, const ChangesByObject& by_object,
         } else {
             reached =
                 refit_object(arena, object, change_of, boxes, !change.vertices.positions.empty());
-            known.costs[index] = tree_cost(arena.view(), object, known.costs);
+            known.shares[index] = cost_shares(arena.view(), object, known.costs);
+            known.costs[index] = cost_of(arena.view(), object, known.shares[index], known.costs);
             known.extents->forget(index);
             done.nodes += object.node_count;
         }

@@ -36,7 +36,9 @@ public:
             const ObjectRecord& object = view_.objects[i];
             if (object.instance_count >= UidIndices::steps_min) {
                 const auto index = index_of(i);
-                places_here_[i] = places_in(*index);
+                auto places = places_in(*index);
+                if (!places) return tl::unexpected(places.error());
+                places_here_[i] = std::move(*places);
                 leads_to_one_[i] = !places_here_[i].empty() || leads_below(*index);
                 continue;
             }
@@ -60,9 +62,12 @@ private:
                                    [&](std::uint32_t object) { return leads_to_one_[object]; });
     }
     /// Returns the instances of an index that are sought, ascending.
-    [[nodiscard]] std::vector<std::uint32_t> places_in(const UidIndex& index) const {
+    [[nodiscard]] Result<std::vector<std::uint32_t>> places_in(const UidIndex& index) const {
         std::vector<std::uint32_t> places;
-        for (const std::uint32_t uid : uids_) index.find(uid, places);
+        for (std::size_t i = 0; i < uids_.size(); ++i) {
+            if (i % 1024 == 0 && stopped_()) return fail(ErrorCode::limit_exceeded, "stopped");
+            index.find(uids_[i], places);
+        }
         std::ranges::sort(places);
         return places;
     }

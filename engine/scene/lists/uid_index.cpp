@@ -26,20 +26,36 @@ UidIndex::UidIndex(const SceneView& view, const ObjectRecord& object) {
     }
     std::ranges::sort(runs_, {}, [](const Run& run) { return std::tuple(run.uid, run.place); });
     runs_.shrink_to_fit();
-    for (const Run& run : runs_)
-        ends_.push_back(std::max(run.end(), ends_.empty() ? 0 : ends_.back()));
+    ends_.resize(runs_.size());
+    mark_ends(0, runs_.size());
     objects_.assign(objects.begin(), objects.end());
 }
 
+std::uint64_t UidIndex::mark_ends(std::size_t first, std::size_t last) {
+    if (first == last) return 0;
+    const std::size_t middle = first + (last - first) / 2;
+    ends_[middle] =
+        std::max({runs_[middle].end(), mark_ends(first, middle), mark_ends(middle + 1, last)});
+    return ends_[middle];
+}
+
 void UidIndex::find(std::uint32_t uid, std::vector<std::uint32_t>& places) const {
-    const auto behind = std::ranges::upper_bound(runs_, uid, {}, &Run::uid);
-    for (auto i = static_cast<std::size_t>(behind - runs_.begin()); i-- > 0 && ends_[i] > uid;) {
-        const Run& run = runs_[i];
-        if (run.step != 0) {
-            if (uid - run.uid < run.count) places.push_back(run.place + (uid - run.uid));
-        } else if (run.uid == uid) {
+    find(uid, 0, runs_.size(), places);
+}
+
+void UidIndex::find(std::uint32_t uid, std::size_t first, std::size_t last,
+                    std::vector<std::uint32_t>& places) const {
+    while (first != last) {
+        const std::size_t middle = first + (last - first) / 2;
+        if (ends_[middle] <= uid) return;
+        find(uid, first, middle, places);
+        const Run& run = runs_[middle];
+        if (run.uid > uid) return;
+        if (run.step == 0 && run.uid == uid)
             for (std::uint32_t k = 0; k < run.count; ++k) places.push_back(run.place + k);
-        }
+        else if (run.step != 0 && uid - run.uid < run.count)
+            places.push_back(run.place + (uid - run.uid));
+        first = middle + 1;
     }
 }
 

@@ -27,8 +27,13 @@ private:
             return uid + std::uint64_t{step} * (count - 1) + 1;
         }
     };
+    /// Sets the ends_ of runs [first, last), as a binary tree whose root is in their middle.
+    std::uint64_t mark_ends(std::size_t first, std::size_t last);
+    void find(std::uint32_t uid, std::size_t first, std::size_t last,
+              std::vector<std::uint32_t>& places) const;
+
     std::vector<Run> runs_;            ///< by uid
-    std::vector<std::uint64_t> ends_;  ///< the largest end() of all runs up to each
+    std::vector<std::uint64_t> ends_;  ///< the largest end() in the tree below each
     std::vector<std::uint32_t> objects_;
 };
 

@@ -25,8 +25,16 @@ def composition_of(parts: Parts, origin: Optional[Array], up: str) -> tuple[File
     """Returns the files, the composition first. In a scene with an origin, far coordinates keep their digits."""
     files = [File("parts.rnscene.json", b"")]
     objects: dict[str, Any] = {}
-    # A large mesh with a material has two, where there is room.
-    has_room = 2 * len(parts.meshes) + len(parts.records) < _limits.upload_files_max // 2
+    # First all that must have a file of its own: of the others so many have one as there is room for.
+    for name, records in parts.records.items():
+        rows = records.rows
+        rows, shift = _kept(rows, rows[:, :3], origin if isinstance(records, Spheres) else None)
+        objects[name] = {"file": _keep(files, _npy(rows), ".npy"), "primitive": records.primitive, **shift}
+    for name, group in parts.groups.items():
+        objects[name] = {"instances": _instances(files, group)}
+    instances = _instances(files, parts.places)
+    # A large mesh with a material has two, where there is room for those and for the others.
+    has_room = len(files) + 2 * len(parts.meshes) <= _limits.upload_files_max
     plain: dict[str, tuple[Array, Array]] = {}  # float32 vertices and faces
     for name, mesh in parts.meshes.items():
         points, corners = triangles(mesh.vertices, mesh.faces, f"the part {name!r}: ")
@@ -41,15 +49,9 @@ def composition_of(parts: Parts, origin: Optional[Array], up: str) -> tuple[File
             continue
         points, objects[name] = _kept(points, points, origin)
         plain[name] = points, corners.astype("<u4")
-    for name, records in parts.records.items():
-        rows = records.rows
-        rows, shift = _kept(rows, rows[:, :3], origin if isinstance(records, Spheres) else None)
-        objects[name] = {"file": _keep(files, _npy(rows), ".npy"), "primitive": records.primitive, **shift}
-    for name, group in parts.groups.items():
-        objects[name] = {"instances": _instances(files, group)}
     for name, entry in _stored(files, plain).items():
         objects[name] = {**entry, **objects[name]}
-    document = {"rnscene": 1, "up": up, "objects": objects, "instances": _instances(files, parts.places)}
+    document = {"rnscene": 1, "up": up, "objects": objects, "instances": instances}
     text = json.dumps(document, separators=(",", ":")).encode()
     if len(text) > JSON_BYTES_MAX:
         raise UsageError(f"the places take {len(text)} bytes of text, at most {JSON_BYTES_MAX} are taken: make groups of them, "

@@ -131,20 +131,29 @@ def triangles(vertices: Any, faces: Any, whose: str = "") -> tuple[Array, Array]
 APART_BYTES = 1 << 16
 
 
+def in_use(points: Array, corners: Array) -> tuple[Array, Array]:
+    """A mesh without vertices that no face uses, where it has more of them than its faces have corners. The daemon leaves
+    them out as well, so the file would not be known again."""
+    if len(points) <= corners.size:
+        return points, corners
+    used, numbers = np.unique(corners, return_inverse=True)
+    return points[used], numbers.reshape(corners.shape)
+
+
 def mesh_glb(vertices: Any, faces: Any, origin: Array = np.zeros(3), material: Optional[Material] = None,
              name: str = "") -> memoryview:
     """Returns a mesh as a .glb: vertices (N, 3), faces (M, 3) of indices. `origin` is subtracted
     before the vertices become float32 and is the position of their node, so that they stay in
     place. Triangle i of the scene is row i of `faces`."""
-    return _mesh_files(*triangles(vertices, faces), origin, material, name, "")[0]
+    return _mesh_files(*in_use(*triangles(vertices, faces)), origin, material, name, "")[0]
 
 
 def mesh_files(vertices: Any, faces: Any, apart: str, origin: Array = np.zeros(3), material: Optional[Material] = None,
                name: str = "") -> tuple[memoryview, Optional[memoryview]]:
     """Returns a mesh as mesh_glb() does. If it is large, its vertices and faces are a file of the name `apart`, the second
     value."""
-    points, corners = triangles(vertices, faces)
-    is_apart = 4 * (points.size + corners.size) >= APART_BYTES
+    points, corners = in_use(*triangles(vertices, faces))
+    is_apart = bool(apart) and 4 * (points.size + corners.size) >= APART_BYTES
     return _mesh_files(points, corners, origin, material, name, apart if is_apart else "")
 
 

@@ -3,7 +3,7 @@ from __future__ import annotations
 
 import hashlib
 import os
-from typing import Any, Mapping, NamedTuple, Optional, Sequence, Union
+from typing import Any, Callable, Mapping, NamedTuple, Optional, Sequence, Union
 
 import numpy as np
 
@@ -23,11 +23,13 @@ from .upload import File, Read, Upload, gather, upload_of
 
 
 class Load(NamedTuple):
-    """A Load, what reads its files, and the words of those of the daemon's warnings that the client puts better."""
+    """A Load, what reads its files, the words of those of the daemon's warnings that the client puts better, and what is
+    told which files the daemon wants, before any of them is read."""
 
     message: Message
     read: Read
     hides: str = ""
+    need: Callable[[Sequence[int]], None] = lambda _numbers: None
 
 
 def load_of_file(source: Union[str, os.PathLike[str]], name: Optional[str] = None, *,

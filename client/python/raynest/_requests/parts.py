@@ -10,7 +10,7 @@ import numpy as np
 from .. import _limits
 from .arguments import float32
 from .._net.frame import Array
-from .gltf import APART_BYTES, BIN, FLOAT, GLB, JSON, JSON_BYTES_MAX, UINT, box_of, triangles
+from .gltf import APART_BYTES, BIN, FLOAT, GLB, JSON, JSON_BYTES_MAX, UINT, box_of, in_use, triangles
 from .materials import Mesh, distinct
 from .places import Place, matrices_of
 from .upload import File
@@ -33,7 +33,7 @@ def parts_glb(meshes: dict[str, Mesh], places: dict[str, Place], origin: Optiona
         document["materials"] = [material.as_gltf() for material in materials]
     number_of = {material: number for number, material in enumerate(materials)}
     shifts = []
-    made = {name: triangles(mesh.vertices, mesh.faces, f"the part {name!r}: ") for name, mesh in meshes.items()}
+    made = {name: in_use(*triangles(mesh.vertices, mesh.faces, f"the part {name!r}: ")) for name, mesh in meshes.items()}
     apart = largest({name: 4 * (points.size + corners.size) for name, (points, corners) in made.items()},
                     _limits.upload_files_max - 1)
     for name, (points, corners) in made.items():

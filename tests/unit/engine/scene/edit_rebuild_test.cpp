@@ -133,6 +133,31 @@ TEST_CASE("a part that is far away does not hide that the others have scattered"
           doctest::Approx(cost_of(*scene, scene->view().root)).epsilon(1e-6));
 }
 
+TEST_CASE(
+    "parts that become small elsewhere get a new tree, although the old one has become cheaper") {
+    Random random(8);
+    SceneDescription description = field(random, false);
+    auto& parts = description.objects[1].instances;
+    const auto scaled = [&](float scale) {
+        const Vec3 at = random.in_box(100);
+        return Transform{{scale, 0, 0, at.x, 0, scale, 0, at.y, 0, 0, scale, at.z}};
+    };
+    for (const float scale : {60.0F, 12.0F, 6.0F}) {
+        CAPTURE(scale);
+        for (InstanceDescription& part : parts) part.transform = scaled(scale);
+        const Scene scene = build_scene(description);
+        SceneChanges changes;
+        for (std::uint32_t i = 0; i < part_count; ++i) {
+            parts[i].transform = scaled(0.5F);
+            changes.moves.push_back({i, parts[i].transform});
+        }
+        const Scene edited = edited_by(*scene, changes);
+        const Scene fresh = build_scene(description);
+        CHECK(edited->statistics().edits.rebuilds == 1);
+        CHECK(cost_of(*edited, edited->view().root) < 1.3 * cost_of(*fresh, fresh->view().root));
+    }
+}
+
 TEST_CASE("a mesh whose vertices scatter gets the tree and the leaf blocks of a new one") {
     Random random(5);
     SceneDescription description;
