@@ -319,6 +319,17 @@ class ManyHosts(WithCluster):
         making.result()
         self.assertEqual((usual, list(cluster.client.run(profiled).values())), (10, [10]))
 
+    def test_items_travel_without_source_text(self):
+        cluster = self.cluster(1)
+        many.trace(cluster.client, SCENE, rain(100), setup=self.setup)
+
+        def texts():
+            return cluster.client.run_on_scheduler(lambda dask_scheduler: [
+                str(text) for each in dask_scheduler.computations for text in each.code])
+        self.assertFalse([text for text in texts() if "def " in text])
+        cluster.client.submit(len, "abc").result()      # but with one where the user submits
+        self.assertTrue([text for text in texts() if "def test_items_travel" in text])
+
     def test_folders_of_killed_workers_are_taken_away(self):
         cluster = self.cluster(1)
         folders = {name: Path(cluster.folder.name) / f"raynest-dask-{os.getuid()}-{_system()}-{name * 16}" for name in "abcd"}

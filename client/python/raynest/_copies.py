@@ -3,8 +3,9 @@
 Each of these steps may wait for a worker that is stuck or gone, and Dask waits half a minute and longer. So a copy of an
 item goes all of its way in the loop of Dask's client, apart from the others, and whoever deals it out waits for none.
 
-Dask does two things for each item that cost more than they bring here: it compresses arrays, and looks at the threads of a
-worker a hundred times a second. Both are left out; other programs of the cluster keep them.
+Dask does three things for each item that cost more than they bring here: it compresses arrays, looks at the threads of a
+worker a hundred times a second, and tells the scheduler the source text of the function that submits it. All are left out;
+other programs of the cluster keep them.
 """
 from __future__ import annotations
 
@@ -16,11 +17,14 @@ import threading
 import time
 from typing import Any, Callable, Iterator, Optional
 
+import dask
+
 from ._own_daemon import distributed
 from .errors import FailedError
 
 SENDS_MAX = 4               # that share the client's link: more of them would each take longer
 BUSY_SECONDS = 0.05         # after which a worker that gives others their answers is asked again
+NO_SOURCE = {"distributed.diagnostics.computations.ignore-modules": [""]}   # "" is where all names begin
 PROFILE_MS = 1000           # between two looks at the threads of a worker, while it makes an item
 
 
@@ -109,7 +113,8 @@ class Copy:
             sent = await road.sent(rays, self.onto)
             rays, self.onto = (rays, "") if sent is None else (sent, self.onto)
         ended, loop = asyncio.Event(), asyncio.get_running_loop()
-        self.made, self.born = submit(rays, self.key), time.monotonic()
+        with dask.config.set(NO_SOURCE):
+            self.made, self.born = submit(rays, self.key), time.monotonic()
         del rays
         self.made.add_done_callback(lambda _: loop.call_soon_threadsafe(ended.set))
         await ended.wait()
