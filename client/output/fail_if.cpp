@@ -29,7 +29,7 @@ std::string_view trimmed(std::string_view text) {
     return text;
 }
 
-std::string number_text(double value) {
+std::string figure_text(double value) {
     std::array<char, 32> text{};
     std::snprintf(text.data(), text.size(), "%.10g", value);
     return text.data();
@@ -130,8 +130,8 @@ Json verdicts_json(std::span<const Verdict> verdicts) {
 std::string verdict_text(const Verdict& verdict) {
     const FailIf& check = verdict.check;
     return check.metric + (check.statistic.empty() ? "" : "." + check.statistic) + " is " +
-           number_text(verdict.value) + (verdict.exceeded ? ", " : ", not ") +
-           words_of(check.comparison) + " " + number_text(check.limit) +
+           figure_text(verdict.value) + (verdict.exceeded ? ", " : ", not ") +
+           words_of(check.comparison) + " " + figure_text(check.limit) +
            (verdict.exceeded ? ": exceeded" : ": ok");
 }
 

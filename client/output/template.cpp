@@ -14,7 +14,7 @@
 namespace raynest::client {
 namespace {
 
-std::string formatted(const char* format, double number) {
+std::string formatted_number(const char* format, double number) {
     std::array<char, 64> text{};
     std::snprintf(text.data(), text.size(), format, number);
     return text.data();
@@ -37,10 +37,10 @@ Json bars_of(const Json& counts) {
         const auto count = counts[i].get<double>();
         if (count == 0) continue;
         const double tall = std::max(2.0, 160 * std::log1p(count) / std::log1p(most));
-        bars.push_back({{"x", formatted("%.2f", static_cast<double>(i) * step)},
-                        {"y", formatted("%.1f", 160 - tall)},
-                        {"width", formatted("%.2f", step - 1)},
-                        {"height", formatted("%.1f", tall)}});
+        bars.push_back({{"x", formatted_number("%.2f", static_cast<double>(i) * step)},
+                        {"y", formatted_number("%.1f", 160 - tall)},
+                        {"width", formatted_number("%.2f", step - 1)},
+                        {"height", formatted_number("%.1f", tall)}});
     }
     return bars;
 }
@@ -148,12 +148,13 @@ private:
         if (filter == "delta") return whole(value, differs);
         if (filter == "before") return value.get<std::int64_t>() - 1;
         if (filter == "bytes") return bytes_text(value.get<std::uint64_t>());
-        if (filter == "percent") return formatted("%.1f %%", 100 * value.get<double>());
-        if (filter == "one") return formatted("%.1f", value.get<double>());
-        if (filter == "two") return formatted(differs ? "%+.2f" : "%.2f", value.get<double>());
+        if (filter == "percent") return formatted_number("%.1f %%", 100 * value.get<double>());
+        if (filter == "one") return formatted_number("%.1f", value.get<double>());
+        if (filter == "two")
+            return formatted_number(differs ? "%+.2f" : "%.2f", value.get<double>());
         if (filter == "three") {
             const auto number = value.get<double>();
-            return formatted(std::abs(number) >= 100 ? "%.0f" : "%.3g", number);
+            return formatted_number(std::abs(number) >= 100 ? "%.0f" : "%.3g", number);
         }
         if (filter == "bars") return bars_of(value);
         if (filter == "name") return name_of(value);

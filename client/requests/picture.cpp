@@ -20,7 +20,7 @@ constexpr std::uint64_t lit_pixel_bytes_max = 80;
 constexpr std::uint64_t pixel_bytes_max = 16;
 constexpr std::uint64_t legend_bytes_max = 4ULL << 20;
 constexpr std::uint64_t document_bytes_max = 64ULL << 20;
-constexpr std::uint64_t file_bytes_max = 4ULL << 30;
+constexpr std::uint64_t answer_bytes_max = 4ULL << 30;
 
 /// The room of a picture, or of a document that says its pixels or has its file as Base64.
 template <class Request>
@@ -104,7 +104,7 @@ Room document_room() {
 }
 
 Room file_room() {
-    return {.bytes_max = file_bytes_max};
+    return {.bytes_max = answer_bytes_max};
 }
 
 Room picture_room(bool is_heat_map) {

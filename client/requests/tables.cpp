@@ -14,7 +14,7 @@ namespace raynest::client {
 namespace {
 
 /// Bytes of a file: of each value more digits than float32 tells apart.
-constexpr std::uint64_t file_bytes_max = 64 * protocol::Limits{}.table_values_max;
+constexpr std::uint64_t table_file_bytes_max = 64 * protocol::Limits{}.table_values_max;
 
 Result<std::vector<float>> parse_array(std::span<const std::byte> bytes) {
     auto array = parse_npy(bytes);
@@ -46,7 +46,7 @@ Result<std::vector<float>> parse_text(std::string_view text) {
 }
 
 Result<std::vector<float>> read_table(const std::string& path) {
-    const auto file = read_file(path, file_bytes_max);
+    const auto file = read_file(path, table_file_bytes_max);
     if (!file) return tl::unexpected<Failure>(file.error());
     const std::span<const std::byte> bytes = file->span();
     const std::string_view text(reinterpret_cast<const char*>(bytes.data()), bytes.size());

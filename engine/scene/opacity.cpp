@@ -43,23 +43,23 @@ struct Axis {
     }
 };
 
-struct Point {
+struct TexelPoint {
     double x, y;
 };
 
 struct Rectangle {
-    Point lower, upper;
+    TexelPoint lower, upper;
 };
 
 /// Tests separating axes: the rectangle's sides, then those of the triangle that have a length.
-bool overlaps(const std::array<Point, 3>& triangle, const Rectangle& r) {
+bool overlaps(const std::array<TexelPoint, 3>& triangle, const Rectangle& r) {
     const auto [x0, x1] = std::minmax({triangle[0].x, triangle[1].x, triangle[2].x});
     const auto [y0, y1] = std::minmax({triangle[0].y, triangle[1].y, triangle[2].y});
     if (x1 < r.lower.x || x0 > r.upper.x || y1 < r.lower.y || y0 > r.upper.y) return false;
     for (std::size_t k = 0; k < 3; ++k) {
-        const Point& a = triangle[k];
-        const Point& b = triangle[(k + 1) % 3];
-        const Point& c = triangle[(k + 2) % 3];
+        const TexelPoint& a = triangle[k];
+        const TexelPoint& b = triangle[(k + 1) % 3];
+        const TexelPoint& c = triangle[(k + 2) % 3];
         double nx = b.y - a.y, ny = a.x - b.x;
         if (nx * (c.x - a.x) + ny * (c.y - a.y) > 0) {  // outward: away from c
             nx = -nx;
@@ -81,7 +81,7 @@ public:
           x_(x),
           y_(y) {}
 
-    AlphaPyramid::Range range_of(const std::array<Point, 3>& triangle) {
+    AlphaPyramid::Range range_of(const std::array<TexelPoint, 3>& triangle) {
         const bool bounded = std::isfinite(x_.upper - x_.lower) &&
                              std::isfinite(y_.upper - y_.lower) &&
                              x_.last_tile() - x_.first_tile() < tiles_max &&
@@ -140,7 +140,7 @@ private:
     const AlphaPyramid& pyramid_;
     const Axis& x_;
     const Axis& y_;
-    std::array<Point, 3> laid_{};
+    std::array<TexelPoint, 3> laid_{};
     AlphaPyramid::Range range_{255, 0};
     int cells_ = 0;
 };
@@ -151,7 +151,7 @@ AlphaPyramid::Range texture_range(const AlphaPyramid& pyramid, const TextureDesc
                                   const std::array<Vec2, 3>& corners) {
     Axis axes[2] = {{static_cast<double>(pyramid.width()), texture.wrap_s, 0, 0, 0},
                     {static_cast<double>(pyramid.height()), texture.wrap_t, 0, 0, 0}};
-    std::array<Point, 3> triangle{};
+    std::array<TexelPoint, 3> triangle{};
     for (std::size_t i = 0; i < 2; ++i) {
         Axis& axis = axes[i];
         std::array<double, 3> at{};

@@ -16,9 +16,9 @@ double share(std::uint64_t part, std::uint64_t whole) {
     return whole == 0 ? 0 : static_cast<double>(part) / static_cast<double>(whole);
 }
 
-class Writer {
+class BlameWriter {
 public:
-    Writer(const Plan& plan, const Blame& blame, const BlameContext& context)
+    BlameWriter(const Plan& plan, const Blame& blame, const BlameContext& context)
         : plan_(plan),
           blame_(blame),
           context_(context),
@@ -133,7 +133,7 @@ private:
 }  // namespace
 
 std::string blame_json(const Plan& plan, const Blame& blame, const BlameContext& context) {
-    return text_of(Writer(plan, blame, context).document());
+    return text_of(BlameWriter(plan, blame, context).document());
 }
 
 }  // namespace raynest::server

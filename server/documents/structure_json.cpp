@@ -11,9 +11,10 @@
 namespace raynest::server {
 namespace {
 
-class Writer {
+class StructureWriter {
 public:
-    Writer(const NamedScene& scene, const StructureRequest& request, const protocol::Limits& limits)
+    StructureWriter(const NamedScene& scene, const StructureRequest& request,
+                    const protocol::Limits& limits)
         : named_(scene),
           scene_(scene.snapshot()),
           view_(scene_.view()),
@@ -159,7 +160,7 @@ private:
 
 Reply<std::string> structure_json(const NamedScene& scene, const StructureRequest& request,
                                   const protocol::Limits& limits, const Stop& stop) {
-    const auto document = Writer(scene, request, limits).document(stop);
+    const auto document = StructureWriter(scene, request, limits).document(stop);
     if (!document) return tl::unexpected(document.error());
     return text_of(*document);
 }

@@ -144,7 +144,7 @@ std::vector<Extension> client_extensions() {
 }
 
 /// Returns the subjectAltName of a certificate as alternative_names() writes it.
-std::string names_of(X509* certificate) {
+std::string alternative_names(X509* certificate) {
     const std::unique_ptr<GENERAL_NAMES, protocol::Release<GENERAL_NAMES_free>> names(
         static_cast<GENERAL_NAMES*>(
             X509_get_ext_d2i(certificate, NID_subject_alt_name, nullptr, nullptr)));
@@ -344,7 +344,7 @@ Result<Renewal> renew_certificates(const fs::path& folder) {
             return good;
         const auto made = sign(
             old->key.get(), common_name, seconds,
-            is_server ? server_extensions(names_of(old->certificate.get())) : client_extensions(),
+            is_server ? server_extensions(alternative_names(old->certificate.get())) : client_extensions(),
             &issuer);
         if (!made) return tl::unexpected(made.error());
         renewed.push_back({old->place, to_pem(made->get())});

@@ -19,10 +19,6 @@ namespace fs = std::filesystem;
 /// As many as Linux follows itself.
 constexpr std::size_t links_max = 40;
 
-tl::unexpected<Error> failed(const fs::path& file, const std::string& why) {
-    return fail(ErrorCode::io_failed, file.string() + ": " + why);
-}
-
 /// Returns the target of a symbolic link that was opened with O_PATH; empty on failure.
 fs::path target_of(const Fd& link) {
     std::array<char, PATH_MAX> text{};
@@ -31,6 +27,10 @@ fs::path target_of(const Fd& link) {
 }
 
 }  // namespace
+
+tl::unexpected<Error> file_failed(const fs::path& file, const std::string& why) {
+    return fail(ErrorCode::io_failed, file.string() + ": " + why);
+}
 
 bool FilePlace::enter(const fs::path& path) {
     const std::string parent = path.has_parent_path() ? path.parent_path().string() : ".";
@@ -45,28 +45,28 @@ bool FilePlace::enter(const fs::path& path) {
 
 Result<FilePlace> FilePlace::find(const fs::path& path) {
     const auto leads_nowhere = [&](int error) {
-        return failed(path, "what this link leads to: " + std::string(std::strerror(error)) +
-                                "; make it, or remove the link");
+        return file_failed(path, "what this link leads to: " + std::string(std::strerror(error)) +
+                                     "; make it, or remove the link");
     };
     FilePlace place;
-    if (!place.enter(path)) return failed(path.parent_path(), std::strerror(errno));
+    if (!place.enter(path)) return file_failed(path.parent_path(), std::strerror(errno));
     std::vector<uid_t> owners;  // owners of the links
     for (;;) {
         if (place.name_.empty() || place.name_ == "." || place.name_ == "..")
-            return failed(path, "it is a folder; name a file in it");
+            return file_failed(path, "it is a folder; name a file in it");
         const Fd opened(
             openat(place.folder(), place.name_.c_str(), O_PATH | O_NOFOLLOW | O_CLOEXEC));
         struct stat status {};
         const bool is_there = opened.get() >= 0 && fstat(opened.get(), &status) == 0;
         if (!is_there && !owners.empty()) return leads_nowhere(errno);
-        if (!is_there && errno != ENOENT) return failed(path, std::strerror(errno));
+        if (!is_there && errno != ENOENT) return file_failed(path, std::strerror(errno));
         if (!is_there || !S_ISLNK(status.st_mode)) {
             const auto is_trusted = [&](uid_t owner) {
                 return owner == 0 || owner == geteuid() || owner == status.st_uid;
             };
             if (std::ranges::all_of(owners, is_trusted)) return place;
-            return failed(path,
-                          "this link belongs to another user than its target; name the target");
+            return file_failed(
+                path, "this link belongs to another user than its target; name the target");
         }
         if (owners.size() == links_max) return leads_nowhere(ELOOP);
         owners.push_back(status.st_uid);

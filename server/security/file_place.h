@@ -43,4 +43,8 @@ private:
     std::string name_;
 };
 
+/// The failure of a file: io_failed, its path and why.
+[[nodiscard]] tl::unexpected<Error> file_failed(const std::filesystem::path& file,
+                                                const std::string& why);
+
 }  // namespace raynest::server

@@ -23,10 +23,6 @@ namespace {
 
 namespace fs = std::filesystem;
 
-tl::unexpected<Error> failed(const fs::path& file, const std::string& why) {
-    return fail(ErrorCode::io_failed, file.string() + ": " + why);
-}
-
 /// Returns the name of a user; its number if it has none.
 std::string user_name(uid_t user) {
     std::array<char, 4096> text{};
@@ -86,32 +82,32 @@ std::string owner_fault(const fs::path& file, uid_t owner, Reader reader) {
 Result<void> check_secrecy(const fs::path& file, const struct stat& status, Reader reader) {
     const bool edits_all = reader == Reader::command && geteuid() == 0;
     if (status.st_uid != geteuid() && status.st_uid != 0 && !edits_all)
-        return failed(file, owner_fault(file, status.st_uid, reader));
+        return file_failed(file, owner_fault(file, status.st_uid, reader));
     // Root's group has the number 0; an access list, as LoadCredential= makes, shows as its rights.
     const bool is_shared = reader != Reader::signer && status.st_uid == 0 &&
                            (status.st_mode & 037U) == 0 &&
                            (status.st_gid == 0 ||
                             ((edits_all || is_in(status.st_gid)) && !is_everybodys(status.st_gid)));
     if ((status.st_mode & 077U) != 0 && !is_shared)
-        return failed(file,
-                      "other users may read or write it, and it holds a secret; chmod 600 " +
-                          file.string() +
-                          (reader == Reader::signer
-                               ? ""
-                               : ", or let root own it, with mode 640 and a group of the daemon"));
+        return file_failed(
+            file, "other users may read or write it, and it holds a secret; chmod 600 " +
+                      file.string() +
+                      (reader == Reader::signer
+                           ? ""
+                           : ", or let root own it, with mode 640 and a group of the daemon"));
     return {};
 }
 
 Result<std::string> read_whole(const Fd& opened, const fs::path& file, std::size_t bytes_max,
                                Reader reader, bool is_secret) {
-    if (opened.get() < 0) return failed(file, open_fault(file, reader));
+    if (opened.get() < 0) return file_failed(file, open_fault(file, reader));
     // Check the opened file, not the path, which may change meanwhile.
     struct stat status {};
-    if (fstat(opened.get(), &status) != 0) return failed(file, std::strerror(errno));
-    if (S_ISDIR(status.st_mode)) return failed(file, "it is a folder; name a file in it");
-    if (!S_ISREG(status.st_mode)) return failed(file, "it is not a regular file");
+    if (fstat(opened.get(), &status) != 0) return file_failed(file, std::strerror(errno));
+    if (S_ISDIR(status.st_mode)) return file_failed(file, "it is a folder; name a file in it");
+    if (!S_ISREG(status.st_mode)) return file_failed(file, "it is not a regular file");
     const std::string too_large = "it is over " + std::to_string(bytes_max) + " bytes";
-    if (static_cast<std::size_t>(status.st_size) > bytes_max) return failed(file, too_large);
+    if (static_cast<std::size_t>(status.st_size) > bytes_max) return file_failed(file, too_large);
     if (is_secret)
         if (const auto good = check_secrecy(file, status, reader); !good)
             return tl::unexpected(good.error());
@@ -120,11 +116,11 @@ Result<std::string> read_whole(const Fd& opened, const fs::path& file, std::size
     while (size < content.size()) {
         const ssize_t got = read(opened.get(), content.data() + size, content.size() - size);
         if (got < 0 && errno == EINTR) continue;
-        if (got < 0) return failed(file, std::strerror(errno));
+        if (got < 0) return file_failed(file, std::strerror(errno));
         if (got == 0) break;
         size += static_cast<std::size_t>(got);
     }
-    if (size > bytes_max) return failed(file, too_large);
+    if (size > bytes_max) return file_failed(file, too_large);
     content.resize(size);
     return content;
 }
@@ -150,7 +146,7 @@ public:
     Result<void> put() {
         if (renameat2(place_.folder(), name_.c_str(), place_.folder(), place_.name().c_str(),
                       is_first_ ? RENAME_NOREPLACE : 0) != 0)
-            return failed(place_.path(), std::strerror(errno));
+            return file_failed(place_.path(), std::strerror(errno));
         name_.clear();
         return {};
     }
@@ -169,12 +165,13 @@ Result<StagedFile> StagedFile::write(const NewFile& file) {
     StagedFile staged(file);
     const FilePlace& place = file.place;
     std::uint64_t random = 0;
-    if (getrandom(&random, sizeof random, 0) < 0) return failed(place.path(), std::strerror(errno));
+    if (getrandom(&random, sizeof random, 0) < 0)
+        return file_failed(place.path(), std::strerror(errno));
     const std::string name = place.name() + "." + std::to_string(random);
     const Fd made(
         openat(place.folder(), name.c_str(), O_WRONLY | O_CREAT | O_EXCL | O_CLOEXEC, 0600));
     if (made.get() < 0)
-        return failed(
+        return file_failed(
             place.path(),
             std::string(std::strerror(errno)) +
                 (errno == EACCES ? "; run this command as root, or as a user who may write in " +
@@ -194,17 +191,17 @@ Result<void> StagedFile::fill(int made, const std::string& content) const {
         S_ISREG(old.st_mode);
     if (replaces && (old.st_uid != geteuid() || old.st_gid != getegid()) &&
         fchown(made, old.st_uid, old.st_gid) != 0 && old.st_uid != geteuid())
-        return failed(file, "its owner cannot be kept: " + std::string(std::strerror(errno)) +
-                                "; run this command as root");
+        return file_failed(file, "its owner cannot be kept: " + std::string(std::strerror(errno)) +
+                                     "; run this command as root");
     // After fchown(), which may take bits away.
     if (fchmod(made, replaces ? old.st_mode & 0777U : 0600U) != 0)
-        return failed(file, std::strerror(errno));
+        return file_failed(file, std::strerror(errno));
     for (std::string_view left = content; !left.empty();) {
         const ssize_t written = ::write(made, left.data(), left.size());
-        if (written < 0 && errno != EINTR) return failed(file, std::strerror(errno));
+        if (written < 0 && errno != EINTR) return file_failed(file, std::strerror(errno));
         if (written > 0) left.remove_prefix(static_cast<std::size_t>(written));
     }
-    return fsync(made) == 0 ? Result<void>() : failed(file, std::strerror(errno));
+    return fsync(made) == 0 ? Result<void>() : file_failed(file, std::strerror(errno));
 }
 
 }  // namespace

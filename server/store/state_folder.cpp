@@ -24,7 +24,7 @@ namespace fs = std::filesystem;
 namespace {
 
 /// Bytes that are written or read between two looks at whether to go on.
-constexpr std::size_t step_bytes = 8 << 20;
+constexpr std::size_t write_step_bytes = 8 << 20;
 
 std::string disk_failed(const std::string& why = {}) {
     return "the disk of the state folder has failed" + (why.empty() ? why : " (" + why + ")") +
@@ -271,7 +271,7 @@ Result<void> StateFolder::write_blob(const std::string& digest, std::span<const 
         for (std::span<const std::byte> rest = arena; !rest.empty();) {
             if (stopped()) return refused(ECANCELED);
             const ssize_t done =
-                ::write(file.number(), rest.data(), std::min(rest.size(), step_bytes));
+                ::write(file.number(), rest.data(), std::min(rest.size(), write_step_bytes));
             if (done < 0 && errno == EINTR) continue;
             if (done < 0) return refused(errno);
             rest = rest.subspan(static_cast<std::size_t>(done));

@@ -17,13 +17,14 @@
 #include <vector>
 
 namespace raynest {
+
+tl::unexpected<Error> broken_arena(const std::string& what) {
+    return fail(ErrorCode::scene_invalid, "the scene arena is broken: " + what);
+}
+
 namespace {
 
 using format::Section;
-
-tl::unexpected<Error> broken(const std::string& what) {
-    return fail(ErrorCode::scene_invalid, "the scene arena is broken: " + what);
-}
 
 class Checker {
 public:
@@ -53,11 +54,12 @@ private:
         format::Header header;
         if (arena_.size() < sizeof header ||
             reinterpret_cast<std::uintptr_t>(arena_.data()) % format::alignment != 0) {
-            return broken("it is shorter than its header, or not aligned");
+            return broken_arena("it is shorter than its header, or not aligned");
         }
         std::memcpy(&header, arena_.data(), sizeof header);
-        if (header.magic != format::magic) return broken("it does not start with RNSCENE");
-        if (header.byte_order != format::byte_order) return broken("its byte order is foreign");
+        if (header.magic != format::magic) return broken_arena("it does not start with RNSCENE");
+        if (header.byte_order != format::byte_order)
+            return broken_arena("its byte order is foreign");
         if (header.version != format::version) {
             return fail(ErrorCode::scene_unsupported,
                         "the scene arena has version " + std::to_string(header.version) +
@@ -65,13 +67,15 @@ private:
                             ": import the scene again");
         }
         if (header.build > BuildQuality::high) {
-            return broken("its build quality does not exist");
+            return broken_arena("its build quality does not exist");
         }
-        if (header.up > UpAxis::z) return broken("its axis that points up does not exist");
+        if (header.up > UpAxis::z) return broken_arena("its axis that points up does not exist");
         if (header.chosen_variant > header.variants)
-            return broken("its chosen variant does not exist");
-        if (!is_origin(header.origin)) return broken("its origin is not finite or beyond 1e15");
-        if (header.bytes != arena_.size()) return broken("its length is not what its header says");
+            return broken_arena("its chosen variant does not exist");
+        if (!is_origin(header.origin))
+            return broken_arena("its origin is not finite or beyond 1e15");
+        if (header.bytes != arena_.size())
+            return broken_arena("its length is not what its header says");
         return {};
     }
 
@@ -84,10 +88,11 @@ private:
             const bool sound = entry.offset == end && end <= arena_.size() && entry.unused == 0 &&
                                entry.element_size == format::element_size[s] &&
                                entry.count <= (arena_.size() - end) / entry.element_size;
-            if (!sound) return broken("section " + std::to_string(s) + " is not where it belongs");
+            if (!sound)
+                return broken_arena("section " + std::to_string(s) + " is not where it belongs");
             end = format::aligned(end + entry.count * entry.element_size);
         }
-        if (end != arena_.size()) return broken("bytes are left over");
+        if (end != arena_.size()) return broken_arena("bytes are left over");
         return {};
     }
 
@@ -95,7 +100,7 @@ private:
         for (const Section section :
              {Section::objects, Section::instances, Section::geometries, Section::materials,
               Section::textures, Section::cameras, Section::path_nodes, Section::path_runs}) {
-            if (size_of(section) >= no_id) return broken("it has too many records");
+            if (size_of(section) >= no_id) return broken_arena("it has too many records");
         }
         const auto count = [&](Section section) {
             return static_cast<std::uint32_t>(size_of(section));
@@ -118,9 +123,9 @@ private:
         view_.material_count = count(Section::materials);
         view_.texture_count = count(Section::textures);
         view_.camera_count = count(Section::cameras);
-        if (view_.object_count == 0) return broken("it holds no object");
+        if (view_.object_count == 0) return broken_arena("it holds no object");
         if (size_of(Section::instance_infos) != view_.instance_count) {
-            return broken("instances and their names do not match");
+            return broken_arena("instances and their names do not match");
         }
         view_.root = view_.object_count - 1;  // children are stored before their parents
         const auto& header = *reinterpret_cast<const format::Header*>(arena_.data());
@@ -135,30 +140,31 @@ private:
 
     Result<void> check_names() {
         const std::uint64_t size = size_of(Section::names);
-        if (size == 0 || view_.names[size - 1] != '\0') return broken("its names do not end");
+        if (size == 0 || view_.names[size - 1] != '\0') return broken_arena("its names do not end");
         for (std::uint64_t at = 0; at < size;) {
             const std::uint64_t length = std::strlen(view_.names + at);
-            if (length > scene_name_bytes_max) return broken("a name is too long");
+            if (length > scene_name_bytes_max) return broken_arena("a name is too long");
             at += length + 1;
         }
         if (size_of(Section::warnings) > scene_warnings_max ||
             size_of(Section::skips) > scene_skips_max ||
             size_of(Section::record_types) > scene_record_types_max ||
             size_of(Section::cameras) > scene_cameras_max) {
-            return broken("it has too many warnings, skip reasons, record types or cameras");
+            return broken_arena("it has too many warnings, skip reasons, record types or cameras");
         }
         if (reinterpret_cast<const format::Header*>(arena_.data())->variants >
             size_of(Section::warnings))
-            return broken("it has fewer warnings than variants");
+            return broken_arena("it has fewer warnings than variants");
         const auto* skips = start_of<format::SkipRecord>(Section::skips);
         for (std::uint64_t i = 0; i < size_of(Section::skips); ++i) {
-            if (!is_name(skips[i].reason) || skips[i].unused != 0) return broken("a skip reason");
+            if (!is_name(skips[i].reason) || skips[i].unused != 0)
+                return broken_arena("a skip reason");
         }
         for (const Section section : {Section::warnings, Section::record_types}) {
             const auto* names = start_of<format::NameOffset>(section);
             if (!std::all_of(names, names + size_of(section),
                              [&](std::uint32_t offset) { return is_name(offset); })) {
-                return broken("a name lies outside of it");
+                return broken_arena("a name lies outside of it");
             }
         }
         const auto* types = start_of<format::NameOffset>(Section::record_types);
@@ -185,7 +191,7 @@ private:
                 (texture.alpha == no_offset || is_run(texture.alpha, pixels, 1, 1)) &&
                 texture.wrap_s <= Wrap::mirror && texture.wrap_t <= Wrap::mirror &&
                 texture.nearest <= 1 && texture.unused == 0;
-            if (!sound) return broken("texture " + std::to_string(i));
+            if (!sound) return broken_arena("texture " + std::to_string(i));
         }
         for (std::uint32_t i = 0; i < view_.material_count; ++i) {
             const MaterialRecord& material = view_.materials[i];
@@ -199,7 +205,7 @@ private:
                 std::isfinite(material.cutoff) && std::isfinite(c.x + c.y + c.z + c.w) &&
                 std::all_of(std::begin(material.uv_transform), std::end(material.uv_transform),
                             [](float x) { return std::isfinite(x); });
-            if (!sound) return broken("material " + std::to_string(i));
+            if (!sound) return broken_arena("material " + std::to_string(i));
             if (material.alpha_mode != AlphaMode::opaque) ++view_.masked_materials;
             if (material.alpha_mode == AlphaMode::blend) ++view_.blended_materials;
         }
@@ -225,7 +231,7 @@ private:
             const bool sound = is_finite(camera.to_world.m) && (perspective || orthographic) &&
                                camera.aspect >= 0 && std::isfinite(camera.aspect) &&
                                is_name(camera.name);
-            if (!sound) return broken("camera " + std::to_string(i));
+            if (!sound) return broken_arena("camera " + std::to_string(i));
         }
         return {};
     }
@@ -240,7 +246,7 @@ private:
             if (object.first_node != node || object.first_block != block ||
                 object.first_record != record || object.first_geometry != geometry ||
                 object.first_instance != instance || object.record_size > record_size_max) {
-                return broken(label + " does not start where the last one ended");
+                return broken_arena(label + " does not start where the last one ended");
             }
             node += object.node_count;
             block += object.block_count;
@@ -250,14 +256,14 @@ private:
             if (node > size_of(Section::nodes) || block > size_of(Section::blocks) ||
                 record > size_of(Section::records) || geometry > view_.geometry_count ||
                 instance > view_.instance_count) {
-                return broken(label + " leaves its sections");
+                return broken_arena(label + " leaves its sections");
             }
             const bool sound = is_name(object.name) && std::isfinite(object.origin_error) &&
                                object.origin_error >= 1 &&
                                (object.bounds.is_empty() ? object.root == child_empty
                                                          : is_finite(object.bounds.lower) &&
                                                                is_finite(object.bounds.upper));
-            if (!sound) return broken(label + " has a bad name, bound or error factor");
+            if (!sound) return broken_arena(label + " has a bad name, bound or error factor");
             for (const auto step : {&Checker::check_geometries, &Checker::check_texcoord_blocks,
                                     &Checker::check_records, &Checker::check_instances}) {
                 if (auto checked = (this->*step)(object, i); !checked) return checked;
@@ -267,12 +273,12 @@ private:
         if (node != size_of(Section::nodes) || block != size_of(Section::blocks) ||
             record != size_of(Section::records) || geometry != view_.geometry_count ||
             instance != view_.instance_count) {
-            return broken("records belong to no object");
+            return broken_arena("records belong to no object");
         }
         const Box& bounds = reinterpret_cast<const format::Header*>(arena_.data())->bounds;
         const bool is_empty = view_.objects[view_.root].bounds.is_empty();
         if (is_empty ? !bounds.is_empty() : !is_finite(bounds.lower) || !is_finite(bounds.upper))
-            return broken("its bounds are not finite");
+            return broken_arena("its bounds are not finite");
         return {};
     }
 
@@ -300,10 +306,12 @@ private:
                 sound = std::all_of(indices, indices + std::uint64_t{geometry.triangle_count} * 3,
                                     [&](std::uint32_t v) { return v < geometry.vertex_count; });
             }
-            if (!sound) return broken("geometry " + std::to_string(object.first_geometry + i));
+            if (!sound)
+                return broken_arena("geometry " + std::to_string(object.first_geometry + i));
             triangles += geometry.triangle_count;
         }
-        if (triangles != object.triangle_count) return broken("triangles belong to no geometry");
+        if (triangles != object.triangle_count)
+            return broken_arena("triangles belong to no geometry");
         return {};
     }
 
@@ -318,23 +326,26 @@ private:
         const bool sound = needed ? is_run(object.texcoord_blocks, object.block_count,
                                            sizeof(TexcoordBlock), format::alignment)
                                   : object.texcoord_blocks == no_offset;
-        if (!sound) return broken("the texture coordinates of object " + std::to_string(index));
+        if (!sound)
+            return broken_arena("the texture coordinates of object " + std::to_string(index));
         return {};
     }
 
     Result<void> check_records(const ObjectRecord& object, std::uint32_t) {
         if (object.record_count != 0 && object.triangle_count != 0) {
-            return broken("an object holds triangles and records");
+            return broken_arena("an object holds triangles and records");
         }
         if (object.record_count == 0) {
-            if (object.record_type != 0 || object.record_size != 0) return broken("a record type");
+            if (object.record_type != 0 || object.record_size != 0)
+                return broken_arena("a record type");
             return {};
         }
         const bool known = std::find(record_types_.begin(), record_types_.end(),
                                      object.record_type) != record_types_.end();
-        if (!known || object.record_size == 0) return broken("a record type has no name or size");
+        if (!known || object.record_size == 0)
+            return broken_arena("a record type has no name or size");
         for (std::uint32_t original = 0; original < object.record_count; ++original) {
-            if (!is_record(object, original)) return broken("a record's place");
+            if (!is_record(object, original)) return broken_arena("a record's place");
         }
         return {};
     }
@@ -365,11 +376,11 @@ private:
             if (instance.object >= index || instance.path_base != leaves ||
                 !is_finite(instance.to_object.m) || !is_finite(info.to_parent.m) ||
                 !is_name(info.name) || instance.mask != (info.mask & masks_[instance.object])) {
-                return broken("instance " + std::to_string(object.first_instance + i));
+                return broken_arena("instance " + std::to_string(object.first_instance + i));
             }
             const ObjectRecord& child = view_.objects[instance.object];
             if (child.placement_count > scene_paths_max - leaves)
-                return broken("it has more than 2^63 paths");
+                return broken_arena("it has more than 2^63 paths");
             leaves += child.placement_count;
             levels = std::max(levels, child.levels + 1);
             mask |= instance.mask;
@@ -377,7 +388,7 @@ private:
         masks_.push_back(mask);
         if (leaves != object.placement_count || levels != object.levels ||
             levels > scene_depth_max) {
-            return broken("the paths or levels of object " + std::to_string(index));
+            return broken_arena("the paths or levels of object " + std::to_string(index));
         }
         return {};
     }
@@ -387,14 +398,14 @@ private:
         const PathTable paths = format::path_table(arena_.data());
         const std::uint64_t numbers = size_of(Section::instance_numbers);
         if (numbers != 0 && (numbers != view_.instance_count || paths.node_count != 0))
-            return broken("instances and their numbers do not match");
+            return broken_arena("instances and their numbers do not match");
         const std::uint64_t leaves = view_.objects[view_.root].placement_count;
         if (paths.node_count == 0) {
-            if (paths.run_count != 0) return broken("its paths have no nodes");
+            if (paths.run_count != 0) return broken_arena("its paths have no nodes");
             return {};
         }
         if (leaves != 0 && (paths.run_count == 0 || paths.runs[0].first_path != 0))
-            return broken("its paths do not start at 0");
+            return broken_arena("its paths do not start at 0");
         for (std::uint32_t i = 0; i < paths.node_count; ++i) {
             const PathNode& node = paths.nodes[i];
             const std::uint32_t first = node.first_run;
@@ -403,7 +414,7 @@ private:
                                (i < 2 || paths.nodes[i - 1].parent <= node.parent) &&
                                (first == no_id ||
                                 (i != 0 && first < paths.run_count && paths.runs[first].node == i));
-            if (!sound) return broken("path node " + std::to_string(i));
+            if (!sound) return broken_arena("path node " + std::to_string(i));
         }
         for (std::uint32_t r = 0; r < paths.run_count; ++r) {
             const PathRun& run = paths.runs[r];
@@ -413,7 +424,7 @@ private:
                                end - run.first_path <= no_id - run.number &&
                                (paths.nodes[run.node].first_run == r ||
                                 (r != 0 && paths.runs[r - 1].node == run.node));
-            if (!sound) return broken("path run " + std::to_string(r));
+            if (!sound) return broken_arena("path run " + std::to_string(r));
         }
         return {};
     }

@@ -6,6 +6,7 @@
 
 #include <cstddef>
 #include <span>
+#include <string>
 
 namespace raynest {
 
@@ -13,5 +14,8 @@ namespace raynest {
 /// Afterwards nodes, leaves, instances, paths, attributes and names refer only to their sections,
 /// and every tree is a tree: a traversal ends and visits each node once. Linear time.
 Result<SceneView> check_arena(std::span<const std::byte> arena);
+
+/// The failure of an arena: scene_invalid, and the fault's name.
+[[nodiscard]] tl::unexpected<Error> broken_arena(const std::string& what);
 
 }  // namespace raynest

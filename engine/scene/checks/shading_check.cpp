@@ -1,5 +1,6 @@
 #include "engine/scene/checks/shading_check.h"
 
+#include "engine/scene/checks/arena_check.h"
 #include "engine/scene/format.h"
 #include "engine/scene/snapshot.h"
 #include "engine/scene/texture_levels.h"
@@ -12,10 +13,6 @@ namespace raynest {
 namespace {
 
 using format::Section;
-
-tl::unexpected<Error> broken(const std::string& what) {
-    return fail(ErrorCode::scene_invalid, "the scene arena is broken: " + what);
-}
 
 bool in_unit(float x) {
     return x >= 0 && x <= 1;
@@ -84,19 +81,19 @@ Result<void> check_shading(std::span<const std::byte> arena, const SceneView& vi
     if (size(Section::surfaces) != view.material_count ||
         size(Section::geometry_shading) != view.geometry_count ||
         size(Section::texture_levels) != view.texture_count)
-        return broken("its materials, geometries or textures are not those of shading");
-    if (size(Section::lights) > scene_lights_max) return broken("it has too many lights");
+        return broken_arena("its materials, geometries or textures are not those of shading");
+    if (size(Section::lights) > scene_lights_max) return broken_arena("it has too many lights");
     const std::uint64_t bytes = size(Section::attributes);
 
     const auto* levels = format::section<TextureLevels>(arena.data(), Section::texture_levels);
     for (std::uint32_t i = 0; i < view.texture_count; ++i)
         if (!has_levels(view.textures[i], levels[i], bytes))
-            return broken("the levels of texture " + std::to_string(i));
+            return broken_arena("the levels of texture " + std::to_string(i));
 
     const auto* surfaces = format::section<SurfaceRecord>(arena.data(), Section::surfaces);
     for (std::uint32_t i = 0; i < view.material_count; ++i)
         if (!is_sound(surfaces[i], view.texture_count))
-            return broken("the surface of material " + std::to_string(i));
+            return broken_arena("the surface of material " + std::to_string(i));
 
     const auto* shading = format::section<GeometryShading>(arena.data(), Section::geometry_shading);
     const auto is_run = [&](std::uint64_t offset, std::uint64_t count, std::uint64_t element) {
@@ -107,13 +104,13 @@ Result<void> check_shading(std::span<const std::byte> arena, const SceneView& vi
         const std::uint64_t vertices = view.geometries[i].vertex_count;
         if (!is_run(shading[i].normals, vertices, sizeof(Vec3)) ||
             !is_run(shading[i].tangents, vertices, sizeof(Vec4)))
-            return broken("the normals of geometry " + std::to_string(i));
+            return broken_arena("the normals of geometry " + std::to_string(i));
     }
 
     const auto* lights = format::section<LightRecord>(arena.data(), Section::lights);
     for (std::uint64_t i = 0; i < size(Section::lights); ++i)
         if (!is_sound(lights[i]) || lights[i].name >= size(Section::names))
-            return broken("light " + std::to_string(i));
+            return broken_arena("light " + std::to_string(i));
     return {};
 }
 

@@ -8,7 +8,7 @@
 namespace raynest {
 namespace {
 
-tl::unexpected<Error> broken(const char* what) {
+tl::unexpected<Error> broken_tree(const char* what) {
     return fail(ErrorCode::scene_invalid, std::string("a tree is broken: ") + what);
 }
 
@@ -47,10 +47,10 @@ Result<void> TreeChecker::check(const SceneView& scene, const ObjectRecord& obje
 
     // Node 0 is the root, unless the root is a leaf or empty.
     if (object.node_count != 0) {
-        if (object.root != 0) return broken("its root is not its first node");
+        if (object.root != 0) return broken_tree("its root is not its first node");
         node_height_[0] = 1;
     } else if (object.root != child_empty) {
-        if (!is_leaf(object.root)) return broken("its root names a node that does not exist");
+        if (!is_leaf(object.root)) return broken_tree("its root names a node that does not exist");
         if (auto checked = check_leaf(object.root); !checked) return checked;
     }
 
@@ -59,26 +59,27 @@ Result<void> TreeChecker::check(const SceneView& scene, const ObjectRecord& obje
         const Node& node = scene.nodes[object.first_node + i];
         if (auto checked = check_node(node, i); !checked) return checked;
     }
-    if (!all_seen(block_seen_) || !all_seen(record_seen_)) return broken("a leaf is not in it");
+    if (!all_seen(block_seen_) || !all_seen(record_seen_))
+        return broken_tree("a leaf is not in it");
     return check_blocks(scene.blocks + object.first_block);
 }
 
 Result<void> TreeChecker::check_node(const Node& node, std::uint32_t index) {
     const std::uint8_t height = node_height_[index];
-    if (height == 0) return broken("a node has no parent before it");
-    if (height > tree_height_max) return broken("it is too high");
-    if (!is_order(node)) return broken("an octant order is not an order");
+    if (height == 0) return broken_tree("a node has no parent before it");
+    if (height > tree_height_max) return broken_tree("it is too high");
+    if (!is_order(node)) return broken_tree("an octant order is not an order");
     for (std::uint32_t slot = 0; slot < 8; ++slot) {
         const std::uint32_t child = node.child[slot];
         const bool used = (node.valid() >> slot & 1U) != 0;
-        if (used != (child != child_empty)) return broken("a slot contradicts the valid mask");
+        if (used != (child != child_empty)) return broken_tree("a slot contradicts the valid mask");
         if (!used) continue;
         if (is_leaf(child)) {
             if (auto checked = check_leaf(child); !checked) return checked;
             continue;
         }
         if (child <= index || child >= node_height_.size() || node_height_[child] != 0) {
-            return broken("a node is named twice, before its parent, or does not exist");
+            return broken_tree("a node is named twice, before its parent, or does not exist");
         }
         node_height_[child] = static_cast<std::uint8_t>(height + 1);
     }
@@ -98,7 +99,7 @@ Result<void> TreeChecker::check_leaf(std::uint32_t leaf) {
             sound = claim(instance_seen_, leaf_instance(leaf), 1);
             break;
     }
-    if (!sound) return broken("a leaf leaves its object or overlaps another");
+    if (!sound) return broken_tree("a leaf leaves its object or overlaps another");
     return {};
 }
 
@@ -111,7 +112,7 @@ Result<void> TreeChecker::check_blocks(const TriangleBlock* blocks) const {
             for (const auto& corner : blocks[b].vertex) {
                 for (const auto& axis : corner) padding = padding && axis[lane] == 0;
             }
-            if (!padding) return broken("a block names a triangle that does not exist");
+            if (!padding) return broken_tree("a block names a triangle that does not exist");
         }
     }
     return {};

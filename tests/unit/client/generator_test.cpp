@@ -21,7 +21,7 @@ Generate parsed(const std::vector<std::string>& words) {
     return std::move(*generate);
 }
 
-std::string complaint(const std::vector<std::string>& words) {
+std::string generator_complaint(const std::vector<std::string>& words) {
     const auto generate = parse_generate(words);
     REQUIRE_FALSE(generate.has_value());
     CHECK(generate.error().exit == Exit::usage);
@@ -66,16 +66,16 @@ TEST_CASE("the file of points stays here") {
 }
 
 TEST_CASE("what is no key=value or no place is named") {
-    CHECK(complaint({"camera", "size"}) == "'size' is not key=value");
-    CHECK(mentions(complaint({}), "needs a kind"));
+    CHECK(generator_complaint({"camera", "size"}) == "'size' is not key=value");
+    CHECK(mentions(generator_complaint({}), "needs a kind"));
     for (const std::string bad : {"lookat=1,2,3", "pose=1,2,3", "pose=a"}) {
-        const std::string message = complaint({"pinhole", bad});
+        const std::string message = generator_complaint({"pinhole", bad});
         CHECK_MESSAGE(message.starts_with(bad.substr(0, bad.find('=')) + ": "), message);
     }
     const std::string pose = "pose=1,0,0,0,0,1,0,0,0,0,1,0";
-    CHECK(complaint({"pinhole", pose, pose}) == "pose is given twice");
+    CHECK(generator_complaint({"pinhole", pose, pose}) == "pose is given twice");
     for (const std::string word : {"fx=1", "points=a.npy", "trajectory=a.npy"})
-        CHECK(complaint({"sweep", word, word}) ==
+        CHECK(generator_complaint({"sweep", word, word}) ==
               word.substr(0, word.find('=')) + " is given twice");
 }
 

@@ -16,7 +16,7 @@ using namespace raynest::client;
 
 namespace {
 
-std::string complaint(const std::string& text) {
+std::string fail_if_complaint(const std::string& text) {
     const auto parsed = parse_fail_if(text);
     REQUIRE_FALSE(parsed.has_value());
     CHECK(parsed.error().exit == Exit::usage);
@@ -71,15 +71,15 @@ TEST_CASE("a limit names a metric, perhaps a level, and a statistic") {
 }
 
 TEST_CASE("a limit that does not parse is told with what it lacks") {
-    CHECK(complaint("total.p99").find("none of > >= < <=") != std::string::npos);
-    CHECK(complaint("").find("none of") != std::string::npos);
-    CHECK(complaint(">5").find("METRIC.STATISTIC") != std::string::npos);
-    CHECK(complaint("total>5").find("METRIC.STATISTIC") != std::string::npos);
-    CHECK(complaint("total.p98>5").find("statistics are min | mean") != std::string::npos);
-    CHECK(complaint("cost.p99>5").find("no metric 'cost'") != std::string::npos);
+    CHECK(fail_if_complaint("total.p99").find("none of > >= < <=") != std::string::npos);
+    CHECK(fail_if_complaint("").find("none of") != std::string::npos);
+    CHECK(fail_if_complaint(">5").find("METRIC.STATISTIC") != std::string::npos);
+    CHECK(fail_if_complaint("total>5").find("METRIC.STATISTIC") != std::string::npos);
+    CHECK(fail_if_complaint("total.p98>5").find("statistics are min | mean") != std::string::npos);
+    CHECK(fail_if_complaint("cost.p99>5").find("no metric 'cost'") != std::string::npos);
     for (const char* text : {"total.p99>", "total.p99>x", "total.p99>5x", "total.p99>nan",
                              "total.p99>inf", "total.p99>>5"})
-        CHECK(complaint(text).find("a number") != std::string::npos);
+        CHECK(fail_if_complaint(text).find("a number") != std::string::npos);
 }
 
 TEST_CASE("all limits are judged, and the exceeded ones are named with value and limit") {

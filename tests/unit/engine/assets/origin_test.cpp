@@ -33,7 +33,7 @@ bool names_origin(const Snapshot& scene) {
 }
 
 /// Returns a mesh of one triangle at a node; both positions use the file's own numbers.
-test::Upload triangle(const std::vector<float>& vertices, const std::string& node) {
+test::Upload triangle_at(const std::vector<float>& vertices, const std::string& node) {
     test::GlbWriter writer;
     const int position = writer.add_floats(vertices, "VEC3", 3);
     const std::string mesh =
@@ -55,8 +55,8 @@ test::Bytes npy(const std::string& shape, const std::vector<double>& values) {
 }  // namespace
 
 TEST_CASE("an origin is subtracted from placements before they are rounded") {
-    const test::Upload upload = triangle({0, 0, 0, 1, 0, 0, 0, 1, 0},
-                                         ",\"translation\":[500000.0078125,4500000.0078125,100]");
+    const test::Upload upload = triangle_at(
+        {0, 0, 0, 1, 0, 0, 0, 1, 0}, ",\"translation\":[500000.0078125,4500000.0078125,100]");
     const auto scene = load(upload, far);
     CHECK(scene->origin() == far);
     CHECK(scene->bounds().lower.x == doctest::Approx(0.0078125).epsilon(1e-6).scale(0));
@@ -70,9 +70,9 @@ TEST_CASE("an origin is subtracted from placements before they are rounded") {
 }
 
 TEST_CASE("the origin belongs to the content") {
-    const test::Upload near = triangle({0, 0, 0, 1, 0, 0, 0, 1, 0}, "");
+    const test::Upload near = triangle_at({0, 0, 0, 1, 0, 0, 0, 1, 0}, "");
     const test::Upload shifted =
-        triangle({0, 0, 0, 1, 0, 0, 0, 1, 0}, ",\"translation\":[500000,4500000,100]");
+        triangle_at({0, 0, 0, 1, 0, 0, 0, 1, 0}, ",\"translation\":[500000,4500000,100]");
     const auto at_zero = load(near, {});
     const auto at_far = load(shifted, far);
     CHECK(at_zero->bounds().upper == at_far->bounds().upper);
@@ -83,7 +83,7 @@ TEST_CASE("the origin belongs to the content") {
 
 TEST_CASE("a mesh with far vertices is moved to its centre, and its placements back") {
     // Quarters are exact in float32 up to 2^22 and halves up to 2^23.
-    const test::Upload upload = triangle(
+    const test::Upload upload = triangle_at(
         {500'000.25F, 4'500'000, 100, 500'001.25F, 4'500'000, 100, 500'000.25F, 4'500'001, 100},
         "");
     const auto scene = load(upload, far);
@@ -136,7 +136,7 @@ TEST_CASE("records and their placements have the origin subtracted in double") {
 }
 
 TEST_CASE("an invalid origin is refused, and so is one for a built-in scene") {
-    const test::Upload upload = triangle({0, 0, 0, 1, 0, 0, 0, 1, 0}, "");
+    const test::Upload upload = triangle_at({0, 0, 0, 1, 0, 0, 0, 1, 0}, "");
     for (const double bad : {std::numeric_limits<double>::infinity(), 1e16, std::nan("")})
         CHECK_THROWS_WITH(load(upload, {0, bad, 0}),
                           "far.glb: the origin is not finite, or lies beyond 1e15");

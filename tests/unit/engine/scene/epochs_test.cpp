@@ -47,7 +47,7 @@ Scene lifted(const Snapshot& scene, std::uint32_t first, std::uint32_t count, Sc
     return *edited;
 }
 
-std::uint32_t outermost(const Snapshot& scene) {
+std::uint32_t outermost_count(const Snapshot& scene) {
     return scene.view().objects[scene.view().root].instance_count;
 }
 
@@ -76,7 +76,7 @@ TEST_CASE("epochs that are held take the memory of what has changed") {
     const std::size_t before = resident_bytes();
     constexpr std::uint32_t count = 200;
     for (std::uint32_t i = 0; i < count; ++i)
-        epochs.push_back(lifted(*epochs.back(), i % outermost(*epochs[0]), 1, nullptr));
+        epochs.push_back(lifted(*epochs.back(), i % outermost_count(*epochs[0]), 1, nullptr));
     CHECK(epochs[0]->shared() == nullptr);
     CHECK(epochs[1]->own_bytes() == whole);  // the memory that the next one might take
     for (std::uint32_t i = 2; i <= count; ++i) {
@@ -124,7 +124,7 @@ TEST_CASE("epochs that are held take the memory of what has changed") {
 TEST_CASE("epochs in which most has changed are whole arenas") {
     std::vector<Scene> epochs{squares()};
     for (int i = 0; i < 5; ++i)
-        epochs.push_back(lifted(*epochs.back(), 0, outermost(*epochs[0]), nullptr));
+        epochs.push_back(lifted(*epochs.back(), 0, outermost_count(*epochs[0]), nullptr));
     for (const Scene& epoch : epochs) {
         CHECK(epoch->own_bytes() == epoch->bytes().size());
         CHECK(digest_of_bytes(*epoch) == epoch->digest());
