@@ -342,10 +342,11 @@ Result<Renewal> renew_certificates(const fs::path& folder) {
         if (!old) return tl::unexpected(old.error());
         if (auto good = check_signed(*old, *ca, is_server ? XKU_SSL_SERVER : XKU_SSL_CLIENT); !good)
             return good;
-        const auto made = sign(
-            old->key.get(), common_name, seconds,
-            is_server ? server_extensions(alternative_names(old->certificate.get())) : client_extensions(),
-            &issuer);
+        const auto made =
+            sign(old->key.get(), common_name, seconds,
+                 is_server ? server_extensions(alternative_names(old->certificate.get()))
+                           : client_extensions(),
+                 &issuer);
         if (!made) return tl::unexpected(made.error());
         renewed.push_back({old->place, to_pem(made->get())});
         return {};
