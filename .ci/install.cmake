@@ -23,7 +23,7 @@ install(TARGETS raynestd raynest RUNTIME DESTINATION bin COMPONENT runtime)
 
 install(DIRECTORY engine DESTINATION include/raynest COMPONENT development
     FILES_MATCHING
-    PATTERN "*.h" PATTERN "*.def" PATTERN "LIST" PATTERN "PRIMITIVES"
+    PATTERN "*.h" PATTERN "*.def"
     PATTERN "packs/pack.*" PATTERN "packs/variant.cpp"
     PATTERN "integrators" EXCLUDE PATTERN "inspection" EXCLUDE PATTERN "cuda" EXCLUDE)
 install(DIRECTORY ${CMAKE_BINARY_DIR}/engine/shading/lists

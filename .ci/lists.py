@@ -47,6 +47,8 @@ class Lists:
         self.kinds = self.rows("engine/packs/words.def", "KIND")
         self.untraced = self.rows("engine/packs/words.def", "UNTRACED")
         self.traversals = self.rows("engine/packs/words.def", "TRAVERSAL")
+        self.targets = self.rows("engine/packs/targets.def", "CPU_TARGET")
+        self.intersectors = self.rows("engine/intersectors/intersectors.def", "INTERSECTOR")
         self.layers = self.rows("engine/integrators/layers.def", "LAYER")
         self.integrators = self.rows("engine/integrators/integrators.def", "INTEGRATOR")
         self.tonemaps = self.rows("engine/integrators/tonemaps.def", "TONEMAP")
@@ -160,6 +162,8 @@ TABLES = {
         (f"`{name}`", text) for name, *_, text in lists.kinds + lists.untraced]),
     "traversals": lambda lists: table(("traversal", ""), [
         (f"`{word}`", text) for _, word, text in lists.traversals]),
+    "targets": lambda lists: table(("target", "compiled with", "runs where the CPU has"), [
+        (f"`{name}`", code(flags.split()), code(features)) for name, _, flags, *features in lists.targets]),
     "roles": lambda lists: table(("role", "may", "requests that need it"), [
         (f"`{role}`", text, code(row[1] for row in lists.requests if row[4] == role))
         for role, text in lists.roles]),
@@ -283,7 +287,7 @@ def main():
     package = root / "client/python/raynest"
     written = {package / "_lists.py": python_module(lists), package / "_limits.py": python_limits(lists),
                root / "server/web/lists.js": page_module(lists)}
-    for name in ("protocol/PROTOCOL.md", "protocol/messages.fbs", "client/python/README.md"):
+    for name in ("protocol/PROTOCOL.md", "protocol/messages.fbs", "client/python/README.md", "engine/packs/TARGETS.md"):
         written[root / name] = filled((root / name).read_text(encoding="utf-8"), lists)
     stale = [file for file, text in written.items()
              if not file.exists() or file.read_text(encoding="utf-8") != text]

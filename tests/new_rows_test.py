@@ -171,9 +171,8 @@ struct EvenLight {
 
 }  // namespace raynest
 """)
-    for name, row in (("MATERIALS", "glow Glow"), ("LIGHTS", "even EvenLight")):
-        path = tree.root / "engine/shading" / name
-        path.write_text(path.read_text() + row + "\n")
+    tree.add_row("engine/shading/materials.def", "RAYNEST_MATERIAL(unlit", ("unlit, Unlit",), ("glow, Glow",))
+    tree.add_row("engine/shading/lights.def", "RAYNEST_LIGHT(spot", ("spot, SpotLight",), ("even, EvenLight",))
 
 
 def add_integrator(tree):

@@ -24,12 +24,12 @@ PACK = {
 project(outside LANGUAGES CXX)
 set(CMAKE_BUILD_TYPE Release)
 find_package(raynest 0.1 REQUIRED COMPONENTS engine)
-raynest_kernel_pack(own-pack TARGET v2 LIST ${CMAKE_CURRENT_SOURCE_DIR}/LIST)
+raynest_kernel_pack(own-pack TARGET v2 INTERSECTORS intersectors.def)
 add_executable(embedder embedder.cpp)
 target_compile_definitions(embedder PRIVATE PACKS="${raynest_PACK_DIR}")
 target_link_libraries(embedder PRIVATE raynest::engine)
 """,
-    "LIST": "every_second EverySecond primitives\n",
+    "intersectors.def": "RAYNEST_INTERSECTOR(every_second, EverySecond, primitives)\n",
     "every_second.h": """#pragma once
 #include "engine/intersectors/interface.h"
 namespace raynest {

@@ -12,13 +12,13 @@ template <class Isect, Declared declared>
 constexpr bool check_intersector() {
     static_assert((Overrides<Isect, BoxRay, TriangleValue> || overrides_any_record<Isect>()) ==
                       declared.primitives,
-                  "the line in LIST and the type disagree about `primitives` on CUDA; write "
+                  "the row and the type disagree about `primitives` on CUDA; write "
                   "RAYNEST_FN auto operator()(const auto& ray, const TriangleLike auto& triangle)");
     static_assert(Overrides<Isect, BoxRay, CompressedBox> == declared.boxes,
-                  "the line in LIST and the type disagree about `boxes` on CUDA; write "
+                  "the row and the type disagree about `boxes` on CUDA; write "
                   "RAYNEST_FN auto operator()(const auto& ray, const BoxLike auto& boxes)");
     static_assert(Overrides<Isect, BoxRay, Instance> == declared.instances,
-                  "the line in LIST and the type disagree about `instances` on CUDA");
+                  "the row and the type disagree about `instances` on CUDA");
     static_assert(returns_what_intersect_returns<Isect, BoxRay, TriangleValue>() &&
                       returns_what_intersect_returns<Isect, BoxRay, CompressedBox>(),
                   "an overload must return what intersect(ray, thing) returns");

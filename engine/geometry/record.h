@@ -5,7 +5,7 @@
 //     Box  bounds(const P&);
 //     auto intersect(const auto& ray, const P&);    // RecordHits<P, N>, N = most hits
 //
-// and one line in geometry/PRIMITIVES. `normal(const P&, Vec3 point)` is optional. The type must be
+// and one row in geometry/primitives.def. `normal(const P&, Vec3 point)` is optional. The type must be
 // trivially copyable, of whole 4-byte words and aligned to no more: a .npy row of floats becomes
 // one as it is, and records lie one behind the other with a word between them.
 #pragma once

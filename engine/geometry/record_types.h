@@ -1,8 +1,8 @@
 // The primitive types that this translation unit knows beside triangles.
 //
-// A pack's list comes from geometry/PRIMITIVES through CMake (packs/pack.cmake), which defines
-// RAYNEST_RECORD_TYPES as a header of one macro line per type; code that is compiled without it
-// knows the built-in sphere.
+// A pack's list comes from geometry/primitives.def through CMake (packs/pack.cmake), which defines
+// RAYNEST_RECORD_TYPES as a header with the types' headers and a macro of all rows; code that is
+// compiled without it knows the built-in sphere.
 #pragma once
 
 #include "engine/geometry/record.h"

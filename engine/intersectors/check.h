@@ -2,7 +2,7 @@
 //
 // An overload that takes only one ray width, is private, returns the wrong type or names the wrong
 // concept would not be called, perhaps in one kernel only: its mask would be ignored.
-// packs/variant.cpp has one static_assert(check_intersector<...>()) per line of intersectors/LIST.
+// packs/variant.cpp has one static_assert(check_intersector<...>()) per row of intersectors.def.
 #pragma once
 
 #include "engine/bvh/box_test.h"
@@ -52,13 +52,13 @@ constexpr bool check_intersector() {
                   "an overload must return what intersect(ray, thing) returns");
     static_assert(
         (overrides_a_block<Isect> || overrides_any_record<Isect>()) == declared.primitives,
-        "the line in LIST and the type disagree about `primitives`: is operator() public, "
+        "the row and the type disagree about `primitives`: is operator() public, "
         "not const-qualified away, and constrained by TriangleLike or PrimitiveLike?");
     static_assert(overrides_a_node<Isect> == declared.boxes,
-                  "the line in LIST and the type disagree about `boxes`: is operator() public and "
+                  "the row and the type disagree about `boxes`: is operator() public and "
                   "constrained by BoxLike?");
     static_assert(Overrides<Isect, BoxRay, Instance> == declared.instances,
-                  "the line in LIST and the type disagree about `instances`: is operator() public "
+                  "the row and the type disagree about `instances`: is operator() public "
                   "and constrained by InstanceLike?");
     static_assert(
         keeps_outputs_where_they_are_read<Isect>(),

@@ -1,4 +1,4 @@
-// The overrides that a line of intersectors/LIST declares, and the tests that compare them with the
+// The overrides that a row of intersectors.def declares, and the tests that compare them with the
 // type.
 #pragma once
 
@@ -10,7 +10,7 @@
 
 namespace raynest {
 
-/// The overrides that a line of the list declares.
+/// The overrides that a row of the list declares.
 struct Declared {
     bool boxes = false;
     bool primitives = false;

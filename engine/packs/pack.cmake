@@ -1,34 +1,65 @@
-# raynest_kernel_pack(<target> TARGET v2|v3|v4 [LIST <file>] [PRIMITIVES <file>] [HEADERS <dir>...])
+# raynest_kernel_pack(<target> TARGET v2|v3|v4 [INTERSECTORS <file>] [PRIMITIVES <file>] [HEADERS <dir>...])
 #
-# Builds one loadable module with every intersector of LIST compiled for one CPU target, exporting the
-# one symbol raynest_pack. Lines of LIST are `name Type overrides...`, lines of PRIMITIVES `name Type`;
-# headers are <name>.h, looked up in HEADERS (default: the folder of the list). Without PRIMITIVES the
-# pack knows the built-in types; with it, the built-in types and those of the file.
+# Builds one loadable module with every intersector of a list compiled for one CPU target, exporting the one symbol
+# raynest_pack. INTERSECTORS has rows RAYNEST_INTERSECTOR(name, Type, overrides...), PRIMITIVES has rows
+# RAYNEST_PRIMITIVE(name, Type); headers are <name>.h, looked up in HEADERS (default: the folder of the list). Without
+# PRIMITIVES the pack knows the built-in types; with it, the built-in types and those of the file.
 #
 # This file is installed: an intersector of your own becomes a pack with a four-line CMakeLists.txt
 # (engine/INTERSECTORS.md).
 
-# Internal cache entries: the function below is called from folders that do not see this file's scope.
+# Internal cache entries: the functions below are called from folders that do not see this file's scope.
 set(RAYNEST_PACK_SOURCE_DIR ${CMAKE_CURRENT_LIST_DIR} CACHE INTERNAL "")
 
-# _raynest_cpu_target(<name> <march> <Highway's name> <features of the CPU>... [FLAGS ...]): THE LIST of CPU
-# targets. A pack of one runs where the CPU has the features; the last one that does is preferred.
-set(RAYNEST_CPU_TARGETS "" CACHE INTERNAL "")
-function(_raynest_cpu_target name march highway)
-    cmake_parse_arguments(arg "" "" "FLAGS" ${ARGN})
-    list(TRANSFORM arg_UNPARSED_ARGUMENTS REPLACE "(.+)" "__builtin_cpu_supports(\"\\1\")" OUTPUT_VARIABLE tests)
+# _raynest_read_list(<file> <macro> <prefix> <form>): reads the rows RAYNEST_<macro>(...) of a list, a .def file. Their
+# form is "name, ...": as many words, and more only where it ends with dots. Sets <prefix>_NAMES to the names, and
+# <prefix>_<name> to the words behind each.
+function(_raynest_read_list file macro prefix form)
+    set_property(DIRECTORY APPEND PROPERTY CMAKE_CONFIGURE_DEPENDS ${file})
+    file(READ ${file} text)
+    string(REGEX REPLACE "\n[ \t]*(//|#)[^\n]*" "\n" text "\n${text}")
+    string(REGEX REPLACE "[][;]" " " text "${text}")  # CMake's own lists know these signs
+    set(row "RAYNEST_${macro}\\(([^()\"]|\"[^\"]*\")*\\)")
+    string(REGEX MATCHALL "${row}" rows "${text}")
+    string(REGEX REPLACE "${row}" "" rest "${text}")
+    string(STRIP "${rest}" rest)
+    string(REGEX MATCHALL "," least "${form}")
+    list(LENGTH least least)
+    set(names "")
+    foreach(row IN LISTS rows)
+        string(REGEX MATCHALL "[(,]([^(),\"]|\"[^\"]*\")*" words "${row}")
+        list(TRANSFORM words REPLACE "^[(,][ \t\n]*|[ \t\n]+$|\"" "")
+        list(POP_FRONT words name)
+        list(LENGTH words count)
+        if(NOT name MATCHES "^[A-Za-z0-9_]+$" OR "" IN_LIST words OR count LESS least
+                OR (count GREATER least AND NOT form MATCHES "\\.\\.\\.$"))
+            set(rest "${row}")
+        endif()
+        list(APPEND names ${name})
+        set(${prefix}_${name} ${words} PARENT_SCOPE)
+    endforeach()
+    if(NOT rest STREQUAL "")
+        message(FATAL_ERROR "${file}: '${rest}': a row is RAYNEST_${macro}(${form})")
+    endif()
+    set(${prefix}_NAMES ${names} PARENT_SCOPE)
+endfunction()
+
+# What a CPU target is made of, by its name.
+function(_raynest_cpu_target name highway flags)
+    list(TRANSFORM ARGN REPLACE "(.+)" "__builtin_cpu_supports(\"\\1\")" OUTPUT_VARIABLE tests)
     list(JOIN tests "&&" test)
-    set(RAYNEST_CPU_TARGETS ${RAYNEST_CPU_TARGETS} ${name} CACHE INTERNAL "")
+    separate_arguments(flags UNIX_COMMAND "${flags}")
     set(_raynest_name_${name} ${name} CACHE INTERNAL "")
-    set(_raynest_flags_${name} -march=${march} ${arg_FLAGS} CACHE INTERNAL "")
+    set(_raynest_flags_${name} ${flags} CACHE INTERNAL "")
     set(_raynest_definitions_${name} RAYNEST_HIGHWAY_TARGET=${highway} CACHE INTERNAL "")
     set(_raynest_variant_${name} ${RAYNEST_PACK_SOURCE_DIR}/variant.cpp CACHE INTERNAL "")
     set(_raynest_cpu_${name} ${test} CACHE INTERNAL "")
 endfunction()
-_raynest_cpu_target(v2 x86-64-v2 HWY_SSE4 sse4.2 popcnt)
-_raynest_cpu_target(v3 x86-64-v3 HWY_AVX2 avx2 fma bmi2)
-_raynest_cpu_target(v4 x86-64-v4 HWY_AVX3 avx512f avx512vl avx512dq avx512bw avx512cd avx2 fma bmi2
-    FLAGS -mprefer-vector-width=256)
+_raynest_read_list(${RAYNEST_PACK_SOURCE_DIR}/targets.def CPU_TARGET _raynest_target "name, Highway, flags, features...")
+set(RAYNEST_CPU_TARGETS ${_raynest_target_NAMES} CACHE INTERNAL "")
+foreach(name IN LISTS RAYNEST_CPU_TARGETS)
+    _raynest_cpu_target(${name} ${_raynest_target_${name}})
+endforeach()
 
 # Arithmetic that means what it says: explicit fma only, NaN and infinity as IEEE says.
 set(RAYNEST_KERNEL_OPTIMISATION -O3 CACHE STRING "Of kernels; answers are the same bits at any level")
@@ -38,49 +69,22 @@ set(RAYNEST_KERNEL_OPTIONS ${RAYNEST_KERNEL_OPTIMISATION} -ffp-contract=off -fno
     -fno-tree-slp-vectorize -fvisibility=hidden -fvisibility-inlines-hidden)
 set(RAYNEST_KERNEL_DEFINITIONS HWY_DISABLE_PCLMUL_AES HWY_COMPILE_ONLY_STATIC)
 
-# _raynest_read_list(<file> <prefix> [<words>]): reads a list file, whose lines are `name Type`, or with <words>, which
-# says what they are, `name Type words...`. Sets <prefix>_NAMES, <prefix>_TYPE_<name>, <prefix>_WORDS_<name>, and
-# <prefix>_ROWS: a macro's arguments for each line.
-function(_raynest_read_list file prefix)
-    set_property(DIRECTORY APPEND PROPERTY CMAKE_CONFIGURE_DEPENDS ${file})
-    file(STRINGS ${file} lines REGEX "^[^#]")
-    set(names "")
-    set(rows "")
-    foreach(line IN LISTS lines)
-        string(REGEX MATCH "^[ \t]*([A-Za-z0-9_]+)[ \t]+([^ \t]+)([ \t]+.+)?$" matched "${line}")
-        string(STRIP "${CMAKE_MATCH_3}" words)
-        if(NOT matched OR (words STREQUAL "" AND ARGC GREATER 2) OR (NOT words STREQUAL "" AND ARGC EQUAL 2))
-            set(form "name Type")
-            set(remedy "")
-            if(ARGC GREATER 2)
-                string(APPEND form " words...")
-                set(remedy "; words are ${ARGV2}")
-            endif()
-            message(FATAL_ERROR "${file}: '${line}': a line is `${form}`${remedy}")
-        endif()
-        set(name ${CMAKE_MATCH_1})
-        set(type ${CMAKE_MATCH_2})
-        separate_arguments(words UNIX_COMMAND "${words}")
-        list(APPEND names ${name})
-        string(APPEND rows " X(${name}, ${type})")
-        set(${prefix}_TYPE_${name} ${type} PARENT_SCOPE)
-        set(${prefix}_WORDS_${name} ${words} PARENT_SCOPE)
-    endforeach()
-    set(${prefix}_NAMES ${names} PARENT_SCOPE)
-    set(${prefix}_ROWS "${rows}" PARENT_SCOPE)
-endfunction()
-
 function(raynest_kernel_pack pack)
-    cmake_parse_arguments(arg "" "TARGET;LIST;PRIMITIVES" "HEADERS" ${ARGN})
+    cmake_parse_arguments(arg "" "TARGET;INTERSECTORS;PRIMITIVES" "HEADERS" ${ARGN})
+    if(arg_UNPARSED_ARGUMENTS)
+        message(FATAL_ERROR "raynest_kernel_pack(${pack}): has TARGET, INTERSECTORS, PRIMITIVES and HEADERS, not "
+            "'${arg_UNPARSED_ARGUMENTS}'")
+    endif()
     if(NOT DEFINED _raynest_name_${arg_TARGET})
         list(JOIN RAYNEST_CPU_TARGETS ", " known)
         message(FATAL_ERROR "raynest_kernel_pack(${pack}): TARGET is one of ${known}, not '${arg_TARGET}'")
     endif()
     set(builtin ${RAYNEST_PACK_SOURCE_DIR}/../..)
-    if(NOT arg_LIST)
-        set(arg_LIST ${builtin}/engine/intersectors/LIST)
+    if(NOT arg_INTERSECTORS)
+        set(arg_INTERSECTORS ${builtin}/engine/intersectors/intersectors.def)
     endif()
-    get_filename_component(list_dir ${arg_LIST} DIRECTORY)
+    get_filename_component(arg_INTERSECTORS ${arg_INTERSECTORS} ABSOLUTE)
+    get_filename_component(list_dir ${arg_INTERSECTORS} DIRECTORY)
     if(NOT arg_HEADERS)
         set(arg_HEADERS ${list_dir})
     endif()
@@ -89,31 +93,29 @@ function(raynest_kernel_pack pack)
     set(generated ${CMAKE_CURRENT_BINARY_DIR}/${pack}.generated)
     set(includes "")
     set(calls "")
-    set(files ${builtin}/engine/geometry/PRIMITIVES)
-    if(arg_PRIMITIVES)
-        list(APPEND files ${arg_PRIMITIVES})
-    endif()
-    foreach(file IN LISTS files)
-        _raynest_read_list(${file} primitive)
+    foreach(file IN ITEMS ${builtin}/engine/geometry/primitives.def ${arg_PRIMITIVES})
+        get_filename_component(file ${file} ABSOLUTE)
         get_filename_component(dir ${file} DIRECTORY)
+        _raynest_read_list(${file} PRIMITIVE primitive "name, Type")
         foreach(name IN LISTS primitive_NAMES)
             string(APPEND includes "#include \"${dir}/${name}.h\"\n")
+            string(APPEND calls " X(${name}, ${primitive_${name}})")
         endforeach()
-        string(APPEND calls "${primitive_ROWS}")
     endforeach()
     file(CONFIGURE OUTPUT ${generated}/record_types.h CONTENT
         "#pragma once\n${includes}#define RAYNEST_FOR_EACH_RECORD_TYPE(X)${calls}\n" @ONLY)
 
     set(objects "")
     set(variants "")
-    _raynest_read_list(${arg_LIST} isect "its overrides: boxes, primitives, instances or none")
+    _raynest_read_list(${arg_INTERSECTORS} INTERSECTOR isect "name, Type, overrides...")
     foreach(name IN LISTS isect_NAMES)
-        set(type ${isect_TYPE_${name}})
-        set(words ${isect_WORDS_${name}})
+        set(words ${isect_${name}})
+        list(POP_FRONT words type)
         set(known boxes primitives instances)
         foreach(word IN LISTS words)
             if(NOT word IN_LIST known AND NOT word STREQUAL "none")
-                message(FATAL_ERROR "${arg_LIST}: ${name}: '${word}' is none of boxes, primitives, instances, none")
+                message(FATAL_ERROR
+                    "${arg_INTERSECTORS}: ${name}: '${word}' is none of boxes, primitives, instances, none")
             endif()
         endforeach()
         # One definition each: nvcc takes a comma for the end of a definition.

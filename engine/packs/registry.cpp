@@ -19,8 +19,11 @@ bool has_records(const SceneView& scene) {
     return last.first_record + records_bytes(last) != 0;
 }
 
-// In the order of pack.cmake: a variant runs on the last target that has it.
-constexpr std::string_view cpu_target_names[] = {RAYNEST_CPU_TARGETS};
+// A variant runs on the last target that has it.
+constexpr std::string_view cpu_target_names[] = {
+#define RAYNEST_CPU_TARGET(name, ...) #name,
+#include "engine/packs/targets.def"
+};
 
 /// Returns the rank of a target, 0 for the best.
 std::size_t rank_of(std::string_view target) {

@@ -59,7 +59,7 @@ private:
     std::vector<Table> views_;
 };
 
-/// Names of the CPU targets of pack.cmake, the best one last.
+/// Names of the CPU targets of targets.def, the best one last.
 [[nodiscard]] std::span<const std::string_view> cpu_targets();
 
 /// RAYNEST_BUILTIN_PACKS, else <dir of the binary>/../lib/raynest. A pack for GPUs lies beside it,

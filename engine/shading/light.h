@@ -6,7 +6,7 @@
 //         static LightSample sample(const LightRecord& light, const Vec3& from, const Vec2& u);
 //     };
 //
-// A new light is one header and one line in LIGHTS. A file names it by `extras.raynest.light` in a
+// A new light is one header and one row in lights.def. A file names it by `extras.raynest.light` in a
 // light of KHR_lights_punctual.
 #pragma once
 

@@ -12,7 +12,7 @@
 //         Scattered scatter(const Vec3& incoming) const;   // may be left out: both of the above
 //     };
 //
-// A new material is one header and one line in MATERIALS. Its values come from the same members of
+// A new material is one header and one row in materials.def. Its values come from the same members of
 // glTF; `extras.raynest.material` in a glTF material names it.
 #pragma once
 

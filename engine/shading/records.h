@@ -69,7 +69,7 @@ struct Layers {
 
 /// How a material scatters and emits light; base colour and alpha are in its MaterialRecord.
 struct SurfaceRecord {
-    std::uint32_t kind = 0;  ///< shading_type() of a name of shading/MATERIALS; 0: glTF's own
+    std::uint32_t kind = 0;  ///< shading_type() of a name of shading/materials.def; 0: glTF's own
     float metallic = 0;
     float roughness = 1;
     float normal_scale = 1;
@@ -113,9 +113,9 @@ struct TextureLevels {
     std::uint32_t linear = 0;          ///< 1: data; 0: colours in sRGB
 };
 
-/// A light that the file places: KHR_lights_punctual, and lights of shading/LIGHTS by name.
+/// A light that the file places: KHR_lights_punctual, and lights of shading/lights.def by name.
 struct LightRecord {
-    std::uint32_t kind = 0;  ///< shading_type() of a name of shading/LIGHTS
+    std::uint32_t kind = 0;  ///< shading_type() of a name of shading/lights.def
     std::uint32_t name = 0;  ///< offset in `names`
     Vec3 position{0};
     Vec3 direction{0, 0, -1};  ///< unit vector, away from the light

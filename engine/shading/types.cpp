@@ -10,10 +10,14 @@
 namespace raynest {
 namespace {
 
-#define RAYNEST_NAME(name, Type) #name,
-constexpr std::array materials = {RAYNEST_FOR_EACH_MATERIAL(RAYNEST_NAME)};
-constexpr std::array lights = {RAYNEST_FOR_EACH_LIGHT(RAYNEST_NAME)};
-#undef RAYNEST_NAME
+constexpr std::array materials = {
+#define RAYNEST_MATERIAL(name, Type) #name,
+#include "engine/shading/materials.def"
+};
+constexpr std::array lights = {
+#define RAYNEST_LIGHT(name, Type) #name,
+#include "engine/shading/lights.def"
+};
 
 template <class Names>
 std::optional<std::uint32_t> kind_of(const Names& names, std::string_view name) {

@@ -1,5 +1,4 @@
-// The materials and lights that this build knows: the lists MATERIALS and LIGHTS, resolved by a
-// switch.
+// The materials and lights that this build knows: materials.def and lights.def, resolved by a switch.
 #pragma once
 
 #include "engine/shading/records.h"

@@ -62,7 +62,7 @@ class OwnPack(unittest.TestCase):
 
     def test_the_page_names_all_files(self):
         names = set(files_of_the_page())
-        self.assertEqual(names, {"clip_plane.h", "LIST", "CMakeLists.txt", "disc.h", "PRIMITIVES"})
+        self.assertEqual(names, {"clip_plane.h", "intersectors.def", "CMakeLists.txt", "disc.h", "primitives.def"})
 
     def test_a_pack_exports_one_symbol(self):
         for pack in self.packs.glob("*.so"):
@@ -78,12 +78,12 @@ class OwnPack(unittest.TestCase):
     def test_a_wrong_line_in_the_list_is_one_readable_error(self):
         project = self.scratch / "wrong"
         shutil.copytree(self.scratch / "project", project)
-        (project / "LIST").write_text("clip_plane ClipPlane primitives\n")
+        (project / "intersectors.def").write_text("RAYNEST_INTERSECTOR(clip_plane, ClipPlane, primitives)\n")
         run(CMAKE, "-S", project, "-B", project / "build", "-G", "Ninja",
             f"-DCMAKE_PREFIX_PATH={self.scratch / 'installed'}")
         built = subprocess.run([CMAKE, "--build", project / "build"], capture_output=True, text=True, timeout=300)
         self.assertNotEqual(built.returncode, 0)
-        self.assertIn("the line in LIST and the type disagree about `boxes`", built.stdout)
+        self.assertIn("the row and the type disagree about `boxes`", built.stdout)
 
 
     # Query through a daemon that was started with --pack-dir.

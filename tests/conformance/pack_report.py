@@ -15,6 +15,10 @@ import re
 import subprocess
 import sys
 
+SOURCE = pathlib.Path(__file__).parents[2]
+sys.path.insert(0, str(SOURCE / ".ci"))
+from lists import Lists  # noqa: E402
+
 
 def compile_seconds(build, pack):
     """Returns the sum of ninja's (end - start) over the pack's objects; the log has it in ms."""
@@ -29,9 +33,9 @@ def compile_seconds(build, pack):
     return sum(spans.values())
 
 
-def foreign_dependents(build, source):
+def foreign_dependents(build):
     """Returns objects that an intersector's header would rebuild but that are not its own."""
-    names = [line.split()[0] for line in (source / "LIST").read_text().splitlines() if line and line[0] != "#"]
+    names = [row[0] for row in Lists(SOURCE).intersectors]
     told = subprocess.run(["ninja", "-C", build, "-t", "deps"], capture_output=True, text=True).stdout
     wrong, seen, output = [], set(), ""
     for line in told.splitlines():
@@ -74,7 +78,7 @@ def main():
         if (target == "v2" and vex + evex) or (target == "v3" and evex):
             print(f"FAILED: {path.name} holds instructions that its target lacks")
             failed = 1
-    wrong, unseen = foreign_dependents(build, pathlib.Path(__file__).parents[2] / "engine/intersectors")
+    wrong, unseen = foreign_dependents(build)
     if (build / ".ninja_log").exists() and (wrong or unseen):
         print("FAILED: an intersector's header is compiled into other objects, or into none:", wrong, unseen)
         failed = 1

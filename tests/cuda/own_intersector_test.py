@@ -1,5 +1,5 @@
 #!/usr/bin/env python3
-"""Checks that a new intersector is one header and one line with CUDA, too: in a copy of engine/,
+"""Checks that a new intersector is one header and one row with CUDA, too: in a copy of engine/,
 nvcc compiles the one of engine/INTERSECTORS.md, which runs on the CPU because of its outputs, and a
 section in the form that a GPU needs.
 
@@ -71,16 +71,16 @@ class OwnIntersector(unittest.TestCase):
         shutil.copytree(SOURCE / "engine", cls.tree / "engine")
         cls.folder = cls.tree / "engine/intersectors"
         page = (SOURCE / "engine/INTERSECTORS.md").read_text()
-        header, line = (re.search(rf"^`{name}`\n```\w*\n(.*?)^```", page, re.M | re.S)[1]
-                        for name in (r"clip_plane\.h", "LIST"))
+        header, row = (re.search(rf"^`{name}`\n```\w*\n(.*?)^```", page, re.M | re.S)[1]
+                       for name in (r"clip_plane\.h", r"intersectors\.def"))
         (cls.folder / "clip_plane.h").write_text(header)
         (cls.folder / "section.h").write_text(SECTION)
-        cls.list = (cls.folder / "LIST").read_text() + line
-        cls.configured = cls.configure("section Section boxes primitives instances")
+        cls.list = (cls.folder / "intersectors.def").read_text() + row
+        cls.configured = cls.configure("boxes, primitives, instances")
 
     @classmethod
-    def configure(cls, line):
-        (cls.folder / "LIST").write_text(f"{cls.list}{line}\n")
+    def configure(cls, overrides):
+        (cls.folder / "intersectors.def").write_text(f"{cls.list}RAYNEST_INTERSECTOR(section, Section, {overrides})\n")
         return start(CMAKE, "-G", "Ninja", "-S", cls.tree, "-B", cls.build, "-DRAYNEST_CUDA=ON", *OPTIONS,
                      f"-DRAYNEST_CUDA_ARCHITECTURES={ARCHITECTURE}", "-DRAYNEST_WERROR=ON", "-DRAYNEST_TESTS=OFF",
                      "-DRAYNEST_BENCH=OFF")
@@ -95,18 +95,18 @@ class OwnIntersector(unittest.TestCase):
         [object_file] = self.build.rglob(f"pack_cuda_{name}.dir/*.o")
         return set(re.findall(r" t \S*trace_kernel\S*QueryE(\d)", start("nm", object_file).stdout))
 
-    def test_all_overrides_of_a_line_reach_nvcc(self):
+    def test_all_overrides_of_a_row_reach_nvcc(self):
         self.assertEqual(self.configured.returncode, 0, self.configured.stderr)
         self.assertEqual(self.kernels("section"), {"0", "1", "2"})
 
     def test_the_page_s_own_is_compiled_and_has_no_kernels(self):
         self.assertEqual(self.kernels("clip_plane"), set())
 
-    def test_what_the_line_leaves_out_is_a_readable_error(self):
-        self.configure("section Section primitives instances")
+    def test_what_the_row_leaves_out_is_a_readable_error(self):
+        self.configure("primitives, instances")
         compiled = self.compile("section")
         self.assertNotEqual(compiled.returncode, 0)
-        self.assertRegex(compiled.stdout, "the line in LIST and the type disagree about .boxes. on CUDA")
+        self.assertRegex(compiled.stdout, "the row and the type disagree about .boxes. on CUDA")
 
 
 if __name__ == "__main__":

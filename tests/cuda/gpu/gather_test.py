@@ -20,10 +20,12 @@ HERE = pathlib.Path(__file__).resolve().parent
 sys.path.insert(0, str(HERE.parents[1] / "integration"))  # gathered beside the driver
 import driver  # noqa: E402
 import served  # noqa: E402
+sys.path.insert(0, str(HERE.parents[2] / ".ci"))
+from lists import Lists  # noqa: E402
 
 BUILD, FAKE = "", ""
 BYTES_MAX = 96 << 20
-VARIANTS = len(re.findall(r"(?m)^\w", (HERE.parents[2] / "engine/intersectors/LIST").read_text()))
+VARIANTS = len(Lists(HERE.parents[2]).intersectors)
 
 
 def start(*command, **environment):
