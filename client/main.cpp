@@ -1,7 +1,5 @@
 // raynest: the command line. Parses, connects, runs one subcommand, ends with its exit code.
-#include "client/commands/by_python.h"
-#include "client/commands/commands.h"
-#include "client/commands/may_repeat.h"
+#include "client/commands/command.h"
 #include "client/commands/parse.h"
 #include "client/ground/interrupt.h"
 #include "client/ground/json.h"
@@ -11,12 +9,9 @@
 #include "client/net/ssh_tunnel.h"
 #include "client/output/output.h"
 #include "client/output/output_file.h"
-#include "client/requests/film.h"
-#include "client/requests/generator.h"
 #include "client/requests/scene_source.h"
 #include "client/requests/tables.h"
 
-#include <algorithm>
 #include <cstdlib>
 #include <exception>
 #include <iostream>
@@ -24,7 +19,6 @@
 #include <string>
 #include <string_view>
 #include <utility>
-#include <variant>
 
 namespace {
 
@@ -47,11 +41,8 @@ int end_with(const Failure& failure, bool json) {
 }
 
 /// Loads the file that a command names in the place of a scene.
-template <class Command>
 Result<void> load_first(Context& context, Command& command) {
-    std::string* scene = nullptr;
-    if constexpr (requires { command.job.scene; }) scene = &command.job.scene;
-    if constexpr (requires { command.scene.size(); }) scene = &command.scene;
+    std::string* const scene = command.scene();
     if (scene == nullptr || !is_source(*scene)) return {};
     auto name = load_for_connection(context.connection, context.progress, *scene);
     if (!name) return tl::unexpected<Failure>(name.error());
@@ -59,77 +50,33 @@ Result<void> load_first(Context& context, Command& command) {
     return {};
 }
 
-/// How many parts a command may have at most, each with 50 ms of work or more; 0: it takes none.
-template <class Command>
-std::uint64_t parts_max(const Command& command) {
-    constexpr std::uint64_t rays = 1 << 16;
-    const auto of_rays = [](std::uint64_t all) { return std::max<std::uint64_t>(1, all / rays); };
-    if constexpr (requires { command.rays_file; }) {
-        const auto generate = parse_generate(command.generate);
-        if (command.rays_file.empty() && command.rays.empty() && generate &&
-            generate->points.empty())
-            return of_rays(sensor_rays(generate->message));
-        return 1;
-    } else if constexpr (requires { command.part; }) {
-        const CameraOptions& camera = command.camera;
-        std::uint64_t samples = 1;
-        if constexpr (requires { samples_of(command); }) samples = samples_of(command);
-        return std::min<std::uint64_t>((camera.height + part_rows - 1) / part_rows,
-                                       of_rays(samples * camera.width * camera.height));
-    }
-    return 0;
-}
-
 /// Makes this process the Python program that has a cluster carry out the command, or fails.
-Failure become_dask(const Options& options) {
+Failure become_dask(const Options& options, bool by_python) {
     if (options.local) return failure(Exit::usage, "--dask goes without --local");
-    return std::visit(
-        [&](const auto& command) -> Failure {
-            if constexpr (requires { is_by_python(command); }) {
-                const Access none;
-                if (is_by_python(command))
-                    return become_program(
-                        command, {"", none, "", 0, options.json, options.dask, options.quiet});
-            }
-            const std::uint64_t parts = parts_max(command);
-            if constexpr (requires {
-                              command.part;
-                              command.output;
-                          }) {
-                if (command.part.count != 0 || command.job.detach || is_stdout(command.output) ||
-                    command.output.empty())
-                    return failure(Exit::usage,
-                                   "--dask needs -o FILE, and goes without --part and --detach");
-                if (auto writable = check_writable(command.output); !writable)
-                    return writable.error();
-                std::vector<std::string> words = {options.dask, std::to_string(parts),
-                                                  command.job.scene, command.output};
-                words.insert(words.end(), options.words.begin(), options.words.end());
-                if (options.quiet) words.insert(words.begin(), "--quiet");
-                if (options.json) words.insert(words.begin(), "--json");
-                return become_python("raynest._command", std::move(words));
-            }
-            return failure(Exit::usage, "--dask is for render, heatmap and query");
-        },
-        options.command);
+    Command& command = *options.command;
+    if (by_python) {
+        const Access none;
+        return command.become_program({"", none, "", 0, options.json, options.dask, options.quiet});
+    }
+    const std::optional<Parts> parts = command.parts();
+    if (!parts) return failure(Exit::usage, "--dask is for render, heatmap and query");
+    if (parts->is_one || command.job()->detach || is_stdout(parts->output) || parts->output.empty())
+        return failure(Exit::usage, "--dask needs -o FILE, and goes without --part and --detach");
+    if (auto writable = check_writable(parts->output); !writable) return writable.error();
+    std::vector<std::string> words = {options.dask, std::to_string(parts->most),
+                                      command.job()->scene, parts->output};
+    words.insert(words.end(), options.words.begin(), options.words.end());
+    if (options.quiet) words.insert(words.begin(), "--quiet");
+    if (options.json) words.insert(words.begin(), "--json");
+    return become_python("raynest._command", std::move(words));
 }
 
 Result<void> connect_and_run(Options options) {
-    if (const auto* merge = std::get_if<MergeOptions>(&options.command))
-        return tl::unexpected<Failure>(become_merge(*merge, options.json));
-    const auto of_python = std::visit(
-        [&](const auto& command) -> Result<bool> {
-            if constexpr (requires { is_by_python(command); }) {
-                if (!is_by_python(command)) return false;
-                if (auto fits = check_by_python(command); !fits)
-                    return tl::unexpected<Failure>(fits.error());
-                return true;
-            }
-            return false;
-        },
-        options.command);
-    if (!of_python) return tl::unexpected<Failure>(of_python.error());
-    if (!options.dask.empty()) return tl::unexpected<Failure>(become_dask(options));
+    Command& command = *options.command;
+    const auto by_python = command.is_by_python();
+    if (!by_python) return tl::unexpected<Failure>(by_python.error());
+    if (!options.dask.empty()) return tl::unexpected<Failure>(become_dask(options, *by_python));
+    if (auto done = command.run_alone(options.server, options.json)) return std::move(*done);
     std::optional<LocalDaemon> local;
     if (options.local) {
         auto started = LocalDaemon::start();
@@ -137,29 +84,16 @@ Result<void> connect_and_run(Options options) {
         local.emplace(std::move(*started));
         options.server = local->uri();
     }
-    if (std::holds_alternative<LogoutOptions>(options.command))
-        return log_out(options.server, options.json);
     auto access = options.local ? Result<Access>() : find_access(options.server, options.access);
     if (!access) return tl::unexpected<Failure>(access.error());
     for (const std::string& warning : access->warnings) print_note(warning);
     if (!access->tls.verify)
         print_note("--tls-verify off: whoever answers at " + options.server + " is trusted");
-    if (std::holds_alternative<LoginOptions>(options.command)) {
-        auto token = ask_token(options.server);
-        if (!token) return tl::unexpected<Failure>(token.error());
-        access->token = std::move(*token);
-        if (auto secret = check_secrecy(options.server, access->token); !secret) return secret;
-    }
-    if (*of_python)
-        return tl::unexpected<Failure>(std::visit(
-            [&](const auto& command) -> Failure {
-                if constexpr (requires { is_by_python(command); })
-                    return become_program(command,
-                                          {options.server, *access, local ? local->folder() : "",
-                                           options.local ? 0 : options.reconnect, options.json});
-                std::abort();
-            },
-            options.command));
+    if (auto known = command.identify(options.server, *access); !known) return known;
+    if (*by_python)
+        return tl::unexpected<Failure>(
+            command.become_program({options.server, *access, local ? local->folder() : "",
+                                    options.local ? 0 : options.reconnect, options.json}));
     std::optional<SshTunnel> tunnel;
     std::string uri = options.server;
     if (uri.starts_with("ssh://")) {
@@ -183,25 +117,17 @@ Result<void> connect_and_run(Options options) {
     if (!connection) return tl::unexpected<Failure>(connection.error());
     if (local) local->hide();
     const PrintWatch stdout_watch(std::cout);
+    if (JobOptions* const job = command.job())
+        if (auto read = read_tables(job->settings, job->tables); !read) return read;
+    std::string* const scene = command.scene();
+    const std::string source = scene != nullptr ? *scene : "";
     for (int attempt = 1;; ++attempt) {
-        CommandOptions command = options.command;
         Context context{**connection, progress, options.json, connect, options.server, *access};
-        auto done = std::visit(
-            [&](auto& chosen) -> Result<void> {
-                if (auto loaded = load_first(context, chosen); !loaded) return loaded;
-                if constexpr (requires { chosen.job.hide; }) {
-                    if (auto read = read_tables(chosen.job.settings, chosen.job.tables); !read)
-                        return read;
-                }
-                if constexpr (requires { chosen.difference; })
-                    if (auto& other = chosen.difference)
-                        if (auto read = read_tables(other->settings, other->tables); !read)
-                            return read;
-                return run(context, chosen);
-            },
-            command);
+        Result<void> done = load_first(context, command);
+        if (done) done = command.carry_out(context);
+        if (scene != nullptr) *scene = source;
         const bool again = !done && patience > 0 && attempt < attempts_max &&
-                           may_repeat(options.command, done.error(), stdout_watch.printed());
+                           may_repeat(command, options.acts, done.error(), stdout_watch.printed());
         if (!again) return done;
         progress.clear();
         if (!options.quiet && !options.json) print_note("the daemon went away; looking for it");

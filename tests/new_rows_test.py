@@ -215,16 +215,20 @@ def add_limit(tree):
 
 
 def add_command(tree):
-    tree.add_row("client/commands/commands.def", "RAYNEST_COMMAND(Stats",
-                 ('Stats, "stats", Stats, "stats"', "print the daemon's counters"),
-                 ('Beat, "beat", Stats, "beat"', "say that the daemon answers"))
-    tree.edit("client/commands/commands.h", r"^struct ScenesOptions \{\};", "struct ScenesOptions {};\nstruct BeatOptions {};")
+    tree.add_row("client/commands/commands.def", "RAYNEST_COMMAND(stats",
+                 ('stats, Stats, "stats"', "print the daemon's counters"),
+                 ('beat, Stats, "beat"', "say that the daemon answers"))
     (tree.root / "client/commands/beat.cpp").write_text("""\
-#include "client/commands/commands.h"
+#include "client/commands/command.h"
 
 #include <iostream>
 
 namespace raynest::client {
+namespace {
+
+struct BeatOptions {};
+
+}  // namespace
 
 void declare(CommandLine&, BeatOptions&) {}
 
@@ -235,9 +239,12 @@ Result<void> run(Context& context, const BeatOptions&) {
     return {};
 }
 
+std::unique_ptr<Command> make_beat() {
+    return make_command<BeatOptions>();
+}
+
 }  // namespace raynest::client
 """)
-    tree.edit("client/CMakeLists.txt", r"commands/stats\.cpp", "commands/stats.cpp commands/beat.cpp")
 
 
 ADDITIONS = (add_counter, add_generator, add_request, add_shading, add_integrator, add_look, add_limit, add_command)

@@ -1,15 +1,20 @@
 // raynest admin ACT: lists and ends connections, changes quotas, reloads and drains the daemon.
-#include "client/commands/commands.h"
+#include "client/commands/deliver.h"
 #include "client/ground/json.h"
 #include "client/ground/text.h"
 #include "client/output/output.h"
 #include "client/requests/listings.h"
 
 #include <charconv>
-#include <iostream>
 
 namespace raynest::client {
 namespace {
+
+struct AdminOptions {
+    std::string act;     ///< connections | drain | reload | kick | quota
+    std::string target;  ///< for kick: a connection's number or a principal; for quota: a principal
+    std::vector<std::string> quota;  ///< "jobs=8"
+};
 
 Result<void> list_connections(Context& context) {
     Json connections = Json::array();
@@ -71,14 +76,11 @@ Result<void> run(Context& context, const AdminOptions& options) {
         request.connection = 0;
         request.principal = options.target;
     }
-    const auto report = ask<wire::AdminReport>(context.connection, request);
-    if (!report) return tl::unexpected<Failure>(report.error());
-    const std::string text(protocol::text((*report)->text()));
-    if (context.json)
-        print_json(Json{{"text", text}});
-    else
-        std::cout << text << '\n';
-    return {};
+    return report_act(context, request);
+}
+
+std::unique_ptr<Command> make_admin() {
+    return make_command<AdminOptions>();
 }
 
 }  // namespace raynest::client

@@ -22,6 +22,12 @@
 namespace raynest::client {
 namespace {
 
+struct AnimateOptions : RenderOptions {
+    double fps = 25;
+    double from = 0;  ///< seconds
+    double to = -1;   ///< negative: the animation's end
+};
+
 namespace fs = std::filesystem;
 
 constexpr const char* film_ending = ".mp4";
@@ -201,6 +207,10 @@ Result<void> run(Context& context, const AnimateOptions& options) {
             << options.output << ": " << pictures << (pictures == 1 ? " picture" : " pictures")
             << ", " << options.fps << " per second\n";
     return {};
+}
+
+std::unique_ptr<Command> make_animate() {
+    return make_command<AnimateOptions>();
 }
 
 }  // namespace raynest::client

@@ -1,5 +1,5 @@
 // raynest backup FILE: all stored scenes of the daemon as one tar file.
-#include "client/commands/commands.h"
+#include "client/commands/command.h"
 #include "client/ground/json.h"
 #include "client/output/outcome_text.h"
 #include "client/output/output.h"
@@ -8,7 +8,18 @@
 
 #include <sys/stat.h>
 
+#include <filesystem>
+#include <system_error>
+
 namespace raynest::client {
+namespace {
+
+/// A copy of all stored scenes, and the way back.
+struct BackupOptions {
+    std::string output;
+};
+
+}  // namespace
 
 void declare(CommandLine& line, BackupOptions& options) {
     line.add_option(
@@ -39,6 +50,23 @@ Result<void> run(Context& context, const BackupOptions& options) {
     else
         summary_of(options.output) << options.output << ": " << *bytes << " bytes\n";
     return {};
+}
+
+namespace {
+
+class Backup final : public CommandOf<BackupOptions> {
+    /// What went into a pipe cannot be taken back.
+    [[nodiscard]] bool is_safe(const Failure& /*why*/) const override {
+        std::error_code ignored;
+        return !is_stdout(options_.output) &&
+               (!std::filesystem::exists(options_.output, ignored) || is_file(options_.output));
+    }
+};
+
+}  // namespace
+
+std::unique_ptr<Command> make_backup() {
+    return std::make_unique<Backup>();
 }
 
 }  // namespace raynest::client

@@ -2,8 +2,8 @@
 // raynest.returns.measure(), rays with times of their own, and pictures of a camera in motion.
 #pragma once
 
-#include "client/arguments/command_line.h"
-#include "client/commands/commands.h"
+#include "client/commands/command.h"
+#include "client/commands/query.h"
 #include "client/requests/film.h"
 
 #include <string>
@@ -23,16 +23,6 @@ void add_trajectory(CommandLine& line, RenderOptions& render);
 Result<void> check_by_python(const QueryOptions& query);
 Result<void> check_by_python(const RenderOptions& render);
 
-/// Where the daemon is.
-struct DaemonPlace {
-    std::string uri;
-    const Access& access;
-    std::string folder;  ///< a daemon's for this command alone: removed once it is reached
-    double reconnect = 0;
-    bool json = false;
-    std::string dask{};  ///< a scheduler's address, in place of a daemon's
-    bool quiet = false;
-};
 /// Makes this process the Python program that carries it out. Returns only where that fails.
 Failure become_program(QueryOptions query, const DaemonPlace& place);
 Failure become_program(RenderOptions render, const DaemonPlace& place);

@@ -1,6 +1,6 @@
 // raynest cancel ID: cancels a job and drops its answer.
 #include "client/arguments/shared_options.h"
-#include "client/commands/commands.h"
+#include "client/commands/command.h"
 #include "client/ground/json.h"
 #include "client/output/job_text.h"
 #include "client/output/output.h"
@@ -9,6 +9,13 @@
 #include <iostream>
 
 namespace raynest::client {
+namespace {
+
+struct CancelOptions {
+    std::uint64_t job = 0;
+};
+
+}  // namespace
 
 void declare(CommandLine& line, CancelOptions& cancel) {
     add_job_number(line, cancel.job);
@@ -29,6 +36,10 @@ Result<void> run(Context& context, const CancelOptions& options) {
     }
     std::cout << "cancelled " << job_text(*info->message.table) << '\n';
     return {};
+}
+
+std::unique_ptr<Command> make_cancel() {
+    return make_command<CancelOptions>();
 }
 
 }  // namespace raynest::client

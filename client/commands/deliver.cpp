@@ -207,6 +207,17 @@ Result<void> deliver_query(Context& context, const std::string& output, const st
     return check_whole(*outcome);
 }
 
+Result<void> report_act(Context& context, const wire::AdminT& request) {
+    const auto report = ask<wire::AdminReport>(context.connection, request);
+    if (!report) return tl::unexpected<Failure>(report.error());
+    const std::string text(protocol::text((*report)->text()));
+    if (context.json)
+        print_json(Json{{"text", text}});
+    else
+        std::cout << text << '\n';
+    return {};
+}
+
 void print_detached(const Context& context, const Outcome& outcome) {
     if (context.json)
         print_json(Json{{"job", outcome.detached}});

@@ -2,7 +2,7 @@
 // their answer, and by fetch.
 #pragma once
 
-#include "client/commands/commands.h"
+#include "client/commands/command.h"
 #include "client/ground/json.h"
 #include "client/output/fail_if.h"
 #include "client/requests/picture.h"
@@ -35,6 +35,9 @@ using ChunkConsumer = std::function<Result<void>(const QueryChunk&)>;
 Result<void> deliver_query(Context& context, const std::string& output, const std::string& what,
                            const std::function<Result<Outcome>(const ChunkConsumer&)>& ask,
                            const Json& part = {});
+
+/// Has the daemon act, and prints its report.
+Result<void> report_act(Context& context, const wire::AdminT& request);
 
 /// Prints the number of a detached job, alone on its line: job=$(raynest ...).
 void print_detached(const Context& context, const Outcome& outcome);

@@ -1,6 +1,6 @@
 // raynest edit: parts of a scene move, hide, go and come.
 #include "client/arguments/shared_options.h"
-#include "client/commands/commands.h"
+#include "client/commands/command.h"
 #include "client/files/files.h"
 #include "client/ground/json.h"
 #include "client/ground/numbers.h"
@@ -27,6 +27,23 @@
 
 namespace raynest::client {
 namespace {
+
+/// A change of a scene.
+struct EditChange {
+    protocol::EditRow::What what = protocol::EditRow::move;
+    std::string path;         ///< a text, '*' for any text, or inst=N; of add the name of a scene
+    std::uint32_t value = 0;  ///< a mask, the frame of place and move, or a user id
+    std::string material{};   ///< for set_material: its name or number
+    std::array<double, 12> matrix{1, 0, 0, 0, 0, 1, 0, 0, 0, 0, 1, 0};  ///< for place, move and add
+    std::string said{};  ///< where: "line 3 of FILE", or the option
+};
+struct EditOptions {
+    std::string scene;
+    std::uint64_t epoch = 0;  ///< 0: the current one
+    std::vector<EditChange> changes;
+    std::optional<Failure> bad_file;  ///< the first that cannot be read
+    bool keep = false;                ///< answered when it outlives the daemon
+};
 
 using protocol::EditRow;
 
@@ -405,6 +422,10 @@ Result<void> run(Context& context, const EditOptions& options) {
     auto done = send_changes(context, options);
     if (!done) return tl::unexpected<Failure>(located(done.error(), options.changes));
     return done;
+}
+
+std::unique_ptr<Command> make_edit() {
+    return make_command<EditOptions>();
 }
 
 }  // namespace raynest::client

@@ -1,7 +1,7 @@
 // raynest explain SCENE --ray ... | --pixel X,Y: how one ray found its hit, as a tree; with an
 // integrator, the rays of a path.
 #include "client/arguments/shared_options.h"
-#include "client/commands/commands.h"
+#include "client/commands/command.h"
 #include "client/ground/lists.h"
 #include "client/ground/numbers.h"
 #include "client/output/explanation.h"
@@ -21,6 +21,15 @@
 
 namespace raynest::client {
 namespace {
+
+struct ExplainOptions : LightOptions {
+    JobOptions job;
+    CameraOptions camera;
+    std::optional<WorldRay> ray;  ///< else the pixel's
+    std::optional<std::array<std::uint32_t, 2>> pixel;
+    bool all = false;          ///< as many steps as the daemon tells
+    std::uint32_t sample = 0;  ///< with an integrator: the one whose path is told
+};
 
 wire::ExplainT explain_message(const ExplainOptions& options, const WorldPoint& origin) {
     wire::ExplainT request;
@@ -136,6 +145,10 @@ Result<void> run(Context& context, const ExplainOptions& options) {
     else
         print_explanation(*document, std::cout);
     return {};
+}
+
+std::unique_ptr<Command> make_explain() {
+    return make_command<ExplainOptions>();
 }
 
 }  // namespace raynest::client

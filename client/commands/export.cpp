@@ -1,6 +1,6 @@
 // raynest export SCENE -o FILE: a scene of the daemon as a file that other programs read.
 #include "client/arguments/shared_options.h"
-#include "client/commands/commands.h"
+#include "client/commands/command.h"
 #include "client/files/files.h"
 #include "client/ground/json.h"
 #include "client/output/outcome_text.h"
@@ -19,10 +19,16 @@
 namespace raynest::client {
 namespace {
 
+struct ExportOptions {
+    std::string scene, output;
+    std::uint64_t epoch = 0;  ///< 0: the current one
+    MomentOptions moment;
+};
+
 constexpr std::string_view composition_ending = ".rnscene.json";
 
-Result<ReceivedPicture> receive_file(Context& context, const ExportOptions& options,
-                                     const std::string& format, const std::string& file) {
+Result<ReceivedPicture> receive_picture(Context& context, const ExportOptions& options,
+                                        const std::string& format, const std::string& file) {
     wire::ExportT request;
     request.scene = options.scene;
     request.epoch = options.epoch;
@@ -66,12 +72,12 @@ Result<void> run(Context& context, const ExportOptions& options) {
                                      "name another file for -o, or move it away");
     for (const std::string& path : {glb, options.output})
         if (auto writable = check_writable(path); !writable) return writable;
-    const auto file = receive_file(context, options, "glb", "");
+    const auto file = receive_picture(context, options, "glb", "");
     if (!file) return tl::unexpected<Failure>(file.error());
     std::vector<std::byte> composition;
     if (composes) {
         // It says where the scene lies, which edits do not change.
-        auto text = receive_file(context, options, "rnscene.json", file_name);
+        auto text = receive_picture(context, options, "rnscene.json", file_name);
         if (!text) return tl::unexpected<Failure>(text.error());
         if (text->outcome.origin != file->outcome.origin)
             return fail(Exit::failed, "the scene '" + options.scene +
@@ -99,6 +105,10 @@ Result<void> run(Context& context, const ExportOptions& options) {
             << ", epoch " << outcome.epoch << ", " << file->bytes.size() << " bytes of glTF\n";
     }
     return {};
+}
+
+std::unique_ptr<Command> make_export() {
+    return make_command<ExportOptions>();
 }
 
 }  // namespace raynest::client

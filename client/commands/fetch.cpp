@@ -11,6 +11,12 @@
 namespace raynest::client {
 namespace {
 
+struct FetchOptions {
+    std::uint64_t job = 0;
+    std::string output;
+    std::vector<std::string> generate;  ///< the words of the job's --generate
+};
+
 /// The columns of a job's sensor, which its answer does not have.
 Result<SensorColumns> columns_of_sensor(const FetchOptions& options, const wire::JobInfo& job) {
     const auto generate = parse_generate(options.generate);
@@ -101,6 +107,10 @@ Result<void> run(Context& context, const FetchOptions& options) {
     if (auto fits = check_ending(options.output, ending); !fits) return fits;
     if (kind == "render") return deliver_render(context, options.output, std::move(*picture));
     return deliver_heatmap(context, options.output, std::move(*picture));
+}
+
+std::unique_ptr<Command> make_fetch() {
+    return make_command<FetchOptions>();
 }
 
 }  // namespace raynest::client

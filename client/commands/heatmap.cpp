@@ -11,6 +11,7 @@
 #include "client/output/report.h"
 #include "client/requests/difference.h"
 #include "client/requests/scene_source.h"
+#include "client/requests/tables.h"
 #include "protocol/base64.h"
 #include "protocol/limits.h"
 
@@ -22,6 +23,16 @@
 
 namespace raynest::client {
 namespace {
+
+struct HeatmapOptions : PictureOptions {
+    std::string metric, palette, scale, range, count;
+    std::string range_from;                ///< an EXR whose range this map takes
+    std::optional<Difference> difference;  ///< the other counts are subtracted
+    std::vector<FailIf> fail_if;
+    std::string command_line;  ///< for the report: the words of this command, as a shell takes them
+    std::uint32_t top = 0;     ///< rows of a ranking; 0: none is asked for
+    std::uint32_t level = 0;   ///< level of the instances that it groups by; 0: the innermost
+};
 
 /// True if the answer must tell more than one metric, as a document.
 bool needs_document(const HeatmapOptions& options) {
@@ -142,8 +153,8 @@ Result<void> deliver_document(Context& context, const HeatmapOptions& options,
     return deliver_heatmap(context, options.output, std::move(answer), *verdicts);
 }
 
-/// Fills in what the options leave to files: the range of --range-from, and a scene to compare
-/// with.
+/// Fills in what the options leave to files: the range of --range-from, and a scene to compare with
+/// and its tables.
 Result<void> complete(Context& context, HeatmapOptions& options) {
     if (!options.range_from.empty()) {
         auto range =
@@ -152,7 +163,10 @@ Result<void> complete(Context& context, HeatmapOptions& options) {
         if (!range) return tl::unexpected<Failure>(range.error());
         options.range = std::move(*range);
     }
-    if (!options.difference || !is_source(options.difference->scene)) return {};
+    if (!options.difference) return {};
+    if (auto read = read_tables(options.difference->settings, options.difference->tables); !read)
+        return read;
+    if (!is_source(options.difference->scene)) return {};
     auto name =
         load_for_connection(context.connection, context.progress, options.difference->scene);
     if (!name) return tl::unexpected<Failure>(name.error());
@@ -268,6 +282,22 @@ Result<void> run(Context& context, const HeatmapOptions& asked) {
         if (!ranked) return ranked;
     }
     return delivered;
+}
+
+namespace {
+
+class Heatmap final : public CommandOf<HeatmapOptions> {
+    [[nodiscard]] const std::string* other_scene() const override {
+        return options_.difference ? &options_.difference->scene : nullptr;
+    }
+    [[nodiscard]] std::optional<Parts> parts() const override { return picture_parts(options_, 1); }
+    void told(const std::string& words) override { options_.command_line = words; }
+};
+
+}  // namespace
+
+std::unique_ptr<Command> make_heatmap() {
+    return std::make_unique<Heatmap>();
 }
 
 }  // namespace raynest::client

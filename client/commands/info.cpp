@@ -1,6 +1,6 @@
 // raynest info SCENE: counts, cameras and skipped parts of a scene; or its meshes and materials.
 #include "client/arguments/shared_options.h"
-#include "client/commands/commands.h"
+#include "client/commands/command.h"
 #include "client/ground/json.h"
 #include "client/ground/text.h"
 #include "client/output/output.h"
@@ -14,6 +14,13 @@
 
 namespace raynest::client {
 namespace {
+
+struct InfoOptions {
+    std::string scene;
+    bool meshes = false;
+    bool materials = false;
+    MomentOptions moment;
+};
 
 /// A daemon that has no time for it leaves the EPO out.
 constexpr std::chrono::milliseconds epo_wait{3000};
@@ -137,6 +144,10 @@ Result<void> run(Context& context, const InfoOptions& options) {
                       << " s of its animation: the box and the tree are those of then\n";
     }
     return {};
+}
+
+std::unique_ptr<Command> make_info() {
+    return make_command<InfoOptions>();
 }
 
 }  // namespace raynest::client

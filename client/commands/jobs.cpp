@@ -1,11 +1,16 @@
 // raynest jobs: lists running jobs, and detached jobs with kept answers.
-#include "client/commands/commands.h"
+#include "client/commands/command.h"
 #include "client/ground/json.h"
 #include "client/output/job_text.h"
 #include "client/output/output.h"
 #include "client/requests/listings.h"
 
 namespace raynest::client {
+namespace {
+
+struct JobsOptions {};
+
+}  // namespace
 
 void declare(CommandLine&, JobsOptions&) {}
 
@@ -22,6 +27,10 @@ Result<void> run(Context& context, const JobsOptions&) {
     else
         print_table(rows);
     return {};
+}
+
+std::unique_ptr<Command> make_jobs() {
+    return make_command<JobsOptions>();
 }
 
 }  // namespace raynest::client

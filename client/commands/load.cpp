@@ -1,6 +1,6 @@
 // raynest load SOURCE: uploads the files that the daemon lacks and waits until the scene is built.
 #include "client/arguments/shared_options.h"
-#include "client/commands/commands.h"
+#include "client/commands/command.h"
 #include "client/files/files.h"
 #include "client/ground/json.h"
 #include "client/ground/numbers.h"
@@ -17,6 +17,17 @@
 
 namespace raynest::client {
 namespace {
+
+struct LoadOptions {
+    std::string source, name, build, primitive, instances, variant;
+    WorldPoint origin{};
+    bool auto_origin = false;
+    std::string up;
+    double unit = 0, radius = 0, spacing = 0;  ///< 0: not given
+    std::vector<std::string> masks;            ///< "GLOB=HEX"
+    std::vector<std::string> share;            ///< principals, or "public"
+    bool replace = false;
+};
 
 wire::LoadT load_message(const LoadOptions& options, const Upload& upload) {
     wire::LoadT load;
@@ -155,6 +166,21 @@ Result<void> run(Context& context, const LoadOptions& options) {
                   << '\n';
     }
     return {};
+}
+
+namespace {
+
+class Load final : public CommandOf<LoadOptions> {
+    [[nodiscard]] bool is_safe(const Failure& /*why*/) const override {
+        return (options_.source.find(':') != std::string::npos || is_file(options_.source)) &&
+               (options_.instances.empty() || is_file(options_.instances));
+    }
+};
+
+}  // namespace
+
+std::unique_ptr<Command> make_load() {
+    return std::make_unique<Load>();
 }
 
 }  // namespace raynest::client

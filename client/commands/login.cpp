@@ -1,6 +1,6 @@
 // raynest login URI: keeps a token that the daemon accepts in hosts.toml, with copies of the
 // certificates.
-#include "client/commands/commands.h"
+#include "client/commands/command.h"
 #include "client/ground/json.h"
 #include "client/net/hosts.h"
 #include "client/output/output.h"
@@ -14,6 +14,11 @@
 
 namespace raynest::client {
 namespace {
+
+/// Keeps the token of a daemon, and copies of the certificates, in hosts.toml.
+struct LoginOptions {
+    std::string uri;
+};
 
 /// Hides what is typed while it lives.
 class Hidden {
@@ -37,8 +42,7 @@ private:
     const bool is_terminal_;
 };
 
-}  // namespace
-
+/// Asks for the token on the terminal, without showing it, or reads it from stdin.
 Result<std::string> ask_token(const std::string& uri) {
     const Hidden hidden;
     if (hidden.is_terminal()) std::cerr << "Token for " << uri << ": " << std::flush;
@@ -54,6 +58,8 @@ Result<std::string> ask_token(const std::string& uri) {
         return fail(Exit::usage, "no token came; it is the last line of: raynestd token add NAME");
     return token;
 }
+
+}  // namespace
 
 void declare(CommandLine& line, LoginOptions& login) {
     line.add_option("URI", login.uri,
@@ -75,6 +81,24 @@ Result<void> run(Context& context, const LoginOptions& options) {
         std::cout << "logged in to " << options.uri << " as " << daemon.principal << " ("
                   << daemon.role << "); kept in " << hosts_file() << '\n';
     return {};
+}
+
+namespace {
+
+class Login final : public CommandOf<LoginOptions> {
+    [[nodiscard]] const std::string* uri() const override { return &options_.uri; }
+    Result<void> identify(const std::string& uri, Access& access) const override {
+        auto token = ask_token(uri);
+        if (!token) return tl::unexpected<Failure>(token.error());
+        access.token = std::move(*token);
+        return check_secrecy(uri, access.token);
+    }
+};
+
+}  // namespace
+
+std::unique_ptr<Command> make_login() {
+    return std::make_unique<Login>();
 }
 
 }  // namespace raynest::client

@@ -1,8 +1,30 @@
 // raynest merge OUT PARTS...: joins the files of --part, by the Python package.
-#include "client/commands/commands.h"
+#include "client/commands/command.h"
 #include "client/ground/python.h"
 
 namespace raynest::client {
+namespace {
+
+struct MergeOptions {
+    std::string output;
+    std::vector<std::string> parts;
+    std::vector<std::string> limits;  ///< of --fail-if
+};
+
+/// The program becomes the one that joins them, or this fails.
+Failure become_merge(const MergeOptions& options, bool json) {
+    std::vector<std::string> words;
+    if (json) words.emplace_back("--json");
+    for (const std::string& limit : options.limits) {
+        words.emplace_back("--fail-if");
+        words.push_back(limit);
+    }
+    words.push_back(options.output);
+    words.insert(words.end(), options.parts.begin(), options.parts.end());
+    return become_python("raynest.merge", std::move(words));
+}
+
+}  // namespace
 
 void declare(CommandLine& line, MergeOptions& merge) {
     line.add_option(
@@ -22,20 +44,23 @@ void declare(CommandLine& line, MergeOptions& merge) {
         "code 9 if that is true; may be repeated");
 }
 
-Failure become_merge(const MergeOptions& options, bool json) {
-    std::vector<std::string> words;
-    if (json) words.emplace_back("--json");
-    for (const std::string& limit : options.limits) {
-        words.emplace_back("--fail-if");
-        words.push_back(limit);
-    }
-    words.push_back(options.output);
-    words.insert(words.end(), options.parts.begin(), options.parts.end());
-    return become_python("raynest.merge", std::move(words));
-}
-
 Result<void> run(Context& context, const MergeOptions& options) {
     return tl::unexpected<Failure>(become_merge(options, context.json));
+}
+
+namespace {
+
+class Merge final : public CommandOf<MergeOptions> {
+    [[nodiscard]] std::optional<Result<void>> run_alone(const std::string& /*uri*/,
+                                                        bool json) const override {
+        return tl::unexpected<Failure>(become_merge(options_, json));
+    }
+};
+
+}  // namespace
+
+std::unique_ptr<Command> make_merge() {
+    return std::make_unique<Merge>();
 }
 
 }  // namespace raynest::client

@@ -1,5 +1,5 @@
 // raynest open [SCENE]: shows the daemon's page in the browser, or tells its address.
-#include "client/commands/commands.h"
+#include "client/commands/command.h"
 #include "client/ground/child_process.h"
 #include "client/ground/interrupt.h"
 #include "client/ground/json.h"
@@ -17,6 +17,10 @@
 
 namespace raynest::client {
 namespace {
+
+struct OpenOptions {
+    std::string source;  ///< a scene's name, or a source that is loaded to stay; or empty
+};
 
 using Clock = std::chrono::steady_clock;
 
@@ -145,6 +149,18 @@ Result<void> run(Context& context, const OpenOptions& options) {
                   << place << " HOST there first";
     if (!opened) std::cerr << '\n';
     return {};
+}
+
+namespace {
+
+class Open final : public CommandOf<OpenOptions> {
+    [[nodiscard]] bool needs_lasting_daemon() const override { return true; }
+};
+
+}  // namespace
+
+std::unique_ptr<Command> make_open() {
+    return std::make_unique<Open>();
 }
 
 }  // namespace raynest::client

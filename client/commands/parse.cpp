@@ -8,7 +8,6 @@
 #include <cstdlib>
 #include <memory>
 #include <string_view>
-#include <type_traits>
 #include <utility>
 
 namespace raynest::client {
@@ -67,18 +66,28 @@ void add_reconnect(CommandLine& line, double& seconds) {
         .type_name("FLOAT");
 }
 
-template <class Command>
-void add_command(Program& program, Options& options, const char* name, const char* example,
-                 const char* text) {
-    const auto command = std::make_shared<Command>();
+// The column `repeat` of the commands: true if a second run does more than the first.
+namespace acts {
+constexpr bool again = false, once = true;
+#define RAYNEST_REQUEST(number, Name, handler, needs, role, repeat, ...) \
+    constexpr bool Name = repeat;
+#include "protocol/lists/requests.def"
+}  // namespace acts
+
+void add_command(Program& program, Options& options, const char* word, bool acts,
+                 std::shared_ptr<Command> command, const char* example, const char* text) {
     program.add_command(
-        name, example, text, [&](CommandLine& line) { declare(line, *command); },
-        [&options, command] { options.command = *command; });
+        word, example, text, [command](CommandLine& line) { command->declare_options(line); },
+        [&options, word, acts, command] {
+            options.word = word;
+            options.acts = acts;
+            options.command = command;
+        });
 }
 
 void add_commands(Program& program, Options& options) {
-#define RAYNEST_COMMAND(Name, word, repeat, ...) \
-    add_command<Name##Options>(program, options, word, __VA_ARGS__);
+#define RAYNEST_COMMAND(name, repeat, ...) \
+    add_command(program, options, #name, acts::repeat, make_##name(), __VA_ARGS__);
 #include "client/commands/commands.def"
 }
 
@@ -104,36 +113,24 @@ std::string shell_words(int argc, const char* const* argv) {
 /// A private daemon ends with its command, and knows only what that loads.
 Result<void> check_local(const Options& options) {
     if (!options.local) return {};
-    return std::visit(
-        [](const auto& command) -> Result<void> {
-            using Command = std::decay_t<decltype(command)>;
-            const JobOptions* job = nullptr;
-            if constexpr (requires { command.job.detach; }) job = &command.job;
-            const std::string* scene = job != nullptr ? &job->scene : nullptr;
-            if constexpr (requires { command.scene.size(); }) scene = &command.scene;
-            if (job != nullptr && job->detach)
-                return fail(Exit::usage,
-                            "--local ends its daemon with the command: leave --detach out");
-            if (std::is_same_v<Command, LoginOptions> || std::is_same_v<Command, LogoutOptions>)
-                return fail(Exit::usage, "login and logout name a daemon: leave --local out");
-            if (std::is_same_v<Command, TopOptions> || std::is_same_v<Command, OpenOptions>)
-                return fail(Exit::usage,
-                            "--local ends its daemon with the command, and this one "
-                            "needs a daemon that goes on: start raynestd");
-            if constexpr (std::is_same_v<Command, HeatmapOptions>) {
-                if (command.difference && !command.difference->scene.empty() &&
-                    !is_source(command.difference->scene))
-                    return fail(Exit::usage,
-                                "--local begins with no scene: name a file in place "
-                                "of '" +
-                                    command.difference->scene + "'");
-            }
-            if (scene != nullptr && !is_source(*scene))
-                return fail(Exit::usage, "--local begins with no scene: name a file in place of '" +
-                                             *scene + "', such as " + *scene + ".glb");
-            return {};
-        },
-        options.command);
+    const JobOptions* const job = options.command->job();
+    if (job != nullptr && job->detach)
+        return fail(Exit::usage, "--local ends its daemon with the command: leave --detach out");
+    if (options.command->uri() != nullptr)
+        return fail(Exit::usage, "login and logout name a daemon: leave --local out");
+    if (options.command->needs_lasting_daemon())
+        return fail(Exit::usage,
+                    "--local ends its daemon with the command, and this one needs a daemon that "
+                    "goes on: start raynestd");
+    const std::string* const other = options.command->other_scene();
+    if (other != nullptr && !other->empty() && !is_source(*other))
+        return fail(Exit::usage,
+                    "--local begins with no scene: name a file in place of '" + *other + "'");
+    const std::string* const scene = options.command->scene();
+    if (scene != nullptr && !is_source(*scene))
+        return fail(Exit::usage, "--local begins with no scene: name a file in place of '" +
+                                     *scene + "', such as " + *scene + ".glb");
+    return {};
 }
 
 }  // namespace
@@ -163,17 +160,11 @@ Result<Parsed> parse_options(int argc, const char* const* argv) {
     auto text = program.parse(argc, argv);
     if (!text) return tl::unexpected<Failure>(text.error());
     if (!text->empty()) return Parsed{std::move(*text), std::nullopt};
-    if (const auto* login = std::get_if<LoginOptions>(&options.command))
-        options.server = login->uri;
-    if (const auto* logout = std::get_if<LogoutOptions>(&options.command);
-        logout && !logout->uri.empty())
-        options.server = logout->uri;
+    if (const std::string* uri = options.command->uri(); uri != nullptr && !uri->empty())
+        options.server = *uri;
     if (options.server.empty()) options.server = default_uri;
     if (auto useful = check_local(options); !useful) return program.refuse(useful.error().message);
     if (!options.dask.empty()) {
-        const auto is_command = [](std::string_view word) {
-            return word == "render" || word == "heatmap" || word == "query";
-        };
         const char* const* const end = argv + argc;
         // RAYNEST_SERVER may be set for all commands, and says nothing of this one.
         if (std::any_of(argv + 1, end, [](std::string_view word) {
@@ -181,7 +172,7 @@ Result<Parsed> parse_options(int argc, const char* const* argv) {
             }))
             return program.refuse(
                 "--dask goes without --server: each worker has a daemon of its own");
-        options.words.assign(std::find_if(argv + 1, end, is_command), end);
+        options.words.assign(std::find(argv + 1, end, options.word), end);
         // It may stand behind the command, too, and is not for those who make the parts.
         for (auto word = options.words.begin(); word != options.words.end();) {
             if (*word == "--dask" && word + 1 != options.words.end())
@@ -190,8 +181,7 @@ Result<Parsed> parse_options(int argc, const char* const* argv) {
                 word = word->starts_with("--dask=") ? options.words.erase(word) : word + 1;
         }
     }
-    if (auto* heatmap = std::get_if<HeatmapOptions>(&options.command))
-        heatmap->command_line = shell_words(argc, argv);
+    options.command->told(shell_words(argc, argv));
     return Parsed{"", std::move(options)};
 }
 

@@ -1,12 +1,14 @@
 // The command line as a whole: its options as plain structs.
 #pragma once
 
-#include "client/commands/commands.h"
+#include "client/commands/command.h"
 #include "client/ground/failure.h"
 #include "client/net/access.h"
 
+#include <memory>
 #include <optional>
 #include <string>
+#include <vector>
 
 namespace raynest::client {
 
@@ -21,7 +23,9 @@ struct Options {
     bool json = false;
     bool quiet = false;
     double reconnect = 10;  ///< seconds to look for a daemon that went away; 0: do not
-    CommandOptions command;
+    std::string word;       ///< that of the command
+    bool acts = true;       ///< its request does more when it is sent twice
+    std::shared_ptr<Command> command;
 };
 
 /// The options, or a text to print instead (help or version). Mistakes give exit code 2.

@@ -1,12 +1,21 @@
 // raynest path SCENE PATH: lists the steps of a path, given by its id or text.
 #include "client/arguments/shared_options.h"
-#include "client/commands/commands.h"
+#include "client/commands/command.h"
 #include "client/ground/json.h"
 #include "client/output/output.h"
 
 #include <iostream>
 
 namespace raynest::client {
+namespace {
+
+struct PathOptions {
+    std::string scene;
+    std::string path;  ///< an id, or a text such as birch-17/leaves
+    std::uint64_t epoch = 0;
+};
+
+}  // namespace
 
 void declare(CommandLine& line, PathOptions& path) {
     add_scene(line, path.scene);
@@ -44,6 +53,10 @@ Result<void> run(Context& context, const PathOptions& options) {
     print_json(
         Json{{"path", path.path()}, {"name", protocol::text(path.name())}, {"steps", steps}});
     return {};
+}
+
+std::unique_ptr<Command> make_path() {
+    return make_command<PathOptions>();
 }
 
 }  // namespace raynest::client

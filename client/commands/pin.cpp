@@ -1,11 +1,19 @@
 // raynest pin: scenes that stay in memory while others go to the disk.
-#include "client/commands/commands.h"
+#include "client/commands/command.h"
 #include "client/ground/json.h"
 #include "client/output/output.h"
 
 #include <iostream>
 
 namespace raynest::client {
+namespace {
+
+struct PinOptions {
+    std::vector<std::string> scenes;
+    bool off = false;
+};
+
+}  // namespace
 
 void declare(CommandLine& line, PinOptions& pin) {
     line.add_options(
@@ -31,6 +39,10 @@ Result<void> run(Context& context, const PinOptions& options) {
     }
     if (context.json) print_json(Json{{options.off ? "unpinned" : "pinned", names}});
     return {};
+}
+
+std::unique_ptr<Command> make_pin() {
+    return make_command<PinOptions>();
 }
 
 }  // namespace raynest::client

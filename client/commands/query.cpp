@@ -297,4 +297,37 @@ Result<void> run(Context& context, const QueryOptions& options) {
         part);
 }
 
+namespace {
+
+class Query final : public CommandOf<QueryOptions> {
+    [[nodiscard]] bool is_safe(const Failure& why) const override {
+        return is_job_safe(options_.job, why) &&
+               (options_.rays_file.empty() || is_file(options_.rays_file)) &&
+               (options_.masks_file.empty() || is_file(options_.masks_file));
+    }
+    [[nodiscard]] std::optional<Parts> parts() const override {
+        Parts parts{1, options_.output, options_.part.count != 0};
+        const auto generate = parse_generate(options_.generate);
+        if (options_.rays_file.empty() && options_.rays.empty() && generate &&
+            generate->points.empty())
+            parts.most = std::max<std::uint64_t>(1, sensor_rays(generate->message) / part_rays);
+        return parts;
+    }
+    [[nodiscard]] Result<bool> is_by_python() const override {
+        if (!client::is_by_python(options_)) return false;
+        if (auto fits = check_by_python(options_); !fits)
+            return tl::unexpected<Failure>(fits.error());
+        return true;
+    }
+    [[nodiscard]] Failure become_program(const DaemonPlace& place) const override {
+        return client::become_program(options_, place);
+    }
+};
+
+}  // namespace
+
+std::unique_ptr<Command> make_query() {
+    return std::make_unique<Query>();
+}
+
 }  // namespace raynest::client

@@ -90,4 +90,27 @@ Result<void> run(Context& context, const RenderOptions& options) {
     return {};
 }
 
+namespace {
+
+class Render final : public CommandOf<RenderOptions> {
+    [[nodiscard]] std::optional<Parts> parts() const override {
+        return picture_parts(options_, samples_of(options_));
+    }
+    [[nodiscard]] Result<bool> is_by_python() const override {
+        if (!client::is_by_python(options_)) return false;
+        if (auto fits = check_by_python(options_); !fits)
+            return tl::unexpected<Failure>(fits.error());
+        return true;
+    }
+    [[nodiscard]] Failure become_program(const DaemonPlace& place) const override {
+        return client::become_program(options_, place);
+    }
+};
+
+}  // namespace
+
+std::unique_ptr<Command> make_render() {
+    return std::make_unique<Render>();
+}
+
 }  // namespace raynest::client

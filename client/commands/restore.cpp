@@ -1,5 +1,5 @@
 // raynest restore FILE: scenes of a backup come back.
-#include "client/commands/commands.h"
+#include "client/commands/command.h"
 #include "client/files/files.h"
 #include "client/ground/descriptor.h"
 #include "client/ground/json.h"
@@ -17,6 +17,11 @@
 
 namespace raynest::client {
 namespace {
+
+struct RestoreOptions {
+    std::string file;
+    std::vector<std::string> scenes;  ///< OWNER/NAME; empty: all
+};
 
 Result<void> read_at(const Descriptor& file, const std::string& name, std::uint64_t offset,
                      std::span<std::byte> into) {
@@ -84,6 +89,10 @@ Result<void> run(Context& context, const RestoreOptions& options) {
     else
         print_scenes(*report);
     return {};
+}
+
+std::unique_ptr<Command> make_restore() {
+    return make_command<RestoreOptions>();
 }
 
 }  // namespace raynest::client

@@ -48,4 +48,8 @@ Result<void> run(Context& context, const ResumeOptions& options) {
     return deliver_render(context, output, std::move(*picture), options.samples);
 }
 
+std::unique_ptr<Command> make_resume() {
+    return make_command<ResumeOptions>();
+}
+
 }  // namespace raynest::client

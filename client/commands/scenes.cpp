@@ -1,5 +1,5 @@
 // raynest scenes: lists the loaded scenes.
-#include "client/commands/commands.h"
+#include "client/commands/command.h"
 #include "client/ground/json.h"
 #include "client/ground/text.h"
 #include "client/output/output.h"
@@ -7,6 +7,8 @@
 
 namespace raynest::client {
 namespace {
+
+struct ScenesOptions {};
 
 /// Digits of a hash in the table; --json has all 64.
 constexpr std::size_t short_hash_digits = 16;
@@ -45,6 +47,10 @@ Result<void> run(Context& context, const ScenesOptions&) {
     else
         print_table(rows);
     return {};
+}
+
+std::unique_ptr<Command> make_scenes() {
+    return make_command<ScenesOptions>();
 }
 
 }  // namespace raynest::client

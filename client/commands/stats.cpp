@@ -1,5 +1,5 @@
 // raynest stats: the daemon's counters.
-#include "client/commands/commands.h"
+#include "client/commands/command.h"
 #include "client/ground/json.h"
 #include "client/output/output.h"
 
@@ -7,6 +7,8 @@
 
 namespace raynest::client {
 namespace {
+
+struct StatsOptions {};
 
 /// Returns a whole number as an integer, any other as it is.
 Json number(double value) {
@@ -34,6 +36,10 @@ Result<void> run(Context& context, const StatsOptions&) {
     else
         print_table(rows);
     return {};
+}
+
+std::unique_ptr<Command> make_stats() {
+    return make_command<StatsOptions>();
 }
 
 }  // namespace raynest::client

@@ -1,5 +1,5 @@
 // raynest top: what the daemon works on, looked at once a second.
-#include "client/commands/commands.h"
+#include "client/commands/command.h"
 #include "client/ground/interrupt.h"
 #include "client/ground/json.h"
 #include "client/ground/text.h"
@@ -19,6 +19,10 @@
 
 namespace raynest::client {
 namespace {
+
+struct TopOptions {
+    bool once = false;  ///< one look, and the end
+};
 
 using Clock = std::chrono::steady_clock;
 constexpr std::chrono::milliseconds period{1000};
@@ -265,6 +269,19 @@ Result<void> run(Context& context, const TopOptions& options) {
         if (options.once) return {};
         *before = std::move(look->now);
     }
+}
+
+namespace {
+
+class Top final : public CommandOf<TopOptions> {
+    [[nodiscard]] bool needs_lasting_daemon() const override { return true; }
+    [[nodiscard]] bool prints_looks() const override { return true; }
+};
+
+}  // namespace
+
+std::unique_ptr<Command> make_top() {
+    return std::make_unique<Top>();
 }
 
 }  // namespace raynest::client

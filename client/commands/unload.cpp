@@ -1,5 +1,5 @@
 // raynest unload: drops scenes by name, all scenes of the caller, or those not used for long.
-#include "client/commands/commands.h"
+#include "client/commands/command.h"
 #include "client/ground/json.h"
 #include "client/ground/numbers.h"
 #include "client/output/output.h"
@@ -9,6 +9,13 @@
 
 namespace raynest::client {
 namespace {
+
+/// Selects scenes by name, all, or those that were not used for `idle_ms`.
+struct UnloadOptions {
+    std::vector<std::string> scenes;
+    bool all = false;
+    std::uint64_t idle_ms = 0;
+};
 
 struct Unloaded {
     std::string name;
@@ -94,6 +101,10 @@ Result<void> run(Context& context, const UnloadOptions& options) {
     }
     if (result || !done.empty()) print(context, options, done);
     return result;
+}
+
+std::unique_ptr<Command> make_unload() {
+    return make_command<UnloadOptions>();
 }
 
 }  // namespace raynest::client

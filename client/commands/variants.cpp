@@ -1,5 +1,5 @@
 // raynest variants: the compiled intersectors, their parameters and outputs.
-#include "client/commands/commands.h"
+#include "client/commands/command.h"
 #include "client/ground/json.h"
 #include "client/ground/text.h"
 #include "client/output/output.h"
@@ -11,6 +11,8 @@
 
 namespace raynest::client {
 namespace {
+
+struct VariantsOptions {};
 
 Json param_json(const wire::Param& param) {
     Json json{{"name", protocol::text(param.name())},
@@ -108,6 +110,10 @@ Result<void> run(Context& context, const VariantsOptions&) {
         for (const Json& variant : all) print_variant(variant);
     }
     return {};
+}
+
+std::unique_ptr<Command> make_variants() {
+    return make_command<VariantsOptions>();
 }
 
 }  // namespace raynest::client

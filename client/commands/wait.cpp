@@ -1,6 +1,6 @@
 // raynest wait ID: waits until a detached job has ended.
 #include "client/arguments/shared_options.h"
-#include "client/commands/commands.h"
+#include "client/commands/command.h"
 #include "client/ground/interrupt.h"
 #include "client/ground/text.h"
 #include "client/output/job_text.h"
@@ -12,6 +12,14 @@
 #include <string>
 
 namespace raynest::client {
+namespace {
+
+struct WaitOptions {
+    std::uint64_t job = 0;
+    double deadline = 0;  ///< seconds; 0 = none
+};
+
+}  // namespace
 
 void declare(CommandLine& line, WaitOptions& wait) {
     add_job_number(line, wait.job);
@@ -56,6 +64,10 @@ Result<void> run(Context& context, const WaitOptions& options) {
                       << " -o FILE brings the answer\n";
         return {};
     }
+}
+
+std::unique_ptr<Command> make_wait() {
+    return make_command<WaitOptions>();
 }
 
 }  // namespace raynest::client

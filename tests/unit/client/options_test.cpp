@@ -1,10 +1,15 @@
 #include "client/commands/parse.h"
+#include "client/commands/query.h"
+#include "client/requests/film.h"
+#include "protocol/control.h"
+#include "tests/unit/client/fake_daemon.h"
 
 #include <doctest/doctest.h>
 
 #include <cmath>
 #include <cstdlib>
 #include <iterator>
+#include <memory>
 #include <sstream>
 #include <string>
 #include <vector>
@@ -19,13 +24,41 @@ Result<Parsed> parse(const std::vector<std::string>& words) {
     return parse_options(static_cast<int>(argv.size()), argv.data());
 }
 
-template <class Command>
-Command command_of(const std::vector<std::string>& words) {
+std::shared_ptr<Command> command_of(const std::vector<std::string>& words) {
     auto parsed = parse(words);
     REQUIRE_MESSAGE(parsed, (parsed ? "" : parsed.error().message));
     REQUIRE(parsed->options);
-    REQUIRE(std::holds_alternative<Command>(parsed->options->command));
-    return std::get<Command>(parsed->options->command);
+    return parsed->options->command;
+}
+
+template <class Options>
+Options options_of(const std::vector<std::string>& words) {
+    const std::shared_ptr<Command> command = command_of(words);
+    const auto* with_options = dynamic_cast<const CommandOf<Options>*>(command.get());
+    REQUIRE(with_options != nullptr);
+    return with_options->options();
+}
+
+/// The first request of a command, whose daemon is gone then.
+template <class Table>
+auto request_of(const std::vector<std::string>& words) {
+    raynest::protocol::Frame request;
+    {
+        FakeDaemon daemon([&](Peer& peer) {
+            peer.welcome();
+            request = peer.receive();
+        });
+        const auto connection = Connection::open(daemon.uri(), "");
+        REQUIRE(connection);
+        Progress progress(Progress::Style::none);
+        const Access access;
+        const std::string uri = daemon.uri();
+        Context context{**connection, progress, false, {}, uri, access};
+        CHECK(!command_of(words)->carry_out(context));
+    }
+    auto opened = raynest::protocol::open<Table>(request);
+    REQUIRE(opened);
+    return std::unique_ptr<typename Table::NativeTableType>((*opened)->UnPack());
 }
 
 std::vector<std::string> words_of(const std::string& line) {
@@ -53,7 +86,7 @@ TEST_CASE("login and logout name the daemon, logout else by --server") {
 }
 
 TEST_CASE("the options of each command are understood") {
-    const auto query = command_of<QueryOptions>({"query",
+    const auto query = options_of<QueryOptions>({"query",
                                                  "forest",
                                                  "--ray",
                                                  "0,1,5,0,0,-1",
@@ -91,30 +124,44 @@ TEST_CASE("the options of each command are understood") {
     CHECK(query.output == "h.npz");
     CHECK_FALSE(query.from);
     const auto fan =
-        command_of<QueryOptions>({"query", "forest", "--from", "1,-2,3", "--rays", "d.npy"});
+        options_of<QueryOptions>({"query", "forest", "--from", "1,-2,3", "--rays", "d.npy"});
     CHECK(fan.rays_file == "d.npy");
     CHECK(fan.from == WorldPoint{1, -2, 3});
 
-    const auto heatmap = command_of<HeatmapOptions>(
-        {"heatmap", "f", "-o", "h.npy", "--lookat", "1,2,3,0,0,0", "--fov", "30", "--size",
-         "320x200", "--metric", "nodes", "--range", "0:40"});
-    CHECK(heatmap.camera.look_at.size() == 6);
-    CHECK(heatmap.camera.width == 320);
-    CHECK(heatmap.camera.height == 200);
-    CHECK(heatmap.metric == "nodes");
+    const auto render =
+        options_of<RenderOptions>({"render", "f", "-o", "h.npy", "--lookat", "1,2,3,0,0,0", "--fov",
+                                   "30", "--size", "320x200", "--integrator", "ao"});
+    CHECK(render.camera.look_at.size() == 6);
+    CHECK(render.camera.width == 320);
+    CHECK(render.camera.height == 200);
+    CHECK(render.integrator == "ao");
 
-    const auto load = command_of<LoadOptions>(
-        {"load", "a.npy", "--primitive", "sphere", "--instances", "b.npy", "--replace"});
-    CHECK(load.primitive == "sphere");
-    CHECK(load.replace);
-    CHECK(load.origin == WorldPoint{});
+    const auto heatmap =
+        request_of<wire::Heatmap>({"heatmap", "f", "-o", "h.npy", "--size", "320x200", "--metric",
+                                   "nodes", "--range", "0:40"});
+    CHECK(heatmap->job->scene == "f");
+    CHECK(heatmap->width == 320);
+    CHECK(heatmap->height == 200);
+    CHECK(heatmap->metric == "nodes");
+    CHECK(heatmap->range == "0:40");
+
+    const auto load = request_of<wire::Load>(
+        {"load", "root:a.npy", "--build", "high", "--unit", "mm", "--replace"});
+    CHECK(load->source == "root:a.npy");
+    CHECK(load->build == "high");
+    CHECK(load->unit == 0.001);
+    CHECK(load->replace);
+    CHECK(load->origin_x == 0);
     const auto far =
-        command_of<LoadOptions>({"load", "a.glb", "--origin", "500000.015625,4500000,-1"});
-    CHECK(far.origin == WorldPoint{500'000.015625, 4'500'000, -1});
+        request_of<wire::Load>({"load", "root:a.glb", "--origin", "500000.015625,4500000,-1"});
+    CHECK(far->origin_x == 500'000.015625);
+    CHECK(far->origin_y == 4'500'000);
+    CHECK(far->origin_z == -1);
+    CHECK_FALSE(far->replace);
     const auto moved = parse({"query", "f", "--rays", "a.npy", "--origin", "1,2,3"});
     REQUIRE_FALSE(moved);
     CHECK(moved.error().message.find("--from") != std::string::npos);
-    CHECK(command_of<PathOptions>({"path", "f", "birch-17/leaves"}).path == "birch-17/leaves");
+    CHECK(request_of<wire::Path>({"path", "f", "birch-17/leaves"})->text == "birch-17/leaves");
 }
 
 TEST_CASE("global options stand before or after the subcommand") {
@@ -243,23 +290,20 @@ TEST_CASE("help begins with something to type") {
 }
 
 TEST_CASE("a detached request needs no file, an attached one does") {
-    CHECK(command_of<RenderOptions>(words_of("render forest --detach")).job.detach);
-    CHECK(command_of<HeatmapOptions>(words_of("heatmap forest --detach -o a.npy")).output ==
-          "a.npy");
+    CHECK(options_of<RenderOptions>(words_of("render forest --detach")).job.detach);
+    CHECK(request_of<wire::Heatmap>(words_of("heatmap forest --detach -o a.npy"))->job->detach);
     CHECK(
-        command_of<QueryOptions>(words_of("query forest --ray 0,1,5,0,0,-1 --detach")).job.detach);
-    CHECK_FALSE(command_of<RenderOptions>(words_of("render forest -o a.png")).job.detach);
+        options_of<QueryOptions>(words_of("query forest --ray 0,1,5,0,0,-1 --detach")).job.detach);
+    CHECK_FALSE(options_of<RenderOptions>(words_of("render forest -o a.png")).job.detach);
     CHECK(complaint(words_of("render forest")).find("--output") != std::string::npos);
     CHECK(complaint(words_of("heatmap forest")).find("--output") != std::string::npos);
     CHECK(complaint(words_of("load forest --detach")).find("--detach") != std::string::npos);
 }
 
 TEST_CASE("jobs are named by whole numbers from 1") {
-    CHECK(command_of<WaitOptions>(words_of("wait 17")).job == 17);
-    CHECK(command_of<CancelOptions>(words_of("cancel 17")).job == 17);
-    const auto fetch = command_of<FetchOptions>(words_of("fetch 17 -o hits.npz"));
-    CHECK(fetch.job == 17);
-    CHECK(fetch.output == "hits.npz");
+    CHECK(request_of<wire::Wait>(words_of("wait 17"))->job == 17);
+    CHECK(request_of<wire::CancelJob>(words_of("cancel 17"))->job == 17);
+    CHECK(command_of(words_of("fetch 17 -o hits.npz")));
     for (const char* line :
          {"wait", "wait 0", "wait -1", "fetch x", "cancel 1.5", "fetch 1 -o a.jpg"})
         CHECK_MESSAGE(!complaint(words_of(line)).empty(), line);
