@@ -27,7 +27,7 @@ Reply<Backend*> find_backend(const Backends& backends, const std::string& name) 
 
 Reply<void> choose_backends(const Backends& backends, std::uint64_t rays, Plan& plan,
                             std::span<const Plan* const> others) {
-    BackendChoice& choice = plan.worker;
+    BackendChoice& choice = plan.backends;
     if (choice.asked != "auto") {
         const auto found = find_backend(backends, choice.asked);
         if (!found) return tl::unexpected(found.error());

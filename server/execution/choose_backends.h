@@ -8,7 +8,7 @@
 
 namespace raynest::server {
 
-/// Sets plan.worker for a job of `rays` rays from plan.worker.asked. A backend is chosen only if it
+/// Sets plan.backends for a job of `rays` rays from plan.backends.asked. A backend is chosen only if it
 /// also accepts the plans in `others`. Fails if the requested backend is unknown or unavailable.
 Reply<void> choose_backends(const Backends& backends, std::uint64_t rays, Plan& plan,
                             std::span<const Plan* const> others = {});

@@ -85,7 +85,7 @@ bool ChunkCaster::observed(std::span<const Ray> rays, std::span<HitRecord> hits,
 
 bool ChunkCaster::cast(const Plan& plan, std::span<const Ray> rays, std::span<HitRecord> hits,
                        Counters* counters, const PinholeRays* camera, const Observer* observer) {
-    Backend& backend = *plan.worker.order[backend_];
+    Backend& backend = *plan.backends.order[backend_];
     const std::uint64_t most = backend.call_rays_max(plan);
     for (std::uint64_t done = 0; done < rays.size(); done += most) {
         const std::uint64_t count = std::min<std::uint64_t>(most, rays.size() - done);

@@ -109,7 +109,7 @@ JobSubmission accept(const Plan& plan, const char* kind, std::uint64_t rays) {
     accepted.priority = plan.priority;
     accepted.kind = kind;
     accepted.scene = plan.scene.name;
-    accepted.worker = plan.worker.first().name();
+    accepted.worker = plan.backends.first().name();
     accepted.rays = rays;
     accepted.detach = plan.detach;
     return accepted;
@@ -121,10 +121,10 @@ wire::StartedT started(const Plan& plan, const protocol::Limits& limits) {
     message.hash = plan.scene.snapshot().digest();
     message.epoch = plan.scene.epoch;
     message.intersector = protocol::clean_text(plan.variant->name, limits.name_bytes_max);
-    message.target = plan.worker.first().target(plan);
+    message.target = plan.backends.first().target(plan);
     message.traversal = plan.untraced ? "none" : traversal_name(plan.traversal);
-    message.worker = plan.worker.first().name();
-    message.worker_reason = protocol::clean_text(plan.worker.reason, limits.text_bytes_max);
+    message.worker = plan.backends.first().name();
+    message.worker_reason = protocol::clean_text(plan.backends.reason, limits.text_bytes_max);
     message.notes = plan.notes;
     message.hidden = plan.hidden;
     const WorldPoint& origin = plan.scene.snapshot().origin();

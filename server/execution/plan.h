@@ -39,7 +39,7 @@ struct Plan {
     bool detach = false;
     std::vector<std::string> notes;   ///< for the user, sent with STARTED
     std::vector<std::string> hidden;  ///< columns that only the client needs, sent with STARTED
-    BackendChoice worker;
+    BackendChoice backends;
 
     /// True if the number of hits per ray varies, so that answers need splits.
     [[nodiscard]] bool csr() const { return query == query_multi || query == query_all; }
@@ -60,7 +60,7 @@ struct Plan {
     /// Maximum number of rays whose hits and counters fit hit_bytes_max; unbounded for kind all.
     [[nodiscard]] std::uint64_t hit_rays_max() const;
     /// True if the first backend traces on the daemon's own compute threads.
-    [[nodiscard]] bool is_local() const { return worker.first().pool() == nullptr; }
+    [[nodiscard]] bool is_local() const { return backends.first().pool() == nullptr; }
     /// Returns a copy of `plan` with another query, for integrators that make several.
     [[nodiscard]] static Reply<Plan> with(Plan plan, Query query, CounterMode counters);
     /// Returns a copy of `plan` for closest hits whose traversal is told to an observer, on the

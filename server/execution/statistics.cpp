@@ -72,12 +72,12 @@ wire::DoneT JobStatistics::done(const Plan& plan, const ChunkQueue& queue) const
     }
     std::uint64_t chunks = 0;
     std::size_t answering = 0;  // number of backends that answered chunks
-    const Backend* backend = plan.worker.order.back();
-    for (std::size_t i = 0; i < plan.worker.order.size(); ++i) {
+    const Backend* backend = plan.backends.order.back();
+    for (std::size_t i = 0; i < plan.backends.order.size(); ++i) {
         if (chunks_[i] == 0) continue;
         chunks += chunks_[i];
         ++answering;
-        backend = plan.worker.order[i];
+        backend = plan.backends.order[i];
     }
     message.worker = answering > 1 ? "mixed" : backend->name();
     message.target = answering > 1 ? "mixed" : backend->target(plan);

@@ -121,7 +121,7 @@ Traced<Ran> call_backend(const Plan& plan, std::size_t backend, std::uint32_t ma
     call.hits_room = all ? buffers.hits.size() - used : 0;
     call.ray_flags = from(buffers.flags, first);
     call.rays_done = &ran.rays;
-    const auto traced = plan.worker.order[backend]->trace(plan, call, camera, stop);
+    const auto traced = plan.backends.order[backend]->trace(plan, call, camera, stop);
     if (!traced) return tl::unexpected(traced.error());
     ran.traversal = *traced;
     return ran;

@@ -12,7 +12,7 @@ ChunkedJob::ChunkedJob(const Services& services, const Caller& caller, Plan plan
       principal_(caller.principal),
       id_(caller.request_id),
       plan_(std::move(plan)),
-      queue_(plan_.worker, total, joins) {}
+      queue_(plan_.backends, total, joins) {}
 
 std::optional<Task> ChunkedJob::prepare() {
     if (!needs_preparation()) return std::nullopt;

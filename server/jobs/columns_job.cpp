@@ -30,7 +30,7 @@ constexpr std::uint64_t kept_rays_min = 1024;
 std::uint64_t chunk_rays(const Plan& plan, const Columns::Cost& cost, std::uint64_t bytes,
                          const protocol::Limits& limits) {
     std::uint64_t most = limits.chunk_rays_max;
-    for (const Backend* backend : plan.worker.order)
+    for (const Backend* backend : plan.backends.order)
         most = std::min(most, backend->call_rays_max(plan));
     if (plan.query == query_all) return most;
     const std::uint64_t per_ray = cost.per_ray + cost.per_hit * plan.hits_max;

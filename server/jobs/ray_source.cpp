@@ -60,7 +60,7 @@ Traced<TracedRays> RaySource::trace(const Plan& plan, const Chunk& chunk, RayInp
     buffers.resize(buffers.rays, chunk.count);
     std::optional<PinholeRays> camera;
     const auto* pinhole = std::get_if<Pinhole>(&from);
-    if (pinhole != nullptr && plan.worker.order[chunk.backend]->makes_camera_rays())
+    if (pinhole != nullptr && plan.backends.order[chunk.backend]->makes_camera_rays())
         camera = PinholeRays{*pinhole, first, tiles};
     if (!camera) generate();
     auto traced =

@@ -60,7 +60,8 @@ protected:
         return source_.rays() / source_.rays_per_point();
     }
     [[nodiscard]] std::uint64_t result_bytes() const override {
-        const std::uint64_t points = chunk_points(plan_.worker.order.back()->call_rays_max(plan_));
+        const std::uint64_t points =
+            chunk_points(plan_.backends.order.back()->call_rays_max(plan_));
         return reply_bytes(source_.rays()) +
                (rows() / points + 1) * (protocol::alignment + answer_head_bytes_max);
     }

@@ -86,7 +86,7 @@ private:
         call.observer = &recorder.observer();
         const std::vector<void*> outputs = buffers.resize_outputs(plan_, 1);
         call.outputs = outputs.empty() ? nullptr : outputs.data();
-        const auto traced = plan_.worker.order[chunk.backend]->trace(plan_, call, nullptr, stop);
+        const auto traced = plan_.backends.order[chunk.backend]->trace(plan_, call, nullptr, stop);
         if (!traced) return tl::unexpected(traced.error());
         JobStatistics::Counts counts;
         counts.rays = 1;

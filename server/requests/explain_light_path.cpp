@@ -131,7 +131,7 @@ Reply<Answer> explain_path(const Services& services, const Caller& caller, Rende
     const Plan* others[] = {&*any};
     if (auto chosen = choose_backends(services.backends, 1, *plan, others); !chosen)
         return tl::unexpected(chosen.error());
-    any->worker = plan->worker;
+    any->backends = plan->backends;
     const auto camera = choose_camera(plan->scene.snapshot(), words.camera);
     if (!camera) return refuse(Code::invalid_field, camera.error().message);
 

@@ -119,8 +119,8 @@ Reply<HeatPlans> make_plans(const Services& services, const Caller& caller, JobW
                             CounterMode counters, bool necessary, bool timed) {
     auto plain = make_plan(services, caller, std::move(job), query_closest);
     if (!plain) return tl::unexpected(plain.error());
-    if (timed && plain->worker.asked == "auto") plain->worker.asked = "cpu";
-    if (timed && plain->worker.asked != "cpu")
+    if (timed && plain->backends.asked == "auto") plain->backends.asked = "cpu";
+    if (timed && plain->backends.asked != "cpu")
         return refuse(Code::invalid_field,
                       "the metric time is measured on the CPU alone: leave out `worker`");
     auto counted = Plan::with(*plain, query_closest, counters);
@@ -253,9 +253,9 @@ Reply<Answer> heatmap(const Services& services, const Caller& caller,
         return tl::unexpected(chosen.error());
     for (HeatPlans* each : {&*plans, other ? &*other : nullptr}) {
         if (each == nullptr) continue;
-        if (each != &*plans) each->counted.worker = plan.worker;
-        if (each->uncounted) each->uncounted->worker = plan.worker;
-        if (each->timed) each->timed->worker = plan.worker;
+        if (each != &*plans) each->counted.backends = plan.backends;
+        if (each->uncounted) each->uncounted->backends = plan.backends;
+        if (each->timed) each->timed->backends = plan.backends;
     }
 
     const std::uint64_t bytes = heat_bytes(width, height, *form, metrics.size());

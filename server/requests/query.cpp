@@ -89,12 +89,12 @@ Reply<void> check_hidden(std::span<const std::string> hidden, std::span<const st
 /// step is another scene, and a GPU would be sent each.
 Reply<void> set_motion(Plan& plan, RaySource& source, const Services& services) {
     const std::string cpu(services.backends.back()->name());
-    if (plan.worker.asked != "auto" && plan.worker.asked != cpu)
-        return refuse(Code::invalid_field, "worker " + plan.worker.asked +
+    if (plan.backends.asked != "auto" && plan.backends.asked != cpu)
+        return refuse(Code::invalid_field, "worker " + plan.backends.asked +
                                                ": a scene that moves meanwhile (step_error) is "
                                                "traced by worker " +
                                                cpu);
-    plan.worker.asked = cpu;
+    plan.backends.asked = cpu;
     MovingScene motion;
     const Snapshot& scene = plan.scene.snapshot();
     if (plan.time || !plan.animation.empty() || !animations_of(scene, 1).empty()) {

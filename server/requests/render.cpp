@@ -58,7 +58,7 @@ Reply<Answer> render_film(const Services& services, const Caller& caller, Render
     const Plan* others[] = {&*any};
     if (auto chosen = choose_backends(services.backends, rays, *plan, others); !chosen)
         return tl::unexpected(chosen.error());
-    any->worker = plan->worker;
+    any->backends = plan->backends;
     const std::string_view encode = words.encode;
     // Only films have linear values; they are sent as raw ones are.
     auto request =

@@ -113,7 +113,7 @@ Reply<Plan> make_plan(const Services& services, const Caller& caller, JobWords j
 
     plan.traversal = *traversal;
     plan.mask = job.mask;
-    plan.worker.asked = job.worker;
+    plan.backends.asked = job.worker;
     plan.priority = *priority;
     plan.deadline_ms = job.deadline_ms;
     plan.detach = job.detach;
