@@ -108,8 +108,8 @@ Result<double> seconds_of(Context& context, const JobOptions& job) {
 }
 
 /// Asks for one picture, in another encoding than its file has where that is named.
-Result<ReceivedPicture> ask_one(Context& context, const RenderOptions& options,
-                                const char* encode = nullptr) {
+Result<ReceivedFile> ask_one(Context& context, const RenderOptions& options,
+                             const char* encode = nullptr) {
     auto request = picture_request<wire::RenderT>(options);
     if (!request) return tl::unexpected<Failure>(request.error());
     FilmFiles files;

@@ -92,14 +92,14 @@ Result<void> check_whole(const Outcome& outcome) {
 
 }  // namespace
 
-Result<void> write_picture(const std::string& output, const ReceivedPicture& picture) {
+Result<void> write_picture(const std::string& output, const ReceivedFile& picture) {
     if (picture.encode != "raw") return write_file(output, picture.bytes);
     const auto file = npy_file(picture, "|u1", {picture.height, picture.width, 4});
     if (!file) return tl::unexpected<Failure>(file.error());
     return write_file(output, *file);
 }
 
-Result<void> deliver_render(Context& context, const std::string& output, ReceivedPicture picture,
+Result<void> deliver_render(Context& context, const std::string& output, ReceivedFile picture,
                             std::uint32_t samples) {
     if (auto written = write_picture(output, picture); !written) return written;
 
@@ -118,7 +118,7 @@ Result<void> deliver_render(Context& context, const std::string& output, Receive
     return fail(Exit::partial, std::move(text));
 }
 
-Result<void> deliver_heatmap(Context& context, const std::string& output, ReceivedPicture picture,
+Result<void> deliver_heatmap(Context& context, const std::string& output, ReceivedFile picture,
                              std::span<const Verdict> checks) {
     if (!output.empty() && !is_report(output)) {
         if (picture.encode == "raw") {
@@ -146,7 +146,7 @@ Result<void> deliver_heatmap(Context& context, const std::string& output, Receiv
     return check_verdicts(checks);
 }
 
-Result<void> deliver_ranking(Context& context, const ReceivedPicture& answer) {
+Result<void> deliver_ranking(Context& context, const ReceivedFile& answer) {
     const auto document = read_json(answer);
     if (!document) return tl::unexpected<Failure>(document.error());
     print_notes(answer.outcome);

@@ -16,17 +16,17 @@
 namespace raynest::client {
 
 /// Writes a rendered picture as it came, a raw one as .npy.
-Result<void> write_picture(const std::string& output, const ReceivedPicture& picture);
+Result<void> write_picture(const std::string& output, const ReceivedFile& picture);
 
 /// Delivers a rendered picture. `samples`: as many per pixel as were asked for; 0: unknown.
-Result<void> deliver_render(Context& context, const std::string& output, ReceivedPicture picture,
+Result<void> deliver_render(Context& context, const std::string& output, ReceivedFile picture,
                             std::uint32_t samples = 0);
 /// `checks` are what became of the limits of --fail-if; an exceeded one gives exit code 9.
-Result<void> deliver_heatmap(Context& context, const std::string& output, ReceivedPicture picture,
+Result<void> deliver_heatmap(Context& context, const std::string& output, ReceivedFile picture,
                              std::span<const Verdict> checks = {});
 
 /// Prints the ranking of heatmap --top.
-Result<void> deliver_ranking(Context& context, const ReceivedPicture& answer);
+Result<void> deliver_ranking(Context& context, const ReceivedFile& answer);
 
 using ChunkConsumer = std::function<Result<void>(const QueryChunk&)>;
 /// Calls `ask`, which runs a query and passes its chunks on, and delivers them: to the file

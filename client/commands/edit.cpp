@@ -194,7 +194,7 @@ Result<std::map<std::string, std::uint32_t>> numbers_of(Context& context,
         request.epoch = epoch;
         if (auto started = context.connection.start(request); !started)
             return tl::unexpected<Failure>(started.error());
-        const auto answer = receive_picture(context.connection, context.progress, document_room());
+        const auto answer = receive_file(context.connection, context.progress, document_room());
         if (!answer) return tl::unexpected<Failure>(answer.error());
         const auto document = read_json(*answer);
         if (!document) return tl::unexpected<Failure>(document.error());

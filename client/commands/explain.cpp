@@ -131,7 +131,7 @@ Result<void> run(Context& context, const ExplainOptions& options) {
                 : context.connection.start(explain_message(options, origin->point), deadline);
         !started)
         return started;
-    const auto answer = receive_picture(context.connection, context.progress, document_room());
+    const auto answer = receive_file(context.connection, context.progress, document_room());
     context.progress.clear();
     if (!answer) return tl::unexpected<Failure>(answer.error());
     if (auto same = check_origin(origin->point, answer->outcome.origin); !same) return same;

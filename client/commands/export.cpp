@@ -27,8 +27,8 @@ struct ExportOptions {
 
 constexpr std::string_view composition_ending = ".rnscene.json";
 
-Result<ReceivedPicture> receive_picture(Context& context, const ExportOptions& options,
-                                        const std::string& format, const std::string& file) {
+Result<ReceivedFile> receive_file(Context& context, const ExportOptions& options,
+                                  const std::string& format, const std::string& file) {
     wire::ExportT request;
     request.scene = options.scene;
     request.epoch = options.epoch;
@@ -37,7 +37,7 @@ Result<ReceivedPicture> receive_picture(Context& context, const ExportOptions& o
     put_moment(options.moment, request);
     if (auto started = context.connection.start(request); !started)
         return tl::unexpected<Failure>(started.error());
-    auto answer = receive_picture(context.connection, context.progress, file_room());
+    auto answer = receive_file(context.connection, context.progress, file_room());
     context.progress.clear();
     return answer;
 }
@@ -72,12 +72,12 @@ Result<void> run(Context& context, const ExportOptions& options) {
                                      "name another file for -o, or move it away");
     for (const std::string& path : {glb, options.output})
         if (auto writable = check_writable(path); !writable) return writable;
-    const auto file = receive_picture(context, options, "glb", "");
+    const auto file = receive_file(context, options, "glb", "");
     if (!file) return tl::unexpected<Failure>(file.error());
     std::vector<std::byte> composition;
     if (composes) {
         // It says where the scene lies, which edits do not change.
-        auto text = receive_picture(context, options, "rnscene.json", file_name);
+        auto text = receive_file(context, options, "rnscene.json", file_name);
         if (!text) return tl::unexpected<Failure>(text.error());
         if (text->outcome.origin != file->outcome.origin)
             return fail(Exit::failed, "the scene '" + options.scene +

@@ -89,7 +89,7 @@ Result<void> run(Context& context, const FetchOptions& options) {
                                          " is a ranking, which is printed: leave "
                                          "out -o");
         if (auto started = context.connection.start(request); !started) return started;
-        const auto answer = receive_picture(context.connection, context.progress, document_room());
+        const auto answer = receive_file(context.connection, context.progress, document_room());
         context.progress.clear();
         if (!answer) return tl::unexpected<Failure>(answer.error());
         return deliver_ranking(context, *answer);
@@ -100,7 +100,7 @@ Result<void> run(Context& context, const FetchOptions& options) {
     if (auto writable = check_writable(options.output); !writable) return writable;
     if (auto started = context.connection.start(request); !started) return started;
     auto picture =
-        receive_picture(context.connection, context.progress, picture_room(kind != "render"));
+        receive_file(context.connection, context.progress, picture_room(kind != "render"));
     context.progress.clear();
     if (!picture) return tl::unexpected<Failure>(picture.error());
     const std::string ending = "." + (picture->encode == "raw" ? "npy" : picture->encode);

@@ -56,7 +56,7 @@ Result<wire::HeatmapT> heatmap_message(const HeatmapOptions& options) {
 }
 
 /// Asks for the ranking of the rays.
-Result<ReceivedPicture> ask_ranking(Context& context, const HeatmapOptions& options) {
+Result<ReceivedFile> ask_ranking(Context& context, const HeatmapOptions& options) {
     wire::BlameT request;
     request.job = job_message(options.job);
     request.width = options.camera.width;
@@ -78,7 +78,7 @@ Result<void> rank(Context& context, const HeatmapOptions& options) {
 }
 
 /// Replaces the answer's document by the file that it holds.
-Result<void> take_file(const Json& document, const std::string& encode, ReceivedPicture& picture) {
+Result<void> take_file(const Json& document, const std::string& encode, ReceivedFile& picture) {
     const Json& file = document.at("file");
     auto bytes = protocol::from_base64(file.at("base64").get_ref<const std::string&>());
     if (!bytes) return daemon_sent("a file that is not Base64");
@@ -108,8 +108,8 @@ std::string camera_words(const CameraOptions& camera) {
 }
 
 /// Asks for what stands beside the heat map in a report, of the same epoch. Returns the ranking.
-Result<ReceivedPicture> write_report(Context& context, const HeatmapOptions& options,
-                                     const ReceivedPicture& heat, Report report) {
+Result<ReceivedFile> write_report(Context& context, const HeatmapOptions& options,
+                                  const ReceivedFile& heat, Report report) {
     HeatmapOptions same = options;
     same.job.epoch = heat.outcome.epoch;
     auto render = picture_request<wire::RenderT>(same);
@@ -130,8 +130,8 @@ Result<ReceivedPicture> write_report(Context& context, const HeatmapOptions& opt
 
 /// Delivers an answer that is a document: the file in it or a report, and the verdicts. Sets
 /// `ranking` to that of a report.
-Result<void> deliver_document(Context& context, const HeatmapOptions& options,
-                              ReceivedPicture answer, std::optional<ReceivedPicture>& ranking) {
+Result<void> deliver_document(Context& context, const HeatmapOptions& options, ReceivedFile answer,
+                              std::optional<ReceivedFile>& ranking) {
     auto document = read_json(answer);
     if (!document) return tl::unexpected<Failure>(document.error());
     const auto verdicts = judge(options.fail_if, *document);
@@ -270,7 +270,7 @@ Result<void> run(Context& context, const HeatmapOptions& asked) {
         print_detached(context, picture->outcome);
         return {};
     }
-    std::optional<ReceivedPicture> ranking;
+    std::optional<ReceivedFile> ranking;
     auto delivered = needs_document(options)
                          ? deliver_document(context, options, std::move(*picture), ranking)
                          : deliver_heatmap(context, options.output, std::move(*picture));

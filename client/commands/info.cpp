@@ -87,7 +87,7 @@ Result<Json> ask_epo(Context& context, const wire::SceneInfo& info, const Moment
     put_moment(moment, request);
     if (auto started = context.connection.start(request, epo_wait); !started)
         return tl::unexpected<Failure>(started.error());
-    const auto answer = receive_picture(context.connection, context.progress, document_room());
+    const auto answer = receive_file(context.connection, context.progress, document_room());
     context.progress.clear();
     if (!answer) {
         if (answer.error().exit == Exit::interrupted && is_own(answer.error()))

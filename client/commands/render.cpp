@@ -32,7 +32,7 @@ Result<void> render_one(Context& context, const RenderOptions& options) {
     if (auto filled = fill_film(options, request, files); !filled) return filled;
     PassConsumer write_pass;
     if (options.progressive && !is_stdout(options.output))
-        write_pass = [&options](const ReceivedPicture& picture) {
+        write_pass = [&options](const ReceivedFile& picture) {
             return write_picture(options.output, picture);
         };
     auto picture =

@@ -79,7 +79,7 @@ Result<void> run(Context& context, const RestoreOptions& options) {
     if (auto sent = send_file(context.connection, 0, request.bytes, read, context.progress, ignore);
         !sent)
         return sent;
-    const auto answer = receive_picture(context.connection, context.progress, document_room());
+    const auto answer = receive_file(context.connection, context.progress, document_room());
     context.progress.clear();
     if (!answer) return tl::unexpected<Failure>(answer.error());
     const auto report = read_json(*answer);

@@ -33,7 +33,7 @@ Result<void> run(Context& context, const ResumeOptions& options) {
     if (!request) return tl::unexpected<Failure>(request.error());
     PassConsumer write_pass;
     if (options.progressive && !is_stdout(output))
-        write_pass = [&output](const ReceivedPicture& picture) {
+        write_pass = [&output](const ReceivedFile& picture) {
             return write_picture(output, picture);
         };
     auto picture = run_film(context.connection, context.progress, *request, files, write_pass);

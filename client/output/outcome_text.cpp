@@ -63,7 +63,7 @@ void print_notes(const Outcome& outcome) {
                      "or beyond tmax\n";
 }
 
-Json picture_json(const std::string& file, const ReceivedPicture& picture) {
+Json picture_json(const std::string& file, const ReceivedFile& picture) {
     Json json = outcome_json(picture.outcome);
     json["file"] = file;
     json["width"] = picture.width;
@@ -71,7 +71,7 @@ Json picture_json(const std::string& file, const ReceivedPicture& picture) {
     return json;
 }
 
-std::string picture_text(const std::string& file, const ReceivedPicture& picture) {
+std::string picture_text(const std::string& file, const ReceivedFile& picture) {
     return file + ": " + std::to_string(picture.width) + "x" + std::to_string(picture.height) +
            ", " + outcome_text(picture.outcome);
 }

@@ -17,8 +17,8 @@ namespace raynest::client {
 void print_notes(const Outcome& outcome);
 
 /// Returns the JSON keys that all pictures have.
-[[nodiscard]] Json picture_json(const std::string& file, const ReceivedPicture& picture);
+[[nodiscard]] Json picture_json(const std::string& file, const ReceivedFile& picture);
 /// Returns "forest.png: 960x540, " and outcome_text().
-[[nodiscard]] std::string picture_text(const std::string& file, const ReceivedPicture& picture);
+[[nodiscard]] std::string picture_text(const std::string& file, const ReceivedFile& picture);
 
 }  // namespace raynest::client

@@ -227,15 +227,15 @@ Failure with_name(Failure failure, const FilmFiles& files) {
 
 }  // namespace
 
-Result<ReceivedPicture> run_film(Connection& connection, Progress& progress,
-                                 const wire::RenderT& request, const FilmFiles& files,
-                                 const PassConsumer& consume_pass) {
+Result<ReceivedFile> run_film(Connection& connection, Progress& progress,
+                              const wire::RenderT& request, const FilmFiles& files,
+                              const PassConsumer& consume_pass) {
     // A lit picture that is late comes all the same: allow for encoding it.
     std::chrono::milliseconds deadline(request.job->deadline_ms);
     if (request.best_by_ms != 0) deadline = std::chrono::milliseconds(request.best_by_ms) + grace;
     if (auto started = connection.start(request, deadline); !started)
         return tl::unexpected<Failure>(started.error());
-    ReceivedPicture picture;
+    ReceivedFile picture;
     picture.outcome.may_detach = request.job->detach;
     const FrameConsumer consume = [&](const protocol::Frame& frame) {
         return take_news(frame, picture.outcome);
@@ -245,14 +245,14 @@ Result<ReceivedPicture> run_film(Connection& connection, Progress& progress,
         if (auto sent = send_file(connection, number++, file->span(), progress, consume); !sent)
             return tl::unexpected<Failure>(with_name(sent.error(), files));
     auto received =
-        receive_picture(connection, progress, room_of(request), std::move(picture), consume_pass);
+        receive_file(connection, progress, room_of(request), std::move(picture), consume_pass);
     if (!received) return tl::unexpected<Failure>(with_name(received.error(), files));
     return received;
 }
 
-Result<ReceivedPicture> ask_film(Connection& connection, Progress& progress,
-                                 const PictureOptions& options, wire::RenderT request,
-                                 const FilmFiles& files, const PassConsumer& consume_pass) {
+Result<ReceivedFile> ask_film(Connection& connection, Progress& progress,
+                              const PictureOptions& options, wire::RenderT request,
+                              const FilmFiles& files, const PassConsumer& consume_pass) {
     return with_camera(connection, progress, options, request, [&] {
         return run_film(connection, progress, request, files, consume_pass);
     });

@@ -50,12 +50,12 @@ void set_light(const LightOptions& options, wire::RenderT& request);
 Result<wire::RenderT> resumed_film(const ResumeOptions& options, FilmFiles& files);
 
 /// Sends a Render and its files, and reads the answer.
-Result<ReceivedPicture> run_film(Connection& connection, Progress& progress,
-                                 const wire::RenderT& request, const FilmFiles& files,
-                                 const PassConsumer& consume_pass);
+Result<ReceivedFile> run_film(Connection& connection, Progress& progress,
+                              const wire::RenderT& request, const FilmFiles& files,
+                              const PassConsumer& consume_pass);
 /// The same for the camera of the options.
-Result<ReceivedPicture> ask_film(Connection& connection, Progress& progress,
-                                 const PictureOptions& options, wire::RenderT request,
-                                 const FilmFiles& files, const PassConsumer& consume_pass);
+Result<ReceivedFile> ask_film(Connection& connection, Progress& progress,
+                              const PictureOptions& options, wire::RenderT request,
+                              const FilmFiles& files, const PassConsumer& consume_pass);
 
 }  // namespace raynest::client

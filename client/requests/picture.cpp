@@ -37,7 +37,7 @@ Room room_for(const Request& request, std::uint64_t pixel_bytes) {
 }
 
 /// Makes room for a payload, after checking that it fits.
-Result<void> begin_payload(const wire::Picture& piece, const Room& room, ReceivedPicture& picture) {
+Result<void> begin_payload(const wire::Picture& piece, const Room& room, ReceivedFile& picture) {
     picture.encode = protocol::text(piece.encode());
     picture.total = piece.total();
     picture.is_last = piece.last();
@@ -59,7 +59,7 @@ Result<void> begin_payload(const wire::Picture& piece, const Room& room, Receive
 
 /// Appends the bytes of a frame after checking that they are the next ones. Passes a whole picture
 /// on, if a later one will replace it.
-Result<void> take_piece(const protocol::Frame& frame, const Room& room, ReceivedPicture& picture,
+Result<void> take_piece(const protocol::Frame& frame, const Room& room, ReceivedFile& picture,
                         const PassConsumer& consume_pass) {
     const auto opened = open_sent<wire::Picture>(frame);
     if (!opened) return tl::unexpected<Failure>(opened.error());
@@ -121,9 +121,8 @@ Room room_of(const wire::HeatmapT& request) {
     return room_for(request, is_exr ? heat_pixel_bytes_max : pixel_bytes_max);
 }
 
-Result<ReceivedPicture> receive_picture(Connection& connection, Progress& progress,
-                                        const Room& room, ReceivedPicture picture,
-                                        const PassConsumer& consume_pass) {
+Result<ReceivedFile> receive_file(Connection& connection, Progress& progress, const Room& room,
+                                  ReceivedFile picture, const PassConsumer& consume_pass) {
     while (true) {
         const auto frame = connection.next();
         if (!frame) return tl::unexpected<Failure>(frame.error());
@@ -177,14 +176,14 @@ Result<std::uint64_t> receive_bytes(Connection& connection, Progress& progress, 
     }
 }
 
-Result<std::vector<std::byte>> npy_file(const ReceivedPicture& picture, const char* dtype,
+Result<std::vector<std::byte>> npy_file(const ReceivedFile& picture, const char* dtype,
                                         std::vector<std::uint64_t> shape) {
     if (picture.bytes.size() != 4ULL * picture.width * picture.height)
         return daemon_sent("pixels of another number than the picture has");
     return format_npy({dtype, std::move(shape), picture.bytes});
 }
 
-Result<Json> read_json(const ReceivedPicture& answer) {
+Result<Json> read_json(const ReceivedFile& answer) {
     const auto* text = reinterpret_cast<const char*>(answer.bytes.data());
     // Deeper documents would exhaust the stack of whoever walks through them.
     bool is_deep = false;

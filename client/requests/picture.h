@@ -60,10 +60,11 @@ struct Room {
     return document_room();
 }
 
-struct ReceivedPicture {
+/// The file that an answer brings: a picture, but of some requests a document or a .glb.
+struct ReceivedFile {
     std::uint32_t width = 0;
     std::uint32_t height = 0;
-    std::string encode;  ///< png | exr | raw
+    std::string encode;  ///< png | exr | raw; that of a document begins with json
     std::vector<std::byte> bytes;
     std::uint64_t total = 0;  ///< bytes of the whole payload; 0: none has begun
     bool is_last = false;     ///< no payload comes after this one
@@ -71,12 +72,11 @@ struct ReceivedPicture {
     Outcome outcome;
 };
 /// Takes each whole picture of an answer that refines one, but for the last.
-using PassConsumer = std::function<Result<void>(const ReceivedPicture&)>;
+using PassConsumer = std::function<Result<void>(const ReceivedFile&)>;
 /// Reads the answer of a running request to its end, or until it is detached. `picture` holds what is
 /// known already. A later payload replaces an earlier one. Fails unless the last one is whole.
-Result<ReceivedPicture> receive_picture(Connection& connection, Progress& progress,
-                                        const Room& room, ReceivedPicture picture = {},
-                                        const PassConsumer& consume_pass = {});
+Result<ReceivedFile> receive_file(Connection& connection, Progress& progress, const Room& room,
+                                  ReceivedFile picture = {}, const PassConsumer& consume_pass = {});
 /// Takes the bytes of a payload in their order.
 using BytesConsumer = std::function<Result<void>(std::span<const std::byte>)>;
 /// Reads the answer of a running request whose payload may be larger than the memory. Returns the
@@ -86,8 +86,8 @@ Result<std::uint64_t> receive_bytes(Connection& connection, Progress& progress, 
 
 /// Places the camera of a request, which `run` then asks for, in the scene's world.
 template <class Request, class Run>
-Result<ReceivedPicture> with_camera(Connection& connection, Progress& progress,
-                                    const PictureOptions& options, Request& request, Run&& run) {
+Result<ReceivedFile> with_camera(Connection& connection, Progress& progress,
+                                 const PictureOptions& options, Request& request, Run&& run) {
     SceneOrigin origin;
     if (!options.camera.look_at.empty()) {
         const auto asked = ask_origin(connection, options.job.scene);
@@ -105,23 +105,23 @@ Result<ReceivedPicture> with_camera(Connection& connection, Progress& progress,
 }
 
 template <class Request>
-Result<ReceivedPicture> ask_picture(Connection& connection, Progress& progress,
-                                    const PictureOptions& options, Request request) {
-    return with_camera(connection, progress, options, request, [&]() -> Result<ReceivedPicture> {
+Result<ReceivedFile> ask_picture(Connection& connection, Progress& progress,
+                                 const PictureOptions& options, Request request) {
+    return with_camera(connection, progress, options, request, [&]() -> Result<ReceivedFile> {
         if (auto started = connection.start(request, deadline_of(options.job.deadline)); !started)
             return tl::unexpected<Failure>(started.error());
-        ReceivedPicture picture;
+        ReceivedFile picture;
         picture.outcome.may_detach = request.job->detach;
-        return receive_picture(connection, progress, room_of(request), std::move(picture));
+        return receive_file(connection, progress, room_of(request), std::move(picture));
     });
 }
 
 /// Returns a raw picture, of four bytes per pixel, as a .npy.
-[[nodiscard]] Result<std::vector<std::byte>> npy_file(const ReceivedPicture& picture,
+[[nodiscard]] Result<std::vector<std::byte>> npy_file(const ReceivedFile& picture,
                                                       const char* dtype,
                                                       std::vector<std::uint64_t> shape);
 
 /// The document of an answer; exit code 1 where it is none.
-[[nodiscard]] Result<Json> read_json(const ReceivedPicture& answer);
+[[nodiscard]] Result<Json> read_json(const ReceivedFile& answer);
 
 }  // namespace raynest::client
