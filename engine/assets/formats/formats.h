@@ -7,7 +7,7 @@
 // Debian has no maintained library for PLY, STL or OFF.
 #pragma once
 
-#include "engine/assets/formats/content.h"
+#include "engine/assets/formats/file_content.h"
 #include "engine/assets/input/import_request.h"
 #include "engine/result.h"
 

@@ -1,7 +1,7 @@
 // The materials of an OBJ.
 #pragma once
 
-#include "engine/assets/formats/content.h"
+#include "engine/assets/formats/file_content.h"
 #include "engine/assets/input/uploaded_files.h"
 
 #include <map>

@@ -1,5 +1,5 @@
 // From a file's unit to float32 in the scene's space.
-#include "engine/assets/formats/content.h"
+#include "engine/assets/formats/file_content.h"
 #include "engine/assets/input/messages.h"
 #include "engine/geometry/sphere_shape.h"
 #include "engine/math/float_step.h"

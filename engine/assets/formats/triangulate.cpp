@@ -1,4 +1,4 @@
-#include "engine/assets/formats/content.h"
+#include "engine/assets/formats/file_content.h"
 
 namespace raynest {
 namespace {
