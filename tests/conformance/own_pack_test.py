@@ -166,14 +166,12 @@ class OwnPack(unittest.TestCase):
         clean = {name: value for name, value in os.environ.items() if not name.startswith("RAYNEST_")}
         for more in ([], [self.packs]):
             told = run(project / "build/embed", *more, cwd=self.scratch, env=clean).split("\n")
-            self.assertRegex(told[0], r"^opaque on v[234], (packet|single)$")
+            self.assertRegex(told[0], r"^opaque on v[234]$")
             self.assertEqual([line.split(":")[0] for line in told[1:5]], ["ray 0", "ray 21", "ray 42", "ray 63"])
             for line in told[1:5]:
-                self.assertRegex(line, r"t [45]\d\S*, triangle \d+, path 0$")
-            # The sheets lie 20 m apart: the program's own intersector removes the first.
-            first = float(re.search(r"t ([\d.]+)", told[1])[1])
-            own = re.fullmatch(r"below: t ([\d.]+), path 1, 1 removed", told[5])
-            self.assertAlmostEqual(float(own[1]), first + 20, places=3)
+                self.assertRegex(line, r"t 50, triangle [01], path 0$")
+            # The squares lie 20 m apart: the program's own intersector removes the first.
+            self.assertEqual(told[5], "below: t 70, path 1, 1 removed")
 
     def test_auto_is_the_intersector_that_knows_the_primitive(self):
         write_npy(self.scratch / "two.npy", [(0, 0, 0, 1, 0, 0, 1), (0, 0, -1, 1, 0, 0, 1)], (2, 7))
