@@ -15,7 +15,7 @@ using namespace raynest;
 namespace {
 
 /// One unit along x, two along y, four along z.
-const std::string corner =
+const std::string corner_file =
     "o corner\nv 0 0 0\nv 1 0 0\nv 0 2 0\nv 0 0 4\nf 1 2 3\nf 1 2 4\nf 1 3 4\nf 2 3 4\n";
 const Box on_map{{0, 0, 0}, {1, 2, 4}};    // +Z up
 const Box upright{{0, 0, -2}, {1, 4, 0}};  // the same with +Y up
@@ -53,7 +53,7 @@ std::shared_ptr<const Snapshot> must_import(const std::string& source, const Tex
 
 /// Imports a composition beside the file "a.obj".
 std::shared_ptr<const Snapshot> compose(const std::string& members, Texts beside = {}) {
-    beside["a.obj"] = corner;
+    beside["a.obj"] = corner_file;
     beside["x.rnscene.json"] = "{\"rnscene\": 1, " + members + "}";
     return must_import("x.rnscene.json", beside);
 }
@@ -73,10 +73,10 @@ std::string exported(const Snapshot& scene) {
 }  // namespace
 
 TEST_CASE("a file with +Z up keeps its coordinates, and the scene says so") {
-    const auto scene = must_import("a.obj", {{"a.obj", corner}}, {.z_up = true});
+    const auto scene = must_import("a.obj", {{"a.obj", corner_file}}, {.z_up = true});
     CHECK(scene->up() == UpAxis::z);
     CHECK(same(scene->bounds(), on_map));
-    const auto plain = must_import("a.obj", {{"a.obj", corner}});
+    const auto plain = must_import("a.obj", {{"a.obj", corner_file}});
     CHECK(plain->up() == UpAxis::y);
     CHECK(same(plain->bounds(), on_map));
     CHECK(plain->digest() != scene->digest());
@@ -87,7 +87,7 @@ TEST_CASE("a file with +Z up keeps its coordinates, and the scene says so") {
 
 TEST_CASE("an export with +Z up is upright glTF, and comes back as it was") {
     for (const std::string name : {"o corner", "o left"}) {
-        std::string two = corner;
+        std::string two = corner_file;
         two.replace(0, 8, name);
         const auto scene = must_import("a.obj", {{"a.obj", two}}, {.z_up = true});
         const std::string glb = exported(*scene);
@@ -115,7 +115,7 @@ TEST_CASE("an export takes no more memory than it said, and ends when nobody nee
         for (int i = 0; i < count; ++i)
             text += (i == 0 ? "[1,0,0," : ",[1,0,0,") + std::to_string(i) + ",0,1,0,0,0,0,1,0]";
         return must_import("c.rnscene.json",
-                           {{"c.rnscene.json", text + "]}]}"}, {"a.obj", corner}});
+                           {{"c.rnscene.json", text + "]}]}"}, {"a.obj", corner_file}});
     };
     std::string name;
     for (int i = 0; i < 30; ++i) name += "\\u0001";
@@ -133,7 +133,7 @@ TEST_CASE("an export takes no more memory than it said, and ends when nobody nee
 
 TEST_CASE("a composition turns what has another axis up") {
     const std::string one = R"("instances": [{"object": "a"}], "objects": {"a": )";
-    const auto glb = exported(*must_import("a.obj", {{"a.obj", corner}}, {.z_up = true}));
+    const auto glb = exported(*must_import("a.obj", {{"a.obj", corner_file}}, {.z_up = true}));
     const std::string inner = R"({"rnscene": 1, "up": "z", )" + one + R"({"file": "a.obj"}}})";
     for (const auto& [members, up, box] : std::vector<std::tuple<std::string, UpAxis, Box>>{
              {one + R"({"file": "a.obj"}}, "up": "z")", UpAxis::z, on_map},
@@ -162,7 +162,7 @@ TEST_CASE("a file whose coordinates are less an offset stands where the composit
     CHECK(scene->bounds().upper == Vec3(4, 9, 4));
     const auto fails = [](const std::string& object) {
         const auto bad = import(
-            "x.rnscene.json", {{"a.obj", corner},
+            "x.rnscene.json", {{"a.obj", corner_file},
                                {"x.rnscene.json", R"({"rnscene": 1, "objects": {"a": {)" + object +
                                                       R"(}}, "instances": [{"object": "a"}]})"}});
         REQUIRE_FALSE(bad);
@@ -214,7 +214,7 @@ TEST_CASE("edits change what the instances of a composition placed, in their ord
         CAPTURE(edit);
         const auto refused = import(
             "x.rnscene.json",
-            {{"a.obj", corner}, {"x.rnscene.json", "{\"rnscene\": 1, " + town + edit + "]}"}});
+            {{"a.obj", corner_file}, {"x.rnscene.json", "{\"rnscene\": 1, " + town + edit + "]}"}});
         REQUIRE_FALSE(refused.has_value());
         CHECK(refused.error().code == ErrorCode::scene_invalid);
         CHECK(refused.error().message.find(said) != std::string::npos);
@@ -231,7 +231,7 @@ TEST_CASE("a composition's animations move its instances, and say what they cann
         R"({"object": "a", "name": "fixed", "matrix": [1,0,0,0, 0,1,0,0, 0,0,1,9]}], )";
     const auto imported = [&](const std::string& animations, const std::string& more = "") {
         return import("x.rnscene.json",
-                      {{"a.obj", corner},
+                      {{"a.obj", corner_file},
                        {"x.rnscene.json", "{\"rnscene\": 1, " + more + objects +
                                               "\"animations\": [" + animations + "]}"}});
     };

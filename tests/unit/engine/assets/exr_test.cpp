@@ -12,19 +12,19 @@ using namespace raynest;
 
 namespace {
 
-constexpr std::uint32_t width = 37;
-constexpr std::uint32_t height = 35;
+constexpr std::uint32_t wide = 37;
+constexpr std::uint32_t high = 35;
 
 struct File {
     File() {
         std::mt19937 random(1);
-        for (std::uint32_t i = 0; i < width * height; ++i) {
+        for (std::uint32_t i = 0; i < wide * high; ++i) {
             depth.push_back(static_cast<float>(random()) / 1e6F - 500);
             ids.push_back(static_cast<std::uint32_t>(random()));
         }
         const Channel channels[] = {{"Z", depth, {}}, {"R", depth, {}}, {"mesh", {}, ids}};
         const Attribute attributes[] = {{"raynest:seed", "7"}, {"raynest:scene", "forest"}};
-        auto encoded = encode_exr(width, height, channels, attributes);
+        auto encoded = encode_exr(wide, high, channels, attributes);
         REQUIRE(encoded);
         bytes = std::move(*encoded);
     }
@@ -42,8 +42,8 @@ TEST_CASE("an EXR comes back bit for bit, with its text" * doctest::test_suite("
     const File file;
     const auto header = read_exr_header(file.bytes);
     REQUIRE(header);
-    CHECK(header->width == width);
-    CHECK(header->height == height);
+    CHECK(header->width == wide);
+    CHECK(header->height == high);
     const auto has = [&](const char* name, const char* value) {
         for (const Attribute& one : header->attributes)
             if (one.name == name) return one.value == value;
@@ -53,10 +53,10 @@ TEST_CASE("an EXR comes back bit for bit, with its text" * doctest::test_suite("
     CHECK(has("raynest:scene", "forest"));
     const auto decoded = file.decode();
     REQUIRE(decoded);
-    CHECK(decoded->width == width);
-    CHECK(decoded->height == height);
+    CHECK(decoded->width == wide);
+    CHECK(decoded->height == high);
     const std::vector<ChannelType> types = {{"R", true}, {"mesh", false}, {"Z", true}};
-    const auto places = find_channels(*header, width, height, types);
+    const auto places = find_channels(*header, wide, high, types);
     REQUIRE(places);
     REQUIRE(decoded->planes.size() == 3);
     CHECK(decoded->planes[(*places)[1]] == file.ids);
@@ -69,10 +69,10 @@ TEST_CASE("an EXR comes back bit for bit, with its text" * doctest::test_suite("
 TEST_CASE("an EXR that is too large or cut short is refused" * doctest::test_suite("images")) {
     if (!test::have_images()) return;
     File file;
-    constexpr std::uint64_t bytes = std::uint64_t{4} * 3 * width * height;
-    CHECK(decode_exr(file.bytes, width, bytes));
+    constexpr std::uint64_t bytes = std::uint64_t{4} * 3 * wide * high;
+    CHECK(decode_exr(file.bytes, wide, bytes));
     for (const auto& too_large :
-         {decode_exr(file.bytes, width - 1, bytes), decode_exr(file.bytes, width, bytes - 1)}) {
+         {decode_exr(file.bytes, wide - 1, bytes), decode_exr(file.bytes, wide, bytes - 1)}) {
         REQUIRE_FALSE(too_large);
         CHECK(too_large.error().code == ErrorCode::limit_exceeded);
     }

@@ -16,10 +16,10 @@ using test::raw_png;
 namespace {
 
 constexpr std::uint32_t side_max = 4096;
-constexpr std::uint64_t bytes_max = 64U << 20;
+constexpr std::uint64_t picture_bytes_max = 64U << 20;
 
 std::vector<std::uint8_t> pixels_of(const Bytes& file) {
-    const auto image = decode_image(file, side_max, bytes_max);
+    const auto image = decode_image(file, side_max, picture_bytes_max);
     REQUIRE_MESSAGE(image.has_value(), (image ? "" : image.error().message));
     return image->rgba;
 }
@@ -113,9 +113,10 @@ TEST_CASE("a WebP keeps its colours where it is transparent, wholly or almost" *
     for (std::size_t length = 12; length < file.size() - 2; ++length) {
         CAPTURE(length);
         CHECK_FALSE(
-            decode_image(test::to_bytes(file.substr(0, length)), side_max, bytes_max).has_value());
+            decode_image(test::to_bytes(file.substr(0, length)), side_max, picture_bytes_max)
+                .has_value());
     }
-    const auto refused = decode_image(test::to_bytes(file), 3, bytes_max);
+    const auto refused = decode_image(test::to_bytes(file), 3, picture_bytes_max);
     REQUIRE_FALSE(refused.has_value());
     CHECK(refused.error().code == ErrorCode::limit_exceeded);
 }
@@ -145,16 +146,16 @@ TEST_CASE("a JPEG may lack its end marker, and no more" * doctest::test_suite("i
         CHECK(pixels_of(test::to_bytes(file.substr(0, file.size() - without))) == whole);
     for (std::size_t without = 5; without < file.size(); ++without) {
         CAPTURE(without);
-        CHECK_FALSE(
-            decode_image(test::to_bytes(file.substr(0, file.size() - without)), side_max, bytes_max)
-                .has_value());
+        CHECK_FALSE(decode_image(test::to_bytes(file.substr(0, file.size() - without)), side_max,
+                                 picture_bytes_max)
+                        .has_value());
     }
 }
 
 TEST_CASE("an oversized picture is refused by its header" * doctest::test_suite("images")) {
     if (!test::have_images()) return;
     const Bytes wide = raw_png(5000, 2, 8, 0, std::string("\0\x10", 2));
-    const auto too_wide = decode_image(wide, side_max, bytes_max);
+    const auto too_wide = decode_image(wide, side_max, picture_bytes_max);
     REQUIRE_FALSE(too_wide.has_value());
     CHECK(too_wide.error().code == ErrorCode::limit_exceeded);
     const auto too_many =
@@ -175,7 +176,8 @@ TEST_CASE("a PNG cut anywhere is an error" * doctest::test_suite("images")) {
     // The last 12 bytes are the end chunk, which holds no pixel.
     for (std::size_t length = 0; length + 12 < file->size(); length += 37) {
         CAPTURE(length);
-        CHECK_FALSE(decode_image(std::span(*file).first(length), side_max, bytes_max).has_value());
+        CHECK_FALSE(
+            decode_image(std::span(*file).first(length), side_max, picture_bytes_max).has_value());
     }
 }
 
@@ -188,11 +190,11 @@ TEST_CASE("a JPEG cut anywhere is an error" * doctest::test_suite("shared scenes
     const std::size_t at = text.find("\xFF\xD8\xFF\xE0");
     REQUIRE(at != std::string_view::npos);
     const auto rest = std::span(scene).subspan(at);
-    REQUIRE(decode_image(rest, side_max, bytes_max).has_value());
+    REQUIRE(decode_image(rest, side_max, picture_bytes_max).has_value());
     const std::size_t end = text.find("\xFF\xD9", at) + 2 - at;
     for (std::size_t length = 0; length < end; length += 97) {
         CAPTURE(length);
-        CHECK_FALSE(decode_image(rest.first(length), side_max, bytes_max).has_value());
+        CHECK_FALSE(decode_image(rest.first(length), side_max, picture_bytes_max).has_value());
     }
 }
 
@@ -200,7 +202,7 @@ TEST_CASE("only PNG, JPEG and WebP are decoded" * doctest::test_suite("images"))
     if (!test::have_images()) return;
     for (const char* magic : {"BM", "GIF89a", "v/1\x01", "DDS ", "II*", "P6\n", "RIFF1234AVI "}) {
         const auto image =
-            decode_image(test::to_bytes(magic + std::string(64, 'x')), side_max, bytes_max);
+            decode_image(test::to_bytes(magic + std::string(64, 'x')), side_max, picture_bytes_max);
         REQUIRE_FALSE(image.has_value());
         CHECK(image.error().code == ErrorCode::scene_unsupported);
     }
