@@ -68,6 +68,7 @@ Failure become_dask(const Options& options, bool by_python) {
     words.insert(words.end(), options.words.begin(), options.words.end());
     if (options.quiet) words.insert(words.begin(), "--quiet");
     if (options.json) words.insert(words.begin(), "--json");
+    name_daemon();  // it draws heat maps
     return become_python("raynest._command", std::move(words));
 }
 

@@ -234,8 +234,7 @@ void declare(CommandLine& line, HeatmapOptions& heatmap) {
             return "--part: give --fail-if to raynest merge, which has the counts of all pixels";
         if (is_part && extension_of(heatmap.output) != ".exr")
             return "--part: makes a .exr alone: write that, and raynest merge joins the parts, "
-                   "also "
-                   "to a .npy; a legend and a report need all rays at once";
+                   "also to a .png or a .npy; a report needs all rays at once";
         if (heatmap.output.empty() && !has_detach && heatmap.top == 0 && heatmap.fail_if.empty())
             return "--output, --top or --fail-if is required";
         if (heatmap.output.empty() && heatmap.top != 0 &&

@@ -1,6 +1,7 @@
 // raynest merge OUT PARTS...: joins the files of --part, by the Python package.
 #include "client/commands/command.h"
 #include "client/ground/python.h"
+#include "client/net/local_daemon.h"
 
 namespace raynest::client {
 namespace {
@@ -13,6 +14,7 @@ struct MergeOptions {
 
 /// The program becomes the one that joins them, or this fails.
 Failure become_merge(const MergeOptions& options, bool json) {
+    name_daemon();  // it draws heat maps
     std::vector<std::string> words;
     if (json) words.emplace_back("--json");
     for (const std::string& limit : options.limits) {
@@ -30,8 +32,8 @@ void declare(CommandLine& line, MergeOptions& merge) {
     line.add_option(
             "OUT", merge.output,
             "FILE.npz, FILE.png or FILE.exr that the parts become; parts in .npz with the column "
-            "position also become FILE.ply, .pcd or .las, and parts in .png or of heat maps "
-            "FILE.npy")
+            "position also become FILE.ply, .pcd or .las, parts in .png or of heat maps "
+            "FILE.npy, and parts of heat maps FILE.png")
         .required();
     line.add_options("PART", merge.parts, "files that --part has written, in any order");
     line.add_each(

@@ -46,6 +46,12 @@ tl::unexpected<Failure> cannot_start(const std::string& why) {
 
 }  // namespace
 
+void name_daemon() {
+    // No other thread has started yet.
+    if (const auto program = find_daemon())
+        ::setenv("RAYNESTD", program->c_str(), 0);  // NOLINT(concurrency-mt-unsafe)
+}
+
 Result<LocalDaemon> LocalDaemon::start() {
     const auto program = find_daemon();
     if (!program)

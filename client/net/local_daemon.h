@@ -9,6 +9,10 @@
 
 namespace raynest::client {
 
+/// Tells the program that this process becomes which raynestd it is to start, by RAYNESTD, unless that is set: the one beside
+/// this program, else the one on PATH.
+void name_daemon();
+
 /// A raynestd that listens on a Unix socket in a temporary folder, which only its user can open. It
 /// ends with this object, and with this process whatever ends that.
 class LocalDaemon {

@@ -3,6 +3,7 @@
 #include "protocol/subject.h"
 #include "protocol/text.h"
 #include "server/daemon/check_command.h"
+#include "server/daemon/draw_command.h"
 #include "server/security/certificates.h"
 #include "server/security/file_place.h"
 #include "server/security/quotas.h"
@@ -397,6 +398,7 @@ std::optional<int> run_command(int argc, const char* const* argv) {
         if (is_usage) return failed(usage, exit_usage);
         return command.run(words, is_json ? Form::json : Form::text);
     }
+    if (word == "draw") return draw_heat_map(std::cin, std::cout, std::cerr);
     if (word != "tls" && word != "token") return std::nullopt;
     if (const std::string fault = command_fault(word, argc > 2 ? argv[2] : ""); !fault.empty())
         return failed(fault + "; see raynestd " + std::string(word) + " --help", exit_usage);

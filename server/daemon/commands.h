@@ -1,5 +1,5 @@
 // The subcommands of raynestd that start no daemon: `tls` makes certificates, `token` edits the
-// token file, `check`, `backup`, `restore` and `gc` care for a state folder.
+// token file, `check`, `backup`, `restore` and `gc` care for a state folder, `draw` draws a heat map.
 #pragma once
 
 #include <optional>

@@ -205,7 +205,10 @@ private:
                                   statistics_, options_)
                    : heat_picture(payload.width, payload.height, counts, statistics_, options_);
         if (!picture) return tl::unexpected(picture.error());
-        auto file = encode_png(picture->width, picture->height, picture->rgba, heat_attributes());
+        // In the order of an EXR's header: raynest merge draws the same file of parts.
+        auto attributes = heat_attributes();
+        std::ranges::sort(attributes, {}, &Attribute::name);
+        auto file = encode_png(picture->width, picture->height, picture->rgba, attributes);
         if (!file) return tl::unexpected(file.error());
         return Payload{picture->width, picture->height, std::move(*file)};
     }
@@ -260,10 +263,16 @@ private:
         attributes.push_back({"raynest:metric", options_.metric});
         attributes.push_back({"raynest:count", options_.count});
         // A tile does not know the counts of the others: it says what was asked for.
-        if (request().window.is_whole())
+        // And how the whole is drawn of all tiles.
+        if (request().window.is_whole()) {
             attributes.push_back({"raynest:range", range_text(statistics_)});
-        else
+        } else {
             attributes.push_back({"raynest:range_asked", options_.range});
+            attributes.push_back({"raynest:palette", options_.palette});
+            attributes.push_back({"raynest:scale", options_.scale});
+            attributes.push_back(
+                {"raynest:view", fmt::format("{}", fmt::join(options_.view, "\n"))});
+        }
         add_selection(form_.selected, attributes);
         if (other_) {
             const Plan& other = other_->counted;

@@ -226,16 +226,16 @@ Reply<Answer> heatmap(const Services& services, const Caller& caller,
             fmt::format("the scene {}: its trees, and so these counts, may differ from those of "
                         "the same content loaded afresh",
                         plan.time ? "is at a moment of its animation" : "was edited"));
+    const AskedPixels pixels = asked_pixels(*message.table);
     if (std::string note =
             idle_colours_note(protocol::text(message->palette()), options->scale, form->file);
-        !note.empty())
+        !note.empty() && pixels.window.is_whole())  // of tiles a picture may be drawn
         plan.notes.push_back(std::move(note));
     if (const auto known = check_level(metric.counter, levels); !known)
         return refuse(Code::invalid_field, known.error().message);
     std::vector<HeatMetric> metrics = metrics_of(metric, *form, levels);
 
     const CameraRequest camera = camera_request(message->camera());
-    const AskedPixels pixels = asked_pixels(*message.table);
     const auto [width, height] = pixels.size();
     if (!pixels.window.is_whole() && (form->document || form->file == "png"))
         return refuse(Code::invalid_field,

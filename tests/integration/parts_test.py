@@ -145,6 +145,40 @@ class Parts(DaemonTest):
                 self.assertIn(b"raynest:range\0", whole.read_bytes())
                 self.assertEqual(whole.read_bytes(), self.merged(f"heat{number}.exr", made).read_bytes())
 
+    def test_parts_of_heat_maps_are_drawn(self):
+        for number, words in enumerate(((), ("--palette", "viridis", "--scale", "log", "--range", "auto"), ("--range", "12.5:100"),
+                                        ("--metric", "boxes.1", "--count", "necessary"), ("--diff", "mask=1"), ("--hide", "oak-*"),
+                                        ("--camera", "0", "--metric", "rejects"))):
+            with self.subTest(words=words):
+                whole, out = self.out / f"whole{number}.png", self.out / f"drawn{number}.png"
+                self.done("heatmap", "woods", "--size", "200x150", *words, "-o", whole)
+                _, made = self.parts(f"drawn{number}.exr", 3, "heatmap", "woods", "--size", "200x150", *words)
+                self.done("merge", out, *made)
+                self.assertEqual(out.read_bytes(), whole.read_bytes())
+        for path in made:
+            path.write_bytes(path.read_bytes().replace(b"raynest:palette", b"raynest:pallete"))
+        self.refused(5, "does not say how it is drawn", "merge", out, *made)
+        with self.subTest("no daemon"):
+            self.client.environment["RAYNESTD"] = "/nowhere/raynestd"
+            self.addCleanup(self.client.environment.pop, "RAYNESTD")
+            for path in made:
+                path.write_bytes(path.read_bytes().replace(b"raynest:pallete", b"raynest:palette"))
+            self.refused(1, "cannot start /nowhere/raynestd, which draws heat maps: .*; install raynest here, or write an .exr",
+                         "merge", out, *made)
+
+    def test_what_raynestd_cannot_draw(self):
+        asked = {"width": 2, "height": 1, "differs": False, "metric": "total", "palette": "turbo", "scale": "linear", "range": "auto",
+                 "count": "traversed", "view": ["woods"], "attributes": {}}
+        for said, words, counts in (("fewer counts than pixels", asked, 1), ("for raynest merge", {**asked, "metric": 3}, 2),
+                                    ("has 1 to", {**asked, "width": 0}, 2), ("has 1 to", {**asked, "height": 1 << 31}, 2),
+                                    ("palette", {**asked, "palette": "none"}, 2), ("for raynest merge", {}, 2), ("", asked, 2)):
+            with self.subTest(said, words=words):
+                done = subprocess.run([self.raynestd, "draw"], capture_output=True,
+                                      input=json.dumps(words).encode() + b"\n" + bytes(4 * counts))
+                self.assertEqual((done.returncode, done.stderr.count(b"\n")), (int(bool(said)), int(bool(said))))
+                self.assertIn(said, done.stderr.decode())
+                self.assertEqual(done.stdout[:4], b"" if said else b"\x89PNG")
+
     def test_parts_become_arrays(self):
         size = ("--size", "200x150")
         for number, (ending, words) in enumerate((("png", ("render", "woods", *size)),

@@ -7,9 +7,11 @@ import inspect
 import json
 import os
 import re
+import struct
 import subprocess
 import sys
 import typing
+import zlib
 
 import distributed
 import numpy as np
@@ -19,7 +21,7 @@ import raynest
 from daemon import PATIENCE
 from animation_test import travelling
 from raynest import _command, generators, returns
-from raynest._requests import exr, loads
+from raynest._requests import exr, loads, png
 from with_cluster import WithCluster, many
 from with_daemon import main, rain
 
@@ -28,6 +30,16 @@ OTHER = "builtin:forest?trees=5"
 SWEEP = generators.lidar([-20, -10, 0], (0, 360, 500), look_at=((0, 9, 0), (1, 9, 0)))
 # A red sky.
 HDR = b"#?RADIANCE\nFORMAT=32-bit_rle_rgbe\n\n-Y 2 +X 4\n" + bytes((200, 20, 10, 129)) * 8
+
+
+def drawn_of(file):
+    """The pixels of a PNG."""
+    at, packed = 8, b""
+    while at < len(file):
+        size, kind = struct.unpack_from(">I4s", file, at)
+        packed += file[at + 8:at + 8 + size] if kind == b"IDAT" else b""
+        at += 12 + size
+    return png.unfiltered(zlib.decompress(packed), struct.unpack_from(">I", file, 16)[0])
 
 
 class Rows:
@@ -308,6 +320,12 @@ class Forms(WithCluster):
         heat = ("heatmap", SCENE, "--size", "96x64")
         self.carried(cluster, *heat, "-o", "many.npy")
         np.testing.assert_array_equal(np.load(self.out / "many.npy"), self.woods.heatmap(size=(96, 64)))
+        drawn = (*heat, "--palette", "viridis", "-o")
+        self.carried(cluster, *drawn, "many.png")
+        self.one(*drawn, "one.png")
+        many, one = (drawn_of((self.out / name).read_bytes()) for name in ("many.png", "one.png"))
+        np.testing.assert_array_equal(many[:64], one[:64])      # below it stands the scene's name, which workers choose
+        self.assertEqual(many.shape, one.shape)
         done = self.carried(cluster, *heat, "--fail-if", "total.max>1e9", "--fail-if=total.min<0", "-o", "many.exr")
         self.assertRegex(done.stdout, r"\ntotal.max is \d+, not above 1000000000: ok\ntotal.min is \d+, not below 0: ok\n$")
         done = self.command(cluster, *heat, "--fail-if", "total.max>1", "-o", "many.exr")
@@ -325,7 +343,7 @@ class Forms(WithCluster):
         self.one(*words, "one.ply")
         self.assertEqual((self.out / "many.ply").read_bytes(), (self.out / "one.ply").read_bytes())
         for words, said in (((*heat, "--top", "3", "-o", "x.exr"), "leave it out, or --dask"),
-                            ((*heat, "-o", "x.png"), "a heat map is written as .exr or .npy")):
+                            ((*heat, "-o", "x.html"), "a heat map is written as .png, .exr or .npy")):
             done = self.command(cluster, *words)
             self.assertEqual((done.returncode, done.stderr.count("\n")), (2, 1), done.stderr)
             self.assertIn(said, done.stderr)

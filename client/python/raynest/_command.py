@@ -158,9 +158,9 @@ def _ending(command: str, out: str) -> str:
     """The ending of the parts of a file."""
     ending = os.path.splitext(out)[1].lower()
     is_heat = command == "heatmap"
-    if ending not in PARTS_OF or is_heat and ending not in (".exr", ".npy"):
+    if ending not in PARTS_OF or is_heat and ending not in (".exr", ".npy", ".png"):
         raise UsageError(f"{out}: with --dask " + (
-            "a heat map is written as .exr or .npy; its legend and report are made by one daemon" if is_heat else
+            "a heat map is written as .png, .exr or .npy; its report is made by one daemon" if is_heat else
             "an answer is written as .npz, .png, .exr or .npy, or as a point cloud: .ply, .pcd or .las"))
     return ".exr" if is_heat else PARTS_OF[ending][0]
 

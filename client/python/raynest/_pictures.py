@@ -1,8 +1,11 @@
 """Parts of pictures, .png and .exr, as `raynest merge` reads and joins them."""
 from __future__ import annotations
 
+import json
+import os
 import re
 import struct
+import subprocess
 import zlib
 from typing import Any, NamedTuple, Sequence
 
@@ -12,13 +15,15 @@ from ._heat import range_text
 from ._requests.exr import LINES, MAGIC, ZIP, block_of, blocks_of, channel_count, header_of, read_exr, unpacked
 from ._requests.film import UNSAMPLED
 from ._requests.png import unfiltered
-from .errors import InvalidError, ProtocolError
+from .errors import FailedError, InvalidError, ProtocolError
 
 EXACT = 1 << 24             # below it float32 has all whole numbers
 PNG = b"\x89PNG\r\n\x1a\n"
 EXR = struct.pack("<II", MAGIC, 2)
 SIDE_MAX = 1 << 20
 PIXELS_MAX = 1 << 30
+# What the header of a part has and that of the whole has not.
+OF_PARTS = ("raynest:tile", "raynest:request", "raynest:range_asked", "raynest:palette", "raynest:scale", "raynest:view")
 _FILTERS = range(5)          # filters for a PNG's row
 TILE = re.compile(r"(\d{1,7}) (\d{1,7}) (\d{1,7}) (\d{1,7}) of (\d{1,7})x(\d{1,7})\Z")
 
@@ -182,10 +187,7 @@ def join_npy(parts: Sequence[Part]) -> tuple[Any, str]:
     else:
         made = _counted(parts)
         if _differs(parts):
-            if (np.abs(made) >= EXACT).any():
-                raise InvalidError(f"{parts[0].path}: an .exr has differences of {EXACT} or more rounded: let one machine "
-                                   "write the .npy", "FILE_INVALID")
-            made = made.astype("<i4")
+            made = _exact(parts, made)
     return lambda file: np.save(file, made), _rows_of_pixels(parts)
 
 
@@ -211,11 +213,44 @@ def _unsampled(like: Part, first: int, rows: int) -> Part:
     return like._replace(first=first, rows=rows, body=(like.body[0], blocks))
 
 
+def join_drawn(parts: Sequence[Part]) -> tuple[bytes, str]:
+    """The picture of a heat map, as `raynest heatmap` makes it: raynestd draws it."""
+    counts, asked = _counted(parts), parts[0].request
+    if _differs(parts):
+        counts = _exact(parts, counts)
+    first = dict((name, value) for name, kind, value in parts[0].body[0] if kind == "string")
+    try:
+        attributes = {name: value.decode(errors="replace") for name, value in first.items()
+                      if name == "Software" or name.startswith("raynest:") and name not in OF_PARTS}
+        attributes["raynest:range"] = range_text(asked["raynest:range_asked"], counts.ravel(), _differs(parts))
+        words = {"width": asked["width"], "height": parts[0].of, "differs": _differs(parts),
+                 **{name: asked["raynest:" + name] for name in ("metric", "palette", "scale", "count")},
+                 "range": asked["raynest:range_asked"], "view": asked["raynest:view"].split("\n"), "attributes": attributes}
+    except (LookupError, ValueError) as error:
+        raise InvalidError(f"{parts[0].path}: does not say how it is drawn: {error}", "FILE_INVALID") from None
+    named = os.environ.get("RAYNESTD") or "raynestd"
+    try:
+        done = subprocess.run([named, "draw"], input=json.dumps(words).encode() + b"\n" + counts.tobytes(), capture_output=True)
+    except OSError as error:
+        raise FailedError(f"cannot start {named}, which draws heat maps: {error.strerror}; install raynest here, or write an "
+                          ".exr or .npy") from None
+    if done.returncode:
+        raise FailedError(f"{named} cannot draw it: {done.stderr.decode(errors='replace').strip()}")
+    return done.stdout, _rows_of_pixels(parts)
+
+
+def _exact(parts: Sequence[Part], differences: Any) -> Any:
+    if (np.abs(differences) >= EXACT).any():
+        raise InvalidError(f"{parts[0].path}: an .exr has differences of {EXACT} or more rounded: let one machine make the whole",
+                           "FILE_INVALID")
+    return differences.astype("<i4")
+
+
 def _exr_of(parts: Sequence[Part], fields: Sequence[tuple[str, str, bytes]]) -> bytes:
     window = struct.pack("<4i", 0, 0, parts[0].request["width"] - 1, parts[0].of - 1)
     head = EXR
     for name, kind, value in fields:
-        if name in ("raynest:tile", "raynest:request"):
+        if name in OF_PARTS:
             continue
         value = window if name in ("dataWindow", "displayWindow") else value
         head += name.encode() + b"\0" + kind.encode() + b"\0" + struct.pack("<I", len(value)) + value

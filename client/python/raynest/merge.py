@@ -3,7 +3,7 @@
 Each part says which scene (digest, epoch) and request it is of, and which rows it has. An .exr is the file of the
 whole picture, byte by byte; a .png has its pixels, and a .npz its columns. Parts in .npz with the column position, or
 sensor_position, also become a point cloud: a .ply, .pcd or .las. Parts in .png, and those of heat maps, also become a
-.npy. With --fail-if the limits of a heat map are checked.
+.npy. Those of heat maps become a .png too, which raynestd draws. With --fail-if the limits of a heat map are checked.
 """
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ from typing import Any, Callable, Optional, Sequence
 import numpy as np
 
 from ._heat import check, limit_of, line_of, tell_exceeded
-from ._pictures import Part, counts_of, filled, join_exr, join_npy, join_png, read_exr_part, read_png
+from ._pictures import Part, counts_of, filled, join_drawn, join_exr, join_npy, join_png, read_exr_part, read_png
 from ._requests.columns import OF_HITS, REDUCED
 from ._requests.npz import write_npz
 from ._told import carry_out, fail
@@ -31,7 +31,7 @@ from .errors import FailedError, InvalidError, UsageError
 from .points import ENDINGS, formatted, place_of
 
 # Endings of files, and those of the parts that become one.
-PARTS_OF = {".npz": (".npz",), ".png": (".png",), ".exr": (".exr",), ".npy": (".png", ".exr"),
+PARTS_OF = {".npz": (".npz",), ".png": (".png", ".exr"), ".exr": (".exr",), ".npy": (".png", ".exr"),
             **dict.fromkeys(ENDINGS, (".npz",))}
 # Words for what parts may differ in, and the order in which that is told; the last one comes after all other keys.
 FOREIGN = {"hash": ("scene", "its digest"), "epoch": ("epoch of the scene", "it"), "request": ("request", "the options' digest")}
@@ -59,6 +59,8 @@ def merge(out: str, paths: Sequence[str], limits: Sequence[str] = (), late: bool
         join = functools.partial(_join_points, ending)
     elif ending == ".npy":
         join = join_npy
+    elif ending == ".png" and of_parts == ".exr":
+        join = join_drawn
     parts = []
     for path in paths:
         if os.path.splitext(path)[1].lower() != of_parts:
