@@ -104,7 +104,7 @@ TEST_CASE("a holder is charged for what it opened, whatever the owner puts in it
     CHECK(used("you") == large);
     scenes.disconnect(later);
     CHECK(used("you") == small);
-    // What has become smaller may grow again, but not at the expense of those who hold it.
+    // A scene that has become smaller may grow again, but not at the expense of those who hold it.
     const ConnectionId early{"early", scenes.connect()};
     REQUIRE(scenes.open("me/town", early));
     CHECK(used("early") == large);
