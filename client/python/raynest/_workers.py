@@ -79,7 +79,7 @@ class NoRoom(BusyError):
     where = ""
 
 
-class _Files:
+class Files:
     """The files of a scene that a daemon lacks: from the same path, if that has the same bytes, else from the cluster."""
 
     def __init__(self, source: Source, elsewhere: set[str]) -> None:
@@ -149,7 +149,7 @@ class Host(Daemon):
 
     def _load(self, client: Client, source: Source, name: str) -> Scene:
         assert source.message is not None
-        files = _Files(source, self._elsewhere)
+        files = Files(source, self._elsewhere)
         load = Load({**source.message, "name": name}, files.read, need=files.need)
         with self._turn():
             try:

@@ -22,7 +22,7 @@ import numpy as np
 
 import raynest.dask as many
 from raynest._travel import PIECE_BYTES
-from raynest._workers import item
+from raynest._workers import Files, item
 
 NOWHERE = many.prepare("/nowhere")     # a scene that no item asks for
 
@@ -96,7 +96,9 @@ class Cluster:
 
 def fetched(host, source, _options):
     """An item that fetches a scene's files, and loads nothing."""
-    return sum(piece.nbytes for number in range(len(source.files())) for piece in host._read(source, number))
+    files, numbers = Files(source, host._elsewhere), range(len(source.files()))
+    files.need(numbers)
+    return sum(piece.nbytes for number in numbers for piece in files.read(number))
 
 
 def on_all(cluster, scene, method):
