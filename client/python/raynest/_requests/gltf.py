@@ -137,6 +137,8 @@ def in_use(points: Array, corners: Array) -> tuple[Array, Array]:
     if len(points) <= corners.size:
         return points, corners
     used, numbers = np.unique(corners, return_inverse=True)
+    if not np.isfinite(points[used]).all():     # an error names them by their numbers
+        return points, corners
     return points[used], numbers.reshape(corners.shape)
 
 
