@@ -1,5 +1,5 @@
 // raynest login URI: keeps a token that the daemon accepts in hosts.toml, with copies of the
-// certificates.
+// certificates, or these alone.
 #include "client/commands/command.h"
 #include "client/ground/json.h"
 #include "client/net/hosts.h"
@@ -42,10 +42,13 @@ private:
     const bool is_terminal_;
 };
 
-/// Asks for the token on the terminal, without showing it, or reads it from stdin.
-Result<std::string> ask_token(const std::string& uri) {
+/// Asks for the token on the terminal, without showing it, or reads it from stdin. Empty if there is none, which
+/// `may_lack` allows.
+Result<std::string> ask_token(const std::string& uri, bool may_lack) {
     const Hidden hidden;
-    if (hidden.is_terminal()) std::cerr << "Token for " << uri << ": " << std::flush;
+    if (hidden.is_terminal())
+        std::cerr << "Token for " << uri << (may_lack ? " (empty: the certificate alone): " : ": ")
+                  << std::flush;
     constexpr std::size_t token_bytes_max = 4096;
     std::array<char, token_bytes_max + 1> line{};
     std::cin.getline(line.data(), line.size());
@@ -54,7 +57,7 @@ Result<std::string> ask_token(const std::string& uri) {
                                      std::to_string(token_bytes_max) + " bytes");
     std::string token = line.data();
     while (!token.empty() && (token.back() == '\r' || token.back() == ' ')) token.pop_back();
-    if (token.empty())
+    if (token.empty() && !may_lack)
         return fail(Exit::usage, "no token came; it is the last line of: raynestd token add NAME");
     return token;
 }
@@ -88,7 +91,7 @@ namespace {
 class Login final : public CommandOf<LoginOptions> {
     [[nodiscard]] const std::string* uri() const override { return &options_.uri; }
     Result<void> identify(const std::string& uri, Access& access) const override {
-        auto token = ask_token(uri);
+        auto token = ask_token(uri, !access.tls.certificate.empty());
         if (!token) return tl::unexpected<Failure>(token.error());
         access.token = std::move(*token);
         return check_secrecy(uri, access.token);

@@ -213,7 +213,7 @@ Result<void> keep_host(const std::string& uri, const KeptHost& host) {
     if (!hosts) return tl::unexpected<Failure>(hosts.error());
     const std::string name = comparable(uri);
     toml::table entry;
-    entry.insert("token", host.token);
+    if (!host.token.empty()) entry.insert("token", host.token);
     for (const auto& [key, value] : files) {
         if ((host.*value).empty() || !name.starts_with("tls://")) continue;
         const auto content = read_regular(host.*value, file_bytes_max, false);

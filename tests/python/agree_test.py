@@ -134,6 +134,16 @@ class Hosts(WithConfig):
         done = self.run_raynest(*options, "login", uri, words=self.secret + "\n")
         self.assertEqual(done.returncode, 0, done.stderr)
 
+    def test_a_certificate_is_kept_without_a_token(self):
+        none = self.run_raynest("--ca", self.certificates.ca, "login", self.uri, words="\n")
+        self.assertEqual(none.returncode, 2)
+        self.assertIn("no token came", none.stderr)
+        done = self.run_raynest("--ca", self.certificates.ca, *self.certificates.client, "login", self.uri, words="\n")
+        self.assertEqual(done.returncode, 0, done.stderr)
+        self.assertIn("as CN=raynest-client", done.stdout)
+        self.assertNotIn("token", self.hosts.read_text())
+        self.says(self.uri, 0)
+
     def test_a_broken_line_does_not_block_the_others(self):
         entry = f'["{self.uri}"]\ntoken = "{self.secret}"\nca = "{self.certificates.ca}"\n'
         for broken, number in ((f"nonsense\n{entry}", 1), (entry + "token = broken\n", 4),
