@@ -160,8 +160,7 @@ std::uint64_t ScenePoser::held_by(const std::string& principal) const {
     return bytes;
 }
 
-void ScenePoser::drop_idle() {
-    const auto now = Clock::now();
+void ScenePoser::drop_idle(Clock::time_point now) {
     for (auto own = own_.begin(); own != own_.end();) {
         std::erase_if(own->second.kept, [&](const Posed& posed) {
             return !posed.is_in_use() && now - posed.used > kept_time;

@@ -63,7 +63,7 @@ public:
     /// Returns how many bytes of --memory are kept for a principal.
     [[nodiscard]] std::uint64_t held_by(const std::string& principal) const;
     /// Frees what nobody has used for kept_time.
-    void drop_idle();
+    void drop_idle(Clock::time_point now = Clock::now());
 
 private:
     struct Posed {

@@ -167,6 +167,37 @@ TEST_CASE("a request that was cancelled while it waited is not made, and holds u
     CHECK(asking.found == Seconds{0.1, 0.2, 0.3, 0.4, 0.9});
 }
 
+TEST_CASE("what nobody has used for a while is freed, and not before") {
+    Asking asking;
+    const auto request = asking.ask(0.5);
+    asking.run_tasks();
+    asking.end_one();
+    REQUIRE(asking.found.size() == 1);
+    (void)asking.poser.take_wanted();  // which holds what was found
+    const auto begun = ScenePoser::Clock::now();
+    const std::uint64_t held = asking.poser.held_by("me");
+    CHECK(held != 0);
+    asking.poser.drop_idle(begun + ScenePoser::kept_time - std::chrono::seconds(1));
+    CHECK(asking.poser.held_by("me") == held);
+    asking.poser.drop_idle(begun + ScenePoser::kept_time + std::chrono::milliseconds(1));
+    CHECK(asking.poser.held_by("me") == 0);
+    CHECK(asking.daemon.budget.held_by("me") == asking.scene.snapshot().bytes().size());
+}
+
+TEST_CASE("what is to be made has memory for the scene twice, or nothing is begun") {
+    Asking asking;
+    Budget& budget = asking.daemon.budget;
+    const std::uint64_t scene = asking.scene.snapshot().bytes().size();
+    for (const std::uint64_t halves : {3U, 5U}) {
+        CAPTURE(halves);
+        // Four fifths of what is free are room.
+        const std::uint64_t free = 5 * halves * scene / 8;
+        const auto rest = budget.reserve(budget.limit() - budget.used() - free);
+        const auto request = asking.ask(0.5);
+        CHECK(asking.run_tasks() == (halves < 4 ? 0 : 1));
+    }
+}
+
 TEST_CASE("those who have gone take no room among those who wait") {
     Waiters waiters;
     std::vector<std::shared_ptr<Waiters::Awake>> stay;
