@@ -10,6 +10,9 @@
 
 #include <doctest/doctest.h>
 
+#include <algorithm>
+#include <cstdint>
+#include <numeric>
 #include <optional>
 #include <utility>
 #include <vector>
@@ -78,6 +81,43 @@ TEST_CASE("the rays of a frame have one mask each, or none") {
     CHECK(refusal_of("masks", wire::Dtype::u32, 3) == Code::invalid_field);
     CHECK(refusal_of("masks", wire::Dtype::u8, 2) == Code::invalid_field);
     CHECK(refusal_of("mask", wire::Dtype::u32, 2) == Code::invalid_field);
+}
+
+/// A frame of rays with these masks, or with none.
+protocol::Frame frame_of_masks(std::uint64_t first, std::uint64_t count,
+                               const std::vector<std::uint32_t>& masks) {
+    protocol::Bulk bulk;
+    bulk.add("rays", wire::Dtype::f32, 8, count);
+    if (!masks.empty()) bulk.add("masks", wire::Dtype::u32, 1, masks.size());
+    bulk.allocate();
+    std::ranges::fill(bulk.block_as<float>(0), 1.0F);
+    if (!masks.empty()) std::ranges::copy(masks, bulk.block_as<std::uint32_t>(1).begin());
+    wire::QueryRaysT rays;
+    rays.first_ray = first;
+    return protocol::encode(1, std::move(rays), std::move(bulk)).value();
+}
+
+TEST_CASE("rays of a frame without masks meet everything, and masks count over all frames") {
+    constexpr std::uint64_t each = 40;
+    const protocol::Limits limits;
+    REQUIRE(each < limits.ray_masks_max);
+    REQUIRE(2 * each > limits.ray_masks_max);
+    Budget budget(1 << 20);
+    RayInput input(3 * each, 1, limits, budget, "me");
+    std::vector<std::uint32_t> masks(each);
+    std::iota(masks.begin(), masks.end(), 100U);
+    REQUIRE(input.feed(frame_of_masks(0, each, masks)));
+    REQUIRE(input.feed(frame_of_masks(each, each, {})));
+    std::ranges::transform(masks, masks.begin(), [](std::uint32_t mask) { return mask + 1000; });
+    REQUIRE(input.feed(frame_of_masks(2 * each, each, masks)));
+    TraceBuffers buffers(budget);
+    const auto found = input.masks(each - 1, 3, buffers);
+    REQUIRE(found);
+    CHECK(std::vector(found->begin(), found->end()) ==
+          std::vector<std::uint32_t>{100 + each - 1, ~0U, ~0U});
+    CHECK(input.masks(0, each, buffers));
+    // Each of them alone has few.
+    CHECK(input.masks(2 * each, each, buffers).error().code == Code::limit_exceeded);
 }
 
 TEST_CASE("a failed GPU call of several frames is traced again in full") {
