@@ -236,6 +236,19 @@ class Dealt(WithCluster):
         self.assertLess(len(given), 7)
         self.assertEqual(deal._taker(None), self.other)
 
+    def test_a_worker_that_goes_on_failing_is_left_out_for_longer_but_is_better_than_nobody(self):
+        deal = self.deal({}, patience=1000)
+        deal._open[0] = {"another copy": time.monotonic()}
+        error, held = OSError("it is broken"), []
+        error.raynest_where = where = f"the worker {self.first}"
+        for _ in range(5):
+            deal._failed(0, unittest.mock.Mock(status="error", exception=lambda: error))
+            held.append(round((deal._failures[where].until - time.monotonic()) / 1000))
+        self.assertEqual(held, [1, 2, 4, 8, 8])
+        self.assertEqual(deal._fit(None), [self.other])
+        deal._no_room[self.other] = _workers.NoRoom("it has none")
+        self.assertEqual(deal._fit(None), [self.first])
+
     def test_ctrl_c_ends_what_this_machine_makes(self):
         cluster = self.cluster(0)
         cluster.environment["RAYNESTD"] = "/nowhere"

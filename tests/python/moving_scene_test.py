@@ -161,6 +161,11 @@ class MovingScene(WithDaemon):
             seen = scene.trace(made, fields=("t",))["t"]
             np.testing.assert_allclose(seen, face(made.time), atol=1e-4, err_msg=f"{scans} scans of {columns} columns")
         self.assertIn("where parts of it jump, 3 times", " ".join(self.client.outcome["notes"]))
+        # A part has the jumps of its own scans.
+        for scan, jumps in enumerate(("", "jump, 2 times", "", "jump, 1 time")):
+            scene.trace(made.part(500 * scan, 500), fields=("t",))
+            said, = [note for note in self.client.outcome["notes"] if note.startswith("the scene moved")]
+            self.assertEqual(said.endswith(jumps) if jumps else "jump" not in said, True, said)
         shot = generators.rolling_shutter(5000.0, size=(2, 60), begin=0, end=.99, step_error=1.0, trajectory=(
             known, [[[0, 0, -1, 0], [0, 1, 0, 0], [1, 0, 0, 0]]] * 2))
         np.testing.assert_allclose(scene.trace(shot, fields=("t",))["t"], face(shot.time), atol=1e-3)
