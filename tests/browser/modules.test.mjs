@@ -50,6 +50,25 @@ test("what the rays of a camera look at has no digits of noise", async () => {
   for (const x of cameraOfRays(rays, { center: [0, 0, 0], radius: 2 }).at) assert.ok(x === 0 || Math.abs(x) > 1e-6, String(x));
 });
 
+test("a camera is followed by its name, and edits are counted", async () => {
+  const { changesText, sameCamera } = await import(new URL("follow.js", web));
+  const before = { cameras: ["front", "top"], epoch: 1, hash: "1" };
+  assert.equal(sameCamera("1", before, { cameras: ["top"] }), "0");
+  assert.equal(sameCamera("1", { cameras: ["", ""] }, { cameras: [""] }), "");
+  // A scene that has cameras now is seen by its own, not from where everything is seen.
+  assert.equal(sameCamera("automatic", {}, { cameras: ["front"] }), "");
+  assert.equal(sameCamera("automatic", {}, {}), "automatic");
+  const after = { ...before, hash: "2", refits: 1, last_edit: "1 instance moved" };
+  assert.equal(changesText(before, { ...after, epoch: 2 }), "1 instance moved");
+  assert.equal(changesText(before, { ...after, epoch: 3 }), "2 edits, the last one 1 instance moved");
+});
+
+test("a request names the moment that is shown", async () => {
+  const { momentOf } = await import(new URL("requests.js", web));
+  assert.deepEqual(momentOf({ time: 0.5, animation: 1 }), { timed: true, time: 0.5, animation: "1" });
+  assert.deepEqual(momentOf({ time: "", animation: 1 }), {});
+});
+
 test("an animation is followed by its name", async () => {
   const { changesText, sameAnimation } = await import(new URL("follow.js", web));
   const before = { animations: ["walk", "run"], hash: "1" };
