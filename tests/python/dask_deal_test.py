@@ -249,6 +249,14 @@ class Dealt(WithCluster):
         deal._no_room[self.other] = _workers.NoRoom("it has none")
         self.assertEqual(deal._fit(None), [self.first])
 
+    def test_an_answer_with_rows_for_other_rays_is_none(self):
+        splits, t = np.array([0, 2, 3, 3]), np.zeros(3)
+        for fits, rays, is_reduced, answer in (
+                (True, 3, False, {"t": t}), (False, 4, False, {"t": t}), (True, 4, True, {"t": t}),
+                (True, 3, False, {"ray_splits": splits, "t": t}), (False, 4, False, {"ray_splits": splits, "t": np.zeros(4)}),
+                (False, 3, False, {"ray_splits": splits, "t": np.zeros(7)}), (False, 3, False, [t]), (False, 3, True, {"t": 1})):
+            self.assertEqual(many._has_rows(rays, is_reduced, answer), fits, (rays, answer))
+
     def test_ctrl_c_ends_what_this_machine_makes(self):
         cluster = self.cluster(0)
         cluster.environment["RAYNESTD"] = "/nowhere"
