@@ -27,4 +27,16 @@ Result<void> check_by_python(const RenderOptions& render);
 Failure become_program(QueryOptions query, const DaemonPlace& place);
 Failure become_program(RenderOptions render, const DaemonPlace& place);
 
+/// A command that the Python package carries out where is_by_python() says so of its options.
+template <class Options>
+class PythonCommandOf : public CommandOf<Options> {
+    [[nodiscard]] Result<bool> is_by_python() const override {
+        if (!client::is_by_python(this->options_)) return false;
+        return check_by_python(this->options_).map([] { return true; });
+    }
+    [[nodiscard]] Failure become_program(const DaemonPlace& place) const override {
+        return client::become_program(this->options_, place);
+    }
+};
+
 }  // namespace raynest::client

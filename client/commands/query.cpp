@@ -299,7 +299,7 @@ Result<void> run(Context& context, const QueryOptions& options) {
 
 namespace {
 
-class Query final : public CommandOf<QueryOptions> {
+class Query final : public PythonCommandOf<QueryOptions> {
     [[nodiscard]] bool is_safe(const Failure& why) const override {
         return is_job_safe(options_.job, why) &&
                (options_.rays_file.empty() || is_file(options_.rays_file)) &&
@@ -312,15 +312,6 @@ class Query final : public CommandOf<QueryOptions> {
             generate->points.empty())
             parts.most = std::max<std::uint64_t>(1, sensor_rays(generate->message) / part_rays);
         return parts;
-    }
-    [[nodiscard]] Result<bool> is_by_python() const override {
-        if (!client::is_by_python(options_)) return false;
-        if (auto fits = check_by_python(options_); !fits)
-            return tl::unexpected<Failure>(fits.error());
-        return true;
-    }
-    [[nodiscard]] Failure become_program(const DaemonPlace& place) const override {
-        return client::become_program(options_, place);
     }
 };
 

@@ -92,18 +92,9 @@ Result<void> run(Context& context, const RenderOptions& options) {
 
 namespace {
 
-class Render final : public CommandOf<RenderOptions> {
+class Render final : public PythonCommandOf<RenderOptions> {
     [[nodiscard]] std::optional<Parts> parts() const override {
         return picture_parts(options_, samples_of(options_));
-    }
-    [[nodiscard]] Result<bool> is_by_python() const override {
-        if (!client::is_by_python(options_)) return false;
-        if (auto fits = check_by_python(options_); !fits)
-            return tl::unexpected<Failure>(fits.error());
-        return true;
-    }
-    [[nodiscard]] Failure become_program(const DaemonPlace& place) const override {
-        return client::become_program(options_, place);
     }
 };
 
