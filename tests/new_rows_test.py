@@ -136,7 +136,8 @@ Reply<Answer> echo(const Services& services, const Caller& caller,
 
 
 def add_shading(tree):
-    """A material that glows by its roughness, and a light that shines alike at any distance."""
+    """A material that glows by a factor of its own, and a light that shines alike at any distance, as much as a number
+    of its own says."""
     (tree.root / "engine/shading/glow.h").write_text("""\
 #pragma once
 
@@ -146,7 +147,7 @@ namespace raynest {
 
 struct Glow : Unlit {
     Glow(const MaterialPoint& point, const Vec3& outgoing) : Unlit(point, outgoing) {
-        colour = Vec3(point.roughness, 0, 0);
+        colour = Vec3(point.layers.glow, 0, 0);
     }
 };
 
@@ -161,16 +162,23 @@ namespace raynest {
 
 struct EvenLight {
     static constexpr bool distant = false;
-    static float power(const LightRecord& light) { return brightness(light.intensity); }
+    static constexpr std::array numbers{LightNumber{"gain", 1, 0, 10}};
+    static float power(const LightRecord& light) {
+        return light.own[0] * brightness(light.intensity);
+    }
     static LightSample sample(const LightRecord& light, const Vec3& from, const Vec2& u) {
         LightSample sample = PointLight::sample(light, from, u);
-        sample.radiance = light.intensity;
+        sample.radiance = light.own[0] * light.intensity;
         return sample;
     }
 };
 
 }  // namespace raynest
 """)
+    tree.edit("engine/shading/material_layers.def", r"(?m)^#undef RAYNEST_MATERIAL_LAYER$",
+              'RAYNEST_MATERIAL_LAYER(RAYNEST_materials_glow, l.glow > 0)\n'
+              'RAYNEST_MATERIAL_LAYER_FACTOR(RAYNEST_materials_glow, "glowFactor", float, glow, 0, 0, 10)\n\n'
+              '#undef RAYNEST_MATERIAL_LAYER')
     tree.add_row("engine/shading/materials.def", "RAYNEST_MATERIAL(unlit", ("unlit, Unlit",), ("glow, Glow",))
     tree.add_row("engine/shading/lights.def", "RAYNEST_LIGHT(spot", ("spot, SpotLight",), ("even, EvenLight",))
 
@@ -346,20 +354,29 @@ class NewRows(Written):
         scene = self.scratch / f"{name}.gltf"
         scene.write_text(lit_scene(material, light))
         self.raynest("load", scene, "--name", name)
-        picture = self.scratch / f"{name}.png"
-        self.raynest("render", name, "--integrator", "direct", "--spp", "4", "--size", "8x8", "--lookat",
+        return self.picture_of(name)
+
+    def picture_of(self, scene):
+        picture = self.scratch / f"{pathlib.Path(scene).stem}.png"
+        self.raynest("render", scene, "--integrator", "direct", "--spp", "4", "--size", "8x8", "--lookat",
                      "0,0,2,0,0,0", "--fov", "40", "--env", "none", "--tonemap", "none", "--exposure", "0",
                      "-o", picture)
         return png_mean(picture)
 
     def test_a_material_and_a_light_of_a_file_are_named_by_extras(self):
         point = {"type": "point", "intensity": 1}
-        glow = {"pbrMetallicRoughness": {"roughnessFactor": 1}, "extras": {"raynest": {"material": "glow"}}}
+        glow = {"extensions": {"RAYNEST_materials_glow": {"glowFactor": 1}}, "extras": {"raynest": {"material": "glow"}}}
         self.assertEqual([round(x) for x in self.mean_of("glowing", glow, point)][:2], [255, 0])
         plain = {"pbrMetallicRoughness": {"metallicFactor": 0}}
-        even = {**point, "intensity": 3, "extras": {"raynest": {"light": "even"}}}
+        even = {**point, "extras": {"raynest": {"light": "even", "gain": 3}}}
         self.assertLess(self.mean_of("dark", plain, point)[1], 10)
         self.assertGreater(self.mean_of("even", plain, even)[1], 200)
+        # An export has them, too.
+        for name, shown in (("glowing", 0), ("even", 1)):
+            again = self.scratch / f"{name}-again.glb"
+            self.raynest("export", name, "-o", again)
+            self.assertEqual(self.raynest("info", again, "--json").count("not supported"), 0)
+            self.assertGreater(self.picture_of(again)[shown], 200)
 
     def test_a_request_is_answered(self):
         told = self.python("print(client.connection.ask('Echo', {'text': 'hello'}, 'Echoed')['text'])\n"

@@ -6,8 +6,10 @@
 //         static LightSample sample(const LightRecord& light, const Vec3& from, const Vec2& u);
 //     };
 //
-// A new light is one header and one row in lights.def. A file names it by `extras.raynest.light` in a
-// light of KHR_lights_punctual.
+// If it has `static constexpr std::array numbers{LightNumber{"name", otherwise, least, most}, ...}`,
+// LightRecord::own holds those, in this order. A new light is one header and one row in lights.def.
+// A file names it by `extras.raynest.light` in a light of KHR_lights_punctual, and its numbers
+// beside that.
 #pragma once
 
 #include "engine/shading/records.h"
@@ -17,6 +19,12 @@
 #include <limits>
 
 namespace raynest {
+
+/// A number that lights of one kind have for themselves.
+struct LightNumber {
+    const char* name;
+    float otherwise, least, most;
+};
 
 /// A direction in which a point sees a light.
 struct LightSample {

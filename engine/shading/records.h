@@ -8,6 +8,7 @@
 
 #include <cstddef>
 #include <cstdint>
+#include <type_traits>
 
 namespace raynest {
 
@@ -25,46 +26,51 @@ enum class TextureSlot : std::uint8_t {
     occlusion,
     emission,
     transmission,
-    clearcoat,
-    clearcoat_roughness,
-    clearcoat_normal,
-    sheen,
-    sheen_roughness,
-    specular,
-    specular_colour,
-    iridescence,
-    iridescence_thickness,
-    anisotropy,
+#define RAYNEST_MATERIAL_LAYER_MAP(extension, word, slot) slot,
+#include "engine/shading/material_layers.def"
     base,
 };
 inline constexpr auto surface_textures = static_cast<std::size_t>(TextureSlot::base);
 
+/// The channels of a texel, and its colour.
+namespace texel {
+inline float red(const Vec4& t) {
+    return t.x;
+}
+inline float green(const Vec4& t) {
+    return t.y;
+}
+inline float blue(const Vec4& t) {
+    return t.z;
+}
+inline float alpha(const Vec4& t) {
+    return t.w;
+}
+inline Vec3 colour(const Vec4& t) {
+    return Vec3(t);
+}
+}  // namespace texel
+
 /// True if a texture holds colours, in sRGB; others hold data.
 [[nodiscard]] constexpr bool has_colours(TextureSlot slot) {
-    return slot == TextureSlot::base || slot == TextureSlot::emission ||
-           slot == TextureSlot::sheen || slot == TextureSlot::specular_colour;
+    switch (slot) {
+        case TextureSlot::base:
+        case TextureSlot::emission:
+            return true;
+#define RAYNEST_MATERIAL_LAYER_TEXTURE(extension, word, slot, factor, channel) \
+    case TextureSlot::slot:                                                    \
+        return std::is_same_v<decltype(texel::channel(Vec4())), Vec3>;
+#include "engine/shading/material_layers.def"
+        default:
+            return false;
+    }
 }
 
-/// Factors of KHR_materials_ clearcoat, sheen, specular, iridescence and anisotropy. The defaults
-/// add nothing.
+/// Factors of the extensions in material_layers.def. The defaults add nothing.
 struct Layers {
-    float clearcoat = 0;
-    float clearcoat_roughness = 0;
-    float clearcoat_normal_scale = 1;
-    Vec3 sheen{0};
-    float sheen_roughness = 0;
-    float specular = 1;
-    Vec3 specular_colour{1};
-    float iridescence = 0;
-    float iridescence_ior = 1.3F;
-    float thickness_least = 100, thickness_most = 400;  ///< the iridescent film's, in nanometres
-    float anisotropy = 0;
-    float anisotropy_turn = 0;  ///< radians, from the tangent towards the bitangent
-
-    [[nodiscard]] bool add_something() const {
-        return clearcoat > 0 || sheen != Vec3(0) || specular != 1 || specular_colour != Vec3(1) ||
-               iridescence > 0 || anisotropy > 0;
-    }
+#define RAYNEST_MATERIAL_LAYER_FACTOR(extension, word, Type, name, otherwise, least, most) \
+    Type name{otherwise};
+#include "engine/shading/material_layers.def"
 };
 
 /// How a material scatters and emits light; base colour and alpha are in its MaterialRecord.
@@ -81,7 +87,7 @@ struct SurfaceRecord {
     float attenuation_distance = 0;  ///< 0: the solid absorbs nothing
     Vec3 attenuation_colour{1};      ///< what is left of white after attenuation_distance
     std::uint32_t unused = 0;
-    Layers layers;  ///< for the kind `layered`
+    Layers layers;
     TextureUse textures[surface_textures];
 
     [[nodiscard]] TextureUse& use(TextureSlot slot) {
@@ -90,13 +96,40 @@ struct SurfaceRecord {
     [[nodiscard]] const TextureUse& use(TextureSlot slot) const {
         return textures[static_cast<std::size_t>(slot)];
     }
+    [[nodiscard]] bool has(TextureSlot slot) const { return use(slot).texture != no_id; }
 };
-static_assert(sizeof(SurfaceRecord) == 612);
+// No padding (scene/format.h).
+static_assert(sizeof(SurfaceRecord) ==
+              16 * sizeof(float) + sizeof(Layers) + surface_textures * sizeof(TextureUse));
+
+enum class Layer : std::uint8_t {
+#define RAYNEST_MATERIAL_LAYER(extension, condition) extension,
+#include "engine/shading/material_layers.def"
+};
+
+/// True if that layer adds something to what the surface is without.
+[[nodiscard]] inline bool adds(Layer layer, const SurfaceRecord& s) {
+    [[maybe_unused]] const Layers& l = s.layers;
+    switch (layer) {
+#define RAYNEST_MATERIAL_LAYER(extension, condition) \
+    case Layer::extension:                           \
+        return condition;
+#include "engine/shading/material_layers.def"
+    }
+    return false;
+}
+
+/// True if one of the layers does.
+[[nodiscard]] inline bool has_layers(const SurfaceRecord& surface) {
+    return false
+#define RAYNEST_MATERIAL_LAYER(extension, condition) || raynest::adds(Layer::extension, surface)
+#include "engine/shading/material_layers.def"
+        ;
+}
 
 /// True if tangents of vertices change how the surface looks.
 [[nodiscard]] inline bool needs_tangents(const SurfaceRecord& surface) {
-    return surface.use(TextureSlot::normal).texture != no_id ||
-           surface.use(TextureSlot::clearcoat_normal).texture != no_id ||
+    return surface.has(TextureSlot::normal) || surface.has(TextureSlot::clearcoat_normal) ||
            surface.layers.anisotropy > 0;
 }
 
@@ -113,18 +146,20 @@ struct TextureLevels {
     std::uint32_t linear = 0;          ///< 1: data; 0: colours in sRGB
 };
 
+/// Numbers that a light has for itself, at most.
+inline constexpr std::size_t light_numbers_max = 4;
+
 /// A light that the file places: KHR_lights_punctual, and lights of shading/lights.def by name.
 struct LightRecord {
     std::uint32_t kind = 0;  ///< shading_type() of a name of shading/lights.def
     std::uint32_t name = 0;  ///< offset in `names`
     Vec3 position{0};
-    Vec3 direction{0, 0, -1};  ///< unit vector, away from the light
-    Vec3 intensity{0};         ///< colour x intensity: candela, or lux of a distant light
-    float range = 0;           ///< metres; 0: endless
-    float inner_cosine = 1;    ///< full light within the inner cone, none outside the outer one
-    float outer_cosine = 0;
+    Vec3 direction{0, 0, -1};        ///< unit vector, away from the light
+    Vec3 intensity{0};               ///< colour x intensity: candela, or lux of a distant light
+    float range = 0;                 ///< metres; 0: endless
+    float own[light_numbers_max]{};  ///< what the kind's `numbers` name (light.h)
 };
-static_assert(sizeof(LightRecord) == 56);
+static_assert(sizeof(LightRecord) == 64);
 
 /// Identifies a material or light by name; never 0. The engine's own names and those of a copy of
 /// the tree share one space.

@@ -37,12 +37,17 @@ bool is_used(const GeometryRecord& geometry, const TextureUse& use) {
            geometry.texcoords[use.texcoord] != no_offset;
 }
 
+/// True if materials of a kind read Layers: `layered`, and what a copy of the tree adds.
+constexpr bool reads_layers(std::uint32_t kind) {
+    return kind != 0 && kind != shading_type("standard") && kind != shading_type("unlit");
+}
+
 /// The texture whose coordinates give the frame of normal textures and of anisotropy; null where
 /// nothing needs a frame or the geometry has no coordinates.
 const TextureUse* tangent_use(const GeometryRecord& geometry, const SurfaceRecord& surface) {
     const TextureUse& normal = surface.use(TextureSlot::normal);
     if (is_used(geometry, normal)) return &normal;
-    if (surface.kind != shading_type("layered")) return nullptr;
+    if (!reads_layers(surface.kind)) return nullptr;
     const TextureUse& coat = surface.use(TextureSlot::clearcoat_normal);
     if (surface.layers.clearcoat > 0 && is_used(geometry, coat)) return &coat;
     const TextureUse& brushed = surface.use(TextureSlot::anisotropy);
@@ -223,41 +228,25 @@ Vec3 normal_of(const UnfinishedPoint& from, TextureSlot slot, float scale) {
     return has_bumps ? bent_to_reflect(n, from.viewer, from.point.normal) : n;
 }
 
-/// The textures of Layers that matter, and the frame that some of them refer to.
+/// The textures of the layers that matter.
 template <class LookUp>
-void begin_layers(const LookUp& look_up_if, UnfinishedPoint& out) {
-    const Layers& layers = out.point.material.layers;
-    look_up_if(layers.clearcoat > 0, TextureSlot::clearcoat);
-    look_up_if(layers.clearcoat > 0, TextureSlot::clearcoat_roughness);
-    look_up_if(layers.clearcoat > 0, TextureSlot::clearcoat_normal);
-    look_up_if(!is_black(layers.sheen), TextureSlot::sheen);
-    look_up_if(!is_black(layers.sheen), TextureSlot::sheen_roughness);
-    look_up_if(layers.specular > 0, TextureSlot::specular);
-    look_up_if(layers.specular > 0, TextureSlot::specular_colour);
-    look_up_if(layers.iridescence > 0, TextureSlot::iridescence);
-    look_up_if(layers.iridescence > 0, TextureSlot::iridescence_thickness);
-    look_up_if(layers.anisotropy > 0, TextureSlot::anisotropy);
+void begin_layers(const LookUp& look_up_if, const SurfaceRecord& surface) {
+#define RAYNEST_MATERIAL_LAYER_MAP(extension, word, slot) \
+    look_up_if(adds(Layer::extension, surface), TextureSlot::slot);
+#include "engine/shading/material_layers.def"
 }
 
-/// Multiplies the factors of Layers by their textures, in the channels that the extensions name.
+/// Multiplies the factors of Layers by their textures.
 void finish_layers(UnfinishedPoint& from) {
     MaterialPoint& material = from.point.material;
     Layers& layers = material.layers;
-    if (const Vec4* texel = from.texel(TextureSlot::clearcoat)) layers.clearcoat *= texel->x;
-    if (const Vec4* texel = from.texel(TextureSlot::clearcoat_roughness))
-        layers.clearcoat_roughness *= texel->y;
-    if (const Vec4* texel = from.texel(TextureSlot::sheen)) layers.sheen *= Vec3(*texel);
-    if (const Vec4* texel = from.texel(TextureSlot::sheen_roughness))
-        layers.sheen_roughness *= texel->w;
-    if (const Vec4* texel = from.texel(TextureSlot::specular)) layers.specular *= texel->w;
-    if (const Vec4* texel = from.texel(TextureSlot::specular_colour))
-        layers.specular_colour *= Vec3(*texel);
-    if (const Vec4* texel = from.texel(TextureSlot::iridescence)) layers.iridescence *= texel->x;
+#define RAYNEST_MATERIAL_LAYER_TEXTURE(extension, word, slot, factor, channel) \
+    if (const Vec4* t = from.texel(TextureSlot::slot)) layers.factor *= texel::channel(*t);
+#include "engine/shading/material_layers.def"
     material.film_thickness = layers.thickness_most;
     if (const Vec4* texel = from.texel(TextureSlot::iridescence_thickness))
         material.film_thickness =
             layers.thickness_least + texel->y * (layers.thickness_most - layers.thickness_least);
-    if (const Vec4* texel = from.texel(TextureSlot::anisotropy)) layers.anisotropy *= texel->z;
 }
 
 /// The coat's normal and the direction of anisotropy. After the point's frame is known.
@@ -394,9 +383,9 @@ void begin_point(const ShadingView& view, const Ray& ray, const HitRecord& hit, 
     look_up_if(!is_black(material.emission), TextureSlot::emission);
     look_up_if(material.transmission > 0, TextureSlot::transmission);
     look_up_if(true, TextureSlot::normal);
-    if (point.kind == shading_type("layered")) {
+    if (reads_layers(point.kind)) {
         material.layers = surface.layers;
-        begin_layers(look_up_if, out);
+        begin_layers(look_up_if, surface);
     }
     if (const TextureUse* use = tangent_use(geometry, surface))
         set_tangents(view, geometry, shading, *use, corners, placement, out);
@@ -408,7 +397,7 @@ const ShadingPoint& finish_point(UnfinishedPoint& from) {
     if (const Vec4* texel = from.texel(TextureSlot::base)) material.base_colour *= Vec3(*texel);
     material.base_colour *= from.tint;
     for (int c = 0; c < 3; ++c) material.base_colour[c] = clamped(material.base_colour[c]);
-    if (point.kind == shading_type("layered")) finish_layers(from);
+    if (reads_layers(point.kind)) finish_layers(from);
     if (const Vec4* texel = from.texel(TextureSlot::metallic_roughness)) {
         material.roughness *= texel->y;
         material.metallic *= texel->z;
@@ -420,7 +409,7 @@ const ShadingPoint& finish_point(UnfinishedPoint& from) {
     const bool has_bumps = has_normal(from, TextureSlot::normal);
     point.frame = basis_around(normal_of(from, TextureSlot::normal, scale));
     if (has_bumps) material.smooth = point.frame.to_local(point.front ? from.n : -from.n);
-    if (point.kind == shading_type("layered")) finish_directions(from);
+    if (reads_layers(point.kind)) finish_directions(from);
     return point;
 }
 

@@ -4,6 +4,7 @@
 #include "engine/shading/materials.h"
 #include "engine/shading/texture_lookup.h"
 
+#include <algorithm>
 #include <array>
 #include <cmath>
 
@@ -27,6 +28,13 @@ std::optional<std::uint32_t> kind_of(const Names& names, std::string_view name) 
 }
 
 template <class Names>
+const char* name_of(const Names& names, std::uint32_t kind) {
+    for (const char* known : names)
+        if (shading_type(known) == kind) return known;
+    return nullptr;
+}
+
+template <class Names>
 std::string joined(const Names& names) {
     std::string text;
     for (const char* name : names) text.append(text.empty() ? "" : ", ").append(name);
@@ -45,6 +53,39 @@ std::optional<std::uint32_t> material_kind(std::string_view name) {
 
 std::optional<std::uint32_t> light_kind(std::string_view name) {
     return kind_of(lights, name);
+}
+
+const char* material_name(std::uint32_t kind) {
+    return name_of(materials, kind);
+}
+
+const char* light_name(std::uint32_t kind) {
+    return name_of(lights, kind);
+}
+
+std::span<const LightNumber> light_numbers(std::uint32_t kind) {
+    return with_light(kind, []<class Light>(Light /*light*/) -> std::span<const LightNumber> {
+        if constexpr (requires { Light::numbers; }) {
+            static_assert(Light::numbers.size() <= light_numbers_max);
+            return Light::numbers;
+        } else {
+            return {};
+        }
+    });
+}
+
+void set_kind(LightRecord& light, std::uint32_t kind) {
+    light.kind = kind;
+    const auto numbers = light_numbers(kind);
+    std::ranges::fill(light.own, 0.0F);
+    std::ranges::transform(numbers, light.own, &LightNumber::otherwise);
+}
+
+float* light_number(LightRecord& light, std::string_view name) {
+    const auto numbers = light_numbers(light.kind);
+    for (std::size_t i = 0; i < numbers.size(); ++i)
+        if (name == numbers[i].name) return &light.own[i];
+    return nullptr;
 }
 
 std::string material_names() {

@@ -242,12 +242,19 @@ float cosine_of(const Value& degrees) {
 }
 
 Light read_light(const Value& value) {
-    value.only({"name", "type", "position", "direction", "colour", "intensity", "range", "inner",
-                "outer"});
+    std::vector<std::string_view> known{"name",      "type",  "position", "direction", "colour",
+                                        "intensity", "range", "inner",    "outer"};
+    const std::string type =
+        value.has("type") && value.at("type").is_text() ? value.at("type").text() : "";
+    const auto kind = light_kind(type);
+    // Cones are given as angles.
+    std::span<const LightNumber> numbers;
+    if (kind && type != "spot") numbers = light_numbers(*kind);
+    for (const LightNumber& number : numbers) known.emplace_back(number.name);
+    value.only(known);
     Light light;
     if (value.has("name")) light.name = value.at("name").text();
-    const std::string type = value.at("type").text();
-    const auto kind = light_kind(type);
+    static_cast<void>(value.at("type").text());
     if (!kind)
         value.at("type").refuse_it(
             fmt::format("'{}' is none of {}", one_line(type, 60), light_names()));
@@ -259,7 +266,7 @@ Light read_light(const Value& value) {
     if (!is_spot && (value.has("inner") || value.has("outer")))
         value.refuse_it("has a cone and is no spot");
     LightRecord& record = light.record;
-    record.kind = *kind;
+    set_kind(record, *kind);
     if (type != "directional") light.position = value.at("position").vector();
     for (int i = 0; i < 3; ++i)
         if (!(std::abs(light.position[i]) <= double{coordinate_max}))
@@ -283,11 +290,18 @@ Light read_light(const Value& value) {
         }
     }
     if (value.has("range")) record.range = static_cast<float>(light_number(value.at("range")));
+    for (const LightNumber& number : numbers) {
+        if (!value.has(number.name)) continue;
+        const auto given = static_cast<float>(value.at(number.name).number());
+        if (!(given >= number.least && given <= number.most))
+            value.at(number.name)
+                .refuse_it(fmt::format("is not from {:g} to {:g}", number.least, number.most));
+        *light_number(record, number.name) = given;
+    }
     if (is_spot) {
-        record.inner_cosine = value.has("inner") ? cosine_of(value.at("inner")) : 1;
-        record.outer_cosine =
-            value.has("outer") ? cosine_of(value.at("outer")) : std::numbers::sqrt2_v<float> / 2;
-        if (!(record.outer_cosine <= record.inner_cosine))
+        if (value.has("inner")) record.own[0] = cosine_of(value.at("inner"));
+        if (value.has("outer")) record.own[1] = cosine_of(value.at("outer"));
+        if (!(record.own[1] <= record.own[0]))
             value.refuse_it("has an 'inner' cone that is wider than the 'outer' one");
     }
     return light;

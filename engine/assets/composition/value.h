@@ -16,6 +16,7 @@
 #include <cstdint>
 #include <initializer_list>
 #include <optional>
+#include <span>
 #include <string>
 #include <string_view>
 #include <utility>
@@ -46,6 +47,9 @@ public:
 
     /// Fails where there are members beside these.
     const Value& only(std::initializer_list<std::string_view> known) const {
+        return only(std::span(known.begin(), known.size()));
+    }
+    const Value& only(std::span<const std::string_view> known) const {
         if (!json_.is_object()) refuse_it("is no object of members in braces");
         for (const auto& [key, value] : json_.items()) {
             if (std::ranges::find(known, key) != known.end()) continue;

@@ -4,6 +4,7 @@
 #include "engine/scene/format.h"
 #include "engine/scene/snapshot.h"
 #include "engine/scene/texture_levels.h"
+#include "engine/shading/types.h"
 
 #include <algorithm>
 #include <cmath>
@@ -44,14 +45,20 @@ bool has_levels(const TextureRecord& texture, const TextureLevels& levels, std::
     return levels.offset <= bytes && total <= bytes - levels.offset;
 }
 
-bool is_sound(const Layers& l) {
-    return in_unit(l.clearcoat) && in_unit(l.clearcoat_roughness) &&
-           std::isfinite(l.clearcoat_normal_scale) && not_negative(l.sheen) &&
-           in_unit(l.sheen_roughness) && in_unit(l.specular) && not_negative(l.specular_colour) &&
-           in_unit(l.iridescence) && l.iridescence_ior >= 1 && std::isfinite(l.iridescence_ior) &&
-           l.thickness_least >= 0 && std::isfinite(l.thickness_least) && l.thickness_most >= 0 &&
-           std::isfinite(l.thickness_most) && in_unit(l.anisotropy) &&
-           std::isfinite(l.anisotropy_turn);
+bool is_within(float x, float least, float most) {
+    return x >= least && x <= most;
+}
+bool is_within(const Vec3& v, float least, float most) {
+    return is_within(v.x, least, most) && is_within(v.y, least, most) &&
+           is_within(v.z, least, most);
+}
+
+bool is_sound(const Layers& layers) {
+    return true
+#define RAYNEST_MATERIAL_LAYER_FACTOR(extension, word, Type, name, otherwise, least, most) \
+    &&is_within(layers.name, least, most)
+#include "engine/shading/material_layers.def"
+        ;
 }
 
 }  // namespace
@@ -67,13 +74,21 @@ bool is_sound(const SurfaceRecord& s, std::uint64_t textures) {
                        [&](const TextureUse& use) { return is_sound_use(use, textures); });
 }
 
+/// Those of its own; what its kind does not name is 0.
+bool has_sound_numbers(const LightRecord& light) {
+    const auto numbers = light_numbers(light.kind);
+    for (std::size_t i = 0; i < numbers.size(); ++i)
+        if (!is_within(light.own[i], numbers[i].least, numbers[i].most)) return false;
+    return std::all_of(light.own + numbers.size(), std::end(light.own),
+                       [](float x) { return x == 0; });
+}
+
 bool is_sound(const LightRecord& light) {
     const Vec3& p = light.position;
     const float length2 = glm::dot(light.direction, light.direction);
     return std::isfinite(p.x) && std::isfinite(p.y) && std::isfinite(p.z) && length2 > 0.99F &&
            length2 < 1.01F && not_negative(light.intensity) && light.range >= 0 &&
-           std::isfinite(light.range) && light.inner_cosine <= 1 && light.inner_cosine >= -1 &&
-           light.outer_cosine <= light.inner_cosine && light.outer_cosine >= -1;
+           std::isfinite(light.range) && has_sound_numbers(light);
 }
 
 Result<void> check_shading(std::span<const std::byte> arena, const SceneView& view) {

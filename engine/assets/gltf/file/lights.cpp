@@ -6,7 +6,9 @@
 #include <fmt/format.h>
 
 #include <cmath>
+#include <limits>
 #include <numbers>
+#include <utility>
 
 namespace raynest::gltf {
 namespace {
@@ -14,15 +16,37 @@ namespace {
 /// Brighter lights would make the power of all lights infinite. The sun has 3e27 candela.
 constexpr float intensity_most = 1e30F;
 
-/// Cones as the extension wants them: 0 <= inner < outer <= half of pi.
+/// Cones as the extension wants them: 0 <= inner < outer <= half of pi. Those of a kind without
+/// them are left alone.
 bool read_cone(const tinygltf::SpotLight& spot, LightRecord& light) {
     const double inner = spot.innerConeAngle;
     const double outer = spot.outerConeAngle;
     if (!(inner >= 0 && outer > 0 && inner <= outer && outer <= std::numbers::pi / 2 + 1e-4))
         return false;
-    light.inner_cosine = static_cast<float>(std::cos(inner));
-    light.outer_cosine = static_cast<float>(std::cos(outer));
+    for (const auto& [name, angle] : {std::pair{"inner_cosine", inner}, {"outer_cosine", outer}})
+        if (float* cosine = light_number(light, name))
+            *cosine = static_cast<float>(std::cos(angle));
     return true;
+}
+
+/// Reads the numbers that the light's kind has for itself.
+void read_numbers(const tinygltf::Value& extras, const std::string& where, LightRecord& light,
+                  Model& model) {
+    const tinygltf::Value* const own = member(extras, "raynest");
+    if (own == nullptr) return;
+    for (const LightNumber& number : light_numbers(light.kind)) {
+        const tinygltf::Value* const given = member(*own, number.name);
+        if (given == nullptr) continue;
+        const auto value = given->IsNumber() ? static_cast<float>(given->GetNumberAsDouble())
+                                             : std::numeric_limits<float>::quiet_NaN();
+        if (value >= number.least && value <= number.most)
+            *light_number(light, number.name) = value;
+        else
+            model.odd.add(where,
+                          fmt::format("extras.raynest.{} is not from {:g} to {:g}; {:g} is "
+                                      "used",
+                                      number.name, number.least, number.most, number.otherwise));
+    }
 }
 
 }  // namespace
@@ -46,7 +70,8 @@ Result<void> convert_lights(tinygltf::Model& file, Model& model) {
         if (!known) {
             light.fault = fmt::format("has the unknown type '{}'", one_line(kind, 60));
         } else {
-            light.record.kind = *known;
+            set_kind(light.record, *known);
+            read_numbers(in.extras, where, light.record, model);
         }
         glm::dvec3 colour(1);
         if (in.color.size() == 3) colour = {in.color[0], in.color[1], in.color[2]};
@@ -64,14 +89,11 @@ Result<void> convert_lights(tinygltf::Model& file, Model& model) {
             light.record.range = range;
         else
             model.odd.add(where, "its range is negative or not finite; it shines endlessly");
-        if (in.type == "spot" && !read_cone(in.spot, light.record)) {
+        if (in.type == "spot" && !read_cone(in.spot, light.record))
             model.odd.add(where,
                           in.spot.innerConeAngle == cone_of_no_spot
                               ? "it has no member spot; cone angles of 0 and 45 degrees are used"
                               : "its cone angles are out of range; 0 and 45 degrees are used");
-            light.record.inner_cosine = 1;
-            light.record.outer_cosine = std::numbers::sqrt2_v<float> / 2;
-        }
         model.lights.push_back(std::move(light));
     }
     // Nodes are there already: the light of each.

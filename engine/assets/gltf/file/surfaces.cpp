@@ -13,18 +13,15 @@ namespace {
 
 /// Extensions of materials that are read, here or with the base colour.
 constexpr std::array supported = {
-    "KHR_materials_unlit",      "KHR_materials_emissive_strength",
-    "KHR_materials_ior",        "KHR_materials_transmission",
-    "KHR_materials_volume",     "KHR_materials_pbrSpecularGlossiness",
-    "KHR_materials_clearcoat",  "KHR_materials_sheen",
-    "KHR_materials_specular",   "KHR_materials_iridescence",
-    "KHR_materials_anisotropy",
+    "KHR_materials_unlit",  "KHR_materials_emissive_strength",
+    "KHR_materials_ior",    "KHR_materials_transmission",
+    "KHR_materials_volume", "KHR_materials_pbrSpecularGlossiness",
+#define RAYNEST_MATERIAL_LAYER(extension, condition) #extension,
+#include "engine/shading/material_layers.def"
 };
 
 constexpr double ior_most = 10;
 constexpr double emission_most = 1e12;
-constexpr double specular_most = 1e3;  ///< beyond 1 where the index is low, as the extension says
-constexpr double thickness_max = 1e5;  ///< for an iridescent film, in nanometres
 
 class SurfaceReader {
 public:
@@ -64,12 +61,8 @@ public:
                                      : in_range("ior", value, 1, ior_most, 1.5);
         }
         if (auto done = read_transmission(surface); !done) return done;
-        if (auto done = read_coat(surface); !done) return done;
-        if (auto done = read_sheen(surface); !done) return done;
-        if (auto done = read_specular(surface); !done) return done;
-        if (auto done = read_iridescence(surface); !done) return done;
-        if (auto done = read_anisotropy(surface); !done) return done;
-        if (surface.layers.add_something()) surface.kind = shading_type("layered");
+        if (auto done = read_layers(surface); !done) return done;
+        if (has_layers(surface)) surface.kind = shading_type("layered");
         name_unsupported();
         return read_kind(surface);
     }
@@ -139,10 +132,6 @@ private:
             extensions == nullptr ? nullptr : member(*extensions, "KHR_texture_transform"), use);
     }
 
-    /// A factor from 0 to 1 of an extension.
-    float share(const tinygltf::Value& of, const char* name, double otherwise) {
-        return in_range(name, number(of, name, otherwise), 0, 1, otherwise);
-    }
     Vec3 colour_in(const tinygltf::Value& of, const char* name, double most,
                    const std::array<double, 3>& otherwise) {
         std::array<double, 3> value = otherwise;
@@ -155,72 +144,28 @@ private:
                       Vec3(glm::dvec3(otherwise[0], otherwise[1], otherwise[2])));
     }
 
-    Result<void> read_coat(SurfaceRecord& surface) {
-        const auto* coat = extension("KHR_materials_clearcoat");
-        if (coat == nullptr) return {};
-        surface.layers.clearcoat = share(*coat, "clearcoatFactor", 0);
-        surface.layers.clearcoat_roughness = share(*coat, "clearcoatRoughnessFactor", 0);
-        if (const auto* normal = member(*coat, "clearcoatNormalTexture"))
-            surface.layers.clearcoat_normal_scale =
-                in_range("clearcoatNormalTexture.scale", number(*normal, "scale", 1), -1e3, 1e3, 1);
-        return all_of(
-            {use_in(*coat, "clearcoatTexture", surface.use(TextureSlot::clearcoat)),
-             use_in(*coat, "clearcoatRoughnessTexture",
-                    surface.use(TextureSlot::clearcoat_roughness)),
-             use_in(*coat, "clearcoatNormalTexture", surface.use(TextureSlot::clearcoat_normal))});
+    /// A number of an extension, or of one of its textures: `word` names that before a dot.
+    void take(const tinygltf::Value& of, const std::string& word, float least, float most,
+              float& factor) {
+        const std::size_t dot = word.find('.');
+        const tinygltf::Value* const at =
+            dot == std::string::npos ? &of : member(of, word.substr(0, dot).c_str());
+        if (at == nullptr) return;
+        const char* const name = word.c_str() + (dot == std::string::npos ? 0 : dot + 1);
+        factor = in_range(word.c_str(), number(*at, name, factor), least, most, factor);
+    }
+    void take(const tinygltf::Value& of, const std::string& word, float /*least*/, float most,
+              Vec3& factor) {
+        factor = colour_in(of, word.c_str(), most, {factor.x, factor.y, factor.z});
     }
 
-    Result<void> read_sheen(SurfaceRecord& surface) {
-        const auto* sheen = extension("KHR_materials_sheen");
-        if (sheen == nullptr) return {};
-        surface.layers.sheen = colour_in(*sheen, "sheenColorFactor", 1, {0, 0, 0});
-        surface.layers.sheen_roughness = share(*sheen, "sheenRoughnessFactor", 0);
-        return all_of(
-            {use_in(*sheen, "sheenColorTexture", surface.use(TextureSlot::sheen)),
-             use_in(*sheen, "sheenRoughnessTexture", surface.use(TextureSlot::sheen_roughness))});
-    }
-
-    Result<void> read_specular(SurfaceRecord& surface) {
-        const auto* specular = extension("KHR_materials_specular");
-        if (specular == nullptr) return {};
-        surface.layers.specular = share(*specular, "specularFactor", 1);
-        surface.layers.specular_colour =
-            colour_in(*specular, "specularColorFactor", specular_most, {1, 1, 1});
-        return all_of(
-            {use_in(*specular, "specularTexture", surface.use(TextureSlot::specular)),
-             use_in(*specular, "specularColorTexture", surface.use(TextureSlot::specular_colour))});
-    }
-
-    Result<void> read_iridescence(SurfaceRecord& surface) {
-        const auto* film = extension("KHR_materials_iridescence");
-        if (film == nullptr) return {};
-        Layers& layers = surface.layers;
-        const auto nanometres = [&](const char* name, double otherwise) {
-            return in_range(name, number(*film, name, otherwise), 0, thickness_max, otherwise);
-        };
-        layers.iridescence = share(*film, "iridescenceFactor", 0);
-        layers.iridescence_ior =
-            in_range("iridescenceIor", number(*film, "iridescenceIor", 1.3), 1, ior_most, 1.3);
-        layers.thickness_least = nanometres("iridescenceThicknessMinimum", 100);
-        layers.thickness_most = nanometres("iridescenceThicknessMaximum", 400);
-        return all_of({use_in(*film, "iridescenceTexture", surface.use(TextureSlot::iridescence)),
-                       use_in(*film, "iridescenceThicknessTexture",
-                              surface.use(TextureSlot::iridescence_thickness))});
-    }
-
-    Result<void> read_anisotropy(SurfaceRecord& surface) {
-        const auto* brushed = extension("KHR_materials_anisotropy");
-        if (brushed == nullptr) return {};
-        surface.layers.anisotropy = share(*brushed, "anisotropyStrength", 0);
-        surface.layers.anisotropy_turn =
-            in_range("anisotropyRotation", number(*brushed, "anisotropyRotation", 0), -1e3, 1e3, 0);
-        return use_in(*brushed, "anisotropyTexture", surface.use(TextureSlot::anisotropy));
-    }
-
-    /// The first error, if there is one.
-    static Result<void> all_of(std::initializer_list<Result<void>> results) {
-        for (const Result<void>& result : results)
-            if (!result) return result;
+    Result<void> read_layers(SurfaceRecord& surface) {
+#define RAYNEST_MATERIAL_LAYER_FACTOR(layer, word, Type, name, otherwise, least, most) \
+    if (const auto* of = extension(#layer)) take(*of, word, least, most, surface.layers.name);
+#define RAYNEST_MATERIAL_LAYER_MAP(layer, word, slot) \
+    if (const auto* of = extension(#layer))           \
+        if (auto done = use_in(*of, word, surface.use(TextureSlot::slot)); !done) return done;
+#include "engine/shading/material_layers.def"
         return {};
     }
 

@@ -1,5 +1,6 @@
 #include "engine/assets/gltf/write/tables.h"
 #include "engine/assets/images/image.h"
+#include "engine/shading/types.h"
 
 #include <fmt/format.h>
 
@@ -127,6 +128,10 @@ private:
         add_layers(out, surface);
         if (surface.kind == shading_type("unlit"))
             extend(out, "KHR_materials_unlit", Json::object());
+        else if (const char* kind = material_name(surface.kind);
+                 kind != nullptr && surface.kind != default_material() &&
+                 surface.kind != shading_type("layered"))
+            out["extras"]["raynest"]["material"] = kind;
         return out;
     }
 
@@ -138,46 +143,31 @@ private:
         return true;
     }
 
+    /// Writes a factor of an extension, or of one of its textures: `word` names that before a dot.
+    static void put(Json& to, const std::string& word, Json value) {
+        const std::size_t dot = word.find('.');
+        if (dot == std::string::npos)
+            to[word] = std::move(value);
+        else if (const auto texture = to.find(word.substr(0, dot)); texture != to.end())
+            (*texture)[word.substr(dot + 1)] = std::move(value);
+    }
+    static Json json_of(float x) { return x; }
+    static Json json_of(const Vec3& v) { return three(v); }
+
     /// Writes the extensions of a `layered` material, those alone that add something.
     void add_layers(Json& out, const SurfaceRecord& surface) {
-        const Layers& layers = surface.layers;
-        if (layers.clearcoat > 0) {
-            Json coat{{"clearcoatFactor", layers.clearcoat},
-                      {"clearcoatRoughnessFactor", layers.clearcoat_roughness}};
-            add(coat, "clearcoatTexture", surface, TextureSlot::clearcoat);
-            add(coat, "clearcoatRoughnessTexture", surface, TextureSlot::clearcoat_roughness);
-            if (add(coat, "clearcoatNormalTexture", surface, TextureSlot::clearcoat_normal))
-                coat["clearcoatNormalTexture"]["scale"] = layers.clearcoat_normal_scale;
-            extend(out, "KHR_materials_clearcoat", std::move(coat));
-        }
-        if (layers.sheen != Vec3(0)) {
-            Json sheen{{"sheenColorFactor", three(layers.sheen)},
-                       {"sheenRoughnessFactor", layers.sheen_roughness}};
-            add(sheen, "sheenColorTexture", surface, TextureSlot::sheen);
-            add(sheen, "sheenRoughnessTexture", surface, TextureSlot::sheen_roughness);
-            extend(out, "KHR_materials_sheen", std::move(sheen));
-        }
-        if (layers.specular != 1 || layers.specular_colour != Vec3(1)) {
-            Json specular{{"specularFactor", layers.specular},
-                          {"specularColorFactor", three(layers.specular_colour)}};
-            add(specular, "specularTexture", surface, TextureSlot::specular);
-            add(specular, "specularColorTexture", surface, TextureSlot::specular_colour);
-            extend(out, "KHR_materials_specular", std::move(specular));
-        }
-        if (layers.iridescence > 0) {
-            Json film{{"iridescenceFactor", layers.iridescence},
-                      {"iridescenceIor", layers.iridescence_ior},
-                      {"iridescenceThicknessMinimum", layers.thickness_least},
-                      {"iridescenceThicknessMaximum", layers.thickness_most}};
-            add(film, "iridescenceTexture", surface, TextureSlot::iridescence);
-            add(film, "iridescenceThicknessTexture", surface, TextureSlot::iridescence_thickness);
-            extend(out, "KHR_materials_iridescence", std::move(film));
-        }
-        if (layers.anisotropy > 0) {
-            Json brushed{{"anisotropyStrength", layers.anisotropy},
-                         {"anisotropyRotation", layers.anisotropy_turn}};
-            add(brushed, "anisotropyTexture", surface, TextureSlot::anisotropy);
-            extend(out, "KHR_materials_anisotropy", std::move(brushed));
+        std::map<std::string, Json> layers;
+#define RAYNEST_MATERIAL_LAYER(extension, condition) \
+    if (raynest::adds(Layer::extension, surface)) layers[#extension];
+#include "engine/shading/material_layers.def"
+        for (auto& [extension, layer] : layers) {
+#define RAYNEST_MATERIAL_LAYER_MAP(of, word, slot) \
+    if (extension == #of) add(layer, word, surface, TextureSlot::slot);
+#include "engine/shading/material_layers.def"
+#define RAYNEST_MATERIAL_LAYER_FACTOR(of, word, Type, name, otherwise, least, most) \
+    if (extension == #of) put(layer, word, json_of(surface.layers.name));
+#include "engine/shading/material_layers.def"
+            extend(out, extension.c_str(), std::move(layer));
         }
     }
 

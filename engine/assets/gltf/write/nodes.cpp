@@ -4,10 +4,12 @@
 // node with EXT_mesh_gpu_instancing, which says them exactly. All others are nodes with matrices.
 #include "engine/assets/gltf/write/tables.h"
 #include "engine/math/matrix.h"
+#include "engine/shading/types.h"
 
 #include <fmt/format.h>
 
 #include <algorithm>
+#include <array>
 #include <cmath>
 #include <cstring>
 #include <iterator>
@@ -250,24 +252,32 @@ void write_cameras(const Snapshot& scene, Tables& tables) {
 void write_lights(const Snapshot& scene, Tables& tables) {
     const ShadingView& shading = scene.shading();
     if (shading.light_count != 0) tables.extensions.insert("KHR_lights_punctual");
-    std::uint64_t unknown = 0;
+    std::uint64_t unknown = 0, own = 0;
     for (std::uint32_t i = 0; i < shading.light_count; ++i) {
         const LightRecord& light = shading.lights[i];
-        const char* type = nullptr;
-        for (const char* known : {"point", "spot", "directional"})
-            if (light.kind == shading_type(known)) type = known;
-        if (type == nullptr) {
+        const char* const kind = light_name(light.kind);
+        if (kind == nullptr) {
             ++unknown;
             continue;
         }
+        constexpr std::array types{"point", "spot", "directional"};
+        const bool is_own = std::ranges::find(types, std::string_view(kind)) == types.end();
         const float most = std::max({light.intensity.x, light.intensity.y, light.intensity.z});
         const float scale = most > 0 ? std::exp2(std::ceil(std::log2(most))) : 1.0F;
         const Vec3 colour = light.intensity / scale;
-        Json row{{"type", type}, {"intensity", scale}, {"color", {colour.x, colour.y, colour.z}}};
+        Json row{{"type", is_own ? "point" : kind},
+                 {"intensity", scale},
+                 {"color", {colour.x, colour.y, colour.z}}};
         if (light.range > 0) row["range"] = light.range;
         if (light.kind == shading_type("spot"))
-            row["spot"] = {{"innerConeAngle", std::acos(double{light.inner_cosine})},
-                           {"outerConeAngle", std::acos(double{light.outer_cosine})}};
+            row["spot"] = {{"innerConeAngle", std::acos(double{light.own[0]})},
+                           {"outerConeAngle", std::acos(double{light.own[1]})}};
+        if (is_own) {
+            Json& extras = row["extras"]["raynest"] = {{"light", kind}};
+            const auto numbers = light_numbers(light.kind);
+            for (std::size_t n = 0; n < numbers.size(); ++n) extras[numbers[n].name] = light.own[n];
+            ++own;
+        }
         const std::uint32_t index = tables.lights.add(row.dump());
         tables.roots.push_back(tables.nodes.add(fmt::format(
             R"({{"name":{},"matrix":{},"extensions":{{"KHR_lights_punctual":{{"light":{}}}}}}})",
@@ -276,7 +286,11 @@ void write_lights(const Snapshot& scene, Tables& tables) {
     }
     if (unknown != 0)
         tables.warnings.push_back(
-            fmt::format("{} lights of kinds that glTF does not know are left out", unknown));
+            fmt::format("{} lights of kinds that this build lacks are left out", unknown));
+    if (own != 0)
+        tables.warnings.push_back(fmt::format(
+            "{} lights are of kinds that glTF does not know: to other programs they are points",
+            own));
 }
 
 }  // namespace

@@ -127,6 +127,20 @@ TEST_CASE("the layers of a material are read, and make it `layered` where they a
     }
 }
 
+TEST_CASE("a texture alone of KHR_materials_specular makes a material `layered`: factors are 1") {
+    const std::string material =
+        R"({"extensions":{"KHR_materials_specular":{"specularTexture":{"index":0}}}})";
+    const test::Bytes file = file_of(material);
+    std::string text(reinterpret_cast<const char*>(file.data()), file.size());
+    const std::string_view before = R"("materials":)";
+    text.replace(text.find(before), before.size(), R"("images":[{"uri":
+        "data:image/png;base64,iVBORw0KGgoAAAANSUhEUgAAAAEAAAABCAYAAAAfFcSJAAAADUlEQVR42mNk+M9QDwADhgGAWjR9awAAAABJRU5ErkJggg=="}],
+        "textures":[{"source":0}],"materials":)");
+    const SceneDescription scene = must_describe(test::to_bytes(text), "scene.gltf");
+    CHECK(scene.materials[0].surface.has(TextureSlot::specular));
+    CHECK(scene.materials[0].surface.kind == *material_kind("layered"));
+}
+
 TEST_CASE("values out of range are replaced, each with a line") {
     const struct {
         const char* material;
@@ -234,8 +248,8 @@ TEST_CASE("lights stand where their nodes are") {
     CHECK(point.range == 8);
     const LightRecord& spot = scene.lights[1].light;
     CHECK(spot.direction.y == doctest::Approx(-1));
-    CHECK(spot.inner_cosine == doctest::Approx(std::cos(0.1)));
-    CHECK(spot.outer_cosine == doctest::Approx(std::cos(0.5)));
+    CHECK(spot.own[0] == doctest::Approx(std::cos(0.1)));
+    CHECK(spot.own[1] == doctest::Approx(std::cos(0.5)));
     CHECK(scene.lights[2].light.direction == Vec3(0, 0, -1));
     CHECK(scene.lights[2].light.intensity == Vec3(1));
     check_builds(scene);

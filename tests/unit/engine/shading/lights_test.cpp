@@ -2,8 +2,10 @@
 #include "engine/shading/lights.h"
 
 #include "engine/math/random.h"
+#include "engine/scene/checks/shading_check.h"
 #include "engine/shading/alias_table.h"
 #include "engine/shading/sky.h"
+#include "engine/shading/types.h"
 
 #include <doctest/doctest.h>
 
@@ -104,6 +106,24 @@ TEST_CASE("an environment is drawn with the density that it states") {
     CHECK(density == 0);
 }
 
+TEST_CASE("a light's own numbers have the defaults of its kind, and are checked by their ranges") {
+    LightRecord light = light_at({}, 1);
+    set_kind(light, *light_kind("spot"));
+    CHECK(light_numbers(light.kind).size() == 2);
+    CHECK(*light_number(light, "inner_cosine") == 1);
+    CHECK(*light_number(light, "outer_cosine") == doctest::Approx(std::sqrt(0.5)));
+    CHECK(light_number(light, "gain") == nullptr);
+    CHECK(is_sound(light));
+    *light_number(light, "outer_cosine") = -1.5F;
+    CHECK(!is_sound(light));
+    // Numbers that a kind does not name are 0: equal lights have equal bytes.
+    set_kind(light, *light_kind("point"));
+    CHECK(light.own[0] == 0);
+    CHECK(is_sound(light));
+    light.own[3] = 1;
+    CHECK(!is_sound(light));
+}
+
 TEST_CASE("punctual lights send candela and lux") {
     const Vec3 from(0, 0, 0);
     const LightSample point = PointLight::sample(light_at({0, 3, 4}, 50), from, {});
@@ -117,15 +137,14 @@ TEST_CASE("punctual lights send candela and lux") {
     CHECK(PointLight::sample(ranged, from, {}).radiance.x == doctest::Approx(2 * 15.0 / 16));
 
     LightRecord spot = light_at({0, 2, 0}, 8);
-    spot.inner_cosine = std::cos(0.3F);
-    spot.outer_cosine = std::cos(0.6F);
+    spot.own[0] = std::cos(0.3F);
+    spot.own[1] = std::cos(0.6F);
     CHECK(SpotLight::sample(spot, from, {}).radiance.x == doctest::Approx(2));
     CHECK(SpotLight::sample(spot, {5, 0, 0}, {}).radiance.x == 0);
     const float beside = 2 * std::tan(0.45F);
     const float part =
         SpotLight::sample(spot, {beside, 0, 0}, {}).radiance.x * (4 + beside * beside) / 8;
-    const float linear =
-        (std::cos(0.45F) - spot.outer_cosine) / (spot.inner_cosine - spot.outer_cosine);
+    const float linear = (std::cos(0.45F) - spot.own[1]) / (spot.own[0] - spot.own[1]);
     CHECK(part == doctest::Approx(linear * linear).epsilon(1e-4).scale(0));
 
     const LightSample sun = DirectionalLight::sample(light_at({}, 7), from, {});
