@@ -190,6 +190,8 @@ Result<void> deliver_query(Context& context, const std::string& output, const st
         Json whole = part;
         whole["hash"] = outcome->hash;
         whole["epoch"] = outcome->epoch;
+        // As arithmetic_of() of the engine's packs: others have FMA, and round once where v2 rounds twice.
+        whole["arithmetic"] = outcome->target == "v2" ? "v2" : "v3";
         said = whole.dump();
     }
     const std::string ending = extension_of(output);

@@ -8,15 +8,18 @@
 namespace raynest {
 namespace {
 
+/// Names of rows, apart from those of the files that this one is compiled together with.
+namespace rows {
 #define RAYNEST_PALETTE(name, ...) constexpr std::uint32_t name[] = {__VA_ARGS__};
 #include "engine/integrators/palettes.def"
+}  // namespace rows
 
 struct Anchors {
     std::string_view name;
     std::span<const std::uint32_t> colours;
 };
 constexpr std::array palettes = {
-#define RAYNEST_PALETTE(name, ...) Anchors{#name, name},
+#define RAYNEST_PALETTE(name, ...) Anchors{#name, rows::name},
 #include "engine/integrators/palettes.def"
 };
 

@@ -92,6 +92,10 @@ std::string join(const std::vector<std::string>& names) {
 
 }  // namespace
 
+std::string_view arithmetic_of(std::string_view target) {
+    return target == "v2" ? "v2" : "v3";
+}
+
 std::span<const std::string_view> cpu_targets() {
     return cpu_target_names;
 }

@@ -59,6 +59,10 @@ private:
     std::vector<Table> views_;
 };
 
+/// The lowest target whose kernels give the same bits as those of `target`: v2 has no FMA and rounds
+/// products that all others, the GPU's too, do not (math/vec.h).
+[[nodiscard]] std::string_view arithmetic_of(std::string_view target);
+
 /// Names of the CPU targets of targets.def, the best one last.
 [[nodiscard]] std::span<const std::string_view> cpu_targets();
 

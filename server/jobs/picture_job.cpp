@@ -1,6 +1,7 @@
 #include "server/jobs/picture_job.h"
 
 #include "engine/assets/images/image.h"
+#include "engine/packs/registry.h"
 #include "protocol/answer.h"
 #include "protocol/hash.h"
 #include "protocol/text.h"
@@ -146,6 +147,8 @@ std::vector<Attribute> PictureJob::provenance() const {
         attributes.push_back({"raynest:animation", text(plan_.animation)});
     if (const PixelWindow& tile = request_.window; !tile.is_whole()) {
         attributes.push_back({"raynest:request", request_.request});
+        attributes.push_back(
+            {"raynest:arithmetic", std::string(arithmetic_of(plan_.variant->target))});
         attributes.push_back({"raynest:tile", number(tile.x) + " " + number(tile.y) + " " +
                                                   number(tile.size.width) + " " +
                                                   number(tile.size.height) + " of " +

@@ -9,11 +9,12 @@ import pathlib
 import struct
 import subprocess
 import sys
+import unittest
 import zlib
 
 import numpy
 
-from daemon import DaemonTest, main
+from daemon import Client, Daemon, DaemonTest, main
 
 PACKAGE = pathlib.Path(__file__).resolve().parents[2] / "client/python"
 LOOK = "lookat=0,6,20,0,2,0"
@@ -253,6 +254,23 @@ class Parts(DaemonTest):
             self.done(command, "woods", *size, "--priority", "low", "--worker", "cpu", "-o", second, "--part", "2/2")
             self.done("merge", self.out / f"both.{kind}", first, second)
             self.assertNotIn(b"raynest:request", (self.out / f"both.{kind}").read_bytes())
+
+    @unittest.skipUnless("fma" in pathlib.Path("/proc/cpuinfo").read_text(), "this CPU has no FMA")
+    def test_parts_of_hosts_that_round_otherwise_are_told_apart(self):
+        daemon = Daemon(self.raynestd, "--target", "v2")
+        self.addCleanup(daemon.stop)
+        old = Client(self.raynest, daemon.uri)
+        old.json("load", "builtin:forest?trees=20", "--name", "woods")
+        for name, *words in (("rays.npz", "query", *SWEEP), ("look.png", "render", "--size", "32x24"),
+                             ("heat.exr", "heatmap", "--size", "32x24")):
+            with self.subTest(name):
+                first, second = (self.out / f"{half}-{name}" for half in ("new", "old"))
+                command, *options = words
+                self.done(command, "woods", *options, "-o", first, "--part", "1/2")
+                done = old.run(command, "woods", *options, "-o", second, "--part", "2/2")
+                self.assertEqual(done.returncode, 0, done.stderr)
+                self.refused(5, "old-.* is of another CPU, which rounds otherwise, than .*new-.*: its arithmetic is v2, "
+                             "not v3", "merge", self.out / f"both-{name}", first, second)
 
     def test_parts_of_other_rays_are_told_apart(self):
         rays = self.out / "rays.npy"

@@ -23,7 +23,8 @@ EXR = struct.pack("<II", MAGIC, 2)
 SIDE_MAX = 1 << 20
 PIXELS_MAX = 1 << 30
 # What the header of a part has and that of the whole has not.
-OF_PARTS = ("raynest:tile", "raynest:request", "raynest:range_asked", "raynest:palette", "raynest:scale", "raynest:view")
+OF_PARTS = ("raynest:tile", "raynest:request", "raynest:arithmetic", "raynest:range_asked", "raynest:palette",
+            "raynest:scale", "raynest:view")
 _FILTERS = range(5)          # filters for a PNG's row
 TILE = re.compile(r"(\d{1,7}) (\d{1,7}) (\d{1,7}) (\d{1,7}) of (\d{1,7})x(\d{1,7})\Z")
 
@@ -72,7 +73,7 @@ def read_png(path: str, data: bytes) -> Part:
             if kind == b"zTXt":
                 text = zlib.decompressobj().decompress(text, 1 << 20)
             texts[key.decode("latin-1")] = text.decode("latin-1")
-            if key not in (b"raynest:tile", b"raynest:request"):
+            if key.decode("latin-1") not in OF_PARTS:
                 keep.append((kind, body))
         elif kind != b"IEND":
             keep.append((kind, body))

@@ -34,7 +34,8 @@ from .points import ENDINGS, formatted, place_of
 PARTS_OF = {".npz": (".npz",), ".png": (".png", ".exr"), ".exr": (".exr",), ".npy": (".png", ".exr"),
             **dict.fromkeys(ENDINGS, (".npz",))}
 # Words for what parts may differ in, and the order in which that is told; the last one comes after all other keys.
-FOREIGN = {"hash": ("scene", "its digest"), "epoch": ("epoch of the scene", "it"), "request": ("request", "the options' digest")}
+FOREIGN = {"hash": ("scene", "its digest"), "epoch": ("epoch of the scene", "it"),
+           "arithmetic": ("CPU, which rounds otherwise,", "its arithmetic"), "request": ("request", "the options' digest")}
 
 
 def merge(out: str, paths: Sequence[str], limits: Sequence[str] = (), late: bool = False) -> tuple[str, dict[str, Any]]:
