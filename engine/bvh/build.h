@@ -11,18 +11,20 @@
 #pragma once
 
 #include "engine/bvh/node.h"
+#include "engine/bvh/page_vector.h"
 #include "engine/geometry/box.h"
 
 #include <array>
+#include <cstddef>
 #include <cstdint>
+#include <functional>
 #include <span>
-#include <vector>
 
 namespace raynest {
 
 /// How much time a build may take for how good a tree. Against medium, measured on a terrain, loose
-/// cards and an interior of long triangles: fast takes 0.6 of the time, its SAH cost is 10 to 28 %
-/// higher, rays are 5 to 20 % slower. high takes 3, 10 and 8 times as long; SAH cost -0.5, -5 and
+/// cards and an interior of long triangles: fast takes 0.7 of the time, its SAH cost is 10 to 28 %
+/// higher, rays are 5 to 20 % slower. high takes 4, 14 and 5 times as long; SAH cost -0.5, -5 and
 /// -27 %, rays of the interior 1.25 to 1.5 times as fast, of the others as before.
 enum class BuildQuality : std::uint32_t { fast, medium, high };
 inline constexpr std::array<const char*, 3> build_quality_names{"fast", "medium", "high"};
@@ -33,25 +35,32 @@ using Corners = std::array<Vec3, 3>;
 /// Items are numbered triangles or records first, never both kinds (ObjectRecord), then instances.
 /// An item with an empty or non-finite box is left out of the tree: it can never be hit.
 struct TreeInput {
-    std::span<const Box> boxes;
+    std::span<const Box> boxes;  ///< of all items, or where `triangle_boxes` is set of the others
     std::uint32_t triangle_count = 0;
     std::uint32_t record_count = 0;
-    std::uint32_t instance_count = 0;  ///< boxes.size() is the sum of the three
+    std::uint32_t instance_count = 0;
     BuildQuality quality = BuildQuality::medium;
     /// One per triangle for a high build of triangles alone; any other is a medium one. It may name
     /// a triangle in several leaves; at most every second one on average.
     std::span<const Corners> corners = {};
+    /// Writes the boxes of triangles from `first` on; called by several threads at once. So boxes
+    /// are made where they are used, and no array of them is kept.
+    std::function<void(std::uint32_t first, std::span<Box> out)> triangle_boxes = {};
+
+    [[nodiscard]] std::size_t size() const {
+        return std::size_t{triangle_count} + record_count + instance_count;
+    }
 };
 
 struct Tree {
-    std::vector<Node> nodes;
+    PageVector<Node> nodes;
     std::uint32_t root = child_empty;  ///< child word; a tree without items stays empty
     Box bounds;
     /// Triangle of lane l of block b at [8 b + l], no_id in padding lanes. Within a leaf
     /// ascending.
-    std::vector<std::uint32_t> block_lanes;
+    PageVector<std::uint32_t> block_lanes;
     /// Record at each place of the tree's record array.
-    std::vector<std::uint32_t> record_order;
+    PageVector<std::uint32_t> record_order;
     double sah_cost = 0;
     std::uint32_t height = 0;  ///< nodes on the longest path
 };

@@ -8,7 +8,6 @@
 #include <algorithm>
 #include <bit>
 #include <cmath>
-#include <utility>
 #include <vector>
 
 namespace raynest::build {
@@ -21,6 +20,9 @@ constexpr std::uint32_t binary_leaf_items = 8;
 /// Spatial splits are tried where the halves of a range overlap in more than this share of the
 /// whole tree's area (Stich et al.).
 constexpr float overlap_min = 1e-4F;
+
+/// Boxes of triangles that are made at once: few enough to stay in the nearest cache.
+constexpr std::size_t boxes_at_once = 256;
 
 bool is_sound(const Box& box) {
     const Vec3 size = box.upper - box.lower;
@@ -35,78 +37,100 @@ BinaryTree::BinaryTree(const TreeInput& input, const Loops& fastest)
       triangles_only_(input.record_count + input.instance_count == 0),
       splits_triangles_(input.quality == BuildQuality::high && triangles_only_ &&
                         input.corners.size() == input.triangle_count),
-      room_(input.boxes.size() + (splits_triangles_ ? input.boxes.size() / 2 : 0)),
+      room_(input.size() + (splits_triangles_ ? input.size() / 2 : 0)),
       items_(room_),
       nodes_(room_) {
     gather();
     if (input.quality == BuildQuality::fast) order_.emplace(items_.data(), count_, centers_);
 }
 
-// Two passes, so that parts know where their sound boxes go.
-void BinaryTree::gather() {
-    const std::size_t parts = (input_.boxes.size() + part_items - 1) / part_items;
-    struct Part {
-        std::uint32_t count = 0;
-        Extent centers = Extent::none(), bounds = Extent::none();
-    };
-    Extent bounds = Extent::none();
-    std::vector<Part> found(parts);
-    const auto for_each_part = [&](auto&& body) {
-        tbb::parallel_for(std::size_t{0}, parts, [&](std::size_t part) {
-            const std::size_t first = part * part_items;
-            body(found[part], first, std::min(first + part_items, input_.boxes.size()));
-        });
-    };
-    for_each_part([&](Part& part, std::size_t i, std::size_t end) {
-        for (; i < end; ++i) part.count += static_cast<std::uint32_t>(is_sound(input_.boxes[i]));
-    });
-    for (Part& part : found) count_ += std::exchange(part.count, count_);
-    for_each_part([&](Part& part, std::size_t i, std::size_t end) {
-        for (Item* out = items_.data() + part.count; i < end; ++i) {
-            if (!is_sound(input_.boxes[i])) continue;
-            *out = Item::of(Extent::of(input_.boxes[i]), static_cast<std::uint32_t>(i));
-            part.bounds.extend(out->extent);
-            part.centers.extend(Extent::at(out++->center()));
+void BinaryTree::gather_part(std::size_t first, std::span<Item> out, Part& part) const {
+    const std::size_t made = input_.triangle_boxes ? input_.triangle_count : 0;
+    const auto add = [&](std::span<const Box> boxes, std::size_t id) {
+        for (const Box& box : boxes) {
+            if (is_sound(box)) {
+                Item& item = out[part.count++] =
+                    Item::of(Extent::of(box), static_cast<std::uint32_t>(id));
+                part.bounds.extend(item.extent);
+                part.centers.extend(Extent::at(item.center()));
+            }
+            ++id;
         }
+    };
+    const std::size_t end = first + out.size();
+    while (first < std::min(made, end)) {
+        Box boxes[boxes_at_once];
+        const std::span<Box> some(boxes, std::min(boxes_at_once, std::min(made, end) - first));
+        input_.triangle_boxes(static_cast<std::uint32_t>(first), some);
+        add(some, first);
+        first += some.size();
+    }
+    if (first < end) add(input_.boxes.subspan(first - made, end - first), first);
+}
+
+void BinaryTree::gather() {
+    const std::size_t parts = (input_.size() + task_items - 1) / task_items;
+    std::vector<Part> found(parts);
+    tbb::parallel_for(std::size_t{0}, parts, [&](std::size_t part) {
+        const std::size_t first = part * task_items;
+        const std::size_t count = std::min(std::size_t{task_items}, input_.size() - first);
+        gather_part(first, {items_.data() + first, count}, found[part]);
     });
-    for (const Part& part : found) {
-        centers_.extend(part.centers);
-        bounds.extend(part.bounds);
+    Extent bounds = Extent::none();
+    for (std::size_t part = 0; part < parts; ++part) {
+        // Close the gaps of items that were left out.
+        Item* const from = items_.data() + part * task_items;
+        if (count_ != part * task_items) std::copy_n(from, found[part].count, &items_[count_]);
+        count_ += found[part].count;
+        centers_.extend(found[part].centers);
+        bounds.extend(found[part].bounds);
     }
     overlap_min_ = overlap_min * bounds.half_area();
 }
 
 float BinaryTree::build() {
-    const Subtree tree = split({0, count_, static_cast<std::uint32_t>(room_)}, centers_, 1);
+    const Subtree tree =
+        split_in_tasks({0, count_, static_cast<std::uint32_t>(room_)}, centers_, 1);
     root_ = tree.link;
     box_ = tree.box.box();
     return tree.costs[0];
 }
 
 // Recursion is bounded by tree_height_max.
-BinaryTree::Subtree BinaryTree::split(const Range& range, const Extent& centers,
-                                      std::uint32_t depth) {
-    if (may_be_leaf(range)) return leaf(range);
+BinaryTree::Subtree BinaryTree::split_in_tasks(const Range& range, const Extent& centers,
+                                               std::uint32_t depth) {
+    if (range.count < task_items) {
+        NodePool::Run places(nodes_, range.room - 1);
+        return split(range, centers, depth, places);
+    }
     const Halves halves = halves_of(range, centers, depth);
     Subtree left, right;
-    const auto split_left = [&] { left = split(halves.left, halves.left_centers, depth + 1); };
-    const auto split_right = [&] { right = split(halves.right, halves.right_centers, depth + 1); };
-    if (range.count >= task_items) {
-        tbb::parallel_invoke(split_left, split_right);
-    } else {
-        split_left();
-        split_right();
-    }
-    return join(halves.right.first, left, right);
+    tbb::parallel_invoke(
+        [&] { left = split_in_tasks(halves.left, halves.left_centers, depth + 1); },
+        [&] { right = split_in_tasks(halves.right, halves.right_centers, depth + 1); });
+    return join(NodePool::Run(nodes_, 1).next(), halves.right.first, left, right);
 }
 
-Halves BinaryTree::halves_of(const Range& range, const Extent& centers, std::uint32_t depth) {
+BinaryTree::Subtree BinaryTree::split(const Range& range, const Extent& centers,
+                                      std::uint32_t depth, NodePool::Run& places) {
+    if (may_be_leaf(range)) return leaf(range);
+    const Halves halves = halves_of(range, centers, depth);
+    const Subtree left = split(halves.left, halves.left_centers, depth + 1, places);
+    const Subtree right = split(halves.right, halves.right_centers, depth + 1, places);
+    return join(places.next(), halves.right.first, left, right);
+}
+
+Halves BinaryTree::halves_of(const Range& range, const Extent& known, std::uint32_t depth) {
     // Halving from here on reaches single items below tree_height_max: the bound on the traversal
     // stack rests on it.
     const auto levels_to_go = static_cast<std::uint32_t>(std::bit_width(range.count - 1));
-    if (depth + levels_to_go >= tree_height_max - 1) return halve(items_.data(), range, centers);
-    const std::uint32_t along_curve = order_ ? order_->left_count(range) : 0;
-    if (along_curve != 0) return cut_at(items_.data(), range, along_curve);
+    const bool is_deep = depth + levels_to_go >= tree_height_max - 1;
+    const std::uint32_t along_curve = order_ && !is_deep ? order_->left_count(range) : 0;
+    if (along_curve != 0) return share_room(range, along_curve, range.count - along_curve);
+    // Cuts along the curve leave the centres' bounds to those who need them.
+    const Extent centers =
+        known.is_none() ? centers_of(items_.data() + range.first, range.count) : known;
+    if (is_deep) return halve(items_.data(), range, centers);
     const ObjectSplit object =
         find_object_split(items_.data() + range.first, range.count, centers, block_items(), loops_);
     // Coincident centres, or areas that overflow.
@@ -151,8 +175,8 @@ BinaryTree::Subtree BinaryTree::leaf(const Range& range) const {
     return out;
 }
 
-BinaryTree::Subtree BinaryTree::join(std::uint32_t index, const Subtree& left,
-                                     const Subtree& right) {
+BinaryTree::Subtree BinaryTree::join(std::uint32_t index, std::uint32_t right_first,
+                                     const Subtree& left, const Subtree& right) {
     Subtree out{Link::inner(index), left.box, left.load, {}};
     out.box.extend(right.box);
     out.load.kinds |= right.load.kinds;
@@ -160,7 +184,7 @@ BinaryTree::Subtree BinaryTree::join(std::uint32_t index, const Subtree& left,
     const float area = out.box.half_area();
     const Plan plan = plan_cut(left.costs, right.costs, leaf_cost(out.load, area), area, out.costs);
     const std::uint32_t entries = plan.is_leaf() ? leaf_entries(out.load) : 0;
-    nodes_[index] = {out.box.box(), left.link, right.link, plan, 0, entries};
+    nodes_[index] = {out.box.box(), left.link, right.link, right_first, plan, 0, entries};
     return out;
 }
 

@@ -1,9 +1,8 @@
 // The binary tree under the 8-wide one: items are split until few are left, from the root down; on
 // the way back every node gets its box and its plan (build_cut.h).
 //
-// An inner node lives at the index where the items of its right child begin. That is unique, so
-// subtrees can be built at the same time without asking anybody for memory, and nothing depends on
-// who was first.
+// Subtrees that are built at the same time take places for their nodes from one pool, some at once.
+// Which place a node gets means nothing: links lead to it, so nothing depends on who was first.
 #pragma once
 
 #include "engine/bvh/build.h"
@@ -13,6 +12,8 @@
 #include "engine/bvh/build_morton.h"
 #include "engine/bvh/build_split.h"
 
+#include <algorithm>
+#include <atomic>
 #include <cstddef>
 #include <cstdint>
 #include <optional>
@@ -39,10 +40,44 @@ private:
 struct BinaryNode {
     Box box;
     Link left, right;
+    std::uint32_t right_first;  ///< where the items of the right child begin
     Plan plan;
     /// Where it becomes a leaf or an 8-wide node: wide nodes of its subtree (build_emit.h), and
     /// blocks or records of its leaves.
     std::uint32_t wide_nodes, leaf_entries;
+};
+
+/// Places for nodes: only as much of the memory is touched as there are nodes.
+class NodePool {
+public:
+    explicit NodePool(std::size_t room) : nodes_(room) {}
+    [[nodiscard]] BinaryNode& operator[](std::uint32_t index) { return nodes_[index]; }
+    [[nodiscard]] const BinaryNode& operator[](std::uint32_t index) const { return nodes_[index]; }
+
+    /// Places for one thread.
+    class Run {
+    public:
+        /// At most so many nodes will be asked for: never more places are taken.
+        Run(NodePool& pool, std::uint32_t most) : pool_(pool), most_(most) {}
+        [[nodiscard]] std::uint32_t next() {
+            if (at_ == end_) {
+                const std::uint32_t count = std::min(most_, places_at_once);
+                at_ = pool_.taken_.fetch_add(count, std::memory_order_relaxed);
+                end_ = at_ + count;
+                most_ -= count;
+            }
+            return at_++;
+        }
+
+    private:
+        static constexpr std::uint32_t places_at_once = 64;
+        NodePool& pool_;
+        std::uint32_t most_, at_ = 0, end_ = 0;
+    };
+
+private:
+    PageVector<BinaryNode> nodes_;
+    std::atomic<std::uint32_t> taken_ = 0;
 };
 
 class BinaryTree {
@@ -75,14 +110,24 @@ private:
         Costs costs;
     };
 
+    /// The sound items of a part of the input.
+    struct Part {
+        std::uint32_t count = 0;
+        Extent centers = Extent::none(), bounds = Extent::none();
+    };
+
     void gather();
-    Subtree split(const Range& range, const Extent& centers, std::uint32_t depth);
+    void gather_part(std::size_t first, std::span<Item> out, Part& part) const;
+    Subtree split_in_tasks(const Range& range, const Extent& centers, std::uint32_t depth);
+    Subtree split(const Range& range, const Extent& centers, std::uint32_t depth,
+                  NodePool::Run& places);
     Halves halves_of(const Range& range, const Extent& centers, std::uint32_t depth);
     std::optional<Halves> halves_in_space(const Range& range, const ObjectSplit& object);
     [[nodiscard]] std::uint32_t block_items() const { return triangles_only_ ? 8 : 1; }
     [[nodiscard]] bool may_be_leaf(const Range& range) const;
     [[nodiscard]] Subtree leaf(const Range& range) const;
-    Subtree join(std::uint32_t index, const Subtree& left, const Subtree& right);
+    Subtree join(std::uint32_t index, std::uint32_t right_first, const Subtree& left,
+                 const Subtree& right);
 
     const TreeInput& input_;
     const Loops& loops_;
@@ -91,8 +136,8 @@ private:
     std::uint32_t count_ = 0;
     Extent centers_ = Extent::none();
     std::size_t room_;  ///< places for items
-    Array<Item> items_;
-    Array<BinaryNode> nodes_;
+    PageVector<Item> items_;
+    NodePool nodes_;
     std::optional<MortonOrder> order_;  ///< set for a fast build
     float overlap_min_ = 0;
     Link root_;

@@ -66,7 +66,8 @@ private:
         return {binary_.node(root.link.node()).left, root.first};
     }
     [[nodiscard]] Root right_of(const Root& root) const {
-        return {binary_.node(root.link.node()).right, root.link.node()};
+        const BinaryNode& node = binary_.node(root.link.node());
+        return {node.right, node.right_first};
     }
 
     /// The roots that stand for a subtree when it may have so many.

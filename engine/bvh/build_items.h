@@ -5,7 +5,7 @@
 // scalar code only.
 #pragma once
 
-#include "engine/bvh/pages.h"
+#include "engine/bvh/page_vector.h"
 #include "engine/geometry/box.h"
 
 #include <bit>
@@ -39,6 +39,7 @@ struct alignas(32) Extent {
                 Float4{box.upper.x, box.upper.y, box.upper.z, 0}};
     }
     static Extent at(Float4 point) { return {-point, point}; }
+    [[nodiscard]] bool is_none() const { return minus_lower[0] + upper[0] < 0; }
 
     void extend(const Extent& other) {
         minus_lower = maximum(minus_lower, other.minus_lower);
@@ -67,9 +68,11 @@ inline float lane_of(const Float4& v, int lane) {
 struct alignas(32) Item {
     Extent extent;
 
-    static Item of(Extent extent, std::uint32_t id) {
-        extent.minus_lower[3] = std::bit_cast<float>(id);
-        return {extent};
+    /// Zeros get one sign: then maxima do not depend on the order of items.
+    static Item of(const Extent& extent, std::uint32_t id) {
+        Item item{{-(Float4{} - extent.minus_lower), extent.upper + Float4{}}};
+        item.extent.minus_lower[3] = std::bit_cast<float>(id);
+        return item;
     }
     [[nodiscard]] std::uint32_t id() const {
         return std::bit_cast<std::uint32_t>(lane_of(extent.minus_lower, 3));
@@ -91,20 +94,6 @@ struct Range {
     std::uint32_t first, count, room;
 };
 
-/// An array on huge pages, zero-filled by the system where it is touched.
-template <class T>
-class Array {
-public:
-    explicit Array(std::size_t size) : pages_(size * sizeof(T)) {}
-    [[nodiscard]] T* data() { return reinterpret_cast<T*>(pages_.data()); }
-    [[nodiscard]] const T* data() const { return reinterpret_cast<const T*>(pages_.data()); }
-    T& operator[](std::size_t i) { return data()[i]; }
-    const T& operator[](std::size_t i) const { return data()[i]; }
-
-private:
-    Pages pages_;
-};
-
 inline Extent centers_of(const Item* items, std::uint32_t count) {
     Extent centers = Extent::none();
     for (std::uint32_t i = 0; i < count; ++i) centers.extend(Extent::at(items[i].center()));
@@ -112,10 +101,10 @@ inline Extent centers_of(const Item* items, std::uint32_t count) {
 }
 
 /// Below `task_items` a task is not worth its cost; from `wide_items` on even the passes over one
-/// node's items are shared out, in parts of `part_items`. All depend on the input alone, because
-/// the tree must not depend on the number of threads.
+/// node's items are shared out, in parts of `part_items`. All depend on the input alone: so does the
+/// order of items.
 inline constexpr std::uint32_t task_items = 4096;
-inline constexpr std::uint32_t part_items = 1U << 15;
-inline constexpr std::uint32_t wide_items = 1U << 17;
+inline constexpr std::uint32_t part_items = 1U << 12;
+inline constexpr std::uint32_t wide_items = 1U << 14;
 
 }  // namespace raynest::build

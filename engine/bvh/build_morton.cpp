@@ -30,21 +30,28 @@ struct Place {
     std::uint32_t code, item;
 };
 
+/// Items that one task sorts; each part counts all digits.
+std::uint32_t part_of(std::uint32_t count) {
+    constexpr std::uint32_t parts_max = 16;
+    return std::max(part_items, count / parts_max + 1);
+}
+
 template <class Body>
 void for_each_part(std::uint32_t count, const Body& body) {
-    tbb::parallel_for(0U, (count + part_items - 1) / part_items, [&](std::uint32_t part) {
-        const std::uint32_t first = part * part_items;
-        body(part, first, std::min(first + part_items, count));
+    const std::uint32_t size = part_of(count);
+    tbb::parallel_for(0U, (count + size - 1) / size, [&](std::uint32_t part) {
+        const std::uint32_t first = part * size;
+        body(part, first, std::min(first + size, count));
     });
 }
 
 /// One pass of a radix sort: stable, so passes add up and threads do not matter.
-void sort_by_digit(const Array<Place>& from, Array<Place>& to, std::uint32_t count,
+void sort_by_digit(const PageVector<Place>& from, PageVector<Place>& to, std::uint32_t count,
                    std::uint32_t shift) {
     const auto digit_of = [&](std::uint32_t i) {
         return from[i].code >> shift & (digit_count - 1);
     };
-    std::vector<std::array<std::uint32_t, digit_count>> next(count / part_items + 1);
+    std::vector<std::array<std::uint32_t, digit_count>> next(count / part_of(count) + 1);
     for_each_part(count, [&](std::uint32_t part, std::uint32_t i, std::uint32_t end) {
         for (; i < end; ++i) ++next[part][digit_of(i)];
     });
@@ -64,8 +71,8 @@ MortonOrder::MortonOrder(Item* items, std::uint32_t count, const Extent& centers
     const float longest = std::max({size[0], size[1], size[2]});
     const float scale = cells_per_side / std::max(longest, std::numeric_limits<float>::min());
     constexpr float last = cells_per_side - 1;
-    Array<Place> places(count), sorted(count);
-    Array<Item> unsorted(count);
+    PageVector<Place> places(count), sorted(count);
+    PageVector<Item> unsorted(count);
     for_each_part(count, [&](std::uint32_t, std::uint32_t i, std::uint32_t end) {
         for (; i < end; ++i) {
             const Float4 at = (items[i].center() + centers.minus_lower) * scale;

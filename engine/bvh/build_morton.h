@@ -21,7 +21,7 @@ public:
     [[nodiscard]] std::uint32_t left_count(const Range& range) const;
 
 private:
-    Array<std::uint32_t> codes_;
+    PageVector<std::uint32_t> codes_;
 };
 
 }  // namespace raynest::build

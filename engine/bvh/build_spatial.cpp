@@ -1,6 +1,7 @@
 #include "engine/bvh/build_spatial.h"
 
 #include <tbb/blocked_range.h>
+#include <tbb/parallel_for.h>
 #include <tbb/parallel_reduce.h>
 
 #include <algorithm>
@@ -176,22 +177,36 @@ SpatialSplit find_spatial_split(const Item* items, const Range& range, const Ext
     return best;
 }
 
-std::optional<Halves> split_in_space(Item* items, const Range& range, const SpatialSplit& split,
-                                     std::span<const Corners> corners) {
-    std::vector<Item> left, right;
-    left.reserve(split.left_count);
-    right.reserve(split.right_count);
+namespace {
+
+/// References that belong to one side, and the bounds of their centres.
+struct Side {
+    std::vector<Item> items;
+    Extent centers = Extent::none();
+
+    void add(const Item& item) {
+        items.push_back(item);
+        centers.extend(Extent::at(item.center()));
+    }
+};
+struct Sides {
+    Side left, right;
+};
+
+/// The references of a part of a range, in their order.
+Sides sides_of(std::span<const Item> items, const SpatialSplit& split,
+               std::span<const Corners> corners) {
+    Sides sides;
     const auto left_count = static_cast<float>(split.left_count);
     const auto right_count = static_cast<float>(split.right_count);
     const float both = split.left.half_area() * left_count + split.right.half_area() * right_count;
-    for (std::uint32_t i = range.first; i < range.first + range.count; ++i) {
-        const Item& item = items[i];
+    for (const Item& item : items) {
         if (lane_of(item.extent.upper, split.axis) <= split.plane) {
-            left.push_back(item);
+            sides.left.add(item);
             continue;
         }
         if (-lane_of(item.extent.minus_lower, split.axis) >= split.plane) {
-            right.push_back(item);
+            sides.right.add(item);
             continue;
         }
         // A reference that hardly enlarges one side is not cut.
@@ -204,22 +219,57 @@ std::optional<Halves> split_in_space(Item* items, const Range& range, const Spat
             split.left.half_area() * (left_count - 1) + with_right.half_area() * right_count;
         if (both <= std::min(only_left, only_right)) {
             const Parts parts = chop(corners[item.id()], item.extent, split.axis, split.plane);
-            left.push_back(Item::of(parts.left, item.id()));
-            right.push_back(Item::of(parts.right, item.id()));
+            sides.left.add(Item::of(parts.left, item.id()));
+            sides.right.add(Item::of(parts.right, item.id()));
         } else {
-            (only_left <= only_right ? left : right).push_back(item);
+            (only_left <= only_right ? sides.left : sides.right).add(item);
         }
     }
-    if (left.size() + right.size() > range.room || left.empty() || right.empty() ||
-        left.size() >= range.count || right.size() >= range.count) {
+    return sides;
+}
+
+}  // namespace
+
+std::optional<Halves> split_in_space(Item* items, const Range& range, const SpatialSplit& split,
+                                     std::span<const Corners> corners) {
+    const std::uint32_t part_count = (range.count + task_items - 1) / task_items;
+    std::vector<Sides> parts(part_count);
+    const auto for_each_part = [&](const auto& body) {
+        if (part_count == 1) return body(0U);
+        tbb::parallel_for(0U, part_count, body);
+    };
+    for_each_part([&](std::uint32_t part) {
+        const std::uint32_t first = part * task_items;
+        const std::uint32_t count = std::min(task_items, range.count - first);
+        parts[part] = sides_of({items + range.first + first, count}, split, corners);
+    });
+    // Where the next part goes.
+    struct Place {
+        std::size_t left = 0, right = 0;
+    };
+    std::vector<Place> places(part_count + 1);
+    for (std::uint32_t part = 0; part < part_count; ++part) {
+        places[part + 1] = {places[part].left + parts[part].left.items.size(),
+                            places[part].right + parts[part].right.items.size()};
+    }
+    const auto [left, right] = places[part_count];
+    if (left + right > range.room || left == 0 || right == 0 || left >= range.count ||
+        right >= range.count) {
         return std::nullopt;
     }
-    Halves halves = share_room(range, static_cast<std::uint32_t>(left.size()),
-                               static_cast<std::uint32_t>(right.size()));
-    std::copy(left.begin(), left.end(), items + halves.left.first);
-    std::copy(right.begin(), right.end(), items + halves.right.first);
-    halves.left_centers = centers_of(left.data(), halves.left.count);
-    halves.right_centers = centers_of(right.data(), halves.right.count);
+    Halves halves =
+        share_room(range, static_cast<std::uint32_t>(left), static_cast<std::uint32_t>(right));
+    for_each_part([&](std::uint32_t part) {
+        Sides& sides = parts[part];
+        std::ranges::copy(sides.left.items, items + halves.left.first + places[part].left);
+        std::ranges::copy(sides.right.items, items + halves.right.first + places[part].right);
+        sides.left.items = {};
+        sides.right.items = {};
+    });
+    for (const Sides& sides : parts) {
+        halves.left_centers.extend(sides.left.centers);
+        halves.right_centers.extend(sides.right.centers);
+    }
     return halves;
 }
 

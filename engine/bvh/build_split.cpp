@@ -142,7 +142,9 @@ Halves halve(Item* items, const Range& range, const Extent& centers) {
     std::nth_element(begin, begin + range.count / 2, begin + range.count,
                      [axis](const Item& a, const Item& b) {
                          const float ca = a.center(axis), cb = b.center(axis);
-                         return ca != cb ? ca < cb : a.id() < b.id();
+                         if (ca != cb) return ca < cb;
+                         if (a.id() != b.id()) return a.id() < b.id();
+                         return a.extent.upper[axis] < b.extent.upper[axis];
                      });
     return cut_at(items, range, range.count / 2);
 }

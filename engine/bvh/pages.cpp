@@ -12,8 +12,6 @@
 namespace raynest {
 namespace {
 
-constexpr std::size_t huge_page = std::size_t{2} << 20;
-
 /// Maps the beginning of a file, or with -1 empty memory.
 std::byte* map(std::size_t size, int file) {
     const int kind = MAP_PRIVATE | (file < 0 ? MAP_ANONYMOUS : 0);
@@ -22,7 +20,29 @@ std::byte* map(std::size_t size, int file) {
     return static_cast<std::byte*>(at);
 }
 
+std::size_t rounded_up(std::size_t size) {
+    return (size + huge_page - 1) / huge_page * huge_page;
+}
+
 }  // namespace
+
+std::byte* map_huge(std::size_t size) {
+    if (size > SIZE_MAX - 2 * huge_page) throw std::bad_alloc();
+    // Map one huge page more than needed, keep the aligned part, give the ends back.
+    const std::size_t rounded = rounded_up(size);
+    std::byte* const start = map(rounded + huge_page, -1);
+    const std::size_t before =
+        (huge_page - reinterpret_cast<std::uintptr_t>(start) % huge_page) % huge_page;
+    if (before != 0) munmap(start, before);
+    if (before != huge_page) munmap(start + before + rounded, huge_page - before);
+    std::byte* const data = start + before;
+    madvise(data, rounded, MADV_HUGEPAGE);  // a wish: without huge pages it is only slower
+    return data;
+}
+
+void unmap_huge(void* data, std::size_t size) noexcept {
+    munmap(data, rounded_up(size));
+}
 
 SharedPages::SharedPages(std::span<const std::byte> bytes) : size_(bytes.size()) {
     auto file = create_memory_file("raynest arena");
@@ -38,20 +58,12 @@ Pages::Pages(const SharedPages& beginning)
 
 Pages::Pages(std::size_t size) : size_(size), mapped_(size) {
     if (size == 0) return;
-    if (size > SIZE_MAX - 2 * huge_page) throw std::bad_alloc();
     if (size < huge_page) {
         data_ = map(size, -1);
         return;
     }
-    // Map one huge page more than needed, keep the aligned part, give the ends back.
-    const std::size_t rounded = mapped_ = (size + huge_page - 1) / huge_page * huge_page;
-    std::byte* const start = map(rounded + huge_page, -1);
-    const std::size_t before =
-        (huge_page - reinterpret_cast<std::uintptr_t>(start) % huge_page) % huge_page;
-    if (before != 0) munmap(start, before);
-    if (before != huge_page) munmap(start + before + rounded, huge_page - before);
-    data_ = start + before;
-    madvise(data_, rounded, MADV_HUGEPAGE);  // a wish: without huge pages it is only slower
+    data_ = map_huge(size);
+    mapped_ = rounded_up(size);
 }
 
 Pages::Pages(Pages&& other) noexcept

@@ -8,6 +8,14 @@
 
 namespace raynest {
 
+/// Bytes of a huge page, and what it takes at least to be worth one.
+inline constexpr std::size_t huge_page = std::size_t{2} << 20;
+
+/// Zero-filled memory of at least a huge page, aligned to huge pages and asking for them. Throws
+/// std::bad_alloc.
+[[nodiscard]] std::byte* map_huge(std::size_t size);
+void unmap_huge(void* data, std::size_t size) noexcept;
+
 /// Bytes that many Pages may begin with, in the memory once. Immutable, thread-safe.
 class SharedPages {
 public:

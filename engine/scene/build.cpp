@@ -162,12 +162,11 @@ private:
                               const std::string& label) {
         const Stopwatch stopwatch(build_seconds_);
         const ObjectDescription& source = description_.objects[node.source];
-        std::vector<Box> boxes = triangle_boxes(source);
+        std::vector<Box> boxes = source.record_bounds;
         for (const GeometryDescription& geometry : source.geometries) {
             degenerate_triangles_ += count_degenerate(geometry);
         }
         triangles_ += own_triangles(source);
-        boxes.insert(boxes.end(), source.record_bounds.begin(), source.record_bounds.end());
         add_instances(node, object, boxes);
         const auto is_far = [](const Box& box) { return !in_range(box); };
         if (const auto far = std::ranges::count_if(boxes, is_far); far != 0) {
@@ -187,10 +186,10 @@ private:
         }
 
         const bool clips = description_.build == BuildQuality::high;
-        const std::vector<Corners> corners =
-            clips ? triangle_corners(source) : std::vector<Corners>();
+        const PageVector<Corners> corners =
+            clips ? triangle_corners(source) : PageVector<Corners>();
         return build_tree({boxes, object.triangle_count, object.record_count, object.instance_count,
-                           description_.build, corners});
+                           description_.build, corners, triangle_boxes(source)});
     }
 
     void add_geometries(const ObjectDescription& source, ObjectRecord& object) {

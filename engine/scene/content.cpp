@@ -16,6 +16,8 @@ constexpr std::uint64_t attribute_alignment = 16;
 
 /// Lanes of leaf blocks that one task fills.
 constexpr std::size_t blocks_part = 1U << 15;
+/// Triangles whose corners one task copies.
+constexpr std::size_t triangles_part = 1U << 12;
 
 }  // namespace
 
@@ -60,29 +62,64 @@ void write_blocks(const ObjectDescription& object, const Tree& tree,
     });
 }
 
-std::vector<Box> triangle_boxes(const ObjectDescription& source) {
-    std::vector<Box> boxes;
-    for (const GeometryDescription& geometry : source.geometries) {
-        const std::size_t first = boxes.size();
-        const std::size_t count = geometry.indices.size() / 3;
-        boxes.resize(first + count);
-        tbb::parallel_for(std::size_t{0}, count, [&](std::size_t i) {
-            for (std::size_t corner = 0; corner < 3; ++corner) {
-                boxes[first + i].extend(geometry.positions[geometry.indices[3 * i + corner]]);
-            }
-        });
-    }
-    return boxes;
-}
+namespace {
 
-std::vector<Corners> triangle_corners(const ObjectDescription& source) {
-    std::vector<Corners> corners;
-    for (const GeometryDescription& geometry : source.geometries) {
-        const auto corner = [&](std::size_t i) { return geometry.positions[geometry.indices[i]]; };
-        for (std::size_t i = 0; i < geometry.indices.size(); i += 3) {
-            corners.push_back({corner(i), corner(i + 1), corner(i + 2)});
+/// The geometries of an object with the numbers of their first triangles.
+class TriangleList {
+public:
+    explicit TriangleList(const ObjectDescription& source) {
+        std::size_t first = 0;
+        for (const GeometryDescription& geometry : source.geometries) {
+            runs_.push_back({first, geometry.indices.data(), geometry.positions.data()});
+            first += geometry.indices.size() / 3;
+        }
+        count_ = first;
+    }
+    [[nodiscard]] std::size_t count() const { return count_; }
+
+    /// Calls take(i, corners) for the triangles first + i, i < count.
+    template <class Take>
+    void for_each(std::size_t first, std::size_t count, const Take& take) const {
+        auto next = std::ranges::upper_bound(runs_, first, {}, &Run::first);
+        for (std::size_t i = 0; i < count; ++next) {
+            const Run& run = *std::prev(next);
+            const std::size_t end = next == runs_.end() ? count_ : next->first;
+            const std::uint32_t* at = run.indices + 3 * (first + i - run.first);
+            for (; i < count && first + i < end; ++i, at += 3) {
+                take(i, Corners{run.positions[at[0]], run.positions[at[1]], run.positions[at[2]]});
+            }
         }
     }
+
+private:
+    struct Run {
+        std::size_t first;
+        const std::uint32_t* indices;
+        const Vec3* positions;
+    };
+    std::vector<Run> runs_;
+    std::size_t count_ = 0;
+};
+
+}  // namespace
+
+std::function<void(std::uint32_t, std::span<Box>)> triangle_boxes(const ObjectDescription& source) {
+    return [list = TriangleList(source)](std::uint32_t first, std::span<Box> out) {
+        list.for_each(first, out.size(), [&](std::size_t i, const Corners& at) {
+            out[i] = {};
+            for (const Vec3& corner : at) out[i].extend(corner);
+        });
+    };
+}
+
+PageVector<Corners> triangle_corners(const ObjectDescription& source) {
+    const TriangleList list(source);
+    PageVector<Corners> corners(list.count());
+    using Part = tbb::blocked_range<std::size_t>;
+    tbb::parallel_for(Part(0, list.count(), triangles_part), [&](const Part& part) {
+        list.for_each(part.begin(), part.size(),
+                      [&](std::size_t i, const Corners& at) { corners[part.begin() + i] = at; });
+    });
     return corners;
 }
 

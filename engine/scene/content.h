@@ -10,6 +10,7 @@
 #include <cstddef>
 #include <cstdint>
 #include <deque>
+#include <functional>
 #include <span>
 #include <string>
 #include <unordered_map>
@@ -107,9 +108,10 @@ void add_cameras(const SceneDescription& description, Content& content);
 /// alone. Throws std::bad_alloc.
 Arena write_arena(const Content& content);
 
-/// Boxes and corners of an object's triangles, for build_tree().
-std::vector<Box> triangle_boxes(const ObjectDescription& source);
-std::vector<Corners> triangle_corners(const ObjectDescription& source);
+/// Boxes and corners of an object's triangles, for build_tree(). The description must outlive what
+/// makes boxes of it.
+std::function<void(std::uint32_t, std::span<Box>)> triangle_boxes(const ObjectDescription& source);
+PageVector<Corners> triangle_corners(const ObjectDescription& source);
 
 /// Fills the leaf blocks of one object, which hold zeros, from its vertices, and `texcoords` unless it is
 /// null.

@@ -61,22 +61,25 @@ void in_parallel(std::size_t count, Work&& work) {
 
 /// Boxes of the triangles, the tree over them and its filled leaves: what the peer's commit does.
 void build_leaves(std::span<const CornersAt> corners, BuildQuality quality) {
-    std::vector<Box> boxes(corners.size());
-    std::vector<Corners> clipped(quality == BuildQuality::high ? corners.size() : 0);
-    in_parallel(corners.size(), [&](std::size_t i) {
-        for (const Vec3* corner : corners[i]) boxes[i].extend(*corner);
-        if (!clipped.empty()) clipped[i] = {*corners[i][0], *corners[i][1], *corners[i][2]};
+    PageVector<Corners> clipped(quality == BuildQuality::high ? corners.size() : 0);
+    in_parallel(clipped.size(), [&](std::size_t i) {
+        clipped[i] = {*corners[i][0], *corners[i][1], *corners[i][2]};
     });
+    const auto boxes = [&](std::uint32_t first, std::span<Box> out) {
+        for (Box& box : out) {
+            box = {};
+            for (const Vec3* corner : corners[first++]) box.extend(*corner);
+        }
+    };
     const Tree tree =
-        build_tree({boxes, static_cast<std::uint32_t>(boxes.size()), 0, 0, quality, clipped});
-    std::vector<TriangleBlock> blocks(tree.block_lanes.size() / 8);
+        build_tree({{}, static_cast<std::uint32_t>(corners.size()), 0, 0, quality, clipped, boxes});
+    PageVector<TriangleBlock> blocks(tree.block_lanes.size() / 8);
     in_parallel(blocks.size(), [&](std::size_t block) {
         for (std::size_t lane = 0; lane < 8; ++lane) {
             const std::uint32_t triangle = tree.block_lanes[8 * block + lane];
             blocks[block].triangle[lane] = triangle;
-            if (triangle == no_id) continue;
             for (std::size_t k = 0; k < 3; ++k) {
-                const Vec3& corner = *corners[triangle][k];
+                const Vec3 corner = triangle == no_id ? Vec3(0) : *corners[triangle][k];
                 for (int axis = 0; axis < 3; ++axis) {
                     blocks[block].vertex[k][axis][lane] = corner[axis];
                 }

@@ -57,19 +57,19 @@ Rebuilt rebuilt(const Snapshot& scene, std::uint32_t index) {
     Rebuilt made{view.objects[index], triangles_of(view, view.objects[index]), {}};
     ObjectRecord& object = made.record;
     const BuildQuality quality = scene.statistics().build;
-    std::vector<Box> boxes = triangle_boxes(made.source);
-    boxes.resize(boxes.size() + object.instance_count);
+    std::vector<Box> boxes(object.instance_count);
     std::vector<float> errors(object.instance_count);
     const ViewTrees trees(view);
     tbb::parallel_for(std::uint32_t{0}, object.instance_count, [&](std::uint32_t i) {
         const std::uint32_t child = view.instances[object.first_instance + i].object;
         const Transform& to_parent = view.instance_infos[object.first_instance + i].to_parent;
         errors[i] = placement_error(to_parent, view.objects[child].origin_error);
-        boxes[object.triangle_count + i] = place_box(trees, child, to_parent, errors[i]).box;
+        boxes[i] = place_box(trees, child, to_parent, errors[i]).box;
     });
     made.tree = build_tree(
         {boxes, object.triangle_count, 0, object.instance_count, quality,
-         quality == BuildQuality::high ? triangle_corners(made.source) : std::vector<Corners>()});
+         quality == BuildQuality::high ? triangle_corners(made.source) : PageVector<Corners>(),
+         triangle_boxes(made.source)});
     object.origin_error = 1;
     for (const float error : errors) object.origin_error = std::max(object.origin_error, error);
     object.root = made.tree.root;

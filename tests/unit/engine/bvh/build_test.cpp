@@ -171,21 +171,49 @@ TEST_CASE("items without a finite box are left out, and no items give an empty t
 }
 
 TEST_CASE("the same input gives the same bytes on 1, 2, 3 and 8 threads") {
-    // Use enough items that the passes over those of the top nodes are parallel, too.
-    constexpr std::uint32_t count = 200'000;
-    conformance::Random random(4);
-    const auto boxes = random_boxes(count, random);
-    const auto build_on = [&](std::size_t threads) {
-        const tbb::global_control limit(tbb::global_control::max_allowed_parallelism, threads);
-        return build_tree({boxes, count, 0, 0});
-    };
-    const Tree one = build_on(1);
-    for (const std::size_t threads : {2U, 3U, 8U}) {
-        CAPTURE(threads);
-        check_same(one, build_on(threads));
+    // So many that the passes over the items of one node are parallel, and that medium builds begin
+    // with cells.
+    for (const std::uint32_t count : {40'000U, 200'000U}) {
+        conformance::Random random(4);
+        const auto boxes = random_boxes(count, random);
+        std::vector<Corners> corners(count);
+        for (std::uint32_t i = 0; i < count; ++i) {
+            corners[i] = {boxes[i].lower, boxes[i].upper,
+                          Vec3(boxes[i].lower.x, boxes[i].upper.y, boxes[i].lower.z)};
+        }
+        for (const BuildQuality quality :
+             {BuildQuality::fast, BuildQuality::medium, BuildQuality::high}) {
+            const TreeInput input{boxes, count, 0, 0, quality, corners};
+            const auto build_on = [&](std::size_t threads) {
+                const tbb::global_control limit(tbb::global_control::max_allowed_parallelism,
+                                                threads);
+                return build_tree(input);
+            };
+            const Tree one = build_on(1);
+            for (const std::size_t threads : {2U, 3U, 8U}) {
+                CAPTURE(count);
+                CAPTURE(static_cast<int>(quality));
+                CAPTURE(threads);
+                check_same(one, build_on(threads));
+            }
+            if (quality != BuildQuality::high) CHECK(walk(input, one).seen.size() == count);
+        }
     }
-    const Walk walked = walk({boxes, count, 0, 0}, one);
-    CHECK(walked.seen.size() == count);
+}
+
+TEST_CASE("boxes that are made where they are used give the same bytes") {
+    conformance::Random random(6);
+    constexpr std::uint32_t count = 10'000, others = 300;
+    auto boxes = random_boxes(count + others, random);
+    for (std::uint32_t i = 0; i < count; i += 3) boxes[i] = Box{};  // gaps, which are closed
+    const std::span<const Box> all(boxes);
+    const auto triangles = [&](std::uint32_t first, std::span<Box> out) {
+        std::ranges::copy(all.subspan(first, out.size()), out.begin());
+    };
+    const Tree made =
+        build_tree({all.subspan(count), count, 0, others, BuildQuality::medium, {}, triangles});
+    check_same(build_tree({all, count, 0, others}), made);
+    CHECK(walk({all, count, 0, others}, made).seen.size() == count - (count + 2) / 3 + others);
 }
 
 TEST_CASE("the loops of every CPU target give the same bytes") {
