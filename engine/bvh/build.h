@@ -1,8 +1,9 @@
 // Builds the 8-wide tree of one object.
 //
 //   boxes ──build_binary──► binary tree ──build_emit──► 8-wide nodes, leaves
-//            │ where to split: build_split (binned SAH), build_morton (of fast builds),
-//            │ build_spatial (of high builds)
+//            │ where to split: build_split (binned SAH), build_cells (the same over cells, upper
+//            │ levels of large medium builds), build_morton (of fast builds), build_spatial (of high
+//            │ builds)
 //            └ how to collapse: build_cut (cheapest cut), on the way back up
 //              (the loops of build_split: build_loops, compiled for each CPU target)
 //

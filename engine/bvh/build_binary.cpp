@@ -89,11 +89,28 @@ void BinaryTree::gather() {
 }
 
 float BinaryTree::build() {
-    const Subtree tree =
-        split_in_tasks({0, count_, static_cast<std::uint32_t>(room_)}, centers_, 1);
+    const Subtree tree = build_all();
     root_ = tree.link;
     box_ = tree.box.box();
     return tree.costs[0];
+}
+
+BinaryTree::Subtree BinaryTree::build_all() {
+    if (order_ || splits_triangles_ || count_ < cells_from) {
+        return split_in_tasks({0, count_, static_cast<std::uint32_t>(room_)}, centers_, 1);
+    }
+    const CellTree cells(items_, count_, centers_, block_items(), loops_);
+    return split_cells(cells, cells.root(), 1);
+}
+
+BinaryTree::Subtree BinaryTree::split_cells(const CellTree& tree, const CellTree::Cells& cells,
+                                            std::uint32_t depth) {
+    if (cells.cut == 0) return split_in_tasks(tree.items_of(cells), Extent::none(), depth);
+    const CellTree::Cells left_cells = tree.left_of(cells), right_cells = tree.right_of(cells);
+    Subtree left, right;
+    tbb::parallel_invoke([&] { left = split_cells(tree, left_cells, depth + 1); },
+                         [&] { right = split_cells(tree, right_cells, depth + 1); });
+    return join(NodePool::Run(nodes_, 1).next(), tree.items_of(right_cells).first, left, right);
 }
 
 // Recursion is bounded by tree_height_max.

@@ -6,6 +6,7 @@
 #pragma once
 
 #include "engine/bvh/build.h"
+#include "engine/bvh/build_cells.h"
 #include "engine/bvh/build_cut.h"
 #include "engine/bvh/build_items.h"
 #include "engine/bvh/build_loops.h"
@@ -118,6 +119,8 @@ private:
 
     void gather();
     void gather_part(std::size_t first, std::span<Item> out, Part& part) const;
+    Subtree build_all();
+    Subtree split_cells(const CellTree& tree, const CellTree::Cells& cells, std::uint32_t depth);
     Subtree split_in_tasks(const Range& range, const Extent& centers, std::uint32_t depth);
     Subtree split(const Range& range, const Extent& centers, std::uint32_t depth,
                   NodePool::Run& places);

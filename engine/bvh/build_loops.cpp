@@ -107,9 +107,10 @@ struct Whole {
 
 std::span<const Loops> loops() {
     static constexpr Loops all[] = {
-        {"baseline", baseline::bin_all, baseline::cheapest_plane, baseline::partition_all},
+        {"baseline", baseline::bin_all, baseline::bin_all_cells, baseline::cheapest_plane,
+         baseline::partition_all},
 #if RAYNEST_BUILD_FOR_AVX2
-        {"avx2", avx2::bin_all, avx2::cheapest_plane, avx2::partition_all},
+        {"avx2", avx2::bin_all, avx2::bin_all_cells, avx2::cheapest_plane, avx2::partition_all},
 #endif
     };
     const std::span<const Loops> known(all);

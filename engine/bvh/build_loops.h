@@ -51,6 +51,9 @@ struct SidePass {
 struct Loops {
     const char* target;
     void (*bin)(Bins& bins, const Item* items, std::uint32_t count, const BinMap& map);
+    /// The same for boxes of several items; `sizes` are their numbers, by the id of the box.
+    void (*bin_cells)(Bins& bins, const Item* cells, std::uint32_t count, const BinMap& map,
+                      const std::uint32_t* sizes);
     /// The cheapest plane between two bins.
     ObjectSplit (*cheapest)(const Bins& bins, const BinMap& map, std::uint32_t block_items);
     /// Moves the left items to the front.

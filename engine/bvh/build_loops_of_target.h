@@ -1,16 +1,16 @@
 // The builder's loops for one target: build_loops.cpp reads this file once for each, in a namespace
 // of its own, and names the type that holds a whole box (Whole).
 
-/// Adds one item to its bins.
-inline void bin_one(Bins& bins, const Item& item, const BinMap& map) {
+/// Adds a box that stands for some items to its bins.
+inline void bin_one(Bins& bins, const Item& item, const BinMap& map, std::int32_t items = 1) {
     const Whole whole = Whole::of(item.extent);
     const Int4 bin = map.bins_of(item.center());
     whole.extend(bins.box[bin[0]][0]);
     whole.extend(bins.box[bin[1]][1]);
     whole.extend(bins.box[bin[2]][2]);
-    ++bins.count[bin[0]][0];
-    ++bins.count[bin[1]][1];
-    ++bins.count[bin[2]][2];
+    bins.count[bin[0]][0] += items;
+    bins.count[bin[1]][1] += items;
+    bins.count[bin[2]][2] += items;
 }
 
 // Neighbours often share a bin, and then each waits until the one before is stored. So items of
@@ -24,6 +24,13 @@ inline void bin_all(Bins& bins, const Item* items, std::uint32_t count, const Bi
         bin_one(bins, items[3 * quarter + i], map);
     }
     for (std::uint32_t i = 4 * quarter; i < count; ++i) bin_one(bins, items[i], map);
+}
+
+inline void bin_all_cells(Bins& bins, const Item* cells, std::uint32_t count, const BinMap& map,
+                          const std::uint32_t* sizes) {
+    for (std::uint32_t i = 0; i < count; ++i) {
+        bin_one(bins, cells[i], map, static_cast<std::int32_t>(sizes[cells[i].id()]));
+    }
 }
 
 /// Half areas of three boxes, in lanes 0..2.
