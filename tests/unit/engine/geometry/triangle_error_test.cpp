@@ -42,46 +42,78 @@ struct Errors {
     bool other_side;  ///< `front` is wrong, and no rounding explains it
 };
 
-/// Returns the errors in units of 2^-24 times the terms of the bound in PROTOCOL.md: rounding of
-/// every product that t, u and v are made of, over n d.
-Errors errors_of(const HitRecord& hit, const Triangle& triangle, const Ray& ray) {
-    const Exact a(triangle.v0);
-    const Exact e1 = Exact(triangle.v1) - a;
-    const Exact e2 = Exact(triangle.v2) - a;
-    const Exact d(ray.direction);
-    const Exact p = a - Exact(ray.origin);
-    const Exact n = cross(e1, e2);
-    const Exact r = cross(p, d);
-    const long double facing = dot(n, d);
-    const long double t = dot(n, p) / facing;
-    const long double u = dot(e2, r) / facing;
-    const long double v = -dot(e1, r) / facing;
+/// A ray against a triangle in exact arithmetic.
+struct Crossing {
+    Crossing(const Triangle& triangle, const Ray& ray)
+        : a(triangle.v0),
+          e1(Exact(triangle.v1) - a),
+          e2(Exact(triangle.v2) - a),
+          d(ray.direction),
+          p(a - Exact(ray.origin)),
+          n(cross(e1, e2)),
+          r(cross(p, d)),
+          facing(dot(n, d)),
+          t(dot(n, p) / facing),
+          u(dot(e2, r) / facing),
+          v(-dot(e1, r) / facing) {}
 
-    const Exact n_size = cross_size(absolute(e1), absolute(e2));
-    const Exact r_size = cross_size(absolute(p), absolute(d));
-    const long double unit = 0x1p-24L / std::abs(facing);
-    const long double d_size = dot(n_size, absolute(d));
-    return {std::abs(hit.t - t) / (unit * (dot(n_size, absolute(p)) + std::abs(t) * d_size)),
-            std::abs(hit.u - u) / (unit * (dot(absolute(e2), r_size) + std::abs(u) * d_size)),
-            std::abs(hit.v - v) / (unit * (dot(absolute(e1), r_size) + std::abs(v) * d_size)),
-            (hit.front == 1) != (facing < 0) && unit * d_size < 0.25L};
+    [[nodiscard]] bool is_inside() const { return u >= 0 && v >= 0 && u + v <= 1; }
+
+    /// Returns the errors in units of 2^-24 times the terms of the bound in PROTOCOL.md: rounding of
+    /// every product that t, u and v are made of, over n d.
+    [[nodiscard]] Errors errors_of(const HitRecord& hit) const {
+        const Exact n_size = cross_size(absolute(e1), absolute(e2));
+        const Exact r_size = cross_size(absolute(p), absolute(d));
+        const long double unit = 0x1p-24L / std::abs(facing);
+        const long double d_size = dot(n_size, absolute(d));
+        const long double t_unit = unit * (dot(n_size, absolute(p)) + std::abs(t) * d_size);
+        const long double u_unit = unit * (dot(absolute(e2), r_size) + std::abs(u) * d_size);
+        long double v_unit = unit * (dot(absolute(e1), r_size) + std::abs(v) * d_size);
+        if (hit.v == 1 - hit.u)
+            v_unit += u_unit;  // v is held to 1 - u, whose error it then has, too
+        return {std::abs(hit.t - t) / t_unit, std::abs(hit.u - u) / u_unit,
+                std::abs(hit.v - v) / v_unit,
+                (hit.front == 1) != (facing < 0) && unit * d_size < 0.25L};
+    }
+
+    Exact a, e1, e2, d, p, n, r;
+    long double facing, t, u, v;
+};
+
+/// Whether the hit's point is in the triangle's box, but for the rounding that PROTOCOL.md allows.
+bool is_in_box(const HitRecord& hit, const Triangle& triangle, const Ray& ray) {
+    float largest = 0;
+    for (const Vec3& point : {ray.origin, triangle.v0, triangle.v1, triangle.v2})
+        largest = std::max({largest, std::abs(point.x), std::abs(point.y), std::abs(point.z)});
+    const long double slack = 0x1p-19L * largest;
+    for (int axis = 0; axis < 3; ++axis) {
+        const auto [lower, upper] =
+            std::minmax({triangle.v0[axis], triangle.v1[axis], triangle.v2[axis]});
+        const long double at =
+            ray.origin[axis] + static_cast<long double>(hit.t) * ray.direction[axis];
+        if (at < lower - slack || at > upper + slack) return false;
+    }
+    return true;
 }
 
-}  // namespace
+struct Target {
+    float u, v;
+};
 
-TEST_CASE("t, u and v are within the stated bound from 10^-14 m to 10^9 m and aspects of 10^-6") {
-    constexpr long double bound = 4;
+/// Calls `visit` with the hits of rays to the targets that `target` chooses, on triangles of all sizes
+/// and aspects.
+template <class Choose, class Visit>
+void visit_hits(const Choose& target_of, const Visit& visit) {
     std::mt19937 random(1);
     const auto uniform = [&](float from, float to) {
         return std::uniform_real_distribution<float>(from, to)(random);
     };
-    Errors worst{};
-    int hits = 0;
-    for (const float length : {1e-14F, 1e-10F, 1e-6F, 1e-3F, 1.0F, 1e3F, 1e4F, 1e6F, 1e9F}) {
+    for (const float length :
+         {1e-15F, 1e-14F, 1e-10F, 1e-6F, 1e-3F, 1.0F, 1e3F, 1e4F, 1e6F, 1e9F, 1e15F}) {
         for (const float aspect : {1.0F, 1e-2F, 1e-4F, 1e-6F}) {
             // Products of two widths of a tiny sliver vanish in float32.
             const float width = length * aspect;
-            if (width * length < 1e-30F) continue;
+            if (width * length < 0.9e-30F) continue;
             for (int i = 0; i < 2000; ++i) {
                 // A floor, a tilted floor, any sliver, or one that is met far from its corners by a
                 // short ray across it; its long side is along any axis.
@@ -98,10 +130,9 @@ TEST_CASE("t, u and v are within the stated bound from 10^-14 m to 10^9 m and as
                 };
                 Triangle triangle{point(-1, -1, 0), point(1, -1, 0), point(-1, -1, 1)};
                 if (kind >= 2) triangle = {any(), any(), any()};
-                const float u = uniform(0.05F, 0.5F);
-                const float v = uniform(0.05F, 0.4F);
-                const Vec3 target =
-                    triangle.v0 + u * (triangle.v1 - triangle.v0) + v * (triangle.v2 - triangle.v0);
+                const Target at = target_of(i / 12, uniform);
+                const Vec3 target = triangle.v0 + at.u * (triangle.v1 - triangle.v0) +
+                                    at.v * (triangle.v2 - triangle.v0);
                 Vec3 origin = point(uniform(-1, 1), uniform(-0.8F, 2), uniform(-0.5F, 0.5F));
                 if (kind == 3) {
                     const auto aside = [&] { return 3 * width * uniform(-1, 1); };
@@ -110,19 +141,82 @@ TEST_CASE("t, u and v are within the stated bound from 10^-14 m to 10^9 m and as
                 const Ray ray{origin, 0, (target - origin) / uniform(0.1F, 1) / length};
                 const std::array one{triangle};
                 const HitRecord hit = closest_hit(ray, one.begin(), one.end(), Opaque{});
-                if (hit.hit == 0) continue;  // the target itself is rounded
-                ++hits;
-                const Errors errors = errors_of(hit, triangle, ray);
-                worst = {std::max(worst.t, errors.t), std::max(worst.u, errors.u),
-                         std::max(worst.v, errors.v), worst.other_side || errors.other_side};
+                if (hit.hit == 1) visit(hit, triangle, ray);  // else the target itself is rounded
             }
         }
     }
-    CHECK(hits > 40'000);
-    CHECK(worst.t < bound);
-    CHECK(worst.u < bound);
-    CHECK(worst.v < bound);
-    CHECK_FALSE(worst.other_side);
+}
+
+/// The largest errors of hits, which must be within the stated bound.
+struct Worst {
+    void add(const Errors& errors) {
+        ++hits;
+        worst = {std::max(worst.t, errors.t), std::max(worst.u, errors.u),
+                 std::max(worst.v, errors.v), worst.other_side || errors.other_side};
+    }
+    void check() const {
+        constexpr long double bound = 4;
+        CHECK(worst.t < bound);
+        CHECK(worst.u < bound);
+        CHECK(worst.v < bound);
+        CHECK_FALSE(worst.other_side);
+    }
+    Errors worst{};
+    int hits = 0;
+};
+
+}  // namespace
+
+TEST_CASE("t, u and v are within the stated bound from 10^-15 m to 10^15 m and aspects of 10^-6") {
+    Worst worst;
+    visit_hits(
+        [](int, const auto& uniform) {
+            const float u = uniform(0.05F, 0.5F);
+            return Target{u, uniform(0.05F, 0.4F)};
+        },
+        [&](const HitRecord& hit, const Triangle& triangle, const Ray& ray) {
+            worst.add(Crossing(triangle, ray).errors_of(hit));
+        });
+    CHECK(worst.hits > 50'000);
+    worst.check();
+}
+
+TEST_CASE(
+    "on edges and corners the bound holds inside, and t stays in the triangle's box outside") {
+    Worst worst;
+    int outside = 0, astray = 0;
+    visit_hits(
+        [](int i, const auto& uniform) -> Target {
+            const float along = uniform(0, 1);
+            switch (i % 6) {
+                case 0:
+                    return {0, along};
+                case 1:
+                    return {along, 0};
+                case 2:
+                    return {along, 1 - along};
+                case 3:
+                    return {0, 0};
+                case 4:
+                    return {1, 0};
+                default:
+                    return {0, 1};
+            }
+        },
+        [&](const HitRecord& hit, const Triangle& triangle, const Ray& ray) {
+            CHECK((hit.u >= 0 && hit.v >= 0 && hit.u + hit.v <= 1));
+            const Crossing exact(triangle, ray);
+            if (exact.is_inside()) {
+                worst.add(exact.errors_of(hit));
+                return;
+            }
+            ++outside;
+            if (!is_in_box(hit, triangle, ray)) ++astray;
+        });
+    CHECK(worst.hits > 10'000);
+    CHECK(outside > 1'000);
+    CHECK(astray == 0);
+    worst.check();
 }
 
 TEST_CASE("the floor of a tunnel of 2 m x 10 km is where it is") {
