@@ -113,5 +113,50 @@ TEST_CASE("a principal that hides the same again takes the view that is there") 
     CHECK(daemon.budget.held_by("me") == mesh.selected->bytes());
 }
 
+/// The intersector that Started names for a request.
+template <class Request>
+std::string chosen(test::SmallDaemon& daemon, Request request) {
+    request.job = std::make_unique<wire::JobT>();
+    request.job->scene = "pane";
+    daemon.sent.clear();
+    test::Client client(daemon);
+    client.receive(test::frame_of(0, wire::HelloT{}));
+    client.receive(test::frame_of(1, request));
+    daemon.settle();
+    for (const protocol::Frame& frame : daemon.sent)
+        if (const auto started = protocol::open<wire::Started>(frame))
+            return (*started)->intersector()->str();
+    return "";
+}
+
+TEST_CASE("lit pictures blend by themselves, and queries and counts do not") {
+    test::SmallDaemon daemon;
+    SceneDescription pane;
+    pane.objects.resize(1);
+    pane.objects[0].geometries = {test::unit_square(0)};
+    pane.materials.resize(1);
+    pane.materials[0].alpha_mode = AlphaMode::blend;
+    daemon.scenes.publish("pane", test::build_scene(pane), {.share = {"public"}}, {"owner", 1})
+        .value();
+    const auto sized = [](auto request) {
+        request.width = request.height = 4;
+        request.encode = "raw";
+        request.camera = test::from_above();
+        return request;
+    };
+    wire::RenderT lit = sized(wire::RenderT{});
+    for (const char* integrator : {"ao", "direct", "path"}) {
+        lit.integrator = integrator;
+        CHECK(chosen(daemon, lit) == "alpha_blend");
+    }
+    lit.encode = "path+1,1";
+    CHECK(chosen(daemon, lit) == "alpha_blend");
+    CHECK(chosen(daemon, sized(wire::RenderT{})) == "opaque");
+    CHECK(chosen(daemon, sized(wire::HeatmapT{})) == "opaque");
+    wire::QueryT query;
+    query.ray_count = 1;
+    CHECK(chosen(daemon, query) == "opaque");
+}
+
 }  // namespace
 }  // namespace raynest::server

@@ -5,6 +5,8 @@
 #include "tests/unit/engine/assets/describe.h"
 
 #include <cmath>
+#include <numbers>
+#include <string_view>
 
 using namespace raynest;
 using test::contains;
@@ -283,6 +285,11 @@ TEST_CASE("lights that make no sense are left out or mended, each with a line") 
         CHECK(scene.lights.size() == lights);
         CHECK(scene.warnings.size() == 1);
         CHECK(warns_of(scene, warning));
+        if (std::string_view(light).find("spot") != std::string_view::npos) {
+            const auto& cosines = scene.lights.at(0).light.own;
+            CHECK(cosines[0] == 1);
+            CHECK(cosines[1] == doctest::Approx(std::cos(std::numbers::pi / 4)));
+        }
         check_builds(scene);
     }
     // A node without a size has no direction for its light; a light that is not there is none.

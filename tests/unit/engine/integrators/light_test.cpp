@@ -223,6 +223,35 @@ TEST_CASE("a plane under a uniform sky reflects its albedo of it") {
     check_near(stage, "direct", settings, {0, 1, 0}, 1, 1.4);
 }
 
+TEST_CASE("white metal whose bumps lean anywhere reflects a white sky at a grazing view") {
+    auto settings = lit_by(IntegratorSettings::Environment::picture);
+    auto picture = std::make_shared<EnvironmentPicture>();
+    picture->size = {16, 8};
+    picture->pixels.assign(128, Vec3(1));
+    settings.picture = picture;
+    const double up = tau / 36;  // 10 degrees: the camera looks down
+    const Vec3 along(glm::dvec3(0, std::cos(up), -std::sin(up)));
+    for (const auto& [x, y] : {std::pair{218, 128}, {37, 128}, {128, 218}, {128, 37}}) {
+        SceneDescription scene =
+            scene_of({rectangle({0, 0, 0}, {5, 0, 0}, 5.0F * along, 0)}, {diffuse(1)});
+        scene.materials[0].surface.metallic = 1;
+        scene.materials[0].surface.roughness = 0.01F;
+        scene.materials[0].surface.use(TextureSlot::normal).texture = 0;
+        scene.images.push_back(
+            {1, 1, {static_cast<std::uint8_t>(x), static_cast<std::uint8_t>(y), 218, 255}});
+        scene.textures.push_back({0});
+        scene.textures[0].linear = true;
+        Stage stage(scene);
+        CAPTURE(x);
+        CAPTURE(y);
+        for (const char* name : {"path", "direct"}) {
+            const Mean mean = stage.measure(name, settings, {0, 9, 0}, 1);
+            CAPTURE(mean.value);
+            CHECK(std::abs(mean.value - 1) < 5e-3);
+        }
+    }
+}
+
 TEST_CASE("a picture stands as three.js places it, and turns from -Z towards +X") {
     const SceneDescription scene =
         scene_of({rectangle({0, -9, 0}, {0, 0, 1}, {1, 0, 0}, 0)}, {diffuse(1)});
