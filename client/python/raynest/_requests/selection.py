@@ -48,10 +48,10 @@ def _entry(key: str, item: Any) -> tuple[str, Any]:
     kind, equals, digits = item.partition("=")
     if kind not in _KINDS or not equals:
         return "paths", str(item)
-    if not (digits.isascii() and digits.isdigit()):
-        raise UsageError(f"{key} of {reprlib.repr(item)}: there must be a whole number behind its '='")
     name, most = _KINDS[kind]
-    return name, min(int(digits), most)
+    if not (digits.isascii() and digits.isdigit() and len(digits) < 30 and int(digits) <= most):
+        raise UsageError(f"{key} of {reprlib.repr(item)}: there must be a whole number from 0 to {most} behind its '='")
+    return name, int(digits)
 
 
 def _wrong(key: str, value: Any) -> TypeError:
