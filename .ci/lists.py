@@ -54,6 +54,7 @@ class Lists:
         self.tonemaps = self.rows("engine/integrators/tonemaps.def", "TONEMAP")
         self.palettes = self.rows("engine/integrators/palettes.def", "PALETTE")
         self.words = self.rows("client/ground/wording.def", "WORD")
+        self.other_files = self.rows("client/requests/other_files.def", "OTHER_FILES")
         self.metrics = self.rows("server/ground/metrics.def", "METRIC|SPLIT|GAUGE")
 
     def rows(self, file, macro):
@@ -223,13 +224,14 @@ def python_module(lists):
         "GENERATORS": {name: settings.split(", ") for name, settings, _, _ in lists.generators},
         "ACTING": [row[1] for row in lists.requests if row[5] == "once"],
         "WORDS": {name: (command, python) for name, command, python in lists.words},
+        "OTHER_FILES": {ending: text for endings, text in lists.other_files for ending in endings.split()},
     }
     types = {"ERRORS": "list[tuple[str, int]]", "OF_HITS": "dict[str, tuple[str, int]]",
              "OF_RAYS": "dict[str, tuple[str, int]]", "POINTS": "list[str]", "TRUTHS": "list[str]", "CSR": "list[str]",
              "SHOWN": "dict[str, list[str]]", "REDUCED": "dict[str, dict[str, tuple[str, int]]]",
              "REDUCED_KIND": "dict[str, str]", "REDUCED_TO_POINTS": "list[str]",
              "GENERATORS": "dict[str, list[str]]", "ACTING": "list[str]",
-             "WORDS": "dict[str, tuple[str, str]]"}
+             "WORDS": "dict[str, tuple[str, str]]", "OTHER_FILES": "dict[str, str]"}
     lines = ['"""Lists that client and daemon share. Written by .ci/lists.py from the .def files of the '
              'tree."""', "from __future__ import annotations", "", "from typing import Literal", "",
              f"Worker = Literal[{', '.join(repr(name) for name, _ in lists.workers)}]", ""]

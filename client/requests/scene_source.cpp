@@ -81,12 +81,8 @@ bool is_source(const std::string& scene) {
     const std::string ending = scene_ending_of(scene);
     if (std::ranges::find(scene_endings, ending) != scene_endings.end()) return true;
     std::error_code ignored;
-    // Files of other programs: gather() says how to convert them.
-    constexpr std::array foreign = {".3ds", ".abc", ".blend", ".dae",  ".fbx",
-                                    ".laz", ".usd", ".usda",  ".usdc", ".usdz"};
-    if (std::ranges::find(foreign, ending) != foreign.end() &&
-        std::filesystem::exists(scene, ignored))
-        return true;
+    if (!said_of_others(ending).empty() && std::filesystem::exists(scene, ignored))
+        return true;  // gather() says what to do about it
     // A pipe of the shell, <(command), has no ending. A word without a slash is a scene's name even
     // where the folder happens to hold a file of that name.
     return scene.find('/') != std::string::npos && std::filesystem::exists(scene, ignored);

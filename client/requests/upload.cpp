@@ -3,6 +3,7 @@
 #include "client/files/files.h"
 #include "client/files/named_files.h"
 #include "client/ground/interrupt.h"
+#include "client/ground/wording.h"
 #include "client/requests/send_file.h"
 #include "protocol/limits.h"
 #include "protocol/text.h"
@@ -17,6 +18,15 @@ namespace raynest::client {
 namespace {
 
 using namespace std::string_view_literals;
+
+struct OtherFiles {
+    std::string_view endings;
+    std::string_view text;
+};
+constexpr std::array other_files = {
+#define RAYNEST_OTHER_FILES(endings, text) OtherFiles{endings, text},
+#include "client/requests/other_files.def"
+};
 
 std::string folder_of(const std::string& path) {
     const std::size_t slash = path.rfind('/');
@@ -85,13 +95,8 @@ tl::unexpected<Failure> not_a_scene(const std::string& source) {
     std::error_code ignored;
     if (std::filesystem::is_directory(source, ignored))
         return fail(Exit::invalid, source + " is a folder; name the .glb or .gltf file in it");
-    if (extension_of(source) == ".laz")
-        return fail(Exit::invalid, source +
-                                       " is compressed (LAZ), which is not read: unpack it with "
-                                       "laszip -i in.laz -o out.las");
-    constexpr std::array packed = {".xz", ".gz", ".bz2", ".zst", ".zip", ".7z", ".tar", ".tgz"};
-    if (std::ranges::find(packed, extension_of(source)) != packed.end())
-        return fail(Exit::invalid, source + " is packed; unpack it and load what comes out");
+    if (const std::string_view other = said_of_others(extension_of(source)); !other.empty())
+        return fail(Exit::invalid, source + " " + localize_message(other));
     return fail(
         Exit::invalid,
         source +
@@ -187,6 +192,14 @@ std::string scene_ending_of(const std::string& path) {
                                               : extension_of(path);
 }
 
+std::string_view said_of_others(std::string_view ending) {
+    if (ending.empty()) return "";
+    const std::string word = " " + std::string(ending) + " ";
+    for (const auto& [endings, text] : other_files)
+        if ((" " + std::string(endings) + " ").find(word) != std::string::npos) return text;
+    return "";
+}
+
 Result<Upload> gather(const std::string& source, const std::string& primitive,
                       const std::string& instances) {
     Upload upload;
@@ -206,7 +219,8 @@ Result<Upload> gather(const std::string& source, const std::string& primitive,
     const bool is_named_so = !nameless && is_known(ending);
     const bool is_piped = nameless || is_device(source);
     std::string extension = is_named_so ? ending : is_piped ? "" : sniff(head_of(source));
-    if ((extension.empty() && !is_piped) || ending == ".laz") return not_a_scene(source);
+    if ((extension.empty() && !is_piped) || !said_of_others(ending).empty())
+        return not_a_scene(source);
     Gatherer gatherer(upload);
     const auto check =
         [&](std::span<const std::byte> begin) -> Result<std::optional<std::uint64_t>> {

@@ -36,6 +36,9 @@ inline constexpr std::array<std::string_view, 12> scene_endings = {
 /// ".rnscene.json", or "".
 [[nodiscard]] std::string scene_ending_of(const std::string& path);
 
+/// Returns what there is to say of a file of another kind, by its ending; "" of scenes and unknown kinds.
+[[nodiscard]] std::string_view said_of_others(std::string_view ending);
+
 struct UploadFile {
     std::string name;  ///< the name that the main file uses
     protocol::Buffer bytes;

@@ -125,6 +125,18 @@ class FirstHour(DaemonTest):
             (self.out / name).write_bytes(content)
         self.says(5, ("folder is a folder", "name the .glb"), "load", self.out / "folder")
         self.says(5, ("is packed", "unpack it"), "load", self.out / "scan.glb.xz")
+        # Both clients say the same of the files that are no scenes.
+        for name, says in (("scan.e57", "points have no surface to hit.* with --radius, or"), ("berlin.EPW", "the sun's directions"),
+                           ("sky.exr", "render a scene with it as --env$"), ("sky.hdr", "--env$"), ("scan.las.gz", "is packed; unpack it"),
+                           ("scan.zip", "is packed"), ("dem.asc", "gdal_translate"), ("scan.laz", "laszip"), ("car.fbx", "Blender")):
+            (self.out / name).write_bytes(b"PK\3\4")
+            for words in (("load", self.out / name), ("load", f"nowhere/{name}"), ("info", self.out / name)):
+                done = self.client.run(*words)
+                self.assertEqual(done.returncode, 5, done.stderr)
+                self.assertRegex(done.stderr.strip(), f"{name} .*{says}")
+            there = subprocess.run([self.raynest, "info", name], cwd=self.out, stderr=subprocess.PIPE, text=True, check=False,
+                                   env=dict(os.environ, RAYNEST_SERVER=self.daemon.uri), timeout=PATIENCE)
+            self.assertRegex(there.stderr.strip(), says)
         self.says(5, "empty.glb is empty", "load", self.out / "empty.glb")
         self.says(5, "empty.gltf is empty", "load", self.out / "empty.gltf")
         self.says(5, "/dev/null is empty", "load", "/dev/null", "--name", "x")

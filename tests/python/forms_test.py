@@ -66,7 +66,10 @@ class Forms(WithDaemon):
                 with self.subTest(wrong=wrong), \
                         self.assertRaisesRegex(TypeError, f"{key} of .*'inst=3', 'object=2', the text of a path"):
                     self.woods.trace(DOWN, **{key: wrong})
-        for wrong, says in (("inst=x", "behind its '='"), (-1, "a whole number from 0"), ("nowhere", "'nowhere'")):
+        for wrong, says in (("inst=x", "behind its '='"), (-1, "a whole number from 0"), ("nowhere", "'nowhere'"),
+                            ("inst=4294967296", "'inst=4294967296': .* from 0 to 4294967295 "), (2**32, "hide of 4294967296"),
+                            ("object=4294967296", "'object=4294967296'"), ("path=" + "9" * 5000, "hide of 'path=99"),
+                            (f"path={2**64}", f"'path={2**64}': .* from 0 to {2**64 - 1} ")):
             with self.assertRaisesRegex(raynest.UsageError, says):
                 self.woods.trace(DOWN, hide=wrong)
 
@@ -107,7 +110,9 @@ class Forms(WithDaemon):
                 (lambda: self.client.load("dem.asc"), raynest.InvalidError, "gdal_translate"),
                 (lambda: self.client.load("berlin.epw"), raynest.InvalidError, "directions"),
                 (lambda: self.client.load("sky.hdr"), raynest.InvalidError, "environment="),
-                (lambda: self.client.load("car.fbx"), raynest.InvalidError, "trimesh"),
+                (lambda: self.client.load("car.fbx"), raynest.InvalidError, "Blender"),
+                (lambda: self.client.load("scan.las.gz"), raynest.InvalidError, "is packed; unpack it"),
+                (lambda: self.client.load("car.unknown"), raynest.InvalidError, "trimesh"),
                 (lambda: self.client.mesh(Mesh()), TypeError, r"pass mesh.vertices and mesh.faces"),
                 (lambda: self.client.mesh(CORNERS), TypeError, "vertices and faces"),
                 (lambda: self.woods.trace(DOWN, kind="all", max_hits=10**9), raynest.UsageError, "to 65536")):

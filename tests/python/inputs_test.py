@@ -151,7 +151,7 @@ class Inputs(WithDaemon):
                 (lambda: self.woods.trace([DOWN], fields=("t", "t")), "'t' twice"),
                 (lambda: list(self.woods.stream([np.array([DOWN])] * 2)), r"pass iter\(blocks\)"),
                 (lambda: self.woods.trace([DOWN], detach=True, origin=(0, 0, 0)), "world"),
-                (lambda: self.client.load("a.fbx"), "trimesh")):
+                (lambda: self.client.load("a.fbx"), "Blender")):
             with self.assertRaisesRegex(raynest.Error, says):
                 call()
 

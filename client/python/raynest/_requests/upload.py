@@ -19,9 +19,11 @@ from typing import Callable, Iterator, NamedTuple, Sequence, Union
 import numpy as np
 
 from .. import _limits, errors
+from .._lists import OTHER_FILES
 from .._net.connection import Connection
 from .._net.control import Message
 from .._net.frame import Array, padding
+from .._wording import localize_message
 from .files import (HEAD_BYTES, STANDARD, head_of, is_nameless, is_pipe, read_file, read_file_beneath,
                     sendable)
 from .named_files import COMPOSITION, named_files
@@ -31,19 +33,6 @@ PIECE_BYTES = 1 << 20
 
 # Endings of the files that are scenes.
 _SCENES = (".glb", ".gltf", ".npy", ".ply", ".stl", ".obj", ".off", ".npz", ".las", ".tif", ".tiff", COMPOSITION)
-
-# Endings of packed files, which are not unpacked here.
-_PACKED = (".xz", ".gz", ".bz2", ".zst", ".zip", ".7z", ".tar", ".tgz")
-
-_POINTS = ("points have no surface to hit: save them as .ply or .las and load them with radius=, or make "
-           "a mesh of them")
-# Files of other programs that hold no triangles.
-_OF_OTHERS = {
-    ".laz": "it is compressed: unpack it with laszip -i in.laz -o out.las",
-    **dict.fromkeys((".e57", ".pcd", ".xyz"), _POINTS),
-    ".asc": "a raster of heights becomes a mesh by its grid: make a .tif of it with gdal_translate",
-    ".epw": "weather is not part of a scene: take the sun's directions from it and trace rays to them",
-    **dict.fromkeys((".exr", ".hdr"), "it is a picture: pass it as environment= of render()")}
 
 
 class File(NamedTuple):
@@ -81,7 +70,7 @@ def gather(source: str, primitive: str, instances: str) -> Upload:
         extension = _sniffed(source, data)
         name += extension
     else:
-        extension = "" if extension.lower() == ".laz" else _sniff(head_of(source))
+        extension = "" if extension.lower() in OTHER_FILES else _sniff(head_of(source))
         name += extension
         if not extension:
             raise errors.InvalidError(f"{source} {_not_a_scene(source)}", "FILE_INVALID")
@@ -128,11 +117,11 @@ def _not_a_scene(source: str) -> str:
     """Says why a source is none that can be read, and what to do about it."""
     if os.path.isdir(source):
         return "is a folder; name the .glb or .gltf file in it"
-    if os.path.splitext(source)[1].lower() in _PACKED:
-        return "is packed; unpack it and load what comes out"
-    kind = "is not a .glb, .gltf, .rnscene.json, .obj, .ply, .stl, .off, .npz, .las, .tif or .npy file, nor builtin:NAME; "
-    return kind + _OF_OTHERS.get(os.path.splitext(source)[1].lower(), "read it with trimesh and pass its "
-                                 "vertices and faces to mesh(), or convert it to .glb")
+    other = OTHER_FILES.get(os.path.splitext(source)[1].lower())
+    if other is not None:
+        return localize_message(other)
+    return ("is not a .glb, .gltf, .rnscene.json, .obj, .ply, .stl, .off, .npz, .las, .tif or .npy file, nor builtin:NAME; "
+            "read it with trimesh and pass its vertices and faces to mesh(), or convert it to .glb")
 
 
 def _sniff(data: bytes) -> str:
