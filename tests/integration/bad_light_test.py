@@ -13,7 +13,7 @@ import subprocess
 import zlib
 
 from daemon import DaemonTest, PATIENCE, main, until
-from exr import read_exr
+from exr import read_exr, with_values
 
 VIEW = ("--size", "48x32", "--lookat", "0,0,4,0,0,0")
 PATH = ("--integrator", "path", *VIEW, "--spp", "4")
@@ -209,6 +209,33 @@ class BadLight(DaemonTest):
         black, told = self.rendered("--env", file)
         self.assertEqual(layers["R"], black["R"])
         self.assertNotIn("the environment has", " ".join(told["notes"]))
+
+    def test_pixels_of_an_exr_that_are_not_finite_light_nothing(self):
+        self.load(square())
+        self.client.json("render", "bad", *PATH, "--env", "sky", "-o", self.out / "plain.exr")
+        grey = (self.out / "plain.exr").read_bytes()
+        width, height, _ = read_exr(grey)
+        for channel in "RGB":
+            grey = with_values(grey, channel, dict.fromkeys(range(width * height), struct.pack("<f", 0.5)))
+        file, out = self.out / "odd.exr", self.out / "a.exr"
+
+        def lit_by(picture):
+            file.write_bytes(picture)
+            told = self.client.json("render", "bad", *PATH, "--env", file, "-o", out)
+            self.assertEqual(told["dropped"], 0)
+            return " ".join(told["notes"]), [read_exr(out.read_bytes())[2][channel] for channel in "RGB"]
+
+        # As where they are black.
+        black = grey
+        for channel in "RGB":
+            black = with_values(black, channel, dict.fromkeys((5, 6, 7), bytes(4)))
+        notes, dark = lit_by(black)
+        self.assertNotIn("the environment has", notes)
+        for channel in "RGB":
+            odd = enumerate((math.inf, math.nan, 1e30), 5)
+            notes, light = lit_by(with_values(grey, channel, {pixel: struct.pack("<f", value) for pixel, value in odd}))
+            self.assertIn(f"the environment has 3 pixels of {width * height} whose values are infinite or no numbers", notes)
+            self.assertEqual(light, dark)
 
     def test_a_picture_of_the_surroundings_is_turned(self):
         """A mirror that faces the camera shows what lies behind it: red where the picture is red."""
