@@ -6,7 +6,7 @@ import { valueText } from "./numbers.js";
 import { PALETTE_NAMES, paletteBytes, position, valueAt } from "./palette.js";
 
 const BINS = 128;
-const HEIGHT = 62, BAR = 12, TICKS = 16;
+const HEIGHT = 62, BAR = 12, TICKS = 16, EDGE = 4;
 
 export class Legend {
   #store;
@@ -143,8 +143,9 @@ export class Legend {
     context.font = "11px system-ui, sans-serif";
     let free = -Infinity;
     for (const value of ticks(axis, Math.max(wide / 90, 2))) {
-      const text = valueText(value), half = context.measureText(text).width / 2;
-      const x = Math.min(Math.max(position(value, axis) * wide, half), wide - half);
+      // A digit that touches the border of a PNG looks cut.
+      const text = valueText(value), half = context.measureText(text).width / 2, aside = half + EDGE;
+      const x = Math.min(Math.max(position(value, axis) * wide, aside), wide - aside);
       if (x - half < free) continue;
       context.fillText(text, x - half, HEIGHT - 3);
       free = x + half + 8;

@@ -201,7 +201,7 @@ function chooseFirst() {
 
 function howToLoad(scene) {
   const [, owner, name] = /^(.*)\/([^/]*)$/.exec(scene) ?? [];
-  return owner === undefined ? `load it: raynest load FILE --name ${shellWord(scene)}.`
+  return owner === undefined ? `load it: raynest load FILE --name ${shellWord(scene)}. If another user has loaded it, have that user load it with --share public.`
     : `have ${owner} load it: raynest load FILE --name ${shellWord(name)} --share public.`;
 }
 

@@ -17,6 +17,17 @@ const app = (page, run, argument) => page.evaluate(`(${run})(globalThis.raynest,
 /** What is wrong with the layout, as lines of text; runs in the page. */
 function faults() {
   const found = [], root = document.documentElement;
+  const brokenWords = (node) => {
+    const broken = [], texts = document.createTreeWalker(node, NodeFilter.SHOW_TEXT), range = document.createRange();
+    while (texts.nextNode()) {
+      for (const { index, 0: word } of texts.currentNode.data.matchAll(/[\p{L}\d_]+/gu)) {
+        range.setStart(texts.currentNode, index);
+        range.setEnd(texts.currentNode, index + word.length);
+        if (new Set([...range.getClientRects()].map(({ top }) => Math.round(top))).size > 1) broken.push(`"${word}" is broken into lines`);
+      }
+    }
+    return broken;
+  };
   if (root.scrollWidth > innerWidth) found.push(`the page is ${root.scrollWidth} wide`);
   const visible = (node) => node.checkVisibility() && node.getBoundingClientRect().width > 0;
   for (const node of document.querySelectorAll("body *")) {
@@ -28,6 +39,7 @@ function faults() {
     if (node.matches("td, th button, button, p, dd, dt, label, h2") && !node.closest("#message, #notice") && node.scrollWidth > node.clientWidth + 1
         && !(getComputedStyle(node).textOverflow === "ellipsis" && node.title)) found.push(`"${node.textContent.slice(0, 30)}" is cut`);
     if (node.matches(".table td") && box.height > 30) found.push(`a row is ${box.height} high: ${node.textContent}`);
+    if (node.matches("h1, h2, label, td, th button, dt, [role=tab]")) found.push(...brokenWords(node));
   }
   // Controls and texts do not lie over each other.
   const parts = [...document.querySelectorAll("header .field > *, header button, #state, .legend .row > *, .legend canvas, [role=tab], .field > *, .pairs > *, .hint, h2, .sorted > *, #frame")].filter(visible);
@@ -164,10 +176,18 @@ browserTest("what is selected keeps its colours, and so does everything else but
   const page = await open(daemon, { scene: "forest", size: "160x90", camera: "0.5,2,13,0,3,0,0,1,0,50" });
   await fine(page);
   await page.mouse.click(...await windowPoint(page, 80, 60));
+  const clicked = await until(() => app(page, ({ selection }) => selection.chosen && String(selection.chosen.first)), "a selection");
   const alphas = () => page.evaluate(() => {
     const canvas = document.getElementById("overlay"), { data } = canvas.getContext("2d").getImageData(0, 0, canvas.width, canvas.height);
     return { covered: data.filter((value, i) => i % 4 === 3 && value > 0).length, all: data.length / 4 };
   });
+  /** The overlay's largest alpha within a pixel of the picture. */
+  const alphaAt = (x, y) => page.evaluate(([px, py]) => {
+    const picture = document.getElementById("picture"), canvas = document.getElementById("overlay");
+    const sides = [canvas.width / picture.width, canvas.height / picture.height];
+    const [left, top, width, height] = [px * sides[0], py * sides[1], ...sides].map(Math.ceil);
+    return Math.max(...canvas.getContext("2d").getImageData(left, top, Math.max(width - 1, 1), Math.max(height - 1, 1)).data.filter((_, i) => i % 4 === 3));
+  }, [x, y]);
   await page.click("#tab-ranking");
   await page.waitForFunction(() => document.querySelectorAll("#panel-ranking tbody tr").length > 0);
   await page.keyboard.press("Escape");
@@ -176,8 +196,48 @@ browserTest("what is selected keeps its colours, and so does everything else but
   const { covered, all } = await alphas();
   assert.ok(covered < 0.4 * all, `${covered} of ${all} pixels are covered`);
   // The selected pixels themselves are free.
-  const free = await app(page, async ({ selection }) => selection.chosen !== null);
-  assert.ok(free);
+  await page.keyboard.press("Escape");
+  await until(async () => (await alphas()).covered === 0, "nothing is selected");
+  await app(page, ({ selection }, first) => selection.choose({ kind: "placements", first: BigInt(first), count: 1n, name: "" }), clicked);
+  await until(async () => (await alphas()).covered > 0, "an outline");
+  assert.equal(await alphaAt(80, 60), 0);
+});
+
+/** Saves the page's PNG: its size, and what it holds below the picture. */
+async function png(page) {
+  await page.click("#share");
+  const [download] = await Promise.all([page.waitForEvent("download"), page.getByRole("button", { name: "PNG" }).click()]);
+  const text = readFileSync(await download.path()).toString("base64");
+  await page.keyboard.press("Escape");
+  return page.evaluate(async (base64) => {
+    const image = await createImageBitmap(new Blob([Uint8Array.from(atob(base64), (letter) => letter.charCodeAt(0))]));
+    const context = new OffscreenCanvas(image.width, image.height).getContext("2d");
+    context.drawImage(image, 0, 0);
+    const { width, height } = document.getElementById("picture"), part = (x, y, w, h) => [...context.getImageData(x, y, w, h).data].join();
+    const texts = height + Math.round(62 * Math.max(width / document.getElementById("frame").clientWidth, 1));
+    return { picture: part(0, 0, width, height), caption: part(0, texts, image.width, image.height - texts),
+             border: new Set([0, 1, 2].map((x) => part(x, texts - 15, 1, 15))).size };
+  }, text);
+}
+
+browserTest("the page's PNG says scene and camera, and no number touches its border", async ({ open }) => {
+  await daemon.loadMeshes("twin", [{ name: "one", points: [[-1, -1, 0], [1, -1, 0], [0, 1, 0]] }]);
+  await daemon.loadMeshes("other twin", [{ name: "one", points: [[-1, -1, 0], [1, -1, 0], [0, 1, 0]] }]);
+  const made = async (view) => {
+    const page = await open(daemon, { scene: "twin", size: "320x180", view: "boxes", camera: "0,0,5,0,0,0,0,1,0,40", ...view });
+    await fine(page);
+    return png(page);
+  };
+  const first = await made({});
+  assert.deepEqual(await made({}), first);
+  assert.equal(first.border, 1, "the first number of the legend stands beside the border");
+  const other = await made({ scene: "other twin" });
+  assert.equal(other.picture, first.picture);
+  assert.notEqual(other.caption, first.caption);
+  // A camera that looks at a point further ahead has the same picture.
+  const moved = await made({ camera: "0,0,5,0,0,-1,0,1,0,40" });
+  assert.equal(moved.picture, first.picture);
+  assert.notEqual(moved.caption, first.caption);
 });
 
 browserTest("the ranking comes with the first samples of a lit picture, and what is empty has words", async ({ open }) => {
