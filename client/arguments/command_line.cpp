@@ -5,6 +5,8 @@
 #include <algorithm>
 #include <cctype>
 #include <map>
+#include <memory>
+#include <set>
 #include <string_view>
 #include <utility>
 
@@ -37,6 +39,26 @@ std::function<void(const Texts&)> throwing(const std::string& name, CommandLine:
             throw CLI::ValidationError(name, taken.error().message);
     };
 }
+
+/// CLI11 names the options that one needs or excludes before its text, as if they were its type: they
+/// stand behind the text here.
+class HelpFormatter final : public CLI::Formatter {
+    std::string make_option_opts(const CLI::Option* option) const override {
+        const std::string whole = CLI::Formatter::make_option_opts(option);
+        return whole.substr(0, std::min(whole.find(" Needs:"), whole.find(" Excludes:")));
+    }
+    std::string make_option_desc(const CLI::Option* option) const override {
+        return CLI::Formatter::make_option_desc(option) + named("; with ", option->get_needs()) +
+               named("; not with ", option->get_excludes());
+    }
+    static std::string named(const char* begin, const std::set<CLI::Option*>& options) {
+        std::set<std::string> names;  // the order of addresses is another one in each run
+        for (const CLI::Option* option : options) names.insert(option->get_name());
+        std::string all;
+        for (const std::string& name : names) all += (all.empty() ? begin : ", ") + name;
+        return all;
+    }
+};
 
 }  // namespace
 
@@ -156,6 +178,7 @@ struct Program::Commands {
         : texts(std::move(own)),
           app(texts.description, "raynest") {
         app.footer(texts.footer);
+        app.formatter(std::make_shared<HelpFormatter>());
         app.require_subcommand(1);
         app.set_version_flag("--version", texts.version);
     }

@@ -169,14 +169,14 @@ void add_trajectory(CommandLine& line, RenderOptions& render) {
         "up; the colours are those of primary; by the Python package. Example: raynest render "
         "SCENE --trajectory way.npy --readout 0.03 -o out.png");
     line.add_number("--begin", render.begin, -1e9, 1e9, "a number of seconds from -1e9 to 1e9",
-                    "with --trajectory: when the first row is read (0)")
+                    "when the first row is read (0)")
         .needs(trajectory);
     line.add_number("--readout", render.readout, 0.0, 1e9, "a number of seconds from 0 to 1e9",
-                    "with --trajectory: how long the reading of all rows takes (0)")
+                    "how long the reading of all rows takes (0)")
         .needs(trajectory);
     line.add_number("--step-error", render.step_error, 1e-9, 1e9,
                     "a number of metres from 1e-9 to 1e9",
-                    "with --trajectory: an animated scene moves meanwhile, and no part is further "
+                    "an animated scene moves meanwhile, and no part is further "
                     "than this from where it should be")
         .needs(trajectory);
 }

@@ -106,7 +106,7 @@ void declare(CommandLine& line, ExplainOptions& explain) {
         "the rays of a path in place of a traversal: " + integrators + ", as render has them");
     line.add_whole("--sample", explain.sample, 0U,
                    static_cast<std::uint32_t>(protocol::Limits{}.samples_max - 1),
-                   "number of the sample whose path is shown (0); for --integrator");
+                   "number of the sample whose path is shown (0)");
     ray.excludes(line.find("--integrator"));
     all.excludes(line.find("--integrator"));
     for (const char* other : {"--seed", "--depth", "--ao-distance", "--env", "--sun", "--sample"})

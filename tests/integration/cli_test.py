@@ -281,8 +281,17 @@ class Cli(DaemonTest):
         said = " ".join(self.expect(0, "render", "--help").stdout.split())
         self.assertRegex(said, r"--noise NUMBER in \[0\.000001, 1\] .*; --spp is then the most --progressive")
         for entry in ("--seed NUMBER seed", "--deadline SECONDS in [0.001, 4000000] give up",
-                      "--readout SECONDS in [0, 1e9] Needs: --trajectory with"):
+                      "--readout SECONDS in [0, 1e9] how long"):
             self.assertIn(entry, said)
+
+    def test_help_names_what_an_option_goes_with_behind_its_text(self):
+        said = " ".join(self.expect(0, "explain", "--help").stdout.split())
+        for entry in ("--seed NUMBER seed of the random numbers (0); with --integrator --depth",
+                      "--all all steps of a long traversal, not the first 256; not with --integrator --integrator",
+                      "--camera TEXT number or name", "see: raynest info); not with --lookat, --ray --lookat"):
+            self.assertIn(entry, said)
+        for command in ("explain", "render", "query", "heatmap", "info", "unload"):
+            self.assertNotRegex(self.expect(0, command, "--help").stdout, "Needs:|Excludes:")
 
     def test_a_heat_map_says_what_it_counts_and_what_lies_below_its_range(self):
         told = self.client.json("heatmap", "hills", "--size", "64x36", "-o", self.out / "h.png",
