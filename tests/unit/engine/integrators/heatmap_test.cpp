@@ -83,6 +83,11 @@ TEST_CASE("ranges are p99, auto or two numbers") {
     CHECK(fixed.clipped == doctest::Approx(0.2));
     CHECK(fixed.below == doctest::Approx(0.19));
     CHECK(statistics_of({0, 0, 0}).range_high > 0);  // a map of zeros has a scale too
+    // The same everywhere is not the most: it has the middle of the palette.
+    for (const char* range : {"p99", "auto"}) {
+        CHECK(statistics_of({7, 7, 7}, {.range = range}).range_high == 14);
+        CHECK(statistics_of({6, 7, 7}, {.range = range}).range_high == 7);
+    }
 }
 
 TEST_CASE("unknown options are refused and the choices named") {
