@@ -49,10 +49,10 @@ class Time(Heat):
         self.assertEqual(told["max"], time.max())
         total = self.counts("woods", "--metric", "total")
         most = numpy.argsort(total.ravel())
-        few, many = time.ravel()[most[:500]], time.ravel()[most[-500:]]
-        # Counts differ by several times there; the load of the machine does not turn that round.
-        self.assertGreater(numpy.median(many), numpy.median(few))
-        self.assertGreater(numpy.corrcoef(total.ravel(), numpy.minimum(time.ravel(), numpy.percentile(time, 99)))[0, 1], 0.2)
+        # From quarter to quarter counts differ by much; the load of the machine does not turn that round.
+        medians = [float(numpy.median(time.ravel()[pixels])) for pixels in numpy.array_split(most, 4)]
+        self.assertEqual(medians, sorted(medians))
+        self.assertLess(medians[0], medians[-1])
         note, = [note for note in told["notes"] if "median of 5 runs" in note]
         self.assertRegex(note, "lie within [0-9]+ %")
 
