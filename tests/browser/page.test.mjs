@@ -203,6 +203,7 @@ browserTest("the keyboard alone is enough", async ({ open }) => {
 browserTest("a link to a scene that is not loaded offers the others", async ({ open }) => {
   const page = await open(daemon, { scene: "nosuch" });
   await until(async () => /"nosuch" is not loaded/.test(await page.textContent("#message")), "the page says so");
+  assert.match(await page.textContent("#message"), /raynest load FILE --name nosuch\. If another user has loaded it, .* --share public\. The page/);
   await page.selectOption("#scene", "forest");
   await fine(page);
   assert.equal(await page.textContent("#message"), "");
