@@ -91,6 +91,16 @@ class Measuring(unittest.TestCase):
                     self.assertEqual(row["kind"], "any" if row["rays"] in ("ao", "shadow") else "closest")
                     self.assertEqual(row["ratio"] > 0, PEER)
 
+    def test_packets_of_the_peer_are_as_wide_as_the_instructions_of_its_target(self):
+        if not PEER:
+            self.skipTest("skipped: this build has no peer")
+        for target in runnable_targets():
+            rows = self.rows("--scene", "gen:cards?scale=0.01", "--rays", "primary,ao", "--traversal", "single", "--target", target,
+                             "--peers", "embree,embree-packet,embree-coherent")
+            wide = {"v2": 4, "v3": 8, "v4": 16}[target]
+            self.assertEqual({(row["peer"], row["peer_width"]) for row in rows},
+                             {("embree", 1), ("embree-packet", wide), ("embree-coherent", wide)})
+
     def test_alpha_is_tested_as_the_filters_of_the_peer_and_the_controls_do(self):
         peers = "own,embree-filter,embree-filter-coherent,embree-argument" if PEER else "own"
         rows = self.rows("--scene", "gen:cards?scale=0.01", "--rays", "primary,diffuse,ao", "--intersector",

@@ -43,8 +43,8 @@ public:
 /// A row of a peer: its name and the queries that it answers.
 struct PeerForm {
     std::string name;
-    bool masks;  ///< tests alpha as our alpha_mask does
-    bool packets;
+    bool masks;           ///< tests alpha as our alpha_mask does
+    std::uint32_t width;  ///< rays of a call: 1, or those of a packet
     std::vector<Query> queries;
 };
 

@@ -65,6 +65,7 @@ nlohmann::ordered_json row_of(const Options& options, const Setting& setting,
         row["peer"] = outcome.opponent->label.name;
         row["peer_mrays"] = rate(setting, theirs);
         row["peer_mrays_best"] = rate(setting, best_cpu(outcome.opponent_laps));
+        row["peer_width"] = outcome.opponent->label.width;
         row["peer_about"] = own ? "" : setting.peer_about;
         row["ratio"] = ratio;
         row["ratio_adjusted"] = ratio / outcome.opponent->adjusted;

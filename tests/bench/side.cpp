@@ -49,8 +49,9 @@ Result<Side> make_peer_side(PeerLibrary& library, const PeerForm& form, const Wo
     if (!peer) return tl::unexpected(peer.error());
     Side side;
     side.label.name = form.name;
+    side.label.width = form.width;
     side.masks = form.masks;
-    side.adjusted = library.assert_factor(query, form.packets);
+    side.adjusted = library.assert_factor(query, form.width > 1);
     side.peer = std::move(*peer);
     side.answers =
         std::make_unique<Answers>(query, static_cast<std::uint32_t>(rays.size()), hits_max);

@@ -13,7 +13,7 @@
 
 namespace raynest::bench {
 
-/// The columns of a row that name a side. Peers have a name only.
+/// The columns of a row that name a side. Peers have a name and a width only.
 struct Label {
     std::string name;  ///< as opponent: "embree-packet", "own", "own-over"
     std::string traversal = {};
@@ -21,6 +21,7 @@ struct Label {
     std::string counters = {};  ///< none | total | level
     std::string target = {};
     unsigned threads = 1;
+    std::uint32_t width = 1;  ///< rays of a call of a peer
 };
 
 struct Side {

@@ -163,15 +163,16 @@ const std::vector<Plan>& plans() {
         list.filter_all = true;
         TreeForm shrink = list;
         shrink.filter = filter_list_shrink;
-        return std::vector<Plan>{{{"embree", false, false, both}, {}, false},
-                                 {{"embree-packet", false, true, both}, {}, false},
-                                 {{"embree-coherent", false, true, both}, {}, true},
-                                 {{"embree-robust", false, false, both}, robust, false},
-                                 {{"embree-filter", true, false, both}, filter, false},
-                                 {{"embree-filter-coherent", true, true, both}, filter, true},
-                                 {{"embree-argument", true, false, both}, argument, false},
-                                 {{"embree-list", false, false, {query_multi}}, list, false},
-                                 {{"embree-shrink", false, false, {query_multi}}, shrink, false}};
+        return std::vector<Plan>{
+            {{"embree", false, 1, both}, {}, false},
+            {{"embree-packet", false, packet_rays, both}, {}, false},
+            {{"embree-coherent", false, packet_rays, both}, {}, true},
+            {{"embree-robust", false, 1, both}, robust, false},
+            {{"embree-filter", true, 1, both}, filter, false},
+            {{"embree-filter-coherent", true, packet_rays, both}, filter, true},
+            {{"embree-argument", true, 1, both}, argument, false},
+            {{"embree-list", false, 1, {query_multi}}, list, false},
+            {{"embree-shrink", false, 1, {query_multi}}, shrink, false}};
     }();
     return all;
 }
@@ -188,7 +189,7 @@ public:
         const RTCFilterFunctionN filter = plan_.tree.filter_in_query ? plan_.tree.filter : nullptr;
         if (query_ == query_multi) {
             list_single(scene, call);
-        } else if (plan_.form.packets) {
+        } else if (plan_.form.width > 1) {
             query_ == query_any ? any_packets(scene, plan_.coherent, call)
                                 : closest_packets(scene, plan_.coherent, call);
         } else {

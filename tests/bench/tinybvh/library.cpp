@@ -109,8 +109,8 @@ public:
     [[nodiscard]] double assert_factor(Query, bool) const override { return 1; }
     [[nodiscard]] std::span<const PeerForm> forms() const override {
         static const std::vector<PeerForm> forms{
-            {"tinybvh", false, false, {query_closest, query_any}},
-            {"tinybvh-hq", false, false, {query_closest, query_any}}};
+            {"tinybvh", false, 1, {query_closest, query_any}},
+            {"tinybvh-hq", false, 1, {query_closest, query_any}}};
         return forms;
     }
     Result<std::unique_ptr<Peer>> open(const PeerForm& form, Query query,
