@@ -58,7 +58,7 @@ class FirstHour(DaemonTest):
                   "forest.fbx")
         self.says(2, "did you mean unix:/tmp/x/s?", "scenes", "--server", "/tmp/x/s")
         self.says(2, "unix:PATH", "scenes", "--server", "unix:")
-        self.says(5, "convert it to .glb", "load", "a.fbx")
+        self.says(5, "from there as .glb", "load", "a.fbx")
 
     # ---- the first steps ------------------------------------------------------------------------
 

@@ -213,7 +213,7 @@ class Notes(DaemonTest):
             process = client.start(command[0], "x.fbx", *command[1:], cwd=self.out)
             _, errors = process.communicate(timeout=PATIENCE)
             self.assertEqual(process.returncode, 5, errors)
-            self.assertIn("convert it to .glb", errors)
+            self.assertIn("from there as .glb", errors)
 
 
 class Endings(DaemonTest):
