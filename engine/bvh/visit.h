@@ -101,81 +101,110 @@ RAYNEST_INLINE bool traverse(BoxRay& ray, const Bvh& bvh, Isect& isect, Query& q
         __builtin_prefetch(scene.instances + object.first_instance + leaf_instance(other));
     };
     const auto push = [&](const Node& node, const auto& spans) RAYNEST_INLINE_LAMBDA {
-        if constexpr (Query::ordered) {
+        if constexpr (Query::ordered && !Overrides<Isect, BoxRay, Boxes8>) {
+            // The empty children come last in every order.
+            top += pack_ordered(spans.near, spans.leaves, node.child, node.valid(), node.order,
+                                order, nears + top, children + top);
+        } else if constexpr (Query::ordered) {
             top += pack_ordered(spans.near, node.child, spans.mask, node.order, order, nears + top,
                                 children + top);
         } else {
             top += pack_words(node.child, spans.mask, children + top);
         }
     };
-    /// Pushes the children of nodes, of which all but the last one waited on top.
-    const auto look_at = [&](const auto&... nodes) RAYNEST_INLINE_LAMBDA {
-        top -= static_cast<std::uint32_t>(sizeof...(nodes)) - 1;
-        const std::tuple all_spans{intersect_with(isect, ray, Boxes8{&nodes})...};
-        std::apply([&](const auto&... spans) RAYNEST_INLINE_LAMBDA { (push(nodes, spans), ...); },
-                   all_spans);
-    };
-
-    for (;;) {
-        if (is_leaf(child)) {
-            switch (kind_of(child)) {
-                case ChildKind::triangles: {
-                    const TriangleBlock* block = arrays.blocks(child);
-                    const TriangleBlock* const end = block + leaf_count(child);
-                    bool first = true;
-                    for (; block != end; ++block, first = false) {
-                        if (visit(ray, Triangles8{block, first}, isect, query)) return true;
-                    }
-                    break;
-                }
-                case ChildKind::instance:
-                    if (object.instance_count >= many_instances) {
-                        ask_for_instance(1);
-                        ask_for_instance(2);
-                    }
-                    if (visit(ray, Instance{&scene, object.first_instance + leaf_instance(child)},
-                              isect, query)) {
-                        return true;
-                    }
-                    break;
-                case ChildKind::records:
-                    if (visit_record_type(
-                            scene, object, leaf_first(child), leaf_count(child),
-                            [&](const auto& record) { return visit(ray, record, isect, query); })) {
-                        return true;
-                    }
-                    break;
-            }
-        } else if (waits(1)) {
-            if (nodes_together > 2 && waits(2)) {
-                look_at(waiting(2), waiting(1), arrays.node(child));
-            } else {
-                look_at(waiting(1), arrays.node(child));
-            }
-        } else {
-            // The next child need not come through the stack (measured, any hits: 1.02): the first
-            // of those in no order, and an only one, as most nodes near the leaves have, of others.
-            const Node& node = arrays.node(child);
-            const auto spans = intersect_with(isect, ray, Boxes8{&node});
-            const int lane = static_cast<int>(lowest_bit(spans.mask));
-            if constexpr (Query::ordered) {
-                if (std::has_single_bit(spans.mask)) {
-                    child = node.child[lane];
-                    continue;
-                }
-                push(node, spans);
-            } else if (spans.mask != 0) {
-                child = node.child[lane];
-                top += pack_words(node.child, spans.mask & (spans.mask - 1), children + top);
-                continue;
-            }
-        }
-
-        // Entries behind the best hit are skipped; near == best may still win a tie.
+    /// Takes the next child from the stack; false at its end. Entries behind the best hit are
+    /// skipped; near == best may still win a tie.
+    const auto pop = [&]() RAYNEST_INLINE_LAMBDA {
         do {
             if (--top == 0) return false;
         } while (Query::ordered && nears[top] > ray.tmax);
         child = children[top];
+        return true;
+    };
+    /// Goes down from a node to the next leaf; false if there is none.
+    const auto find_leaf = [&]() RAYNEST_INLINE_LAMBDA {
+        const NodeTest plain(ray);
+        const auto test = [&](const Node& node) RAYNEST_INLINE_LAMBDA {
+            if constexpr (Overrides<Isect, BoxRay, Boxes8>) {
+                return intersect_with(isect, ray, Boxes8{&node});
+            } else {
+                return plain(node);
+            }
+        };
+        /// Pushes the children of nodes, of which all but the last one waited on top.
+        const auto look_at = [&](const auto&... nodes) RAYNEST_INLINE_LAMBDA {
+            top -= static_cast<std::uint32_t>(sizeof...(nodes)) - 1;
+            const std::tuple all_spans{test(nodes)...};
+            std::apply([&](const auto&... spans)
+                           RAYNEST_INLINE_LAMBDA { (push(nodes, spans), ...); },
+                       all_spans);
+        };
+        do {
+            const Node& node = arrays.node(child);
+            if (waits(1)) {
+                if (nodes_together > 2 && waits(2)) {
+                    look_at(waiting(2), waiting(1), node);
+                } else {
+                    look_at(waiting(1), node);
+                }
+            } else {
+                // The next child need not come through the stack (measured, any hits: 1.02): the
+                // first of those in no order, and an only one, as most nodes near the leaves have,
+                // of others.
+                const auto spans = test(node);
+                const int lane = static_cast<int>(lowest_bit(spans.mask));
+                if constexpr (Query::ordered) {
+                    if (std::has_single_bit(spans.mask)) {
+                        child = node.child[lane];
+                        continue;
+                    }
+                    if (spans.mask != 0) {
+                        push(node, spans);
+                        child = children[--top];
+                        continue;
+                    }
+                } else if (spans.mask != 0) {
+                    child = node.child[lane];
+                    top += pack_words(node.child, spans.mask & (spans.mask - 1), children + top);
+                    continue;
+                }
+            }
+            if (!pop()) return false;
+        } while (!is_leaf(child));
+        return true;
+    };
+
+    for (;;) {
+        if (!is_leaf(child) && !find_leaf()) return false;
+        switch (kind_of(child)) {
+            case ChildKind::triangles: {
+                const TriangleBlock* block = arrays.blocks(child);
+                const TriangleBlock* const end = block + leaf_count(child);
+                bool first = true;
+                for (; block != end; ++block, first = false) {
+                    if (visit(ray, Triangles8{block, first}, isect, query)) return true;
+                }
+                break;
+            }
+            case ChildKind::instance:
+                if (object.instance_count >= many_instances) {
+                    ask_for_instance(1);
+                    ask_for_instance(2);
+                }
+                if (visit(ray, Instance{&scene, object.first_instance + leaf_instance(child)},
+                          isect, query)) {
+                    return true;
+                }
+                break;
+            case ChildKind::records:
+                if (visit_record_type(
+                        scene, object, leaf_first(child), leaf_count(child),
+                        [&](const auto& record) { return visit(ray, record, isect, query); })) {
+                    return true;
+                }
+                break;
+        }
+        if (!pop()) return false;
     }
 }
 

@@ -5,8 +5,6 @@
 #include "engine/math/vec.h"
 
 #include <algorithm>
-#include <array>
-#include <bit>
 #include <cmath>
 #include <cstdint>
 
@@ -35,24 +33,24 @@ struct Shear : ShearTerms<float> {
     /// Makes a shear with which every triangle test fails.
     RAYNEST_FN Shear() : ShearTerms<float>{} {}
     RAYNEST_INLINE explicit Shear(const RayView& ray) {
-        // The reciprocals of the box rule; the largest component is never limited.
-        alignas(16) float reciprocal[4];
-        limited_reciprocal(ray.direction).store(reciprocal);
         const Vec3& d = ray.direction;
         const Vec3 size{std::abs(d.x), std::abs(d.y), std::abs(d.z)};
         // Without branches: they would be mispredicted on every other incoherent ray.
         const auto y_beats_x = static_cast<std::uint32_t>(size.y > size.x);
         const auto z_beats_both = static_cast<std::uint32_t>(size.z > std::max(size.x, size.y));
         look_along(y_beats_x >> z_beats_both | z_beats_both << 1);
-        // Arrays, because GLM's operator[] is a switch.
-        const auto direction = std::bit_cast<std::array<float, 3>>(d);
-        const auto origin = std::bit_cast<std::array<float, 3>>(ray.origin);
-        origin_x = origin[x];
-        origin_y = origin[y];
-        origin_z = origin[z];
-        scale = reciprocal[z];
-        to_x = (0.0F - direction[x]) * scale;
-        to_y = (0.0F - direction[y]) * scale;
+        // In registers: through memory the loads would wait until what was stored piece by piece has
+        // left the CPU.
+        using F = Lanes<4>;
+        const Vec3 from = F::of(ray.origin).turned_to(z).to_vec3();
+        origin_x = from.x;
+        origin_y = from.y;
+        origin_z = from.z;
+        // The reciprocals of the box rule; the largest component is never limited.
+        scale = limited_reciprocal(d).turned_to(z).to_vec3().z;
+        const Vec3 to = ((F::splat(0) - F::of(d).turned_to(z)) * F::splat(scale)).to_vec3();
+        to_x = to.x;
+        to_y = to.y;
     }
 };
 

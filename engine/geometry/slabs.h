@@ -27,6 +27,7 @@
 #include "engine/math/lanes.h"
 
 #include <algorithm>
+#include <array>
 #include <cmath>
 #include <cstdint>
 #include <limits>
@@ -51,16 +52,38 @@ inline constexpr float direction_min_relative = 1e-18F;
     return one / flip_sign(maximum(flip_sign(d, d), smallest), d);
 }
 
+/// Which planes a ray meets first, by its octant.
+struct alignas(16) Places {
+    std::uint32_t octant;  ///< bit a: the ray runs down axis a
+    /// Where, per axis, the planes that the ray meets first begin in rows of eight: lower x, y, z are
+    /// the rows 0 to 2, upper ones 3 to 5.
+    std::uint32_t near_place[3];
+
+    /// Where the planes begin that the ray meets last.
+    [[nodiscard]] RAYNEST_INLINE std::uint32_t far_place(int axis) const {
+        return static_cast<std::uint32_t>(16 * axis + 24) - near_place[axis];
+    }
+
+    RAYNEST_FN static constexpr Places of(std::uint32_t octant) {
+        Places r{octant, {}};
+        for (std::uint32_t axis = 0; axis < 3; ++axis) {
+            r.near_place[axis] = 8 * axis + 24 * (octant >> axis & 1U);
+        }
+        return r;
+    }
+};
+inline constexpr std::array<Places, 8> places_of_octants = [] {
+    std::array<Places, 8> places{};
+    for (std::uint32_t octant = 0; octant < 8; ++octant) places[octant] = Places::of(octant);
+    return places;
+}();
+
 /// The ray's part of the rule. All axes are computed at once: entering an instance costs this.
-struct Slabs {
+struct Slabs : Places {
     alignas(16) float near_scale[4];
     float near_offset[4];
     float far_scale[4];
     float far_offset[4];
-    std::uint32_t octant;  ///< bit a: the ray runs down axis a
-    /// Row, per axis, of the plane that the ray meets first: lower x, y, z are 0-2, upper ones 3-5.
-    std::uint32_t near_row[3];
-
     RAYNEST_INLINE explicit Slabs(const RayView& ray) {
         using F = Lanes<4>;
         const float growth = ray.object != nullptr ? ray.object->origin_error : 1.0F;
@@ -73,21 +96,21 @@ struct Slabs {
         (r * F::splat(box_far_factor)).store(far_scale);
         ((m + e) * F::splat(box_far_factor)).store(far_offset);
         // Not of the reciprocals: the rows that a node's test loads wait for it.
-        octant = negative(F::of(ray.direction)) & 7U;
-        for (std::uint32_t axis = 0; axis < 3; ++axis) {
-            near_row[axis] = axis + 3 * (octant >> axis & 1U);
-        }
+        const std::uint32_t sign_bits = negative(F::of(ray.direction)) & 7U;
+#ifdef RAYNEST_PLAIN_LANES
+        static_cast<Places&>(*this) = Places::of(sign_bits);
+#else
+        static_cast<Places&>(*this) = places_of_octants[sign_bits];
+#endif
         const std::uint32_t finite = less((flip_sign(m, m) + e) * F::splat(box_far_factor),
                                           F::splat(std::numeric_limits<float>::max()));
         if ((finite & 7U) != 7U) [[unlikely]]
             widen(finite);
     }
 
-    /// Whether the ray runs down the axis. Told by the row: by the octant a kernel for GPUs spills.
-    [[nodiscard]] RAYNEST_INLINE bool is_backwards(int axis) const { return near_row[axis] >= 3; }
-    /// The row of the plane that the ray meets last.
-    [[nodiscard]] RAYNEST_INLINE std::uint32_t far_row(int axis) const {
-        return static_cast<std::uint32_t>(2 * axis + 3) - near_row[axis];
+    /// Whether the ray runs down the axis. Told by the place: by the octant a kernel for GPUs spills.
+    [[nodiscard]] RAYNEST_INLINE bool is_backwards(int axis) const {
+        return near_place[axis] >= 24;
     }
 
     /// t of the plane where the slab of an axis begins and ends.

@@ -53,6 +53,14 @@ RAYNEST_INLINE void load_columns(Vector (&to)[4], const float* from) {
     for (int k = 0; k < 3; ++k) to[k] = hn::LoadU(Tag<Vector>(), from + 3 * k);
     to[3] = Shuffle0321(hn::LoadU(Tag<Vector>(), from + 8));  // reads no float after the last
 }
+/// For each axis: the lanes of turned_to().
+alignas(16) inline constexpr std::int32_t turned_lanes[3][4] = {
+    {1, 2, 0, 3}, {2, 0, 1, 3}, {0, 1, 2, 3}};
+/// Returns the lanes after `axis`, then that of `axis`.
+template <class Vector>
+RAYNEST_INLINE Vector turned_to(Vector a, std::uint32_t axis) {
+    return hn::TableLookupLanes(a, hn::SetTableIndices(Tag<Vector>(), turned_lanes[axis]));
+}
 /// Returns lanes x, y and z.
 template <class Vector>
 RAYNEST_INLINE Vec3 to_vec3(Vector a) {

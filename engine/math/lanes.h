@@ -54,6 +54,18 @@ struct Lanes {
         store(to);
         return {to[0], to[1], to[2]};
     }
+    /// Returns lanes `axis` + 1 and + 2, counted in a circle of three, then lane `axis`.
+    [[nodiscard]] RAYNEST_INLINE Lanes turned_to(std::uint32_t axis) const {
+        static_assert(N == 4);
+#ifndef RAYNEST_PLAIN_LANES
+        if constexpr (width == 4) return {part::turned_to(lane[0], axis)};
+#endif
+        alignas(16) float from[4];
+        store(from);
+        const std::uint32_t next = (1U << axis) & 3U;  // 1, 2, 0
+        alignas(16) const float to[4] = {from[next], from[axis ^ next ^ 3U], from[axis], from[3]};
+        return load(to);
+    }
     /// Loads the columns of a map, each into the first three lanes.
     RAYNEST_INLINE static void load_columns(Lanes (&to)[4], const ColumnTransform& map) {
         static_assert(N == 4);

@@ -162,7 +162,7 @@ struct ObservedIO : TraceIO<query_closest> {
         tell_end(i);
         return false;
     }
-    [[nodiscard]] ObservedClosest query(std::uint32_t i) const {
+    [[nodiscard]] ObservedClosest query_in_place(std::uint32_t i) const {
         return {TraceIO::query(i), &watch};
     }
     void end(std::uint32_t i, const ObservedClosest& query) const {

@@ -2,16 +2,53 @@
 #pragma once
 
 #include "engine/geometry/ray_view.h"
+#include "engine/math/lanes.h"
 #include "engine/packs/abi.h"
 #include "engine/queries/queries.h"
 
 #include <algorithm>
 #include <cstddef>
 #include <cstdint>
+#include <limits>
 #include <span>
 #include <type_traits>
 
 namespace raynest {
+
+/// is_valid(), with one branch.
+[[nodiscard]] RAYNEST_INLINE bool is_valid_at_once(const Ray& ray) {
+    using F = Lanes<4>;
+    if constexpr (F::width == 1) return is_valid(ray);
+    const F most = F::splat(std::numeric_limits<float>::max());
+    const auto size = [](const Vec3& v) RAYNEST_INLINE_LAMBDA {
+        const F lanes = F::of(v);
+        return flip_sign(lanes, lanes);
+    };
+    const F reach = size(ray.direction);
+    const std::uint32_t finite = less_equal(size(ray.origin), most) & less_equal(reach, most);
+    const bool directed = (less(F::splat(0), reach) & 7U) != 0;
+    const auto bit = [](bool is) RAYNEST_INLINE_LAMBDA { return static_cast<unsigned>(is); };
+    return (bit(finite == 15U) & bit(directed) & bit(ray.tmin >= 0) & bit(ray.tmin <= ray.tmax) &
+            bit(ray.tmin <= std::numeric_limits<float>::max())) != 0;
+}
+
+/// ClosestHit in the place of its answer: a copy would wait for the stores that it was written with.
+struct ClosestInPlace {
+    static constexpr bool ordered = true;
+    HitRecord* best;
+    Cancellation* cancellation = nullptr;
+
+    template <class R, class P, int N>
+    RAYNEST_INLINE bool take(R& ray, const Hits<P, N>& hits) {
+        for_each_record(ray, hits, [&](int, const HitRecord& record) {
+            if (record.before(*best)) {
+                *best = record;
+                ray.tmax = record.t;
+            }
+        });
+        return false;
+    }
+};
 
 /// Rays [0, count) of a group, by number, and the arrays of their answers.
 template <Query kind>
@@ -39,7 +76,7 @@ struct TraceIO {
     /// The ray as it enters the root; false when it is invalid and thereby answered.
     [[nodiscard]] RAYNEST_INLINE bool begin(std::uint32_t i, RayView& view) const {
         const Ray& ray = rays()[i];
-        if (!is_valid(ray)) {
+        if (!is_valid_at_once(ray)) {
             refuse(i);
             return false;
         }
@@ -54,6 +91,17 @@ struct TraceIO {
             return {{}, cancellation};
         }
     }
+    /// A query that leaves its answer where it belongs, as far as it can.
+    [[nodiscard]] RAYNEST_INLINE auto query_in_place(std::uint32_t i) const {
+        if constexpr (kind == query_closest) {
+            HitRecord* const best = hits_of(i);
+            *best = HitRecord{};
+            return ClosestInPlace{best, cancellation};
+        } else {
+            return query(i);
+        }
+    }
+    RAYNEST_INLINE void end(std::uint32_t /*i*/, const ClosestInPlace& /*query*/) const {}
     RAYNEST_INLINE void end(std::uint32_t i, const Query& query) const {
         if constexpr (kind == query_closest) {
             *hits_of(i) = query.best;

@@ -95,7 +95,7 @@ RAYNEST_INLINE void trace_singly(const Bvh& root, std::uint32_t count, Isect& is
             for (std::uint32_t r = 0; r < ready; ++r) {
                 BoxRay& ray = *std::launder(reinterpret_cast<BoxRay*>(memory[r]));
                 const std::uint32_t number = ray.id;
-                auto query = io.query(number);
+                auto query = io.query_in_place(number);
                 traverse(ray, root, isect, query);
                 io.end(number, query);
             }
