@@ -12,7 +12,8 @@
 // box test, then for a mispredicted branch. So nodes that wait on top of the stack are looked at
 // together with the one whose turn it is, and their waits overlap. Of any hits nothing is lost:
 // what waits is looked at anyway, unless a hit ends the search. Of closest hits some are nodes that
-// a hit would have culled, which camera rays pay for, whose nearest leaf mostly has the hit.
+// a hit would have culled. Camera rays pay for those, because their nearest leaf mostly has the hit.
+// But they take nearly the same way one after the other, and a guess at it does not wait at all.
 #pragma once
 
 #include "engine/bvh/box_test.h"
@@ -28,6 +29,7 @@
 #include <cstddef>
 #include <cstdint>
 #include <tuple>
+#include <type_traits>
 
 namespace raynest {
 
@@ -66,9 +68,36 @@ inline constexpr std::uint32_t nodes_together = Lanes<8>::parts == 1 ? 3 : 2;
 /// rays as before). With 2,000 it would be 0.98 to 1.00, with 10,000 between 0.98 and 1.04.
 inline constexpr std::uint32_t many_instances = 1 << 14;
 
-/// The single traversal of one tree.
-template <class Isect, class Query>
-RAYNEST_INLINE bool traverse(BoxRay& ray, const Bvh& bvh, Isect& isect, Query& query) {
+/// For each child, the one that a ray looked at after it: a guess at what a ray like that will.
+///
+/// A CPU that has found guesses right goes on with one while the box test that the truth follows
+/// from is still under way (measured: tests/bench/BENCH.md).
+class Guesses {
+public:
+    /// Returns `next`.
+    RAYNEST_INLINE std::uint32_t check(std::uint32_t child, std::uint32_t next) {
+        std::uint32_t& kept = next_[(child ^ child >> 4) % size];
+        std::uint32_t guess = kept;
+        if (guess == next) [[likely]] {
+            // Not to be replaced by `next`, for which the CPU would wait.
+            asm volatile("" : "+r"(guess));
+            return guess;
+        }
+        kept = next;
+        return next;
+    }
+
+private:
+    static constexpr std::uint32_t size = 128;
+    std::uint32_t next_[size]{};
+};
+
+/// The single traversal of one tree. `With` guesses it is for one of several rays that take nearly
+/// the same way, and looks at one node at a time.
+template <class With = std::nullptr_t, class Isect, class Query>
+RAYNEST_INLINE bool traverse(BoxRay& ray, const Bvh& bvh, Isect& isect, Query& query,
+                             [[maybe_unused]] With* guesses = nullptr) {
+    constexpr bool guessing = std::is_same_v<With, Guesses>;
     const SceneView& scene = *bvh.scene;
     const ObjectRecord& object = scene.objects[bvh.object];
     const TreeArrays arrays(scene, object);
@@ -112,13 +141,20 @@ RAYNEST_INLINE bool traverse(BoxRay& ray, const Bvh& bvh, Isect& isect, Query& q
             top += pack_words(node.child, spans.mask, children + top);
         }
     };
+    const auto go_to = [&](std::uint32_t next) RAYNEST_INLINE_LAMBDA {
+        if constexpr (guessing) {
+            child = guesses->check(child, next);
+        } else {
+            child = next;
+        }
+    };
     /// Takes the next child from the stack; false at its end. Entries behind the best hit are
     /// skipped; near == best may still win a tie.
     const auto pop = [&]() RAYNEST_INLINE_LAMBDA {
         do {
             if (--top == 0) return false;
         } while (Query::ordered && nears[top] > ray.tmax);
-        child = children[top];
+        go_to(children[top]);
         return true;
     };
     /// Goes down from a node to the next leaf; false if there is none.
@@ -141,7 +177,7 @@ RAYNEST_INLINE bool traverse(BoxRay& ray, const Bvh& bvh, Isect& isect, Query& q
         };
         do {
             const Node& node = arrays.node(child);
-            if (waits(1)) {
+            if (!guessing && waits(1)) {
                 if (nodes_together > 2 && waits(2)) {
                     look_at(waiting(2), waiting(1), node);
                 } else {
@@ -155,16 +191,16 @@ RAYNEST_INLINE bool traverse(BoxRay& ray, const Bvh& bvh, Isect& isect, Query& q
                 const int lane = static_cast<int>(lowest_bit(spans.mask));
                 if constexpr (Query::ordered) {
                     if (std::has_single_bit(spans.mask)) {
-                        child = node.child[lane];
+                        go_to(node.child[lane]);
                         continue;
                     }
                     if (spans.mask != 0) {
                         push(node, spans);
-                        child = children[--top];
+                        go_to(children[--top]);
                         continue;
                     }
                 } else if (spans.mask != 0) {
-                    child = node.child[lane];
+                    go_to(node.child[lane]);
                     top += pack_words(node.child, spans.mask & (spans.mask - 1), children + top);
                     continue;
                 }

@@ -13,6 +13,14 @@ namespace raynest {
 inline constexpr float coherent_turn = 0.125F;
 inline constexpr float coherent_shift = 0.0625F;
 
+/// Whether two rays look the same way from the same place, seen from a scene of these bounds.
+[[nodiscard]] inline bool are_alike(const Ray& a, const Ray& b, const Box& bounds) {
+    return largest_component(a.direction - b.direction) <=
+               coherent_turn * largest_component(a.direction) &&
+           largest_component(a.origin - b.origin) <=
+               coherent_shift * largest_component(bounds.size());
+}
+
 /// Whether all rays look the same way from the same place, seen from a scene of these bounds. False
 /// for none.
 [[nodiscard]] inline bool is_coherent(std::span<const Ray> rays, const Box& bounds) {

@@ -135,6 +135,12 @@ struct EachOnce {
     void passes_by(const R& ray, const T& instance) { base.passes_by(ray, instance); }
 };
 
+/// True if answers may tell in which order the intersector was asked.
+template <class Isect>
+inline constexpr bool shows_order = has_outputs<Isect>;
+template <class Base>
+inline constexpr bool shows_order<EachOnce<Base>> = true;
+
 struct NoMemory {
     [[nodiscard]] static constexpr bool is_exhausted() { return false; }
 };

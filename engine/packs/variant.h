@@ -5,6 +5,7 @@
 #include "engine/bvh/packet_traversal.h"
 #include "engine/bvh/stream.h"
 #include "engine/bvh/visit.h"
+#include "engine/geometry/coherence.h"
 #include "engine/intersectors/counting.h"
 #include "engine/intersectors/each_once.h"
 #include "engine/packs/abi.h"
@@ -59,6 +60,12 @@ RAYNEST_INLINE void trace_one(RayView& view, const Bvh& root, Isect& isect, Quer
     }
 }
 
+/// Guesses are for closest hits: searches for any are short, and other ones look at several nodes.
+/// They change the order in which an intersector is asked.
+template <class Isect, class Query>
+inline constexpr bool guesses_pay =
+    Query::ordered && !shows_order<Isect> && !Overrides<Isect, BoxRay, Boxes8>;
+
 /// One ray after the other.
 template <bool Everything, class Isect, class TraceIO>
 RAYNEST_INLINE void trace_singly(const Bvh& root, std::uint32_t count, Isect& isect,
@@ -92,13 +99,29 @@ RAYNEST_INLINE void trace_singly(const Bvh& root, std::uint32_t count, Isect& is
                 RayView view;
                 if (io.begin(i, view)) new (memory[ready++]) BoxRay(view);
             }
-            for (std::uint32_t r = 0; r < ready; ++r) {
-                BoxRay& ray = *std::launder(reinterpret_cast<BoxRay*>(memory[r]));
-                const std::uint32_t number = ray.id;
-                auto query = io.query_in_place(number);
-                traverse(ray, root, isect, query);
-                io.end(number, query);
+            const auto ray_of = [&](std::uint32_t r) RAYNEST_INLINE_LAMBDA -> BoxRay& {
+                return *std::launder(reinterpret_cast<BoxRay*>(memory[r]));
+            };
+            const auto trace_with = [&](auto* with) RAYNEST_INLINE_LAMBDA {
+                for (std::uint32_t r = 0; r < ready; ++r) {
+                    BoxRay& ray = ray_of(r);
+                    const std::uint32_t number = ray.id;
+                    auto query = io.query_in_place(number);
+                    traverse(ray, root, isect, query, with);
+                    io.end(number, query);
+                }
+            };
+            if constexpr (guesses_pay<Isect, typename TraceIO::Query>) {
+                const Box& bounds = root.record().bounds;
+                const auto like_first = [&](std::uint32_t r) RAYNEST_INLINE_LAMBDA {
+                    return are_alike(*ray_of(0).world, *ray_of(r).world, bounds);
+                };
+                if (ready > 1 && like_first(ready / 2) && like_first(ready - 1)) {
+                    trace_with(io.guesses);
+                    continue;
+                }
             }
+            trace_with(static_cast<std::nullptr_t*>(nullptr));
         }
     }
 }
@@ -143,11 +166,12 @@ TraceStatus trace(const TraceCall* pointer) noexcept {
     Cancellation cancellation(call.cancelled, call.cancelled_context);
     using Outputs = typename OutputsOf<Isect>::type;
     MemoryOf<Isect> memory;
+    Guesses guesses;
     constexpr std::uint32_t group = ray_group<traversal>;
     for (std::uint32_t first = 0; first < call.ray_count; first += group) {
         const std::uint32_t rest = call.ray_count - first;
         const std::uint32_t count = rest < group ? rest : group;
-        const TraceIO<kind> io{call, first, &cancellation};
+        const TraceIO<kind> io{call, first, &cancellation, &guesses};
         std::array<Outputs, group> states{};
         if constexpr (requires { isect.state = states.data(); }) isect.state = states.data();
         TraceStatus status = trace_ok;
