@@ -323,7 +323,7 @@ class Lists(Planted):
              "engine/geometry/counters.def", "engine/integrators/measures.def", "engine/packs/words.def",
              "engine/integrators/palettes.def", "engine/integrators/layers.def",
              "engine/integrators/tonemaps.def", "engine/integrators/integrators.def", "server/ground/metrics.def",
-             "client/ground/wording.def", "engine/packs/targets.def", "engine/intersectors/intersectors.def",
+             "client/ground/wording.def", "client/requests/other_files.def", "engine/packs/targets.def", "engine/intersectors/intersectors.def",
              "engine/packs/TARGETS.md",
              "protocol/PROTOCOL.md",
              "protocol/messages.fbs", "client/python/README.md",
