@@ -143,7 +143,7 @@ PACKAGE = "client/python/raynest"
 PYTHON = [{"errors", "_lists", "_limits", "_wording", "_version", "_handles", "_told"}, {"_net"}, {"images"},
           {"_requests"}, {"_session"}, {"job"}, {"generators", "sweeps", "points", "_heat"}, {"_paths", "_pictures"}, {"edits"},
           {"_shutter"}, {"_render", "_export"}, {"_timed"}, {"scene"}, {"client", "returns"},
-          {"compat", "merge", "_travel", "_query", "_notes"}, {"_own_daemon", "_roster"},
+          {"compat", "merge", "_travel", "_query", "_notes"}, {"_own_daemon"}, {"_roster"},
           {"_workers"}, {"_prepared", "_copies", "_beside"}, {"_deal"}, {"__init__"}, {"dask", "_command"}]
 
 # The page: its modules from the ground up; "*" are those that no other floor names. The first are the client that other

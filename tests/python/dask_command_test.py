@@ -7,6 +7,7 @@ import contextlib
 import json
 import os
 import pty
+import signal
 import subprocess
 import sys
 import warnings
@@ -16,7 +17,7 @@ import numpy as np
 import raynest
 from raynest import _command, _roster, errors
 from raynest._beside import error_of
-from daemon import PATIENCE
+from daemon import PATIENCE, until
 from with_cluster import WithCluster, many
 from with_daemon import main, rain
 
@@ -148,7 +149,7 @@ class Commands(WithCluster):
     def test_each_part_has_its_share_of_a_deadline(self):
         cluster = self.cluster(1)       # of two threads
         for items, share in ((1, 6), (2, 6), (8, 1.5)):
-            self.assertEqual(_roster.share_of(cluster.client, 6, items), share)
+            self.assertEqual(_roster.roster_of(cluster.client).share_of(6, items), share)
         for words, made in ((["--deadline", "6", "x"], ["--deadline", "3.0", "x"]), (["--deadline=6"], ["--deadline=3.0"]),
                             ([None, "--size", "6"], [None, "--size", "6"])):
             self.assertEqual(_command._with_share(words, lambda seconds: seconds / 2), made)
@@ -236,6 +237,19 @@ class Commands(WithCluster):
         for kind in (errors.FailedError, errors.UsageError, errors.ConnectError, errors.NotAllowedError, errors.InvalidError,
                      errors.BusyError, errors.DeadlineError, errors.CancelledError):
             self.assertIs(type(error_of(kind.exit_code, "raynest: it says so")), kind)
+
+    def test_a_command_that_is_ended_leaves_no_parts(self):
+        cluster = self.cluster(1)
+        folder = self.out / "temporary"
+        folder.mkdir()
+        running = subprocess.Popen(
+            [self.raynest, "--dask", cluster.client.scheduler.address, "render", SCENE, "--size", "640x640", "--integrator", "path",
+             "--spp", str(1 << 16), "-o", "p.exr"], cwd=self.out, stdin=subprocess.DEVNULL, stdout=subprocess.PIPE,
+            stderr=subprocess.STDOUT, text=True, env={**cluster.environment, "TMPDIR": str(folder), "RAYNEST_PYTHON": sys.executable})
+        until(lambda: list(folder.glob("raynest-dask-*")))
+        running.terminate()
+        self.assertEqual((running.communicate(timeout=10 * PATIENCE)[0], running.returncode), ("", 128 + signal.SIGTERM))
+        self.assertEqual(list(folder.iterdir()), [])
 
     def test_an_early_interrupt_is_a_line(self):
         program = ("import sys, time, distributed\nfrom raynest import _command\n"

@@ -17,7 +17,8 @@ import numpy as np
 
 import raynest
 from daemon import PATIENCE, until
-from raynest import _roster, _workers, generators
+from raynest import _notes, _roster, _workers, generators
+from raynest._requests.job import Outcome
 from with_cluster import WithCluster, many
 from with_daemon import main, rain
 
@@ -76,7 +77,7 @@ class Dealt(WithCluster):
     def look(self, deal):
         """Has a Deal see that all of its items were dealt long ago."""
         for copies in deal._open.values():
-            for copy in copies:
+            for copy in copies.values():
                 copy.born = -np.inf
         deal._asked = -np.inf
         deal._look()
@@ -86,7 +87,9 @@ class Dealt(WithCluster):
         deal = self.deal({"until": self.end})
         deal._deal(0)
         until(lambda: self.dealt() == {self.first: 1, self.other: 0}, self.dealt)
-        deal._living = lambda worker: worker != self.first
+        living = deal._roster.living()
+        del living[self.first]
+        self.enterContext(unittest.mock.patch.object(deal._roster, "living", lambda _patience: living))
         self.look(deal)
         until(lambda: self.dealt() == {self.first: 1, self.other: 1}, self.dealt)
         del busy
@@ -118,7 +121,7 @@ class Dealt(WithCluster):
             many.Part({"until": self.end}, lambda: rays, True)], QUICK, None)
         deal._deal(0, [self.first])
         until(lambda: self.dealt() == {self.first: 1, self.other: 0}, self.dealt)
-        copy, = deal._open[0]
+        copy, = deal._open[0].values()
         self.assertEqual(copy.onto, self.first)
         copy.onto = "a worker that is not heard"
         self.look(deal)
@@ -138,22 +141,24 @@ class Dealt(WithCluster):
         self.assertIn(found[0][1], (self.first, self.other))
 
     def test_a_worker_that_is_not_heard_is_dead(self):
-        deal = self.deal({})
-        deal._hear({self.first: {"last_seen": 1}, self.other: {"last_seen": 1}})
-        deal._beats = {worker: (seen, when - 100) for worker, (seen, when) in deal._beats.items()}
-        deal._hear({self.first: {"last_seen": 1}, self.other: {"last_seen": 2}})
-        self.assertEqual((deal._living(self.first), deal._living(self.other)), (False, True))
+        roster = self.deal({})._roster
+        self.assertEqual(set(roster.living()), {self.first, self.other})
+        until(lambda: time.monotonic() - roster._asked > 0.1)
+        roster._beats = {worker: (seen, when - 100) for worker, (seen, when) in roster._beats.items()}
+        roster._hear({self.first: {"last_seen": roster._beats[self.first][0]}, self.other: {"last_seen": np.inf}})
+        self.assertEqual(set(roster.living()), {self.other})
 
     def test_what_the_scheduler_tells_of_the_workers_is_known_everywhere(self):
         deal = self.deal({})
+        workers = deal._roster.now
+        self.assertEqual(set(workers()), {self.first, self.other})
         self.enterContext(unittest.mock.patch.object(_roster, "FRESH_SECONDS", np.inf))
-        self.assertEqual(set(deal._workers()), {self.first, self.other})
         self.now.workers.append(self.now.add())
         self.now.wait(3)
-        self.assertEqual(len(deal._workers()), 2, "it is asked for seldom")
+        self.assertEqual(len(workers()), 2, "it is asked for seldom")
         deal._places()
-        self.assertEqual(len(deal._workers()), 3)
-        self.assertEqual(len(deal._beats), 3)
+        self.assertEqual(len(workers()), 3)
+        self.assertEqual(len(_roster.roster_of(self.now.client).living()), 3, "all requests of a client know it")
 
     def test_answers_of_workers_are_taken_while_this_machine_makes_an_item(self):
         deal = self.deal({"fails": (self.first, self.other), "until": self.end, "patience": PATIENCE}, {"seconds": 1})
@@ -234,20 +239,20 @@ class Dealt(WithCluster):
         taken.set()
         until(lambda: sum(self.dealt().values()) == 7, self.dealt)
         self.assertLess(len(given), 7)
-        self.assertEqual(deal._taker(None), self.other)
+        self.assertEqual(deal._taker([self.first, self.other]), self.other)
 
     def test_a_worker_that_goes_on_failing_is_left_out_for_longer_but_is_better_than_nobody(self):
         deal = self.deal({}, patience=1000)
-        deal._open[0] = {"another copy": time.monotonic()}
+        deal._open[0] = {"another copy": unittest.mock.Mock()}
         error, held = OSError("it is broken"), []
         error.raynest_where = where = f"the worker {self.first}"
         for _ in range(5):
-            deal._failed(0, unittest.mock.Mock(status="error", exception=lambda: error))
+            deal._failed(0, error)
             held.append(round((deal._failures[where].until - time.monotonic()) / 1000))
         self.assertEqual(held, [1, 2, 4, 8, 8])
-        self.assertEqual(deal._fit(None), [self.other])
-        deal._no_room[self.other] = _workers.NoRoom("it has none")
-        self.assertEqual(deal._fit(None), [self.first])
+        self.assertEqual(deal._fit(), [self.other])
+        deal._unfit[self.other] = _workers.NoRoom("it has none")
+        self.assertEqual(deal._fit(), [self.first])
 
     def test_an_answer_with_rows_for_other_rays_is_none(self):
         splits, t = np.array([0, 2, 3, 3]), np.zeros(3)
@@ -290,6 +295,17 @@ class Dealt(WithCluster):
             warnings.simplefilter("always")
             work()
         return [(str(each.message), each.category) for each in said]
+
+    def test_notes_that_count_are_of_the_whole(self):
+        def noisy(count, of, error):
+            return f"the error is still above noise= 0.1 in {count} of {of} parts of the picture, {error} in all of it: ask for more"
+
+        def dropped(count):
+            return f"{count} samples were not finite and count for nothing"
+        self.assertEqual(_notes.notes_of([(8, [noisy(2, 4, 0.3), dropped(2)]), (8, [noisy(1, 4, 0.4)]), (16, [dropped(5)])]),
+                         [noisy(3, 16, 0.26), dropped(7)])
+        told = _notes.told_of("render", [("it is odd", raynest.RayWarning)], Outcome(notes=["the scene has no lights: it is dark"]))
+        self.assertEqual([text for text, _ in told.warned], ["it is odd"], "no other client warns of a note")
 
     def test_a_request_tells_a_note_once(self):
         scene = many.prepare(SCENE)

@@ -11,6 +11,7 @@ import struct
 import subprocess
 import sys
 import typing
+import unittest.mock
 import zlib
 
 import distributed
@@ -278,6 +279,43 @@ class Forms(WithCluster):
                     self.skipTest("no python3-zarr")
                 found["direction"].to_zarr(str(self.out / "d.zarr"))
                 np.testing.assert_array_equal(zarr.open(str(self.out / "d.zarr"))[:], whole["direction"])
+
+    def test_a_block_of_rays_that_were_sent_is_made_again(self):
+        cluster = self.cluster(2)
+        rays = rain(4000)
+        whole = self.woods.trace(rays, fields=("t",))
+        with distributed.Client(cluster.client.scheduler.address) as client:
+            found = many.arrays(client, SCENE, rays, fields=("t",), item_rays=500, setup=self.setup)["t"].persist()
+            distributed.wait(found)
+            cluster.workers[0].kill()
+            cluster.workers[0].wait()
+            np.testing.assert_array_equal(found.compute(), whole["t"])
+
+    def test_mistakes_are_refused_before_anything_is_dealt_out(self):
+        cluster = self.cluster(1)
+        dealt = self.enterContext(unittest.mock.patch.object(many.Deal, "_deal"))
+        to = cluster.client, SCENE
+        for error, said, request in (
+                (TypeError, r"trace\(\) has no argument mask_: did you mean mask=", lambda: many.trace(*to, SWEEP, mask_=1)),
+                (TypeError, r"arrays\(\) has no argument progress", lambda: many.arrays(*to, SWEEP, progress=print)),
+                (TypeError, r"render\(\) has no argument metric", lambda: many.render(*to, metric="total")),
+                (TypeError, r"measure\(\) has no argument misspelt", lambda: many.measure(*to, SWEEP, misspelt=1)),
+                (TypeError, r"sweep\(\) has no argument misspelt", lambda: many.sweep(*to, [(0, SWEEP)], misspelt=1)),
+                (TypeError, r"reduce\(\) has no argument misspelt", lambda: many.reduce(*to, SWEEP, "visible_pixels", misspelt=1)),
+                (raynest.UsageError, "encode= is for one daemon", lambda: many.heatmap(*to, encode="exr"))):
+            with self.subTest(said), self.assertRaisesRegex(error, said):
+                request()
+        dealt.assert_not_called()
+
+    def test_numbers_of_other_types(self):
+        cluster = self.cluster(1)
+        self.same(many.trace(cluster.client, SCENE, SWEEP, item_rays=1e3, kind=None, setup=self.setup), self.woods.trace(SWEEP))
+        self.assertTrue((many.render(cluster.client, SCENE, size=(64, 40), integrator=None, setup=self.setup) ==
+                         self.woods.render(size=(64, 40))).all())
+        with self.assertRaisesRegex(raynest.UsageError, "a side of size of 40.5"):
+            many.render(cluster.client, SCENE, size=(40.5, 30), setup=self.setup)
+        with self.assertRaisesRegex(raynest.UsageError, "items of 0.5: each needs one"):
+            many.trace(cluster.client, SCENE, SWEEP, item_rays=0.5, setup=self.setup)
 
     def test_newer_releases_of_dask(self):
         """A client's copy of the workers' list is empty, and a Future by its key does not ask for the value."""

@@ -106,12 +106,27 @@ class OnlyHere(WithCluster):
             self.traced(cluster, "/nowhere/forest.glb")
 
     def test_warnings_of_a_scene_are_told_once(self):
-        scene, info = many.prepare(*hills()), {"hash": "h", "warnings": ["it is odd"], "origin": (0, 0, 0), "degenerate_triangles": 0}
+        scene, info = many.prepare(*hills()), {"hash": "h", "warnings": ["it is odd"], "origin": (0, 0, 0),
+                                             "degenerate_triangles": 0, "box_min": (0, 0, 0), "box_max": (1, 1, 1)}
         with self.assertWarnsRegex(raynest.SceneWarning, "^it is odd$"):
             scene.learn(info)
         with warnings.catch_warnings():
             warnings.simplefilter("error")
             scene.learn(info)
+
+    def test_warnings_of_a_scene_are_those_of_one_daemon(self):
+        vertices, faces = hills(10)
+        cluster = self.cluster(1)
+
+        def warned(work):
+            with warnings.catch_warnings(record=True) as said:
+                warnings.simplefilter("always")
+                work()
+            return [str(each.message) for each in said if each.category is raynest.SceneWarning]
+        for far in (vertices + 4e6, (vertices + 4e6).astype(np.float32)):
+            told = warned(lambda: self.client.mesh(far, faces))
+            self.assertEqual(len(told), 1)
+            self.assertEqual(warned(lambda: many.trace(cluster.client, (far, faces), RAYS[:9], setup=self.setup)), told)
 
     def test_files_travel_once_and_only_where_they_must(self):
         cluster = self.cluster(2)
@@ -304,6 +319,23 @@ class Moving(WithCluster):
             with self.subTest(said), self.assertRaisesRegex(error, said):
                 many.sweep(cluster.client, scene, [(0, rays)], setup=self.setup, **wide, **more)
 
+    def test_all_that_is_measured_is_of_one_epoch(self):
+        cluster = self.cluster(1)
+        scene = many.prepare({"ground": hills()}, places={"ground": "ground"})
+        rays = generators.lidar([-20, -10], (0, 360, 90), look_at=((0, 9, 0), (1, 9, 0)))
+        how = {"velocities": {"ground": (1, 0, 0)}, "fields": ("beam", "t", "path"), "setup": self.setup}
+        whole, dealt, epochs = many.measure(cluster.client, scene, rays, **how), many._Dealt._dealt, []
+
+        def edits(*given):
+            found = dealt(*given)
+            with scene.edit() as edit:
+                edit.move("ground", (0, -3, 0))
+            epochs.append(scene.epoch)
+            return found
+        self.enterContext(unittest.mock.patch.object(many._Dealt, "_dealt", edits))
+        self.same(many.measure(cluster.client, scene, rays, **how), whole)
+        self.assertGreater(len(epochs), 1)
+
     def test_the_change_travels_and_not_the_scene(self):
         cluster = self.cluster(2)
         scene, scans = self.moved(3)
@@ -359,7 +391,7 @@ class Moving(WithCluster):
         with self.assertRaisesRegex(raynest.Error, "nobody"):
             many.sweep(cluster.client, scene, [(2, RAYS)], setup=self.setup)
         many.sweep(cluster.client, scene, scans, setup=self.setup)     # what was before it still works
-        for wrong, call, options in (("size 0x4", many.render, {"size": (0, 4)}), ("items of 0", many.trace, {"item_rays": 0}),
+        for wrong, call, options in (("a side of size of 0", many.render, {"size": (0, 4)}), ("items of 0", many.trace, {"item_rays": 0}),
                                      ("tile= is for one daemon", many.render, {"tile": (0, 0, 64, 8)}),
                                      ("detach= is for one daemon", many.trace, {"detach": True})):
             with self.subTest(wrong), self.assertRaisesRegex(raynest.UsageError, wrong):

@@ -22,7 +22,7 @@ import numpy as np
 
 import raynest
 from daemon import PATIENCE, until
-from raynest import _copies, generators
+from raynest import _copies, _roster, generators
 from raynest._deal import sent_item
 from raynest._copies import uncompressed
 from raynest._own_daemon import _system
@@ -287,14 +287,14 @@ class ManyHosts(WithCluster):
 
     def test_an_answer_that_dask_drops_is_made_again(self):
         cluster = self.cluster(1)
-        fetch, dropped = _copies.answer_of, []
+        fetch, dropped = _roster.Roster.answer_of, []
 
-        async def fetch_what_is_gone(client, key):
+        async def fetch_what_is_gone(roster, key):
             if not dropped:     # as when its worker dies, which also has the rays that it was made of
                 dropped.append(key)
-                await client.cancel([distributed.Future(key, client)], asynchronous=True)
-            return await fetch(client, key)
-        self.enterContext(unittest.mock.patch.object(_copies, "answer_of", fetch_what_is_gone))
+                await cluster.client.cancel([distributed.Future(key, cluster.client)], asynchronous=True)
+            return await fetch(roster, key)
+        self.enterContext(unittest.mock.patch.object(_roster.Roster, "answer_of", fetch_what_is_gone))
         rays = rain(20000)
         self.same(many.trace(cluster.client, SCENE, rays, item_rays=3000, setup=self.setup), self.woods.trace(rays))
         self.assertTrue(dropped)

@@ -9,6 +9,7 @@ import tempfile
 from typing import Any, Sequence
 
 from ._own_daemon import NOBODY_WAITS, dropped, here
+from ._requests.job import Outcome
 from ._workers import LOOK_SECONDS, Carried, Host, Source
 from .errors import BY_EXIT_CODE, CancelledError, Error, FailedError
 
@@ -25,6 +26,7 @@ def command(host: Host, source: Source, options: dict[str, Any]) -> tuple[bytes,
         program = [os.path.join(os.path.dirname(host.binary()), "raynest"), "--server", host.uri, "--reconnect", "0",
                    "--json", *words]
         document = _told_by(host, program, host.files)
+        host.client().outcome = Outcome({"target": document.get("target", "")})     # as if it had run here
         with open(output, "rb") as file:
             return file.read(), document
 

@@ -20,13 +20,13 @@ import numpy as np
 
 from . import _limits, _query, dask
 from ._beside import PARTIAL, command
-from ._deal import PATIENCE, Deal, Part, known_to
+from ._deal import Deal, Part, known_to
 from ._heat import tell_exceeded
 from ._notes import Told, note_of_none, notes_of
 from ._prepared import Prepared
 from ._requests.files import STANDARD, read_file
 from ._requests.film import is_lit, samples_asked
-from ._roster import share_of, workers_of
+from ._roster import PATIENCE, roster_of
 from ._told import carry_out, fail
 from ._own_daemon import Setup, distributed
 from ._workers import Carried, Source, info_of
@@ -59,19 +59,19 @@ def run(address: str, parts_max: int, scene: str, out: str, words: Sequence[str]
         pictures: list[tuple[str, list[str]]] = [(out, [])]
         if at := _all_cameras(plain):
             del plain[at]
-            (_, info), = Deal(cluster, setup, known, info_of, [Part({})], patience, None).answers()
+            info, = Deal(cluster, setup, known, info_of, [Part({})], patience, None).all()
             if not info["cameras"]:
                 raise InvalidError("the scene has no cameras: leave --cameras out")
             # As render names them.
             stem, last = os.path.splitext(out)
             pictures = [(f"{stem}.{i}{last}", ["--camera", str(i)]) for i in range(len(info["cameras"]))]
-        threads = sum(worker["nthreads"] for worker in workers_of(cluster).values())
+        threads = sum(worker["nthreads"] for worker in roster_of(cluster).living(patience).values())
         most = _parts_max(words, rows, parts_max)
         # A row of a lit picture may take minutes, so its parts are as small as pays.
         count = max(1, most if is_lit(_integrator(words)) else min(most, -(-PARTS_PER_THREAD * threads // len(pictures))))
         late = None
         if is_lit(_integrator(words)):
-            plain = _with_share(plain, lambda seconds: share_of(cluster, seconds, count * len(pictures)))
+            plain = _with_share(plain, lambda seconds: roster_of(cluster).share_of(seconds, count * len(pictures)))
             late = Told()
         parts = [Part({"scene": scene, "ending": ending,
                        "words": [*plain, *which, "-o", None, "--part", f"{i + 1}/{count}"]}, late=late)
@@ -79,13 +79,14 @@ def run(address: str, parts_max: int, scene: str, out: str, words: Sequence[str]
         paths = [os.path.join(folder, f"{i}{ending}") for i in range(len(parts))]
         told: dict[int, dict[str, Any]] = {}
         too_late: list[DeadlineError] = []
-        for item, answer in Deal(cluster, setup, known, command, parts, patience, progress, "parts").answers():
-            if isinstance(answer, DeadlineError):
-                too_late.append(answer)
-                continue
-            data, told[item] = answer
-            with open(paths[item], "wb") as file:
-                file.write(data)
+        with contextlib.closing(Deal(cluster, setup, known, command, parts, patience, progress, "parts").answers()) as answers:
+            for item, answer in answers:
+                if isinstance(answer, DeadlineError):
+                    too_late.append(answer)
+                    continue
+                data, told[item] = answer
+                with open(paths[item], "wb") as file:
+                    file.write(data)
         made = []
         for i, (path, _) in enumerate(pictures):
             there = [item for item in range(i * count, (i + 1) * count) if item in told]
@@ -344,6 +345,7 @@ def several(asked: dict[str, Any], shows: bool) -> tuple[str, dict[str, Any]]:
 
 def main(words: Sequence[str]) -> int:
     """Is called with what `raynest --dask` has read, of `several` requests as a file. Returns the exit code."""
+    signal.signal(signal.SIGTERM, lambda *_: sys.exit(128 + signal.SIGTERM))    # its temporary files go, too
     if words[0] == "--several":
         with open(words[-1], "rb") as file:
             asked = json.load(file)

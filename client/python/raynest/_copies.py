@@ -12,20 +12,24 @@ from __future__ import annotations
 import asyncio
 import contextlib
 import math
-import os
 import threading
 import time
-from typing import Any, Callable, Iterator, Optional
+import warnings
+from typing import Any, Callable, Iterator, NamedTuple, Optional
 
 import dask
 
 from ._own_daemon import distributed
+from ._roster import roster_of
+from ._travel import LOST
 from .errors import FailedError
 
 SENDS_MAX = 4               # that share the client's link: more of them would each take longer
-BUSY_SECONDS = 0.05         # after which a worker that gives others their answers is asked again
-NO_SOURCE = {"distributed.diagnostics.computations.ignore-modules": [""]}   # "" is where all names begin
+QUIETLY = {"distributed.diagnostics.computations.ignore-modules": [""]}     # "" is where all names begin
+SEND_SECONDS = 60.0         # that a worker may take to get some rays
 PROFILE_MS = 1000           # between two looks at the threads of a worker, while it makes an item
+# Rays that go through the scheduler are meant to.
+warnings.filterwarnings("ignore", "Large object of size|Sending large graph", UserWarning)
 
 
 def uncompressed(it: Any) -> Any:
@@ -62,25 +66,20 @@ def seldom_profiled() -> Iterator[None]:
                 looks.callback_time = _usual
 
 
-async def answer_of(cluster: Any, key: str) -> Any:
-    """Fetches what a worker has under a key. Dask's gather() fetches five lots at once, each of all that was asked for
-    meanwhile: a worker that is stuck holds up the answers of all others."""
-    for worker in (await cluster.scheduler.who_has(keys=[key])).get(key, ()):
-        while True:
-            told = await distributed.worker.get_data_from_worker(cluster.rpc, [key], worker)    # type: ignore[no-untyped-call]
-            if told["status"] != "busy":
-                break
-            await asyncio.sleep(BUSY_SECONDS)
-        if key in told.get("data", ()):
-            return told["data"][key]
-    raise FailedError("no worker has the answer any more")
+class Came(NamedTuple):
+    """The end of a copy, or of an item that this machine makes: its answer, or the error of the way, or with `failed` of
+    whoever made it."""
+
+    answer: Any = None
+    error: Optional[BaseException] = None
+    failed: bool = False
 
 
 class Road:
     """To the workers of a cluster, for the copies of a request."""
 
     def __init__(self, cluster: Any, patience: float) -> None:
-        self.cluster, self._patience = cluster, patience
+        self.cluster, self.roster, self._patience = cluster, roster_of(cluster), patience
         self.slow: set[str] = set()                         # workers that did not take rays
         self._sends: Optional[asyncio.Semaphore] = None     # of the loop that first needs it
 
@@ -90,42 +89,66 @@ class Road:
         async with self._sends:
             if to in self.slow:
                 return None
-            sending = self.cluster.scatter(uncompressed(rays), hash=False, direct=True, workers=[to], asynchronous=True)
+            begin, sending = time.monotonic(), asyncio.ensure_future(self._scattered(rays, to))
             try:
-                return await asyncio.wait_for(sending, self._patience)
+                while not (await asyncio.wait([sending], timeout=self._patience))[0]:
+                    now = time.monotonic()      # if the worker is heard meanwhile, the link is slow
+                    if self.roster.heard(to) < now - self._patience or now > begin + SEND_SECONDS:
+                        raise OSError("it is stuck")
+                return sending.result()
             except Exception:
                 self.slow.add(to)
                 return None
+            finally:
+                sending.cancel()
+
+    async def _scattered(self, rays: Any, to: str) -> Any:
+        if not await self.roster.reaches(to):
+            raise OSError("its rays go through the scheduler")
+        return await self.cluster.scatter(uncompressed(rays), hash=False, direct=True, workers=[to], asynchronous=True)
 
 
 class Copy:
     """An item on its way. `submit` makes a Dask Future of its rays and key. The rays go to the worker `onto` before, from
-    which whoever makes the item takes them; without one they go with the item, through the scheduler."""
+    which whoever makes the item takes them; without one they go with the item, through the scheduler. `back` is called in
+    Dask's loop with what Came. Nothing is left on the cluster then: a Future that refers to itself would be."""
 
-    def __init__(self, road: Road, submit: Callable[[Any, str], Any], rays: Any, onto: str) -> None:
-        self.key, self.onto = f"raynest-{os.urandom(8).hex()}", onto
-        self.made: Any = None       # the Future
+    def __init__(self, road: Road, submit: Callable[[Any, str], Any], rays: Any, onto: str, key: str,
+                 back: Callable[[Came], None]) -> None:
+        self.key, self.onto = key, onto
         self.born = math.inf        # since when a worker may make it: then its rays are there
-        self._going = asyncio.run_coroutine_threadsafe(self._go(road, submit, rays), road.cluster.loop.asyncio_loop)
+        self._is_left = False
+        self._going = asyncio.run_coroutine_threadsafe(self._go(road, submit, rays, back), road.cluster.loop.asyncio_loop)
 
-    async def _go(self, road: Road, submit: Callable[[Any, str], Any], rays: Any) -> Any:
-        if self.onto:
-            sent = await road.sent(rays, self.onto)
-            rays, self.onto = (rays, "") if sent is None else (sent, self.onto)
-        ended, loop = asyncio.Event(), asyncio.get_running_loop()
-        with dask.config.set(NO_SOURCE):
-            self.made, self.born = submit(rays, self.key), time.monotonic()
-        del rays
-        self.made.add_done_callback(lambda _: loop.call_soon_threadsafe(ended.set))
-        await ended.wait()
-        return await answer_of(road.cluster, self.key) if self.made.status == "finished" else None
-
-    def when_back(self, call: Callable[[Any], None]) -> None:
-        """Calls, in another thread, with what has the answer, or the error of the way."""
-        self._going.add_done_callback(call)
+    async def _go(self, road: Road, submit: Callable[[Any, str], Any], rays: Any, back: Callable[[Came], None]) -> None:
+        sent = made = None
+        try:
+            if self.onto:
+                sent = await road.sent(rays, self.onto)
+                rays, self.onto = (rays, "") if sent is None else (sent, self.onto)
+            ended, loop = asyncio.Event(), asyncio.get_running_loop()
+            with dask.config.set(QUIETLY):
+                made, self.born = submit(rays, self.key), time.monotonic()
+            rays = None
+            made.add_done_callback(lambda _: loop.call_soon_threadsafe(ended.set))
+            await ended.wait()
+            if made.status == "finished":
+                came = Came(await road.roster.answer_of(self.key))
+            elif made.status == "error":
+                came = Came(None, await made._exception(), True)
+            else:
+                came = Came(None, FailedError("the scheduler dropped it"))
+        except LOST as error:       # the worker died with the answer, or cannot be reached
+            came = Came(None, error.with_traceback(None))
+        finally:
+            for future in (made, sent):
+                if future is not None:
+                    future.release()
+        if not self._is_left:
+            back(came)
 
     def release(self) -> None:
         """Ends its way: nobody waits for it any more."""
-        self._going.cancel()
-        if self.made is not None:
-            self.made.release()
+        self._is_left = True
+        with contextlib.suppress(RuntimeError):     # the loop has ended
+            self._going.cancel()

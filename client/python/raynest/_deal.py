@@ -3,38 +3,40 @@ from __future__ import annotations
 
 import asyncio
 import concurrent.futures
+import os
 import queue
 import random
 import threading
 import time
-from typing import Any, Callable, Iterator, NamedTuple, Optional, Sequence
+from typing import AbstractSet, Any, Callable, Generator, NamedTuple, Optional, Sequence
 
 import numpy as np
 
-from ._copies import Copy, Road, seldom_profiled, uncompressed
+from ._copies import Came, Copy, Road, seldom_profiled, uncompressed
 from ._travel import LOST, Missing
 from ._prepared import Prepared
-from ._roster import Roster
+from ._roster import plain
 from ._version import VERSION
 from ._notes import Told, tell
 from ._own_daemon import Setup, distributed, here, until_left
-from ._workers import NoRoom, Source, files_at, has_deadline, info_of, item as make_item
+from ._workers import NoRoom, Source, deadline_of, files_at, info_of, item as make_item
+from ._wording import localize_message
 from .errors import BY_EXIT_CODE, DeadlineError, Error, FailedError, InvalidError, RayWarning, UsageError, warn
 
-PATIENCE = 4.0             # s of silence after which open items are dealt again
 COPIES_MAX = 3             # of an item on the workers, before it is made here
 ASK_SECONDS = 1.0          # between two questions to the scheduler who makes what
 HELD_MAX = 8               # times `patience` that a worker which fails gets nothing new
 LOAD_BYTES_PER_SECOND = 5e6     # that even a slow host fetches and builds
 SENDS_MAX = 100            # times that an item may find pieces of the scene missing
-_ONCE = (UsageError, InvalidError)  # what another worker would answer alike
+HERE_MAX = 2               # items that wait for this machine's daemon, while no worker lives
+_ONCE = (UsageError, InvalidError, TypeError)   # what another worker would answer alike
 
 
 @seldom_profiled()
 def sent_item(*arguments: Any) -> Any:
     """Makes an item on a worker: returns what make_item() returns, on its way to the client."""
     try:
-        return uncompressed(make_item(*arguments))
+        return uncompressed(make_item(*map(plain, arguments)))
     except Exception as error:
         error.raynest_where = here()    # type: ignore[attr-defined]
         raise
@@ -61,7 +63,7 @@ class Places(NamedTuple):
     making: dict[str, set[str]]     # worker -> keys that it makes, or has in its queue
     made: dict[str, set[str]]       # worker -> keys of our copies that it has made
 
-    def have(self, worker: str, keys: set[str]) -> bool:
+    def have(self, worker: str, keys: AbstractSet[str]) -> bool:
         return bool(keys & (self.making.get(worker, set()) | self.made.get(worker, set())))
 
 
@@ -74,9 +76,13 @@ class Failures(NamedTuple):
     error: BaseException
 
 
+class OtherRounding(FailedError):
+    """A processor of another kind has made an answer."""
+
+
 class Deal:
     """Deals items out to a cluster until each is answered. The first answer of an item counts. The items are parts of one
-    request, or with `apart` requests of their own."""
+    request, or with `apart` requests of their own. While no worker lives, this machine makes them in turn."""
 
     def __init__(self, cluster: Any, setup: Setup, scene: Prepared, method: Any, parts: Sequence[Part], patience: float,
                  progress: Any, stage: str = "tracing", apart: bool = False) -> None:
@@ -84,65 +90,81 @@ class Deal:
         self._source = scene.at(scene.epoch)
         self._parts, self._patience, self._progress, self._stage = parts, patience, progress, stage
         self._apart = apart
-        self._open: dict[int, set[Copy]] = {}           # item -> its copies
+        self._open: dict[int, dict[str, Copy]] = {}     # item -> its copies, by their keys
         self._copies = [0] * len(parts)
         self._left = len(parts)
         self._done = [False] * len(parts)
-        self._events: queue.SimpleQueue[Any] = queue.SimpleQueue()
+        self._next_item, self._turn = 0, iter(range(len(parts)))
+        self._events: queue.SimpleQueue[tuple[int, str, Came]] = queue.SimpleQueue()
         self._heard: dict[str, float] = {}              # worker -> when it last answered
         self._seconds: list[float] = []                 # that items took
         self._news = time.monotonic()
-        self._alone = False
-        self._roster, self._road = Roster(cluster, patience), Road(cluster, patience)
+        self._end = self._news + (not apart and parts[0].late is None and deadline_of(parts[0].options) or np.inf)
+        self._alone = self._nobody = False              # without a scheduler, or a worker that lives
+        self._road = Road(cluster, patience)
+        self._roster = self._road.roster
         self._sends = 0                                 # of pieces that were missing
-        self._no_room: dict[str, NoRoom] = {}           # worker -> why it cannot have the scene
+        self._unfit: dict[str, Error] = {}              # worker -> why it gets nothing
         self._failures: dict[str, Failures] = {}        # by worker
-        self._beats: dict[str, tuple[Any, float]] = {}  # worker -> when the scheduler heard it, and when we learned that
         self._asked = self._looked = -np.inf
-        self._here: dict[int, Any] = {}                 # items that this machine makes
-        self._left_here = threading.Event()
+        self._here: dict[int, threading.Event] = {}     # items that this machine makes, and what leaves them
         self._told: dict[int, Told] = {}
         self.notes: dict[str, None] = {}
 
-    def answers(self) -> Iterator[tuple[int, Any]]:
+    def all(self) -> list[Any]:
+        """The answers, in the order of their items."""
+        found = dict(self.answers())
+        return [found[item] for item in range(len(self._parts))]
+
+    def answers(self) -> Generator[tuple[int, Any], None, None]:
         """Yields (item, answer) in any order. Leaving the loop cancels the rest."""
-        next_item, answered = 0, 0
+        answered = 0
         total = sum(part.weight for part in self._parts)
         try:
             while self._left:
-                ahead = max(8, 3 * sum(self._threads()))
-                while not self._alone and next_item < len(self._parts) and len(self._open) < ahead:
-                    self._deal(next_item)
-                    next_item += 1
-                if self._alone:
-                    next_item = len(self._parts)
-                    for item in (item for item, done in enumerate(self._done) if not done):
-                        self._make_here(item)
-                found = self._next()
-                for item, answer in found:
-                    if self._done[item]:
-                        continue
+                if time.monotonic() - self._looked > ASK_SECONDS:
+                    self._look()
+                self._deal_some()
+                for item, answer in self._next():
                     self._done[item] = True
                     self._left -= 1
-                    for copy in self._open.pop(item, ()):
-                        copy.release()
+                    self._leave(item)
                     answered += self._parts[item].weight
                     if self._progress:
                         self._progress(answered, total, self._stage)
                     yield item, answer
         finally:
-            for copies in self._open.values():
-                for copy in copies:
-                    copy.release()
-            self._left_here.set()
-            for made in self._here.values():
-                made.cancel()
+            for item in {*self._open, *self._here}:
+                self._leave(item)
             self._tell()
+
+    def _deal_some(self) -> None:
+        """Deals what is next to the workers, or to this machine where there are none."""
+        ahead = max(8, 3 * sum(worker["nthreads"] for worker in self._roster.living(self._patience).values()))
+        while not (self._alone or self._nobody) and self._next_item < len(self._parts) and len(self._open) < ahead:
+            item, self._next_item = self._next_item, self._next_item + 1
+            if not self._done[item] and item not in self._here:
+                self._deal(item)
+        while (self._alone or self._nobody) and len(self._here) < HERE_MAX:
+            found = next((item for item in self._turn if not self._done[item] and item not in self._here), None)
+            if found is None:
+                break
+            self._make_here(found, None if self._alone else FailedError(
+                "no worker of the cluster is heard" if self._roster.now(self._patience) else "the cluster has no workers"))
+
+    def _leave(self, item: int) -> None:
+        """Ends all that makes an item."""
+        for copy in self._open.pop(item, {}).values():
+            copy.release()
+        if item in self._here:
+            self._here.pop(item).set()
 
     def _tell(self) -> None:
         for where, failures in self._failures.items():
             what = "an item" if failures.items == 1 else f"{failures.items} items"
             self.notes[f"{where} failed at {what}{_because(failures.error)}, made elsewhere"] = None
+        for worker in self._roster.far():
+            self.notes[f"this machine cannot reach the worker {worker}: rays and answers go through the scheduler"] = None
         for note in self.notes:
             if note not in self._scene.noted:
                 self._scene.noted.add(note)
@@ -157,47 +179,44 @@ class Deal:
             firsts = np.concatenate([[0], np.cumsum(rays)]).tolist()
             tell([(firsts[item], told) for item, told in sorted(self._told.items())], firsts[-1])
 
-    def _workers(self) -> dict[str, Any]:
-        return self._roster.now()
-
-    def _threads(self) -> list[int]:
-        return [worker["nthreads"] for worker in self._workers().values()]
-
-    def _fit(self, workers: Optional[list[str]]) -> Optional[list[str]]:
-        """Those of the workers, or of all, that have room for the scene, and do not fail, if there are any; None: any."""
+    def _fit(self) -> list[str]:
+        """The workers that live, are not unfit, and do not fail, if there are any."""
         now = time.monotonic()
         held = {where.split()[-1] for where, failures in self._failures.items() if failures.until > now}
-        if not self._no_room and not held:
-            return workers
-        fit = [worker for worker in self._workers() if worker not in self._no_room]
-        fit = [worker for worker in fit if worker not in held] or fit
-        return [worker for worker in workers or () if worker in fit] or fit
+        fit = [worker for worker in self._roster.living(self._patience) if worker not in self._unfit]
+        return [worker for worker in fit if worker not in held] or fit
 
-    def _deal(self, item: int, workers: Optional[list[str]] = None) -> None:
+    def _deal(self, item: int, workers: Sequence[str] = ()) -> None:
+        """To one of these workers, or of all."""
         if self._cluster.status != "running":   # all that follows would wait for it
-            return self._give_up_cluster(None)
+            return self._give_up_cluster()
         part = self._parts[item]
         source = (part.source or self._source)._replace(sending=self._scene.sending)
-        workers = self._fit(workers)
-        if workers == [] and self._no_room:
-            raise next(iter(self._no_room.values()))
+        fit = self._fit()
+        takers = [worker for worker in workers if worker in fit] or fit
+        to = takers if len(takers) < len(self._roster.now(self._patience)) else None    # who joins may have it, too
         rays = None if part.rays is None else part.rays()
+        setup, method, cluster = self._setup, self._method, self._cluster
 
         def submit(rays: Any, key: str) -> Any:
-            return self._cluster.submit(sent_item, VERSION, self._setup, source, self._method, rays, part.options, pure=False,
-                                        retries=0, workers=workers or None, key=key)
+            return cluster.submit(sent_item, VERSION, setup, source, method, rays, part.options, pure=False, retries=0,
+                                  workers=to or None, key=key)
+        key = f"raynest-{os.urandom(8).hex()}"
+        events = self._events
         try:
-            copy = Copy(self._road, submit, rays, self._taker(workers) if part.heavy else "")
-        except RuntimeError as error:   # its loop has ended
-            return self._give_up_cluster(error)
+            copy = Copy(self._road, submit, rays, self._taker(takers) if part.heavy else "", key,
+                        lambda came: events.put((item, key, came)))
+        except RuntimeError:    # its loop has ended
+            return self._give_up_cluster()
         self._copies[item] += 1
-        self._open.setdefault(item, set()).add(copy)
-        copy.when_back(lambda done: self._events.put((item, copy, done)))
+        self._open.setdefault(item, {})[key] = copy
 
-    def _taker(self, workers: Optional[list[str]]) -> str:
-        """A worker that gets rays, the more often the more threads it has; "": there is none."""
-        known = self._workers()
-        takers = [worker for worker in workers or self._lively() or known if worker in known and worker not in self._road.slow]
+    def _taker(self, workers: Sequence[str]) -> str:
+        """One of the workers, or of those of them that answered lately, that gets rays, the more often the more threads it
+        has; "": there is none."""
+        known, lively = self._roster.now(self._patience), self._lively()
+        takers = [worker for worker in workers if worker in known and worker not in self._road.slow]
+        takers = [worker for worker in takers if worker in lively] or takers
         return random.choices(takers, [known[worker]["nthreads"] for worker in takers])[0] if takers else ""
 
     def _lively(self) -> list[str]:
@@ -207,37 +226,22 @@ class Deal:
 
     def _places(self) -> Optional[Places]:
         """Asks the scheduler; None: it does not tell."""
-        keys = [copy.key for copies in self._open.values() for copy in copies]
+        keys = [key for copies in self._open.values() for key in copies]
 
         async def ask() -> Any:
             told = self._cluster.scheduler
             return await asyncio.gather(told.processing(workers=None), told.who_has(keys=keys), self._roster.ask())
         asking = asyncio.run_coroutine_threadsafe(ask(), self._cluster.loop.asyncio_loop)
         try:
-            making, made, workers = asking.result(self._patience)
+            making, made, _ = asking.result(self._patience)
         except LOST:        # what is late is dealt again all the same
             asking.cancel()
             return None
-        self._hear(workers)
         places = Places({worker: set(theirs) for worker, theirs in making.items()}, {})
         for key, makers in made.items():
             for worker in makers:
                 places.made.setdefault(worker, set()).add(key)
         return places
-
-    def _hear(self, workers: dict[str, Any]) -> None:
-        """Notes which workers the scheduler has heard since. Its clock may be another than ours."""
-        now = time.monotonic()
-        for worker, said in workers.items():
-            if self._beats.get(worker, (None,))[0] != said.get("last_seen"):
-                self._beats[worker] = said.get("last_seen"), now
-
-    def _living(self, worker: str) -> bool:
-        """True if the scheduler has heard it lately, and has not let it go."""
-        workers = self._workers()
-        beat: float = distributed.scheduler.heartbeat_interval(len(workers))
-        heard = self._beats.get(worker, (None, -np.inf))[1]
-        return worker in workers and time.monotonic() - heard < self._patience + ASK_SECONDS + 2 * beat
 
     def _silence(self) -> float:
         """Seconds after which an item is late, in which even a slow one is made, and at first the scene loaded."""
@@ -246,38 +250,59 @@ class Deal:
         return 4 * self._patience + self._scene.bytes / LOAD_BYTES_PER_SECOND
 
     def _next(self) -> list[tuple[int, Any]]:
-        if time.monotonic() - self._looked > ASK_SECONDS:
-            self._look()
+        """Waits a while for an answer."""
+        if time.monotonic() > self._end:
+            raise DeadlineError(localize_message("the request's deadline passed; pass a longer `deadline_ms`, or ask for less"), "DEADLINE")
         try:
-            item, copy, data = self._events.get(timeout=0.25)
+            item, key, came = self._events.get(timeout=min(0.25, max(0.0, self._end - time.monotonic())))
         except queue.Empty:
-            self._look()
             return []
         if self._done[item]:
             return []
-        if copy is None:
-            answer, self._told[item] = data.result()
-            return [(item, answer)]
-        if copy not in self._open.get(item, ()):
+        if key in self._open.get(item, ()):
+            copy = self._open[item].pop(key)
+        elif key:
             return []
-        self._open[item].remove(copy)
-        if copy.made is not None and copy.made.status != "finished":
-            return self._failed(item, copy.made)
-        try:
-            where, answer, told = data.result()
-        except LOST as error:   # the worker died with the answer, or cannot be reached
-            copy.release()
-            return self._again(item, error)
+        elif came.error is None:
+            answer, self._told[item] = came.answer
+            return [(item, answer)]
+        else:
+            raise came.error
+        if came.error is not None:
+            return self._failed(item, came.error) if came.failed else self._again(item, came.error)
+        where, answer, told = came.answer
         self._news = self._heard[where] = time.monotonic()
         if isinstance(answer, Missing):
             return self._send(item, answer)
-        if not self._parts[item].fits(answer):
-            return self._again(item, FailedError(f"{where} sent an answer of another form"))
+        try:
+            self._check(item, where, answer, told)
+        except OtherRounding as error:
+            return self._leave_out(item, where, error)
+        except FailedError as error:
+            return self._again(item, error)
         self._seconds.append(self._news - copy.born)
         self._told[item] = told
         if where in self._failures:
             self._failures[where] = self._failures[where]._replace(in_a_row=0, until=-np.inf)
         return [(item, answer)]
+
+    def _check(self, item: int, where: str, answer: Any, told: Told) -> None:
+        """Raises FailedError for what is no answer of the item, whoever has made it."""
+        if isinstance(answer, Missing):
+            raise FailedError(f"{where} cannot read {self._source.path or 'the files of the scene'}")
+        if not self._parts[item].fits(answer):
+            raise FailedError(f"{where} sent an answer of another form")
+        if told.rounding and self._scene.rounding.setdefault("how", told.rounding) != told.rounding:
+            raise OtherRounding(f"{where} is left out: it rounds {told.rounding}, and those that began {self._scene.rounding['how']}, "
+                                "so its bytes differ")
+
+    def _leave_out(self, item: int, where: str, why: Error) -> list[tuple[int, Any]]:
+        """A worker that is no good for the scene; another one makes the item."""
+        self._unfit[where.split()[-1]] = why
+        self.notes[str(why)] = None
+        self._copies[item] -= 1
+        self._look()
+        return self._again(item, why)
 
     def _send(self, item: int, missing: Missing) -> list[tuple[int, Any]]:
         """Gives the workers what one has asked for, and deals its item again."""
@@ -288,8 +313,9 @@ class Deal:
             if missing.silent:
                 self._scene.send_anew(missing.keys)
             else:
-                lively = self._lively() if self._scene.sending else None
-                self._scene.send(self._cluster, missing.keys, self._fit(lively) or self._workers(), self._progress)
+                fit, lively = self._fit(), self._lively() if self._scene.sending else ()
+                self._scene.send(self._cluster, missing.keys, [worker for worker in fit if worker in lively] or fit,
+                                 self._progress)
         except (OSError, asyncio.TimeoutError, RuntimeError, FailedError) as error:
             return self._again(item, error)
         self._news = time.monotonic()
@@ -297,25 +323,17 @@ class Deal:
         self._deal(item)
         return []
 
-    def _failed(self, item: int, made: Any) -> list[tuple[int, Any]]:
-        if made.status != "error":
-            return self._again(item, FailedError("the scheduler dropped it"))
-        error = made.exception()
+    def _failed(self, item: int, error: BaseException) -> list[tuple[int, Any]]:
         if isinstance(error, NoRoom):
-            self._no_room[error.where.split()[-1]] = error
-            self._copies[item] -= 1
-            self._deal(item)
-            self.notes[str(error)] = None
-            return []
-        late = self._parts[item].late
+            return self._leave_out(item, error.where, error)
+        late, where = self._parts[item].late, getattr(error, "raynest_where", "")
         if isinstance(error, DeadlineError) and late is not None:
             self._told[item] = late
             return [(item, error)]
-        if isinstance(error, _ONCE) or (isinstance(error, DeadlineError) and has_deadline(self._parts[item].options)):
-            raise error
-        if isinstance(error, ImportError):
+        if not where and isinstance(error, (AttributeError, TypeError, ImportError)):   # it could not even begin
             raise FailedError(f"the workers cannot run it: {error}; install python3-raynest {VERSION} on all hosts")
-        where = getattr(error, "raynest_where", "")
+        if isinstance(error, _ONCE) or (isinstance(error, DeadlineError) and deadline_of(self._parts[item].options)):
+            raise error
         if where:   # it fails at once, so it would get all items that the others are too slow for
             before = self._failures.get(where, Failures(0, 0, 0.0, error))
             holds = self._patience * min(2 ** before.in_a_row, HELD_MAX)
@@ -324,9 +342,9 @@ class Deal:
 
     def _again(self, item: int, error: BaseException) -> list[tuple[int, Any]]:
         if self._cluster.status != "running":
-            self._give_up_cluster(error)
-        elif self._open.get(item):
-            pass    # another copy is on its way
+            self._give_up_cluster()
+        elif self._open.get(item) or self._nobody:
+            pass    # another copy is on its way, or this machine makes it in its turn
         elif self._copies[item] < COPIES_MAX:
             self._deal(item)
         else:
@@ -334,71 +352,79 @@ class Deal:
         return []
 
     def _look(self) -> None:
-        """Deals again what is late and no living worker makes, and what takes far longer than others did and a worker
-        with a free thread could make. One may be stuck in an item and answer others."""
+        """Sees whether any worker lives. Deals again what is late and no living worker makes, and what takes far longer than
+        others did and a worker with a free thread could make. One may be stuck in an item and answer others."""
         now = self._looked = time.monotonic()
         if self._cluster.status != "running":
-            return self._give_up_cluster(None)
-        self._hear(self._workers())
-        silence = self._silence()
-        silent = now - self._news > silence
-        if silent and self._open and not self._workers():
-            if not self._here:      # whoever joins later makes the others
-                self._make_here(min(self._open), FailedError("the cluster has no workers"))
-            return
+            return self._give_up_cluster()
+        living, silence = self._roster.living(self._patience), self._silence()
+        joining = self._patience if self._seconds else 4 * self._patience     # they may come right behind the request
+        self._nobody = not living.keys() - self._unfit and (
+            bool(self._roster.now(self._patience)) or now - self._news > joining)
+        if living and self._nobody and all(isinstance(self._unfit[worker], NoRoom) for worker in living):
+            raise next(iter(self._unfit.values()))
         late = [item for item, copies in sorted(self._open.items())
-                if item not in self._here and not (copies and now - max(copy.born for copy in copies) < silence)]
-        if not late or now - self._asked < ASK_SECONDS:
+                if item not in self._here and not (copies and now - max(copy.born for copy in copies.values()) < silence)]
+        if self._nobody or not late or now - self._asked < ASK_SECONDS:
             return
         places, self._asked = self._places(), now
         for item in late:
-            keys = {copy.key for copy in self._open[item]}
+            copies = self._open[item]
             is_made = places is not None and any(
-                copy.key in theirs and self._living(worker) and (not copy.onto or self._living(copy.onto))
-                for copy in self._open[item] for worker, theirs in places.making.items())
+                copies[key].onto in ("", *living) for worker, theirs in places.making.items() if worker in living
+                for key in copies.keys() & theirs)
             if self._copies[item] < COPIES_MAX:
-                others = self._without(keys, places, is_made)
+                others = self._without(copies.keys(), places, is_made)
                 if others or not is_made:
-                    self._deal(item, others or self._lively() or None)
-            elif not is_made and (silent or not keys):
+                    self._deal(item, others or self._lively())
+            elif not is_made and (now - self._news > silence or not copies):
                 self._make_here(item)
 
-    def _without(self, keys: set[str], places: Optional[Places], must_be_free: bool) -> list[str]:
+    def _without(self, keys: AbstractSet[str], places: Optional[Places], must_be_free: bool) -> list[str]:
         """Living workers that have none of these copies, and a free thread, if that `must` be."""
         if places is None or must_be_free and not self._seconds:
             return []
-        workers = self._workers()
-        return [worker for worker in self._fit(list(workers)) or () if self._living(worker) and worker in workers
-                and not places.have(worker, keys)
+        workers = self._roster.now(self._patience)
+        return [worker for worker in self._fit() if not places.have(worker, keys)
                 and not (must_be_free and len(places.making.get(worker, ())) >= workers[worker]["nthreads"])]
 
-    def _give_up_cluster(self, error: Optional[BaseException]) -> None:
-        if not self._alone:
-            self._alone = True
-            self.notes["the Dask scheduler went away: the rest was made on this machine"] = None
+    def _give_up_cluster(self) -> None:
+        if self._alone:
+            return
+        if self._cluster.status in ("closing", "closed") and self._cluster.scheduler_comm is not None:
+            raise UsageError("the Client was closed before its request was done: keep it open until then")
+        self._alone = True
+        self.notes["the Dask scheduler went away: the rest was made on this machine"] = None
 
     def _make_here(self, item: int, error: Optional[BaseException] = None) -> list[tuple[int, Any]]:
         """The last resort: a daemon on this machine. Answers of the workers are taken meanwhile."""
         if item not in self._here:
-            self._here[item] = made = _own.submit(self._make, item, error)
-            made.add_done_callback(lambda done: None if done.cancelled() else self._events.put((item, None, done)))
+            self._here[item] = left = threading.Event()
+            _own.submit(self._make, item, error, left)
         return []
 
-    def _make(self, item: int, error: Optional[BaseException]) -> tuple[Any, Told]:
+    def _make(self, item: int, error: Optional[BaseException], left: threading.Event) -> None:
         part = self._parts[item]
+        if left.is_set():
+            return
         try:
-            with until_left(self._left_here):
-                _, answer, told = make_item(VERSION, self._setup, part.source or self._source, self._method,
-                                            None if part.rays is None else part.rays(), part.options)
+            with until_left(left):
+                where, answer, told = make_item(VERSION, self._setup, part.source or self._source, self._method,
+                                                None if part.rays is None else part.rays(), part.options)
+            self._check(item, where, answer, told)
+            came = Came((answer, told))
+        except DeadlineError as own:
+            came = Came((own, part.late)) if part.late is not None else Came(None, own)
         except Error as own:
-            if isinstance(own, DeadlineError) and part.late is not None:
-                return own, part.late
-            raise BY_EXIT_CODE.get(own.exit_code, FailedError)(
-                f"no worker finished an item{_because(error)}, and this machine cannot make it: {own}", own.name, own.code
-            ) from error
-        if not self._alone:
+            made = BY_EXIT_CODE.get(own.exit_code, FailedError)(
+                f"no worker finished an item{_because(error)}, and this machine cannot make it: {own}", own.name, own.code)
+            made.__cause__ = error
+            came = Came(None, made)
+        except BaseException as own:
+            came = Came(None, own.with_traceback(None))
+        if not (self._alone or came.error):
             self.notes[f"no worker finished some items{_because(error)}; they were made on this machine"] = None
-        return answer, told
+        self._events.put((item, "", came))
 
 
 def _because(error: Optional[BaseException]) -> str:
@@ -421,7 +447,7 @@ def known_to(cluster: Any, scene: Prepared, setup: Setup, patience: float, progr
         def send(done: int, total: int, stage: str) -> None:
             if progress and stage == "sending":
                 progress(done, total, stage)
-        (_, answer), = Deal(cluster, setup, scene, method, [Part({}, source=scene.source)], patience, send).answers()
+        answer, = Deal(cluster, setup, scene, method, [Part({}, source=scene.source)], patience, send).all()
         return answer
     if scene.source.message is None:
         scene.found(ask(files_at))

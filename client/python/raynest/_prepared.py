@@ -8,18 +8,18 @@ import os
 import pickle
 import random
 import weakref
-from typing import Any, Iterable, Mapping, Sequence
+from typing import Any, Iterable, Mapping, Optional, Sequence
 
 import numpy as np
 
 from . import _travel
 from ._net.frame import Array
-from ._travel import PIECE_BYTES, PIECE_SECONDS, keys_of_changes, keys_of_file
+from ._travel import PIECE_BYTES, PIECE_SECONDS, held, keys_of_changes, keys_of_file
 from ._requests.job import Progress
 from ._requests.loads import Load, load_of_file, load_of_mesh, load_of_parts
 from ._requests.materials import Mesh
 from ._requests.precision import rounding_warning
-from ._roster import workers_of
+from ._roster import PATIENCE, roster_of
 from ._workers import Carried, Source, named
 from .edits import Change, Edit
 from .errors import FailedError, InvalidError, SceneWarning, UsageError, warn
@@ -36,8 +36,10 @@ class Prepared:
 
     def __init__(self, scene: Any, load: dict[str, Any]) -> None:
         self._pieces: dict[str, Any] = {}       # key -> its bytes
+        _travel.own[id(self)] = self
         self._sent: weakref.WeakKeyDictionary[Any, dict[str, Any]] = weakref.WeakKeyDictionary()
         self._mesh: Any = None                  # vertices and faces, of which float32 may lose digits
+        self._hides = ""                        # words of a daemon's warning that this program has better ones for
         self._must_be = ""                      # the digest of a Scene that this stands for
         if isinstance(scene, Scene):
             if scene.made is None:
@@ -51,6 +53,7 @@ class Prepared:
         self._others: dict[str, Prepared] = {}  # by the name that their content gives them
         self.sending = 0
         self.noted: set[str] = set()            # what the user was told since the request began
+        self.rounding: dict[str, str] = {}      # "how" those do that trace it: others would give other bytes
 
     def _source(self, scene: Any, load: dict[str, Any]) -> Source:
         found: Load
@@ -74,6 +77,7 @@ class Prepared:
                 if not os.path.exists(path):        # the workers may see it
                     return Source(path, load)
             found = load_of_file(path, "", **load)
+        self._hides = found.hides
         source, most = Source(path, load, named(found.message), piece_bytes=self.piece_bytes,
                               piece_seconds=self.piece_seconds), self.piece_bytes
         for number, (digest, size) in enumerate(source.files()):
@@ -84,7 +88,6 @@ class Prepared:
 
     def _keep(self, key: str, piece: Array) -> None:
         self._pieces[key] = piece
-        _travel.own[key] = self
 
     @property
     def bytes(self) -> int:
@@ -111,9 +114,8 @@ class Prepared:
         for key, piece in other._pieces.items():
             self._pieces.setdefault(key, piece)
 
-    def piece(self, key: str) -> Array:
-        piece: Array = self._pieces[key]
-        return piece
+    def piece(self, key: str) -> Optional[Array]:
+        return self._pieces.get(key)
 
     def found(self, message: dict[str, Any]) -> None:
         """Takes the Load of files that a worker has read, and this machine cannot."""
@@ -128,7 +130,10 @@ class Prepared:
                                "raynest.dask.prepare() makes of that, and edit it there", "SCENE_UNKNOWN")
         self.source = self.source._replace(digest=info["hash"])
         for text in info["warnings"]:
-            warn(text, SceneWarning)
+            if not self._hides or self._hides not in text:
+                warn(text, SceneWarning)
+        if None in (info["box_min"], info["box_max"]):
+            warn("the scene is empty: nothing can be hit", SceneWarning)
         if self._mesh is not None:
             vertices, faces = self._mesh
             lost = rounding_warning(vertices, faces, np.asarray(info["origin"]), info["degenerate_triangles"])
@@ -178,13 +183,16 @@ class Prepared:
 
     def send_anew(self, keys: Sequence[str]) -> None:
         """Has the workers look for all pieces under new keys, as who has these is silent."""
-        self.sending = max(self.sending, int(keys[0].partition("~")[2]) + 1)
+        self.sending = max(self.sending, _sending_of(keys[0]) + 1)
 
     def send(self, cluster: Any, keys: Sequence[str], workers: Iterable[str], progress: Progress = None) -> None:
         """Gives pieces that no worker has to one of them each. They stay there as long as this object lives."""
         sent = self._sent.setdefault(cluster, {})
         takers = list(workers)
         random.shuffle(takers)
+        for key in [key for key in sent if _sending_of(key) < self.sending]:
+            del sent[key]       # nobody looks for it any more
+        keys = [key for key in keys if _sending_of(key) >= self.sending]
         lost = set(self._lost(cluster, keys))
         for number, key in enumerate(keys, 1):
             if key.partition("~")[0] not in self._pieces:
@@ -193,22 +201,27 @@ class Prepared:
                 sent[key] = self._give(cluster, key, takers)
                 if progress:
                     progress(number, len(keys), "sending")
+            elif key not in sent:       # another scene of this content has sent it, and may go
+                sent[key] = held(cluster, key)
 
     def send_all(self, cluster: Any) -> None:
         """Gives the workers all that they may come to lack while nobody looks after them."""
         if self._pieces:
-            self.send(cluster, [f"{key}~{self.sending}" for key in self._pieces], workers_of(cluster))
+            self.send(cluster, [f"{key}~{self.sending}" for key in self._pieces], roster_of(cluster).living())
 
     def _lost(self, cluster: Any, keys: Sequence[str]) -> list[str]:
-        places = cluster.sync(cluster.scheduler.who_has, keys=list(keys))
+        try:
+            places = cluster.sync(cluster.scheduler.who_has, keys=list(keys), callback_timeout=PATIENCE)
+        except asyncio.TimeoutError:
+            raise FailedError("the Dask scheduler does not answer") from None
         return [key for key in keys if not places.get(key)]
 
     def _give(self, cluster: Any, key: str, takers: list[str]) -> Any:
         """Gives a piece to the first of the takers, who is the last one then, and to the next ones while it waits. Who fails,
         or was waited for, takes no more, unless there is nobody else."""
         async def scatter(to: str) -> Any:
-            return await cluster.scatter({key: self._pieces[key.partition("~")[0]]}, hash=False, direct=True,
-                                         workers=[to], asynchronous=True)
+            return await cluster.scatter({key: self._pieces[key.partition("~")[0]]}, hash=False, workers=[to],
+                                         direct=await roster_of(cluster).reaches(to), asynchronous=True)
         giving: dict[Any, str] = {}
         waiting = list(takers)
         while waiting or giving:
@@ -230,3 +243,7 @@ class Prepared:
         for late in giving:
             late.cancel()
         raise FailedError("no worker takes the scene's files")
+
+
+def _sending_of(key: str) -> int:
+    return int(key.partition("~")[2])

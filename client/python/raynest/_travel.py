@@ -10,7 +10,7 @@ import asyncio
 import collections
 import concurrent.futures
 import weakref
-from typing import Any, Iterator, Protocol, Sequence
+from typing import Any, Iterator, Optional, Protocol, Sequence
 
 import numpy as np
 
@@ -23,13 +23,19 @@ LOST = (Exception, asyncio.CancelledError)  # no Exception: a key was dropped, a
 
 
 class Holder(Protocol):
-    """The client's own program, which has all pieces."""
+    """The client's own program, which has all pieces of a scene."""
 
-    def piece(self, key: str) -> Array: ...
+    def piece(self, key: str) -> Optional[Array]: ...
 
 
-# Pieces of this process's own program: key -> Holder. A daemon of this machine needs no cluster.
-own: weakref.WeakValueDictionary[str, Any] = weakref.WeakValueDictionary()
+# The holders of this process's own program: several may have the same piece. A daemon of this machine needs no cluster.
+own: weakref.WeakValueDictionary[int, Any] = weakref.WeakValueDictionary()
+
+
+def own_piece(key: str) -> Optional[Array]:
+    holders: list[Optional[Holder]] = [holder() for holder in own.valuerefs()]
+    found = (holder.piece(key) for holder in holders if holder is not None)
+    return next((piece for piece in found if piece is not None), None)
 
 
 class Missing(Exception):
@@ -64,23 +70,28 @@ def look_up(pieces: Sequence[str], sending: int) -> Any:
     return cluster
 
 
+def held(cluster: Any, key: str) -> Any:
+    """A Future of what another client, or another part of this one, has made."""
+    import distributed
+    future: Any = distributed.Future(key, cluster)  # type: ignore[no-untyped-call]
+    # Newer releases of Dask do not ask for it.
+    cluster._send_to_scheduler({"op": "client-desires-keys", "keys": [key], "client": cluster.id})
+    return future
+
+
 def fetch(pieces: Sequence[str], patience: float, sending: int) -> Iterator[Array]:
     """Yields the pieces, the next of which come meanwhile; raises Missing at once where one is nowhere. `sending` is
     how often the client has sent them anew."""
     keys = [f"{key}~{sending}" for key in pieces]
-    if all(key in own for key in pieces):
-        for key in pieces:
-            yield own[key].piece(key)
+    found = [own_piece(key) for key in pieces]
+    if not any(piece is None for piece in found):
+        yield from filter(lambda piece: piece is not None, found)
         return
-    import distributed
     cluster = look_up(pieces, sending)
 
     def one(key: str) -> Array:
         try:
-            future: Any = distributed.Future(key, cluster)  # type: ignore[no-untyped-call]
-            # Newer releases of Dask do not ask for what another client has made.
-            cluster._send_to_scheduler({"op": "client-desires-keys", "keys": [key], "client": cluster.id})
-            return np.asarray(future.result(timeout=patience))
+            return np.asarray(held(cluster, key).result(timeout=patience))
         except LOST:            # its holder died, or is stuck
             raise Missing([key], True) from None
     with concurrent.futures.ThreadPoolExecutor(AHEAD) as pool:

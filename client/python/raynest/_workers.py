@@ -17,9 +17,10 @@ import numpy as np
 
 from ._net.control import Message
 from ._net.frame import Array
-from ._notes import Told, tell, told_of
+from ._notes import Told, rounding_of, tell, told_of
 from ._own_daemon import NOBODY_WAITS, Daemon, Setup, distributed, dropped, here
-from ._travel import PIECE_BYTES, PIECE_SECONDS, Missing, fetch, keys_of_changes, keys_of_file, look_up, own
+from ._travel import PIECE_BYTES, PIECE_SECONDS, Missing, fetch, keys_of_changes, keys_of_file, look_up, own_piece
+from ._requests.arguments import milliseconds
 from ._requests.film import Layers
 from ._requests.loads import Load, load_of_file
 from ._version import VERSION
@@ -98,7 +99,7 @@ class Files:
                 return
             self._elsewhere.add(source.name)
         keys = [key for number in numbers for key in self._keys(number)]
-        if not all(key in own for key in keys):
+        if any(own_piece(key) is None for key in keys):
             look_up(keys, source.sending)
         self._pieces = fetch(keys, source.piece_seconds, source.sending)
 
@@ -128,7 +129,10 @@ class Host(Daemon):
         if source.epoch:
             return self._changed(client, source)
         scenes: dict[str, Scene] = self._mine.scenes
-        scene = scenes.pop(source.name, None) or self._load(client, source, source.name)
+        scene = scenes.pop(source.name, None)
+        if scene is None:
+            with warnings_taken():      # the client tells them, once
+                scene = self._load(client, source, source.name)
         scenes[source.name] = scene
         while len(scenes) > SCENES_MAX:
             scenes.pop(next(iter(scenes))).close()
@@ -201,7 +205,8 @@ class Host(Daemon):
             scene = None
         if scene is None:
             name = f"{source.name}-{source.log}-{os.getpid()}-{threading.get_ident()}"
-            scene, epoch = self._load(client, source, name), 0
+            with warnings_taken():
+                scene, epoch = self._load(client, source, name), 0
         try:
             keys = keys_of_changes(source.log, epoch, source.epoch)
             for piece in fetch(keys, source.piece_seconds, source.sending):
@@ -265,7 +270,8 @@ def item(version: str, setup: Setup, source: Source, method: Any, rays: Any, opt
         try:
             with warnings_taken() as warned:
                 if callable(method) and rays is None:
-                    return here(), method(host, source, options), Told(tuple(warned))
+                    answer = method(host, source, options)
+                    return here(), answer, Told(tuple(warned), None, rounding_of(host.client().outcome))
                 given = {name: host.local(value, source) for name, value in options.items()}
                 sent = rays if isinstance(rays, SentRays) else SentRays(() if rays is None else (rays,), {})
                 scene = host.scene(source)
@@ -282,9 +288,13 @@ def item(version: str, setup: Setup, source: Source, method: Any, rays: Any, opt
     raise AssertionError
 
 
-def has_deadline(options: Mapping[str, Any]) -> bool:
-    """True if the user of an item has set it one."""
-    return "deadline" in options or any(str(word).startswith("--deadline") for word in options.get("words", ()))
+def deadline_of(options: Mapping[str, Any]) -> float:
+    """Seconds that the user of an item has set it; 0: none."""
+    words = [str(word) for word in options.get("words", ())]
+    for word, following in zip(words, [*words[1:], "0"]):
+        if word.startswith("--deadline"):
+            return float(word.partition("=")[2] or following)
+    return milliseconds(options.get("deadline")) / 1000
 
 
 def columns_of(version: str, setup: Setup, source: Source, rays: Any, options: dict[str, Any], first: int, count: int) -> Any:

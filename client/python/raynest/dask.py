@@ -15,27 +15,29 @@ user, or use Dask's TLS.
 """
 from __future__ import annotations
 
+import contextlib
 import functools
 import importlib
+import inspect
 import operator
 import sys
 from typing import Any, Callable, Iterable, Iterator, Mapping, Optional, Sequence, Union
 
 import numpy as np
 
-from ._copies import uncompressed
-from ._deal import PATIENCE, Deal, Part, known_to
+from ._deal import Deal, Part, known_to
 from ._net.frame import Array
-from ._requests.arguments import is_several, numbers
+from ._requests.arguments import Call, count_of, is_several, none_is_default, numbers
 from ._requests.columns import Columns
 from ._requests.film import LIT_SAMPLES, UNSAMPLED, EnvironmentFile, Layers, is_lit, samples_asked
 from ._requests.job import JobOptions, Outcome
+from ._requests.picture import size_message
 from ._requests.rays import pair
 from ._shutter import picture_in_motion, pixels_of
 from ._timed import moments
 from ._notes import Told, note_of_none
 from ._prepared import Prepared
-from ._roster import share_of, workers_of
+from ._roster import PATIENCE, roster_of
 from ._version import VERSION
 from ._own_daemon import Setup
 from ._workers import SentRays, columns_of, paths_of
@@ -44,6 +46,7 @@ from .generators import Generator
 from .images import Image
 from .merge import joined
 from .returns import OF_RETURNS, Beam, Tracer, check_sweep, measure as measured
+from .scene import Scene
 from .sweeps import Sweep
 
 ITEM_RAYS = 1 << 18        # of a query's item: some 50 ms of work or more
@@ -59,6 +62,14 @@ def prepare(scene: Any, faces: Any = None, **load: Any) -> Prepared:
     if isinstance(scene, Prepared):
         return scene
     return Prepared(scene if faces is None else (scene, faces), load)
+
+
+def _as(*functions: Callable[..., Any], without: Sequence[str] = ()) -> Callable[[Call], Call]:
+    """Has a function take the arguments of others, too, with None for a default, and refuse what none of them has before
+    anything is dealt out."""
+    names = dict.fromkeys(name for each in functions for name in inspect.signature(each).parameters)
+    return lambda function: none_is_default(function, tuple(
+        name for name in [*names, *JobOptions.__annotations__] if name not in ("self", "scene", "job", *without)))
 
 
 def _known(cluster: Any, scene: Any, setup: Setup, load: Optional[dict[str, Any]], patience: float,
@@ -79,6 +90,7 @@ def _other(known: Prepared, given: Any, known_here: Callable[[Any], Prepared]) -
 TRAVELS: dict[str, Callable[[Prepared, Any, Callable[[Any], Prepared]], Any]] = {"environment": _file, "diff": _other}
 
 
+@_as(Scene.trace)
 def trace(cluster: Any, scene: Any, rays: Any, directions: Any = None, *, fields: Union[str, Sequence[str], None] = None,
           kind: Optional[str] = None, reduce: str = "", load: Optional[dict[str, Any]] = None, setup: Setup = Setup(),
           item_rays: int = ITEM_RAYS, patience: float = PATIENCE, progress: Any = None, **job: Any) -> Columns:
@@ -88,17 +100,17 @@ def trace(cluster: Any, scene: Any, rays: Any, directions: Any = None, *, fields
     are sent out again."""
     known = _known(cluster, scene, setup, load, patience, progress)
     parts = list(_parts_of(rays, item_rays, {**job, "fields": fields, "kind": kind, "reduce": reduce}, directions))
-    found = [columns for _, columns in sorted(Deal(cluster, setup, known, "trace", parts, patience, progress).answers(),
-                                              key=lambda each: each[0])]
-    return joined(found, reduce)
+    return joined(Deal(cluster, setup, known, "trace", parts, patience, progress).all(), reduce)
 
 
+@_as(Scene.trace, without=("progress", "directions"))
 def arrays(cluster: Any, scene: Any, rays: Any, *, fields: Union[str, Sequence[str]] = ("t", "prim"), kind: str = "closest",
            load: Optional[dict[str, Any]] = None, setup: Setup = Setup(), item_rays: int = ITEM_RAYS,
            patience: float = PATIENCE, **job: Any) -> dict[str, Any]:
     """Returns the columns of trace() as dask arrays, whose blocks stay on the workers that made them, to be reduced or
     written there, as by to_zarr() to where all hosts see it. Their methods work with the Client that Dask takes by
-    default; another one has client.compute(column). For kinds "closest" and "any". A block that is lost is made again.
+    default; another one has client.compute(column). For kinds "closest" and "any". A block that is lost is made again, of
+    rays that the scheduler keeps until then: have few that are sent, or a generator.
     Warnings come when a block is made, of its rays alone."""
     from dask.delayed import delayed
 
@@ -109,16 +121,16 @@ def arrays(cluster: Any, scene: Any, rays: Any, *, fields: Union[str, Sequence[s
     known = _known(cluster, scene, setup, load, patience)
     parts = list(_parts_of(rays, item_rays, {**job, "fields": fields, "kind": kind}))
     one = next(_parts_of(rays, 1, {**job, "fields": fields, "kind": kind}))
-    (_, row), = Deal(cluster, setup, known, "trace", [one], patience, None).answers()
+    row, = Deal(cluster, setup, known, "trace", [one], patience, None).all()
     source = known.at(known.epoch)
     known.send_all(cluster)
     blocks: list[Any] = []
     firsts = np.cumsum([0, *(part.weight for part in parts)]).tolist()
     for first, part in zip(firsts, parts):
         assert part.rays is not None
-        given = cluster.scatter(uncompressed(part.rays()), hash=False, direct=True) if part.heavy else part.rays()
-        blocks.append(cluster.submit(columns_of, VERSION, setup, source, given, part.options, first, part.weight, pure=False,
-                                     retries=5))
+        # With the rays in it the scheduler can have it made again.
+        blocks.append(cluster.submit(columns_of, VERSION, setup, source, part.rays(), part.options, first, part.weight,
+                                     pure=False, retries=5))
         blocks[-1].raynest_scene = known    # whose files the workers have as long as there are blocks
     return {name: array.concatenate([
         array.from_delayed(delayed(operator.getitem)(block, name), (part.weight, *column.shape[1:]), column.dtype)
@@ -126,6 +138,7 @@ def arrays(cluster: Any, scene: Any, rays: Any, *, fields: Union[str, Sequence[s
             for name, column in row.items()}
 
 
+@_as(Scene.trace, measured, without=("directions", "sweep"))
 def sweep(cluster: Any, scene: Prepared, scans: Iterable[tuple[int, Any]], *,
           fields: Union[str, Sequence[str], None] = None, kind: Optional[str] = None, reduce: str = "",
           setup: Setup = Setup(), patience: float = PATIENCE, progress: Any = None, **job: Any) -> list[Columns]:
@@ -140,15 +153,15 @@ def sweep(cluster: Any, scene: Prepared, scans: Iterable[tuple[int, Any]], *,
     for epoch, rays in scans:
         part, = _scan_of(rays, options) if measures else _parts_of(rays, sys.maxsize, options)
         parts.append(part._replace(source=known.at(epoch)))
-    found = dict(Deal(cluster, setup, known, measured if measures else "trace", parts, patience, progress, apart=True).answers())
-    return [found[i] for i in range(len(parts))]
+    return Deal(cluster, setup, known, measured if measures else "trace", parts, patience, progress, apart=True).all()
 
 
+@_as(Scene.trace, measured, without=("directions",))
 def measure(cluster: Any, scene: Any, sweep: Any, *, load: Optional[dict[str, Any]] = None, setup: Setup = Setup(),
             item_rays: int = ITEM_RAYS, patience: float = PATIENCE, progress: Any = None, **options: Any) -> Columns:
     """As raynest.returns.measure(), on all workers of a cluster: the same returns, in every byte. Items are beams, of
     `item_rays` rays together; the noise is drawn here, over all of them."""
-    _check(options, item_rays)
+    item_rays = _check(options, item_rays)
     known = _known(cluster, scene, setup, load, patience, progress)
     return measured(_Dealt(cluster, known, setup, item_rays, patience, progress, options.pop("epoch", None)), sweep, **options)
 
@@ -166,15 +179,20 @@ class _Dealt(Tracer):
     def __init__(self, cluster: Any, known: Prepared, setup: Setup, item_rays: int, patience: float, progress: Any,
                  epoch: Optional[int]) -> None:
         super().__init__(None, epoch)
-        self._known, self._item_rays, self._progress = known, item_rays, progress
+        self._source, self._item_rays, self._progress = known.at(known.epoch), item_rays, progress
         self._deal = functools.partial(Deal, cluster, setup, known, patience=patience)
-        self._trace = functools.partial(trace, cluster, known, setup=setup, item_rays=item_rays, patience=patience)
+
+    def _dealt(self, method: Any, parts: Iterable[Part], progress: Any = None) -> list[Any]:
+        """All of it at one epoch, whoever edits the scene meanwhile."""
+        return self._deal(method, [part._replace(source=self._source) for part in parts], progress=progress).all()
 
     def trace(self, rays: Any, **options: Any) -> Columns:
-        return self._trace(rays, **options, **self._epoch)
+        progress = options.pop("progress", None)
+        parts = _parts_of(rays, self._item_rays, {**options, **self._epoch})
+        return joined(self._dealt("trace", parts, progress), options.get("reduce") or "")
 
     def path_of(self, ids: Array) -> list[str]:
-        (_, found), = self._deal(paths_of, [Part({"ids": ids, **self._epoch})], progress=None).answers()
+        found, = self._dealt(paths_of, [Part({"ids": ids, **self._epoch})])
         return list(found)
 
     def _rays_max(self) -> int:
@@ -187,29 +205,32 @@ class _Dealt(Tracer):
             options = {**{name: value for name, value in job.items() if name not in own}, **self._epoch}
             parts.append(Part(options, functools.partial(SentRays, (beams,), own), True, len(beams) * len(beam.power),
                               fits=_has_returns))
-        found = dict(self._deal(beam.measured, parts, progress=self._progress).answers())
-        return [found[i] for i in range(len(parts))]
+        return self._dealt(beam.measured, parts, self._progress)
 
 
 def _has_returns(answer: Any) -> bool:
     return isinstance(answer, dict) and len({len(column) for column in answer.values()}) == 1
 
 
+@_as(trace)
 def reduce(cluster: Any, scene: Any, rays: Any, name: str, **options: Any) -> Columns:
     """trace() with a reducer, "visible_pixels" or "hit_fraction": few bytes leave the workers."""
     return trace(cluster, scene, rays, reduce=name, **options)
 
 
-def _check(options: dict[str, Any], per_item: int, *refused: str) -> None:
-    if per_item < 1:
-        raise UsageError(f"items of {per_item}: each needs one ray or sample, or more")
+def _check(options: dict[str, Any], per_item: Any, *refused: str) -> int:
+    try:
+        per_item = count_of("items", per_item, sys.maxsize)
+    except UsageError:
+        raise UsageError(f"items of {per_item!r}: each needs one ray or sample, or more of them") from None
     for name in ("detach", *refused):
         if options.get(name):
             raise UsageError(f"{name}= is for one daemon alone: leave it out")
+    return int(per_item)
 
 
 def _parts_of(rays: Any, item_rays: int, options: dict[str, Any], directions: Any = None) -> Iterator[Part]:
-    _check(options, item_rays)
+    item_rays = _check(options, item_rays)
     if isinstance(rays, Generator):
         if directions is not None:
             raise UsageError("a generator makes its own directions; pass no others")
@@ -278,6 +299,7 @@ def _has_pixels(width: int, height: int, answer: Any) -> bool:
     return bool(pieces) and all(isinstance(piece, np.ndarray) and piece.shape[:2] == (height, width) for piece in pieces)
 
 
+@_as(Scene.render)
 def render(cluster: Any, scene: Any, *, size: tuple[int, int] = (960, 540), integrator: str = "primary",
            spp: int = 0, encode: str = "", load: Optional[dict[str, Any]] = None, setup: Setup = Setup(),
            patience: float = PATIENCE, progress: Any = None, item_samples: int = ITEM_SAMPLES, **options: Any) -> Any:
@@ -287,7 +309,7 @@ def render(cluster: Any, scene: Any, *, size: tuple[int, int] = (960, 540), inte
     if options.get("trajectory") is not None:
         return _in_motion(functools.partial(Deal, cluster, setup, _known(cluster, scene, setup, load, patience, progress),
                                             pixels_of, patience=patience, progress=progress),
-                          sum(each["nthreads"] for each in workers_of(cluster).values()), size, encode,
+                          sum(each["nthreads"] for each in roster_of(cluster).living(patience).values()), size, encode,
                           {"integrator": integrator != "primary", "spp": spp}, options)
     encode = encode or ("layers" if is_lit(integrator) else "raw")
     if encode not in ("layers", "raw"):
@@ -295,8 +317,7 @@ def render(cluster: Any, scene: Any, *, size: tuple[int, int] = (960, 540), inte
     known = _known(cluster, scene, setup, load, patience, progress)
     samples = (spp or LIT_SAMPLES) if is_lit(integrator) else 1
     options.update(integrator=integrator, spp=spp, encode=encode)
-    pieces = _tiles(cluster, known, "render", size, samples, item_samples, options, setup, patience, progress)
-    whole = _mosaic(size, pieces)
+    whole = _mosaic(size, *_tiles(cluster, known, "render", size, samples, item_samples, options, setup, patience, progress))
     if encode == "raw":
         return whole[""].view(Image)
     layers = Layers(whole)
@@ -321,14 +342,16 @@ def _in_motion(deal: Callable[..., Deal], threads: int, size: tuple[int, int], e
     return picture_in_motion(seen, way, begin, readout, step_error, fov, size, encode, None, {**others, **given})
 
 
+@_as(Scene.heatmap)
 def heatmap(cluster: Any, scene: Any, *, size: tuple[int, int] = (960, 540),
             load: Optional[dict[str, Any]] = None, setup: Setup = Setup(), patience: float = PATIENCE,
             progress: Any = None, item_samples: int = ITEM_SAMPLES, **options: Any) -> Array:
     """As Scene.heatmap(), in tiles: returns the counts, (height, width). `diff` may be what prepare() takes, too, but for
     parts."""
+    if options.pop("encode", None) not in (None, "", "raw"):
+        raise UsageError("encode= is for one daemon alone: leave it out")
     known = _known(cluster, scene, setup, load, patience, progress)
-    pieces = _tiles(cluster, known, "heatmap", size, 1, item_samples, options, setup, patience, progress)
-    return _mosaic(size, pieces)[""]
+    return _mosaic(size, *_tiles(cluster, known, "heatmap", size, 1, item_samples, options, setup, patience, progress))[""]
 
 
 def tiles(size: tuple[int, int], pixels: int) -> list[tuple[int, int, int, int]]:
@@ -342,36 +365,36 @@ def tiles(size: tuple[int, int], pixels: int) -> list[tuple[int, int, int, int]]
 
 def _tiles(cluster: Any, known: Prepared, method: str, size: tuple[int, int], samples: int,
            item_samples: int, options: dict[str, Any], setup: Setup, patience: float, progress: Any
-           ) -> Iterator[tuple[tuple[int, int, int, int], Any]]:
-    _check(options, item_samples, "tile")
-    width, height = size
-    if width < 1 or height < 1:
-        raise UsageError(f"a picture of size {width}x{height}: it needs a pixel or more")
+           ) -> tuple[list[tuple[int, int, int, int]], Deal]:
+    item_samples = _check(options, item_samples, "tile")
+    width, height = size_message(size).values()
     options = {name: TRAVELS[name](known, value, lambda scene: _known(cluster, scene, setup, None, patience, progress))
                if name in TRAVELS else value for name, value in options.items()}
     cut = tiles(size, item_samples // samples)
     late = None
     if options.get("deadline") and is_lit(options.get("integrator", "primary")):
-        options["deadline"] = share_of(cluster, options["deadline"], len(cut))
+        options["deadline"] = roster_of(cluster).share_of(options["deadline"], len(cut))
         late = Told(((note_of_none(samples_asked(options["spp"], options.get("noise"))), RayWarning),),
                     Outcome(incomplete=True, samples=0))
     parts = [Part({**options, "size": size, "tile": tile}, weight=tile[2] * tile[3],
                   fits=functools.partial(_has_pixels, tile[2], tile[3]), late=late) for tile in cut]
-    for item, answer in Deal(cluster, setup, known, method, parts, patience, progress).answers():
-        yield cut[item], answer
+    return cut, Deal(cluster, setup, known, method, parts, patience, progress)
 
 
-def _mosaic(size: tuple[int, int], pieces: Iterator[tuple[tuple[int, int, int, int], Any]]) -> dict[str, Array]:
+def _mosaic(size: tuple[int, int], cut: Sequence[tuple[int, int, int, int]], deal: Deal) -> dict[str, Array]:
     whole: dict[str, Array] = {}
     late: list[tuple[tuple[slice, slice], DeadlineError]] = []
-    for (x, y, width, height), answer in pieces:
-        if isinstance(answer, DeadlineError):
-            late.append(((slice(y, y + height), slice(x, x + width)), answer))
-            continue
-        for name, piece in (answer if isinstance(answer, dict) else {"": answer}).items():
-            if name not in whole:
-                whole[name] = np.empty((size[1], size[0], *piece.shape[2:]), piece.dtype)
-            whole[name][y:y + height, x:x + width] = piece
+    with contextlib.closing(deal.answers()) as answers:     # whoever keeps an error keeps the loop that it left
+        for item, answer in answers:
+            x, y, width, height = cut[item]
+            tile = slice(y, y + height), slice(x, x + width)
+            if isinstance(answer, DeadlineError):
+                late.append((tile, answer))
+                continue
+            for name, piece in (answer if isinstance(answer, dict) else {"": answer}).items():
+                if name not in whole:
+                    whole[name] = np.empty((size[1], size[0], *piece.shape[2:]), piece.dtype)
+                whole[name][tile] = piece
     for tile, error in late:
         if not whole:
             raise error
