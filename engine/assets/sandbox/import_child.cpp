@@ -51,7 +51,7 @@ constexpr int slowdown = 1;
 #endif
 
 /// Reason why a child was killed.
-enum class Killed { no, late, unwanted, crowded };
+enum class Killed { no, late, unwanted, crowded, hidden };
 
 /// Maximum number of a child's threads. Its libraries start one or two for each core. Without a
 /// maximum a hostile one could use up those that the system leaves to the daemon (TasksMax of its
@@ -74,11 +74,15 @@ Result<int> wait_until(pid_t pid, const ChildMemory& memory, Clock::time_point d
                state.si_pid == 0;
     };
     while (killed == Killed::no && is_alive()) {
-        if (!wanted(memory.bytes()))
+        const std::uint64_t threads = memory.threads();
+        // Its memory would count as nothing.
+        if (threads == 0)
+            killed = Killed::hidden;
+        else if (!wanted(memory.bytes()))
             killed = Killed::unwanted;
         else if (Clock::now() >= deadline)
             killed = Killed::late;
-        else if (memory.threads() > most)
+        else if (threads > most)
             killed = Killed::crowded;
         else
             std::this_thread::sleep_for(std::chrono::milliseconds(1));
@@ -148,6 +152,16 @@ std::uint64_t bytes_in(const Fd& file) {
     return ::fstat(file.get(), &status) == 0 ? static_cast<std::uint64_t>(status.st_size) : 0;
 }
 
+/// Locks or unlocks a memory file. The parent holds a lock on the request until it can measure the
+/// child, and the child waits for it before it hides itself (PR_SET_DUMPABLE). The lock goes with the
+/// parent.
+bool lock(int file, int command, short kind) {
+    struct flock whole {};
+    whole.l_type = kind;
+    whole.l_whence = SEEK_SET;
+    return ::fcntl(file, command, &whole) == 0;
+}
+
 /// Makes the request final: a child that grew the file would take memory that nobody counts.
 Result<void> seal(const Fd& memory_file) {
     constexpr int seals = F_SEAL_SEAL | F_SEAL_SHRINK | F_SEAL_GROW | F_SEAL_WRITE;
@@ -170,11 +184,16 @@ Result<Fd> run_child(wire::Work work, const ImportRequest& request, const Import
         return tl::unexpected<Error>(done.error());
     }
     if (auto done = seal(*request_file); !done) return tl::unexpected<Error>(done.error());
+    if (!lock(request_file->get(), F_SETLK, F_WRLCK)) {
+        return fail(ErrorCode::io_failed,
+                    fmt::format("locking a memory file: {}", std::strerror(errno)));
+    }
     const auto pid = spawn_child(child, std::array{request_file->get(), result_file->get()});
     if (!pid) {
         return fail(pid.error().code, "the import process " + pid.error().message);
     }
     const ChildMemory memory(*pid, *result_file, bytes_in(*request_file));
+    static_cast<void>(lock(request_file->get(), F_SETLK, F_UNLCK));
     Killed killed = Killed::no;
     const auto status = wait_until(*pid, memory, deadline, wanted, killed);
     if (!status) return tl::unexpected<Error>(status.error());
@@ -191,6 +210,12 @@ Result<Fd> run_child(wire::Work work, const ImportRequest& request, const Import
         return fail(ErrorCode::limit_exceeded,
                     fmt::format("reading '{}' took longer than {} s and was stopped",
                                 file_name(request.source), limits.time_max.count()));
+    }
+    if (killed == Killed::hidden) {
+        return fail(ErrorCode::io_failed,
+                    fmt::format("reading '{}' was stopped: the memory of the import process cannot "
+                                "be read in /proc; mount /proc where the daemon runs",
+                                file_name(request.source)));
     }
     if (killed == Killed::crowded) {
         return fail(ErrorCode::limit_exceeded,
@@ -281,6 +306,7 @@ Result<std::vector<std::vector<std::uint32_t>>> decode_exr_in_child(
 }
 
 int import_child_main(const Registry& registry, DescribeBuiltin builtin) {
+    if (!lock(wire::request_fd, F_SETLKW, F_RDLCK)) return 2;
     const Mapping mapped(Fd(wire::request_fd), Mapping::Access::read);
     if (mapped.bytes().empty()) return 2;
     const auto message = wire::parse_request(mapped.bytes());

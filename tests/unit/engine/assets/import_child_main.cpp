@@ -12,8 +12,10 @@
 #include <fcntl.h>
 #include <linux/landlock.h>
 #include <netinet/in.h>
+#include <sched.h>
 #include <sys/file.h>
 #include <sys/mman.h>
+#include <sys/mount.h>
 #include <sys/prctl.h>
 #include <sys/resource.h>
 #include <sys/socket.h>
@@ -186,6 +188,19 @@ int answer_with_holes() {
                : 1;
 }
 
+/// Imports a scene where nothing is in /proc, as where the child is hidden there. Returns 0 if the
+/// import is refused, 1 if it is not, and 2 if /proc cannot be covered here.
+int import_without_proc(const char* program) {
+    if (::unshare(CLONE_NEWNS) != 0 && ::unshare(CLONE_NEWUSER | CLONE_NEWNS) != 0) return 2;
+    if (::mount("none", "/", nullptr, MS_REC | MS_PRIVATE, nullptr) != 0) return 2;
+    if (::mount("tmpfs", "/proc", "tmpfs", 0, nullptr) != 0) return 2;
+    raynest::ImportRequest request;
+    request.source = "builtin:flake?depth=2";
+    const std::vector<std::string> child{program, "--import-child"};
+    const auto scene = raynest::import_in_child(request, {}, child);
+    return !scene && scene.error().message.find("mount /proc") != std::string::npos ? 0 : 1;
+}
+
 }  // namespace
 
 int main(int count, char** words) {
@@ -198,6 +213,7 @@ int main(int count, char** words) {
     if (mode == "--hang") ::pause();
     if (mode == "--fail") return 7;
     if (mode == "--sandbox") return raynest::enter_sandbox() ? 100 + first_not_refused() : 1;
+    if (mode == "--without-proc") return 100 + import_without_proc(words[0]);
     if (mode == "--calls") return raynest::restrict_calls() ? 100 + first_not_refused() : 1;
     if (mode == "--files") return 100 + report_files(words[2]);
     if (mode == "--change-request") return 100 + change_request();

@@ -2,6 +2,7 @@
 
 #include "engine/assets/builtin/builtin.h"
 #include "engine/assets/import.h"
+#include "engine/assets/sandbox/import_wire.h"
 #include "engine/assets/sandbox/sandbox.h"
 #include "engine/system/child_process.h"
 #include "tests/patience.h"
@@ -15,9 +16,11 @@
 #include <fcntl.h>
 #include <fmt/format.h>
 #include <sys/file.h>
+#include <sys/wait.h>
 #include <unistd.h>
 
 #include <algorithm>
+#include <array>
 #include <chrono>
 #include <cmath>
 #include <thread>
@@ -136,6 +139,37 @@ TEST_CASE("the caller is told how much memory a child holds, and can end one tha
                                        [&](std::uint64_t bytes) { return bytes < most / 2; });
     REQUIRE_FALSE(ended.has_value());
     CHECK(ended.error().message.find("abandoned") != std::string::npos);
+}
+
+TEST_CASE("a child whose memory cannot be read is stopped") {
+    const std::string said = refusal("--without-proc");
+    if (said.ends_with("exit code 102"))
+        MESSAGE("skipped: /proc cannot be covered here");
+    else
+        CHECK(said.ends_with("exit code 100"));
+}
+
+TEST_CASE("a child reads nothing before its parent can measure it") {
+    const Fd request = create_memory_file("request").value();
+    const Fd result = create_memory_file("result").value();
+    REQUIRE(wire::write_request(request.get(), wire::Work::scene, builtin("builtin:flake?depth=2"),
+                                {}));
+    struct flock whole {};
+    whole.l_type = F_WRLCK;
+    REQUIRE(::fcntl(request.get(), F_SETLK, &whole) == 0);
+    const auto pid = spawn_child(child(), std::array{request.get(), result.get()}).value();
+    const auto has_ended = [&] {
+        siginfo_t state{};
+        return ::waitid(P_PID, static_cast<id_t>(pid), &state, WEXITED | WNOHANG | WNOWAIT) == 0 &&
+               state.si_pid != 0;
+    };
+    std::this_thread::sleep_for(std::chrono::seconds(1));
+    CHECK_FALSE(has_ended());
+    whole.l_type = F_UNLCK;
+    REQUIRE(::fcntl(request.get(), F_SETLK, &whole) == 0);
+    CHECK(test::eventually(has_ended));
+    CHECK(end_group(pid) == 0);
+    CHECK(wire::read_result(result.get(), 1 << 30));
 }
 
 TEST_CASE("a scene larger than allowed is not read, whatever the child claims") {
