@@ -1,6 +1,7 @@
 // The daemon: what administrators and reloads change while it runs.
 #include "server/daemon/notify.h"
 #include "server/daemon/wiring.h"
+#include "server/options/limits_in_force.h"
 #include "server/options/reload.h"
 
 namespace raynest::server {
@@ -35,7 +36,7 @@ void Daemon::apply_options() {
     set_log_format(options_.log_format);
     site_.set_names(options_.http.hosts);
     http_.set_proxies(AddressSet(options_.http.proxies));
-    take_limits(limits_, options_.limits);
+    take_limits(limits_, limits_in_force(options_));
     admission_.set_limits(limits_);
     scenes_.set_limits(limits_);
     credentials_.authentication().logins().set_limits(limits_);

@@ -11,6 +11,7 @@
 #include "server/ground/limited_log.h"
 #include "server/ground/log.h"
 #include "server/net/transports.h"
+#include "server/options/limits_in_force.h"
 #include "server/options/ready_file.h"
 #include "server/options/reload.h"
 #include "server/options/start_checks.h"
@@ -55,7 +56,7 @@ Daemon::Daemon(Options options, ReadOptions read_again, std::shared_ptr<const Re
     : options_(std::move(options)),
       read_again_(std::move(read_again)),
       registry_(std::move(registry)),
-      limits_(options_.limits),
+      limits_(limits_in_force(options_)),
       budget_(options_.memory),
       peers_(limits_, budget_, metrics_),
       state_(std::move(state)),

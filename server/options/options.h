@@ -43,7 +43,7 @@ struct Options {
     SecurityOptions security;
     LogLevel log_level = LogLevel::info;
     LogFormat log_format = LogFormat::text;
-    protocol::Limits limits;
+    protocol::Limits limits;  ///< as given; the daemon runs with limits_in_force()
 };
 
 /// The options to run with, or else the exit code of a command line that is already answered: 0

@@ -1,6 +1,7 @@
 #include "engine/packs/registry.h"
 #include "server/ground/journal.h"
 #include "server/options/config_file.h"
+#include "server/options/limits_in_force.h"
 #include "server/options/listen_policy.h"
 #include "server/options/load_sources.h"
 #include "server/options/option_words.h"
@@ -15,7 +16,6 @@
 #include <algorithm>
 #include <cerrno>
 #include <cstring>
-#include <filesystem>
 #include <iostream>
 #include <iterator>
 #include <memory>
@@ -344,35 +344,6 @@ private:
     const ConfigOrigins& file_;
 };
 
-/// A quota that is by default a part of --memory.
-struct MemoryShare {
-    const char* option;
-    std::uint64_t protocol::Limits::*quota;
-    std::uint64_t parts;
-};
-constexpr std::array<MemoryShare, 2> memory_shares = {{
-    {"--principal-scene-bytes-max", &protocol::Limits::principal_scene_bytes_max, 2},
-    {"--principal-result-bytes-max", &protocol::Limits::principal_result_bytes_max, 8},
-}};
-
-/// Returns the disk of a folder that may be made later: that of the nearest one above which is there.
-std::filesystem::space_info disk_of(const std::string& folder, std::error_code& error) {
-    std::filesystem::path path = std::filesystem::absolute(folder, error);
-    while (!error && path.has_relative_path() && !std::filesystem::exists(path, error))
-        path = path.parent_path();
-    return error ? std::filesystem::space_info() : std::filesystem::space(path, error);
-}
-
-void set_shares(Options& options, const CLI::App& app) {
-    for (const MemoryShare& share : memory_shares)
-        if (app.count(share.option) == 0)
-            options.limits.*share.quota = options.memory / share.parts;
-    if (options.state.empty() || app.count("--principal-disk-bytes-max") != 0) return;
-    std::error_code no_disk;
-    const auto disk = disk_of(options.state, no_disk);
-    if (!no_disk) options.limits.principal_disk_bytes_max = disk.capacity / 2;
-}
-
 /// Ends a command that only prints; fails if stdout could not be written.
 ParsedOptions printed() {
     if (std::cout.flush()) return {std::nullopt, 0, {}};
@@ -419,16 +390,16 @@ ParsedOptions parse_options(int argc, const char* const* argv, std::ostream& err
                      "sockets; nobody is refused meanwhile")
             ->configurable(false);
         app.set_version_flag("--version", "raynestd " RAYNEST_VERSION);
-        // Neither the help nor a printed configuration names a number: it follows --memory.
-        for (const MemoryShare& share : memory_shares)
-            app.get_option(share.option)->default_str("");
+        // Neither the help nor a printed configuration names a number: it follows other options.
+        for (const std::string& limit : derived_limits()) app.get_option(limit)->default_str("");
         refuse_old_spelling(app, argc, argv);
         app.parse(argc, argv);
         options.security.anonymous = parse_role(words.anonymous);
         if (const auto fault = listen_fault(options)) return refused(2, origins.text_of(*fault));
         if (options.takeover && options.state.empty())
             return refused(2, "--takeover needs the --state DIR of the daemon that is to give way");
-        set_shares(options, app);
+        forget_defaults(options.limits,
+                        [&](const std::string& limit) { return app.count(limit) == 0; });
         options.http.given = app.count("--http") != 0;
         options.socket = to_socket_access(words);
         options.log_level = to_log_level(words.log_level);

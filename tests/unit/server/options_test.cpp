@@ -1,9 +1,11 @@
 #include "server/options/options.h"
 
 #include "../../temporary_folder.h"
+#include "server/options/limits_in_force.h"
 
 #include <doctest/doctest.h>
 
+#include <filesystem>
 #include <fstream>
 #include <iostream>
 #include <sstream>
@@ -299,13 +301,23 @@ TEST_CASE("a fault in the environment names its variable") {
 }
 
 TEST_CASE("quotas of bytes are by default shares of --memory") {
-    const protocol::Limits usual = parse({"--memory", "1G"}).options->limits;
+    const auto parsed = [](const std::vector<const char*>& arguments) {
+        return limits_in_force(*parse(arguments).options);
+    };
+    const protocol::Limits usual = parsed({"--memory", "1G"});
     CHECK(usual.principal_scene_bytes_max == 512 << 20);
     CHECK(usual.principal_result_bytes_max == 128 << 20);
     const protocol::Limits given =
-        parse({"--memory", "1G", "--principal-scene-bytes-max", "900M"}).options->limits;
+        parsed({"--memory", "1G", "--principal-scene-bytes-max", "900M"});
     CHECK(given.principal_scene_bytes_max == 900 << 20);
     CHECK(given.principal_result_bytes_max == 128 << 20);
+    const std::uint64_t without_state = protocol::Limits().principal_disk_bytes_max;
+    CHECK(usual.principal_disk_bytes_max == without_state);
+    CHECK(parsed({"--state", "/tmp"}).principal_disk_bytes_max ==
+          std::filesystem::space("/tmp").capacity / 2);
+    CHECK(
+        parsed({"--state", "/tmp", "--principal-disk-bytes-max", "5G"}).principal_disk_bytes_max ==
+        5ULL << 30);
 }
 
 }  // namespace

@@ -1,6 +1,7 @@
 // Tests what a reload takes: never what would open an address further than it is open.
 #include "server/options/reload.h"
 
+#include "server/options/limits_in_force.h"
 #include "server/security/certificates.h"
 #include "server/security/pem_file.h"
 #include "tests/temporary_folder.h"
@@ -9,7 +10,9 @@
 
 #include <algorithm>
 #include <array>
+#include <filesystem>
 #include <functional>
+#include <iostream>
 #include <memory>
 #include <string>
 #include <utility>
@@ -307,6 +310,51 @@ TEST_CASE("a reload takes each limit, or says that it waits for a restart") {
         waiting += done.changed.empty();
     }
     CHECK(waiting == 6);
+}
+
+TEST_CASE("an option that waits for a restart changes nothing else before it") {
+    Running running;
+    const std::string state = running.folder.file("state");
+    const std::string file = running.folder.file("t");
+    const std::string folder = std::filesystem::path(file).parent_path();
+    const auto parsed = [&](const std::vector<std::string>& more) {
+        std::vector<std::string> words = {"raynestd", "--cuda=off", "--target=v3", "--memory=256M",
+                                          "--state=" + state};
+        for (const std::string& word : more) {
+            const std::string option = word.substr(0, word.find('=') + 1);
+            std::erase_if(words, [&](const auto& known) { return known.starts_with(option); });
+            words.push_back(word);
+        }
+        std::vector<const char*> argv;
+        for (const std::string& word : words) argv.push_back(word.c_str());
+        const auto read =
+            parse_options(static_cast<int>(argv.size()), argv.data(), std::cerr).options;
+        REQUIRE(read);
+        Options options = *read;
+        options.security = running.options.security;
+        return options;
+    };
+    running.start();
+    // /dev/shm is another disk.
+    for (const std::string& other :
+         {std::string("--listen=tcp://127.0.0.1:2"), std::string("--http=127.0.0.1:3"),
+          std::string("--socket-mode=0640"), "--scene-root=" + folder, "--load=" + file,
+          "--pack-dir=" + folder, std::string("--threads=77"), std::string("--memory=8G"),
+          std::string("--memory=16M"), std::string("--state=/dev/shm/elsewhere"),
+          std::string("--target=v4"), "--cuda=" + file, "--ready-file=" + folder + "/ready"}) {
+        CAPTURE(other);
+        running.options = parsed({});
+        const protocol::Limits before = limits_in_force(running.options);
+        const std::string name = other.substr(2, other.find('=') - 2);
+        const Reload done = running.reload(parsed({other}));
+        CHECK(done.needs_restart == name);
+        CHECK(done.changed.empty());
+        const protocol::Limits after = limits_in_force(running.options);
+        for (const protocol::LimitInfo& limit : protocol::limit_table()) {
+            CAPTURE(limit.name);
+            CHECK(before.*limit.value == after.*limit.value);
+        }
+    }
 }
 
 TEST_CASE("what is open to whom is told in words") {
