@@ -117,7 +117,7 @@ Daemon::Daemon(Options options, ReadOptions read_again, std::shared_ptr<const Re
       handover_(io_, services_) {
     peers_.set_spares([this] { scenes_.drop_spares(); });
     scenes_.set_disposal(
-        [this](std::shared_ptr<const Snapshot> scene) { dispose(compute_, "", std::move(scene)); });
+        [this](std::shared_ptr<const void> memory) { dispose(compute_, "", std::move(memory)); });
     services_.administration = this;
     services_.state = state_.get();
     services_.waker = state_ ? &waker_ : nullptr;

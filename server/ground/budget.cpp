@@ -37,7 +37,7 @@ std::optional<Budget::Lease> Budget::reserve(std::uint64_t bytes, const std::str
     if (bytes == 0) return Lease();
     const std::lock_guard lock(mutex_);
     auto account = accounts_.find(principal);
-    if (bytes > room_for(principal.empty(), account, use, 0)) return std::nullopt;
+    if (bytes > room_for(principal, account, use, 0)) return std::nullopt;
     if (account == accounts_.end()) account = accounts_.try_emplace(principal).first;
     of(account->second, use) += bytes;
     of(used_, use) += bytes;
@@ -52,22 +52,38 @@ void Budget::give_back(Accounts::iterator account, Use use, std::uint64_t bytes)
 
 std::uint64_t Budget::room(const std::string& principal, Use use, std::uint64_t freed) const {
     const std::lock_guard lock(mutex_);
-    return room_for(principal.empty(), accounts_.find(principal), use, freed);
+    return room_for(principal, accounts_.find(principal), use, freed);
 }
 
-std::uint64_t Budget::room_for(bool is_own, Accounts::const_iterator account, Use use,
-                               std::uint64_t freed) const {
+std::uint64_t Budget::room_for(const std::string& principal, Accounts::const_iterator account,
+                               Use use, std::uint64_t freed) const {
     const auto part = [use](const Bytes& bytes) { return bytes[static_cast<std::size_t>(use)]; };
     const std::uint64_t lasting = used_[static_cast<std::size_t>(Use::lasting)];
     const std::uint64_t requests = used_[static_cast<std::size_t>(Use::passing)];
     const std::uint64_t passing = requests - std::min(freed, requests);
-    const std::uint64_t free = limit_ - lasting - passing;
-    if (is_own) return free;
+    std::uint64_t free = limit_ - lasting - passing;
+    if (principal.empty()) return free;
+    const auto others_pay = unpaid_.find(principal);
+    const std::uint64_t unpaid = others_pay == unpaid_.end() ? 0 : others_pay->second;
+    free -= std::min(free, unpaid);
     // Requests use the reserve first.
     const std::uint64_t reserve = limit_ / reserve_part;
     const std::uint64_t kept = use == Use::lasting ? reserve - std::min(reserve, passing) : 0;
-    const std::uint64_t held = account == accounts_.end() ? 0 : part(account->second);
+    const std::uint64_t held = (account == accounts_.end() ? 0 : part(account->second)) +
+                               (use == Use::lasting ? unpaid : 0);
     return fair_part(held, free - std::min(free, kept));
+}
+
+void Budget::set_unpaid(Unpaid unpaid) {
+    const std::lock_guard lock(mutex_);
+    unpaid_.swap(unpaid);
+}
+
+std::uint64_t Budget::unpaid() const {
+    const std::lock_guard lock(mutex_);
+    std::uint64_t sum = 0;
+    for (const auto& [principal, bytes] : unpaid_) sum += bytes;
+    return sum;
 }
 
 std::uint64_t Budget::used() const {

@@ -89,6 +89,13 @@ public:
     [[nodiscard]] std::uint64_t room(const std::string& principal, Use use,
                                      std::uint64_t freed = 0) const;
 
+    /// Memory that principals have and others are charged for, whom they know nothing of. It counts in
+    /// their room() as if they were charged for it, and it would be told by it otherwise.
+    using Unpaid = std::map<std::string, std::uint64_t>;
+    /// Replaces what was said before.
+    void set_unpaid(Unpaid unpaid);
+    [[nodiscard]] std::uint64_t unpaid() const;
+
     [[nodiscard]] std::uint64_t limit() const { return limit_; }
     [[nodiscard]] std::uint64_t used() const;
     /// Bytes that are charged to a principal, for both uses. Of a scene that several hold one is
@@ -108,13 +115,15 @@ public:
 private:
     static std::uint64_t& of(Bytes& bytes, Use use) { return bytes[static_cast<std::size_t>(use)]; }
     // These require the lock.
-    [[nodiscard]] std::uint64_t room_for(bool is_own, Accounts::const_iterator account, Use use,
+    [[nodiscard]] std::uint64_t room_for(const std::string& principal,
+                                         Accounts::const_iterator account, Use use,
                                          std::uint64_t freed) const;
     void give_back(Accounts::iterator account, Use use, std::uint64_t bytes);
 
     const std::uint64_t limit_;
     mutable std::mutex mutex_;
     Accounts accounts_;
+    Unpaid unpaid_;
     Bytes used_{};  ///< by all accounts
 };
 

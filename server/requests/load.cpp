@@ -168,7 +168,7 @@ Reply<JobSubmission> load_at_start(const Services& services, const Caller& calle
     order.source = source;
     order.name = default_name(source);
     order.caller = caller;
-    order.publication.share = {"public"};
+    order.publication.share = ShareList{"public"};
     // The file of a scene that a daemon before this one has stored may have changed.
     order.publication.replace = services.scenes.is_from_before(order.name, caller);
     if (starts_with(source, root_scheme)) {

@@ -45,11 +45,12 @@ std::string full_name(const StoredScene& row) {
 
 /// True for a row that a load can have made. Others break the lists of scenes.
 bool can_be_loaded(const StoredScene& row, const protocol::Limits& limits) {
-    const auto is_name = [&](const std::string& text) {
+    const auto is_name = [&](std::string_view text) {
         return !text.empty() && text.size() <= limits.name_bytes_max;
     };
     return is_name(row.name) && is_name(row.owner) && row.name.find('/') == std::string::npos &&
-           row.share.size() <= limits.list_items_max && std::ranges::all_of(row.share, is_name);
+           row.share.names().size() <= limits.list_items_max &&
+           std::ranges::all_of(row.share.names(), is_name);
 }
 
 class RestoreJob final : public Job {

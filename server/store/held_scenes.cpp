@@ -9,12 +9,15 @@
 #include <set>
 #include <string>
 #include <utility>
+#include <vector>
 
 namespace raynest::server {
 namespace {
 
 /// Principals whose requests have read a scene and no longer do are forgotten beyond so many.
 constexpr std::size_t readers_kept_max = 16;
+/// Up to so many bytes, a list counts as little as the name of its scene does.
+constexpr std::uint64_t list_bytes_free = 4096;
 
 }  // namespace
 
@@ -60,6 +63,45 @@ void SceneStore::settle_charges() noexcept {
     for (const auto& [arena, known] : by_arena_)
         if (const auto held = known.lock(); held && held->settled != settled)
             leave_to_readers(*held);
+    tell_unpaid();
+}
+
+void SceneStore::tell_unpaid() noexcept {
+    try {
+        std::map<const HeldScene*, std::vector<const Entry*>> by_content;
+        for (const auto& [name, entry] : entries_) {
+            const auto& held = entry.scene.held;
+            if (held && !entry.charged_to(held->lease.principal())) by_content[held.get()];
+        }
+        Budget::Unpaid unpaid;
+        if (!by_content.empty())
+            for (const auto& [name, entry] : entries_)
+                if (const auto found = by_content.find(entry.scene.held.get());
+                    found != by_content.end())
+                    found->second.push_back(&entry);
+        for (const auto& [held, entries] : by_content) {
+            const std::string& payer = held->lease.principal();
+            std::map<std::string, std::uint64_t> owners;
+            for (const Entry* const entry : entries)
+                if (entry->owner != payer && entry->is_owners())
+                    owners[entry->owner] = entry->facts.bytes;
+            for (const auto& [owner, bytes] : owners) {
+                // The first of those that it sees would be charged if there were no others.
+                const Entry* first = nullptr;
+                bool sees_payer = false;
+                for (const Entry* const entry : entries) {
+                    if (!entry->is_shown_to(owner)) continue;
+                    if (first == nullptr || entry->loaded < first->loaded) first = entry;
+                    sees_payer = sees_payer || entry->charged_to(payer);
+                }
+                if (!sees_payer && first != nullptr && first->owner == owner)
+                    unpaid[owner] += bytes;
+            }
+        }
+        budget_.set_unpaid(std::move(unpaid));
+    } catch (const std::bad_alloc&) {
+        // The budget keeps those of before until the next settling.
+    }
 }
 
 void SceneStore::leave_to_readers(const HeldScene& held) noexcept {
@@ -160,6 +202,21 @@ Reply<std::shared_ptr<const HeldScene>> SceneStore::hold(std::shared_ptr<const S
     const auto held = with_memory({std::move(snapshot), std::move(*lease), 0, std::move(shared)});
     known = held;
     return held;
+}
+
+Reply<ShareList> SceneStore::charge_list(const ShareList& list,
+                                         const std::string& principal) const {
+    if (list.bytes() <= list_bytes_free) return list;
+    auto lease = budget_.reserve(list.bytes(), principal, Use::lasting);
+    if (!lease)
+        return budget_.refuse("the list of those that the scene is shared with", list.bytes(),
+                              principal,
+                              remedy(principal, "start raynestd with a larger --memory"));
+    return list.with_end([lease = std::make_shared<Budget::Lease>(std::move(*lease)),
+                          dispose = dispose_](std::shared_ptr<const void> content) mutable {
+        lease.reset();
+        if (*dispose) (*dispose)(std::move(content));
+    });
 }
 
 std::shared_ptr<const HeldScene> SceneStore::with_memory(HeldScene scene) const {

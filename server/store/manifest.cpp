@@ -26,13 +26,6 @@ constexpr const char* remedy =
     "; nothing was changed. Bring a backup back (raynestd restore BACKUP DIR), or name another "
     "--state";
 
-std::string joined(const std::vector<std::string>& share) {
-    std::string list;
-    for (const std::string& principal : share)
-        list.append(list.empty() ? "" : ",").append(protocol::in_list(principal));
-    return list;
-}
-
 /// Returns the file's name for SQLite. A manifest that was closed well is read without files beside
 /// it.
 std::string uri_of(const std::filesystem::path& file, bool read_only) {
@@ -51,7 +44,7 @@ std::string uri_of(const std::filesystem::path& file, bool read_only) {
 std::int64_t checksum(const StoredScene& scene) {
     std::string text =
         fmt::format("{}\n{}\n{}\n{}\n{}\n{}\n{}\n{}\n{}\n{}", scene.number, scene.owner, scene.name,
-                    joined(scene.share), scene.digest, scene.epoch, scene.bytes,
+                    scene.share.text(), scene.digest, scene.epoch, scene.bytes,
                     scene.instanced_triangles, scene.build_seconds, scene.used);
     if (!scene.content.empty()) text.append("\n").append(scene.content);
     return std::bit_cast<std::int64_t>(protocol::upload_checksum(std::as_bytes(std::span(text))));
@@ -325,7 +318,7 @@ Result<void> Manifest::put(const StoredScene& scene) {
     row.bind(scene.number);
     row.bind(scene.owner);
     row.bind(scene.name);
-    row.bind(joined(scene.share));
+    row.bind(scene.share.text());
     row.bind(scene.digest);
     row.bind(scene.epoch);
     row.bind(scene.bytes);

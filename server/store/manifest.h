@@ -2,6 +2,7 @@
 #pragma once
 
 #include "engine/result.h"
+#include "server/store/share_list.h"
 
 #include <cstddef>
 #include <cstdint>
@@ -21,9 +22,9 @@ struct StoredScene {
     std::uint64_t number = 0;  ///< grows with each publication of the folder
     std::string owner;
     std::string name;
-    std::vector<std::string> share = {};  ///< principals, or "public"
-    std::string digest;                   ///< names its blob
-    std::string content = {};             ///< Snapshot::digest(); empty: an older release wrote it
+    ShareList share = {};
+    std::string digest;        ///< names its blob
+    std::string content = {};  ///< Snapshot::digest(); empty: an older release wrote it
     std::uint64_t epoch = 0;
     std::uint64_t bytes = 0;                ///< bytes of the blob
     std::uint64_t instanced_triangles = 0;  ///< for lists, which read no blob

@@ -1,6 +1,5 @@
 #include "server/store/scene_store.h"
 
-#include "protocol/subject.h"
 #include "protocol/text.h"
 #include "server/security/access.h"
 
@@ -29,21 +28,6 @@ protocol::Error unknown(std::string_view name) {
             "scene '" + std::string(name) + "' is not loaded; see `Scenes`, or `Load` it", 0};
 }
 
-/// Names those that a scene is shared with, at most so many that any list of scenes fits into a frame.
-std::string share_text(const std::set<std::string>& share) {
-    constexpr std::size_t bytes_most = 1024;
-    std::string text;
-    std::size_t left = share.size();
-    for (const std::string& principal : share) {
-        const std::string name = protocol::in_list(principal);
-        if (!text.empty() && text.size() + name.size() > bytes_most)
-            return text + ", and " + std::to_string(left) + " more";
-        text.append(text.empty() ? "" : ",").append(name);
-        --left;
-    }
-    return text;
-}
-
 }  // namespace
 
 bool SceneStore::Entry::held_by(const ConnectionId& caller) const {
@@ -58,6 +42,10 @@ bool SceneStore::Entry::temporary_of(const ConnectionId& caller) const {
 bool SceneStore::Entry::visible_to(const ConnectionId& caller) const {
     return owner == caller.principal || caller.role == Role::admin || share.contains("public") ||
            share.contains(caller.principal) || held_by(caller);
+}
+
+bool SceneStore::Entry::is_shown_to(const std::string& principal) const {
+    return holders.contains(principal) || visible_to({principal, 0});
 }
 
 std::string SceneStore::Entry::name_for(const ConnectionId& caller) const {
@@ -245,7 +233,8 @@ Reply<NamedScene> SceneStore::publish(const std::string& name,
     forget_freed();
 
     // The checks of a stored scene were made before its row was committed.
-    if (how.blob == nullptr)
+    const bool is_stored = how.blob != nullptr;
+    if (!is_stored)
         if (const auto allowed = check_publication(name, *snapshot, how, caller); !allowed)
             return tl::unexpected(allowed.error());
     const auto found = own(entries_, name, caller);
@@ -288,7 +277,9 @@ Reply<NamedScene> SceneStore::publish(const std::string& name,
     }
     if (!how.made_of.empty()) entry.made_of = std::move(how.made_of);
     if (!how.share.empty()) {
-        entry.share = {how.share.begin(), how.share.end()};
+        auto share = is_stored ? entry.stored.share : charge_list(how.share, caller.principal);
+        if (!share) return tl::unexpected(share.error());
+        entry.share = std::move(*share);
         entry.earlier.clear();  // they may hold what an edit took out before others were let in
         // Whom the owner leaves out now sees nothing of it any more, also not by a hold from before.
         if (!entry.share.contains("public"))
@@ -475,7 +466,7 @@ SceneStore::Page SceneStore::page(const ConnectionId& caller, std::size_t first,
     for (const auto& [name, known] : entries_) {
         if (!found_by(known, caller, held)) continue;
         if (page.total++ < first || page.scenes.size() == most) continue;
-        page.scenes.push_back({known.scene_for(caller), known.owner, share_text(known.share),
+        page.scenes.push_back({known.scene_for(caller), known.owner, known.share.short_text(),
                                now - known.loaded, now - known.used, known.connections(),
                                known.facts,
                                known.scene.held       ? (known.pinned ? "pinned" : "memory")

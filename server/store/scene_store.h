@@ -21,6 +21,7 @@
 #include "server/security/quotas.h"
 #include "server/store/disk_room.h"
 #include "server/store/named_scene.h"
+#include "server/store/share_list.h"
 #include "server/store/state_folder.h"
 
 #include <algorithm>
@@ -42,7 +43,7 @@ struct Publication {
     bool replace = false;    ///< true: replace different content of that name
     bool temporary = false;  ///< true: drop the scene when its last connection closes
     /// Principals that may use the scene too, or "public". Empty: as before, and at first nobody.
-    std::vector<std::string> share = {};
+    ShareList share = {};
     /// Digest of the upload that the scene is made of, with all that its import depends on; empty:
     /// none.
     std::string made_of = {};
@@ -89,9 +90,9 @@ public:
           quotas_(limits),
           now_(std::move(now)) {}
 
-    /// Frees a scene's memory, which may take seconds; its bytes have been returned to the budget.
+    /// Frees memory of a scene, which may take seconds; its bytes have been returned to the budget.
     /// Called on any thread.
-    using Dispose = std::function<void(std::shared_ptr<const Snapshot>)>;
+    using Dispose = std::function<void(std::shared_ptr<const void>)>;
     /// Call it while no job runs: before the first scene, and with an empty function at the end.
     void set_disposal(Dispose dispose) { *dispose_ = std::move(dispose); }
 
@@ -353,8 +354,8 @@ private:
         mutable Clock::time_point used;
         bool listed = true;  ///< true: callers find the scene by its name
         bool kept = false;   ///< true: the name is a reference; false: only connections hold it
-        std::set<std::string> share;  ///< principals, or "public"
-        std::string made_of;          ///< as in Publication
+        ShareList share;
+        std::string made_of;  ///< as in Publication
         /// The epoch before the last edit. The next edit is made in its memory, if nobody reads it
         /// then.
         std::shared_ptr<const HeldScene> spare;
@@ -370,6 +371,8 @@ private:
         [[nodiscard]] bool held_by(const ConnectionId& caller) const;
         [[nodiscard]] bool temporary_of(const ConnectionId& caller) const;
         [[nodiscard]] bool visible_to(const ConnectionId& caller) const;
+        /// As visible_to(), for one who is no administrator.
+        [[nodiscard]] bool is_shown_to(const std::string& principal) const;
         /// True while the scene is its owner's, by its name or by a connection.
         [[nodiscard]] bool is_owners() const { return kept || holders.contains(owner); }
         /// True if the scene counts towards the quotas of this principal.
@@ -439,6 +442,8 @@ private:
     /// Charges the memory of each scene to another principal if the one that it is charged to holds
     /// the scene no more. In one pass over all, however many scenes somebody has let go of.
     void settle_charges() noexcept;
+    /// Tells the budget what principals have that others are charged for, whom they do not see.
+    void tell_unpaid() noexcept;
     /// Charges the memory of a scene that no name and no connection refers to, to one of those whose
     /// requests read it.
     static void leave_to_readers(const HeldScene& held) noexcept;
@@ -468,6 +473,9 @@ private:
     void forget_freed();
     Reply<std::shared_ptr<const HeldScene>> hold(std::shared_ptr<const Snapshot> snapshot,
                                                  const std::string& principal);
+    /// Returns the list with its memory charged to the principal, unless it is short.
+    [[nodiscard]] Reply<ShareList> charge_list(const ShareList& list,
+                                               const std::string& principal) const;
 
     Budget& budget_;
     protocol::Limits limits_;

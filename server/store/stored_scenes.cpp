@@ -24,7 +24,7 @@ std::int64_t wall_ms() {
 StoredScene SceneStore::Entry::row() const {
     return {.owner = owner,
             .name = scene.name,
-            .share = {share.begin(), share.end()},
+            .share = share,
             .digest = facts.arena,
             .content = facts.digest,
             .epoch = scene.epoch,
@@ -74,7 +74,11 @@ Reply<SceneStore::Stored> SceneStore::prepare_to_store(const std::string& name,
             taken == nullptr
                 ? 1
                 : std::max(taken->next_epoch(), taken->epoch_reserved + 1) + epochs_free;
-    if (!how.share.empty()) stored.row.share = how.share;
+    if (!how.share.empty()) {
+        auto share = charge_list(how.share, caller.principal);
+        if (!share) return tl::unexpected(share.error());
+        stored.row.share = std::move(*share);
+    }
     stored.row.digest = facts.arena;
     stored.row.content = facts.digest;
     stored.row.bytes = facts.bytes;
@@ -172,7 +176,9 @@ SceneStore::Entry SceneStore::stored_entry(const StoredScene& row, const KeptEdi
                        edits.last.bytes, edits.last.instanced_triangles};
     }
     entry.owner = row.owner;
-    entry.share = {row.share.begin(), row.share.end()};
+    // A list on the disk comes back, also without room for it.
+    if (auto share = charge_list(row.share, row.owner)) entry.stored.share = std::move(*share);
+    entry.share = entry.stored.share;
     entry.kept = true;
     entry.loaded = entry.used = now_();
     return entry;

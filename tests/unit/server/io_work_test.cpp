@@ -165,11 +165,6 @@ public:
         turn([&] { client_.runner().tick(server::Clock::now() + std::chrono::seconds(1)); });
     }
 
-    Work most;  ///< the most of all turns so far
-    static inline std::set<std::uint16_t> asked;
-    std::uint64_t id = 0;
-
-private:
     template <class Function>
     void turn(Function&& function) {
         Work work;
@@ -186,6 +181,11 @@ private:
         most.raise_to(work);
     }
 
+    Work most;  ///< the most of all turns so far
+    static inline std::set<std::uint16_t> asked;
+    std::uint64_t id = 0;
+
+private:
     SmallDaemon& daemon_;
     GuardedScene scene_;
     Client client_;
@@ -235,7 +235,8 @@ TEST_CASE("no turn of the io thread does more for a large request and a large sc
     if (sanitized) return;
     SmallDaemon daemon({}, 4ULL << 30);
     const auto scene = build_scene(large_scene());
-    daemon.scenes.set_disposal([&](std::shared_ptr<const Snapshot> freed) {
+    const auto small = square(1);
+    daemon.scenes.set_disposal([&](std::shared_ptr<const void> freed) {
         server::dispose(daemon.compute, "", std::move(freed));
     });
     REQUIRE(daemon.scenes.publish("large", scene, {}, {"me", daemon.scenes.connect()}));
@@ -340,6 +341,23 @@ TEST_CASE("no turn of the io thread does more for a large request and a large sc
         unload.scene = "another";
         turns.ask(unload);
     });
+    const auto share_many = [&](bool temporary) {
+        const server::ConnectionId holder{"me", daemon.scenes.connect()};
+        std::vector<std::string> names;
+        for (int i = 0; i < 510; ++i) names.push_back(std::string(100, 'x') + std::to_string(i));
+        for (int i = 0; i < 128; ++i)
+            REQUIRE(daemon.scenes.publish((temporary ? "t" : "s") + std::to_string(i), small,
+                                          {.temporary = temporary, .share = names}, holder));
+        return holder;
+    };
+    check("Scenes that are shared with many", [&](Turns& turns) {
+        share_many(false);
+        turns.ask(wire::ScenesT{});
+    });
+    check("the end of a connection that holds many scenes", [&](Turns& turns) {
+        const auto holder = share_many(true);
+        turns.turn([&] { daemon.scenes.disconnect(holder); });
+    });
     check("Pin", asks(about_scene<wire::PinT>()));
     check("Edit", [&](Turns& turns) {
         for (int round = 0; round < 3; ++round) {
@@ -373,6 +391,13 @@ TEST_CASE("no turn of the io thread does more for a large request and a large sc
         wire::CancelJobT cancel;
         cancel.job = number;
         turns.ask(cancel);
+    });
+    check("Unload all", [&](Turns& turns) {
+        wire::UnloadT unload;
+        unload.all = true;
+        turns.ask(unload);
+        turns.run();
+        CHECK(daemon.scenes.list({"me", 0}).size() <= 1);
     });
     daemon.scenes.set_disposal({});
 

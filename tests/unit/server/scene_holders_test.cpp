@@ -8,6 +8,7 @@
 #include <memory>
 #include <optional>
 #include <string>
+#include <utility>
 #include <vector>
 
 namespace raynest::server {
@@ -39,6 +40,33 @@ struct Store {
         return names;
     }
 };
+
+TEST_CASE("nobody's room tells whether others have the same content, unless it sees their scene") {
+    const auto left_after_load = [](const Publication& theirs, bool is_there, Use use) {
+        Store store;
+        const auto others = square(is_there ? 1 : 2);
+        REQUIRE(store.scenes.publish("theirs", others, theirs, store.a));
+        const std::uint64_t before = store.budget.room("you", use);
+        const std::uint64_t told = store.budget.used() + store.budget.unpaid();
+        REQUIRE(store.scenes.publish("mine", square(1), {}, store.stranger));
+        const std::uint64_t takes = store.budget.used() + store.budget.unpaid() - told;
+        const std::uint64_t less = before - store.budget.room("you", use);
+        // Letting go of it takes nothing else along.
+        store.scenes.disconnect(store.stranger);
+        REQUIRE(store.scenes.unload("mine", store.stranger));
+        CHECK(store.budget.room("you", use) == before);
+        CHECK(store.budget.unpaid() == 0);
+        return std::pair(less, takes);
+    };
+    for (const Use use : {Use::lasting, Use::passing}) {
+        const auto alone = left_after_load({}, false, use);
+        CHECK(alone.second >= square(1)->bytes().size());
+        CHECK(left_after_load({}, true, use) == alone);
+        CHECK(left_after_load({.share = {"others"}}, true, use) == alone);
+        CHECK(left_after_load({.share = {"public"}}, true, use) == std::pair{0UL, 0UL});
+        CHECK(left_after_load({.share = {"you"}}, true, use) == std::pair{0UL, 0UL});
+    }
+}
 
 TEST_CASE("unloading takes nothing from another connection, and its name works on there") {
     Store store;
