@@ -7,8 +7,43 @@
 #include <charconv>
 #include <cstdio>
 #include <system_error>
+#include <utility>
 
 namespace raynest::protocol {
+
+namespace {
+
+/// First and last code of each range of Unicode 15's categories Cf, Zl and Zp.
+constexpr std::array<std::pair<char32_t, char32_t>, 21> hidden_codes = {{
+    {0xAD, 0xAD},       {0x600, 0x605},     {0x61C, 0x61C},     {0x6DD, 0x6DD},
+    {0x70F, 0x70F},     {0x890, 0x891},     {0x8E2, 0x8E2},     {0x180E, 0x180E},
+    {0x200B, 0x200F},   {0x2028, 0x202E},   {0x2060, 0x2064},   {0x2066, 0x206F},
+    {0xFEFF, 0xFEFF},   {0xFFF9, 0xFFFB},   {0x110BD, 0x110BD}, {0x110CD, 0x110CD},
+    {0x13430, 0x1343F}, {0x1BCA0, 0x1BCA3}, {0x1D173, 0x1D17A}, {0xE0001, 0xE0001},
+    {0xE0020, 0xE007F},
+}};
+
+}  // namespace
+
+std::size_t hidden_letter(std::string_view text, std::size_t at) {
+    const auto lead = static_cast<unsigned char>(text[at]);
+    if (lead < 0xC2 || lead > 0xF4) return 0;
+    const std::size_t length = lead < 0xE0 ? 2 : lead < 0xF0 ? 3 : 4;
+    if (text.size() - at < length) return 0;
+    char32_t code = lead & (0xFFU >> (length + 1));
+    for (std::size_t k = 1; k < length; ++k)
+        code = code << 6 | (static_cast<unsigned char>(text[at + k]) & 0x3FU);
+    const bool is_hidden = std::ranges::any_of(hidden_codes, [code](const auto& range) {
+        return range.first <= code && code <= range.second;
+    });
+    return is_hidden ? length : 0;
+}
+
+bool has_hidden_letter(std::string_view text) {
+    for (std::size_t at = 0; at < text.size(); ++at)
+        if (hidden_letter(text, at) != 0) return true;
+    return false;
+}
 
 std::string clean_text(std::string_view text, std::size_t bytes_max) {
     const std::string_view kept = text.substr(0, bytes_max);
@@ -18,6 +53,11 @@ std::string clean_text(std::string_view text, std::size_t bytes_max) {
         const char c = kept[i];
         // In UTF-8, the controls U+0080 to U+009F are C2 80 to C2 9F.
         const bool is_c1 = c == '\xC2' && i + 1 < kept.size() && (kept[i + 1] & '\xE0') == '\x80';
+        if (const std::size_t hidden = hidden_letter(kept, i); hidden != 0) {
+            clean += '?';
+            i += hidden - 1;
+            continue;
+        }
         if (is_c1) ++i;
         if (c == '\n' || c == '\r' || c == '\t')
             clean += ' ';

@@ -10,8 +10,14 @@
 namespace raynest::protocol {
 
 /// `text` as validate() accepts it: UTF-8 on one line, cut to `bytes_max` bytes between two
-/// letters. Blanks stand for ends of lines and tabs, '?' for what cannot be printed.
+/// letters. Blanks stand for ends of lines and tabs, '?' for what cannot be printed or is hidden.
 [[nodiscard]] std::string clean_text(std::string_view text, std::size_t bytes_max);
+
+/// Returns the bytes of the letter that begins at `at` if it is one of Unicode's categories Cf, Zl and
+/// Zp: it is invisible, turns the order of its neighbours, or ends a line. Else 0.
+[[nodiscard]] std::size_t hidden_letter(std::string_view text, std::size_t at);
+/// True if the text has such a letter: a name with one looks like another name.
+[[nodiscard]] bool has_hidden_letter(std::string_view text);
 
 /// The byte that a "%XX" at the beginning of `text` stands for; none where there is no such code.
 [[nodiscard]] std::optional<char> percent_code(std::string_view text);

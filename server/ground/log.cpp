@@ -1,6 +1,7 @@
 #include "server/ground/log.h"
 
 #include "protocol/request_id.h"
+#include "protocol/text.h"
 #include "server/ground/journal.h"
 
 #include <nlohmann/json.hpp>
@@ -155,6 +156,9 @@ void append_value(std::string& line, std::string_view value) {
         } else if (is_c1(value, i)) {
             append_byte(c);
             append_byte(value[++i]);
+        } else if (const std::size_t hidden = protocol::hidden_letter(value, i); hidden != 0) {
+            for (const std::size_t end = i + hidden; i < end; ++i) append_byte(value[i]);
+            --i;
         } else {
             line += c;
         }

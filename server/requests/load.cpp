@@ -148,6 +148,16 @@ Reply<void> check_name(const Services& services, const LoadOrder& order) {
         return refuse(Code::invalid_field, "the name '" + order.name +
                                                "' has a '/', which stands after an owner's name; "
                                                "pass another `name`");
+    if (protocol::has_hidden_letter(order.name))
+        return refuse(Code::invalid_field,
+                      "the name '" + protocol::clean_text(order.name, order.name.size()) +
+                          "' has a letter that nobody sees, where '?' is; pass another `name`");
+    for (const std::string_view principal : order.publication.share.names())
+        if (protocol::has_hidden_letter(principal))
+            return refuse(Code::invalid_field,
+                          "the scene is shared with '" +
+                              protocol::clean_text(principal, principal.size()) +
+                              "', which has a letter that nobody sees, where '?' is; leave it out");
     return {};
 }
 

@@ -5,6 +5,10 @@
 namespace raynest::server {
 namespace {
 
+TEST_CASE("letters that nobody sees are escaped") {
+    CHECK(format_event("e", {{"a", "x\xe2\x80\xaez"}}) == "e a=\"x\\xe2\\x80\\xaez\"");
+}
+
 TEST_CASE("plain values are unquoted, others are quoted") {
     CHECK(format_event("loaded", {{"scene", "forest"}, {"epoch", "1"}}) ==
           "loaded scene=forest epoch=1");
