@@ -22,7 +22,7 @@ Code wire_code(ErrorCode code) {
         case ErrorCode::field_invalid:
             return Code::invalid_field;
         case ErrorCode::pack_invalid:
-            return Code::internal;
+            return Code::file_unusable;
         case ErrorCode::out_of_memory:
             return Code::resource_exhausted;
         case ErrorCode::io_failed:  // an import got no descriptor, process or memory file
@@ -53,6 +53,8 @@ std::string without_folders(std::string text) {
 }
 
 protocol::Error to_wire(Error error) {
+    // The client cannot do anything about the file, but its administrator learns which one it is.
+    if (error.code == ErrorCode::pack_invalid) error.message = without_folders(error.message);
     return {wire_code(error.code), std::move(error.message), 0};
 }
 

@@ -1,6 +1,7 @@
 #include "server/ground/io_turn.h"
 
 #include "protocol/control.h"
+#include "server/ground/limited_log.h"
 #include "server/ground/log.h"
 
 #include <time.h>
@@ -22,6 +23,9 @@ std::chrono::nanoseconds processor_time() {
 }  // namespace
 
 void IoTurn::run_and_log(const std::function<bool()>& turn) {
+    // Peers cause these lines, one as well as many together. The longest turns of each second are told.
+    std::chrono::steady_clock::time_point second{};
+    std::chrono::nanoseconds longest{};
     for (;;) {
         what_ = "";
         message_type_ = 0;
@@ -29,11 +33,15 @@ void IoTurn::run_and_log(const std::function<bool()>& turn) {
         if (!turn()) return;
         const auto took = processor_time() - before;
         if (took < logged_time) continue;
+        const auto now = std::chrono::steady_clock::now();
+        if (now - second > std::chrono::seconds(1)) second = now, longest = {};
+        if (took <= longest) continue;
+        longest = took;
         const auto us = std::chrono::duration_cast<std::chrono::microseconds>(took).count();
-        log(LogLevel::debug, "long_turn",
-            {{"cpu_us", std::to_string(us)},
-             {"message", message_type_ == 0 ? "" : protocol::message_name(message_type_)},
-             {"does", what_}});
+        log_limited(LogLevel::debug, "long_turn", "",
+                    {{"cpu_us", std::to_string(us)},
+                     {"message", message_type_ == 0 ? "" : protocol::message_name(message_type_)},
+                     {"does", what_}});
     }
 }
 

@@ -3,6 +3,7 @@
 #include "engine/assets/sandbox/sandbox.h"
 #include "engine/packs/load.h"
 #include "engine/packs/registry.h"
+#include "engine/system/module_file.h"
 #include "server/ground/address.h"
 #include "server/ground/log.h"
 #include "server/security/certificates.h"
@@ -12,6 +13,7 @@
 #include <grp.h>
 #include <pwd.h>
 #include <sys/resource.h>
+#include <sys/stat.h>
 #include <unistd.h>
 
 #include <algorithm>
@@ -75,15 +77,55 @@ std::optional<OptionFault> socket_fault(const std::string& uri) {
     return OptionFault{"listen", uri, uri + ": " + why};
 }
 
+/// Returns why others than this user and root could change what is in a state folder, or put another
+/// in its place; empty if they cannot, or if there is none yet.
+std::string others_fault(const std::filesystem::path& folder) {
+    const auto is_trusted = [](const struct stat& status) {
+        return status.st_uid == geteuid() || status.st_uid == 0;
+    };
+    struct stat link {};
+    struct stat status {};
+    if (lstat(folder.c_str(), &link) != 0 || stat(folder.c_str(), &status) != 0) return "";
+    const std::string name = folder.string();
+    if (!is_trusted(link) || !is_trusted(status))
+        return name + " belongs to the user " +
+               std::to_string((is_trusted(status) ? link : status).st_uid) +
+               ", who could change the scenes; run the daemon as that user, or give it a folder of "
+               "its own";
+    if ((status.st_mode & 022U) == 0) return "";
+    return "other users may write in " + name + " and change the scenes; chmod 700 " + name;
+}
+
+std::string state_access_fault(const std::filesystem::path& state) {
+    for (const auto& folder : {state, state / "blobs", state / "damaged"})
+        if (std::string why = others_fault(folder); !why.empty()) return why;
+    return "";
+}
+
 std::optional<OptionFault> state_fault(const std::filesystem::path& state) {
     std::error_code ignored;
     auto folder = std::filesystem::absolute(state, ignored);
     // The start makes the folders that are missing.
     while (!std::filesystem::exists(folder, ignored) && folder.has_relative_path())
         folder = folder.parent_path();
-    const std::string why = folder_fault(folder);
+    std::string why = folder_fault(folder);
+    if (why.empty()) why = state_access_fault(state);
     if (why.empty()) return std::nullopt;
     return OptionFault{"state", state, state.string() + ": " + why};
+}
+
+/// Fails for a module of the daemon's own that is cut short: those of shading and of pictures are
+/// loaded with the first request that needs them, or in the import process.
+Result<void> check_modules() {
+    for (const char* folder : {"shading", "images"}) {
+        const auto modules = packs_in(builtin_pack_directory() / folder);
+        if (!modules) continue;
+        for (const auto& module : *modules)
+            if (const auto whole = check_module_file(module); !whole)
+                return fail(ErrorCode::pack_invalid,
+                            module.string() + ": " + whole.error().message);
+    }
+    return {};
 }
 
 Result<void> raise_descriptor_limit() {
@@ -102,12 +144,15 @@ Result<void> raise_descriptor_limit() {
 Result<StateLock> prepare_start(const Options& options) {
     if (const auto enough = raise_descriptor_limit(); !enough)
         return tl::unexpected(enough.error());
+    if (const auto whole = check_modules(); !whole) return tl::unexpected(whole.error());
     // Check the ready file before anything listens: another program's file ends the start.
     if (!options.ready_file.empty())
         if (const auto free = check_ready_file(options.ready_file); !free)
             return tl::unexpected(free.error());
     if (options.state.empty()) return StateLock();
     auto lock = StateLock::take(options.state);
+    if (const std::string why = state_access_fault(options.state); !why.empty())
+        return fail(ErrorCode::io_failed, "--state: " + why);
     return lock || !options.takeover ? std::move(lock) : StateLock();
 }
 
@@ -123,6 +168,8 @@ std::optional<OptionFault> start_fault(const Options& options) {
     if (const auto registry = Registry::load({options.pack_dirs, options.target}); !registry)
         return OptionFault{options.pack_dirs.empty() ? "target" : "pack-dir", "",
                            registry.error().message};
+    if (const auto whole = check_modules(); !whole)
+        return OptionFault{"target", "", whole.error().message};
     return std::nullopt;
 }
 
@@ -148,6 +195,18 @@ std::vector<StartWarning> start_warnings(const Options& options) {
         found.push_back(
             {"import_sandbox_weak",
              gaps + ": a file that takes over the import process can do more than it should"});
+    if (options.scene_root.empty() && std::ranges::any_of(options.load, [](const auto& source) {
+            return source.starts_with("root:");
+        }))
+        found.push_back({"load_without_root",
+                         "--load names root:PATH, and there is no --scene-root "
+                         "that has it; give one, or the path of the file"});
+    struct stat state {};
+    if (!options.state.empty() && stat(options.state.c_str(), &state) == 0 &&
+        (state.st_mode & 055U) != 0)
+        found.push_back({"state_folder_open", "other users can see the names of the files in " +
+                                                  options.state.string() + "; chmod 700 " +
+                                                  options.state.string()});
     const auto ca_key = options.security.tls.certificate.parent_path() / CertificateFiles::ca_key;
     if (geteuid() != 0 && ca_key.has_parent_path() && access(ca_key.c_str(), R_OK) == 0)
         found.push_back({"ca_key_exposed", "this user can read " + ca_key.string() +

@@ -13,9 +13,9 @@
 namespace raynest::server {
 
 /// Raises the limit of file descriptors to the maximum that the system grants, and locks the state
-/// folder. Fails if too few descriptors are granted for the daemon and a few clients, if another
-/// program has the ready file, or if another daemon has the folder; with --takeover the lock is then
-/// empty.
+/// folder. Fails if too few descriptors are granted for the daemon and a few clients, if a module of
+/// its own is cut short, if another program has the ready file, if others can change the folder, or
+/// if another daemon has it; with --takeover the lock is then empty.
 [[nodiscard]] Result<StateLock> prepare_start(const Options& options);
 
 /// Returns the first option for which the daemon could not start: files of TLS, tokens, packs, the
@@ -31,7 +31,8 @@ struct StartWarning {
 
 /// Returns options without an effect, such as folders without kernel packs, and what makes the
 /// daemon less safe than it could be: parts of the import process's sandbox that this build or
-/// kernel lacks, a CA's key that this user can read.
+/// kernel lacks, a CA's key that this user can read, a state folder that others can look into, or
+/// `load = ["root:..."]` without a folder.
 [[nodiscard]] std::vector<StartWarning> start_warnings(const Options& options);
 
 /// Root that checks the package's configuration becomes the user of the package's service: the

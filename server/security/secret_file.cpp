@@ -43,8 +43,11 @@ std::string open_fault(const fs::path& file, Reader reader) {
     if (why == ELOOP) return "it became a link just now; run the command again";
     if (why != EACCES) return std::strerror(why);
     return std::string(std::strerror(why)) + "; " +
-           (reader == Reader::command ? "run this command as root"
-                                      : own_it(file) + ", and let that user enter its folder");
+           (reader == Reader::command
+                ? "run this command as root"
+                : own_it(file) +
+                      ", or chmod 640 it with a group of that user's; and let "
+                      "that user enter its folder");
 }
 
 /// True if the machine's users are in this group by default.

@@ -9,6 +9,7 @@ import pathlib
 import re
 import signal
 import socket
+import ssl
 import subprocess
 import tempfile
 import time
@@ -85,10 +86,58 @@ class Operation(Programs):
         precious.write_text("mine\n")
         self.check(f'ready-file = "{precious}"\n', 1, "line 1: ready-file", "neither empty nor a ready file")
         self.check(f'listen = "unix:{precious}"\n', 1, "line 1: listen", "is no socket")
+        self.check('load = ["root:a.glb"]\n', 0, "warning: --load names root:PATH, and there is no --scene-root")
         # A daemon that runs is no fault.
         daemon = self.daemon("--listen", f"unix:{self.folder}/socket", "--state", self.folder / "state")
         self.check(f'listen = "unix:{self.folder}/socket"\nstate = "{self.folder}/state"\n', 0)
         self.assertTrue(daemon.alive())
+
+    def test_a_state_folder_that_others_can_change_is_refused(self):
+        state = self.folder / "shared"
+        for part in (state, state / "blobs"):
+            part.mkdir(exist_ok=True)
+            part.chmod(0o777)
+            self.check(f'state = "{state}"\n', 1, "line 1: state", "other users may write", f"chmod 700 {part}")
+            told = subprocess.run([self.raynestd, "--listen", f"unix:{self.folder}/s", "--http", "off", "--state", state],
+                                  capture_output=True, text=True, timeout=PATIENCE, check=False)
+            self.assertEqual(told.returncode, 1, told.stderr)
+            self.assertIn(f"chmod 700 {part}", told.stderr)
+            part.chmod(0o755)
+        self.check(f'state = "{state}"\n', 0, f"warning: other users can see the names of the files in {state}")
+        state.chmod(0o700)
+        self.assertNotIn("warning", self.check(f'state = "{state}"\n', 0))
+        if os.geteuid() == 0:
+            os.chown(state, 5, -1)
+            self.check(f'state = "{state}"\n', 1, "belongs to the user 5, who could change the scenes")
+
+    def test_a_module_that_is_cut_short_ends_the_start(self):
+        whole = pathlib.Path(os.environ.get("RAYNEST_BUILTIN_PACKS") or
+                             pathlib.Path(self.raynestd).resolve().parents[1] / "lib/raynest")
+        for folder in ("shading", "images"):
+            packs = self.folder / f"cut-{folder}"
+            packs.mkdir()
+            for part in whole.iterdir():
+                if part.name != folder:
+                    (packs / part.name).symlink_to(part)
+            (packs / folder).mkdir()
+            module = next((whole / folder).glob("*.so"))
+            (packs / folder / module.name).write_bytes(module.read_bytes()[:module.stat().st_size // 2])
+            for more in (("--check-config",), ()):
+                told = subprocess.run([self.raynestd, "--listen", f"unix:{self.folder}/s", "--http", "off", *more],
+                                      capture_output=True, text=True, timeout=PATIENCE, check=False,
+                                      env={**os.environ, "RAYNEST_BUILTIN_PACKS": str(packs)})
+                self.assertEqual(told.returncode, 1, told.stderr)
+                self.assertIn(f"{module.name}: it is cut short", told.stderr)
+
+    def test_a_scene_has_no_name_that_looks_like_another(self):
+        client = Client(self.raynest, self.daemon("--http", "off").uri)
+        for name, said in (("a\u202eb", "'a?b' has a letter that nobody sees"), ("a\u200bb", "a?b")):
+            told = client.run("load", "builtin:flake?depth=1", "--name", name)
+            self.assertNotEqual(told.returncode, 0)
+            self.assertIn(said, told.stderr)
+        told = client.run("load", "builtin:flake?depth=1", "--name", "a", "--share", "b\u2066c")
+        self.assertIn("'b?c', which has a letter that nobody sees", told.stderr)
+        self.assertEqual(client.run("load", "builtin:flake?depth=1", "--name", "\u00e4\u20ac").returncode, 0)
 
     def test_a_fault_between_options_names_file_and_line(self):
         for text, *said in (
@@ -340,6 +389,17 @@ class Operation(Programs):
         self.assertGreater(left_out(), 0)
         client = SecureClient(self.raynest, daemon.uri)
         self.assertEqual(client.run("scenes").returncode, 0)
+
+    def test_long_turns_take_few_lines_at_level_debug_too(self):
+        daemon = SecureDaemon(self.raynestd, self.certificates, "--log-level", "debug")
+        self.addCleanup(daemon.stop)
+        begun = time.monotonic()
+        for _ in range(100):  # handshakes are turns of 0.3 ms and more
+            with socket.create_connection(("127.0.0.1", daemon.port), timeout=PATIENCE) as one:
+                with ssl._create_unverified_context().wrap_socket(one):  # pylint: disable=protected-access
+                    pass
+        seconds = time.monotonic() - begun
+        self.assertLessEqual(len(re.findall(r" long_turn ", daemon.log())), 6 * (seconds + 2))
 
 
 if __name__ == "__main__":

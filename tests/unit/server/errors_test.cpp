@@ -5,6 +5,13 @@
 namespace raynest::server {
 namespace {
 
+TEST_CASE("a module that does not load is named to the client, without its folder") {
+    const auto told =
+        to_wire({ErrorCode::pack_invalid, "cannot load /usr/lib/a.so: it is cut short"});
+    CHECK(told.code == Code::file_unusable);
+    CHECK(for_client(told).message == "cannot load a.so: it is cut short");
+}
+
 TEST_CASE("errors that a user can repair never read as defects of the daemon") {
     for (const ErrorCode code :
          {ErrorCode::scene_invalid, ErrorCode::scene_unsupported, ErrorCode::limit_exceeded,
