@@ -8,6 +8,7 @@
 #include "server/ground/log.h"
 #include "server/security/certificates.h"
 #include "server/security/credentials.h"
+#include "server/security/secret_file.h"
 #include "server/security/user_namespace.h"
 
 #include <grp.h>
@@ -92,7 +93,9 @@ std::string others_fault(const std::filesystem::path& folder) {
                std::to_string((is_trusted(status) ? link : status).st_uid) +
                ", who could change the scenes; run the daemon as that user, or give it a folder of "
                "its own";
-    if ((status.st_mode & 022U) == 0) return "";
+    // Where each user has a group, new folders may be written by it.
+    const bool own_group = status.st_gid == getegid() && !is_everybodys(status.st_gid);
+    if ((status.st_mode & (own_group ? 002U : 022U)) == 0) return "";
     return "other users may write in " + name + " and change the scenes; chmod 700 " + name;
 }
 

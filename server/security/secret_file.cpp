@@ -50,16 +50,6 @@ std::string open_fault(const fs::path& file, Reader reader) {
                       "that user enter its folder");
 }
 
-/// True if the machine's users are in this group by default.
-bool is_everybodys(gid_t group) {
-    std::array<char, 4096> text{};
-    ::group entry{};
-    ::group* found = nullptr;
-    (void)getgrgid_r(group, &entry, text.data(), text.size(), &found);
-    constexpr std::array<std::string_view, 3> names = {"users", "nogroup", "nobody"};
-    return found != nullptr && std::ranges::find(names, found->gr_name) != names.end();
-}
-
 bool is_in(gid_t group) {
     if (group == getegid()) return true;
     std::vector<gid_t> groups(static_cast<std::size_t>(std::max(getgroups(0, nullptr), 0)));
@@ -208,6 +198,15 @@ Result<void> StagedFile::fill(int made, const std::string& content) const {
 }
 
 }  // namespace
+
+bool is_everybodys(gid_t group) {
+    std::array<char, 4096> text{};
+    ::group entry{};
+    ::group* found = nullptr;
+    (void)getgrgid_r(group, &entry, text.data(), text.size(), &found);
+    constexpr std::array<std::string_view, 3> names = {"users", "nogroup", "nobody"};
+    return found != nullptr && std::ranges::find(names, found->gr_name) != names.end();
+}
 
 Result<std::string> read_regular_file(const fs::path& file, std::size_t bytes_max) {
     return read_whole(Fd(open(file.c_str(), open_flags)), file, bytes_max, Reader::daemon, false);

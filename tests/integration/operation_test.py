@@ -102,7 +102,7 @@ class Operation(Programs):
                                   capture_output=True, text=True, timeout=PATIENCE, check=False)
             self.assertEqual(told.returncode, 1, told.stderr)
             self.assertIn(f"chmod 700 {part}", told.stderr)
-            part.chmod(0o755)
+            part.chmod(0o775)       # as new folders are where each user has a group
         self.check(f'state = "{state}"\n', 0, f"warning: other users can see the names of the files in {state}")
         state.chmod(0o700)
         self.assertNotIn("warning", self.check(f'state = "{state}"\n', 0))

@@ -87,7 +87,8 @@ class Commands(WithCluster):
                          "more time, or leave --deadline out"))
         document = json.loads(done.stdout)
         layers = raynest.read_layers((self.out / "lit.exr").read_bytes())
-        self.assertEqual((document["parts"], document["height"], document["incomplete"]), (4, 64, True))
+        self.assertEqual((document["height"], document["incomplete"]), (64, True))
+        self.assertIn(document["parts"], (1, 2, 3, 4))      # fewer where a busy machine made no sample of one
         self.assertEqual(document["samples"], layers["samples"].min())
         self.assertLess(layers["samples"].max(), 65536)
         spread, = (note for note in document["notes"] if note.startswith("pixels have "))
