@@ -247,7 +247,7 @@ class State(WithState):
         if os.geteuid() != 0:
             self.skipTest("needs root, for a small tmpfs")
         self.state.mkdir()
-        mounted = subprocess.run(["mount", "-t", "tmpfs", "-o", "size=3m", "none", self.state], capture_output=True)
+        mounted = subprocess.run(["mount", "-t", "tmpfs", "-o", "size=3m,mode=700", "none", self.state], capture_output=True)
         if mounted.returncode != 0:
             self.skipTest("cannot mount a tmpfs")
         self.addCleanup(subprocess.run, ["umount", "-l", self.state])
