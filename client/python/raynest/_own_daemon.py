@@ -18,7 +18,7 @@ import subprocess
 import tempfile
 import threading
 import time
-from typing import Any, Iterator, NamedTuple, Optional, Union
+from typing import Any, Iterator, Mapping, NamedTuple, Optional, Union
 
 from ._limits import window_bytes
 from ._net.access import find_access
@@ -100,6 +100,12 @@ class Daemon:
             known.connection.interrupts = Leaving(self)
             self.greeted()
         return known
+
+    @property
+    def outcome(self) -> Mapping[str, Any]:
+        """Of the last answer on the connection of this thread; nothing without one."""
+        known: Optional[Client] = getattr(self._mine, "client", None)
+        return {} if known is None else known.outcome
 
     def _open(self) -> Client:
         return Client(self.uri, find_access(self.uri, None, None, None, None, True), window_bytes,

@@ -271,7 +271,7 @@ def item(version: str, setup: Setup, source: Source, method: Any, rays: Any, opt
             with warnings_taken() as warned:
                 if callable(method) and rays is None:
                     answer = method(host, source, options)
-                    return here(), answer, Told(tuple(warned), None, rounding_of(host.client().outcome))
+                    return here(), answer, Told(tuple(warned), None, rounding_of(host.outcome))
                 given = {name: host.local(value, source) for name, value in options.items()}
                 sent = rays if isinstance(rays, SentRays) else SentRays(() if rays is None else (rays,), {})
                 scene = host.scene(source)
