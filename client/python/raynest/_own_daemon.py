@@ -103,7 +103,7 @@ class Daemon:
 
     @property
     def outcome(self) -> Mapping[str, Any]:
-        """Of the last answer on the connection of this thread; nothing without one."""
+        """The outcome of the last answer on the connection of this thread; empty without one."""
         known: Optional[Client] = getattr(self._mine, "client", None)
         return {} if known is None else known.outcome
 

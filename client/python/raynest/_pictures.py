@@ -22,7 +22,7 @@ PNG = b"\x89PNG\r\n\x1a\n"
 EXR = struct.pack("<II", MAGIC, 2)
 SIDE_MAX = 1 << 20
 PIXELS_MAX = 1 << 30
-# What the header of a part has and that of the whole has not.
+# Attributes that the header of a part has and that of the whole has not.
 OF_PARTS = ("raynest:tile", "raynest:request", "raynest:arithmetic", "raynest:range_asked", "raynest:palette",
             "raynest:scale", "raynest:view")
 _FILTERS = range(5)          # filters for a PNG's row
