@@ -170,6 +170,7 @@ class Room(WithState):
         # A killed daemon has noted what happened more than some seconds before.
         self.client.json("pin", "a")
         self.client.json("pin", "--off", "b")
+        time.sleep(0.1)     # uses that lie closer are one
         self.hits("c")
         uses = "SELECT name, pinned FROM scenes JOIN uses ON scenes.number = uses.number ORDER BY uses.used"
 
