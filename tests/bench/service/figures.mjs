@@ -1,5 +1,6 @@
-// What the page waits for in Chromium: the time to the first coarse picture, and pictures per second while orbiting. It
-// prints figures and judges none of them: a busy machine is slow. RAYNEST_MOTION_S is the time of motion (default 30).
+// What the page waits for in Chromium: the time to the first coarse picture, pictures per second while orbiting, and how
+// soon it shows a scene that was replaced. It prints figures and judges none of them: a busy machine is slow.
+// RAYNEST_MOTION_S is the time of motion (default 30).
 //
 //   node figures.mjs build/bin/raynestd build/bin/raynest build/browser
 import assert from "node:assert/strict";
@@ -54,4 +55,22 @@ browserTest("pictures per second while orbiting", async ({ open }) => {
   });
   console.log(`${MOTION_S} s of orbiting: ${rate.fps.toFixed(1)} pictures per second of at least ${rate.least} rays`);
   assert.ok(rate.least >= 160 * 90, "coarse pictures show something");
+});
+
+browserTest("a replaced scene is shown", async ({ open }) => {
+  const card = (size) => [{ name: "card", node: "card", points: [[-size, -1, 0], [size, -1, 0], [0, 1, 0]] }];
+  await daemon.loadMeshes("replaced", card(1));
+  const page = await open(daemon, { scene: "replaced", size: "960x540" });
+  await fine(page);
+  const seconds = [];
+  for (let i = 2; i < 12; ++i) {
+    const version = await page.evaluate(() => globalThis.raynest.model.version);
+    await daemon.loadMeshes("replaced", card(i), "--replace");
+    const begun = performance.now();
+    await page.waitForFunction((before) => globalThis.raynest.model.version !== before, version);
+    await fine(page);
+    seconds.push((performance.now() - begun) / 1000);
+  }
+  seconds.sort((a, b) => a - b);
+  console.log(`a replaced scene over 2 s, until its whole picture is shown: median ${(seconds[5] / 2).toFixed(2)}, most ${(seconds.at(-1) / 2).toFixed(2)}`);
 });

@@ -127,6 +127,8 @@ def triangles(vertices: Any, faces: Any, whose: str = "") -> tuple[Array, Array]
     return points, corners
 
 
+_ABREAST = 1024     # points that numpy compares at once
+
 # A mesh of so many bytes is a file of its own: the daemon asks for it only if it has it in no scene.
 APART_BYTES = 1 << 16
 
@@ -207,5 +209,10 @@ def _mesh_files(points: Array, corners: Array, origin: Array, material: Optional
 
 def box_of(points: Array) -> tuple[Array, Array]:
     """Returns the corners of the box of (N, 3) points; NaN where one of them has it."""
-    axes = [points[:, axis] for axis in range(3)]  # three times as fast as along the first axis
-    return np.array([axis.min() for axis in axes]), np.array([axis.max() for axis in axes])
+    whole = len(points) // _ABREAST * _ABREAST
+
+    def end(of: np.ufunc) -> Array:     # of rows of three numbers at once: numpy takes four times as long over short ones
+        rows = of.reduce(points[:whole].reshape(-1, 3 * _ABREAST)).reshape(-1, 3) if whole else points[:0]
+        reduced: Array = of.reduce(np.concatenate([rows, points[whole:]]))
+        return reduced
+    return end(np.minimum), end(np.maximum)

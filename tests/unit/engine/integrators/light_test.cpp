@@ -157,18 +157,30 @@ TEST_CASE("a lamp is a light also where few texels of its picture are lit") {
     const std::vector<GeometryDescription> parts = {
         rectangle({0, 0, 0}, {0, 0, 5}, {5, 0, 0}, 0),
         rectangle({0, 2, 0}, {0.5F, 0, 0}, {0, 0, 0.5F}, 1)};
-    for (const std::uint32_t side : {128U, 1024U}) {
+    const auto below = [&](std::uint32_t side, std::initializer_list<std::uint32_t> lit) {
         SceneDescription scene = scene_of(parts, {diffuse(0.5F), diffuse(0, 1000)});
         ImageDescription picture{side, side, {}};
-        picture.rgba.assign(3, 255);
         picture.rgba.resize(std::size_t{4} * side * side);
+        for (const std::uint32_t texel : lit)
+            std::fill_n(&picture.rgba[std::size_t{4} * texel], 3, std::uint8_t{255});
         scene.images.push_back(picture);
         scene.textures.push_back({0});
         scene.materials[1].surface.use(TextureSlot::emission).texture = 0;
-        Stage stage(scene);
+        return Stage(scene);
+    };
+    for (const std::uint32_t side : {128U, 1024U}) {
+        Stage stage = below(side, {0});
         (void)stage.measure("direct", lit_by(none), {0, 1, 0}, 1e-3, 4);
         CHECK(stage.notes.empty());
     }
+    // The four in the middle of 16^2 are nearly a point 2 m above, which sends what their share of
+    // the lamp's square metre does; the mean square of their distance from it is 0.00325 m^2.
+    Stage stage = below(16, {7 * 16 + 7, 7 * 16 + 8, 8 * 16 + 7, 8 * 16 + 8});
+    const double lit = 1000.0 * 4 / 256 / (2 * 2) * (1 - 2 * 0.00325 / (2 * 2));
+    const double exact = 0.5 / std::numbers::pi * lit;
+    const Mean mean = stage.measure("direct", lit_by(none), {0, 1, 0}, 1e-3, 1U << 17);
+    CHECK(std::abs(mean.value - exact) < 3 * mean.error);
+    CHECK(mean.error < 0.02 * exact);
 }
 
 TEST_CASE("a sphere lights a point by the square of its apparent size") {
