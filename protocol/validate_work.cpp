@@ -210,7 +210,7 @@ Result<void> validate(const wire::Progress& message, const Limits& limits) {
     return Checks(limits).name("stage", message.stage()).result();
 }
 
-Result<void> validate(const wire::Picture& message, const Limits& limits) {
+Result<void> validate(const wire::Payload& message, const Limits& limits) {
     Checks checks(limits);
     checks.name("encode", message.encode());
     check_picture(checks, message.width(), message.height());

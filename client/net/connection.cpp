@@ -89,7 +89,7 @@ std::string start_hint(const std::string& uri, const error_code& error) {
 bool is_continued(std::uint16_t type) {
     static constexpr std::array continued = {
         protocol::message_of<wire::Started>,  protocol::message_of<wire::Chunk>,
-        protocol::message_of<wire::Progress>, protocol::message_of<wire::Picture>,
+        protocol::message_of<wire::Progress>, protocol::message_of<wire::Payload>,
         protocol::message_of<wire::Credit>,   protocol::message_of<wire::Need>};
     return std::ranges::find(continued, static_cast<wire::Message>(type)) != continued.end() ||
            !protocol::message_known(type);

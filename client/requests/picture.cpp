@@ -37,7 +37,7 @@ Room room_for(const Request& request, std::uint64_t pixel_bytes) {
 }
 
 /// Makes room for a payload, after checking that it fits.
-Result<void> begin_payload(const wire::Picture& piece, const Room& room, ReceivedFile& picture) {
+Result<void> begin_payload(const wire::Payload& piece, const Room& room, ReceivedFile& picture) {
     picture.encode = protocol::text(piece.encode());
     picture.total = piece.total();
     picture.is_last = piece.last();
@@ -61,9 +61,9 @@ Result<void> begin_payload(const wire::Picture& piece, const Room& room, Receive
 /// on, if a later one will replace it.
 Result<void> take_piece(const protocol::Frame& frame, const Room& room, ReceivedFile& picture,
                         const PassConsumer& consume_pass) {
-    const auto opened = open_sent<wire::Picture>(frame);
+    const auto opened = open_sent<wire::Payload>(frame);
     if (!opened) return tl::unexpected<Failure>(opened.error());
-    const wire::Picture& piece = *opened->table;
+    const wire::Payload& piece = *opened->table;
     const protocol::BlockView* data = protocol::find_block(opened->blocks, "data");
     if (picture.bytes.size() == picture.total && !picture.is_last)
         if (auto begun = begin_payload(piece, room, picture); !begun) return begun;
@@ -136,7 +136,7 @@ Result<ReceivedFile> receive_file(Connection& connection, Progress& progress, co
                 return daemon_sent("the end of an answer before its last piece");
             return picture;
         }
-        if (is<wire::Picture>(*frame)) {
+        if (is<wire::Payload>(*frame)) {
             if (auto taken = take_piece(*frame, room, picture, consume_pass); !taken)
                 return tl::unexpected<Failure>(taken.error());
         } else if (is<wire::Progress>(*frame)) {
@@ -161,8 +161,8 @@ Result<std::uint64_t> receive_bytes(Connection& connection, Progress& progress, 
                 return daemon_sent("the end of an answer before its last piece");
             return total;
         }
-        if (!is<wire::Picture>(*frame)) continue;
-        const auto piece = open_sent<wire::Picture>(*frame);
+        if (!is<wire::Payload>(*frame)) continue;
+        const auto piece = open_sent<wire::Payload>(*frame);
         if (!piece) return tl::unexpected<Failure>(piece.error());
         const protocol::BlockView* data = protocol::find_block(piece->blocks, "data");
         if (received == 0) total = (*piece)->total();

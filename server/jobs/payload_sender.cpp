@@ -54,7 +54,7 @@ Reply<Frames> PayloadSender::make_piece(std::uint64_t offset, std::uint64_t coun
         std::memcpy(bulk.block(0).data(), payload_.bytes.data() + offset, count);
     else if (const auto read = read_(offset, bulk.block(0)); !read)
         return tl::unexpected(read.error());
-    wire::PictureT message;
+    wire::PayloadT message;
     message.width = payload_.width;
     message.height = payload_.height;
     message.encode = encode_;

@@ -62,7 +62,7 @@ public:
         }
         wire::DoneT done;
         done.incomplete = true;
-        if (const auto picture = protocol::open<wire::Picture>(frames().front()))
+        if (const auto picture = protocol::open<wire::Payload>(frames().front()))
             done.samples = (*picture)->samples();
         done.notes.push_back("job " + std::to_string(source_->record().number) +
                              " goes on: this is its picture so far");

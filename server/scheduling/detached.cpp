@@ -85,8 +85,8 @@ void DetachedJob::send(protocol::Frame frame) {
         }
         room_.merge(std::move(*more));
     }
-    if (is<wire::Picture>(frame)) {
-        const auto picture = protocol::open<wire::Picture>(frame);
+    if (is<wire::Payload>(frame)) {
+        const auto picture = protocol::open<wire::Payload>(frame);
         if (picture && !(*picture)->last()) {
             const std::uint64_t offset = (*picture)->offset();
             const std::uint64_t end = offset + picture->blocks.at(0).bytes.size();

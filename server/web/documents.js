@@ -3,11 +3,11 @@
 
 const LARGE = /"(path|placements|total|first)":(\d{16,})/g;
 
-/** Sends the request and returns the bytes of its Picture. */
+/** Sends the request and returns the bytes of its Payload. */
 export async function askBytes(daemon, type, message, options = {}) {
   let bytes = new Uint8Array(0);
   for await (const frame of daemon.request(type, message, options)) {
-    if (frame.type !== "Picture") continue;
+    if (frame.type !== "Payload") continue;
     if (bytes.length === 0) bytes = new Uint8Array(Number(frame.message.total));
     bytes.set(frame.columns.data, Number(frame.message.offset ?? 0));
   }

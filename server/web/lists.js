@@ -57,7 +57,7 @@ export const MESSAGES = {
   Started: 152,
   Chunk: 153,
   Progress: 154,
-  Picture: 155,
+  Payload: 155,
   Done: 156,
   JobList: 160,
   JobInfo: 161,

@@ -29,7 +29,7 @@ export async function traceLit(daemon, message, count, { signal, onPass = () => 
     if (type === "Started") started = news;
     if (type === "Done") done = news;
     if (type === "Progress") onProgress(news);
-    if (type !== "Picture") continue;
+    if (type !== "Payload") continue;
     const first = Number(news.offset ?? 0), { data } = columns;
     if (first === 0) bytes = new Uint8Array(16 * count);
     bytes.set(data, first);
@@ -59,7 +59,7 @@ async function traceRaw(daemon, type, message, count, { signal, onRows = () => {
   for await (const frame of daemon.request(type, { ...message, encode: "raw" }, { signal })) {
     if (frame.type === "Started") started = frame.message;
     if (frame.type === "Done") done = frame.message;
-    if (frame.type !== "Picture") continue;
+    if (frame.type !== "Payload") continue;
     const first = Number(frame.message.offset), { data } = frame.columns;
     columns.rgba.set(data, first);
     onRows(columns, Math.floor(first / 4), Math.floor((first + data.length) / 4));

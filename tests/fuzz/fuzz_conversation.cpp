@@ -78,7 +78,7 @@ public:
             case wire::Message::Chunk:
                 request.rays += protocol::open<wire::Chunk>(frame).value()->count();
                 return spend(request, frame.header.bulk_bytes);
-            case wire::Message::Picture:
+            case wire::Message::Payload:
                 return spend(request, frame.header.bulk_bytes);
             case wire::Message::Done: {
                 const auto done = protocol::open<wire::Done>(frame).value();

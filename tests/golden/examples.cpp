@@ -370,7 +370,7 @@ void add_work_answers(Collection& all) {
     progress.stage = "tracing";
     all.add(10, progress);
 
-    wire::PictureT picture;
+    wire::PayloadT picture;
     picture.width = 2;
     picture.height = 1;
     picture.encode = "raw";

@@ -273,7 +273,7 @@ class Documents(WithFake):
                     peer.send("SceneInfo", {"name": "fake", "epoch": 1})
                 elif name in ("Explain", "Blame"):
                     peer.send("Started", {"scene": "fake", "epoch": 1})
-                    peer.send("Picture", {"width": 1, "height": 1, "encode": "json", "total": len(text)},
+                    peer.send("Payload", {"width": 1, "height": 1, "encode": "json", "total": len(text)},
                               data=np.frombuffer(text, np.uint8))
                     peer.send("Done", {"rays": 1})
         return self.fake(script)

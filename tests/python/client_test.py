@@ -17,7 +17,7 @@ import numpy as np
 import raynest
 from raynest import _limits, generators
 from raynest._requests.job import JobOptions
-from raynest._requests.picture import Picture
+from raynest._requests.picture import Payload
 from daemon import Daemon, closed_port
 from with_daemon import MISS, WithDaemon, main, rain
 
@@ -189,12 +189,12 @@ class Pictures(WithDaemon):
 
     def test_large_pictures_come_in_pieces(self):
         pieces, size = [], (1024, 1536)
-        take = Picture._place
+        take = Payload._place
 
         def place(picture, *frame):
             pieces.extend(take(picture, *frame))
             return pieces[-1:]
-        with mock.patch.object(Picture, "_place", place):
+        with mock.patch.object(Payload, "_place", place):
             pixels = self.woods.render(size=size)
         self.assertEqual(pixels.shape, (1536, 1024, 4))
         self.assertGreater(len(pieces), 2)

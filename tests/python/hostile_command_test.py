@@ -31,13 +31,13 @@ RAY = ("--ray", "0,0,5,0,0,-1")
 
 def piece(data=64, **message):
     """A frame of a picture of 4 x 4 pixels."""
-    return "Picture", {"width": 4, "height": 4, "encode": "png", "total": 64, **message}, \
+    return "Payload", {"width": 4, "height": 4, "encode": "png", "total": 64, **message}, \
         {"data": np.zeros(data, np.uint8)}
 
 
 def document(value):
     text = np.frombuffer(json.dumps(value).encode(), np.uint8)
-    return "Picture", {"width": 1, "height": 1, "encode": "json", "total": len(text)}, {"data": text}
+    return "Payload", {"width": 1, "height": 1, "encode": "json", "total": len(text)}, {"data": text}
 
 
 def chunk(first=0, count=1, **columns):
@@ -148,7 +148,7 @@ class Commands(WithFake):
                 (end, [DONE]), (end, [piece(32), DONE]), (end, [piece(0, total=0), DONE]),
                 ("not asked for", [("Detached", {"job": 7})]), ("not asked for", [("Detached", {})]),
                 ("Started twice", [("Started", {}), ("Started", {}), DONE]),
-                ("a broken Picture", [piece(width=2**31)])):
+                ("a broken Payload", [piece(width=2**31)])):
             self.refused(text, *render, Render=frames)
             if frames[0][1].get("encode") != "exr" and frames[0][1].get("encode") != "raw":
                 self.refused(text, *fetch, Jobs=jobs("render"), Fetch=frames)
@@ -207,7 +207,7 @@ class Commands(WithFake):
                                 (("heatmap", "a", "--size", "4x4", "--fail-if", "total.max>1"), "Heatmap")):
                 self.refused(text, *words, **{name: [document(value), DONE]})
         self.refused("another answer", "explain", "a", *RAY, Explain=[
-            ("Picture", {"width": 1, "height": 1, "encode": "json", "total": 2**40}, {"data": t(1).view(np.uint8)})])
+            ("Payload", {"width": 1, "height": 1, "encode": "json", "total": 2**40}, {"data": t(1).view(np.uint8)})])
 
     def test_the_address_of_a_page(self):
         for address in ("http://127.0.0.1:1/$(reboot)", "http://a;reboot:80", "file:///etc/passwd", "http://a"):

@@ -199,7 +199,7 @@ class Lies(WithFake):
             peer.until("Render")
             for i in range(4):
                 peer.send("Progress", {"done": i, "total": 4, "stage": "tracing"})
-                peer.send("Picture", {"total": 256, "offset": 64 * i}, data=np.full(64, i, np.uint8))
+                peer.send("Payload", {"total": 256, "offset": 64 * i}, data=np.full(64, i, np.uint8))
             peer.send("Done", {})
         news = []
         pixels = self.scene(script).render(size=(8, 8), progress=lambda *now: news.append(now))
@@ -212,7 +212,7 @@ class Lies(WithFake):
                               ("a gap", {"total": 8 * 8 * 4, "offset": 64})):
             def script(peer):
                 peer.until("Render")
-                peer.send("Picture", message, data=piece)
+                peer.send("Payload", message, data=piece)
             with self.subTest(name), self.assertRaises(raynest.ProtocolError):
                 self.scene(script).render(size=(8, 8))
 
@@ -242,7 +242,7 @@ class Lies(WithFake):
 
     def test_pictures_of_jobs(self):
         def piece(**message):
-            return lambda peer: (peer.send("Picture", message, data=np.zeros(64, np.uint8)),
+            return lambda peer: (peer.send("Payload", message, data=np.zeros(64, np.uint8)),
                                  peer.send("Done", {}))
         size = {"width": 4, "height": 4, "encode": "raw"}
         self.assertEqual(self.fetched("render", piece(**size, total=64)).shape, (4, 4, 4))
@@ -364,7 +364,7 @@ class Lies(WithFake):
         def picture(file):
             def script(peer):
                 peer.until("Render")
-                peer.send("Picture", {"total": len(file), "last": True}, data=np.frombuffer(file, np.uint8))
+                peer.send("Payload", {"total": len(file), "last": True}, data=np.frombuffer(file, np.uint8))
                 peer.send("Done", {})
             return self.scene(script).render(size=(8, 8), integrator="path")
         self.assertEqual(picture(exr(8, 3))["c0"].shape, (8, 8))

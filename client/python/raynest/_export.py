@@ -8,7 +8,7 @@ from typing import Any, Optional, Union
 from ._requests.arguments import real
 from ._requests.files import path_text
 from ._requests.job import Progress
-from ._requests.picture import Picture
+from ._requests.picture import Payload
 from ._session import Session
 from .errors import InvalidError, SceneWarning, UsageError, warn
 
@@ -55,7 +55,7 @@ class Exports:
         return {"glb": glb, "bytes": len(file.pop("data")), **file}
 
     def _file(self, message: dict[str, Any], progress: Progress) -> dict[str, Any]:
-        answer = Picture("file", {"width": 1, "height": 1, "encode": "file"})
+        answer = Payload("file", {"width": 1, "height": 1, "encode": "file"})
         data = answer.receive(self._client.connection, "Export", message, progress)
         outcome = answer.outcome
         return {"data": data, **{key: outcome[key] for key in ("scene", "epoch", "hash", "notes", "origin")}}

@@ -11,7 +11,7 @@ from ._requests.arguments import Unpack, none_is_default
 from ._requests.film import (Environment, EnvironmentFile, Layers, film_message, is_lit, layers_of,
                              warn_if_incomplete, warn_of_options)
 from ._requests.job import JobOptions, Outcome, Progress, SceneMoved, job_message
-from ._requests.picture import Picture, camera_message, size_message, tile_message
+from ._requests.picture import Payload, camera_message, size_message, tile_message
 from ._session import Session
 from ._shutter import picture_in_motion, pieces_of, pixels_of
 from .errors import InvalidError, UsageError
@@ -188,10 +188,10 @@ class _Film:
         client.outcome = picture.outcome
         yield self._shown(picture.result(), picture, True)
 
-    def _picture(self, origin: Array) -> Picture:
-        return Picture("render", self._payload, None if self._view[1] is None else origin)
+    def _picture(self, origin: Array) -> Payload:
+        return Payload("render", self._payload, None if self._view[1] is None else origin)
 
-    def _shown(self, result: Any, picture: Picture, last: bool) -> Any:
+    def _shown(self, result: Any, picture: Payload, last: bool) -> Any:
         if not self._layers:
             return result
         return layers_of(result, picture.outcome, last, self._payload["width"] * self._payload["height"])

@@ -15,7 +15,7 @@ from ._net.control import Message
 from ._requests.arguments import milliseconds, none_is_default, whole
 from ._requests.columns import REDUCED, Columns, Whole
 from ._requests.job import Progress
-from ._requests.picture import Picture
+from ._requests.picture import Payload
 from ._requests.query import Answer
 from ._requests.words import check_listed, job_info
 from ._session import Session
@@ -80,7 +80,7 @@ class Job:
         client, message = self._client, {"job": self.number}
         info = self.info
         if info["kind"] != "query":
-            picture = Picture(info["kind"])
+            picture = Payload(info["kind"])
             pixels = picture.receive(client.connection, "Fetch", message, progress)
             client.outcome = picture.outcome
             return pixels

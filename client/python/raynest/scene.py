@@ -18,7 +18,7 @@ from ._requests.columns import Columns, Whole, anywhere, as_usual
 from ._requests.explain import check_explain, path_message, pixel_message, ray_message, receive_document
 from ._requests.film import warn_of_options
 from ._requests.job import JobOptions, Outcome, Progress, SceneMoved, job_message, other_message
-from ._requests.picture import Picture, camera_message, size_message, tile_message
+from ._requests.picture import Payload, camera_message, size_message, tile_message
 from ._requests.precision import Rounding, rounded_rays
 from ._requests.query import Query, query_message
 from ._requests.rays import Rays, Source, Starts, flat_pairs, masked, segments, spread, vector
@@ -373,7 +373,7 @@ class Scene(Renders, Editable):
                        "camera": camera_message(camera, look_at, fov, origin), **fields}
             if detach:
                 return Job(self._client, connection.ask(name, message, "Detached")["job"])
-            picture = Picture(name.lower(), shown, None if look_at is None else origin)
+            picture = Payload(name.lower(), shown, None if look_at is None else origin)
             pixels = picture.receive(connection, name, message, progress,
                                      options["deadline_ms"] / 1000)
             self._client.outcome = picture.outcome

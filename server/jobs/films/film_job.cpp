@@ -411,7 +411,7 @@ Reply<protocol::Frame> FilmJob::tile_frame(std::uint64_t tile) const {
     bulk.add("data", wire::Dtype::u8, 1, picture.rgba.size());
     bulk.allocate();
     std::memcpy(bulk.block(0).data(), picture.rgba.data(), picture.rgba.size());
-    wire::PictureT message;
+    wire::PayloadT message;
     message.width = window.width;
     message.height = window.height;
     message.x = window.x;

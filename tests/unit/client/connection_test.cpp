@@ -237,7 +237,7 @@ TEST_CASE("credit for consumed bulk is granted before the window is used up") {
                 bulk.add("data", wire::Dtype::u8, 1, piece);
                 bulk.allocate();
                 std::memset(bulk.block(0).data(), 0, piece);
-                wire::PictureT picture;
+                wire::PayloadT picture;
                 picture.width = picture.height = 1;
                 peer.send(id, std::move(picture), std::move(bulk));
             }

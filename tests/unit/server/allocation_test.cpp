@@ -183,7 +183,7 @@ public:
                 std::vector<std::byte>(frame.bulk.span().begin(), frame.bulk.span().end()));
             const auto type = static_cast<wire::Message>(frame.header.type);
             const bool goes_on = type == wire::Message::Started || type == wire::Message::Chunk ||
-                                 type == wire::Message::Picture || type == wire::Message::Welcome;
+                                 type == wire::Message::Payload || type == wire::Message::Welcome;
             heard.request_ended = heard.request_ended || !goes_on;
             const auto error = protocol::open<wire::Error>(frame);
             heard.connection_ended = heard.connection_ended || (error && (*error)->closing());

@@ -174,7 +174,7 @@ struct Served {
             const std::vector<std::byte> bulk(frame.bulk.span().begin(), frame.bulk.span().end());
             if (const auto chunk = protocol::open<wire::Chunk>(frame)) {
                 got.answers[(*chunk)->first_ray()] = bulk;
-            } else if (const auto piece = protocol::open<wire::Picture>(frame)) {
+            } else if (const auto piece = protocol::open<wire::Payload>(frame)) {
                 got.answers[(*piece)->offset()] = bulk;
             } else if (const auto done = protocol::open<wire::Done>(frame)) {
                 got.worker = protocol::text((*done)->worker());

@@ -81,7 +81,7 @@ TEST_CASE("a picture so far takes the place of the one before") {
                 protocol::Bulk bulk;
                 bulk.add("data", wire::Dtype::u8, 1, bytes);
                 bulk.allocate();
-                wire::PictureT picture;
+                wire::PayloadT picture;
                 picture.width = 100;
                 picture.height = 25;
                 picture.encode = "raw";

@@ -42,7 +42,7 @@ GRACE_SECONDS = 5.0
 # Longest wait in one call of poll(): a Ctrl-C is noticed this soon.
 TICK_MS = 100
 # Frames that are followed by more of the same answer; every other frame ends its request.
-CONTINUED = {"Started", "Chunk", "Progress", "Picture", "Credit", "Need"}
+CONTINUED = {"Started", "Chunk", "Progress", "Payload", "Credit", "Need"}
 BUFFERS_MAX = 64  # in one system call
 # Explains a connection that the daemon closed in the middle of an answer, where no ERROR fits.
 CUT_SHORT = " within an answer: the daemon ended, or this reader paused and gave way to another client"

@@ -16,7 +16,7 @@ from ..errors import ProtocolError, UsageError, shown_text
 from .arguments import float32, has_shape, numbers, whole
 from .film import film_message, given_of, is_lit
 from .job import Outcome, Progress
-from .picture import Picture
+from .picture import Payload
 
 
 def check_explain(ray: Any, pixel: Any, integrator: str, view: dict[str, Any],
@@ -74,7 +74,7 @@ def path_message(pixel: Sequence[int], integrator: str, sample: int, seed: int, 
 def receive_document(connection: Connection, request: str, message: Message, progress: Progress,
                      seconds: float, origin: Optional[Array]) -> tuple[dict[str, Any], Outcome]:
     """The document that such a request is answered with, and what ran."""
-    answer = Picture("json", {"width": 1, "height": 1, "encode": "json"}, origin)
+    answer = Payload("json", {"width": 1, "height": 1, "encode": "json"}, origin)
     text = answer.receive(connection, request, message, progress, seconds)
     try:
         document = json.loads(text)

@@ -50,7 +50,7 @@ def camera_message(camera: Union[str, int], look_at: Optional[Sequence[Any]], fo
     return message
 
 
-class Picture:
+class Payload:
     """A "render", "heatmap", "json" document or "file", whose pieces come in order. `shape` is its width, height and encode;
     when a job is fetched, the first piece says them. SceneMoved ends it if the scene's origin is not
     `origin`, where that was subtracted from the camera's place. A payload that is not the last one
@@ -90,7 +90,7 @@ class Picture:
                     raise SceneMoved(np.array(self.outcome["origin"]))
                 if kind == "Progress" and progress:
                     progress(news["done"], news["total"], news["stage"])
-                if kind == "Picture" and not self._last and self._is_whole() \
+                if kind == "Payload" and not self._last and self._is_whole() \
                         and self._part == self._size():
                     yield
         if self._kind != "json":
@@ -130,7 +130,7 @@ class Picture:
             self._kind, ENCODED_PIXEL_BYTES_MAX)
         most = 4 * pixels if raw else encoded * pixels + LEGEND_BYTES_MAX
         most = {"json": DOCUMENT_BYTES_MAX, "file": FILE_BYTES_MAX}.get(self._kind, most)
-        if (name != "Picture" or pixels > _limits.picture_pixels_max or total > most
+        if (name != "Payload" or pixels > _limits.picture_pixels_max or total > most
                 or (raw and total != most)):
             raise ProtocolError(f"the daemon sent a picture of {total} bytes")
         self._payload = np.empty(total, np.uint8)
