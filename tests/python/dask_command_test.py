@@ -77,6 +77,36 @@ class Commands(WithCluster):
             done = self.dealt(cluster, "--json", "render", SCENE, *words, "-o", "lit.exr")
             self.assertEqual(json.loads(done.stdout)["parts"], parts, done.stderr)
 
+    def test_a_camera_that_sees_nothing_or_backs_alone_is_told_as_by_one_daemon(self):
+        cluster = self.cluster(2)
+        box = self.out / "box.obj"
+        corners = [(x, y, z) for x in (-1, 1) for y in (-1, 1) for z in (-1, 1)]
+        box.write_text("".join("v %d %d %d\n" % corner for corner in corners) +    # seen from within, all faces show their backs
+                       "f 1 2 4 3\nf 5 7 8 6\nf 1 5 6 2\nf 3 4 8 7\nf 1 3 7 5\nf 2 6 8 4\n")
+        away, inside = ("--lookat=0,9000,0,0,9999,1",), ("--lookat=0,0,0,0,0,1",)
+        size = ("--size", "192x1080")
+        for words in (("render", *away), ("render", *inside), ("render", *away, "--integrator=path", "--spp=2"), ("heatmap", *away)):
+            with self.subTest(words):
+                command, *how = words
+                one, many_ = (json.loads(done.stdout)["notes"] for done in (
+                    self.run_as(self.raynest, "--server", self.daemon.uri, "--json", command, box, *how, *size, "-o", "one.exr"),
+                    self.dealt(cluster, "--json", command, box, *how, *size, "-o", "many.exr")))
+                said = [note for note in one if note.startswith("camera ")]
+                self.assertEqual(len(said), 1, one)
+                self.assertEqual([note for note in many_ if note.startswith("camera ")], said)
+        for show, how in ((many.render, {}), (many.heatmap, {}), (many.render, {"integrator": "direct", "spp": 2})):
+            for look_at, sees in ((((0, 9000, 0), (0, 9999, 1)), "nothing"), (((0, 0, 0), (0, 0, 1)), "only backs"),
+                                  (((0, 0, 9), (0, 0, 0)), "")):
+                with self.subTest(show=show, sees=sees, **how), warnings.catch_warnings(record=True) as said:
+                    warnings.simplefilter("always")
+                    show(cluster.client, str(box), size=(192, 1080), look_at=look_at, item_samples=192 * 64, setup=self.setup, **how)
+                    told = [str(each.message) for each in said if "camera" in str(each.message)]
+                    if sees == "" or how and sees != "nothing":
+                        self.assertEqual(told, [])
+                    else:
+                        self.assertEqual(len(told), 1, told)
+                        self.assertIn(f"sees {sees}", told[0])
+
     def test_a_picture_has_the_samples_that_were_made_by_its_deadline(self):
         cluster = self.cluster(1)
         lit = ("render", SCENE, "--integrator", "path", "--spp", "65536", "--size", "64x64", "--deadline=10", "-o", "lit.exr")

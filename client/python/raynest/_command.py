@@ -22,7 +22,7 @@ from . import _limits, _query, dask
 from ._beside import PARTIAL, command
 from ._deal import Deal, Part, known_to
 from ._heat import tell_exceeded
-from ._notes import Told, note_of_none, notes_of
+from ._notes import Told, is_hint, look_size, note_of_none, notes_of
 from ._prepared import Prepared
 from ._requests.files import STANDARD, read_file
 from ._requests.film import is_lit, samples_asked
@@ -77,6 +77,9 @@ def run(address: str, parts_max: int, scene: str, out: str, words: Sequence[str]
                        "words": [*plain, *which, "-o", None, "--part", f"{i + 1}/{count}"]}, late=late)
                  for _, which in pictures for i in range(count)]
         paths = [os.path.join(folder, f"{i}{ending}") for i in range(len(parts))]
+        if words[0] in ("render", "heatmap"):
+            parts += [Part({"scene": scene, "ending": ending, "words": [*_look(plain), *which, "-o", None]}, weight=0, looks=True)
+                      for _, which in pictures]
         told: dict[int, dict[str, Any]] = {}
         too_late: list[DeadlineError] = []
         with contextlib.closing(Deal(cluster, setup, known, command, parts, patience, progress, "parts").answers()) as answers:
@@ -85,6 +88,8 @@ def run(address: str, parts_max: int, scene: str, out: str, words: Sequence[str]
                     too_late.append(answer)
                     continue
                 data, told[item] = answer
+                if parts[item].looks:
+                    continue
                 with open(paths[item], "wb") as file:
                     file.write(data)
         made = []
@@ -97,7 +102,9 @@ def run(address: str, parts_max: int, scene: str, out: str, words: Sequence[str]
             if height := document.pop("late", 0):
                 documents.append({**documents[0], **dict.fromkeys(SUMS, 0), "height": height, "incomplete": True, "samples": 0,
                                   "notes": [note_of_none(_samples_asked(words))]})
-            made.append((line, {**whole_of(documents), **document}))
+            whole = {**whole_of(documents), **document}
+            whole["notes"] += filter(is_hint, told.get(len(paths) + i, {}).get("notes", ()))
+            made.append((line, whole))
         return made
 
 
@@ -194,6 +201,21 @@ def _with_share(words: Sequence[Any], share: Callable[[float], float]) -> list[A
             to = at if sign else at + 1
             made[to] = (option + sign if sign else "") + repr(share(float(seconds if sign else made[to])))
     return made
+
+
+def _look(words: Sequence[Any]) -> list[Any]:
+    """The words of a look at a whole picture in few pixels."""
+    given, left, size = iter(words), [], (960, 540)
+    for word in given:
+        option, sign, value = word.partition("=") if isinstance(word, str) else ("", "", "")
+        if option in ("--size", "--spp", "--samples", "--noise", "--deadline"):
+            value = value if sign else next(given)
+            if option == "--size":
+                width, height = map(int, value.split("x"))
+                size = width, height
+        else:
+            left.append(word)
+    return [*left, *(["--spp", "1"] if is_lit(_integrator(words)) else []), "--size", "{}x{}".format(*look_size(size))]
 
 
 def _all_cameras(words: Sequence[Any]) -> Optional[slice]:

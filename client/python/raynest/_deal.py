@@ -17,7 +17,7 @@ from ._travel import LOST, Missing
 from ._prepared import Prepared
 from ._roster import plain
 from ._version import VERSION
-from ._notes import Told, tell
+from ._notes import Told, is_hint, tell
 from ._own_daemon import Setup, distributed, here, until_left
 from ._workers import NoRoom, Source, deadline_of, files_at, info_of, item as make_item
 from ._wording import localize_message
@@ -55,6 +55,7 @@ class Part(NamedTuple):
     source: Optional[Source] = None     # other than the deal's
     fits: Callable[[Any], bool] = lambda answer: True   # says whether an answer may be the item's
     late: Optional[Told] = None         # what is told where its deadline passes; its answer is the error then
+    looks: bool = False        # at all of a picture in few pixels, for what is told of its camera and nothing else
 
 
 class Places(NamedTuple):
@@ -264,7 +265,8 @@ class Deal:
         elif key:
             return []
         elif came.error is None:
-            answer, self._told[item] = came.answer
+            answer, told = came.answer
+            self._keep(item, told)
             return [(item, answer)]
         else:
             raise came.error
@@ -281,10 +283,15 @@ class Deal:
         except FailedError as error:
             return self._again(item, error)
         self._seconds.append(self._news - copy.born)
-        self._told[item] = told
+        self._keep(item, told)
         if where in self._failures:
             self._failures[where] = self._failures[where]._replace(in_a_row=0, until=-np.inf)
         return [(item, answer)]
+
+    def _keep(self, item: int, told: Told) -> None:
+        """What an answer tells, until all is told."""
+        hints = tuple(each for each in told.warned if is_hint(each[0]))
+        self._told[item] = Told(hints) if self._parts[item].looks else told
 
     def _check(self, item: int, where: str, answer: Any, told: Told) -> None:
         """Raises FailedError for what is no answer of the item, whoever has made it."""

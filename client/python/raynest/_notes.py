@@ -59,6 +59,20 @@ def notes_of(parts: Iterable[tuple[float, Sequence[str]]]) -> list[str]:
     return [*plain, *(_COUNTING[pattern](whole, notes) for pattern, notes in counting.items())]
 
 
+LOOK_WIDTH = 64     # pixels of a picture that is traced for its hints
+
+
+def look_size(size: tuple[int, int]) -> tuple[int, int]:
+    """The size of a picture of what a larger one shows. Tiles do not know whether the camera sees anything elsewhere."""
+    width, height = size
+    return LOOK_WIDTH, max(1, round(LOOK_WIDTH * height / width))
+
+
+def is_hint(note: str) -> bool:
+    """True if it says what a camera sees."""
+    return note.startswith("camera '")
+
+
 def note_of_none(samples: int) -> str:
     """The note of pixels that have none of so many samples."""
     return f"pixels have 0 to 0 of {samples} samples, 0 on average"
