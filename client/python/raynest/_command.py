@@ -78,7 +78,8 @@ def run(address: str, parts_max: int, scene: str, out: str, words: Sequence[str]
                  for _, which in pictures for i in range(count)]
         paths = [os.path.join(folder, f"{i}{ending}") for i in range(len(parts))]
         if words[0] in ("render", "heatmap"):
-            parts += [Part({"scene": scene, "ending": ending, "words": [*_look(plain), *which, "-o", None]}, weight=0, looks=True)
+            look = _look(plain, is_lit(_integrator(words)))
+            parts += [Part({"scene": scene, "ending": ending, "words": [*look, *which, "-o", None]}, weight=0, looks=True)
                       for _, which in pictures]
         told: dict[int, dict[str, Any]] = {}
         too_late: list[DeadlineError] = []
@@ -203,8 +204,8 @@ def _with_share(words: Sequence[Any], share: Callable[[float], float]) -> list[A
     return made
 
 
-def _look(words: Sequence[Any]) -> list[Any]:
-    """The words of a look at a whole picture in few pixels."""
+def _look(words: Sequence[Any], lit: bool) -> list[Any]:
+    """The words of a look at a whole picture, which may be lit, in few pixels."""
     given, left, size = iter(words), [], (960, 540)
     for word in given:
         option, sign, value = word.partition("=") if isinstance(word, str) else ("", "", "")
@@ -215,7 +216,7 @@ def _look(words: Sequence[Any]) -> list[Any]:
                 size = width, height
         else:
             left.append(word)
-    return [*left, *(["--spp", "1"] if is_lit(_integrator(words)) else []), "--size", "{}x{}".format(*look_size(size))]
+    return [*left, *(["--spp", "1"] if lit else []), "--size", "{}x{}".format(*look_size(size))]
 
 
 def _all_cameras(words: Sequence[Any]) -> Optional[slice]:

@@ -289,7 +289,7 @@ class Deal:
         return [(item, answer)]
 
     def _keep(self, item: int, told: Told) -> None:
-        """What an answer tells, until all is told."""
+        """Takes down what an answer tells, until all is told."""
         hints = tuple(each for each in told.warned if is_hint(each[0]))
         self._told[item] = Told(hints) if self._parts[item].looks else told
 

@@ -1,5 +1,5 @@
 #!/usr/bin/env python3
-"""What content costs that the daemon has already: mesh() of a million triangles for the second time, over the first.
+"""The cost of content that the daemon has already: mesh() of a million triangles for the second time, over the first.
 
   again.py RAYNESTD
 
