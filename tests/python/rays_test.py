@@ -189,6 +189,35 @@ class Rays(WithDaemon):
                     self.assertEqual(np.count_nonzero(hidden), 0, (size, place))
                     self.assertEqual(np.count_nonzero(scene.occluded(over, seen["position"])), 0)
 
+    def test_a_line_that_grazes_the_surface_of_its_end_does_not_meet_it(self):
+        """An eye over a plane of many triangles, and over a bowl, in which all points see each other."""
+        chance = np.random.default_rng(5)
+        i = np.arange(100 * 100).reshape(100, 100)
+        faces = np.concatenate([np.stack([i[:-1, :-1], i[:-1, 1:], i[1:, 1:]], -1).reshape(-1, 3),
+                                np.stack([i[:-1, :-1], i[1:, 1:], i[1:, :-1]], -1).reshape(-1, 3)])
+        x, y = (axis.ravel() for axis in np.meshgrid(np.linspace(0, 1, 100), np.linspace(0, 1, 100)))
+        for size, place in ((2000, (0, 0, 0)), (2000, (4.5e5, 5.4e6, 300.0)), (1e-3, (0, 0, 0))):
+            for form in (0.03 * x + 0.017 * y, (x - 0.5)**2 + (y - 0.5)**2):
+                vertices = np.stack([x, y, form], -1) * size + place
+                scene = self.client.mesh(vertices, faces, origin=place)
+                corners = vertices[faces[chance.integers(0, len(faces), 20000)]]
+                on = (corners * chance.dirichlet([1, 1, 1], 20000)[:, :, None]).sum(1)
+                eye = vertices[5050] + np.array([0, 0, 0.85e-3]) * size     # a person's height on 2 km
+                for a, b in ((eye, on), (on, eye), *([(on, on[::-1])] if form[0] else [])):
+                    self.assertEqual(np.count_nonzero(scene.occluded(a, b)), 0, (size, place, form[0]))
+
+    def test_other_surfaces_hide_a_line_that_grazes_that_of_its_end(self):
+        """A ground, and a kerb that stands 2 cm out of it: beyond the kerb it is hidden, before it not."""
+        ground = [[-500, -500, 0], [500, -500, 0], [500, 500, 0], [-500, 500, 0]]
+        kerb = [[100, -500, 0], [100, 500, 0], [100, 500, 0.02], [100, -500, 0.02]]
+        scene = self.client.mesh(np.array([*ground, *kerb]) @ [[1, 0, 0.1], [0, 1, 0], [0, 0, 1]],
+                                 [[0, 1, 2], [0, 2, 3], [4, 5, 6], [4, 6, 7]])
+        places = np.stack([np.linspace(90, 110, 400), np.linspace(-40, 40, 400), np.zeros(400)], -1)
+        eye, places = (each @ [[1, 0, 0.1], [0, 1, 0], [0, 0, 1]] for each in (np.array([-400, 0, 0.01]), places))
+        for masks in (None, np.full(400, 3)):
+            for a, b in ((eye, places), (places, eye)):
+                np.testing.assert_array_equal(scene.occluded(a, b, mask=masks), places[:, 0] > 100)
+
     def test_occluded_warns_of_ends_that_are_nowhere(self):
         wall = self.client.mesh([[-1, -1, 0], [1, -1, 0], [0, 1, 0]], [[0, 1, 2]])
         behind = [[0, 0, -1]] * 4

@@ -5,7 +5,7 @@ import contextlib
 import dataclasses
 import functools
 from types import TracebackType
-from typing import Any, Callable, Generator, Iterator, Literal, Mapping, Optional, Sequence, Union, overload
+from typing import Any, Callable, Generator, Iterator, Literal, Mapping, Optional, Sequence, Union, cast, overload
 
 import numpy as np
 
@@ -21,7 +21,8 @@ from ._requests.job import JobOptions, Outcome, Progress, SceneMoved, job_messag
 from ._requests.picture import Payload, camera_message, size_message, tile_message
 from ._requests.precision import Rounding, rounded_rays
 from ._requests.query import Query, query_message
-from ._requests.rays import Rays, Source, Starts, flat_pairs, masked, segments, spread, vector
+from ._requests.rays import Rays, Source, Starts, flat_pairs, masked, spread, vector
+from ._requests.sight import Segments
 from ._requests.words import rows_of, scene_info
 from ._session import Session
 from ._timed import trace_at_times
@@ -156,8 +157,7 @@ class Scene(Renders, Editable):
             self._warn_of_rounding(source.starts)
             return Job(self._client, number, own)
         answer = Whole(query.rows, reduce)
-        with self._client.connection.interrupts, \
-                contextlib.closing(query.chunks(answer.place)) as chunks:
+        with self._client.connection.interrupts, contextlib.closing(query.chunks(answer.place)) as chunks:
             for _ in chunks:
                 if progress:
                     progress(query.answered, query.rows or query.answered, "tracing")
@@ -237,20 +237,33 @@ class Scene(Renders, Editable):
         shapes (..., 3) that broadcast, so that a[:, None], b[None] asks for all pairs. A margin at
         both ends of each segment is left out, so that points on a surface do not hide themselves. It
         is `margin`, a share of the segment, or `margin_distance`, in the scene's units (metres in glTF).
-        By default it is four steps of float32 at that end's coordinates, the scene's size and, at b,
-        the segment's length: 0.3 mm in a scene of 500 m. The answer is False for a segment no longer
-        than both margins, and for one with an end that is masked or not finite; a RayWarning counts
-        the latter. `mask` is one number, or broadcasts to the shape of the answer."""
+        By default it is four steps of float32 at that end's coordinates, the scene's size and, at b, the
+        segment's length: 0.3 mm in a scene of 500 m. Surfaces whose plane passes an end as closely hide
+        nothing then, as a grazing line meets that of its end; this takes twice as long as with a margin
+        of your own. The answer is False for a segment no longer than both margins, and for one with an end that
+        is masked or not finite; a RayWarning counts the latter. `mask` is one number, or broadcasts to the
+        shape of the answer."""
         a, b, shape = flat_pairs(a, b)
         if len(shape) > 1 and is_several("mask", job.get("mask")):
             job["mask"] = spread("mask", job["mask"], shape)
 
-        def ask(shift: Array, expected: bool) -> Any:
-            source = self._source(segments(a, b, margin, margin_distance, shift, self._size()),
-                                  None, shift)
-            return self._trace(source, shift, expected, "any", ("hit",), None, job, "", progress,
-                               False)
-        return np.asarray(self._at(origin, ask)["hit"] != 0).reshape(shape)
+        def ask(shift: Array, expected: bool) -> Array:
+            lines, outcomes = Segments(a, b, margin, margin_distance, shift, self._size()), list[Outcome]()
+
+            def traced(rays: Rays, kind: str, fields: Sequence[str], job: JobOptions) -> Any:
+                return self._trace(self._source(rays, None, shift), shift, expected, kind, fields, None, job, "",
+                                   None if outcomes else progress, False)
+
+            def nearest(some: Array, rays: Rays) -> Any:
+                mask: Any = {"mask": np.asarray(job["mask"])[some]} if is_several("mask", job.get("mask")) else {}
+                found = traced(rays, "closest", ("t", "ng"), cast(JobOptions, {**job, **mask}))
+                outcomes.append(self._client.outcome)
+                return found
+            if lines.rows is None:      # the caller chose a margin
+                return np.asarray(traced(lines.rays, "any", ("hit",), job)["hit"] != 0)
+            hidden, self._client.outcome = lines.hidden(nearest), outcomes[0]   # that of all lines
+            return hidden
+        return np.asarray(self._at(origin, ask)).reshape(shape)
 
     def _size(self) -> float:
         return 0.0 if self._box is None else float(np.linalg.norm(self._box[1] - self._box[0]))

@@ -16,8 +16,8 @@ import numpy as np
 
 from .._net.control import Message
 from .._net.frame import Array
-from ..errors import RayWarning, UsageError, warn
-from .arguments import float32, is_several, numbers, real, whole_numbers
+from ..errors import UsageError
+from .arguments import float32, is_several, numbers, whole_numbers
 from .job import JobOptions
 
 
@@ -160,58 +160,6 @@ def vector(what: str, value: Any) -> Array:
     if not np.isfinite(out).all():
         raise UsageError(f"{what} of {reprlib.repr(value)}: it must be three finite numbers")
     return out
-
-
-# Default part of a line of sight that is left out at each end, in steps between float32 numbers: the
-# end and the surface on which it lies are rounded, and the ray meets that at an angle.
-SEGMENT_STEPS = 4.0
-
-
-def segments(a: Any, b: Any, margin: Optional[float], margin_distance: Optional[float],
-             origin: Any, size: float = 0.0) -> Rays:
-    """Returns rays from a to b whose t is in units of their distance. A share `margin`, or
-    `margin_distance`, is left out at each end; by default what float32 does not tell from the end in a
-    scene of this `size`, whose triangles may be as large."""
-    if margin is not None and margin_distance is not None:
-        raise UsageError("margin is a share and margin_distance a distance: pass one of them")
-    if margin is not None and not 0 <= real("margin", margin) < 0.5:
-        raise UsageError(f"margin of {margin!r}: it must be a share from 0 to less than 0.5")
-    if margin_distance is not None and not 0 <= real("margin_distance", margin_distance) < math.inf:
-        raise UsageError(f"margin_distance of {margin_distance!r}: it must be a distance, 0 or more")
-    start, end = pair(a, b)
-    # Subtract in a signed type: the dtype of the points may be unsigned.
-    with np.errstate(over="ignore", invalid="ignore"):
-        ways = np.subtract(end, start, dtype=np.result_type(start, end, np.float32))
-    unseen = ~(np.isfinite(float32(start)) & np.isfinite(float32(ways))).all(axis=1)
-    if unseen.any():
-        warn(f"{np.count_nonzero(unseen)} of {len(unseen)} lines of sight have an end that is not "
-             f"finite in float32, and count as free; the first is {unseen.argmax()}", RayWarning)
-    if margin is not None:
-        return Rays(a if np.shape(a) == (3,) else start, ways, origin, tmin=margin, tmax=1 - margin)
-    with np.errstate(over="ignore", invalid="ignore", divide="ignore"):
-        lengths = np.linalg.norm(ways.astype(np.float64), axis=1)
-        if margin_distance is None:
-            step = float(np.spacing(np.float32(size)))
-            near = SEGMENT_STEPS * (_steps_along(start, ways, lengths, origin) + step)
-            far = SEGMENT_STEPS * (_steps_along(end, ways, lengths, origin) + step
-                                   + np.spacing(float32(lengths)))
-        else:
-            near = far = np.full(len(ways), float(margin_distance))
-        # A segment shorter than both margins keeps an empty interval, which has no hit.
-        low, high = (np.minimum(0.5, np.divide(part, lengths, out=np.full(len(ways), 0.5),
-                                               where=lengths > 0)) for part in (near, far))
-    rows = np.column_stack([start, low, ways, 1 - high])
-    return Rays(rows.astype(ways.dtype), origin=origin)
-
-
-def _steps_along(points: Array, ways: Array, lengths: Array, origin: Any) -> Array:
-    """Returns the distance along a way that a step of float32 in each coordinate explains: of the
-    points less the origin, and of float32 points as they are, whose digits are lost already."""
-    steps = np.abs(np.spacing(float32(points - vector("origin", origin))))
-    if points.dtype == np.float32:
-        steps = np.maximum(steps, np.abs(np.spacing(points)))
-    along: Array = (steps * np.abs(ways)).sum(1) / lengths
-    return along
 
 
 def flat_pairs(first: Any, second: Any) -> tuple[Array, Array, tuple[int, ...]]:
