@@ -298,7 +298,7 @@ class Dealt(WithCluster):
 
     def test_notes_that_count_are_of_the_whole(self):
         def noisy(count, of, error):
-            return f"the error is still above noise= 0.1 in {count} of {of} parts of the picture, {error} in all of it: ask for more"
+            return f"the error is still above noise=0.1 in {count} of {of} parts of the picture, {error} in all of it: ask for more"
 
         def dropped(count):
             return f"{count} samples were not finite and count for nothing"

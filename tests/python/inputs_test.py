@@ -13,6 +13,7 @@ import re
 import subprocess
 import sys
 import types
+import warnings
 from unittest import mock
 
 import numpy as np
@@ -317,6 +318,35 @@ class Inputs(WithDaemon):
         self.woods.render(size=(8, 8), samples=4)
         self.assertIn("no effect with integrator primary: spp=",
                       self.client.outcome["notes"])
+
+    def test_a_value_that_the_daemon_quotes_stands_as_it_was_given(self):
+        with self.assertRaisesRegex(raynest.Error, "environment=none has no sky"):
+            self.woods.render(size=(8, 8), integrator="path", spp=1, environment="none", sun=(130, 35))
+        with self.assertWarnsRegex(raynest.RayWarning, "mask=00000000"):
+            self.woods.render(size=(8, 8), mask=0)
+
+    def test_an_edit_that_is_never_sent_is_told(self):
+        scene = self.client.mesh([[0, 0, 0], [1, 0, 0], [0, 1, 0]], [[0, 1, 2]])
+        for edit in (lambda: scene.edit().hide(0), lambda: [scene.edit().hide(0)].clear()):
+            with self.assertWarnsRegex(raynest.RayWarning, "outside of a `with` block changes nothing"):
+                edit()
+        with warnings.catch_warnings():
+            warnings.simplefilter("error")
+            scene.edit()
+            with scene.edit() as edit:
+                edit.show(0)
+            del edit
+
+    def test_more_parts_than_a_request_takes_are_refused_with_the_way_out(self):
+        for key in ("hide", "only"):
+            for many, noun in ((range(600), "number"), ([f"stand-{i}" for i in range(600)], "text")):
+                with self.assertRaisesRegex(raynest.UsageError, rf"{key} names 600 parts by {noun}, .* = 512: let \* stand"):
+                    self.woods.trace(DOWN, **{key: many})
+
+    def test_sizes_may_be_whole_floats_and_a_setting_has_one_name(self):
+        self.assertEqual(self.woods.render(size=(8.0, np.float32(6))).shape[:2], (6, 8))
+        with self.assertRaisesRegex(raynest.UsageError, "spp and samples are two names"):
+            self.woods.render(size=(8, 8), spp=4, samples=2)
 
     def test_generators_take_no_points_too(self):
         rays = generators.hemisphere([], [], samples=4)

@@ -27,7 +27,7 @@ def _noise_of(whole: float, notes: Sequence[tuple[float, re.Match[str]]]) -> str
     """All parts are about as large; the error of those that do not tell it is at most what was asked for."""
     of = sum(weight for weight, _ in notes)
     noisy, parts = (sum(int(note[i]) for _, note in notes) for i in (2, 3))
-    squares = sum(weight * float(note[4]) ** 2 for weight, note in notes) + (whole - of) * float(notes[0][1][1].split()[-1]) ** 2
+    squares = sum(weight * float(note[4]) ** 2 for weight, note in notes) + (whole - of) * float(re.split("[ =]", notes[0][1][1])[-1]) ** 2
     return (f"the error is still above {notes[0][1][1]} in {noisy} of {round(parts * whole / of)} parts of the picture, "
             f"{math.sqrt(squares / whole):.3g} in all of it: {notes[0][1][5]}")
 
@@ -39,7 +39,7 @@ def _dropped_of(_whole: float, notes: Sequence[tuple[float, re.Match[str]]]) -> 
 # A daemon's notes that count, and what makes one of those of all parts, each with its part of the whole.
 _COUNTING: dict[re.Pattern[str], Callable[[float, Sequence[tuple[float, re.Match[str]]]], str]] = {
     re.compile(r"pixels have (\d+) to (\d+) of (\d+) samples, (\S+) on average\Z"): _spread_of,
-    re.compile(r"the error is still above (.* \S+) in (\d+) of (\d+) parts of the picture, (\S+) in all of it: (.*)"): _noise_of,
+    re.compile(r"the error is still above (\S+[ =]\S+) in (\d+) of (\d+) parts of the picture, (\S+) in all of it: (.*)"): _noise_of,
     re.compile(r"(\d+) (samples were not finite .*)"): _dropped_of}
 
 

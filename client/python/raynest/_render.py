@@ -82,6 +82,8 @@ class Renders(Exports):
             return picture_in_motion(seen, trajectory, begin, readout, step_error, fov, size, encode, progress, others)
         if begin or readout or step_error is not None:
             raise UsageError("begin, readout and step_error are of a camera in motion: pass a trajectory, too")
+        if spp and samples is not None:
+            raise UsageError("spp and samples are two names for the samples per pixel: pass one of them")
         film = _Film(self, camera, look_at, fov, size, encode, detach, job, {
             "integrator": integrator, "spp": spp if samples is None else samples, "seed": seed,
             "depth": depth, "ao_distance": ao_distance, "environment": environment,

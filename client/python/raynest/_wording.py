@@ -15,6 +15,15 @@ def speak_as_command() -> None:
     _own = _COMMAND
 
 
+# A word with its value: a number, a mask, a word in quotes, or one that stands for itself.
+_VALUED = r"`([A-Za-z_]+)` ((?:[-+]?[\d.]+(?:e[-+]?\d+)?|[\dA-F]{8}|none|auto|sky|'[^']*')(?![\w.]))"
+
+
+def _valued(word: str, value: str) -> str:
+    name = WORDS[word][_PYTHON] if word in WORDS else ""
+    return name + value if name.endswith("=") else f"`{word}` {value}"
+
+
 def _points(numbers: str) -> str:
     parts = numbers.split(",")
     points = ", ".join(f"({', '.join(parts[at:at + 3])})" for at in range(0, len(parts), 3))
@@ -26,6 +35,7 @@ def localize_message(message: str) -> str:
     of the protocol (PROTOCOL.md, 9), by the user's spelling."""
     if _own == _PYTHON:
         message = _with_points(message)
+        message = re.sub(_VALUED, lambda match: _valued(match[1], match[2]), message)
     return re.sub("`([A-Za-z_]+)`", lambda match: WORDS[match[1]][_own] if match[1] in WORDS else match[0], message)
 
 

@@ -18,7 +18,7 @@ from ._requests.arguments import check_name, numbers, user_ids, whole, whole_num
 from ._requests.places import matrices_of
 from ._requests.upload import FileSender
 from ._session import Session
-from .errors import InvalidError, ProtocolError, UsageError
+from .errors import InvalidError, ProtocolError, RayWarning, UsageError, warn
 
 
 class Uids:
@@ -186,6 +186,11 @@ class Edit:
                  traceback: Optional[TracebackType]) -> None:
         if kind is None and self._rows:
             self._send()
+
+    def __del__(self) -> None:
+        if getattr(self, "_rows", ()) and not self._is_used:
+            warn("an edit outside of a `with` block changes nothing: write `with scene.edit() as edit:`, and the changes in it",
+                 RayWarning)
 
     def _targets(self, which: Which) -> Array:
         """Returns a row for each of these instances or texts."""

@@ -12,7 +12,7 @@ from .._net.control import Message
 from .._net.frame import DTYPES, Array, Block
 from ..errors import ProtocolError, UsageError
 from ..images import Image, with_view
-from .arguments import float32, has_shape, numbers, real, whole
+from .arguments import count_of, float32, has_shape, numbers, real, whole
 from .job import Outcome, Progress, SceneMoved
 
 # Maximum bytes of an encoded pixel: an EXR of four floats. Legend and header come on top.
@@ -156,7 +156,7 @@ def tile_message(tile: Optional[Sequence[int]], shape: Message) -> tuple[Message
         return {}, shape
     if not has_shape(tile, 4):
         raise UsageError(f"tile of {tile!r}: it must be (x, y, width, height)")
-    x, y, width, height = (whole("a number of tile", each, _limits.picture_side_max, 0) for each in tile)
+    x, y, width, height = (whole("a number in tile", each, _limits.picture_side_max, 0) for each in tile)
     if not (0 < width <= shape["width"] - x and 0 < height <= shape["height"] - y):
         raise UsageError(f"tile of {tile!r}: it must lie within {shape['width']}x{shape['height']}")
     return ({"tile_x": x, "tile_y": y, "tile_width": width, "tile_height": height},
@@ -166,7 +166,7 @@ def tile_message(tile: Optional[Sequence[int]], shape: Message) -> tuple[Message
 def size_message(size: tuple[int, int]) -> Message:
     if not has_shape(size, 2):
         raise UsageError(f"size of {size!r}: it must be (width, height)")
-    width, height = (whole("a side of size", side, _limits.picture_side_max) for side in size)
+    width, height = (count_of("a side of size", side, _limits.picture_side_max) for side in size)
     if width * height > _limits.picture_pixels_max:
         raise UsageError(f"size of {width}x{height}: it must be at most picture_pixels_max = "
                          f"{_limits.picture_pixels_max} pixels in all")

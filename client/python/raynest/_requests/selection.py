@@ -7,12 +7,14 @@ from typing import Any, Iterable
 
 import numpy as np
 
+from .. import _limits
 from .._net.control import Message
 from ..errors import UsageError
 from .arguments import whole
 
 # By what stands before "=": the list of a Job behind its prefix, and the largest number.
 _KINDS = {"inst": ("instances", 2**32 - 1), "object": ("objects", 2**32 - 1), "path": ("path_ids", 2**64 - 1)}
+_NOUNS = {"instances": "number", "objects": "their objects", "path_ids": "the numbers of their paths", "paths": "text"}
 
 
 def selection_lists(key: str, prefix: str, chosen: Any) -> Message:
@@ -22,6 +24,10 @@ def selection_lists(key: str, prefix: str, chosen: Any) -> Message:
     for item in _items(key, chosen):
         name, value = _entry(key, item)
         lists[f"{prefix}_{name}"].append(value)
+    for name, items in lists.items():
+        if len(items) > _limits.list_items_max:
+            raise UsageError(f"{key} names {len(items)} parts by {_NOUNS[name.removeprefix(prefix + '_')]}, and one request "
+                             f"takes at most list_items_max = {_limits.list_items_max}: let * stand for several in texts of paths, or hide them by an edit")
     # The daemon takes an empty list for "everything", which a list that came out empty does not mean.
     if key == "only" and chosen is not None and not any(lists.values()):
         raise UsageError("only names no part, so that nothing is left to hit: name some, or pass None for all")
@@ -42,7 +48,7 @@ def _items(key: str, chosen: Any) -> Iterable[Any]:
 
 def _entry(key: str, item: Any) -> tuple[str, Any]:
     if isinstance(item, numbers.Integral) and not isinstance(item, bool):
-        return "instances", whole(f"an instance of {key}", item, 2**32 - 1, 0)
+        return "instances", whole(f"an instance in {key}", item, 2**32 - 1, 0)
     if not isinstance(item, str) or not item:
         raise _wrong(key, item)
     kind, equals, digits = item.partition("=")
