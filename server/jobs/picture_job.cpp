@@ -10,6 +10,8 @@
 #include "server/jobs/ray_source.h"
 #include "server/jobs/services.h"
 
+#include <fmt/format.h>
+
 #include <algorithm>
 #include <array>
 #include <charconv>
@@ -99,15 +101,16 @@ std::string PictureJob::hint(std::uint64_t rays) const {
     if (rays < request_.pixels() || !request_.window.is_whole()) return {};
     const bool nothing = statistics_.hits() == 0;
     if (nothing && mask_hides_all(plan_))
-        return line("nothing: no instance shares a bit with `mask` " + mask_text(plan_.mask));
+        return line(plan_.mask == Plan{}.mask
+                        ? "nothing: all instances are hidden by masks of their own"
+                        : "nothing: no instance shares a bit with `mask` " + mask_text(plan_.mask));
     // True if all rays hit, more than 99 % of them a back side, as from inside a closed surface.
     const bool backs = plan_.query == query_closest && statistics_.hits() == request_.rays() &&
                        backs_ > request_.rays() / 100 * 99;
     if (!nothing && !backs) return {};
     if (nothing && request_.camera.name == "automatic" && scene.view().camera_count == 0 &&
         !plan_.time)
-        return line("nothing, though it frames the scene: `mask` or the intersector " +
-                    plan_.variant->name + " hides everything");
+        return line("nothing, though it frames the scene: " + hides());
     const Framing view = framing(scene.bounds(), scene.up());
     const WorldPoint& origin = scene.origin();
     std::ostringstream lookat;
@@ -119,6 +122,16 @@ std::string PictureJob::hint(std::uint64_t rays) const {
     }
     return line((nothing ? "nothing" : "only backs of surfaces, as from inside of them") +
                 std::string("; to frame the scene take `look_at` ") + lookat.str());
+}
+
+std::string PictureJob::hides() const {
+    std::vector<std::string> causes;
+    if (plan_.mask != Plan{}.mask) causes.emplace_back("`mask`");
+    if (plan_.selected) causes.emplace_back("what is hidden or chosen");
+    if (plan_.variant->name != "opaque") causes.push_back("the intersector " + plan_.variant->name);
+    if (causes.empty()) return "no ray met anything; ask for more pixels";
+    return fmt::format("{} leaves nothing to see, or the parts are too small for its pixels",
+                       fmt::join(causes, " or "));
 }
 
 std::vector<Attribute> PictureJob::provenance() const {

@@ -130,6 +130,8 @@ private:
     /// Returns a note for a user whose camera sees nothing or only backs of surfaces; else empty.
     /// `rays`: as many as were traced.
     [[nodiscard]] std::string hint(std::uint64_t rays) const;
+    /// Returns why a camera that frames the scene may see nothing, by what was asked for.
+    [[nodiscard]] std::string hides() const;
 
     const PictureRequest request_;
     const Sensor sensor_;

@@ -90,6 +90,20 @@ class Notes(DaemonTest):
         self.says(0, "sees nothing; to frame the scene take --lookat", "render", "woods", *SIZE, "--lookat", "0,9000,0,0,9999,1",
                   "-o", self.out / "m.png")
 
+    def test_a_picture_that_frames_the_scene_blames_what_was_asked_for(self):
+        """Small triangles far apart, between which all rays of few pixels pass."""
+        name = self.out / "thin.obj"
+        name.write_text("".join(f"v {x} 0 0\nv {x + 0.01} 0 0\nv {x} 0.01 0\nf -3 -2 -1\n" for x in range(0, 1400, 7)))
+        for words, says in (((), "no ray met anything; ask for more pixels"),
+                            (("--mask", "1"), "--mask leaves nothing to see, or the parts are too small for its pixels"),
+                            (("--intersector", "procedural_mask", "--mask", "1"), "--mask or the intersector procedural_mask leaves")):
+            error = self.says(0, "nothing, though it frames the scene: " + says, "render", name, "--size", "8x8", *words,
+                              "-o", self.out / "thin.png")
+            self.assertNotIn("--lookat", error)
+        self.client.json("load", self.three, "--name", "unseen")
+        self.client.json("edit", "unseen", "--hide", "*")
+        self.says(0, "all instances are hidden by masks of their own", "render", "unseen", *SIZE, "-o", self.out / "unseen.png")
+
     def test_what_is_complete_or_cut_short_blames_no_camera(self):
         file = self.out / "full.exr"
         self.client.json("render", "woods", *LIT, "--spp", "4", "-o", file)

@@ -27,7 +27,8 @@ def selection_lists(key: str, prefix: str, chosen: Any) -> Message:
     for name, items in lists.items():
         if len(items) > _limits.list_items_max:
             raise UsageError(f"{key} names {len(items)} parts by {_NOUNS[name.removeprefix(prefix + '_')]}, and one request "
-                             f"takes at most list_items_max = {_limits.list_items_max}: let * stand for several in texts of paths, or hide them by an edit")
+                             f"takes at most list_items_max = {_limits.list_items_max}: let * stand for several in texts "
+                             "of paths, or hide them by an edit")
     # The daemon takes an empty list for "everything", which a list that came out empty does not mean.
     if key == "only" and chosen is not None and not any(lists.values()):
         raise UsageError("only names no part, so that nothing is left to hit: name some, or pass None for all")
