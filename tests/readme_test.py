@@ -76,8 +76,8 @@ def check(command, printed, folder, environment):
     if run.returncode:
         return f"exit code {run.returncode}: {run.stderr.strip()}"
     output = (run.stdout + run.stderr).split()
-    for digest in re.findall(r"\b[0-9a-f]{64}\b", printed or ""):
-        if not re.search(rf"\b{digest}\b", run.stdout):
+    for digest in re.findall(r"\b(?:[0-9a-f]{64}\b|[0-9a-f]{8,63}(?=\.\.\.))", printed or ""):    # or its beginning
+        if not re.search(rf"\b{digest}", run.stdout):
             return f"the README shows the digest {digest}, it printed: {run.stdout.strip()}"
     word = printed.split()[0] if printed and printed.split() else None
     if word and not re.search(r"\d", word) and word not in output:

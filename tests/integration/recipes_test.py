@@ -20,7 +20,7 @@ sys.path.insert(0, str(ROOT / "client/python"))
 import numpy as np
 import raynest
 
-SCENE = "builtin:forest?trees=2"
+SCENE = "builtin:forest?trees=2&seed=3"     # shells take an & for the end of a command
 
 
 class Recipes(Programs):

@@ -132,6 +132,40 @@ class Damaged(Merging):
         with self.assertRaisesRegex(raynest.InvalidError, f"^{bad}: is no part, .*: it has 128 rows for 0 rays"):
             merge(str(self.out / "whole.npz"), [str(bad), str(path)])
 
+    def part(self, name, more=(), **said):
+        """A file of columns whose part says something else."""
+        path, _ = next(found for found in self.parts() if found[0].name == name)
+        with np.load(path) as file:
+            columns = {**{each: file[each] for each in file.files}, **dict(more)}
+        columns["part"] = np.frombuffer(json.dumps({**json.loads(columns["part"].tobytes()), **said}).encode(), np.uint8)
+        np.savez(self.out / "said.npz", **columns)
+        return str(self.out / "said.npz")
+
+    def test_what_a_part_says_of_itself_is_checked(self):
+        for key in ("fields", "reduce", "first", "count", "of"):
+            for value in (5, -1, 1e30, None, "x", ["x"], [5], {"a": 1}):
+                for out in (".npz", ".ply"):
+                    with self.subTest(key, value=value, out=out):
+                        try:
+                            merge(str(self.out / ("whole" + out)), [self.part("rows.npz", **{key: value})], [])
+                        except (raynest.InvalidError, raynest.UsageError) as error:
+                            self.assertNotIn("\n", str(error))
+
+    def test_pixels_beyond_what_is_counted_are_refused(self):
+        many = {"path": np.array([1, 1], np.uint64), "pixels": np.full(2, 2**32 - 1, np.uint32)}
+        with self.assertRaisesRegex(raynest.InvalidError, "8589934590 pixels of one path .* at most 4294967295"):
+            merge(str(self.out / "whole.npz"), [self.part("seen.npz", many)], [])
+
+    def test_a_part_is_not_overwritten_by_the_whole(self):
+        for path, data in self.parts():
+            link = path.with_name("link" + path.suffix)
+            link.symlink_to(path)
+            for out in (path, link):
+                with self.assertRaisesRegex(raynest.UsageError, "is one of the parts"):
+                    merge(str(out), [str(path)], [])
+            self.assertEqual(path.read_bytes(), data)
+            link.unlink()
+
     def test_what_a_heat_map_shows_is_gone(self):
         """Nothing but the names in its header tells what the counts are."""
         whole = {path.name: (path, data) for path, data in self.parts()}

@@ -7,6 +7,7 @@ sensor_position, also become a point cloud: a .ply, .pcd or .las. Parts in .png,
 """
 from __future__ import annotations
 
+import contextlib
 import functools
 import io
 import json
@@ -64,6 +65,9 @@ def merge(out: str, paths: Sequence[str], limits: Sequence[str] = (), late: bool
         join = join_drawn
     parts = []
     for path in paths:
+        with contextlib.suppress(OSError):
+            if os.path.samefile(path, out):
+                raise UsageError(f"{out} is one of the parts: name another file for the whole")
         if os.path.splitext(path)[1].lower() != of_parts:
             raise InvalidError(f"{path}: does not end in {of_parts}, as " + (
                 f"{out} does" if of_parts == ending else f"the parts of a {ending} do"), "FILE_INVALID")
@@ -164,6 +168,10 @@ def _read_npz(path: str, data: bytes) -> Part:
     first, count, of = (int(said.pop(key)) for key in ("first", "count", "of"))
     if not 0 <= first <= first + count <= of:
         raise ValueError("its range is none")
+    fields = said.get("fields", [])
+    if not (isinstance(said.get("reduce", ""), str) and isinstance(fields, list)
+            and all(isinstance(name, str) for name in fields)):
+        raise ValueError("its request has fields or a reduce that are none")
     if said.get("reduce") == "visible_pixels":
         if not columns:     # no ray of the part has hit anything
             columns = {name: np.zeros(0, dtype) for name, (dtype, _) in REDUCED["visible_pixels"].items()}
@@ -263,6 +271,10 @@ def summed(found: Sequence[dict[str, Any]], reduce: str) -> dict[str, Any]:
     keys, where = np.unique(np.concatenate([columns[key] for columns in found]), return_inverse=True)
     sums = np.zeros(len(keys), np.uint64)
     np.add.at(sums, where, np.concatenate([columns[value] for columns in found]).astype(np.uint64))
+    most = np.iinfo(REDUCED[reduce][value][0]).max
+    if sums.size and sums.max() > most:
+        raise InvalidError(f"the parts have {sums.max()} {value} of one {key} in all, and at most {most} are counted",
+                           "LIMIT_EXCEEDED")
     return {key: keys, value: sums.astype(REDUCED[reduce][value][0])}
 
 
