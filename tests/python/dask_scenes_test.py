@@ -317,7 +317,7 @@ class Moving(WithCluster):
         for rays, more, error, said in ((heads[0], {"reduce": "hit_fraction"}, raynest.UsageError, "chooses reduce itself"),
                                         (RAYS, {}, TypeError, "sweep of type numpy.ndarray")):
             with self.subTest(said), self.assertRaisesRegex(error, said):
-                many.sweep(cluster.client, scene, [(0, rays)], setup=self.setup, **wide, **more)
+                many.sweep(cluster.client, scene, [(1, rays)], setup=self.setup, **wide, **more)
 
     def test_all_that_is_measured_is_of_one_epoch(self):
         cluster = self.cluster(1)
@@ -335,6 +335,36 @@ class Moving(WithCluster):
         self.enterContext(unittest.mock.patch.object(many._Dealt, "_dealt", edits))
         self.same(many.measure(cluster.client, scene, rays, **how), whole)
         self.assertGreater(len(epochs), 1)
+
+    def test_an_epoch_is_the_same_scene_as_for_one_daemon(self):
+        cluster = self.cluster(1)
+        lidar = generators.lidar([-60, -40], (0, 360, 500), look_at=((0, 20, 0), (0, 20, -1)))
+        to, seen = {"look_at": ((0, 40, 50), (0, 0, 0)), "size": (64, 40)}, {"fields": ("t", "prim")}
+        methods = {
+            "trace": (lambda scene, **how: scene.trace(RAYS, **seen, **how), lambda *to, **how: many.trace(*to, RAYS, **seen, **how)),
+            "reduce": (lambda scene, **how: scene.trace(RAYS, reduce="visible_pixels", **how),
+                       lambda *to, **how: many.reduce(*to, RAYS, "visible_pixels", **how)),
+            "arrays": (lambda scene, **how: scene.trace(RAYS, **seen, **how), lambda *where, **how: dict(zip(
+                seen["fields"], where[0].gather(where[0].compute(list(many.arrays(*where, RAYS, **seen, **how).values())))))),
+            "render": (lambda scene, **how: {"": scene.render(**to, **how)}, lambda *where, **how: {"": many.render(*where, **to, **how)}),
+            "heatmap": (lambda scene, **how: {"": scene.heatmap(**to, **how)}, lambda *where, **how: {"": many.heatmap(*where, **to, **how)}),
+            "measure": (lambda scene, **how: returns.measure(scene, lidar, **how), lambda *where, **how: many.measure(*where, lidar, **how))}
+        scene, whole = many.prepare(self.PARTS, places=self.PLACES), []
+        with self.client.scene_of(self.PARTS, self.PLACES) as alone:
+            for step in range(3):
+                for moved in (scene, alone) if step else ():
+                    with moved.edit() as edit:
+                        street(edit, step)
+                self.assertEqual(scene.epoch, alone.info["epoch"])
+                whole.append({name: one(alone, epoch=scene.epoch) for name, (one, _) in methods.items()})
+        for name, (_, dealt) in methods.items():
+            self.assertFalse(all(np.array_equal(np.asarray(whole[1][name][column]), np.asarray(whole[2][name][column]))
+                                 for column in whole[2][name]), "the edit is seen")
+            for epoch in (0, 1, 2, 3):
+                with self.subTest(name, epoch=epoch):
+                    answer = dealt(cluster.client, scene, epoch=epoch, setup=self.setup)
+                    for column, values in whole[epoch - 1][name].items():
+                        np.testing.assert_array_equal(np.asarray(answer[column]), np.asarray(values), column)
 
     def test_the_change_travels_and_not_the_scene(self):
         cluster = self.cluster(2)
@@ -365,7 +395,7 @@ class Moving(WithCluster):
             with edited.edit() as edit:
                 edit.move("stone#1", (0, 2, 0))
         wanted.append(here.trace(RAYS, fields=FIELDS))
-        for seen, scan in zip(many.sweep(cluster.client, city, [(i, RAYS) for i in (0, 1, 2)], fields=FIELDS, setup=self.setup),
+        for seen, scan in zip(many.sweep(cluster.client, city, [(i, RAYS) for i in (1, 2, 3)], fields=FIELDS, setup=self.setup),
                               wanted):
             self.same(seen, scan)
         self.assertFalse(np.array_equal(wanted[0]["t"], wanted[1]["t"]))
@@ -374,8 +404,17 @@ class Moving(WithCluster):
     def test_mistakes(self):
         cluster = self.cluster(1)
         scene, scans = self.moved(1)
-        with self.assertRaisesRegex(raynest.UsageError, "no epoch 9"):
-            many.sweep(cluster.client, scene, [(9, RAYS)], setup=self.setup)
+        for epoch in (9, 0, None, 0.5, "1", True):
+            with self.subTest(epoch=epoch), self.assertRaisesRegex(
+                    raynest.UsageError, f"the epoch of a scan of {epoch!r}: it must be a whole number from 1 to 2"):
+                many.sweep(cluster.client, scene, [(epoch, RAYS)], setup=self.setup)
+        with self.assertRaisesRegex(raynest.UsageError, "epoch= is of a scan here"):
+            many.sweep(cluster.client, scene, scans, epoch=1, setup=self.setup)
+        with self.assertRaisesRegex(raynest.UsageError, "an epoch of 3: it must be a whole number from 0 to 2"):
+            many.trace(cluster.client, scene, RAYS, epoch=3, setup=self.setup)
+        for prepare in (lambda: many.prepare(scene, hills()[1]), lambda: many.trace(cluster.client, scene, RAYS, load={"up": "z"})):
+            with self.assertRaisesRegex(raynest.UsageError, "with a scene that is prepared already"):
+                prepare()
         stone, far = many.prepare(*hills(5)), many.prepare("/nowhere/forest.glb")
         for added, name, said in (("woods", "w", "adds another scene that"), (scene, "w", "adds another scene that"),
                                   (stone, "", "give the name="), (far, "f", "must be where this program runs")):
@@ -385,11 +424,11 @@ class Moving(WithCluster):
             edit.hide(0)
         with self.assertRaisesRegex(raynest.UsageError, "as it was prepared"), scene.edit() as edit:
             edit.add(stone, name="stone")
-        self.assertEqual(scene.epoch, 1)
+        self.assertEqual(scene.epoch, 2)
         with scene.edit() as edit:
             edit.move("nobody", (1, 0, 0))
         with self.assertRaisesRegex(raynest.Error, "nobody"):
-            many.sweep(cluster.client, scene, [(2, RAYS)], setup=self.setup)
+            many.sweep(cluster.client, scene, [(3, RAYS)], setup=self.setup)
         many.sweep(cluster.client, scene, scans, setup=self.setup)     # what was before it still works
         for wrong, call, options in (("a side of size of 0", many.render, {"size": (0, 4)}), ("items of 0", many.trace, {"item_rays": 0}),
                                      ("tile= is for one daemon", many.render, {"tile": (0, 0, 64, 8)}),

@@ -58,6 +58,17 @@ class Part(NamedTuple):
     looks: bool = False        # at all of a picture in few pixels, for what is told of its camera and nothing else
 
 
+def at_their_epoch(scene: Prepared, parts: Sequence[Part]) -> list[Part]:
+    """Takes the option `epoch`: a host has a copy of the scene for it, whose daemon counts otherwise. Parts that name none
+    are of the present one, whoever edits the scene meanwhile."""
+    now = scene.at()
+
+    def source(part: Part) -> Source:
+        return part.source or (scene.at(part.options["epoch"]) if part.options.get("epoch") else now)
+    return [part._replace(source=source(part), options={name: value for name, value in part.options.items() if name != "epoch"})
+            for part in parts]
+
+
 class Places(NamedTuple):
     """Where copies of items are, by the scheduler."""
 
@@ -88,8 +99,7 @@ class Deal:
     def __init__(self, cluster: Any, setup: Setup, scene: Prepared, method: Any, parts: Sequence[Part], patience: float,
                  progress: Any, stage: str = "tracing", apart: bool = False) -> None:
         self._cluster, self._setup, self._scene, self._method = cluster, setup, scene, method
-        self._source = scene.at(scene.epoch)
-        self._parts, self._patience, self._progress, self._stage = parts, patience, progress, stage
+        self._parts, self._patience, self._progress, self._stage = at_their_epoch(scene, parts), patience, progress, stage
         self._apart = apart
         self._open: dict[int, dict[str, Copy]] = {}     # item -> its copies, by their keys
         self._copies = [0] * len(parts)
@@ -192,7 +202,8 @@ class Deal:
         if self._cluster.status != "running":   # all that follows would wait for it
             return self._give_up_cluster()
         part = self._parts[item]
-        source = (part.source or self._source)._replace(sending=self._scene.sending)
+        assert part.source is not None
+        source = part.source._replace(sending=self._scene.sending)
         fit = self._fit()
         takers = [worker for worker in workers if worker in fit] or fit
         to = takers if len(takers) < len(self._roster.now(self._patience)) else None    # who joins may have it, too
@@ -296,7 +307,7 @@ class Deal:
     def _check(self, item: int, where: str, answer: Any, told: Told) -> None:
         """Raises FailedError for what is no answer of the item, whoever has made it."""
         if isinstance(answer, Missing):
-            raise FailedError(f"{where} cannot read {self._source.path or 'the files of the scene'}")
+            raise FailedError(f"{where} cannot read {self._scene.source.path or 'the files of the scene'}")
         if not self._parts[item].fits(answer):
             raise FailedError(f"{where} sent an answer of another form")
         if told.rounding and self._scene.rounding.setdefault("how", told.rounding) != told.rounding:
@@ -412,11 +423,12 @@ class Deal:
 
     def _make(self, item: int, error: Optional[BaseException], left: threading.Event) -> None:
         part = self._parts[item]
+        assert part.source is not None
         if left.is_set():
             return
         try:
             with until_left(left):
-                where, answer, told = make_item(VERSION, self._setup, part.source or self._source, self._method,
+                where, answer, told = make_item(VERSION, self._setup, part.source, self._method,
                                                 None if part.rays is None else part.rays(), part.options)
             self._check(item, where, answer, told)
             came = Came((answer, told))

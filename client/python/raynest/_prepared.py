@@ -15,6 +15,7 @@ import numpy as np
 from . import _travel
 from ._net.frame import Array
 from ._travel import PIECE_BYTES, PIECE_SECONDS, held, keys_of_changes, keys_of_file
+from ._requests.arguments import whole
 from ._requests.job import Progress
 from ._requests.loads import Load, load_of_file, load_of_mesh, load_of_parts
 from ._requests.materials import Mesh
@@ -49,7 +50,7 @@ class Prepared:
             scene, load = scene.made[0], {**scene.made[1], **load}
         self.source = self._source(scene, load)
         self._log = os.urandom(8).hex()
-        self._epoch = 0
+        self._epoch = 1
         self._others: dict[str, Prepared] = {}  # by the name that their content gives them
         self.sending = 0
         self.noted: set[str] = set()            # what the user was told since the request began
@@ -103,11 +104,11 @@ class Prepared:
 
     def carry_scene(self, other: Prepared) -> Source:
         """Another scene, which this one is compared with."""
-        if other.epoch and self.epoch:
+        if other.epoch > 1 and self.epoch > 1:
             raise UsageError("two scenes that were edited are compared: a host has one at a time; prepare one of them from "
                              "a file of what it has become")
         self._take_along(other)
-        return other.at(other.epoch)
+        return other.at()
 
     def _take_along(self, other: Prepared) -> None:
         self._others[other.source.name] = other
@@ -145,7 +146,7 @@ class Prepared:
 
     @property
     def epoch(self) -> int:
-        """How many edits there were."""
+        """As a daemon counts: 1, and one more with each edit."""
         return self._epoch
 
     def edit(self) -> Edit:
@@ -160,24 +161,23 @@ class Prepared:
             raise UsageError("an edit on many hosts adds another scene that raynest.dask.prepare() made")
         if scene.source.message is None:
             raise UsageError(f"{scene.source.path} is added to a scene on many hosts: it must be where this program runs")
-        if scene.epoch:
+        if scene.epoch > 1:
             raise UsageError("a scene that was edited is added: add it as it was prepared, and edit its parts here")
         self._take_along(scene)
         return scene.source.name
 
     def _record(self, change: Change) -> dict[str, Any]:
         sources = [self._others[name].source for name in change.message.get("scenes", ())]
-        key, = keys_of_changes(self._log, self._epoch, self._epoch + 1)
+        key, = keys_of_changes(self._log, self._epoch - 1, self._epoch)
         self._keep(key, np.frombuffer(pickle.dumps((change, sources)), np.uint8))
         self._epoch += 1
         return {"epoch": self._epoch}
 
-    def at(self, epoch: int) -> Source:
-        """The scene after so many edits."""
-        if not 0 <= epoch <= self._epoch:
-            raise UsageError(f"there is no epoch {epoch}: the scene has had {self._epoch} edits")
+    def at(self, epoch: Optional[int] = None) -> Source:
+        """The scene at an epoch; None and 0 are the present one, as for one daemon."""
+        changes = (self._epoch if epoch is None else whole("an epoch", epoch, self._epoch, 0) or self._epoch) - 1
         source = self.source._replace(sending=self.sending)
-        return source._replace(log=self._log, epoch=epoch) if epoch else source
+        return source._replace(log=self._log, changes=changes) if changes else source
 
     # ---- on the way -----------------------------------------------------------------------------
 

@@ -52,7 +52,7 @@ def keys_of_file(digest: bytes, size: int, piece_bytes: int) -> list[str]:
 
 
 def keys_of_changes(log: str, first: int, last: int) -> list[str]:
-    """The changes that lead from one epoch to another."""
+    """Those of the changes that have these numbers."""
     return [f"raynest-{log}-{i}" for i in range(first, last)]
 
 

@@ -41,7 +41,7 @@ class Source(NamedTuple):
     message: Optional[Message] = None       # a Load with the files' digests; None: the files at `path` say them
     digest: str = ""
     log: str = ""                           # of its changes
-    epoch: int = 0                          # how many of them have happened
+    changes: int = 0                        # how many of them have happened
     piece_bytes: int = PIECE_BYTES
     piece_seconds: float = PIECE_SECONDS
     sending: int = 0                        # of the pieces: counts when whoever has some of them is silent
@@ -126,7 +126,7 @@ class Host(Daemon):
     def scene(self, source: Source) -> Scene:
         """The scene on the connection of this thread, which holds it; loads it where the daemon lacks it."""
         client = self.client()
-        if source.epoch:
+        if source.changes:
             return self._changed(client, source)
         scenes: dict[str, Scene] = self._mine.scenes
         scene = scenes.pop(source.name, None)
@@ -196,33 +196,33 @@ class Host(Daemon):
         return path
 
     def _changed(self, client: Client, source: Source) -> Scene:
-        """The scene at an epoch, as this thread's own copy of it, to which each change is made once, in their order."""
+        """The scene with its changes, as this thread's own copy of it, to which each is made once, in their order."""
         held: tuple[str, Optional[Scene], int] = self._mine.changed
-        log, scene, epoch = held
+        log, scene, made = held
         self._mine.changed = "", None, 0
-        if scene is not None and (log != source.log or epoch > source.epoch):
+        if scene is not None and (log != source.log or made > source.changes):
             scene.close()
             scene = None
         if scene is None:
             name = f"{source.name}-{source.log}-{os.getpid()}-{threading.get_ident()}"
             with warnings_taken():
-                scene, epoch = self._load(client, source, name), 0
+                scene, made = self._load(client, source, name), 0
         try:
-            keys = keys_of_changes(source.log, epoch, source.epoch)
+            keys = keys_of_changes(source.log, made, source.changes)
             for piece in fetch(keys, source.piece_seconds, source.sending):
                 change, added = pickle.loads(piece.data)
                 # They are held until the change is made; then the scene has what it takes of them.
                 held_for_it = [self._load(client, other._replace(sending=source.sending), other.name) for other in added]
                 change.apply(client.connection, scene.name)
                 del held_for_it
-                epoch += 1
+                made += 1
         except Missing:
-            self._mine.changed = source.log, scene, epoch
+            self._mine.changed = source.log, scene, made
             raise
         except Error:
             scene.close()
             raise
-        self._mine.changed = source.log, scene, epoch
+        self._mine.changed = source.log, scene, made
         return scene
 
 

@@ -25,9 +25,9 @@ from typing import Any, Callable, Iterable, Iterator, Mapping, Optional, Sequenc
 
 import numpy as np
 
-from ._deal import Deal, Part, known_to
+from ._deal import Deal, Part, at_their_epoch, known_to
 from ._net.frame import Array
-from ._requests.arguments import Call, count_of, is_several, none_is_default, numbers
+from ._requests.arguments import Call, count_of, is_several, none_is_default, numbers, whole
 from ._requests.columns import Columns
 from ._requests.film import LIT_SAMPLES, UNSAMPLED, EnvironmentFile, Layers, is_lit, samples_asked
 from ._requests.job import JobOptions, Outcome
@@ -60,6 +60,9 @@ def prepare(scene: Any, faces: Any = None, **load: Any) -> Prepared:
     or an object that has both, parts as for Client.scene_of(), a Scene that load(), mesh() or scene_of() made, or
     "builtin:...". `load` are more arguments of load(), mesh() or scene_of(). Its edit() changes it as Scene.edit() does."""
     if isinstance(scene, Prepared):
+        if faces is not None or load:
+            raise UsageError(f"{', '.join(load) or 'faces'} with a scene that is prepared already: give it to the prepare() that "
+                             "made it")
         return scene
     return Prepared(scene if faces is None else (scene, faces), load)
 
@@ -119,17 +122,16 @@ def arrays(cluster: Any, scene: Any, rays: Any, *, fields: Union[str, Sequence[s
     if kind not in ("closest", "any"):
         raise UsageError(f"arrays() has a row per ray, and kind {kind} has not: use trace()")
     known = _known(cluster, scene, setup, load, patience)
-    parts = list(_parts_of(rays, item_rays, {**job, "fields": fields, "kind": kind}))
-    one = next(_parts_of(rays, 1, {**job, "fields": fields, "kind": kind}))
+    one, *parts = at_their_epoch(known, [next(_parts_of(rays, 1, {**job, "fields": fields, "kind": kind})),
+                                         *_parts_of(rays, item_rays, {**job, "fields": fields, "kind": kind})])
     row, = Deal(cluster, setup, known, "trace", [one], patience, None).all()
-    source = known.at(known.epoch)
     known.send_all(cluster)
     blocks: list[Any] = []
     firsts = np.cumsum([0, *(part.weight for part in parts)]).tolist()
     for first, part in zip(firsts, parts):
         assert part.rays is not None
         # With the rays in it the scheduler can have it made again.
-        blocks.append(cluster.submit(columns_of, VERSION, setup, source, part.rays(), part.options, first, part.weight,
+        blocks.append(cluster.submit(columns_of, VERSION, setup, part.source, part.rays(), part.options, first, part.weight,
                                      pure=False, retries=5))
         blocks[-1].raynest_scene = known    # whose files the workers have as long as there are blocks
     return {name: array.concatenate([
@@ -147,12 +149,14 @@ def sweep(cluster: Any, scene: Prepared, scans: Iterable[tuple[int, Any]], *,
     the columns of each scan. With `returns`, `divergence` or another argument of measure() each scan is what that
     takes, and is measured."""
     options = {**job, "fields": fields, "kind": kind, "reduce": reduce}
+    if options.pop("epoch", None):
+        raise UsageError("epoch= is of a scan here: give each with its epoch, as (epoch, rays)")
     known = _known(cluster, scene, setup, None, patience, progress)
     measures = bool(OF_RETURNS & job.keys())
     parts = []
     for epoch, rays in scans:
         part, = _scan_of(rays, options) if measures else _parts_of(rays, sys.maxsize, options)
-        parts.append(part._replace(source=known.at(epoch)))
+        parts.append(part._replace(source=known.at(whole("the epoch of a scan", epoch, known.epoch))))
     return Deal(cluster, setup, known, measured if measures else "trace", parts, patience, progress, apart=True).all()
 
 
@@ -178,8 +182,8 @@ class _Dealt(Tracer):
 
     def __init__(self, cluster: Any, known: Prepared, setup: Setup, item_rays: int, patience: float, progress: Any,
                  epoch: Optional[int]) -> None:
-        super().__init__(None, epoch)
-        self._source, self._item_rays, self._progress = known.at(known.epoch), item_rays, progress
+        super().__init__(None)
+        self._source, self._item_rays, self._progress = known.at(epoch), item_rays, progress
         self._deal = functools.partial(Deal, cluster, setup, known, patience=patience)
 
     def _dealt(self, method: Any, parts: Iterable[Part], progress: Any = None) -> list[Any]:
@@ -188,11 +192,10 @@ class _Dealt(Tracer):
 
     def trace(self, rays: Any, **options: Any) -> Columns:
         progress = options.pop("progress", None)
-        parts = _parts_of(rays, self._item_rays, {**options, **self._epoch})
-        return joined(self._dealt("trace", parts, progress), options.get("reduce") or "")
+        return joined(self._dealt("trace", _parts_of(rays, self._item_rays, options), progress), options.get("reduce") or "")
 
     def path_of(self, ids: Array) -> list[str]:
-        found, = self._dealt(paths_of, [Part({"ids": ids, **self._epoch})])
+        found, = self._dealt(paths_of, [Part({"ids": ids})])
         return list(found)
 
     def _rays_max(self) -> int:
@@ -202,7 +205,7 @@ class _Dealt(Tracer):
         parts = []
         for beams, job in pieces:
             own = {name: value for name, value in job.items() if isinstance(value, np.ndarray)}
-            options = {**{name: value for name, value in job.items() if name not in own}, **self._epoch}
+            options = {name: value for name, value in job.items() if name not in own}
             parts.append(Part(options, functools.partial(SentRays, (beams,), own), True, len(beams) * len(beam.power),
                               fits=_has_returns))
         return self._dealt(beam.measured, parts, self._progress)
