@@ -6,6 +6,7 @@ differs in a byte, or stays behind.
 """
 import contextlib
 import gc
+import os
 import signal
 import time
 import unittest.mock
@@ -16,7 +17,7 @@ import numpy as np
 
 import raynest
 from daemon import PATIENCE, until
-from raynest import _prepared, generators
+from raynest import _prepared, _roster, generators
 from raynest._travel import Missing, own_piece
 from with_cluster import WithCluster, many
 from with_daemon import main, rain
@@ -24,6 +25,14 @@ from with_daemon import main, rain
 SCENE = "builtin:forest?trees=20"
 RAYS = rain(20000)
 QUICK = 0.2     # s of silence until an item is late
+NO_PACKAGE = """
+import sys
+class Lacks:
+    def find_spec(self, name, path=None, target=None):
+        if name.partition(".")[0] == "raynest":
+            raise ModuleNotFoundError("No module named 'raynest'")
+sys.meta_path.insert(0, Lacks())
+"""
 MESH = np.array([[-40.0, 0, -40], [40, 0, -40], [0, 0, 60]]), np.array([[0, 1, 2]])
 
 
@@ -81,8 +90,15 @@ class Alone(WithCluster):
         cluster = self.cluster(0)
         with self.told() as notes:
             self.same(self.traced(cluster, patience=QUICK), self.woods.trace(RAYS))
-        self.assertEqual(notes, ["no worker finished some items (FailedError: the cluster has no workers); "
-                                 "they were made on this machine"])
+        made_here = "no worker finished some items (FailedError: the cluster has no workers); they were made on this machine"
+        self.assertEqual(notes, [made_here])
+        with self.subTest("it is waited for once"), self.told() as notes:
+            _roster.roster_of(cluster.client).none_since -= 1000
+            deal = self.deal(cluster, makes, {}, patience=PATIENCE)
+            deal._look()
+            self.assertTrue(deal._nobody)
+            many.heatmap(cluster.client, SCENE, size=(64, 40), diff="builtin:forest?trees=5", setup=self.setup)
+        self.assertEqual(notes, [made_here])
 
     def test_workers_that_come_late_are_used(self):
         cluster = self.cluster(0)
@@ -186,11 +202,11 @@ class Alone(WithCluster):
             self.assertNotIn(other, deal.all())
         cluster.workers[0].kill()
         cluster.workers[0].wait()
-        with self.subTest("all others are gone"), self.told() as notes:
-            self.same(self.traced(cluster, scene, patience=QUICK), whole)
-        with self.subTest("all round so"), self.told() as notes:
-            self.traced(cluster)
-        self.assertEqual(notes, [])
+        until(lambda: list(cluster.client.scheduler_info()["workers"]) == [other])
+        for what, of in ("all others are gone", scene), ("all round so", SCENE):
+            with self.subTest(what), self.told() as notes:
+                self.assertFalse(np.array_equal(self.traced(cluster, of)["t"], whole["t"]))
+            self.assertEqual(notes, [])
 
     def test_workers_within_this_process(self):
         mesh = self.client.mesh(*MESH)
@@ -219,13 +235,48 @@ class Alone(WithCluster):
     def test_a_worker_with_another_release(self):
         for what, patch in (("a function that it lacks", "import raynest._deal; del raynest._deal.sent_item"),
                             ("a class of another form", "import raynest._workers as w, typing; "
-                             "w.Source = typing.NamedTuple('Source', [('path', str)])")):
-            with self.subTest(what):
-                cluster = self.cluster(0)
-                cluster.workers.append(cluster.add(patch))
-                cluster.wait(1)
-                with self.assertRaisesRegex(raynest.FailedError, "the workers cannot run it: .* install python3-raynest"):
-                    self.traced(cluster)
+                             "w.Source = typing.NamedTuple('Source', [('path', str)])"),
+                            ("no package", NO_PACKAGE),
+                            ("another version", "import raynest._version as v; v.VERSION = '0.0.1'")):
+            cluster = self.cluster(0)
+            cluster.workers.append(cluster.add(patch))
+            cluster.wait(1)
+            bad, = cluster.client.scheduler_info()["workers"]
+            said = f"(the worker {bad}|a worker) (cannot run it: .*; install python3-raynest|has RayNest 0.0.1, .*: install one version on)"
+            with self.subTest(what), self.told() as notes, self.assertRaisesRegex(raynest.Error, said):
+                self.traced(cluster)
+            self.assertEqual(notes, [])
+            with self.subTest(what, beside="another worker"), self.told() as notes:
+                cluster.workers.append(cluster.add())
+                until(lambda: len(_roster.roster_of(cluster.client).living()) == 2)
+                self.same(self.traced(cluster), self.woods.trace(RAYS))
+            self.assertEqual(len(notes), 1, notes)
+            self.assertRegex(notes[0], said)
+
+    def test_a_machine_that_cannot_make_an_item_waits_for_who_comes(self):
+        cluster = self.cluster(1)
+        cannot = many.Deal._not_made_here
+
+        def joins(*given):
+            if len(cluster.workers) == 1:
+                cluster.workers.append(cluster.add())
+            return cannot(*given)
+        for comes in (True, False):
+            with self.subTest(comes=comes), contextlib.ExitStack() as now, self.told() as notes:
+                now.enter_context(unittest.mock.patch.dict(os.environ, RAYNESTD="/nowhere"))
+                if comes:
+                    now.enter_context(unittest.mock.patch.object(many.Deal, "_not_made_here", joins))
+                else:
+                    now.enter_context(self.assertRaisesRegex(raynest.FailedError, "this machine cannot start /nowhere"))
+                called = []
+
+                def progress(*_):
+                    if not called:
+                        called.append(cluster.workers[-1].kill())
+                self.same(self.traced(cluster, setup=many.Setup("", "worker", ("--threads", "1")), progress=progress,
+                                      patience=PATIENCE if comes else QUICK), self.woods.trace(RAYS))
+                self.assertTrue(called)
+            self.assertEqual(notes, [])
 
     # ---- what stays behind ----------------------------------------------------------------------
 

@@ -314,7 +314,7 @@ class Dealt(WithCluster):
             many._known(self.now.client, scene, self.setup, None, PATIENCE)
             for _ in range(2):      # the one that asks for the scene's digest, and the one that traces
                 deal = many.Deal(self.now.client, self.setup, scene, makes, [many.Part({})], PATIENCE, None)
-                deal.notes["a host has no room"] = None
+                deal._note("a host has no room")
                 self.assertEqual(len(list(deal.answers())), 1)
         for _ in range(2):
             self.assertEqual(self.warned(request), [("a host has no room", raynest.RayWarning)])

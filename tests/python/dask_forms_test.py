@@ -10,8 +10,10 @@ import re
 import struct
 import subprocess
 import sys
+import types
 import typing
 import unittest.mock
+import warnings
 import zlib
 
 import distributed
@@ -19,9 +21,11 @@ import numpy as np
 from dask import array
 
 import raynest
-from daemon import PATIENCE
+from daemon import PATIENCE, until
 from animation_test import travelling
-from raynest import _command, generators, returns
+from raynest import _command, _roster, generators, returns
+from raynest._notes import rounding_of
+from raynest.dask import known_to
 from raynest._requests import exr, loads, png
 from with_cluster import WithCluster, many
 from with_daemon import main, rain
@@ -290,6 +294,38 @@ class Forms(WithCluster):
             cluster.workers[0].kill()
             cluster.workers[0].wait()
             np.testing.assert_array_equal(found.compute(), whole["t"])
+
+    def test_blocks_are_made_where_a_host_is_good_for_them(self):
+        whole = self.woods.trace(SWEEP, fields=("t",))["t"]
+        setup = many.Setup("", "worker", ("--threads", "1"))
+        bad = {"no daemon": ("", {"RAYNESTD": "/nowhere"}), "another version": ("import raynest._version as v; v.VERSION='0.0.1'", {})}
+        rounds = rounding_of(self.client.outcome)
+        if rounds == "once":
+            bad["rounds otherwise"] = "", {"RAYNEST_TARGET": "v2"}
+        for what, (patch, environment) in bad.items():
+            cluster = self.cluster(1)
+            first, = cluster.client.scheduler_info()["workers"]
+            self.same(many.trace(cluster.client, SCENE, SWEEP, fields=("t",), setup=setup), {"t": whole})
+            cluster.environment.update(environment)
+            cluster.workers.append(cluster.add(patch))
+            cluster.wait(2)
+            for joins in ("early", "late"):
+                with self.subTest(what, joins=joins), warnings.catch_warnings():
+                    warnings.simplefilter("ignore", raynest.RayWarning)
+                    roster = _roster.roster_of(cluster.client)
+                    until(lambda: len(roster.living()) == 2)
+                    # A late one could not be asked.
+                    living = {first: roster.living()[first]} if joins == "late" else roster.living()
+                    def known(*given):
+                        scene = known_to(*given)
+                        scene.rounding["how"] = rounds
+                        return scene
+                    good = many.Deal.good
+                    with unittest.mock.patch.object(many, "known_to", known), unittest.mock.patch.object(
+                            many, "roster_of", return_value=types.SimpleNamespace(living=lambda _: living)), \
+                            unittest.mock.patch.object(many.Deal, "good", lambda deal: good(deal) if joins == "early" else []):
+                        found = many.arrays(cluster.client, SCENE, SWEEP, fields=("t",), item_rays=100, setup=setup)["t"]
+                    np.testing.assert_array_equal(cluster.client.compute(found).result(), whole)
 
     def test_mistakes_are_refused_before_anything_is_dealt_out(self):
         cluster = self.cluster(1)

@@ -20,7 +20,8 @@ import numpy as np
 
 from . import _limits, _query, dask
 from ._beside import PARTIAL, command
-from ._deal import Deal, Part, known_to
+from ._deal import Deal, Part
+from .dask import known_to
 from ._heat import tell_exceeded
 from ._notes import Told, is_hint, look_size, note_of_none, notes_of
 from ._prepared import Prepared
@@ -55,7 +56,7 @@ def run(address: str, parts_max: int, scene: str, out: str, words: Sequence[str]
         progress = bar if shows else None
         known_to(cluster, known, setup, patience, progress)
         plain, rows = _carried(known, _without_output(words, out),
-                               lambda other: known_to(cluster, Prepared(other, {}), setup, patience, progress))
+                               lambda other: known_to(cluster, Prepared(other, {}), setup, patience, progress, known))
         pictures: list[tuple[str, list[str]]] = [(out, [])]
         if at := _all_cameras(plain):
             del plain[at]

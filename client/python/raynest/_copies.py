@@ -117,6 +117,7 @@ class Copy:
                  back: Callable[[Came], None]) -> None:
         self.key, self.onto = key, onto
         self.born = math.inf        # since when a worker may make it: then its rays are there
+        self.only = ""              # the worker that alone may make it
         self._is_left = False
         self._going = asyncio.run_coroutine_threadsafe(self._go(road, submit, rays, back), road.cluster.loop.asyncio_loop)
 

@@ -18,10 +18,10 @@ from ._prepared import Prepared
 from ._roster import plain
 from ._version import VERSION
 from ._notes import Told, is_hint, tell
-from ._own_daemon import Setup, distributed, here, until_left
-from ._workers import NoRoom, Source, deadline_of, files_at, info_of, item as make_item
+from ._own_daemon import Setup, here, until_left
+from ._workers import NoRoom, OtherVersion, Source, deadline_of, item as make_item
 from ._wording import localize_message
-from .errors import BY_EXIT_CODE, DeadlineError, Error, FailedError, InvalidError, RayWarning, UsageError, warn
+from .errors import BY_EXIT_CODE, ConnectError, DeadlineError, Error, FailedError, InvalidError, RayWarning, UsageError, warn
 
 COPIES_MAX = 3             # of an item on the workers, before it is made here
 ASK_SECONDS = 1.0          # between two questions to the scheduler who makes what
@@ -56,6 +56,7 @@ class Part(NamedTuple):
     fits: Callable[[Any], bool] = lambda answer: True   # says whether an answer may be the item's
     late: Optional[Told] = None         # what is told where its deadline passes; its answer is the error then
     looks: bool = False        # at all of a picture in few pixels, for what is told of its camera and nothing else
+    first: str = ""            # the worker that gets it first
 
 
 def at_their_epoch(scene: Prepared, parts: Sequence[Part]) -> list[Part]:
@@ -92,6 +93,13 @@ class OtherRounding(FailedError):
     """A processor of another kind has made an answer."""
 
 
+class Unable(FailedError):
+    """A worker cannot even begin an item."""
+
+
+_NO_GOOD = (NoRoom, OtherVersion, Unable)       # where all workers are so, nobody makes it
+
+
 class Deal:
     """Deals items out to a cluster until each is answered. The first answer of an item counts. The items are parts of one
     request, or with `apart` requests of their own. While no worker lives, this machine makes them in turn."""
@@ -116,11 +124,14 @@ class Deal:
         self._roster = self._road.roster
         self._sends = 0                                 # of pieces that were missing
         self._unfit: dict[str, Error] = {}              # worker -> why it gets nothing
+        self._unable = ""                               # that a worker could not begin an item, and nobody knows which
+        self._cannot: Optional[tuple[float, Error]] = None  # since when this machine cannot make an item, and why
         self._failures: dict[str, Failures] = {}        # by worker
         self._asked = self._looked = -np.inf
         self._here: dict[int, threading.Event] = {}     # items that this machine makes, and what leaves them
         self._told: dict[int, Told] = {}
-        self.notes: dict[str, None] = {}
+        self.rounding, self._noted = scene.rounding, scene.noted    # of this request, whatever others of the scene find
+        self.notes: dict[str, str] = {}                 # by what each is about
 
     def all(self) -> list[Any]:
         """The answers, in the order of their items."""
@@ -155,8 +166,8 @@ class Deal:
         while not (self._alone or self._nobody) and self._next_item < len(self._parts) and len(self._open) < ahead:
             item, self._next_item = self._next_item, self._next_item + 1
             if not self._done[item] and item not in self._here:
-                self._deal(item)
-        while (self._alone or self._nobody) and len(self._here) < HERE_MAX:
+                self._deal(item, [self._parts[item].first])
+        while (self._alone or self._nobody and not self._cannot) and len(self._here) < HERE_MAX:
             found = next((item for item in self._turn if not self._done[item] and item not in self._here), None)
             if found is None:
                 break
@@ -173,12 +184,14 @@ class Deal:
     def _tell(self) -> None:
         for where, failures in self._failures.items():
             what = "an item" if failures.items == 1 else f"{failures.items} items"
-            self.notes[f"{where} failed at {what}{_because(failures.error)}, made elsewhere"] = None
+            self.notes[where] = f"{where} failed at {what}{_because(failures.error)}, made elsewhere"
         for worker in self._roster.far():
-            self.notes[f"this machine cannot reach the worker {worker}: rays and answers go through the scheduler"] = None
-        for note in self.notes:
-            if note not in self._scene.noted:
-                self._scene.noted.add(note)
+            self._note(f"this machine cannot reach the worker {worker}: rays and answers go through the scheduler")
+        if self._unable and not any(isinstance(why, Unable) for why in self._unfit.values()):
+            self._note(self._unable)
+        for about, note in self.notes.items():
+            if about not in self._noted:
+                self._noted.add(about)
                 warn(note, RayWarning)
         if self._left:
             return      # an error says more
@@ -190,12 +203,21 @@ class Deal:
             firsts = np.concatenate([[0], np.cumsum(rays)]).tolist()
             tell([(firsts[item], told) for item, told in sorted(self._told.items())], firsts[-1])
 
+    def _note(self, text: str) -> None:
+        self.notes[text] = text
+
     def _fit(self) -> list[str]:
         """The workers that live, are not unfit, and do not fail, if there are any."""
         now = time.monotonic()
         held = {where.split()[-1] for where, failures in self._failures.items() if failures.until > now}
         fit = [worker for worker in self._roster.living(self._patience) if worker not in self._unfit]
         return [worker for worker in fit if worker not in held] or fit
+
+    def good(self) -> list[str]:
+        """The workers that live and neither are unfit nor fail; empty, if all are so, or none."""
+        failing = {where.split()[-1] for where, failures in self._failures.items() if failures.in_a_row}
+        good = [worker for worker in self._roster.living(self._patience) if worker not in self._unfit.keys() | failing]
+        return good if len(good) < len(self._roster.now(self._patience)) else []
 
     def _deal(self, item: int, workers: Sequence[str] = ()) -> None:
         """To one of these workers, or of all."""
@@ -206,7 +228,11 @@ class Deal:
         source = part.source._replace(sending=self._scene.sending)
         fit = self._fit()
         takers = [worker for worker in workers if worker in fit] or fit
-        to = takers if len(takers) < len(self._roster.now(self._patience)) else None    # who joins may have it, too
+        if self._unable:    # those that answered can; and one alone is known by its failure
+            heard = {where.split()[-1] for where in self._heard}
+            takers = [worker for worker in takers if worker in heard] or takers[:1]
+        # Who joins may have it, too.
+        to = takers if self._unable or len(takers) < len(self._roster.now(self._patience)) else None
         rays = None if part.rays is None else part.rays()
         setup, method, cluster = self._setup, self._method, self._cluster
 
@@ -220,6 +246,7 @@ class Deal:
                         lambda came: events.put((item, key, came)))
         except RuntimeError:    # its loop has ended
             return self._give_up_cluster()
+        copy.only = takers[0] if to and len(takers) == 1 else ""
         self._copies[item] += 1
         self._open.setdefault(item, {})[key] = copy
 
@@ -280,9 +307,9 @@ class Deal:
             self._keep(item, told)
             return [(item, answer)]
         else:
-            raise came.error
+            return self._not_made_here(item, came.error)
         if came.error is not None:
-            return self._failed(item, came.error) if came.failed else self._again(item, came.error)
+            return self._failed(item, came.error, copy.only) if came.failed else self._again(item, came.error)
         where, answer, told = came.answer
         self._news = self._heard[where] = time.monotonic()
         if isinstance(answer, Missing):
@@ -293,6 +320,7 @@ class Deal:
             return self._leave_out(item, where, error)
         except FailedError as error:
             return self._again(item, error)
+        self._cannot = None
         self._seconds.append(self._news - copy.born)
         self._keep(item, told)
         if where in self._failures:
@@ -310,14 +338,14 @@ class Deal:
             raise FailedError(f"{where} cannot read {self._scene.source.path or 'the files of the scene'}")
         if not self._parts[item].fits(answer):
             raise FailedError(f"{where} sent an answer of another form")
-        if told.rounding and self._scene.rounding.setdefault("how", told.rounding) != told.rounding:
-            raise OtherRounding(f"{where} is left out: it rounds {told.rounding}, and those that began {self._scene.rounding['how']}, "
+        if told.rounding and self.rounding.setdefault("how", told.rounding) != told.rounding:
+            raise OtherRounding(f"{where} is left out: it rounds {told.rounding}, and those that began {self.rounding['how']}, "
                                 "so its bytes differ")
 
     def _leave_out(self, item: int, where: str, why: Error) -> list[tuple[int, Any]]:
         """A worker that is no good for the scene; another one makes the item."""
         self._unfit[where.split()[-1]] = why
-        self.notes[str(why)] = None
+        self._note(str(why))
         self._copies[item] -= 1
         self._look()
         return self._again(item, why)
@@ -341,15 +369,21 @@ class Deal:
         self._deal(item)
         return []
 
-    def _failed(self, item: int, error: BaseException) -> list[tuple[int, Any]]:
-        if isinstance(error, NoRoom):
+    def _failed(self, item: int, error: BaseException, only: str = "") -> list[tuple[int, Any]]:
+        """`only` is the worker that had it, if no other one could."""
+        if isinstance(error, (NoRoom, OtherVersion)):
             return self._leave_out(item, error.where, error)
         late, where = self._parts[item].late, getattr(error, "raynest_where", "")
         if isinstance(error, DeadlineError) and late is not None:
             self._told[item] = late
             return [(item, error)]
         if not where and isinstance(error, (AttributeError, TypeError, ImportError)):   # it could not even begin
-            raise FailedError(f"the workers cannot run it: {error}; install python3-raynest {VERSION} on all hosts")
+            unable = f" cannot run it: {error}; install python3-raynest {VERSION} on all hosts"
+            if only:
+                return self._leave_out(item, only, Unable(f"the worker {only}{unable}"))
+            self._copies[item] -= not self._unable
+            self._unable = f"a worker{unable}"
+            return self._again(item, error)
         if isinstance(error, _ONCE) or (isinstance(error, DeadlineError) and deadline_of(self._parts[item].options)):
             raise error
         if where:   # it fails at once, so it would get all items that the others are too slow for
@@ -378,9 +412,12 @@ class Deal:
         living, silence = self._roster.living(self._patience), self._silence()
         joining = self._patience if self._seconds else 4 * self._patience     # they may come right behind the request
         self._nobody = not living.keys() - self._unfit and (
-            bool(self._roster.now(self._patience)) or now - self._news > joining)
-        if living and self._nobody and all(isinstance(self._unfit[worker], NoRoom) for worker in living):
-            raise next(iter(self._unfit.values()))
+            bool(self._roster.now(self._patience)) or now - self._roster.none_since > joining)
+        if living and self._nobody and all(isinstance(self._unfit[worker], _NO_GOOD) for worker in living):
+            self.notes.clear()      # the error says it
+            raise self._unfit[next(iter(living))]
+        if self._nobody and self._cannot and now - self._cannot[0] > 4 * self._patience:
+            raise self._cannot[1]
         late = [item for item, copies in sorted(self._open.items())
                 if item not in self._here and not (copies and now - max(copy.born for copy in copies.values()) < silence)]
         if self._nobody or not late or now - self._asked < ASK_SECONDS:
@@ -412,13 +449,23 @@ class Deal:
         if self._cluster.status in ("closing", "closed") and self._cluster.scheduler_comm is not None:
             raise UsageError("the Client was closed before its request was done: keep it open until then")
         self._alone = True
-        self.notes["the Dask scheduler went away: the rest was made on this machine"] = None
+        self._note("the Dask scheduler went away: the rest was made on this machine")
 
     def _make_here(self, item: int, error: Optional[BaseException] = None) -> list[tuple[int, Any]]:
         """The last resort: a daemon on this machine. Answers of the workers are taken meanwhile."""
         if item not in self._here:
             self._here[item] = left = threading.Event()
             _own.submit(self._make, item, error, left)
+        return []
+
+    def _not_made_here(self, item: int, error: BaseException) -> list[tuple[int, Any]]:
+        """Raises the error, unless this machine alone is no good for the item, and a worker may come yet."""
+        if self._alone or not self._nobody or type(error) not in (FailedError, ConnectError):
+            raise error
+        assert isinstance(error, Error)
+        self._cannot = self._cannot or (time.monotonic(), error)
+        self._here.pop(item, None)
+        self._open.setdefault(item, {})     # for who comes
         return []
 
     def _make(self, item: int, error: Optional[BaseException], left: threading.Event) -> None:
@@ -442,34 +489,9 @@ class Deal:
         except BaseException as own:
             came = Came(None, own.with_traceback(None))
         if not (self._alone or came.error):
-            self.notes[f"no worker finished some items{_because(error)}; they were made on this machine"] = None
+            self._note(f"no worker finished some items{_because(error)}; they were made on this machine")
         self._events.put((item, "", came))
 
 
 def _because(error: Optional[BaseException]) -> str:
     return "" if error is None else f" ({type(error).__name__}: {error})".replace("\n", " ")
-
-
-def known_to(cluster: Any, scene: Prepared, setup: Setup, patience: float, progress: Any = None) -> Prepared:
-    """The scene with the digest that all workers must agree on."""
-    if not isinstance(cluster, distributed.Client):
-        raise UsageError("the first argument is a distributed.Client, as Client('tcp://head:8786')")
-    if cluster.status in ("closing", "closed"):
-        raise UsageError("the Client is closed, or its scheduler went away: connect anew")
-    if cluster.asynchronous:    # all that waits here would keep its loop from answering
-        raise UsageError("the Client is asynchronous: give one made without asynchronous=True, or call this in another "
-                         "thread, as asyncio.to_thread() does")
-
-    scene.noted.clear()
-
-    def ask(method: Any) -> Any:
-        def send(done: int, total: int, stage: str) -> None:
-            if progress and stage == "sending":
-                progress(done, total, stage)
-        answer, = Deal(cluster, setup, scene, method, [Part({}, source=scene.source)], patience, send).all()
-        return answer
-    if scene.source.message is None:
-        scene.found(ask(files_at))
-    if not scene.source.digest:
-        scene.learn(ask(info_of))
-    return scene

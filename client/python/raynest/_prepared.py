@@ -54,7 +54,7 @@ class Prepared:
         self._others: dict[str, Prepared] = {}  # by the name that their content gives them
         self.sending = 0
         self.noted: set[str] = set()            # what the user was told since the request began
-        self.rounding: dict[str, str] = {}      # "how" those do that trace it: others would give other bytes
+        self.rounding: dict[str, str] = {}      # "how" those do that trace it for a request: others would give other bytes
 
     def _source(self, scene: Any, load: dict[str, Any]) -> Source:
         found: Load

@@ -30,6 +30,7 @@ class Roster:
         self._asking: Optional[concurrent.futures.Future[None]] = None
         self._asked = self._told = -FRESH_SECONDS - time.monotonic()
         self._is_stuck = False                          # the scheduler is
+        self.none_since = time.monotonic()              # there are no workers; infinite: there are some
         self._reaching: dict[str, asyncio.Future[bool]] = {}
 
     async def ask(self) -> None:
@@ -43,6 +44,7 @@ class Roster:
             if self._beats.get(worker, (None,))[0] != said.get("last_seen"):
                 self._beats[worker] = said.get("last_seen"), now
         self._known, self._told, self._is_stuck = workers, now, False
+        self.none_since = math.inf if workers else min(self.none_since, now)
 
     def now(self, patience: float = PATIENCE) -> dict[str, Any]:
         """As last heard; {}: nothing is known, or there are none."""

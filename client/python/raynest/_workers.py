@@ -19,7 +19,7 @@ from ._net.control import Message
 from ._net.frame import Array
 from ._notes import Told, rounding_of, tell, told_of
 from ._own_daemon import NOBODY_WAITS, Daemon, Setup, distributed, dropped, here
-from ._travel import PIECE_BYTES, PIECE_SECONDS, Missing, fetch, keys_of_changes, keys_of_file, look_up, own_piece
+from ._travel import LOST, PIECE_BYTES, PIECE_SECONDS, Missing, fetch, keys_of_changes, keys_of_file, look_up, own_piece
 from ._requests.arguments import milliseconds
 from ._requests.film import Layers
 from ._requests.loads import Load, load_of_file
@@ -76,6 +76,12 @@ def named(message: Message) -> Message:
 
 class NoRoom(BusyError):
     """A host has no memory for the scene, and `where` it is: others may have it."""
+
+    where = ""
+
+
+class OtherVersion(UsageError):
+    """A host has another version than the client, and `where` it is."""
 
     where = ""
 
@@ -264,7 +270,9 @@ def item(version: str, setup: Setup, source: Source, method: Any, rays: Any, opt
     """Makes an item: a method of Scene by its name, a function (scene, rays, ...), or without rays a function (host, source,
     options). Returns where, the answer, which may be Missing, and what it tells."""
     if version != VERSION:
-        raise UsageError(f"{here()} has RayNest {VERSION}, this client {version}: install one version on all hosts")
+        refused = OtherVersion(f"{here()} has RayNest {VERSION}, this client {version}: install one version on all hosts")
+        refused.where = here()
+        raise refused
     host = _host(setup)
     for last in (False, True):
         try:
@@ -297,17 +305,36 @@ def deadline_of(options: Mapping[str, Any]) -> float:
     return milliseconds(options.get("deadline")) / 1000
 
 
-def columns_of(version: str, setup: Setup, source: Source, rays: Any, options: dict[str, Any], first: int, count: int) -> Any:
+def columns_of(version: str, setup: Setup, source: Source, rays: Any, options: dict[str, Any], first: int, count: int,
+               rounding: str, fit: Sequence[str]) -> Any:
     """The columns of an item alone, as they stay on a worker: rays `first`, ... What it tells is told by Dask, to all
-    clients of the cluster, as nobody waits for it here."""
-    _, answer, told = item(version, setup, source, "trace", rays, options)
-    if isinstance(answer, Missing):
-        raise FailedError(f"{here()} lacks the scene, and no other worker has its files: compute the arrays again")
+    clients of the cluster, as nobody waits for it here. A worker that fails, or does not round so, leaves it to another one,
+    of those that are `fit` if any are named."""
+    try:
+        _, answer, told = item(version, setup, source, "trace", rays, options)
+        if isinstance(answer, Missing):
+            raise FailedError(f"{here()} lacks the scene, and no other worker has its files: compute the arrays again")
+        if rounding not in ("", told.rounding):
+            raise FailedError(f"{here()} rounds {told.rounding}, and those that were there first {rounding}, so its bytes differ")
+    except Exception:
+        _leave_to_others(fit)
+        raise
     with warnings_taken() as said:
         tell([(first, told)], count)
     for text, category in said:
         distributed.worker.warn(f"rays {first} to {first + count - 1} of arrays(): {text}", category)
     return answer
+
+
+def _leave_to_others(fit: Sequence[str]) -> None:
+    """Has Dask make the task of this thread on another worker, where it has one, when it makes it again."""
+    with contextlib.suppress(*LOST):
+        worker: Any = distributed.get_worker()
+        cluster: Any = distributed.get_client()
+        there = cluster.sync(cluster.scheduler.identity)
+        others = {each for each in there["workers"] if each in (fit or [each])} - {worker.address}
+        if others:
+            cluster.sync(cluster.scheduler.set_restrictions, worker={worker.get_current_task(): list(others)})
 
 
 def files_at(_host: Host, source: Source, _options: dict[str, Any]) -> Message:

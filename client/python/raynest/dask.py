@@ -25,7 +25,7 @@ from typing import Any, Callable, Iterable, Iterator, Mapping, Optional, Sequenc
 
 import numpy as np
 
-from ._deal import Deal, Part, at_their_epoch, known_to
+from ._deal import Deal, Part, at_their_epoch
 from ._net.frame import Array
 from ._requests.arguments import Call, count_of, is_several, none_is_default, numbers, whole
 from ._requests.columns import Columns
@@ -39,8 +39,8 @@ from ._notes import Told, look_size, note_of_none
 from ._prepared import Prepared
 from ._roster import PATIENCE, roster_of
 from ._version import VERSION
-from ._own_daemon import Setup
-from ._workers import SentRays, columns_of, paths_of
+from ._own_daemon import Setup, distributed
+from ._workers import SentRays, columns_of, files_at, info_of, paths_of
 from .errors import DeadlineError, RayWarning, UsageError
 from .generators import Generator
 from .images import Image
@@ -76,8 +76,33 @@ def _as(*functions: Callable[..., Any], without: Sequence[str] = ()) -> Callable
 
 
 def _known(cluster: Any, scene: Any, setup: Setup, load: Optional[dict[str, Any]], patience: float,
-           progress: Any = None) -> Prepared:
-    return known_to(cluster, prepare(scene, **(load or {})), setup, patience, progress)
+           progress: Any = None, of: Optional[Prepared] = None) -> Prepared:
+    return known_to(cluster, prepare(scene, **(load or {})), setup, patience, progress, of)
+
+
+def known_to(cluster: Any, scene: Prepared, setup: Setup, patience: float, progress: Any = None,
+             of: Optional[Prepared] = None) -> Prepared:
+    """The scene with the digest that all workers must agree on, as a request begins, or is `of` another scene, too."""
+    if not isinstance(cluster, distributed.Client):
+        raise UsageError("the first argument is a distributed.Client, as Client('tcp://head:8786')")
+    if cluster.status in ("closing", "closed"):
+        raise UsageError("the Client is closed, or its scheduler went away: connect anew")
+    if cluster.asynchronous:    # all that waits here would keep its loop from answering
+        raise UsageError("the Client is asynchronous: give one made without asynchronous=True, or call this in another "
+                         "thread, as asyncio.to_thread() does")
+    scene.noted, scene.rounding = (set(), {}) if of is None else (of.noted, of.rounding)
+
+    def ask(method: Any) -> Any:
+        def send(done: int, total: int, stage: str) -> None:
+            if progress and stage == "sending":
+                progress(done, total, stage)
+        answer, = Deal(cluster, setup, scene, method, [Part({}, source=scene.source)], patience, send).all()
+        return answer
+    if scene.source.message is None:
+        scene.found(ask(files_at))
+    if not scene.source.digest:
+        scene.learn(ask(info_of))
+    return scene
 
 
 def _file(known: Prepared, given: Any, _known_here: Any) -> Any:
@@ -113,7 +138,10 @@ def arrays(cluster: Any, scene: Any, rays: Any, *, fields: Union[str, Sequence[s
     """Returns the columns of trace() as dask arrays, whose blocks stay on the workers that made them, to be reduced or
     written there, as by to_zarr() to where all hosts see it. Their methods work with the Client that Dask takes by
     default; another one has client.compute(column). For kinds "closest" and "any". A block that is lost is made again, of
-    rays that the scheduler keeps until then: have few that are sent, or a generator.
+    rays that the scheduler keeps until then: have few that are sent, or a generator. Hosts that fail, round otherwise or have
+    another version at the time of the call get no block, and one that fails later leaves its blocks to others. But Dask alone
+    waits for the blocks: those of a worker that is stuck come when Dask gives it up, after the scheduler's
+    `distributed.scheduler.worker-ttl` (5 minutes), or at once if you end that worker.
     Warnings come when a block is made, of its rays alone."""
     from dask.delayed import delayed
 
@@ -124,7 +152,10 @@ def arrays(cluster: Any, scene: Any, rays: Any, *, fields: Union[str, Sequence[s
     known = _known(cluster, scene, setup, load, patience)
     one, *parts = at_their_epoch(known, [next(_parts_of(rays, 1, {**job, "fields": fields, "kind": kind})),
                                          *_parts_of(rays, item_rays, {**job, "fields": fields, "kind": kind})])
-    row, = Deal(cluster, setup, known, "trace", [one], patience, None).all()
+    # All hosts are asked, so that those which are no good get no blocks.
+    hosts = roster_of(cluster).living(patience)
+    deal = Deal(cluster, setup, known, "trace", [one._replace(first=host) for host in hosts or [""]], patience, None)
+    row, good, rounding = deal.all()[0], deal.good(), deal.rounding.get("how", "")
     known.send_all(cluster)
     blocks: list[Any] = []
     firsts = np.cumsum([0, *(part.weight for part in parts)]).tolist()
@@ -132,7 +163,7 @@ def arrays(cluster: Any, scene: Any, rays: Any, *, fields: Union[str, Sequence[s
         assert part.rays is not None
         # With the rays in it the scheduler can have it made again.
         blocks.append(cluster.submit(columns_of, VERSION, setup, part.source, part.rays(), part.options, first, part.weight,
-                                     pure=False, retries=5))
+                                     rounding, good, workers=good or None, pure=False, retries=5))
         blocks[-1].raynest_scene = known    # whose files the workers have as long as there are blocks
     return {name: array.concatenate([
         array.from_delayed(delayed(operator.getitem)(block, name), (part.weight, *column.shape[1:]), column.dtype)
@@ -371,7 +402,7 @@ def _tiles(cluster: Any, known: Prepared, method: str, size: tuple[int, int], sa
            ) -> tuple[list[tuple[int, int, int, int]], Deal]:
     item_samples = _check(options, item_samples, "tile")
     width, height = size_message(size).values()
-    options = {name: TRAVELS[name](known, value, lambda scene: _known(cluster, scene, setup, None, patience, progress))
+    options = {name: TRAVELS[name](known, value, lambda scene: _known(cluster, scene, setup, None, patience, progress, known))
                if name in TRAVELS else value for name, value in options.items()}
     cut = tiles(size, item_samples // samples)
     late = None
