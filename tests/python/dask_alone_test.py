@@ -4,6 +4,7 @@ differs in a byte, or stays behind.
 
   dask_alone_test.py RAYNESTD RAYNEST FLATC
 """
+import asyncio
 import contextlib
 import gc
 import os
@@ -62,6 +63,10 @@ def fails(_host, _source, options):
     except ValueError:
         return options["here"]
     raise OSError("it is broken")
+
+
+def stored(dask_worker):
+    return len(dask_worker.data)
 
 
 def tasks(dask_scheduler):
@@ -307,6 +312,24 @@ class Alone(WithCluster):
                 for _ in range(3):
                     next(self.deal(cluster, makes, *[{}] * 50).answers())
             self.left(cluster)
+        with self.subTest("a request that is left while its rays are sent"):
+            landed, scatter = [], distributed.client.scatter_to_workers
+
+            async def slow(*given, **options):
+                found = await scatter(*given, **options)
+                landed.append(found)
+                await asyncio.sleep(0.5)
+                return found
+            with unittest.mock.patch.object(distributed.client, "scatter_to_workers", slow):
+                deal = many.Deal(cluster.client, self.setup, many.prepare(SCENE), "trace", [
+                    many.Part({}, lambda: RAYS, True)] * 3, PATIENCE, None)
+                for item in range(3):
+                    deal._deal(item)
+                until(lambda: landed)
+                for item in range(3):
+                    deal._leave(item)
+                self.left(cluster)
+                until(lambda: not any(cluster.client.run(stored).values()), lambda: cluster.client.run(stored))
         with self.subTest("an error that somebody keeps"):
             kept = []
             try:

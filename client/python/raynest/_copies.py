@@ -100,12 +100,21 @@ class Road:
                 self.slow.add(to)
                 return None
             finally:
-                sending.cancel()
+                if not sending.done():
+                    sending.add_done_callback(let_go)
 
     async def _scattered(self, rays: Any, to: str) -> Any:
         if not await self.roster.reaches(to):
             raise OSError("its rays go through the scheduler")
         return await self.cluster.scatter(uncompressed(rays), hash=False, direct=True, workers=[to], asynchronous=True)
+
+
+def let_go(scattering: Any) -> None:
+    """Is called when a scatter ends that nobody waits for: one that is cancelled would leave its data on the worker for good."""
+    if not scattering.cancelled() and scattering.exception() is None:
+        given = scattering.result()
+        for future in given.values() if isinstance(given, dict) else [given]:
+            future.release()
 
 
 class Copy:

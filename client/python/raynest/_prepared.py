@@ -13,6 +13,7 @@ from typing import Any, Iterable, Mapping, Optional, Sequence
 import numpy as np
 
 from . import _travel
+from ._copies import let_go
 from ._net.frame import Array
 from ._travel import PIECE_BYTES, PIECE_SECONDS, held, keys_of_changes, keys_of_file
 from ._requests.arguments import whole
@@ -236,12 +237,12 @@ class Prepared:
                 takers.remove(to := giving.pop(one))
                 if not one.cancelled() and one.exception() is None:
                     for late, whose in giving.items():
-                        late.cancel()
+                        late.add_done_callback(let_go)
                         takers.remove(whose)
                     takers.append(to)
                     return one.result()[key]
         for late in giving:
-            late.cancel()
+            late.add_done_callback(let_go)
         raise FailedError("no worker takes the scene's files")
 
 
