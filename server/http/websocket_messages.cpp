@@ -3,6 +3,7 @@
 #include "protocol/control.h"
 #include "protocol/text.h"
 #include "server/http/embedded.h"
+#include "server/http/json_tokens.h"
 
 #include <flatbuffers/idl.h>
 
@@ -26,10 +27,6 @@ using protocol::Code;
 constexpr std::uint64_t exact_integer_max = 1ULL << 53;
 constexpr std::size_t type_bytes_max = 32;
 constexpr std::size_t error_bytes_max = 200;
-/// Quotes and opening brackets of a text message: several full lists of texts.
-constexpr std::size_t text_marks_max = 4096;
-/// Commas: all values of tables.
-constexpr std::size_t text_items_max = 10'000;
 
 /// Writes tables as JSON. FlatBuffers' own generator rounds numbers to 6 or 12 decimals; this one
 /// writes the shortest text that reads back the same.
@@ -226,19 +223,13 @@ Read<protocol::Frame> read(protocol::FrameHeader header, std::string_view json) 
     // The conversation answers other types, whatever they say.
     if (!protocol::sent_by_client(header.type)) return frame;
     const std::string name = protocol::message_name(header.type);
-    if (json.find('\0') != std::string_view::npos)
-        return tl::unexpected(unreadable(header, Code::bad_frame, name + " holds a zero byte"));
-    // Counted before it is parsed: 64 KiB of short strings would take milliseconds.
-    const auto count = [&](char mark) {
-        return static_cast<std::size_t>(std::ranges::count(json, mark));
+    const auto invalid = [&](std::string_view why) {
+        return tl::unexpected(unreadable(
+            header, Code::bad_frame, "the JSON of " + name + " is not valid: " + std::string(why)));
     };
-    if (count('"') + count('{') + count('[') > text_marks_max || count(',') > text_items_max)
-        return tl::unexpected(unreadable(
-            header, Code::bad_frame, "the JSON of " + name + " has too many strings or values"));
+    if (const auto fault = fault_of_json(json); !fault.empty()) return invalid(fault);
     Schema& schema = Schema::of_this_thread();
-    if (!schema.read(name, std::string(json).c_str()))
-        return tl::unexpected(unreadable(
-            header, Code::bad_frame, "the JSON of " + name + " is not valid: " + schema.error()));
+    if (!schema.read(name, std::string(json).c_str())) return invalid(schema.error());
     const flatbuffers::FlatBufferBuilder& built = schema.built();
     frame.header.control_bytes = built.GetSize();
     frame.control = protocol::Buffer(built.GetSize());

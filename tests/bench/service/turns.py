@@ -117,6 +117,22 @@ def job(**more):
     return {"scene": "large", **more}
 
 
+def dearest_texts():
+    """Texts of 64 KiB or as many tokens as are read, of one kind of token each."""
+    def values(count, each):
+        return '{"job":{"scene":"none","tables":[{"name":"a","values":[' + ",".join([each] * count) + "]}]}}"
+    yield "short numbers", values(9990, "0.5")
+    yield "numbers with exponents", values(9000, "1e-300")
+    yield "numbers of 17 digits", values(2600, "1.2345678901234567e-30")
+    yield "one number", values(1, "9" * 60000 + "e-60000")
+    yield "numbers as texts", values(2000, '"1e-30"')
+    yield "short texts", '{"fields":[' + ",".join(['""'] * 2000) + "]}"
+    yield "escapes", '{"job":{"scene":"' + "\\u0041" * 10800 + '"}}'
+    yield "empty objects", '{"job":{"tables":[' + ",".join(["{}"] * 4000) + "]}}"
+    yield "blanks", "{" + " " * 65000 + "}"
+    yield "functions", values(8100, "sin(1)")
+
+
 def picture(side, **more):
     return {"job": job(), "width": side, "height": side, "encode": "raw", **more}
 
@@ -129,6 +145,8 @@ def measure_all(turns, instances):
                        "file_hashes": [2 ** 64 - 1] * LIST, "file_bytes": [0] * LIST}, "Load of 512 files, 60 KB of JSON")
     turns.measure("a broken message of 64 KiB",
                   lambda peer: (peer.say("Ping", 1, {}), peer.send("Ping 2 {" + text_of_bytes(65536)), finish(peer, 2)))
+    for kind, text in dearest_texts():
+        turns.measure(f"a text of {kind}", lambda peer, text=text: (peer.send("Query 2 " + text), finish(peer, 2)))
     for name in ("Scenes", "Variants", "Stats", "Jobs", "Page"):
         turns.ask(name, {})
     turns.ask("Info", {"scene": "large"})

@@ -3,6 +3,7 @@
 #include "engine/scene/motion/motion.h"
 #include "protocol/edit_row.h"
 #include "server/execution/kept_selections.h"
+#include "server/http/websocket_messages.h"
 #include "server/jobs/scene_poser.h"
 #include "server/scheduling/disposal.h"
 #include "tests/sanitized.h"
@@ -412,6 +413,37 @@ TEST_CASE("no turn of the io thread does more for a large request and a large sc
     CHECK_MESSAGE((Turns::asked.contains(number) || elsewhere(wire::Message::Name)), \
                   "no turn of " #Name);
 #include "protocol/lists/requests.def"
+}
+
+TEST_CASE("to read the dearest text messages takes the io thread no more than a turn may") {
+    if (sanitized) return;
+    const auto list = [](std::size_t count, std::string_view each) {
+        std::string text;
+        for (std::size_t i = 0; i < count; ++i) text.append(i == 0 ? "[" : ",").append(each);
+        return text + ']';
+    };
+    const auto values = [&](const std::string& made) {
+        return R"(Query 1 {"job":{"tables":[{"name":"a","values":)" + made + "}]}}";
+    };
+    const std::string texts[] = {
+        values(list(9'000, "1e-300")),
+        values(list(2'600, "1.2345678901234567e-30")),
+        values(list(2'000, R"("1e-30")")),
+        values(list(1, std::string(60'000, '9') + "e-60000")),
+        R"(Query 1 {"job":{"hidden_instances":)" + list(9'990, "12345") + "}}",
+        R"(Query 1 {"fields":)" + list(2'000, R"("")") + '}',
+        R"(Query 1 {"job":{"tables":)" + list(4'000, "{}") + "}}",
+        R"(Info 1 {"scene":")" + std::string(65'000, '\\') + "\"}",
+    };
+    // The parser keeps the room that it took.
+    for (const std::string& text : texts) CHECK(server::read_text_message(text).has_value());
+    for (const std::string& text : texts) {
+        CAPTURE(text.substr(0, 80));
+        REQUIRE(text.size() <= 65'536);
+        const std::uint64_t before = allocated_bytes;
+        CHECK(server::read_text_message(text).has_value());
+        CHECK(allocated_bytes - before <= turn_bytes_max);
+    }
 }
 
 }  // namespace
