@@ -37,7 +37,7 @@ std::optional<Budget::Lease> Budget::reserve(std::uint64_t bytes, const std::str
     if (bytes == 0) return Lease();
     const std::lock_guard lock(mutex_);
     auto account = accounts_.find(principal);
-    if (bytes > room_for(principal, account, use, 0)) return std::nullopt;
+    if (bytes > room_for(principal, account, use, {})) return std::nullopt;
     if (account == accounts_.end()) account = accounts_.try_emplace(principal).first;
     of(account->second, use) += bytes;
     of(used_, use) += bytes;
@@ -50,17 +50,21 @@ void Budget::give_back(Accounts::iterator account, Use use, std::uint64_t bytes)
     if (account->second == Bytes{}) accounts_.erase(account);
 }
 
-std::uint64_t Budget::room(const std::string& principal, Use use, std::uint64_t freed) const {
+std::uint64_t Budget::room(const std::string& principal, Use use, const Freed& freed) const {
     const std::lock_guard lock(mutex_);
     return room_for(principal, accounts_.find(principal), use, freed);
 }
 
 std::uint64_t Budget::room_for(const std::string& principal, Accounts::const_iterator account,
-                               Use use, std::uint64_t freed) const {
+                               Use use, const Freed& freed) const {
     const auto part = [use](const Bytes& bytes) { return bytes[static_cast<std::size_t>(use)]; };
-    const std::uint64_t lasting = used_[static_cast<std::size_t>(Use::lasting)];
-    const std::uint64_t requests = used_[static_cast<std::size_t>(Use::passing)];
-    const std::uint64_t passing = requests - std::min(freed, requests);
+    const auto less = [](std::uint64_t bytes, std::uint64_t gone) {
+        return bytes - std::min(bytes, gone);
+    };
+    const std::uint64_t lasting =
+        less(used_[static_cast<std::size_t>(Use::lasting)], freed.lasting);
+    const std::uint64_t passing =
+        less(used_[static_cast<std::size_t>(Use::passing)], freed.requests);
     std::uint64_t free = limit_ - lasting - passing;
     if (principal.empty()) return free;
     const auto others_pay = unpaid_.find(principal);
@@ -69,14 +73,26 @@ std::uint64_t Budget::room_for(const std::string& principal, Accounts::const_ite
     // Requests use the reserve first.
     const std::uint64_t reserve = limit_ / reserve_part;
     const std::uint64_t kept = use == Use::lasting ? reserve - std::min(reserve, passing) : 0;
-    const std::uint64_t held = (account == accounts_.end() ? 0 : part(account->second)) +
-                               (use == Use::lasting ? unpaid : 0);
+    const std::uint64_t charged = account == accounts_.end() ? 0 : part(account->second);
+    const std::uint64_t held = use == Use::lasting ? less(charged, freed.own) + unpaid : charged;
     return fair_part(held, free - std::min(free, kept));
 }
 
-void Budget::set_unpaid(Unpaid unpaid) {
+Budget::Unpaid Budget::count_unpaid(Unpaid::Bytes bytes) {
     const std::lock_guard lock(mutex_);
-    unpaid_.swap(unpaid);
+    for (const auto& [principal, more] : bytes) unpaid_.try_emplace(principal);
+    for (const auto& [principal, more] : bytes) unpaid_[principal] += more;
+    return {this, std::move(bytes)};
+}
+
+Budget::Unpaid::~Unpaid() {
+    if (bytes_.empty()) return;
+    const std::lock_guard lock(budget_->mutex_);
+    for (const auto& [principal, bytes] : bytes_) {
+        const auto known = budget_->unpaid_.find(principal);
+        known->second -= bytes;
+        if (known->second == 0) budget_->unpaid_.erase(known);
+    }
 }
 
 std::uint64_t Budget::unpaid() const {

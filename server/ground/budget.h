@@ -75,6 +75,33 @@ public:
         std::uint64_t bytes_ = 0;
     };
 
+    /// Memory that principals have and others are charged for, whom they know nothing of. Until this
+    /// is destroyed, it counts in their room() as if they were charged for it, which would tell of
+    /// the others otherwise. Move-only; assign only an empty one to one that is not.
+    class Unpaid {
+    public:
+        using Bytes = std::map<std::string, std::uint64_t>;  ///< by principal
+        Unpaid() = default;
+        Unpaid(Unpaid&& other) noexcept
+            : budget_(other.budget_),
+              bytes_(std::exchange(other.bytes_, {})) {}
+        Unpaid& operator=(Unpaid&& other) noexcept {
+            std::swap(budget_, other.budget_);
+            bytes_.swap(other.bytes_);
+            return *this;
+        }
+        Unpaid(const Unpaid&) = delete;
+        ~Unpaid();
+
+        [[nodiscard]] const Bytes& bytes() const { return bytes_; }
+
+    private:
+        friend class Budget;
+        Unpaid(Budget* budget, Bytes bytes) : budget_(budget), bytes_(std::move(bytes)) {}
+        Budget* budget_ = nullptr;
+        Bytes bytes_;
+    };
+
     explicit Budget(std::uint64_t limit) : limit_(limit) {}
     Budget(const Budget&) = delete;
 
@@ -84,16 +111,20 @@ public:
                                                const std::string& principal = {},
                                                Use use = Use::passing);
 
-    /// Returns how many bytes the principal may reserve once others have freed `freed` bytes of
-    /// requests.
+    struct Freed {
+        std::uint64_t requests = 0;  ///< passing bytes of others
+        std::uint64_t lasting = 0;   ///< lasting bytes of anybody
+        std::uint64_t own = 0;       ///< those that the principal is charged for no more
+    };
+    /// Returns how many bytes the principal may reserve once so much is freed.
     [[nodiscard]] std::uint64_t room(const std::string& principal, Use use,
-                                     std::uint64_t freed = 0) const;
+                                     const Freed& freed) const;
+    [[nodiscard]] std::uint64_t room(const std::string& principal, Use use) const {
+        return room(principal, use, {});
+    }
 
-    /// Memory that principals have and others are charged for, whom they know nothing of. It counts in
-    /// their room() as if they were charged for it, and it would be told by it otherwise.
-    using Unpaid = std::map<std::string, std::uint64_t>;
-    /// Replaces what was said before.
-    void set_unpaid(Unpaid unpaid);
+    /// Throws std::bad_alloc.
+    [[nodiscard]] Unpaid count_unpaid(Unpaid::Bytes bytes);
     [[nodiscard]] std::uint64_t unpaid() const;
 
     [[nodiscard]] std::uint64_t limit() const { return limit_; }
@@ -117,13 +148,13 @@ private:
     // These require the lock.
     [[nodiscard]] std::uint64_t room_for(const std::string& principal,
                                          Accounts::const_iterator account, Use use,
-                                         std::uint64_t freed) const;
+                                         const Freed& freed) const;
     void give_back(Accounts::iterator account, Use use, std::uint64_t bytes);
 
     const std::uint64_t limit_;
     mutable std::mutex mutex_;
     Accounts accounts_;
-    Unpaid unpaid_;
+    Unpaid::Bytes unpaid_;
     Bytes used_{};  ///< by all accounts
 };
 

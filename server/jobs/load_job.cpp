@@ -29,6 +29,8 @@ constexpr std::uint64_t import_base_bytes = 1ULL << 30;
 constexpr std::uint64_t import_growth = 4;
 /// Epochs that a load leaves to edits, once these were faster than its commit.
 constexpr std::uint64_t epochs_free = 1000;
+/// Bytes of an upload for which stored scenes leave the memory together.
+constexpr std::uint64_t room_at_once = 8 << 20;
 
 bool is_intact(const UploadFile& file) {
     if (!file.digest) return protocol::upload_checksum(file.bytes.span()) == file.hash;
@@ -113,6 +115,13 @@ public:
         // Reserve each piece as it comes: an upload that is announced but not sent takes nothing.
         const std::string& principal = order_.caller.principal;
         auto lease = services_.peers.reserve(block->count, principal, Use::lasting);
+        if (!lease) {
+            // Also for the next pieces, as each call looks at all scenes.
+            services_.scenes.make_room(
+                std::max(block->count, std::min(announced_ - received_, room_at_once)), principal);
+            services_.scenes.make_room(block->count, principal);
+            lease = services_.peers.reserve(block->count, principal, Use::lasting);
+        }
         if (!lease)
             return services_.budget.refuse("the rest of the upload", announced_ - received_,
                                            principal, memory_remedy());
@@ -157,10 +166,10 @@ public:
         // An import tells what it needs only while it runs, and then cannot wait for stored scenes
         // to go.
         constexpr std::uint64_t part_kept_free = 4;
-        if (!retried_)
-            make_room(services_.state == nullptr
-                          ? 2 * announced_
-                          : std::max(2 * announced_, services_.budget.limit() / part_kept_free));
+        if (!retried_) {
+            make_room(2 * announced_);
+            if (services_.state != nullptr) make_room(services_.budget.limit() / part_kept_free);
+        }
         memory_.emplace(services_.budget, principal, Use::lasting,
                         services_.peers.reclaimable_bytes(principal));
         decide_whether_to_store();
@@ -277,11 +286,12 @@ private:
     Reply<void> retry() {
         const auto refused = *std::exchange(refused_, std::nullopt);
         const std::string& principal = order_.caller.principal;
-        memory_.reset();
         const std::uint64_t before = services_.budget.room(principal, Use::lasting);
-        services_.scenes.make_room(services_.budget.limit(), principal);
+        // The import still counts as its owner's: those who hold less keep their scenes.
+        services_.scenes.make_all_room(principal);
         if (services_.budget.room(principal, Use::lasting) <= before)
             return tl::unexpected(refused);
+        memory_.reset();
         retried_ = true;
         import_started_ = false;
         return {};

@@ -123,7 +123,7 @@ void ScenePoser::done(Kept::iterator posed, Made& made) {
     if (made.snapshot) {
         made.lease.shrink(std::min(made.lease.bytes(), made.bytes));
         posed->held = services_.scenes.with_memory(
-            {std::move(*made.snapshot), std::move(made.lease), 0, {}, std::move(made.velocities)});
+            {std::move(*made.snapshot), std::move(made.lease), {}, std::move(made.velocities)});
         posed->used = Clock::now();
     } else {
         own_[principal].kept.erase(posed);

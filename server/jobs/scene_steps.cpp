@@ -262,7 +262,7 @@ Reply<void> SceneSteps::make(View& view, const Stop& stop) {
     view.lease.shrink(std::min<std::uint64_t>(view.lease.bytes(),
                                               (*posed)->bytes().size() + velocities->bytes()));
     view.plan->scene.held = std::make_shared<HeldScene>(
-        HeldScene{std::move(*posed), std::move(view.lease), 0, {}, std::move(velocities)});
+        HeldScene{std::move(*posed), std::move(view.lease), {}, std::move(velocities)});
     if (plan_.selected == nullptr) return {};
     view.plan->selected =
         std::make_shared<Selected>(plan_.selected->words(), services_.limits.hidden_instances_max,

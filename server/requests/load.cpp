@@ -101,14 +101,10 @@ Reply<void> read_files(const Services& services, const wire::Load& message, Load
     std::uint64_t total = 0;
     for (std::size_t i = 0; i < names.size(); ++i)
         total += message.file_bytes()->Get(static_cast<flatbuffers::uoffset_t>(i));
-    // Refuse an upload that does not fit now, before it is sent. Memory is reserved piece by piece.
+    // Refuse an upload for which no room can be made, before it is sent. Room is made, and reserved,
+    // piece by piece: one that is announced but not sent takes nothing from others.
     const std::string& principal = order.caller.principal;
-    const auto fits = [&] {
-        return total <= services.budget.room(principal, Use::lasting,
-                                             services.peers.reclaimable_bytes(principal));
-    };
-    if (!fits()) services.scenes.make_room(total, principal);
-    if (!fits())
+    if (total > services.scenes.most_room(principal, services.peers.reclaimable_bytes(principal)))
         return services.budget.refuse(
             "the upload", total, principal,
             services.scenes.remedy(principal, "start raynestd with a larger --memory"));

@@ -147,7 +147,7 @@ std::optional<Budget::Lease> Peers::reserve(std::uint64_t bytes, const std::stri
 
 void Peers::make_memory(std::uint64_t bytes, const std::string& newcomer, Use use) {
     if (bytes <= budget_.room(newcomer, use) ||
-        bytes > budget_.room(newcomer, use, reclaimable_bytes(newcomer)))
+        bytes > budget_.room(newcomer, use, {.requests = reclaimable_bytes(newcomer)}))
         return;
     while (bytes > budget_.room(newcomer, use) && make_room(Resource::memory, newcomer)) {
     }

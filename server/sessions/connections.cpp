@@ -125,16 +125,16 @@ void Connections::leave(const std::shared_ptr<Session>& session) {
     services_.peers.leave(*session);
 }
 
-// The functions below iterate over a copy: sessions may leave while they are called.
-
 void Connections::drain(const std::string& why) {
-    const Sessions sessions = sessions_;
-    for (const auto& session : sessions) session->drain(why);
+    // The daemon asks again and again until all are gone.
+    if (!drain_round_.expired()) return;
+    const auto round = std::make_shared<const char>();
+    drain_round_ = round;
+    go_round([why, round](Session& session) { session.drain(why); });
 }
 
 void Connections::close_with_error(const protocol::Error& error) {
-    const Sessions sessions = sessions_;
-    for (const auto& session : sessions) session->close_with_error(error);
+    go_round([error](Session& session) { session.close_with_error(error); });
 }
 
 std::vector<ConnectionRow> Connections::rows(std::uint64_t after) const {
@@ -147,16 +147,15 @@ std::vector<ConnectionRow> Connections::rows(std::uint64_t after) const {
 
 std::size_t Connections::kick(std::uint64_t number, const std::string& principal,
                               const protocol::Error& error) {
-    std::size_t count = 0;
-    const Sessions sessions = sessions_;
-    for (const auto& session : sessions) {
-        const bool meant =
-            number != 0 ? session->number() == number : session->principal() == principal;
-        if (!meant) continue;
-        if (session->close_with_error(error)) ++services_.metrics.kicked;
-        ++count;
-    }
-    return count;
+    const auto is_meant = [number, principal](const Session& session) {
+        return number != 0 ? session.number() == number : session.principal() == principal;
+    };
+    const auto count =
+        std::ranges::count_if(sessions_, [&](const auto& session) { return is_meant(*session); });
+    go_round([this, is_meant, error](Session& session) {
+        if (is_meant(session) && session.close_with_error(error)) ++services_.metrics.kicked;
+    });
+    return static_cast<std::size_t>(count);
 }
 
 void Connections::close_unless(

@@ -38,24 +38,25 @@ public:
     [[nodiscard]] bool empty() const { return sessions_.empty(); }
     [[nodiscard]] std::size_t size() const { return sessions_.size(); }
 
+    // These do it in turns of the io thread: a crowd takes long.
+
     /// Refuses new jobs; each connection closes when its running jobs have ended: with this
     /// message, or the usual one.
     void drain(const std::string& why = {});
     /// Ends all connections with this error.
     void close_with_error(const protocol::Error& error);
-    /// Closes connections whose machine or network is gone. Others have their turns meanwhile.
+    /// Closes connections whose machine or network is gone.
     void close_lost();
     /// Closes connections whose peer has left while its request waits.
     void close_deserted();
-    /// Ends the connections for which `valid` returns false with this error. Others have their
-    /// turns meanwhile, as one may cost the verification of a certificate: `valid` is also called
-    /// later.
+    /// Ends the connections for which `valid` returns false with this error. One may cost the
+    /// verification of a certificate; `valid` is also called later.
     void close_unless(const std::function<bool(const PeerIdentity&, const Principal&)>& valid,
                       const protocol::Error& error);
 
     /// Lists the connections with numbers above `after`, by number.
     [[nodiscard]] std::vector<ConnectionRow> rows(std::uint64_t after) const;
-    /// Ends one connection, or all of a principal, with this error. Returns their number.
+    /// Ends one connection, or all of a principal, with this error, in turns. Returns their number.
     std::size_t kick(std::uint64_t number, const std::string& principal,
                      const protocol::Error& error);
 
@@ -85,7 +86,7 @@ private:
         std::vector<std::shared_ptr<Session>> left;
         std::function<void(Session&)> act;
     };
-    /// Does something with every session, in turns of the io thread: a crowd of them takes long.
+    /// Does something with every session, in turns.
     void go_round(std::function<void(Session&)> act);
     /// Goes on for the time of a turn, and posts the rest.
     void go_on();
@@ -99,6 +100,7 @@ private:
     Sessions sessions_;
     std::map<std::uint64_t, std::shared_ptr<Session>> greeting_;  ///< not greeted yet, by number
     std::deque<Round> rounds_;
+    std::weak_ptr<const char> drain_round_;  ///< of the round that drains, while it lasts
 };
 
 }  // namespace raynest::server

@@ -75,7 +75,9 @@ Reply<std::optional<NamedScene>> SceneStore::publish_edit(const NamedScene& befo
             return tl::unexpected(quota.error());
     auto held = hold(std::move(edited), entry.is_owners() ? entry.owner : caller.principal);
     if (!held) return tl::unexpected(held.error());
+    entry.unsettle();
     const auto replaced = std::exchange(entry.scene.held, std::move(*held));
+    entry.unsettle();
     entry.facts = facts_of(entry.scene.snapshot());
     entry.lower_holds();
     std::erase_if(entry.earlier, [](const auto& epoch) { return epoch.second.expired(); });

@@ -42,69 +42,71 @@ void SceneStore::Entry::lower_holds() {
                 hold.bytes = std::min(hold.bytes, facts.bytes);
 }
 
-void SceneStore::settle_charges() noexcept {
-    const std::uint64_t settled = ++last_settling_;
-    for (const auto& [name, entry] : entries_) {
-        const auto& held = entry.scene.held;
-        if (!held) continue;
-        held->is_left_to_readers = false;
-        if (entry.charged_to(held->lease.principal())) held->settled = settled;
-    }
-    for (const auto& [name, entry] : entries_) {
-        const auto& held = entry.scene.held;
-        if (!held || held->settled == settled) continue;
-        try {
-            held->lease.charge(entry.is_owners() ? entry.owner : entry.holders.begin()->first);
-        } catch (const std::bad_alloc&) {
-            // It stays as it is until the next holder leaves.
-        }
-        held->settled = settled;
-    }
-    for (const auto& [arena, known] : by_arena_)
-        if (const auto held = known.lock(); held && held->settled != settled)
-            leave_to_readers(*held);
-    tell_unpaid();
+void SceneStore::Entry::unsettle() const {
+    if (scene.held) scene.held->is_unsettled = true;
 }
 
-void SceneStore::tell_unpaid() noexcept {
+void SceneStore::settle_charges() noexcept {
     try {
-        std::map<const HeldScene*, std::vector<const Entry*>> by_content;
-        for (const auto& [name, entry] : entries_) {
-            const auto& held = entry.scene.held;
-            if (held && !entry.charged_to(held->lease.principal())) by_content[held.get()];
-        }
-        Budget::Unpaid unpaid;
-        if (!by_content.empty())
-            for (const auto& [name, entry] : entries_)
-                if (const auto found = by_content.find(entry.scene.held.get());
-                    found != by_content.end())
-                    found->second.push_back(&entry);
-        for (const auto& [held, entries] : by_content) {
-            const std::string& payer = held->lease.principal();
-            std::map<std::string, std::uint64_t> owners;
-            for (const Entry* const entry : entries)
-                if (entry->owner != payer && entry->is_owners())
-                    owners[entry->owner] = entry->facts.bytes;
-            for (const auto& [owner, bytes] : owners) {
-                // The first of those that it sees would be charged if there were no others.
-                const Entry* first = nullptr;
-                bool sees_payer = false;
-                for (const Entry* const entry : entries) {
-                    if (!entry->is_shown_to(owner)) continue;
-                    if (first == nullptr || entry->loaded < first->loaded) first = entry;
-                    sees_payer = sees_payer || entry->charged_to(payer);
-                }
-                if (!sees_payer && first != nullptr && first->owner == owner)
-                    unpaid[owner] += bytes;
-            }
-        }
-        budget_.set_unpaid(std::move(unpaid));
+        std::map<std::shared_ptr<const HeldScene>, Sharers> unsettled;
+        for (const auto& [arena, known] : by_arena_)
+            if (auto held = known.lock(); held && (held->is_unsettled || held->is_left_to_readers))
+                unsettled.try_emplace(std::move(held));
+        if (unsettled.empty()) return;
+        for (const auto& [name, entry] : entries_)
+            if (const auto& held = entry.scene.held; held && held->is_unsettled)
+                unsettled[held].push_back(&entry);
+        for (const auto& [held, sharers] : unsettled) settle_charge(*held, sharers);
     } catch (const std::bad_alloc&) {
-        // The budget keeps those of before until the next settling.
+        // Unsettled ones stay as they are until the next settling.
     }
+}
+
+void SceneStore::settle_charge(const HeldScene& held, const Sharers& sharers) {
+    if (sharers.empty()) {
+        leave_to_readers(held);
+    } else {
+        held.is_left_to_readers = false;
+        const Entry& first = *sharers.front();
+        if (std::ranges::none_of(sharers, [&](const Entry* entry) {
+                return entry->charged_to(held.lease.principal());
+            }))
+            held.lease.charge(first.is_owners() ? first.owner : first.holders.begin()->first);
+        held.unpaid = {};
+        held.unpaid = budget_.count_unpaid(unpaid_of(held, sharers));
+    }
+    held.is_unsettled = false;
+}
+
+Budget::Unpaid::Bytes SceneStore::unpaid_of(const HeldScene& held, const Sharers& sharers) {
+    const std::string& payer = held.lease.principal();
+    // An owner may have the content under many names: the oldest one counts, which tells no more.
+    std::map<std::pair<std::string_view, bool>, const Entry*> oldest;
+    for (const Entry* const entry : sharers) {
+        const Entry*& known = oldest[{entry->owner, entry->is_owners()}];
+        if (known == nullptr || entry->loaded < known->loaded) known = entry;
+    }
+    struct Seen {
+        const Entry* entry;
+        bool pays;
+    };
+    std::vector<Seen> seen;
+    for (const auto& [owner, entry] : oldest) seen.push_back({entry, entry->charged_to(payer)});
+    Budget::Unpaid::Bytes unpaid;
+    for (const auto& [owner, entry] : oldest) {
+        if (!owner.second || entry->owner == payer) continue;
+        // The first of those that it sees would be charged if there were no others.
+        const bool sees_payer = std::ranges::any_of(seen, [&, own = entry](const Seen& other) {
+            return (other.pays || other.entry->loaded < own->loaded) &&
+                   other.entry->owner != own->owner && other.entry->is_shown_to(own->owner);
+        });
+        if (!sees_payer) unpaid.emplace(entry->owner, entry->facts.bytes);
+    }
+    return unpaid;
 }
 
 void SceneStore::leave_to_readers(const HeldScene& held) noexcept {
+    held.unpaid = {};
     if (held.lease.bytes() == 0) return;
     const std::string& charged = held.lease.principal();
     const std::string* reader = held.reader([&](const auto& each) { return each == charged; });
@@ -199,7 +201,7 @@ Reply<std::shared_ptr<const HeldScene>> SceneStore::hold(std::shared_ptr<const S
     }
     auto lease = reserve(snapshot->own_bytes());
     if (!lease) return tl::unexpected(std::move(lease.error()));
-    const auto held = with_memory({std::move(snapshot), std::move(*lease), 0, std::move(shared)});
+    const auto held = with_memory({std::move(snapshot), std::move(*lease), std::move(shared)});
     known = held;
     return held;
 }

@@ -31,7 +31,7 @@ public:
         auto room = budget_.reserve(more, principal_, use_);
         if (room) lease_.merge(std::move(*room));
         missing_ = room ? 0 : more;
-        refused_ = !room && more > budget_.room(principal_, use_, reclaimable_);
+        refused_ = !room && more > budget_.room(principal_, use_, {.requests = reclaimable_});
         return !refused_;
     }
     /// True if cover() has failed.
@@ -45,7 +45,7 @@ public:
     [[nodiscard]] std::uint64_t missing() const { return missing_; }
     /// Most bytes of a scene that the child may build.
     [[nodiscard]] std::uint64_t room() const {
-        return lease_.bytes() + budget_.room(principal_, use_, reclaimable_);
+        return lease_.bytes() + budget_.room(principal_, use_, {.requests = reclaimable_});
     }
     /// Returns all but `bytes` to the budget, after the child has ended.
     void shrink(std::uint64_t bytes) {

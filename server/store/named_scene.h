@@ -18,7 +18,6 @@ class PartDigests;
 struct HeldScene {
     std::shared_ptr<const Snapshot> snapshot;
     mutable Budget::Lease lease;  ///< charged to one of those who hold the scene; io thread only
-    mutable std::uint64_t settled = 0;  ///< the last settling of charges that has looked at it
     /// For Snapshot::shared(), which all that share it have together.
     std::shared_ptr<const Budget::Lease> shared_lease = {};
     /// Null unless the scene is at a moment of an animation.
@@ -29,6 +28,10 @@ struct HeldScene {
     mutable std::shared_ptr<PartDigests> part_digests = {};
     /// True while neither a name nor a connection refers to the scene: a reader is charged for it.
     mutable bool is_left_to_readers = false;
+    /// True if those who hold the scene, or see who does, have changed: the charges are to be settled.
+    mutable bool is_unsettled = false;
+    /// Bytes that owners have of it and another is charged for. Io thread only.
+    mutable Budget::Unpaid unpaid = {};
 
     /// Returns a principal whose requests read the scene and for which `is_meant` is true; null: none.
     template <class IsMeant>

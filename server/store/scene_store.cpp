@@ -40,12 +40,13 @@ bool SceneStore::Entry::temporary_of(const ConnectionId& caller) const {
 }
 
 bool SceneStore::Entry::visible_to(const ConnectionId& caller) const {
-    return owner == caller.principal || caller.role == Role::admin || share.contains("public") ||
+    return owner == caller.principal || caller.role == Role::admin || share.is_public() ||
            share.contains(caller.principal) || held_by(caller);
 }
 
 bool SceneStore::Entry::is_shown_to(const std::string& principal) const {
-    return holders.contains(principal) || visible_to({principal, 0});
+    return owner == principal || share.is_public() || holders.contains(principal) ||
+           share.contains(principal);
 }
 
 std::string SceneStore::Entry::name_for(const ConnectionId& caller) const {
@@ -66,6 +67,7 @@ std::size_t SceneStore::Entry::connections() const {
 }
 
 bool SceneStore::Entry::release(const ConnectionId& caller) noexcept {
+    unsettle();
     const auto found = holders.find(caller.principal);
     if (found != holders.end()) {
         found->second.erase(caller.connection);
@@ -160,6 +162,8 @@ bool SceneStore::found_by(const Entry& entry, const ConnectionId& caller, const 
 }
 
 void SceneStore::disconnect(const ConnectionId& caller) noexcept {
+    // Any stranger's connection ends as often as it likes.
+    if (holding_.erase(caller.connection) == 0) return;
     for (auto entry = entries_.begin(); entry != entries_.end();) {
         const auto next = std::next(entry);
         if (entry->second.held_by(caller) && entry->second.release(caller)) entries_.erase(entry);
@@ -282,7 +286,7 @@ Reply<NamedScene> SceneStore::publish(const std::string& name,
         entry.share = std::move(*share);
         entry.earlier.clear();  // they may hold what an edit took out before others were let in
         // Whom the owner leaves out now sees nothing of it any more, also not by a hold from before.
-        if (!entry.share.contains("public"))
+        if (!entry.share.is_public())
             std::erase_if(entry.holders, [&](const auto& holder) {
                 return holder.first != entry.owner && !entry.share.contains(holder.first);
             });
@@ -292,10 +296,14 @@ Reply<NamedScene> SceneStore::publish(const std::string& name,
     entry.holders[caller.principal].insert_or_assign(caller.connection,
                                                      Entry::Hold{temporary, entry.facts.bytes});
     NamedScene scene = entry.scene_for(caller);
-    if (taken)
+    holding_.insert(caller.connection);
+    entry.unsettle();
+    if (taken) {
+        found->second.unsettle();
         found->second = std::move(entry);
-    else
+    } else {
         entries_.emplace(name, std::move(entry));
+    }
     // Release an unloaded scene of this name that the caller still holds: for the caller, the name
     // means the new scene.
     const auto [first, last] = entries_.equal_range(name);
@@ -401,8 +409,10 @@ Reply<NamedScene> SceneStore::open(std::string_view name, const ConnectionId& ca
     if (const auto quota = check_quota(&entry, caller.principal, entry.facts.bytes);
         !quota && entry.charge(caller.principal) != entry.facts.bytes)
         return tl::unexpected(quota.error());
+    holding_.insert(caller.connection);
     entry.holders[caller.principal].emplace(caller.connection,
                                             Entry::Hold{false, entry.facts.bytes});
+    entry.unsettle();
     return scene;
 }
 

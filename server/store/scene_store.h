@@ -21,6 +21,7 @@
 #include "server/security/quotas.h"
 #include "server/store/disk_room.h"
 #include "server/store/named_scene.h"
+#include "server/store/publication.h"
 #include "server/store/share_list.h"
 #include "server/store/state_folder.h"
 
@@ -37,45 +38,6 @@
 #include <vector>
 
 namespace raynest::server {
-
-/// How a load publishes its scene.
-struct Publication {
-    bool replace = false;    ///< true: replace different content of that name
-    bool temporary = false;  ///< true: drop the scene when its last connection closes
-    /// Principals that may use the scene too, or "public". Empty: as before, and at first nobody.
-    ShareList share = {};
-    /// Digest of the upload that the scene is made of, with all that its import depends on; empty:
-    /// none.
-    std::string made_of = {};
-    BlobPin blob = {};  ///< not null: the scene is stored, by this row
-    StoredScene row = {};
-};
-
-/// A scene that a request needs and that is on the disk alone.
-struct AsleepScene {
-    SceneFacts facts;
-    std::string owner;
-    StoredScene row = {};  ///< whose blob, with its edits, is the scene
-    bool has_edits = false;
-};
-
-/// How an edit of a scene is made, besides its content.
-struct EditPlan {
-    StoredScene row = {};       ///< the scene's row; number 0: it is not stored
-    std::uint64_t reserve = 0;  ///< not 0: the epoch to reserve before the edit is published
-    bool whole = false;         ///< to keep it, the whole scene must be stored
-    DiskRoom room = {};         ///< for the scene then
-};
-
-/// The work of publish_edit() besides its content.
-struct EditPublication {
-    EditPlan plan = {};
-    /// Not null: gets what to hand in; has the edit's change, if any
-    std::shared_ptr<Keeping> keep = {};
-    BlobPin blob = {};         ///< the edited scene's, if it is stored whole
-    std::uint64_t number = 0;  ///< for its row then
-    std::string summary = {};  ///< NamedScene::last_edit
-};
 
 /// The table of scenes. Io thread only.
 class SceneStore {
@@ -168,9 +130,14 @@ public:
     /// The stored content cannot be used; find() says why until somebody loads it again. Returns
     /// their names.
     std::vector<std::string> quarantine(const std::string& arena, const BlobFault& fault);
-    /// Frees memory of stored scenes that nobody uses, the least recently used first, until the
-    /// principal has room for `bytes`, within its quota and --memory.
+    /// Frees memory of stored scenes that nobody uses until the principal has room for `bytes`, within
+    /// its quota and --memory: its own, then those of principals that hold more than it, each the least
+    /// recently used first. Frees none if all of them are not enough.
     void make_room(std::uint64_t bytes, const std::string& principal);
+    /// Frees all memory that make_room() may free for this principal.
+    void make_all_room(const std::string& principal);
+    /// Returns the most that make_room() can make, once requests of others have freed `requests`.
+    [[nodiscard]] std::uint64_t most_room(const std::string& principal, std::uint64_t requests = 0);
     /// The same for memory that is there already, and counts towards the quota alone.
     void make_room_in_quota(std::uint64_t bytes, const std::string& principal);
     /// Returns the rows of names that unload() has dropped since the last call.
@@ -373,6 +340,7 @@ private:
         [[nodiscard]] bool visible_to(const ConnectionId& caller) const;
         /// As visible_to(), for one who is no administrator.
         [[nodiscard]] bool is_shown_to(const std::string& principal) const;
+        void unsettle() const;  ///< before or after who has the entry, or sees it, changes
         /// True while the scene is its owner's, by its name or by a connection.
         [[nodiscard]] bool is_owners() const { return kept || holders.contains(owner); }
         /// True if the scene counts towards the quotas of this principal.
@@ -439,11 +407,13 @@ private:
     [[nodiscard]] DiskUse disk_use(const std::string& principal, const Entry* without) const;
     /// Returns what `owner` may store in the place of `changed`.
     [[nodiscard]] DiskRoom room_for(const Entry* changed, const std::string& owner) const;
-    /// Charges the memory of each scene to another principal if the one that it is charged to holds
-    /// the scene no more. In one pass over all, however many scenes somebody has let go of.
+    /// Settles the charges of all contents that are unsettled, in one pass over all entries.
     void settle_charges() noexcept;
-    /// Tells the budget what principals have that others are charged for, whom they do not see.
-    void tell_unpaid() noexcept;
+    using Sharers = std::vector<const Entry*>;  ///< all entries of one content
+    /// Charges a content to another if the one that it is charged to holds it no more, and tells the
+    /// budget which owners do not see who is charged.
+    void settle_charge(const HeldScene& held, const Sharers& sharers);
+    static Budget::Unpaid::Bytes unpaid_of(const HeldScene& held, const Sharers& sharers);
     /// Charges the memory of a scene that no name and no connection refers to, to one of those whose
     /// requests read it.
     static void leave_to_readers(const HeldScene& held) noexcept;
@@ -455,11 +425,19 @@ private:
         std::uint64_t charged_bytes = 0;  ///< that count towards the principal's quota
         std::vector<Entry*> entries;
 
-        /// Lets go of the memory, once; false if somebody uses it who is charged for it.
-        bool let_go();
+        [[nodiscard]] const HeldScene& held() const { return *entries.front()->scene.held; }
+        [[nodiscard]] bool is_used() const;
+        /// False if somebody uses it who is charged for it.
+        [[nodiscard]] bool may_go() const;
+        void let_go();
     };
     /// Returns all such scenes, the least recently used first.
     std::vector<Droppable> droppable(const std::string& principal);
+    struct RoomPlan {
+        std::vector<Droppable> scenes;  ///< that make_room() may let go of, in its order
+        Budget::Freed freed;            ///< by all of them
+    };
+    RoomPlan plan_room(const std::string& principal);
     [[nodiscard]] static AsleepScene asleep_scene(const Entry& entry);
     /// Makes the entry of a stored scene that is on the disk alone.
     [[nodiscard]] Entry stored_entry(const StoredScene& row, const KeptEdits& edits,
@@ -489,7 +467,7 @@ private:
     std::map<const SharedPages*, std::weak_ptr<const Budget::Lease>> shared_leases_;
     Claims claims_;
     std::uint64_t last_connection_ = 0;
-    std::uint64_t last_settling_ = 0;
+    std::set<std::uint64_t> holding_;  ///< connections that may hold something
     mutable std::optional<AsleepScene> asleep_;
     std::vector<StoredScene> dropped_;
 };

@@ -3,16 +3,12 @@
 #include "protocol/subject.h"
 
 #include <algorithm>
-#include <functional>
+#include <cstddef>
 
 namespace raynest::server {
 namespace {
 
 constexpr std::size_t short_bytes_most = 1024;
-
-std::size_t hash_of(std::string_view name) {
-    return std::hash<std::string_view>()(name);
-}
 
 std::string beginning(const std::vector<std::string_view>& names) {
     std::string text;
@@ -40,25 +36,18 @@ ShareList::ShareList(const std::vector<std::string>& names) {
     content->text.reserve(bytes);
     for (const std::string_view name : sorted) content->text += name;
     content->names.reserve(sorted.size());
-    content->places.reserve(sorted.size());
     std::size_t at = 0;
     for (const std::string_view name : sorted) {
-        content->places.emplace_back(hash_of(name), content->names.size());
         content->names.push_back(std::string_view(content->text).substr(at, name.size()));
         at += name.size();
     }
-    std::ranges::sort(content->places);
     content->short_text = beginning(content->names);
+    content->is_public = std::ranges::binary_search(content->names, "public");
     content_ = content;
 }
 
 bool ShareList::contains(std::string_view name) const {
-    if (!content_) return false;
-    using Place = std::pair<std::size_t, std::uint32_t>;
-    const auto [first, last] =
-        std::ranges::equal_range(content_->places, hash_of(name), {}, &Place::first);
-    return std::any_of(first, last,
-                       [&](const Place& place) { return content_->names[place.second] == name; });
+    return content_ != nullptr && std::ranges::binary_search(content_->names, name);
 }
 
 const std::vector<std::string_view>& ShareList::names() const {
@@ -81,8 +70,7 @@ const std::string& ShareList::short_text() const {
 std::uint64_t ShareList::bytes() const {
     if (!content_) return 0;
     return sizeof(Content) + content_->text.capacity() + content_->short_text.capacity() +
-           content_->names.capacity() * sizeof(std::string_view) +
-           content_->places.capacity() * sizeof content_->places[0];
+           content_->names.capacity() * sizeof(std::string_view);
 }
 
 }  // namespace raynest::server

@@ -2,7 +2,6 @@
 // the lists of all scenes: copies refer to one content, which is a few blocks of memory.
 #pragma once
 
-#include <cstddef>
 #include <cstdint>
 #include <initializer_list>
 #include <memory>
@@ -23,6 +22,8 @@ public:
 
     [[nodiscard]] bool empty() const { return content_ == nullptr; }
     [[nodiscard]] bool contains(std::string_view name) const;
+    /// As contains("public"), which every request asks of every scene.
+    [[nodiscard]] bool is_public() const { return content_ != nullptr && content_->is_public; }
     /// Valid as long as a copy of the list.
     [[nodiscard]] const std::vector<std::string_view>& names() const;
     /// The whole list as text (protocol/subject.h).
@@ -48,10 +49,9 @@ public:
 private:
     struct Content {
         std::string text;                     ///< the names, one after the other
-        std::vector<std::string_view> names;  ///< in `text`
-        /// The hash and number of each name, by hash: a search reads few places in memory.
-        std::vector<std::pair<std::size_t, std::uint32_t>> places;
+        std::vector<std::string_view> names;  ///< in `text`, sorted: no names make a search long
         std::string short_text;
+        bool is_public = false;
     };
     std::shared_ptr<const Content> content_;  ///< null: nobody
 };

@@ -266,6 +266,7 @@ Reply<void> SceneStore::wake(std::shared_ptr<const Snapshot> snapshot, const Asl
     for (auto& [name, entry] : entries_) {
         if (entry.facts.arena != scene.facts.arena || entry.scene.held) continue;
         entry.scene.held = *held;
+        entry.unsettle();
         entry.facts.digest = entry.scene.snapshot().digest();
         entry.damage.clear();
         if (entry.stored.number == 0) entry.blob.reset();
@@ -292,19 +293,58 @@ void SceneStore::make_room_in_quota(std::uint64_t bytes, const std::string& prin
     if (!beyond_quota()) return;
     for (Droppable& scene : droppable(principal)) {
         if (!beyond_quota()) break;
-        if (scene.charged_bytes != 0 && scene.let_go()) held -= scene.charged_bytes;
+        if (scene.charged_bytes == 0 || !scene.may_go()) continue;
+        scene.let_go();
+        held -= scene.charged_bytes;
     }
 }
 
 void SceneStore::make_room(std::uint64_t bytes, const std::string& principal) {
-    // The principal's own scenes first: others' do not help it beyond its quota.
+    if (bytes > most_room(principal)) return;
     make_room_in_quota(bytes, principal);
-    const auto beyond_budget = [&] { return budget_.room(principal, Use::lasting) < bytes; };
-    if (!beyond_budget()) return;
-    for (Droppable& scene : droppable(principal)) {
-        if (!beyond_budget()) break;
+    const auto fits = [&] { return bytes <= budget_.room(principal, Use::lasting); };
+    if (fits()) return;
+    for (Droppable& scene : plan_room(principal).scenes) {
+        if (fits()) break;
         scene.let_go();
     }
+}
+
+void SceneStore::make_all_room(const std::string& principal) {
+    for (Droppable& scene : plan_room(principal).scenes) scene.let_go();
+}
+
+std::uint64_t SceneStore::most_room(const std::string& principal, std::uint64_t requests) {
+    Budget::Freed freed = plan_room(principal).freed;
+    freed.requests = requests;
+    return budget_.room(principal, Use::lasting, freed);
+}
+
+SceneStore::RoomPlan SceneStore::plan_room(const std::string& principal) {
+    std::vector<Droppable> scenes = droppable(principal);
+    std::erase_if(scenes, [](const Droppable& scene) { return !scene.may_go(); });
+    const auto payer_of = [](const Droppable& scene) { return scene.held().lease.principal(); };
+    std::ranges::stable_partition(
+        scenes, [&](const Droppable& scene) { return payer_of(scene) == principal; });
+    RoomPlan plan;
+    std::uint64_t own = budget_.held_by(principal);
+    std::map<std::string, std::uint64_t> others;
+    for (Droppable& scene : scenes) {
+        const std::string payer = payer_of(scene);
+        const std::uint64_t bytes = scene.held().lease.bytes();
+        if (payer == principal) {
+            own -= std::min(own, bytes);
+            plan.freed.own += bytes;
+        } else {
+            std::uint64_t& theirs = others.try_emplace(payer, budget_.held_by(payer)).first->second;
+            // Nobody gives way to a principal that holds more.
+            if (theirs <= own) continue;
+            theirs -= std::min(theirs, bytes);
+        }
+        if (!scene.is_used()) plan.freed.lasting += bytes;
+        plan.scenes.push_back(std::move(scene));
+    }
+    return plan;
 }
 
 std::vector<SceneStore::Droppable> SceneStore::droppable(const std::string& principal) {
@@ -323,11 +363,13 @@ std::vector<SceneStore::Droppable> SceneStore::droppable(const std::string& prin
     return scenes;
 }
 
-bool SceneStore::Droppable::let_go() {
-    if (entries.empty()) return false;
-    const std::shared_ptr<const HeldScene> held = entries.front()->scene.held;
+bool SceneStore::Droppable::is_used() const {
     // Jobs, other names, and edits that may take the memory refer to it, too.
-    const bool is_used = held.use_count() != static_cast<long>(entries.size()) + 1;
+    return entries.front()->scene.held.use_count() != static_cast<long>(entries.size());
+}
+
+bool SceneStore::Droppable::may_go() const {
+    if (!is_used()) return true;
     // Requests of others do not keep it at the expense of those who are charged for it. They are
     // charged for what they read, even beyond their share, and give way for it.
     const auto is_any = [](const std::string&) { return true; };
@@ -335,11 +377,13 @@ bool SceneStore::Droppable::let_go() {
         return std::ranges::any_of(
             entries, [&](const Entry* entry) { return entry->charged_to(principal); });
     };
-    if (is_used && (held->reader(is_any) == nullptr || held->reader(is_charged) != nullptr))
-        return false;
-    for (Entry* const entry : std::exchange(entries, {})) entry->scene.held.reset();
-    if (is_used) leave_to_readers(*held);
-    return true;
+    return held().reader(is_any) != nullptr && held().reader(is_charged) == nullptr;
+}
+
+void SceneStore::Droppable::let_go() {
+    const std::shared_ptr<const HeldScene> held = entries.front()->scene.held;
+    for (Entry* const entry : entries) entry->scene.held.reset();
+    if (held.use_count() != 1) leave_to_readers(*held);
 }
 
 SceneStore::Total SceneStore::asleep() const {

@@ -139,7 +139,7 @@ TEST_CASE("who stops in the middle of a frame whose request has ended gives way"
     HalfSent half(false);
     Budget& budget = half.house.daemon.budget;
     const auto lease = half.house.daemon.peers.reserve(
-        budget.room("newcomer", Use::passing, half.held()), "newcomer");
+        budget.room("newcomer", Use::passing, {.requests = half.held()}), "newcomer");
     CHECK(lease);
     CHECK(half.house.daemon.metrics.gave_way_memory == 1);
     half.house.settle();

@@ -86,7 +86,7 @@ TEST_CASE("requests use the reserve before they take from what scenes may have")
     CHECK(budget.room("a", Use::lasting) == before);
     const auto more = budget.reserve(100, "b");
     CHECK(budget.room("a", Use::lasting) == before - 80);
-    CHECK(budget.room("a", Use::lasting, 100) == before);
+    CHECK(budget.room("a", Use::lasting, {.requests = 100}) == before);
 }
 
 TEST_CASE("bytes can be charged to another principal, and are given back once") {

@@ -360,6 +360,27 @@ TEST_CASE("no turn of the io thread does more for a large request and a large sc
         const auto holder = share_many(true);
         turns.turn([&] { daemon.scenes.disconnect(holder); });
     });
+    const auto content_of_many = [&](std::size_t names) {
+        std::vector<server::ConnectionId> owners;
+        for (int i = 0; i < 8; ++i) {
+            owners.push_back({std::string(100, 'o') + std::to_string(i), daemon.scenes.connect()});
+            for (std::size_t k = 0; k < names; ++k)
+                REQUIRE(daemon.scenes.publish("m" + std::to_string(k), small, {.temporary = true},
+                                              owners.back()));
+        }
+        return owners;
+    };
+    check("the end of a connection that held nothing", [&](Turns& turns) {
+        const auto owners = content_of_many(100);
+        const server::ConnectionId stranger{"stranger", daemon.scenes.connect()};
+        turns.turn([&] { daemon.scenes.disconnect(stranger); });
+        CHECK(turns.most.allocated_bytes == 0);
+        for (const auto& owner : owners) daemon.scenes.disconnect(owner);
+    });
+    check("the end of one of many owners of one content", [&](Turns& turns) {
+        for (const auto& owner : content_of_many(200))
+            turns.turn([&] { daemon.scenes.disconnect(owner); });
+    });
     check("Pin", asks(about_scene<wire::PinT>()));
     check("Edit", [&](Turns& turns) {
         for (int round = 0; round < 3; ++round) {

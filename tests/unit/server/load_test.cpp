@@ -206,6 +206,44 @@ TEST_CASE("an upload that is announced and does not come ends nobody's connectio
     CHECK_FALSE(paused.gave_way);
 }
 
+TEST_CASE("stored scenes make room for an upload as it comes, not for what it announces") {
+    SmallDaemon daemon;
+    const std::uint64_t bytes = test::square(1)->bytes().size();
+    const ConnectionId alice{"alice", daemon.scenes.connect()};
+    for (std::uint64_t number = 1; number <= 8; ++number) {
+        const std::string name = std::to_string(number);
+        const auto scene = test::square(static_cast<float>(number));
+        Publication how;
+        how.blob = std::make_shared<const std::string>(scene->arena_id());
+        how.row = {.number = number,
+                   .owner = "alice",
+                   .name = name,
+                   .digest = scene->arena_id(),
+                   .epoch = 1,
+                   .bytes = bytes};
+        REQUIRE(daemon.scenes.publish(name, scene, how, alice));
+    }
+    const auto asleep = [&] { return daemon.scenes.asleep_of("alice"); };
+    const std::uint64_t reserve = daemon.budget.limit() / Budget::reserve_part;
+    const auto taken = daemon.budget.reserve(
+        daemon.budget.room("", Use::lasting) - reserve - 5 * bytes, "", Use::lasting);
+    REQUIRE(taken);
+    const auto announce = [&](std::uint64_t total) {
+        wire::LoadT message = upload_of(0);
+        message.file_bytes = {total};
+        return ask(daemon, message, "eve");
+    };
+    REQUIRE(daemon.budget.room("eve", Use::lasting) < 8 * bytes);
+    for (const std::uint64_t total : {12 * bytes, std::uint64_t{1} << 32})
+        CHECK(announce(total).error().code == Code::resource_exhausted);
+    CHECK(asleep() == 0);
+    const auto job = accepted(announce(8 * bytes));
+    CHECK(asleep() == 0);
+    REQUIRE(job->feed(piece_of(8 * bytes)));
+    CHECK(asleep() > 0);
+    CHECK(asleep() < 8);
+}
+
 TEST_CASE("connections that pause give way while an import grows") {
     if (test::imports_grow) return;
     SmallDaemon daemon;

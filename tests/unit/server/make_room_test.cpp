@@ -89,21 +89,38 @@ TEST_CASE("of a principal beyond its quota, what it has not used for longest lea
     CHECK(store.scenes.asleep_of("you") == 0);
 }
 
-TEST_CASE("beyond the memory, the scenes of all leave in the order in which they were used") {
+TEST_CASE("beyond the memory, own scenes leave first, then those of who holds more, or none") {
     Store store(20);
     store.put("c", 1, store.you);
     store.put("b", 2, store.me);
     store.put("a", 3, store.you);
     const auto room = [&] { return store.budget.room("me", Use::lasting); };
+    const auto has = [&](const Names& names) { return store.in_memory() == names; };
     store.scenes.make_room(room(), "me");
-    CHECK(store.in_memory().size() == 3);
+    CHECK(has({"a", "b", "c"}));
+    // Nothing goes for what is too much even without all of them.
+    const std::uint64_t most = store.scenes.most_room("me");
+    CHECK(most > room());
+    for (const std::uint64_t too_much : {most + 1, store.budget.limit(), ~std::uint64_t{0}})
+        store.scenes.make_room(too_much, "me");
+    CHECK(has({"a", "b", "c"}));
     store.scenes.make_room(room() + 1, "me");
-    CHECK(store.in_memory() == Names{"a", "b"});
+    CHECK(has({"a", "c"}));
+    {
+        const auto mine = store.budget.reserve(2 * store.bytes, "me", Use::lasting);
+        CHECK(store.scenes.most_room("me") == room());
+        store.scenes.make_room(room() + 1, "me");
+        store.scenes.make_all_room("me");
+        CHECK(has({"a", "c"}));
+    }
+    const auto mine = store.budget.reserve(store.bytes, "me", Use::lasting);
     store.scenes.make_room(room() + 1, "me");
-    CHECK(store.in_memory() == Names{"a"});
-    store.scenes.make_room(~std::uint64_t{0}, "me");
-    CHECK(store.in_memory().empty());
-    CHECK(store.budget.used() == 0);
+    CHECK(has({"a"}));
+    store.scenes.make_all_room("me");
+    CHECK(has({"a"}));
+    store.scenes.make_room(store.scenes.most_room("you"), "you");
+    CHECK(has({}));
+    CHECK(store.budget.used() == store.bytes);
 }
 
 TEST_CASE("requests of others do not keep a scene in memory at its owner's expense") {

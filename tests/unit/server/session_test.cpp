@@ -234,7 +234,6 @@ TEST_CASE("the time for a greeting includes the transport's own handshake") {
     }));
     CHECK(silent->wire->to_peer.empty());
     CHECK(house.daemon.metrics.timeouts == 1);
-    CHECK(house.connections.empty());
 }
 
 /// A token makes the principal; its quota is one connection.
@@ -320,6 +319,24 @@ TEST_CASE("asking many peers whether they are admitted lets others have their tu
     CHECK(house.daemon.metrics.revoked == peers.size() / 2 - 1);
     // The others read their errors first; this one could not be asked.
     CHECK(house.connections.size() == peers.size() - 1);
+}
+
+TEST_CASE("the end of a crowd of connections lets others have their turns") {
+    const protocol::Error why{Code::not_allowed, "away with you", 0};
+    using End = std::function<void(Connections&)>;
+    for (const End& end : {End([&](auto& all) { CHECK(all.kick(0, "memory", why) == 800); }),
+                           End([](auto& all) {
+                               for (int i = 0; i < 3; ++i) all.drain();
+                           }),
+                           End([&](auto& all) { all.close_with_error(why); })}) {
+        MemoryDaemon house;
+        std::vector<std::unique_ptr<MemoryPeer>> peers;
+        for (int i = 0; i < 800; ++i) peers.push_back(greeted(house));
+        end(house.connections);
+        CHECK(house.daemon.metrics.kicked < 800);
+        house.settle();
+        CHECK(std::ranges::all_of(peers, [](const auto& peer) { return peer->wire->finished; }));
+    }
 }
 
 TEST_CASE("all addresses of an IPv6 network are one peer, and the log still tells them apart") {
