@@ -106,8 +106,11 @@ std::string Authentication::question_before(const PeerIdentity& peer, std::strin
     const Principal* then = logins_.find_code(code, wall);
     if (then == nullptr || !still_valid(*then, wall)) return "";
     const Principal* known = logins_.find(cookie, wall);
-    const std::string now =
-        known != nullptr && still_valid(*known, wall) ? known->id : peer.subject;
+    std::string now;
+    if (known != nullptr && still_valid(*known, wall))
+        now = known->id;
+    else if (const auto holder = holder_of(peer.subject, peer.certificate, wall))
+        now = holder->id;
     const std::string becomes = ", and the address logs it in as " + then->id;
     if (!now.empty()) return now == then->id ? "" : "this page is logged in as " + now + becomes;
     // Others may send an address whose code is theirs, to see what is loaded then. They have no code
@@ -115,7 +118,10 @@ std::string Authentication::question_before(const PeerIdentity& peer, std::strin
     using Place = PeerIdentity::Place;
     const bool is_daemons_user = then->admittance.by == Admittance::By::transport &&
                                  then->admittance.place == Place::own_user;
-    return is_daemons_user || then->id == peer.name ? "" : "this page is not logged in" + becomes;
+    // A peer behind a proxy may have its name, and is not admitted as it.
+    const bool is_same = then->id == peer.name && peer.subject.empty() &&
+                         role_without(policy_, peer.place, peer.transport);
+    return is_daemons_user || is_same ? "" : "this page is not logged in" + becomes;
 }
 
 Reply<std::string> Authentication::log_in(const PeerIdentity& peer, std::string_view token,

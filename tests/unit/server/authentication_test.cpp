@@ -435,8 +435,7 @@ TEST_CASE("a code asks before it logs in somebody else than is there") {
     const auto local = [](Place place) { return Admittance{Admittance::By::transport, place}; };
     const std::string other = code_of("uid:1", local(Place::other_user));
     const PeerIdentity page{"192.0.2.9", Place::remote, "https"};
-    PeerIdentity bob = page;
-    bob.subject = "CN=bob";
+    const PeerIdentity bob = holder("CN=bob");
     CHECK(daemon.question_before(bob, other, "", noon).find("CN=bob") != std::string::npos);
     const std::string question = daemon.question_before(page, other, cookie, noon);
     CHECK(question.find("logged in as alice") != std::string::npos);
@@ -449,6 +448,13 @@ TEST_CASE("a code asks before it logs in somebody else than is there") {
     CHECK(daemon.question_before(page, code_of("uid:0", local(Place::own_user)), "", noon).empty());
     const std::string same = code_of("127.0.0.1", local(Place::loopback));
     CHECK(daemon.question_before({"127.0.0.1", Place::loopback, "http"}, same, "", noon).empty());
+    // With its name, but behind a proxy, or with a certificate that lets nobody in: not the same.
+    PeerIdentity refused{"127.0.0.1", Place::loopback, "http"};
+    refused.subject = "127.0.0.1";
+    for (const PeerIdentity& other_peer :
+         {PeerIdentity{"127.0.0.1", Place::remote, "http"}, refused})
+        CHECK(daemon.question_before(other_peer, same, "", noon) ==
+              "this page is not logged in, and the address logs it in as 127.0.0.1");
     // A code that ends in an error asks nothing.
     const std::string revoked = code_of("carl", {Admittance::By::token});
     CHECK(daemon.question_before(page, revoked, "", noon).empty());
