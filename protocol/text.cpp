@@ -13,15 +13,27 @@ namespace raynest::protocol {
 
 namespace {
 
-/// First and last code of each range of Unicode 15's categories Cf, Zl and Zp.
-constexpr std::array<std::pair<char32_t, char32_t>, 21> hidden_codes = {{
-    {0xAD, 0xAD},       {0x600, 0x605},     {0x61C, 0x61C},     {0x6DD, 0x6DD},
-    {0x70F, 0x70F},     {0x890, 0x891},     {0x8E2, 0x8E2},     {0x180E, 0x180E},
-    {0x200B, 0x200F},   {0x2028, 0x202E},   {0x2060, 0x2064},   {0x2066, 0x206F},
-    {0xFEFF, 0xFEFF},   {0xFFF9, 0xFFFB},   {0x110BD, 0x110BD}, {0x110CD, 0x110CD},
-    {0x13430, 0x1343F}, {0x1BCA0, 0x1BCA3}, {0x1D173, 0x1D17A}, {0xE0001, 0xE0001},
-    {0xE0020, 0xE007F},
+/// First and last code of each range of Unicode 15's property Default_Ignorable_Code_Point
+/// (DerivedCoreProperties.txt), its categories Cf, Zl, Zp and Zs (UnicodeData.txt) but the blank, the
+/// noncharacters U+FDD0 to U+FDEF, and the empty Braille pattern. is_hidden() knows the others.
+constexpr std::array<std::pair<char32_t, char32_t>, 30> hidden_codes = {{
+    {0xA0, 0xA0},       {0xAD, 0xAD},       {0x34F, 0x34F},     {0x600, 0x605},
+    {0x61C, 0x61C},     {0x6DD, 0x6DD},     {0x70F, 0x70F},     {0x890, 0x891},
+    {0x8E2, 0x8E2},     {0x115F, 0x1160},   {0x1680, 0x1680},   {0x17B4, 0x17B5},
+    {0x180B, 0x180F},   {0x2000, 0x200F},   {0x2028, 0x202F},   {0x205F, 0x206F},
+    {0x2800, 0x2800},   {0x3000, 0x3000},   {0x3164, 0x3164},   {0xFDD0, 0xFDEF},
+    {0xFE00, 0xFE0F},   {0xFEFF, 0xFEFF},   {0xFFA0, 0xFFA0},   {0xFFF0, 0xFFFB},
+    {0x110BD, 0x110BD}, {0x110CD, 0x110CD}, {0x13430, 0x1343F}, {0x1BCA0, 0x1BCA3},
+    {0x1D173, 0x1D17A}, {0xE0000, 0xE0FFF},
 }};
+
+bool is_hidden(char32_t code) {
+    // The last two codes of each plane are noncharacters.
+    return (code & 0xFFFEU) == 0xFFFEU ||
+           std::ranges::any_of(hidden_codes, [code](const auto& range) {
+               return range.first <= code && code <= range.second;
+           });
+}
 
 }  // namespace
 
@@ -33,10 +45,7 @@ std::size_t hidden_letter(std::string_view text, std::size_t at) {
     char32_t code = lead & (0xFFU >> (length + 1));
     for (std::size_t k = 1; k < length; ++k)
         code = code << 6 | (static_cast<unsigned char>(text[at + k]) & 0x3FU);
-    const bool is_hidden = std::ranges::any_of(hidden_codes, [code](const auto& range) {
-        return range.first <= code && code <= range.second;
-    });
-    return is_hidden ? length : 0;
+    return is_hidden(code) ? length : 0;
 }
 
 bool has_hidden_letter(std::string_view text) {

@@ -13,8 +13,8 @@ namespace raynest::protocol {
 /// letters. Blanks stand for ends of lines and tabs, '?' for what cannot be printed or is hidden.
 [[nodiscard]] std::string clean_text(std::string_view text, std::size_t bytes_max);
 
-/// Returns the bytes of the letter that begins at `at` if it is one of Unicode's categories Cf, Zl and
-/// Zp: it is invisible, turns the order of its neighbours, or ends a line. Else 0.
+/// Returns the bytes of the letter that begins at `at` if it is hidden: one that is invisible by
+/// Unicode's tables, looks like a blank, turns the order of its neighbours, or ends a line. Else 0.
 [[nodiscard]] std::size_t hidden_letter(std::string_view text, std::size_t at);
 /// True if the text has such a letter: a name with one looks like another name.
 [[nodiscard]] bool has_hidden_letter(std::string_view text);

@@ -2,6 +2,7 @@
 
 #include <doctest/doctest.h>
 
+#include <cstdint>
 #include <initializer_list>
 #include <string>
 
@@ -10,6 +11,24 @@ using raynest::protocol::has_hidden_letter;
 using raynest::protocol::hidden_letter;
 using raynest::protocol::percent_code;
 
+namespace {
+
+/// A code as UTF-8.
+std::string letter(std::uint32_t code) {
+    const auto part = [code](std::uint32_t shift) { return (code >> shift) & 0x3FU; };
+    const auto bytes = [](std::initializer_list<std::uint32_t> codes) {
+        std::string text;
+        for (const std::uint32_t byte : codes) text += static_cast<char>(byte);
+        return text;
+    };
+    if (code < 0x80) return bytes({code});
+    if (code < 0x800) return bytes({0xC0 | code >> 6, 0x80 | part(0)});
+    if (code < 0x10000) return bytes({0xE0 | code >> 12, 0x80 | part(6), 0x80 | part(0)});
+    return bytes({0xF0 | code >> 18, 0x80 | part(12), 0x80 | part(6), 0x80 | part(0)});
+}
+
+}  // namespace
+
 TEST_CASE("a text is cut between two letters, on one line and printable") {
     CHECK(clean_text("abc", 2) == "ab");
     CHECK(clean_text("a\xc3\xa4", 2) == "a");
@@ -17,7 +36,7 @@ TEST_CASE("a text is cut between two letters, on one line and printable") {
     CHECK(clean_text("two\nlines\t\xc3\xa4", 99) == "two lines \xc3\xa4");
     CHECK(clean_text("a\x1b[2J", 9) == "a?[2J");
     CHECK(clean_text("\xff\xfe", 9) == "??");
-    CHECK(clean_text("\xc3\xa4\xc2\x9b\xc2\xa0", 9) == "\xc3\xa4?\xc2\xa0");
+    CHECK(clean_text("\xc3\xa4\xc2\x9b\xc2\xa1", 9) == "\xc3\xa4?\xc2\xa1");
     CHECK(clean_text("a\xc2\x9b", 2) == "a");
 }
 
@@ -31,6 +50,19 @@ TEST_CASE("letters that nobody sees, or that turn others round, are no part of a
         CHECK(has_hidden_letter(text));
         CHECK(clean_text(text, 99) == "a?b");
     }
+    // The same of each range: default-ignorable ones, blanks, noncharacters.
+    for (const std::uint32_t code :
+         {0xA0U,    0x34FU,   0x115FU,  0x1160U,  0x1680U,  0x17B4U,  0x17B5U,   0x180BU,  0x180FU,
+          0x2000U,  0x2003U,  0x200AU,  0x202FU,  0x205FU,  0x2065U,  0x206FU,   0x2800U,  0x3000U,
+          0x3164U,  0xFDD0U,  0xFDEFU,  0xFE00U,  0xFE0FU,  0xFFA0U,  0xFFF0U,   0xFFFEU,  0xFFFFU,
+          0x1FFFEU, 0x1FFFFU, 0xE0000U, 0xE0001U, 0xE0100U, 0xE0FFFU, 0x10FFFEU, 0x10FFFFU}) {
+        CAPTURE(code);
+        CHECK(has_hidden_letter(letter(code)));
+    }
+    for (const std::uint32_t code :
+         {0x20U, 0xA1U, 0x34EU, 0x1161U, 0x180AU, 0x2010U, 0x2801U, 0x3001U, 0x3165U, 0xFDCFU,
+          0xFDF0U, 0xFE10U, 0xFFA1U, 0xFFFDU, 0x1FFFDU, 0xE1000U})
+        CHECK_FALSE(has_hidden_letter(letter(code)));
     for (const char* seen : {"", "a", "\xc2\xac", "\xc3\xa4", "\xe2\x80\x90", "\xe2\x82\xac",
                              "\xf0\x9f\x98\x80", "\xe2\x80", "\xff"})
         CHECK_FALSE(has_hidden_letter(seen));
