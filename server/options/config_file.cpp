@@ -1,6 +1,7 @@
 #include "server/options/config_file.h"
 
 #include "server/options/toml_config.h"
+#include "server/security/file_place.h"
 
 #include <sys/stat.h>
 
@@ -29,7 +30,7 @@ std::string config_file_fault(const std::string& file) {
     if (!S_ISREG(status.st_mode)) return "it is not a regular file";
     if (static_cast<std::size_t>(status.st_size) > config_bytes_max)
         return "it is over " + std::to_string(config_bytes_max) + " bytes";
-    return "";
+    return place_fault(file, "change the options");
 }
 
 tl::expected<std::vector<ConfigKey>, ConfigFault> read_config(std::istream& content) {

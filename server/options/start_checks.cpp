@@ -6,9 +6,10 @@
 #include "engine/system/module_file.h"
 #include "server/ground/address.h"
 #include "server/ground/log.h"
+#include "server/options/option_words.h"
 #include "server/security/certificates.h"
 #include "server/security/credentials.h"
-#include "server/security/secret_file.h"
+#include "server/security/file_place.h"
 #include "server/security/user_namespace.h"
 
 #include <grp.h>
@@ -78,31 +79,26 @@ std::optional<OptionFault> socket_fault(const std::string& uri) {
     return OptionFault{"listen", uri, uri + ": " + why};
 }
 
-/// Returns why others than this user and root could change what is in a state folder, or put another
-/// in its place; empty if they cannot, or if there is none yet.
-std::string others_fault(const std::filesystem::path& folder) {
-    const auto is_trusted = [](const struct stat& status) {
-        return status.st_uid == geteuid() || status.st_uid == 0;
-    };
-    struct stat link {};
-    struct stat status {};
-    if (lstat(folder.c_str(), &link) != 0 || stat(folder.c_str(), &status) != 0) return "";
-    const std::string name = folder.string();
-    if (!is_trusted(link) || !is_trusted(status))
-        return name + " belongs to the user " +
-               std::to_string((is_trusted(status) ? link : status).st_uid) +
-               ", who could change the scenes; run the daemon as that user, or give it a folder of "
-               "its own";
-    // Where each user has a group, new folders may be written by it.
-    const bool own_group = status.st_gid == getegid() && !is_everybodys(status.st_gid);
-    if ((status.st_mode & (own_group ? 002U : 022U)) == 0) return "";
-    return "other users may write in " + name + " and change the scenes; chmod 700 " + name;
-}
-
 std::string state_access_fault(const std::filesystem::path& state) {
     for (const auto& folder : {state, state / "blobs", state / "damaged"})
-        if (std::string why = others_fault(folder); !why.empty()) return why;
+        if (std::string why = others_fault(folder, "change the scenes"); !why.empty()) return why;
     return "";
+}
+
+/// Returns why others could put code into the daemon; what belongs to the program itself is not asked.
+std::optional<OptionFault> pack_access_fault(const Options& options) {
+    const std::string harm = "run code in the daemon";
+    for (const auto& folder : options.pack_dirs) {
+        std::string why = place_fault(folder, harm);
+        if (const auto packs = packs_in(folder); packs && why.empty())
+            for (const auto& pack : *packs)
+                if (why = place_fault(pack, harm); !why.empty()) break;
+        if (!why.empty()) return OptionFault{"pack-dir", folder, std::move(why)};
+    }
+    if (options.cuda_pack.empty() || options.cuda_pack == to_cuda_pack("auto")) return std::nullopt;
+    if (std::string why = place_fault(options.cuda_pack, harm); !why.empty())
+        return OptionFault{"cuda", options.cuda_pack, std::move(why)};
+    return std::nullopt;
 }
 
 std::optional<OptionFault> state_fault(const std::filesystem::path& state) {
@@ -152,6 +148,8 @@ Result<StateLock> prepare_start(const Options& options) {
     if (!options.ready_file.empty())
         if (const auto free = check_ready_file(options.ready_file); !free)
             return tl::unexpected(free.error());
+    if (const auto fault = pack_access_fault(options))
+        return fail(ErrorCode::pack_invalid, "--" + fault->option + ": " + fault->why);
     if (options.state.empty()) return StateLock();
     auto lock = StateLock::take(options.state);
     if (const std::string why = state_access_fault(options.state); !why.empty())
@@ -168,6 +166,7 @@ std::optional<OptionFault> start_fault(const Options& options) {
     if (!options.ready_file.empty())
         if (const auto free = check_ready_file(options.ready_file); !free)
             return OptionFault{"ready-file", options.ready_file, free.error().message};
+    if (auto fault = pack_access_fault(options)) return fault;
     if (const auto registry = Registry::load({options.pack_dirs, options.target}); !registry)
         return OptionFault{options.pack_dirs.empty() ? "target" : "pack-dir", "",
                            registry.error().message};

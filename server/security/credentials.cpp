@@ -1,6 +1,7 @@
 #include "server/security/credentials.h"
 
 #include "server/ground/log.h"
+#include "server/security/file_place.h"
 
 #include <algorithm>
 
@@ -73,7 +74,12 @@ Result<void> Credentials::reload(const SecurityOptions& options) {
 
 Result<Credentials::Tls> Credentials::read_tls(const SecurityOptions& options) {
     if (options.tls.certificate.empty()) return Tls();
-    return TlsContext::load(options.tls);
+    auto tls = TlsContext::load(options.tls);
+    for (const auto& file : {options.tls.certificate, options.tls.key, options.tls.client_ca})
+        if (std::string why = file.empty() ? "" : place_fault(file, "let in whom they like");
+            !why.empty())
+            return file_failed(file, why);
+    return tls;
 }
 
 void Credentials::take(Tls tls) {
@@ -94,6 +100,8 @@ Result<Credentials::Tokens> Credentials::read_tokens(const SecurityOptions& opti
     const Version version = version_of(options.tokens);
     auto table = TokenTable::read(options.tokens, Reader::daemon);
     if (!table) return tl::unexpected(table.error());
+    if (const std::string why = place_fault(options.tokens, "let in whom they like"); !why.empty())
+        return file_failed(options.tokens, why);
     return Tokens{std::move(*table), version};
 }
 

@@ -1,6 +1,7 @@
 #include "server/security/file_place.h"
 
 #include <fcntl.h>
+#include <grp.h>
 #include <sys/stat.h>
 #include <unistd.h>
 
@@ -9,6 +10,8 @@
 #include <cerrno>
 #include <climits>
 #include <cstring>
+#include <string_view>
+#include <system_error>
 #include <vector>
 
 namespace raynest::server {
@@ -27,6 +30,53 @@ fs::path target_of(const Fd& link) {
 }
 
 }  // namespace
+
+bool is_everybodys(gid_t group) {
+    std::array<char, 4096> text{};
+    ::group entry{};
+    ::group* found = nullptr;
+    (void)getgrgid_r(group, &entry, text.data(), text.size(), &found);
+    constexpr std::array<std::string_view, 3> names = {"users", "nogroup", "nobody"};
+    return found != nullptr && std::ranges::find(names, found->gr_name) != names.end();
+}
+
+std::string others_fault(const fs::path& path, const std::string& harm) {
+    const auto is_trusted = [](const struct stat& status) {
+        return status.st_uid == geteuid() || status.st_uid == 0;
+    };
+    struct stat link {};
+    struct stat status {};
+    if (lstat(path.c_str(), &link) != 0 || stat(path.c_str(), &status) != 0) return "";
+    const std::string name = path.string();
+    const bool is_folder = S_ISDIR(status.st_mode);
+    if (!is_trusted(link) || !is_trusted(status))
+        return name + " belongs to the user " +
+               std::to_string((is_trusted(status) ? link : status).st_uid) + ", who could " + harm +
+               "; run the daemon as that user, or give it a " + (is_folder ? "folder" : "file") +
+               " of its own";
+    // Where each user has a group, new files may be written by it.
+    const bool own_group = status.st_gid == getegid() && !is_everybodys(status.st_gid);
+    if ((status.st_mode & (own_group ? 002U : 022U)) == 0) return "";
+    return "other users may write in " + name + " and " + harm + "; chmod " +
+           (is_folder ? "700 " : "go-w ") + name;
+}
+
+std::string place_fault(const fs::path& path, const std::string& harm) {
+    std::error_code ignored;
+    const fs::path target = fs::canonical(path, ignored);
+    for (const fs::path& place : {fs::absolute(path, ignored).lexically_normal(), target}) {
+        if (place.empty()) continue;
+        if (std::string why = others_fault(place, harm); !why.empty()) return why;
+        // In a folder such as /tmp, everybody may only take away what is theirs.
+        struct stat folder {};
+        const fs::path parent = place.parent_path();
+        const bool is_sticky =
+            stat(parent.c_str(), &folder) == 0 && (folder.st_mode & S_ISVTX) != 0;
+        if (is_sticky && (folder.st_uid == 0 || folder.st_uid == geteuid())) continue;
+        if (std::string why = others_fault(parent, harm); !why.empty()) return why;
+    }
+    return "";
+}
 
 tl::unexpected<Error> file_failed(const fs::path& file, const std::string& why) {
     return fail(ErrorCode::io_failed, file.string() + ": " + why);

@@ -43,6 +43,16 @@ private:
     std::string name_;
 };
 
+/// True if the machine's users are in this group by default.
+[[nodiscard]] bool is_everybodys(gid_t group);
+
+/// Returns why others than this user and root could change a file or folder; empty if they cannot, or
+/// if it is not there. `harm`: what they could do by that, as "change the scenes".
+[[nodiscard]] std::string others_fault(const std::filesystem::path& path, const std::string& harm);
+/// As others_fault(), and asks too whether they could put another one in its place, in its folder or
+/// that of the link's target. For all that decides who gets in or what runs.
+[[nodiscard]] std::string place_fault(const std::filesystem::path& path, const std::string& harm);
+
 /// The failure of a file: io_failed, its path and why.
 [[nodiscard]] tl::unexpected<Error> file_failed(const std::filesystem::path& file,
                                                 const std::string& why);

@@ -3,7 +3,6 @@
 #include "engine/system/child_process.h"
 
 #include <fcntl.h>
-#include <grp.h>
 #include <pwd.h>
 #include <sys/random.h>
 #include <sys/stat.h>
@@ -198,15 +197,6 @@ Result<void> StagedFile::fill(int made, const std::string& content) const {
 }
 
 }  // namespace
-
-bool is_everybodys(gid_t group) {
-    std::array<char, 4096> text{};
-    ::group entry{};
-    ::group* found = nullptr;
-    (void)getgrgid_r(group, &entry, text.data(), text.size(), &found);
-    constexpr std::array<std::string_view, 3> names = {"users", "nogroup", "nobody"};
-    return found != nullptr && std::ranges::find(names, found->gr_name) != names.end();
-}
 
 Result<std::string> read_regular_file(const fs::path& file, std::size_t bytes_max) {
     return read_whole(Fd(open(file.c_str(), open_flags)), file, bytes_max, Reader::daemon, false);

@@ -5,8 +5,6 @@
 #include "engine/result.h"
 #include "server/security/file_place.h"
 
-#include <sys/types.h>
-
 #include <cstddef>
 #include <filesystem>
 #include <string>
@@ -18,9 +16,6 @@ namespace raynest::server {
 /// command that root runs may edit those of the daemon's user. A signer reads the key of a CA,
 /// which nobody but its own user and root may own or read.
 enum class Reader { daemon, command, signer };
-
-/// True if the machine's users are in this group by default.
-[[nodiscard]] bool is_everybodys(gid_t group);
 
 /// Reads a whole file of at most `bytes_max` bytes. Refuses a pipe, a device and a folder before it
 /// reads; never waits. The message names the file and the remedy.

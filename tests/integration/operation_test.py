@@ -110,6 +110,41 @@ class Operation(Programs):
             os.chown(state, 5, -1)
             self.check(f'state = "{state}"\n', 1, "belongs to the user 5, who could change the scenes")
 
+    def test_what_others_can_change_lets_nobody_in_and_runs_no_code(self):
+        tls = self.folder / "tls"
+        Certificates(self.raynestd, tls)
+        packs, tokens = self.folder / "packs", self.folder / "of others" / "tokens"
+        packs.mkdir()
+        tokens.parent.mkdir()
+        Tokens(self.raynestd, tokens).add("bob")
+        (packs / "one.so").write_bytes(b"")
+        text = (f'listen = "tls://127.0.0.1:0"\nhttp = "off"\ntls-cert = "{tls}/cert.pem"\n'
+                f'tls-key = "{tls}/key.pem"\nclient-ca = "{tls}/ca.pem"\ntokens = "{tokens}"\n')
+        self.check(text, 0, "is valid")
+        daemon = self.daemon("--listen", f"unix:{self.folder}/socket", "--config", self.config)
+        root = Client(self.raynest, f"unix:{self.folder}/socket")
+        for part, mode, option, harm in (
+                (tls / "cert.pem", 0o666, "line 3: tls-cert", "let in whom they like"),
+                (tls / "ca.pem", 0o666, "line 5: client-ca", "let in whom they like"),
+                (tokens.parent, 0o777, "line 6: tokens", "let in whom they like"),
+                (self.config, 0o666, str(self.config), "change the options"),
+                (packs, 0o777, "line 7: pack-dir", "run code in the daemon"),
+                (packs / "one.so", 0o666, "line 7: pack-dir", "run code in the daemon")):
+            with self.subTest(part.name):
+                more = f'pack-dir = "{packs}"\n' if packs in (part, part.parent) else ""
+                before = part.stat().st_mode
+                part.chmod(mode)
+                said = f"other users may write in {part} and {harm}"
+                self.check(text + more, 2 if part == self.config else 1, option, said)
+                if not more:
+                    self.says(root.run("admin", "reload"), 5, f"and {harm}; chmod", "the old content stays")
+                started = subprocess.run([self.raynestd, "--config", self.config], capture_output=True, text=True,
+                                         timeout=PATIENCE, check=False)
+                self.says(started, 2 if part == self.config else 1, said)
+                part.chmod(before & 0o777)
+                self.check(text, 0, "is valid")
+                self.says(root.run("admin", "reload"), 0)
+
     def test_a_module_that_is_cut_short_ends_the_start(self):
         whole = pathlib.Path(os.environ.get("RAYNEST_BUILTIN_PACKS") or
                              pathlib.Path(self.raynestd).resolve().parents[1] / "lib/raynest")

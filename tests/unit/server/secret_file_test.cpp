@@ -45,6 +45,48 @@ TEST_CASE("root's file may be read by a group of this process, but by no group o
     CHECK(setgroups(before.size(), before.data()) == 0);
 }
 
+TEST_CASE("who may change a file, or put another one in its place, is asked by one rule") {
+    const test::TemporaryFolder outer;
+    const std::filesystem::path folder = outer.path() / "folder";
+    const std::filesystem::path file = folder / "file";
+    const std::filesystem::path link = outer.path() / "link";
+    REQUIRE(std::filesystem::create_directory(folder));
+    REQUIRE(write_files_atomically({{place_of(file), "content"}}));
+    std::filesystem::create_symlink("folder/file", link);
+    const auto is_good = [&](mode_t folder_mode, mode_t mode) {
+        REQUIRE(chmod(folder.c_str(), folder_mode) == 0);
+        REQUIRE(chmod(file.c_str(), mode) == 0);
+        const std::string why = place_fault(file, "do harm");
+        CHECK(why.empty() == place_fault(link, "do harm").empty());
+        CHECK((why.empty() || why.find(" do harm; ") != std::string::npos));
+        return why.empty();
+    };
+    CHECK(is_good(0755, 0644));
+    CHECK(is_good(0755, 0400));
+    CHECK_FALSE(is_good(0755, 0646));
+    CHECK_FALSE(is_good(0757, 0644));
+    CHECK(is_good(01777, 0644));
+    // The group of this process may be its user's own.
+    const bool own_group = !is_everybodys(getegid());
+    CHECK(is_good(0775, 0664) == own_group);
+    CHECK(others_fault(folder / "none", "do harm").empty());
+    if (geteuid() != 0) return;
+    constexpr uid_t other = 12345;
+    REQUIRE(chown(file.c_str(), 0, other) == 0);
+    CHECK_FALSE(is_good(0755, 0664));
+    CHECK(is_good(0755, 0644));
+    REQUIRE(chown(file.c_str(), other, 0) == 0);
+    CHECK_FALSE(is_good(0755, 0644));
+    REQUIRE(chown(file.c_str(), 0, 0) == 0);
+    REQUIRE(chown(folder.c_str(), other, 0) == 0);
+    CHECK_FALSE(is_good(0755, 0644));
+    CHECK_FALSE(is_good(01777, 0644));
+    REQUIRE(chown(folder.c_str(), 0, 0) == 0);
+    REQUIRE(lchown(link.c_str(), other, 0) == 0);
+    CHECK(place_fault(file, "do harm").empty());
+    CHECK_FALSE(place_fault(link, "do harm").empty());
+}
+
 TEST_CASE("a replaced file keeps its mode, and a link leads to its target") {
     const test::TemporaryFolder folder;
     const std::filesystem::path file = folder.path() / "target";
