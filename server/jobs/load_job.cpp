@@ -114,14 +114,13 @@ public:
                                                    std::to_string(file.bytes.size()) + " bytes");
         // Reserve each piece as it comes: an upload that is announced but not sent takes nothing.
         const std::string& principal = order_.caller.principal;
-        auto lease = services_.peers.reserve(block->count, principal, Use::lasting);
-        if (!lease) {
+        if (block->count > services_.budget.room(principal, Use::lasting)) {
             // Also for the next pieces, as each call looks at all scenes.
             services_.scenes.make_room(
                 std::max(block->count, std::min(announced_ - received_, room_at_once)), principal);
             services_.scenes.make_room(block->count, principal);
-            lease = services_.peers.reserve(block->count, principal, Use::lasting);
         }
+        auto lease = services_.peers.reserve(block->count, principal, Use::lasting);
         if (!lease)
             return services_.budget.refuse("the rest of the upload", announced_ - received_,
                                            principal, memory_remedy());
@@ -276,7 +275,8 @@ private:
     /// `bytes`.
     void make_room(std::uint64_t bytes) {
         services_.peers.make_memory(bytes, order_.caller.principal, Use::lasting);
-        services_.scenes.make_room(bytes, order_.caller.principal);
+        services_.scenes.make_room(bytes, order_.caller.principal,
+                                   services_.peers.reclaimable_bytes(order_.caller.principal));
         // Requests of others may now be charged for what they read of it.
         services_.peers.make_memory(bytes, order_.caller.principal, Use::lasting);
     }

@@ -132,8 +132,9 @@ public:
     std::vector<std::string> quarantine(const std::string& arena, const BlobFault& fault);
     /// Frees memory of stored scenes that nobody uses until the principal has room for `bytes`, within
     /// its quota and --memory: its own, then those of principals that hold more than it, each the least
-    /// recently used first. Frees none if all of them are not enough.
-    void make_room(std::uint64_t bytes, const std::string& principal);
+    /// recently used first. Frees none if all of them are not enough, with `requests` bytes that
+    /// requests of others could free besides.
+    void make_room(std::uint64_t bytes, const std::string& principal, std::uint64_t requests = 0);
     /// Frees all memory that make_room() may free for this principal.
     void make_all_room(const std::string& principal);
     /// Returns the most that make_room() can make, once requests of others have freed `requests`.

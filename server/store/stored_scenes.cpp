@@ -299,8 +299,9 @@ void SceneStore::make_room_in_quota(std::uint64_t bytes, const std::string& prin
     }
 }
 
-void SceneStore::make_room(std::uint64_t bytes, const std::string& principal) {
-    if (bytes > most_room(principal)) return;
+void SceneStore::make_room(std::uint64_t bytes, const std::string& principal,
+                           std::uint64_t requests) {
+    if (bytes > most_room(principal, requests)) return;
     make_room_in_quota(bytes, principal);
     const auto fits = [&] { return bytes <= budget_.room(principal, Use::lasting); };
     if (fits()) return;

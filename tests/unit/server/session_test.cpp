@@ -324,11 +324,11 @@ TEST_CASE("asking many peers whether they are admitted lets others have their tu
 TEST_CASE("the end of a crowd of connections lets others have their turns") {
     const protocol::Error why{Code::not_allowed, "away with you", 0};
     using End = std::function<void(Connections&)>;
-    for (const End& end : {End([&](auto& all) { CHECK(all.kick(0, "memory", why) == 800); }),
-                           End([](auto& all) {
-                               for (int i = 0; i < 3; ++i) all.drain();
-                           }),
-                           End([&](auto& all) { all.close_with_error(why); })}) {
+    for (const End& end :
+         {End([&](auto& all) { CHECK(all.kick(0, "memory", why) == 800); }), End([](auto& all) {
+              for (int i = 0; i < 3; ++i) all.drain();
+          }),
+          End([&](auto& all) { all.close_with_error(why); })}) {
         MemoryDaemon house;
         std::vector<std::unique_ptr<MemoryPeer>> peers;
         for (int i = 0; i < 800; ++i) peers.push_back(greeted(house));
