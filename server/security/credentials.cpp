@@ -75,6 +75,7 @@ Result<void> Credentials::reload(const SecurityOptions& options) {
 Result<Credentials::Tls> Credentials::read_tls(const SecurityOptions& options) {
     if (options.tls.certificate.empty()) return Tls();
     auto tls = TlsContext::load(options.tls);
+    if (!tls) return tls;
     for (const auto& file : {options.tls.certificate, options.tls.key, options.tls.client_ca})
         if (std::string why = file.empty() ? "" : place_fault(file, "let in whom they like");
             !why.empty())

@@ -166,7 +166,8 @@ class Operation(Programs):
 
     def test_a_scene_has_no_name_that_looks_like_another(self):
         client = Client(self.raynest, self.daemon("--http", "off").uri)
-        for name, said in (("a\u202eb", "'a?b' has a letter that nobody sees"), ("a\u200bb", "a?b")):
+        for name, said in (("a\u202eb", "'a?b' has a letter that nobody sees"), ("a\u200bb", "a?b"), ("a\u3164", "a?"),
+                           ("a\u3000b", "a?b"), ("a\ufe0f", "a?")):
             told = client.run("load", "builtin:flake?depth=1", "--name", name)
             self.assertNotEqual(told.returncode, 0)
             self.assertIn(said, told.stderr)
