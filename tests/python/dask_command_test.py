@@ -10,13 +10,15 @@ import pty
 import signal
 import subprocess
 import sys
+import unittest.mock
 import warnings
 
 import numpy as np
 
 import raynest
-from raynest import _command, _roster, errors
+from raynest import _command, _deal, errors
 from raynest._beside import error_of
+from raynest._notes import Told
 from daemon import PATIENCE, until
 from with_cluster import WithCluster, many
 from with_daemon import main, rain
@@ -32,6 +34,13 @@ raynest.scene.Scene.render = lambda scene, **how: late() if 16 <= how["tile"][1]
 raynest._beside.command = lambda host, source, options: (late() if {"2/4", "3/4", "--seed=1"} & {
     word for word in options["words"] if isinstance(word, str)} else command(host, source, options))
 """
+
+
+def lasts(_host, _source, options):
+    """An item that ends when there is such a file. The workers get it as code: they have not this module."""
+    import time
+    while not options["until"].exists():
+        time.sleep(0.02)
 
 
 class Commands(WithCluster):
@@ -177,13 +186,33 @@ class Commands(WithCluster):
             with self.subTest(name):
                 self.assertTrue((layer[without] == raynest._requests.film.UNSAMPLED.get(name, 0)).all())
 
-    def test_each_part_has_its_share_of_a_deadline(self):
+    def test_each_part_has_its_share_of_what_is_left_of_a_deadline(self):
         cluster = self.cluster(1)       # of two threads
-        for items, share in ((1, 6), (2, 6), (8, 1.5)):
-            self.assertEqual(_roster.roster_of(cluster.client).share_of(6, items), share)
+        deal = many.Deal(cluster.client, self.setup, many.prepare(SCENE), "render", [
+            many.Part({"deadline": 8}, late=Told()), many.Part({}, late=Told())], PATIENCE, None)
+        for left, items, share in ((8, 8, 2.0), (8, 1, 8.0), (4, 4, 2.0), (2, 8, 0.5), (-1, 2, _deal.SHARE_SECONDS_MIN)):
+            deal._left, deal._end = items, 2.0**20 + left
+            with self.subTest(left=left, items=items), unittest.mock.patch.object(deal._roster, "threads", return_value=2), \
+                    unittest.mock.patch.object(_deal.time, "monotonic", return_value=2.0**20):
+                self.assertEqual([deal._options(0), deal._options(1)], [{"deadline": share}, {}])
         for words, made in ((["--deadline", "6", "x"], ["--deadline", "3.0", "x"]), (["--deadline=6"], ["--deadline=3.0"]),
                             ([None, "--size", "6"], [None, "--size", "6"])):
             self.assertEqual(_command._with_share(words, lambda seconds: seconds / 2), made)
+
+    def test_a_picture_ends_with_its_deadline_whatever_became_of_its_parts(self):
+        cluster = self.cluster(1)
+        made = []
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore", raynest.RayWarning)
+            many.render(cluster.client, SCENE, size=(640, 360), integrator="path", spp=4096, deadline=2, setup=self.setup,
+                        progress=lambda *told: made.append(told))
+        self.assertLess(len(made), 45, "of 0.2 s each, by two threads")
+        end = self.out / "end of parts"
+        self.addCleanup(end.touch)
+        parts = [many.Part({"until": end, "deadline": 1}, late=Told((("late", raynest.RayWarning),)))] * 99
+        deal = many.Deal(cluster.client, self.setup, many.prepare(SCENE), lasts, parts, PATIENCE, None)
+        with self.assertWarnsRegex(raynest.RayWarning, "late"):
+            self.assertEqual([type(answer) for answer in deal.all()], [raynest.DeadlineError] * 99)
 
     def test_what_is_several_requests_is_dealt_out(self):
         cluster = self.cluster(1)

@@ -20,11 +20,12 @@ import numpy as np
 
 from . import _limits, _query, dask
 from ._beside import PARTIAL, command
-from ._deal import Deal, Part
+from ._deal import Deal
 from .dask import known_to
 from ._heat import tell_exceeded
 from ._notes import Told, is_hint, look_size, note_of_none, notes_of
-from ._prepared import Prepared
+from ._prepared import Part, Prepared
+from ._requests.deadlines import deadline_of, items_within, share_of
 from ._requests.files import STANDARD, read_file
 from ._requests.film import is_lit, samples_asked
 from ._roster import PATIENCE, roster_of
@@ -35,6 +36,7 @@ from .errors import ConnectError, DeadlineError, Error, FailedError, InvalidErro
 from .merge import PARTS_OF, merge
 
 PARTS_PER_THREAD = 4
+PART_SECONDS = 1.0          # of a lit picture's deadline, at least: a part is a program of its own
 PART_RAYS = 1 << 16         # at least: some 50 ms of work
 # Words whose next one is a file, or with the mark NAME=@FILE.
 FILES = {"--rays": "", "--masks": "", "--env": "", "--range-from": "", "--set": "@", "--diff": "@"}
@@ -66,21 +68,23 @@ def run(address: str, parts_max: int, scene: str, out: str, words: Sequence[str]
             # As render names them.
             stem, last = os.path.splitext(out)
             pictures = [(f"{stem}.{i}{last}", ["--camera", str(i)]) for i in range(len(info["cameras"]))]
-        threads = sum(worker["nthreads"] for worker in roster_of(cluster).living(patience).values())
+        threads = roster_of(cluster).threads(patience)
         most = _parts_max(words, rows, parts_max)
         # A row of a lit picture may take minutes, so its parts are as small as pays.
         count = max(1, most if is_lit(_integrator(words)) else min(most, -(-PARTS_PER_THREAD * threads // len(pictures))))
-        late = None
-        if is_lit(_integrator(words)):
-            plain = _with_share(plain, lambda seconds: roster_of(cluster).share_of(seconds, count * len(pictures)))
-            late = Told()
-        parts = [Part({"scene": scene, "ending": ending,
+        whole: dict[str, Any] = {}
+        late = Told() if is_lit(_integrator(words)) else None
+        if late and (seconds := deadline_of({"words": words})):
+            count = min(count, max(1, items_within(seconds, threads, PART_SECONDS) // len(pictures)))
+            # Parts of one picture must say the same request, so they have the same share.
+            plain, whole = _with_share(plain, lambda seconds: share_of(seconds, threads, count * len(pictures))), {"deadline": seconds}
+        parts = [Part({**whole, "scene": scene, "ending": ending,
                        "words": [*plain, *which, "-o", None, "--part", f"{i + 1}/{count}"]}, late=late)
                  for _, which in pictures for i in range(count)]
         paths = [os.path.join(folder, f"{i}{ending}") for i in range(len(parts))]
         if words[0] in ("render", "heatmap"):
             look = _look(plain, is_lit(_integrator(words)))
-            parts += [Part({"scene": scene, "ending": ending, "words": [*look, *which, "-o", None]}, weight=0, looks=True)
+            parts += [Part({"scene": scene, "ending": ending, "words": [*look, *which, "-o", None]}, weight=0, late=late, looks=True)
                       for _, which in pictures]
         told: dict[int, dict[str, Any]] = {}
         too_late: list[DeadlineError] = []
@@ -104,9 +108,9 @@ def run(address: str, parts_max: int, scene: str, out: str, words: Sequence[str]
             if height := document.pop("late", 0):
                 documents.append({**documents[0], **dict.fromkeys(SUMS, 0), "height": height, "incomplete": True, "samples": 0,
                                   "notes": [note_of_none(_samples_asked(words))]})
-            whole = {**whole_of(documents), **document}
-            whole["notes"] += filter(is_hint, told.get(len(paths) + i, {}).get("notes", ()))
-            made.append((line, whole))
+            of_all = {**whole_of(documents), **document}
+            of_all["notes"] += filter(is_hint, told.get(len(paths) + i, {}).get("notes", ()))
+            made.append((line, of_all))
         return made
 
 

@@ -13,13 +13,14 @@ from typing import AbstractSet, Any, Callable, Generator, NamedTuple, Optional, 
 import numpy as np
 
 from ._copies import Came, Copy, Road, seldom_profiled, uncompressed
-from ._travel import LOST, Missing
-from ._prepared import Prepared
-from ._roster import plain
+from ._travel import Missing
+from ._prepared import Part, Prepared, at_their_epoch
+from ._roster import Places, plain
 from ._version import VERSION
 from ._notes import Told, is_hint, tell
 from ._own_daemon import Setup, here, until_left
-from ._workers import NoRoom, OtherVersion, Source, deadline_of, item as make_item
+from ._requests.deadlines import deadline_of, share_of
+from ._workers import NoRoom, OtherVersion, item as make_item
 from ._wording import localize_message
 from .errors import BY_EXIT_CODE, ConnectError, DeadlineError, Error, FailedError, InvalidError, RayWarning, UsageError, warn
 
@@ -28,6 +29,8 @@ ASK_SECONDS = 1.0          # between two questions to the scheduler who makes wh
 HELD_MAX = 8               # times `patience` that a worker which fails gets nothing new
 LOAD_BYTES_PER_SECOND = 5e6     # that even a slow host fetches and builds
 SENDS_MAX = 100            # times that an item may find pieces of the scene missing
+SHARE_SECONDS_MIN = 0.01    # that an item gets as its deadline, however late it is
+LATE_SECONDS = 2.0         # after a deadline that the answers of items may come whose share ended with it
 HERE_MAX = 2               # items that wait for this machine's daemon, while no worker lives
 _ONCE = (UsageError, InvalidError, TypeError)   # what another worker would answer alike
 
@@ -43,41 +46,6 @@ def sent_item(*arguments: Any) -> Any:
 
 
 _own = concurrent.futures.ThreadPoolExecutor(1, "raynest-own-daemon")   # which makes what no worker finishes
-
-
-class Part(NamedTuple):
-    """An item: a method of Scene and its arguments. `rays` is called when the item is dealt."""
-
-    options: dict[str, Any]
-    rays: Optional[Callable[[], Any]] = None
-    heavy: bool = False        # its rays travel from here to the worker, not through the scheduler
-    weight: int = 1            # rays or samples, for progress
-    source: Optional[Source] = None     # other than the deal's
-    fits: Callable[[Any], bool] = lambda answer: True   # says whether an answer may be the item's
-    late: Optional[Told] = None         # what is told where its deadline passes; its answer is the error then
-    looks: bool = False        # at all of a picture in few pixels, for what is told of its camera and nothing else
-    first: str = ""            # the worker that gets it first
-
-
-def at_their_epoch(scene: Prepared, parts: Sequence[Part]) -> list[Part]:
-    """Takes the option `epoch`: a host has a copy of the scene for it, whose daemon counts otherwise. Parts that name none
-    are of the present one, whoever edits the scene meanwhile."""
-    now = scene.at()
-
-    def source(part: Part) -> Source:
-        return part.source or (scene.at(part.options["epoch"]) if part.options.get("epoch") else now)
-    return [part._replace(source=source(part), options={name: value for name, value in part.options.items() if name != "epoch"})
-            for part in parts]
-
-
-class Places(NamedTuple):
-    """Where copies of items are, by the scheduler."""
-
-    making: dict[str, set[str]]     # worker -> keys that it makes, or has in its queue
-    made: dict[str, set[str]]       # worker -> keys of our copies that it has made
-
-    def have(self, worker: str, keys: AbstractSet[str]) -> bool:
-        return bool(keys & (self.making.get(worker, set()) | self.made.get(worker, set())))
 
 
 class Failures(NamedTuple):
@@ -118,7 +86,7 @@ class Deal:
         self._heard: dict[str, float] = {}              # worker -> when it last answered
         self._seconds: list[float] = []                 # that items took
         self._news = time.monotonic()
-        self._end = self._news + (not apart and parts[0].late is None and deadline_of(parts[0].options) or np.inf)
+        self._end = self._news + (not apart and deadline_of(parts[0].options) or np.inf)
         self._alone = self._nobody = False              # without a scheduler, or a worker that lives
         self._road = Road(cluster, patience)
         self._roster = self._road.roster
@@ -162,7 +130,9 @@ class Deal:
 
     def _deal_some(self) -> None:
         """Deals what is next to the workers, or to this machine where there are none."""
-        ahead = max(8, 3 * sum(worker["nthreads"] for worker in self._roster.living(self._patience).values()))
+        if time.monotonic() > self._end:
+            return
+        ahead = max(8, 3 * self._roster.threads(self._patience))
         while not (self._alone or self._nobody) and self._next_item < len(self._parts) and len(self._open) < ahead:
             item, self._next_item = self._next_item, self._next_item + 1
             if not self._done[item] and item not in self._here:
@@ -231,13 +201,13 @@ class Deal:
         if self._unable:    # those that answered can; and one alone is known by its failure
             heard = {where.split()[-1] for where in self._heard}
             takers = [worker for worker in takers if worker in heard] or takers[:1]
-        # Who joins may have it, too.
+        # A worker that joins may have it, too.
         to = takers if self._unable or len(takers) < len(self._roster.now(self._patience)) else None
-        rays = None if part.rays is None else part.rays()
+        rays, options = None if part.rays is None else part.rays(), self._options(item)
         setup, method, cluster = self._setup, self._method, self._cluster
 
         def submit(rays: Any, key: str) -> Any:
-            return cluster.submit(sent_item, VERSION, setup, source, method, rays, part.options, pure=False, retries=0,
+            return cluster.submit(sent_item, VERSION, setup, source, method, rays, options, pure=False, retries=0,
                                   workers=to or None, key=key)
         key = f"raynest-{os.urandom(8).hex()}"
         events = self._events
@@ -249,6 +219,24 @@ class Deal:
         copy.only = takers[0] if to and len(takers) == 1 else ""
         self._copies[item] += 1
         self._open.setdefault(item, {})[key] = copy
+
+    def _options(self, item: int) -> dict[str, Any]:
+        """Those of an item, which may have its share of the time that is left."""
+        part = self._parts[item]
+        if part.late is None or not part.options.get("deadline"):
+            return part.options
+        share = share_of(self._end - time.monotonic(), self._roster.threads(self._patience), self._left)
+        return {**part.options, "deadline": max(share, SHARE_SECONDS_MIN)}
+
+    def _at_the_end(self) -> list[tuple[int, Any]]:
+        """The answers of items at the request's deadline: of those that may have none, once nobody makes them, or lately did."""
+        error = DeadlineError(localize_message("the request's deadline passed; pass a longer `deadline_ms`, or ask for less"), "DEADLINE")
+        if self._parts[0].late is None:
+            raise error
+        waits = self._open.keys() | self._here.keys() if time.monotonic() < self._end + LATE_SECONDS else ()
+        late = [item for item, done in enumerate(self._done) if not done and item not in waits]
+        self._told.update((item, part.late) for item in late if (part := self._parts[item]).late is not None)
+        return [(item, error) for item in late]
 
     def _taker(self, workers: Sequence[str]) -> str:
         """One of the workers, or of those of them that answered lately, that gets rays, the more often the more threads it
@@ -263,25 +251,6 @@ class Deal:
         since = self._news - self._silence()
         return [where.split()[-1] for where, heard in self._heard.items() if heard >= since]
 
-    def _places(self) -> Optional[Places]:
-        """Asks the scheduler; None: it does not tell."""
-        keys = [key for copies in self._open.values() for key in copies]
-
-        async def ask() -> Any:
-            told = self._cluster.scheduler
-            return await asyncio.gather(told.processing(workers=None), told.who_has(keys=keys), self._roster.ask())
-        asking = asyncio.run_coroutine_threadsafe(ask(), self._cluster.loop.asyncio_loop)
-        try:
-            making, made, _ = asking.result(self._patience)
-        except LOST:        # what is late is dealt again all the same
-            asking.cancel()
-            return None
-        places = Places({worker: set(theirs) for worker, theirs in making.items()}, {})
-        for key, makers in made.items():
-            for worker in makers:
-                places.made.setdefault(worker, set()).add(key)
-        return places
-
     def _silence(self) -> float:
         """Seconds after which an item is late, in which even a slow one is made, and at first the scene loaded."""
         if self._seconds:
@@ -290,10 +259,11 @@ class Deal:
 
     def _next(self) -> list[tuple[int, Any]]:
         """Waits a while for an answer."""
-        if time.monotonic() > self._end:
-            raise DeadlineError(localize_message("the request's deadline passed; pass a longer `deadline_ms`, or ask for less"), "DEADLINE")
+        left = self._end - time.monotonic()
+        if left < 0 and (late := self._at_the_end()):
+            return late
         try:
-            item, key, came = self._events.get(timeout=min(0.25, max(0.0, self._end - time.monotonic())))
+            item, key, came = self._events.get(timeout=min(0.25, left) if left > 0 else 0.25)
         except queue.Empty:
             return []
         if self._done[item]:
@@ -397,6 +367,8 @@ class Deal:
             self._give_up_cluster()
         elif self._open.get(item) or self._nobody:
             pass    # another copy is on its way, or this machine makes it in its turn
+        elif time.monotonic() > self._end:
+            self._open.pop(item, None)      # nobody makes it any more
         elif self._copies[item] < COPIES_MAX:
             self._deal(item)
         else:
@@ -422,7 +394,8 @@ class Deal:
                 if item not in self._here and not (copies and now - max(copy.born for copy in copies.values()) < silence)]
         if self._nobody or not late or now - self._asked < ASK_SECONDS:
             return
-        places, self._asked = self._places(), now
+        keys = [key for copies in self._open.values() for key in copies]
+        places, self._asked = self._roster.places(keys, self._patience), now
         for item in late:
             copies = self._open[item]
             is_made = places is not None and any(
@@ -476,7 +449,7 @@ class Deal:
         try:
             with until_left(left):
                 where, answer, told = make_item(VERSION, self._setup, part.source, self._method,
-                                                None if part.rays is None else part.rays(), part.options)
+                                                None if part.rays is None else part.rays(), self._options(item))
             self._check(item, where, answer, told)
             came = Came((answer, told))
         except DeadlineError as own:

@@ -1,4 +1,5 @@
-"""A scene as a program deals it out to many hosts: its files, read and hashed once, and the changes of it."""
+"""A scene as a program deals it out to many hosts: its files, read and hashed once, and the changes of it; and
+the items that it is dealt out in."""
 from __future__ import annotations
 
 import asyncio
@@ -8,7 +9,7 @@ import os
 import pickle
 import random
 import weakref
-from typing import Any, Iterable, Mapping, Optional, Sequence
+from typing import Any, Callable, Iterable, Mapping, NamedTuple, Optional, Sequence
 
 import numpy as np
 
@@ -16,6 +17,7 @@ from . import _travel
 from ._copies import let_go
 from ._net.frame import Array
 from ._travel import PIECE_BYTES, PIECE_SECONDS, held, keys_of_changes, keys_of_file
+from ._notes import Told
 from ._requests.arguments import whole
 from ._requests.job import Progress
 from ._requests.loads import Load, load_of_file, load_of_mesh, load_of_parts
@@ -244,6 +246,32 @@ class Prepared:
         for late in giving:
             late.add_done_callback(let_go)
         raise FailedError("no worker takes the scene's files")
+
+
+class Part(NamedTuple):
+    """An item: a method of Scene and its arguments. `rays` is called when the item is dealt."""
+
+    options: dict[str, Any]
+    rays: Optional[Callable[[], Any]] = None
+    heavy: bool = False        # its rays travel from here to the worker, not through the scheduler
+    weight: int = 1            # rays or samples, for progress
+    source: Optional[Source] = None     # other than the deal's
+    fits: Callable[[Any], bool] = lambda answer: True   # says whether an answer may be the item's
+    # Told where its deadline passes: its share of that of the request. Its answer is the error then.
+    late: Optional[Told] = None
+    looks: bool = False        # at all of a picture in few pixels, for what is told of its camera and nothing else
+    first: str = ""            # the worker that gets it first
+
+
+def at_their_epoch(scene: Prepared, parts: Sequence[Part]) -> list[Part]:
+    """Takes the option `epoch`: a host has a copy of the scene for it, whose daemon counts otherwise. Parts that name none
+    are of the present one, whoever edits the scene meanwhile."""
+    now = scene.at()
+
+    def source(part: Part) -> Source:
+        return part.source or (scene.at(part.options["epoch"]) if part.options.get("epoch") else now)
+    return [part._replace(source=source(part), options={name: value for name, value in part.options.items() if name != "epoch"})
+            for part in parts]
 
 
 def _sending_of(key: str) -> int:

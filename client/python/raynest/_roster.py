@@ -7,7 +7,7 @@ import concurrent.futures
 import math
 import time
 import weakref
-from typing import Any, Optional
+from typing import AbstractSet, Any, NamedTuple, Optional, Sequence
 
 from ._own_daemon import distributed
 from ._travel import LOST
@@ -17,6 +17,16 @@ PATIENCE = 4.0              # s of silence after which open items are dealt agai
 FRESH_SECONDS = 2.0         # after which the scheduler is asked again, as often as Dask's client asks
 BUSY_SECONDS = 0.05         # after which a worker that gives others their answers is asked again
 _all: weakref.WeakKeyDictionary[Any, Roster] = weakref.WeakKeyDictionary()
+
+
+class Places(NamedTuple):
+    """Where copies of items are, by the scheduler."""
+
+    making: dict[str, set[str]]     # worker -> keys that it makes, or has in its queue
+    made: dict[str, set[str]]       # worker -> keys of our copies that it has made
+
+    def have(self, worker: str, keys: AbstractSet[str]) -> bool:
+        return bool(keys & (self.making.get(worker, set()) | self.made.get(worker, set())))
 
 
 class Roster:
@@ -75,11 +85,26 @@ class Roster:
         """When we learned that the scheduler had."""
         return self._beats.get(worker, ("", -math.inf))[1]
 
-    def share_of(self, seconds: float, items: int) -> float:
-        """The time that each of so many items may take if all of them may take so long: they are made by turns where the
-        workers have fewer threads."""
-        threads: int = sum(worker["nthreads"] for worker in self.now().values())
-        return seconds * min(1.0, max(1, threads) / items)
+    def threads(self, patience: float = PATIENCE) -> int:
+        """Of those that live, together."""
+        return sum(worker["nthreads"] for worker in self.living(patience).values())
+
+    def places(self, keys: Sequence[str], patience: float) -> Optional[Places]:
+        """Asks the scheduler where these are; None: it does not tell."""
+        async def ask() -> Any:
+            told = self._cluster.scheduler
+            return await asyncio.gather(told.processing(workers=None), told.who_has(keys=keys), self.ask())
+        asking = asyncio.run_coroutine_threadsafe(ask(), self._cluster.loop.asyncio_loop)
+        try:
+            making, made, _ = asking.result(patience)
+        except LOST:        # what is late is dealt again all the same
+            asking.cancel()
+            return None
+        places = Places({worker: set(theirs) for worker, theirs in making.items()}, {})
+        for key, makers in made.items():
+            for worker in makers:
+                places.made.setdefault(worker, set()).add(key)
+        return places
 
     # ---- in Dask's loop -------------------------------------------------------------------------
 

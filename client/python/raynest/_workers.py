@@ -20,7 +20,6 @@ from ._net.frame import Array
 from ._notes import Told, rounding_of, tell, told_of
 from ._own_daemon import NOBODY_WAITS, Daemon, Setup, distributed, dropped, here
 from ._travel import LOST, PIECE_BYTES, PIECE_SECONDS, Missing, fetch, keys_of_changes, keys_of_file, look_up, own_piece
-from ._requests.arguments import milliseconds
 from ._requests.film import Layers
 from ._requests.loads import Load, load_of_file
 from ._version import VERSION
@@ -294,15 +293,6 @@ def item(version: str, setup: Setup, source: Source, method: Any, rays: Any, opt
                 raise
             host.drop()
     raise AssertionError
-
-
-def deadline_of(options: Mapping[str, Any]) -> float:
-    """Seconds that the user of an item has set it; 0: none."""
-    words = [str(word) for word in options.get("words", ())]
-    for word, following in zip(words, [*words[1:], "0"]):
-        if word.startswith("--deadline"):
-            return float(word.partition("=")[2] or following)
-    return milliseconds(options.get("deadline")) / 1000
 
 
 def columns_of(version: str, setup: Setup, source: Source, rays: Any, options: dict[str, Any], first: int, count: int,

@@ -25,10 +25,12 @@ from typing import Any, Callable, Iterable, Iterator, Mapping, Optional, Sequenc
 
 import numpy as np
 
-from ._deal import Deal, Part, at_their_epoch
+from . import _limits
+from ._deal import Deal
 from ._net.frame import Array
 from ._requests.arguments import Call, count_of, is_several, none_is_default, numbers, whole
 from ._requests.columns import Columns
+from ._requests.deadlines import deadline_of, items_within
 from ._requests.film import LIT_SAMPLES, UNSAMPLED, EnvironmentFile, Layers, is_lit, samples_asked
 from ._requests.job import JobOptions, Outcome
 from ._requests.picture import size_message
@@ -36,7 +38,7 @@ from ._requests.rays import pair
 from ._shutter import picture_in_motion, pixels_of
 from ._timed import moments
 from ._notes import Told, look_size, note_of_none
-from ._prepared import Prepared
+from ._prepared import Part, Prepared, at_their_epoch
 from ._roster import PATIENCE, roster_of
 from ._version import VERSION
 from ._own_daemon import Setup, distributed
@@ -338,18 +340,18 @@ def render(cluster: Any, scene: Any, *, size: tuple[int, int] = (960, 540), inte
            spp: int = 0, encode: str = "", load: Optional[dict[str, Any]] = None, setup: Setup = Setup(),
            patience: float = PATIENCE, progress: Any = None, item_samples: int = ITEM_SAMPLES, **options: Any) -> Any:
     """As Scene.render(), in tiles: returns an Image, or for a lit picture its Layers. With `encode` "raw" a lit picture
-    is an Image too, and needs `exposure` in stops. Each tile of a lit picture gets its share of a `deadline`;
-    the pixels of one that has no sample by then are 0."""
+    is an Image too, and needs `exposure` in stops. Each tile of a lit picture gets its share of what is left
+    of a `deadline`; the pixels of one that has no sample by then are 0."""
     if options.get("trajectory") is not None:
         return _in_motion(functools.partial(Deal, cluster, setup, _known(cluster, scene, setup, load, patience, progress),
                                             pixels_of, patience=patience, progress=progress),
-                          sum(each["nthreads"] for each in roster_of(cluster).living(patience).values()), size, encode,
+                          roster_of(cluster).threads(patience), size, encode,
                           {"integrator": integrator != "primary", "spp": spp}, options)
     encode = encode or ("layers" if is_lit(integrator) else "raw")
     if encode not in ("layers", "raw"):
         raise UsageError(f"encode {encode}: a picture of tiles is 'raw' or 'layers'; write raw as a file with its png()")
     known = _known(cluster, scene, setup, load, patience, progress)
-    samples = (spp or LIT_SAMPLES) if is_lit(integrator) else 1
+    samples = count_of("spp", spp or LIT_SAMPLES, _limits.samples_max) if is_lit(integrator) else 1
     options.update(integrator=integrator, spp=spp, encode=encode)
     whole = _mosaic(size, *_tiles(cluster, known, "render", size, samples, item_samples, options, setup, patience, progress))
     if encode == "raw":
@@ -406,14 +408,14 @@ def _tiles(cluster: Any, known: Prepared, method: str, size: tuple[int, int], sa
                if name in TRAVELS else value for name, value in options.items()}
     cut = tiles(size, item_samples // samples)
     late = None
-    if options.get("deadline") and is_lit(options.get("integrator", "primary")):
-        options["deadline"] = roster_of(cluster).share_of(options["deadline"], len(cut))
+    if is_lit(options.get("integrator", "primary")) and (seconds := deadline_of(options)):
+        cut = tiles(size, max(item_samples // samples, width * height // items_within(seconds, roster_of(cluster).threads(patience))))
         late = Told(((note_of_none(samples_asked(options["spp"], options.get("noise"))), RayWarning),),
                     Outcome(incomplete=True, samples=0))
     parts = [Part({**options, "size": size, "tile": tile}, weight=tile[2] * tile[3],
                   fits=functools.partial(_has_pixels, tile[2], tile[3]), late=late) for tile in cut]
     parts.append(Part({**options, "size": look_size(size), "deadline": None,
-                       **({"spp": 1, "noise": None} if is_lit(options.get("integrator", "primary")) else {})}, weight=0, looks=True))
+                       **({"spp": 1, "noise": None} if is_lit(options.get("integrator", "primary")) else {})}, weight=0, late=late, looks=True))
     return cut, Deal(cluster, setup, known, method, parts, patience, progress)
 
 
