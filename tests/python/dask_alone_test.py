@@ -221,6 +221,9 @@ class Alone(WithCluster):
                 distributed.Client(local, set_as_default=False) as client, self.told() as notes:
             for rays in (RAYS, sky):
                 self.same(many.trace(client, MESH, rays, setup=setup), mesh.trace(rays))
+            # A task waits for others, for which there is no other thread.
+            within = client.submit(lambda: many.trace(distributed.get_client(), MESH, RAYS, setup=setup))
+            self.same(within.result(timeout=PATIENCE), mesh.trace(RAYS))
         self.assertEqual(notes, [])
 
     def test_workers_that_only_the_scheduler_reaches(self):

@@ -12,6 +12,7 @@ import threading
 import time
 import traceback
 import unittest
+import unittest.mock
 import warnings
 
 import numpy as np
@@ -19,6 +20,7 @@ import numpy as np
 import raynest
 from daemon import LONG, children, until
 from raynest import generators
+from raynest._deal import Deal
 from with_cluster import Elsewhere, WithCluster, many
 from with_daemon import main, rain
 
@@ -84,8 +86,11 @@ class Faults(WithCluster):
     def asked(self, request, setup, progress=None):
         """Carries out a request, whose answer must be that of one daemon; returns how long that took."""
         begin = time.monotonic()
-        answer = REQUESTS[request][1](self.now.client, SCENE, setup=setup, progress=progress)
+        deals = []
+        with unittest.mock.patch.object(many, "Deal", lambda *given, **how: deals.append(Deal(*given, **how)) or deals[-1]):
+            answer = REQUESTS[request][1](self.now.client, SCENE, setup=setup, progress=progress)
         took = time.monotonic() - begin
+        self.assertTrue(any(deal._heard for deal in deals), "workers made some: all were there when it began")
         self.same({name: np.asarray(column) for name, column in answer.items()},
                   {name: np.asarray(column) for name, column in self.whole[request].items()})
         return took

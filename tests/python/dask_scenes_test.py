@@ -427,9 +427,21 @@ class Moving(WithCluster):
         self.assertEqual(scene.epoch, 2)
         with scene.edit() as edit:
             edit.move("nobody", (1, 0, 0))
-        with self.assertRaisesRegex(raynest.Error, "nobody"):
+        with self.assertRaisesRegex(raynest.UsageError, "edit 2 of the scene is left out from now on: .*nobody"):
             many.sweep(cluster.client, scene, [(3, RAYS)], setup=self.setup)
-        many.sweep(cluster.client, scene, scans, setup=self.setup)     # what was before it still works
+        with scene.edit() as edit:
+            edit.hide("car")
+        with self.client.scene_of(self.PARTS, self.PLACES) as alone:
+            with alone.edit() as edit:
+                street(edit, 0)
+            whole = [alone.trace(RAYS, fields=("t",))]
+            with alone.edit() as edit:
+                edit.hide("car")
+            whole.append(alone.trace(RAYS, fields=("t",)))
+        # The epochs before it, of it, and after it.
+        found = many.sweep(cluster.client, scene, [(epoch, RAYS) for epoch in (2, 3, 4)], fields=("t",), setup=self.setup)
+        for seen, one in zip(found, (whole[0], *whole)):
+            self.same(seen, one)
         for wrong, call, options in (("a side of size of 0", many.render, {"size": (0, 4)}), ("items of 0", many.trace, {"item_rays": 0}),
                                      ("tile= is for one daemon", many.render, {"tile": (0, 0, 64, 8)}),
                                      ("detach= is for one daemon", many.trace, {"detach": True})):

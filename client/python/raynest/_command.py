@@ -146,7 +146,8 @@ def _connected(address: str) -> Any:
             cluster = connect(address, set_as_default=False)
     except (OSError, asyncio.TimeoutError, ValueError, TypeError, RuntimeError, MemoryError) as error:
         raise ConnectError(f"no Dask scheduler answers at {address}: {error or 'it was too slow'}; "
-                           "start one with dask-scheduler or dask-ssh") from None
+                           "start one with dask-scheduler or dask-ssh"
+                           + ("; one with TLS has an address tls://HOST:8786" if address.startswith("tcp://") else "")) from None
     if any("Mismatched versions" in str(each.message) for each in said):
         _check_versions(cluster)
     return cluster

@@ -355,7 +355,7 @@ class Deal:
             self._unable = f"a worker{unable}"
             return self._again(item, error)
         if isinstance(error, _ONCE) or (isinstance(error, DeadlineError) and deadline_of(self._parts[item].options)):
-            raise error
+            raise self._scene.refused(error) if isinstance(error, Error) else error
         if where:   # it fails at once, so it would get all items that the others are too slow for
             before = self._failures.get(where, Failures(0, 0, 0.0, error))
             holds = self._patience * min(2 ** before.in_a_row, HELD_MAX)
@@ -455,8 +455,9 @@ class Deal:
         except DeadlineError as own:
             came = Came((own, part.late)) if part.late is not None else Came(None, own)
         except Error as own:
-            made = BY_EXIT_CODE.get(own.exit_code, FailedError)(
-                f"no worker finished an item{_because(error)}, and this machine cannot make it: {own}", own.name, own.code)
+            why = self._scene.refused(own)
+            made = BY_EXIT_CODE.get(why.exit_code, FailedError)(
+                f"no worker finished an item{_because(error)}, and this machine cannot make it: {why}", why.name, why.code)
             made.__cause__ = error
             came = Came(None, made)
         except BaseException as own:

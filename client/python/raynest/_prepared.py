@@ -26,7 +26,7 @@ from ._requests.precision import rounding_warning
 from ._roster import PATIENCE, roster_of
 from ._workers import Carried, Source, named
 from .edits import Change, Edit
-from .errors import FailedError, InvalidError, SceneWarning, UsageError, warn
+from .errors import Error, FailedError, InvalidError, SceneWarning, UsageError, warn
 from .scene import Scene
 
 SLOW_SECONDS = 4.0          # after which a piece that a worker is slow to take is given to another one, too
@@ -54,6 +54,7 @@ class Prepared:
         self.source = self._source(scene, load)
         self._log = os.urandom(8).hex()
         self._epoch = 1
+        self._refused: tuple[int, ...] = ()     # changes that no daemon makes
         self._others: dict[str, Prepared] = {}  # by the name that their content gives them
         self.sending = 0
         self.noted: set[str] = set()            # what the user was told since the request began
@@ -154,7 +155,8 @@ class Prepared:
 
     def edit(self) -> Edit:
         """As Scene.edit(): a batch of changes, which becomes the scene's next epoch when the block ends. The
-        workers make them when they next need that epoch; the change travels, not the scene."""
+        workers make them when they next need that epoch; the change travels, not the scene. A change that they refuse is
+        told by the request that first needs it, and left out of all that follow."""
         return Edit(self._record, self._add)
 
     def _add(self, scene: Any, name: str) -> str:
@@ -180,7 +182,16 @@ class Prepared:
         """The scene at an epoch; None and 0 are the present one, as for one daemon."""
         changes = (self._epoch if epoch is None else whole("an epoch", epoch, self._epoch, 0) or self._epoch) - 1
         source = self.source._replace(sending=self.sending)
-        return source._replace(log=self._log, changes=changes) if changes else source
+        return source._replace(log=self._log, changes=changes, refused=self._refused) if changes else source
+
+    def refused(self, error: Error) -> Error:
+        """The error to tell. If a daemon has refused a change, that is left out of all epochs from now on."""
+        log, number = getattr(error, "raynest_refused", ("", 0))
+        for scene in (self, *self._others.values()):
+            if scene._log == log:
+                scene._refused = *scene._refused, number
+                return type(error)(f"edit {number + 1} of the scene is left out from now on: {error}", error.name, error.code)
+        return error
 
     # ---- on the way -----------------------------------------------------------------------------
 

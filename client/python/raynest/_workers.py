@@ -41,6 +41,7 @@ class Source(NamedTuple):
     digest: str = ""
     log: str = ""                           # of its changes
     changes: int = 0                        # how many of them have happened
+    refused: tuple[int, ...] = ()           # the numbers of those that no daemon makes
     piece_bytes: int = PIECE_BYTES
     piece_seconds: float = PIECE_SECONDS
     sending: int = 0                        # of the pieces: counts when whoever has some of them is silent
@@ -213,21 +214,27 @@ class Host(Daemon):
             with warnings_taken():
                 scene, made = self._load(client, source, name), 0
         try:
-            keys = keys_of_changes(source.log, made, source.changes)
-            for piece in fetch(keys, source.piece_seconds, source.sending):
+            numbers = [number for number in range(made, source.changes) if number not in source.refused]
+            keys = [key for number in numbers for key in keys_of_changes(source.log, number, number + 1)]
+            for piece, number in zip(fetch(keys, source.piece_seconds, source.sending), numbers):
                 change, added = pickle.loads(piece.data)
                 # They are held until the change is made; then the scene has what it takes of them.
                 held_for_it = [self._load(client, other._replace(sending=source.sending), other.name) for other in added]
-                change.apply(client.connection, scene.name)
+                try:
+                    change.apply(client.connection, scene.name)
+                except (UsageError, InvalidError) as error:
+                    if error.name != "SCENE_UNKNOWN":
+                        error.raynest_refused = source.log, number      # type: ignore[union-attr]
+                    raise
                 del held_for_it
-                made += 1
+                made = number + 1
         except Missing:
             self._mine.changed = source.log, scene, made
             raise
         except Error:
             scene.close()
             raise
-        self._mine.changed = source.log, scene, made
+        self._mine.changed = source.log, scene, source.changes
         return scene
 
 
@@ -250,6 +257,7 @@ def _host(setup: Setup) -> Host:
         key = worker.address if setup.each == "worker" else worker.scheduler.address
     except ValueError:
         key = f"client {os.getpid()}"
+    setup = setup._replace(options=tuple(setup.options))    # whoever gives a list
     with _hosts_lock:
         if (setup, key) not in _hosts:
             _hosts[setup, key] = Host(setup, key)

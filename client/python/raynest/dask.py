@@ -94,6 +94,10 @@ def known_to(cluster: Any, scene: Prepared, setup: Setup, patience: float, progr
                          "thread, as asyncio.to_thread() does")
     scene.noted, scene.rounding = (set(), {}) if of is None else (of.noted, of.rounding)
 
+    if getattr(distributed.threadpoolexecutor.thread_state, "proceed", False):
+        # A task of Dask that waits for others leaves its thread to them.
+        distributed.secede()    # type: ignore[no-untyped-call]
+
     def ask(method: Any) -> Any:
         def send(done: int, total: int, stage: str) -> None:
             if progress and stage == "sending":
