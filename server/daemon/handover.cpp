@@ -63,7 +63,7 @@ void Handover::go_on(std::function<void()> done) {
             log(opened ? LogLevel::warn : LogLevel::error, "takeover_failed",
                 {{"reason",
                   opened ? "the successor has ended before it served" : opened.error().message}});
-            changes_.open();
+            changes_.open([this](std::function<void()> next) { asio::post(io_, std::move(next)); });
             done();
         });
     });

@@ -2,6 +2,7 @@
 #pragma once
 
 #include "server/ground/errors.h"
+#include "server/ground/io_turn.h"
 
 #include <algorithm>
 #include <cstddef>
@@ -29,10 +30,16 @@ public:
         }
         waiting_.push_back(std::move(awake));
     }
-    /// Calls all who have come until now.
-    void wake_all(const Reply<void>& result) {
-        for (const auto& each : std::exchange(waiting_, {}))
-            if (const auto awake = each.lock()) (*awake)(result);
+    /// Calls all who have come until now, in turns of the io thread. Holds `kept` until all are
+    /// called.
+    void wake_all(Reply<void> result, const Post& post, std::shared_ptr<const void> kept = {}) {
+        const auto all = std::make_shared<Waiters>();
+        all->waiting_.swap(waiting_);
+        in_turns(post, [all, result = std::move(result), kept = std::move(kept)] {
+            IoTurn::does("those who wait");
+            all->wake_first(result);
+            return !all->empty();
+        });
     }
     /// Calls the first one.
     void wake_first(const Reply<void>& result) {

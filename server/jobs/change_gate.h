@@ -30,10 +30,10 @@ public:
     }
     [[nodiscard]] bool is_closed() const { return closed_; }
     void close() { closed_ = true; }
-    /// Those who wait go on.
-    void open() {
+    /// Those who wait go on, in turns that `post` queues.
+    void open(const Post& post) {
         closed_ = false;
-        waiting_.wake_all({});
+        waiting_.wake_all({}, post);
     }
     /// Calls `awake` once the gate is open, unless it has expired.
     void wait(std::weak_ptr<Awake> awake) { waiting_.add(std::move(awake)); }

@@ -120,21 +120,26 @@ void ScenePoser::done(Kept::iterator posed, Made& made) {
     const std::string principal = posed->principal;
     Waiters waiting = std::exchange(posed->waiting, {});
     Reply<void> result;
+    std::shared_ptr<const HeldScene> held;  // those who wait for it find it, in whatever turn
     if (made.snapshot) {
         made.lease.shrink(std::min(made.lease.bytes(), made.bytes));
         posed->held = services_.scenes.with_memory(
             {std::move(*made.snapshot), std::move(made.lease), {}, std::move(made.velocities)});
         posed->used = Clock::now();
+        held = posed->held;
     } else {
         own_[principal].kept.erase(posed);
         result = tl::unexpected(std::move(made.snapshot.error()));
     }
-    waiting.wake_all(result);
+    waiting.wake_all(std::move(result), post_, std::move(held));
     // Each begins another, unless what it wants is there meanwhile.
-    for (auto own = own_.find(principal);
-         own != own_.end() && !own->second.queue.empty() && under_way(principal) < kept_max;
-         own = own_.find(principal))
+    in_turns(post_, [this, principal] {
+        const auto own = own_.find(principal);
+        if (own == own_.end() || own->second.queue.empty() || under_way(principal) >= kept_max)
+            return false;
         own->second.queue.wake_first({});
+        return true;
+    });
 }
 
 void ScenePoser::drop_all_but(std::size_t most, const std::string& principal) {

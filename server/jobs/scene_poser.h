@@ -25,7 +25,6 @@ namespace raynest::server {
 class ScenePoser {
 public:
     using Clock = std::chrono::steady_clock;
-    using Post = SceneWaker::Post;
     using Ready = SceneWaker::Awake;
 
     /// Kept and being made, of each principal.

@@ -109,7 +109,7 @@ void SceneWaker::add(const AsleepScene& scene, const std::string& principal) {
                       "the scene", bytes, scene.owner,
                       services_.scenes.remedy(scene.owner, "start raynestd with a larger --memory"))
                 : owners_memory_is_full(scene);
-        who.wake_all(Reply<void>(full));
+        who.wake_all(Reply<void>(full), post_);
         return;
     }
     read->lease = std::move(*lease);
@@ -162,7 +162,7 @@ void SceneWaker::done(const AsleepScene& scene, Read& read) {
     }
     // Requests that have come since nobody waited any more ask again.
     auto waiting = waiting_.extract(scene.facts.arena);
-    if (!waiting.empty()) waiting.mapped().who.wake_all(result);
+    if (!waiting.empty()) waiting.mapped().who.wake_all(std::move(result), post_);
 }
 
 }  // namespace raynest::server

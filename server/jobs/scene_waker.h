@@ -17,7 +17,6 @@ class SceneWaker {
 public:
     /// Gets the error of a scene that could not be read, or nothing.
     using Awake = Waiters::Awake;
-    using Post = std::function<void(std::function<void()>)>;
 
     /// `post` runs a function on the io thread. `services` outlives this.
     SceneWaker(const Services& services, Post post) : services_(services), post_(std::move(post)) {}

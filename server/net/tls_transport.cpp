@@ -2,6 +2,7 @@
 
 #include "protocol/control.h"
 #include "protocol/frame.h"
+#include "server/ground/io_turn.h"
 #include "server/ground/limited_log.h"
 #include "server/net/socket_transport.h"
 

@@ -15,15 +15,10 @@
 #include "server/security/principal.h"
 
 #include <array>
-#include <chrono>
 #include <cstddef>
 #include <optional>
 
 namespace raynest::server {
-
-/// Time for which a connection with much to do keeps the io thread before others have a turn.
-/// Shorter ones cost throughput: small queries of a turn are traced together.
-inline constexpr std::chrono::microseconds turn_time{200};
 
 /// A connection to a peer.
 class Transport {

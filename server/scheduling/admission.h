@@ -35,7 +35,7 @@ struct JobRecord {
     bool detached = false;
     Clock::time_point started;
     Clock::time_point deadline = Clock::time_point::max();
-    const Job* job = nullptr;  ///< null once the job has ended
+    const Job* job = nullptr;  ///< null before it begins and once it has ended
     std::function<void()> cancel;
 };
 

@@ -1,6 +1,7 @@
 // Sends a task to a pool thread and its result back to the io thread.
 #pragma once
 
+#include "server/ground/io_turn.h"
 #include "server/scheduling/job.h"
 
 #include <exception>
@@ -10,9 +11,6 @@
 #include <string>
 
 namespace raynest::server {
-
-/// Queues a function for the io thread. Thread-safe.
-using Post = std::function<void(std::function<void()>)>;
 
 /// Returns the error of a job whose deadline has passed.
 [[nodiscard]] protocol::Error deadline_error();

@@ -50,8 +50,22 @@ Reply<Admission::Slot> Runner::enter(JobRecord record) {
     auto slot = context_.admission.enter(std::move(record));
     if (slot) return slot;
     const auto whose = context_.admission.blocking_limit(principal_);
-    if (!whose || !context_.peers.make_room(Resource::jobs, principal_, 1, *whose)) return slot;
-    return context_.admission.enter(std::move(record));
+    if (whose && context_.peers.make_room(Resource::jobs, principal_, 1, *whose))
+        slot = context_.admission.enter(std::move(record));
+    if (!slot) context_.metrics.count<&Metrics::jobs_refused>(principal_);
+    return slot;
+}
+
+Reply<Admission::Slot> Runner::enter_parked(std::uint16_t message_type, Clock::time_point deadline,
+                                            std::function<void()> cancel) {
+    JobRecord record;
+    record.principal = principal_;
+    record.kind = "parked";
+    record.detail = protocol::message_name(message_type);
+    record.started = Clock::now();
+    record.deadline = deadline;
+    record.cancel = std::move(cancel);
+    return enter(std::move(record));
 }
 
 Reply<std::uint64_t> Runner::start(std::uint64_t id, JobSubmission accepted) {
@@ -72,10 +86,7 @@ Reply<std::uint64_t> Runner::start(std::uint64_t id, JobSubmission accepted) {
         if (const auto self = runner.lock()) self->cancel(id);
     };
     auto slot = enter(std::move(record));
-    if (!slot) {
-        context_.metrics.count<&Metrics::jobs_refused>(principal_);
-        return tl::unexpected(slot.error());
-    }
+    if (!slot) return tl::unexpected(slot.error());
     const std::uint64_t window = context_.limits.window_bytes;
     const std::uint64_t input_bytes = std::min(accepted.input_bytes, window);
     const std::uint64_t answer_bytes = std::min(accepted.answer_bytes, window - answers_.bytes());

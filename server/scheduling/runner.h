@@ -17,6 +17,8 @@
 #include "server/scheduling/job.h"
 #include "server/scheduling/peers.h"
 
+#include <cstdint>
+#include <functional>
 #include <list>
 #include <memory>
 #include <string>
@@ -69,6 +71,10 @@ public:
     /// Number of jobs in flight, including those whose memory is being freed.
     [[nodiscard]] std::size_t size() const { return jobs_.size() + leaving_; }
 
+    /// Gives a request that waits before it starts a place among the jobs in flight: it costs memory
+    /// and, once it goes on, time. Fails as start() does.
+    Reply<Admission::Slot> enter_parked(std::uint16_t message_type, Clock::time_point deadline,
+                                        std::function<void()> cancel);
     /// Starts a job. Reserves memory for the data that its client may send and for unread answers;
     /// paused peers give way if needed. Fails with QUOTA (of the principal; the conversation checks
     /// jobs_max), BUSY or RESOURCE_EXHAUSTED. Returns the job's number, unique in the daemon.
@@ -141,10 +147,10 @@ private:
     using ActivePointer = std::shared_ptr<Active>;
 
     ActivePointer find(std::uint64_t id) const;
-    /// Sends the first frames of a job that is prepared.
-    void greet(Active& active);
     /// Admits a job; closes a paused peer for it if needed.
     Reply<Admission::Slot> enter(JobRecord record);
+    /// Sends the first frames of a job that is prepared.
+    void greet(Active& active);
     /// Calls `step`; fails the job if memory is short, as in a task.
     template <class Step>
     void guarded(Active& active, Step step);

@@ -1,6 +1,7 @@
 #include "server/sessions/connections.h"
 
 #include "server/ground/fair_share.h"
+#include "server/ground/io_turn.h"
 #include "server/store/scene_store.h"
 
 #include <algorithm>

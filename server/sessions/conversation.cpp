@@ -315,10 +315,9 @@ void Conversation::start(const Request& request, protocol::Frame frame,
 }
 
 Reply<void> Conversation::check_room() const {
-    const std::size_t in_flight = jobs() + parked_.size();
-    if (in_flight < services_.limits.jobs_max) return {};
+    if (in_flight() < services_.limits.jobs_max) return {};
     services_.metrics.count<&Metrics::jobs_refused>(caller_.principal);
-    return refuse(Code::quota, "this connection has " + std::to_string(in_flight) +
+    return refuse(Code::quota, "this connection has " + std::to_string(in_flight()) +
                                    " requests in flight, the limit is jobs_max = " +
                                    std::to_string(services_.limits.jobs_max) +
                                    "; wait for one of them, or open another connection");
@@ -339,8 +338,12 @@ void Conversation::park(const Request& request, protocol::Frame frame,
         deadline = deadline_after(Clock::now(), request.deadline_ms(frame, services_.limits));
     auto awake = std::make_shared<SceneWaker::Awake>(
         [this, id](const Reply<void>& ready) { resume(id, ready); });
-    parked_.emplace(
-        id, Parked{std::move(frame), std::move(*lease), *deadline, std::move(waits), awake});
+    auto slot = runner_->enter_parked(frame.header.type, *deadline, [weak = std::weak_ptr(awake)] {
+        if (const auto waiting = weak.lock()) (*waiting)(refuse(Code::cancelled, ""));
+    });
+    if (!slot) return refuse_request(id, slot.error());
+    parked_.emplace(id, Parked{std::move(frame), std::move(*lease), std::move(*slot), *deadline,
+                               std::move(waits), awake});
     wait(std::move(awake));
 }
 
@@ -373,12 +376,6 @@ void Conversation::let_go_on() {
     }
     settle();
     if (resumed_) resumed_();
-}
-
-Clock::time_point Conversation::next_deadline() const {
-    Clock::time_point next = runner_->next_tick();
-    for (const auto& [id, parked] : parked_) next = std::min(next, parked.deadline);
-    return next;
 }
 
 void Conversation::expire_parked(Clock::time_point now) {

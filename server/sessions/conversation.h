@@ -16,6 +16,7 @@
 #include "server/sessions/arriving_frame.h"
 #include "server/sessions/waits.h"
 
+#include <algorithm>
 #include <cstdint>
 #include <functional>
 #include <map>
@@ -66,8 +67,10 @@ public:
     [[nodiscard]] Runner& runner() { return *runner_; }
     [[nodiscard]] const Runner& runner() const { return *runner_; }
 
-    /// Number of requests in flight, including detached ones whose data are still arriving.
+    /// Number of requests that have begun, including detached ones whose data are still arriving.
     [[nodiscard]] std::size_t jobs() const { return runner_->size() + feeding_.size(); }
+    /// The same and those that wait before they begin.
+    [[nodiscard]] std::size_t in_flight() const { return jobs() + parked_.size(); }
     /// Bytes of --memory that these requests, their answers and the frame on its way have reserved.
     [[nodiscard]] std::uint64_t held_bytes() const;
     /// True while data have come for a request that waits for its scene. Meanwhile pass no frames
@@ -75,7 +78,11 @@ public:
     [[nodiscard]] bool is_held_up() const { return held_up_.has_value(); }
     void set_resumed(std::function<void()> resumed) { resumed_ = std::move(resumed); }
     /// Returns when expire_parked() has something to do.
-    [[nodiscard]] Clock::time_point next_deadline() const;
+    [[nodiscard]] Clock::time_point next_deadline() const {
+        Clock::time_point next = runner_->next_tick();
+        for (const auto& [id, parked] : parked_) next = std::min(next, parked.deadline);
+        return next;
+    }
     /// Refuses the requests that wait for their scenes beyond their deadlines.
     void expire_parked(Clock::time_point now);
     /// True if every request waits for its client.
@@ -111,6 +118,7 @@ private:
     struct Parked {
         protocol::Frame frame;
         Budget::Lease lease;  ///< for the frame's bytes
+        Admission::Slot slot;
         Clock::time_point deadline;
         Waits waits;
         std::shared_ptr<SceneWaker::Awake> awake;  ///< begins it once more

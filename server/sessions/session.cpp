@@ -177,7 +177,7 @@ std::uint64_t Session::holds(Resource resource) const {
         case Resource::connections:
             return 1;
         case Resource::jobs:
-            return conversation_.jobs();
+            return conversation_.in_flight();
         case Resource::memory:
             return conversation_.held_bytes();
     }

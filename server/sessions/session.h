@@ -13,6 +13,7 @@
 #pragma once
 
 #include "protocol/frame.h"
+#include "server/ground/io_turn.h"
 #include "server/net/asio.h"
 #include "server/net/minute_limit.h"
 #include "server/net/transport.h"

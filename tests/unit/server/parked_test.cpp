@@ -6,6 +6,11 @@
 
 #include <algorithm>
 #include <chrono>
+#include <cstdint>
+#include <deque>
+#include <functional>
+#include <memory>
+#include <utility>
 #include <vector>
 
 namespace raynest::server {
@@ -16,21 +21,26 @@ using test::errors_of;
 using test::frame_of;
 using test::SmallDaemon;
 
+/// A turn that others have in between is none in these tests.
+const Post at_once = [](const std::function<void()>& next) { next(); };
+
+wire::LoadT load_of(std::uint64_t bytes, std::uint32_t deadline_ms = 0) {
+    wire::LoadT message;
+    message.source = "a.gltf";
+    message.file_names = {"a.gltf"};
+    message.file_hashes = {1};
+    message.file_bytes = {bytes};
+    message.deadline_ms = deadline_ms;
+    return message;
+}
+
 TEST_CASE("a request that waits for a takeover holds up its own data, and keeps its deadline") {
     SmallDaemon daemon;
     ChangeGate gate;
     daemon.services.changes = &gate;
     Client client(daemon);
     client.receive(frame_of(0, wire::HelloT{}));
-    const auto load = [](std::uint32_t deadline_ms) {
-        wire::LoadT message;
-        message.source = "a.gltf";
-        message.file_names = {"a.gltf"};
-        message.file_hashes = {1};
-        message.file_bytes = {2};
-        message.deadline_ms = deadline_ms;
-        return message;
-    };
+    const auto load = [](std::uint32_t deadline_ms) { return load_of(2, deadline_ms); };
     const Clock::time_point before = Clock::now();
     gate.close();
     client.receive(frame_of(1, load(1000)));
@@ -68,7 +78,7 @@ TEST_CASE("a request that waits for a takeover holds up its own data, and keeps 
     client.receive(frame_of(3, wire::CreditT{}));
     CHECK(client.is_held_up());
     daemon.sent.clear();
-    gate.open();
+    gate.open(at_once);
     CHECK(resumed);
     CHECK_FALSE(client.is_held_up());
     CHECK(daemon.said(wire::Message::Need));
@@ -82,7 +92,7 @@ TEST_CASE("a request that waits for a takeover holds up its own data, and keeps 
                               4,
                               {Code::invalid_field, "damaged", 0}});
     CHECK(errors_of(daemon) == std::vector{Code::invalid_field});
-    gate.open();
+    gate.open(at_once);
     CHECK(errors_of(daemon).size() == 1);
     CHECK(daemon.said(wire::Message::Need));
 
@@ -92,7 +102,7 @@ TEST_CASE("a request that waits for a takeover holds up its own data, and keeps 
     CHECK(errors_of(daemon).back() == Code::quota);
     client.abandon();
     CHECK(client.held_bytes() == 0);
-    gate.open();
+    gate.open(at_once);
 }
 
 TEST_CASE("data on their way to a parked request have memory, or end it where memory is full") {
@@ -103,14 +113,7 @@ TEST_CASE("data on their way to a parked request have memory, or end it where me
     Client client(daemon);
     client.receive(frame_of(0, wire::HelloT{}));
     constexpr std::uint64_t size = 1 << 20;
-    const auto load = [] {
-        wire::LoadT message;
-        message.source = "a.gltf";
-        message.file_names = {"a.gltf"};
-        message.file_hashes = {1};
-        message.file_bytes = {2 * size};
-        return message;
-    };
+    const auto load = [] { return load_of(2 * size); };
     const auto piece = [](std::uint64_t id) {
         protocol::Bulk bulk;
         bulk.add("data", wire::Dtype::u8, 1, size);
@@ -129,7 +132,7 @@ TEST_CASE("data on their way to a parked request have memory, or end it where me
         client.receive(piece(1));
         CHECK(client.is_held_up());
         CHECK(client.held_bytes() == parked + size);
-        gate.open();
+        gate.open(at_once);
         CHECK_FALSE(client.is_held_up());
         CHECK(client.held_bytes() == 3 * size);  // all data of the job, and its file so far
         client.receive(frame_of(1, wire::CancelT{}));
@@ -146,7 +149,7 @@ TEST_CASE("data on their way to a parked request have memory, or end it where me
     }
     SUBCASE("refused, they cost their request alone") {
         client.receive(piece(1));
-        gate.open();
+        gate.open(at_once);
         client.receive(frame_of(1, wire::CancelT{}));
         daemon.settle();
         gate.close();
@@ -165,7 +168,84 @@ TEST_CASE("data on their way to a parked request have memory, or end it where me
         CHECK_FALSE(client.closing());
     }
     CHECK(daemon.used_bytes() == idle);
-    gate.open();
+    gate.open(at_once);
+}
+
+TEST_CASE("requests that wait have places among those in flight, of their principal and in all") {
+    protocol::Limits limits;
+    limits.principal_jobs_max = 3;
+    SmallDaemon daemon(limits);
+    ChangeGate gate;
+    daemon.services.changes = &gate;
+    gate.close();
+    const auto& in_flight = daemon.admission.jobs();
+    {
+        Client one(daemon), two(daemon), other(daemon, "you");
+        for (Client* client : {&one, &two, &other}) client->receive(frame_of(0, wire::HelloT{}));
+        one.receive(frame_of(1, load_of(2)));
+        one.receive(frame_of(2, load_of(2)));
+        two.receive(frame_of(1, load_of(2)));
+        CHECK(errors_of(daemon).empty());
+        two.receive(frame_of(2, load_of(2)));
+        CHECK(errors_of(daemon) == std::vector{Code::quota});
+        other.receive(frame_of(1, load_of(2)));
+        CHECK(errors_of(daemon).size() == 1);
+        CHECK(in_flight.size() == 4);
+
+        // One that is told by its number to end, one that its client cancels, and one whose client
+        // leaves give up their places.
+        const auto cancel = in_flight.begin()->second.cancel;
+        CHECK(in_flight.begin()->second.detail == "Load");
+        cancel();
+        CHECK(errors_of(daemon) == std::vector{Code::quota, Code::cancelled});
+        CHECK(in_flight.size() == 3);
+        cancel();
+        two.receive(frame_of(1, wire::CancelT{}));
+        other.abandon();
+        CHECK(errors_of(daemon).size() == 3);
+        CHECK(in_flight.size() == 1);
+
+        // The last one begins in its own place.
+        gate.open(at_once);
+        CHECK(in_flight.size() == 1);
+        CHECK(in_flight.begin()->second.kind == "load");
+        CHECK(daemon.said(wire::Message::Need));
+    }
+    daemon.settle();
+    CHECK(in_flight.empty());
+}
+
+TEST_CASE("those who wait for one thing go on in turns of the io thread") {
+    Waiters waiters;
+    std::vector<std::shared_ptr<Waiters::Awake>> all;
+    std::size_t woken = 0;
+    for (int i = 0; i < 5; ++i) {
+        all.push_back(std::make_shared<Waiters::Awake>([&](const Reply<void>& result) {
+            CHECK_FALSE(result.has_value());
+            ++woken;
+            // As long as a turn may take.
+            for (const auto end = Clock::now() + turn_time; Clock::now() < end;) {
+            }
+        }));
+        waiters.add(all.back());
+    }
+    std::deque<std::function<void()>> turns;
+    const Post post = [&](std::function<void()> next) { turns.push_back(std::move(next)); };
+    auto kept = std::make_shared<int>();
+    waiters.wake_all(refuse(Code::busy, "no"), post, kept);
+    // It has come too late for these turns, and one leaves before its own.
+    waiters.add(all.front());
+    all[2].reset();
+    for (std::size_t turn = 1; turn <= 4; ++turn) {
+        CHECK(woken == turn);
+        CHECK(turns.size() == (turn == 4 ? 0 : 1));
+        CHECK(kept.use_count() == (turn == 4 ? 1 : 2));
+        if (turns.empty()) break;
+        const auto next = std::move(turns.front());
+        turns.pop_front();
+        next();
+    }
+    CHECK(waiters.size() == 1);
 }
 
 }  // namespace
