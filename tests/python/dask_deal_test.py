@@ -156,7 +156,7 @@ class Dealt(WithCluster):
         self.now.workers.append(self.now.add())
         self.now.wait(3)
         self.assertEqual(len(workers()), 2, "it is asked for seldom")
-        deal._places()
+        deal._roster.places([], PATIENCE)
         self.assertEqual(len(workers()), 3)
         self.assertEqual(len(_roster.roster_of(self.now.client).living()), 3, "all requests of a client know it")
 
