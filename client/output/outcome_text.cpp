@@ -32,6 +32,7 @@ Json outcome_json(const Outcome& outcome) {
     // A picture that its deadline ended may have pixels without one.
     if (outcome.samples != 0 || outcome.incomplete) {
         json["samples"] = outcome.samples;
+        json["noise"] = outcome.noise;
         json["dropped"] = outcome.dropped;
         json["incomplete"] = outcome.incomplete;
     }

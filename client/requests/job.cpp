@@ -108,6 +108,7 @@ Result<void> take_news(const protocol::Frame& frame, Outcome& outcome) {
         outcome.target = protocol::word(done.target(), outcome.target);
         add_notes(done.notes(), outcome);
         outcome.samples = done.samples();
+        outcome.noise = done.noise();
         outcome.dropped = done.dropped();
         outcome.incomplete = done.incomplete();
         if (const wire::HeatStatistics* heat = done.heat()) heat->UnPackTo(&outcome.heat);

@@ -40,6 +40,7 @@ struct Outcome {
     std::uint64_t rays = 0, hits = 0, misses = 0, truncated = 0;
     std::uint64_t invalid = 0, first_invalid = 0;
     std::uint64_t samples = 0;          ///< per pixel of a lit picture
+    float noise = 0;                    ///< estimated error of that picture; 0: not known
     std::uint64_t dropped = 0;          ///< samples that were not finite
     bool incomplete = false;            ///< a lit picture has fewer samples than it was asked for
     std::optional<std::uint64_t> rows;  ///< queries only, from DONE

@@ -45,6 +45,10 @@ Value percentile(std::vector<Value>& values, std::uint64_t percent) {
 /// much it differs: below this share of the largest distance, only the pixels that differ count.
 constexpr double reach_share_min = 0.01;
 
+/// Where one in so many pixels above the least value has exactly the 99th percentile, a range that
+/// ended there would draw them as it draws all that exceed them.
+constexpr std::ptrdiff_t tied_one_in = 20;
+
 /// Ends of the range that a word asks for: the largest value, or the 99th percentile; of
 /// differences those of the distances from zero.
 struct Reach {
@@ -52,29 +56,35 @@ struct Reach {
     double p99 = 0;
 };
 
-/// The same everywhere is not the most: it gets the middle of the palette.
-double range_end(double end, double least) {
-    return end == least ? 2 * end : end;
+/// The 99th percentile, or the largest value where many pixels have the percentile.
+template <class Value>
+Value end_of_most(std::vector<Value>& values, Value least) {
+    const Value end = percentile(values, 99);
+    const auto at_end = std::count(values.begin(), values.end(), end);
+    const auto above =
+        std::count_if(values.begin(), values.end(), [least](Value value) { return value > least; });
+    return tied_one_in * at_end < above ? end : *std::max_element(values.begin(), values.end());
 }
 
 template <class Value>
 Reach reach_of(std::span<const Value> values, const HeatStatistics& statistics) {
-    Reach reach{static_cast<double>(statistics.max), static_cast<double>(statistics.p99)};
+    if (values.empty()) return {};
+    std::vector<std::int64_t> sizes;
+    sizes.reserve(values.size());
+    for (const Value value : values) sizes.push_back(std::abs(std::int64_t{value}));
+    const std::int64_t most = std::max(-statistics.min, statistics.max);
     if constexpr (std::is_signed_v<Value>) {
-        std::vector<std::int64_t> distances;
-        distances.reserve(values.size());
-        for (const Value value : values) distances.push_back(std::abs(std::int64_t{value}));
-        reach.most = static_cast<double>(std::max(-statistics.min, statistics.max));
-        if (!distances.empty()) reach.p99 = static_cast<double>(percentile(distances, 99));
-        if (reach.p99 < reach_share_min * reach.most) {
-            std::erase(distances, 0);
-            reach.p99 = static_cast<double>(percentile(distances, 99));
-        }
+        if (static_cast<double>(percentile(sizes, 99)) <
+            reach_share_min * static_cast<double>(most))
+            std::erase(sizes, 0);
+        return {static_cast<double>(most),
+                static_cast<double>(end_of_most(sizes, std::int64_t{0}))};
     } else {
-        const auto least = static_cast<double>(statistics.min);
-        reach = {range_end(reach.most, least), range_end(reach.p99, least)};
+        // The same everywhere is not the most: it gets the middle of the palette.
+        if (most == statistics.min)
+            return {2 * static_cast<double>(most), 2 * static_cast<double>(most)};
+        return {static_cast<double>(most), static_cast<double>(end_of_most(sizes, statistics.min))};
     }
-    return reach;
 }
 
 struct Range {

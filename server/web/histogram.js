@@ -3,33 +3,42 @@ import { valueAt } from "./palette.js";
 
 const finite = (values) => values.filter(Number.isFinite).sort();
 
-/** Returns {count, min, mean, p50, p90, p99, max}; percentiles by nearest rank, as the daemon's. */
+const percentile = (sorted, percent) => sorted[Math.max(Math.ceil((sorted.length * percent) / 100), 1) - 1];
+
+/** Returns {count, min, mean, p50, p90, p99, max}; percentiles by nearest rank, as the daemon's. And {end, endSize}: where the range p99 ends, of a difference on both sides. */
 export function statistics(values) {
   const sorted = finite(values);  // a typed array: sort() is numeric
   const count = sorted.length;
-  if (count === 0) return { count, min: 0, mean: 0, p50: 0, p90: 0, p99: 0, max: 0, p99Size: 0 };
+  if (count === 0) return { count, min: 0, mean: 0, p50: 0, p90: 0, p99: 0, max: 0, end: 0, endSize: 0 };
   let sum = 0;
   for (const value of sorted) sum += value;
-  const rank = (percent) => sorted[Math.max(Math.ceil((count * percent) / 100), 1) - 1];
+  const [p50, p90, p99] = [50, 90, 99].map((percent) => percentile(sorted, percent)), min = sorted[0], max = sorted[count - 1];
   // Values without their signs: those of a difference lie on both sides of 0.
-  const sizes = sorted[0] < 0 ? sorted.map(Math.abs).sort() : sorted;
-  return { count, min: sorted[0], mean: sum / count, p50: rank(50), p90: rank(90), p99: rank(99),
-           max: sorted[count - 1], p99Size: sizes[Math.max(Math.ceil((count * 99) / 100), 1) - 1] };
+  let sizes = min < 0 ? sorted.map(Math.abs).sort() : sorted;
+  // Where few pixels differ, the range is theirs.
+  if (percentile(sizes, 99) < 0.01 * sizes[count - 1]) sizes = sizes.filter((size) => size !== 0);
+  return { count, min, mean: sum / count, p50, p90, p99, max, end: endOfMost(sorted, min), endSize: endOfMost(sizes, 0) };
 }
 
-/** Returns the range that a setting stands for: p99, auto or [low, high]. */
-export function rangeOf(setting, stats, diverging) {
+/** The 99th percentile; the largest value where many pixels have the percentile: a range that ended there would draw them as all that exceed them. The daemon's rule, too. */
+function endOfMost(sorted, least) {
+  const end = percentile(sorted, 99);
+  const [atEnd, above] = [sorted.filter((value) => value === end).length, sorted.filter((value) => value > least).length];
+  return 20 * atEnd < above ? end : sorted[sorted.length - 1];
+}
+
+/** Returns the range that a setting stands for: p99, auto or [low, high]. It begins at 0, or `fromLeast` at the least value. */
+export function rangeOf(setting, stats, diverging, fromLeast = false) {
   // Both sides of a difference are as long.
   if (Array.isArray(setting) && diverging) setting = [-1, 1].map((sign) => sign * Math.max(...setting.map(Math.abs)));
   if (Array.isArray(setting)) return { low: setting[0], high: setting[1] };
   if (diverging) {
-    // Where few pixels differ, the range is theirs.
-    const largest = setting === "auto" || stats.p99Size === 0 ? Math.max(Math.abs(stats.min), Math.abs(stats.max)) : stats.p99Size;
+    const largest = setting === "auto" ? Math.max(Math.abs(stats.min), Math.abs(stats.max)) : stats.endSize;
     const most = Math.max(largest, Number.isInteger(largest) ? 1 : 1e-9);
     return { low: -most, high: most };
   }
-  const low = Math.min(0, stats.min);
-  let high = setting === "auto" ? stats.max : stats.p99;
+  let high = setting === "auto" ? stats.max : stats.end;
+  const low = fromLeast && high > stats.min ? stats.min : Math.min(0, stats.min);
   // The same everywhere is not the most: it has the middle of the palette.
   if (high === stats.min && high > 0) high *= 2;
   return { low, high: Math.max(high, low + (Number.isInteger(high) ? 1 : 1e-9)) };

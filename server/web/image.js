@@ -20,6 +20,7 @@ export class Image {
     this.linear = null;  // for a lit picture: RGBA, premultiplied
     this.stops = 0;  // for a lit picture: exposure auto, as the daemon has measured it
     this.samples = 0;
+    this.error = null;  // for a lit picture: {samples, noise}, its estimated relative error with so many samples
   }
 
   /** Begins with the pixels of a coarser picture, so that rows that have not come yet show something. */

@@ -87,11 +87,13 @@ export function lightRow({ store, picture }) {
     auto.setAttribute("aria-pressed", state.exposure === "");
     if (document.activeElement !== exposure) exposure.value = state.exposure;
     if (image.linear) exposure.placeholder = lookOf(state, image).stops.toFixed(1);
-    const noise = image.noise > 0 ? `, noise ${Number((100 * image.noise).toPrecision(2))} %` : "";
+    // An estimate says nothing about a picture of more samples.
+    const { samples: count, noise: error } = image.error ?? {};
+    const noise = error > 0 && count === image.samples ? `, noise ${Number((100 * error).toPrecision(2))}\u00a0%` : "";
     facts.textContent = state.camera?.projection === "orthographic" ? "Light needs a perspective camera: press P"
       : !image.view.lit || !image.linear ? "" : image.fine ? `${image.samples} of ${state.samples} samples${noise}` : "coarse";
   };
-  picture.addEventListener("image", show);
+  for (const event of ["image", "progress"]) picture.addEventListener(event, show);
   store.on(["view", "integrator", "exposure", "tonemap", "samples", "camera"], show, true);
   return row;
 }

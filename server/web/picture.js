@@ -6,7 +6,7 @@ import { pictureRequests } from "./requests.js";
 import { lightOf } from "./light.js";
 import { traceHeat, traceLit, traceQuery, traceRender } from "./tracer.js";
 import { viewOf } from "./views.js";
-import { RAY_KEYS, TIME_KEYS } from "./store.js";
+import { DEFAULTS, RAY_KEYS, TIME_KEYS } from "./store.js";
 
 const COARSE_SHARE = 4;  // for each side: 1/16 of the rays
 const COARSE_LEAST = [160, 90];
@@ -162,12 +162,24 @@ export class Picture extends EventTarget {
         Object.assign(image, { linear, samples, stops });
         this.#show(image, signal);
       },
-      onProgress: ({ noise = 0, left_ms: left = 0 }) => Object.assign(image, { noise, left: Number(left) }) });
-    Object.assign(image, { started: traced.started, done: traced.done, complete: fine, ms: performance.now() - begun });
+      onProgress: ({ samples = 0, noise = 0 }) => {
+        image.error = { samples, noise };
+        this.dispatchEvent(new Event("progress"));
+      } });
+    const { samples = 0, noise = 0 } = traced.done ?? {};
+    Object.assign(image, { error: { samples, noise }, started: traced.started, done: traced.done, complete: fine, ms: performance.now() - begun });
     this.counts[fine ? "fine" : "coarse"] += 1;
     this.counts.rays += Number(traced.done?.rays ?? 0);
     this.#show(image, signal);
   }
+}
+
+/** Says why a picture may be empty; "" for one that is not. */
+export function nothingHit({ complete, done, state: { hidden, isolated, mask } }) {
+  if (!complete || Number(done?.hits ?? 1) > 0) return "";
+  return hidden.length || isolated.length ? "No ray hits anything: J shows what is hidden or isolated."
+    : mask !== DEFAULTS.mask ? "No ray hits anything: look elsewhere (0 shows the whole scene), or set the mask to ffffffff."
+      : "No ray hits anything: look elsewhere (0 shows the whole scene). If that is empty, too, an edit has hidden all of it.";
 }
 
 /** The state that a picture depends on. */

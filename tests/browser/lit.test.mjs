@@ -44,7 +44,19 @@ browserTest("it refines while the camera rests: noise falls, and a move cancels"
   const errors = passes.slice(0, 6).map(({ error }) => error);
   for (let i = 1; i < errors.length; ++i) assert.ok(errors[i] < errors[i - 1], String(errors));
   assert.ok(errors[5] < 0.4 * errors[0], String(errors));
-  assert.ok((await page.textContent("#samples-so-far")).startsWith("64 of 64 samples"));
+  // The noise is that of the finished picture, whatever the last look at it was.
+  const facts = await page.textContent("#samples-so-far");
+  const noise = 100 * await app(page, ({ picture }) => picture.image.done.noise);
+  assert.ok(noise > 0);
+  assert.equal(facts, `64 of 64 samples, noise ${Number(noise.toPrecision(2))}\u00a0%`);
+  const shown = await app(page, ({ picture, store }) => {
+    picture.image.error.samples = 32;
+    store.set({ exposure: "1" });
+    const text = document.getElementById("samples-so-far").textContent;
+    store.set({ exposure: "" });
+    return text;
+  });
+  assert.equal(shown, "64 of 64 samples", "an estimate of fewer samples is not beside it");
 
   // Hours of work, which a move ends; the picture then begins anew.
   await page.selectOption("#samples", "4096");

@@ -67,6 +67,10 @@ class Films(DaemonTest):
                 self.assertEqual(set(layers["samples"]), {5})
                 self.assertEqual(set(layers["dropped"]), {0})
                 self.assertEqual((told["samples"], told["dropped"], told["incomplete"]), (5, 0, False))
+                # The finished picture's error, whenever progress was looked at: root mean square over mean luminance.
+                light = sum(weight * sum(layers[name]) for weight, name in ((0.2126, "R"), (0.7152, "G"), (0.0722, "B")))
+                squares, count = sum(layers["variance"]) / (5 - 1), width * height
+                self.assertAlmostEqual(told["noise"] / ((squares / count) ** 0.5 / (light / count)), 1, 3)
                 seen = [mesh != MISS for mesh in layers["mesh"]]
                 self.assertIn(True, seen)
                 self.assertIn(False, seen)

@@ -43,7 +43,7 @@ FILES = {"--rays": "", "--masks": "", "--env": "", "--range-from": "", "--set": 
 SCENE = "--diff"            # whose next one may also be a scene
 SETTINGS = ("points", "trajectory", "elevations", "azimuths")   # of --generate, whose value may be a file
 SUMS = ("rays", "hits", "misses", "truncated", "invalid", "rows", "seconds", "queued_seconds")
-OF_ALL_PIXELS = ("p50", "p90", "p99", "clipped", "below", "range_low", "range_high")
+OF_ALL_PIXELS = ("noise", "p50", "p90", "p99", "clipped", "below", "range_low", "range_high")
 
 
 def run(address: str, parts_max: int, scene: str, out: str, words: Sequence[str], setup: Setup = Setup(),

@@ -98,13 +98,16 @@ def range_text(asked: str, counts: Any, is_difference: bool) -> str:
         return f"{_shortest(low)}:{_shortest(high)}"
     values = np.abs(counts.astype(np.float64))
     most, high = float(values.max()), percentile(values, 99)
-    if is_difference:
-        if high < 0.01 * most:
-            high = percentile(values[values != 0], 99)
-    else:
-        least = float(values.min())
-        most, high = (2 * end if end == least else end for end in (most, high))
-    high = max(1.0, most if asked == "auto" else high)
+    least = 0.0 if is_difference else float(values.min())
+    if is_difference and high < 0.01 * most:
+        values = values[values != 0]
+        high = percentile(values, 99)
+    # Where many pixels have the percentile, a range that ended there would draw them as all that exceed them.
+    if asked == "auto" or 20 * np.count_nonzero(values == high) >= np.count_nonzero(values > least):
+        high = most
+    if not is_difference and high == least:
+        high *= 2
+    high = max(1.0, high)
     return f"{_shortest(-high if is_difference else 0)}:{_shortest(high)}"
 
 

@@ -449,6 +449,7 @@ std::vector<Attribute> FilmJob::all_attributes() const {
 
 void FilmJob::complete(wire::DoneT& done) const {
     done.samples = tiles_->fewest();
+    done.noise = tiles_->noise();
     done.dropped = film_->dropped();
     done.incomplete = tiles_->settled() < tiles_->total();
     if (integrator_ == nullptr) return;

@@ -68,7 +68,7 @@ class Outcome(dict[str, Any]):
             self.pop("first_invalid", None)
         # Only pictures have samples; one that its deadline ended may have pixels without one.
         if not self.get("samples") and not self.get("incomplete"):
-            for key in ("samples", "dropped", "incomplete"):
+            for key in ("samples", "noise", "dropped", "incomplete"):
                 self.pop(key, None)
         if name == "Started":
             self["origin"] = origin_of(self)

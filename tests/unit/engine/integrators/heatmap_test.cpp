@@ -4,9 +4,11 @@
 #include "engine/integrators/picture.h"
 
 #include <doctest/doctest.h>
+#include <nlohmann/json.hpp>
 
 #include <algorithm>
 #include <array>
+#include <fstream>
 #include <numeric>
 #include <set>
 #include <span>
@@ -87,6 +89,27 @@ TEST_CASE("ranges are p99, auto or two numbers") {
     for (const char* range : {"p99", "auto"}) {
         CHECK(statistics_of({7, 7, 7}, {.range = range}).range_high == 14);
         CHECK(statistics_of({6, 7, 7}, {.range = range}).range_high == 7);
+    }
+}
+
+TEST_CASE("ranges end where those of the page and of the Python client do") {
+    std::ifstream file(RAYNEST_SOURCE_DIR "/tests/golden/heat_ranges.json");
+    const nlohmann::json cases = nlohmann::json::parse(file)["cases"];
+    REQUIRE(!cases.empty());
+    for (const nlohmann::json& one : cases) {
+        std::vector<std::int32_t> values;
+        for (const nlohmann::json& run : one["values"])
+            values.insert(values.end(), run[1].get<std::size_t>(), run[0].get<std::int32_t>());
+        const std::vector<std::uint32_t> counts(values.begin(), values.end());
+        for (const char* range : {"auto", "p99"}) {
+            INFO(one["what"] << ", " << range);
+            const HeatOptions options{.range = range};
+            const auto statistics = one.value("difference", false)
+                                        ? heat_statistics(values, options)
+                                        : heat_statistics(counts, options);
+            REQUIRE(statistics);
+            CHECK(statistics->range_high == one[range].get<double>());
+        }
     }
 }
 
