@@ -12,6 +12,9 @@ export function element(tag, properties = {}, ...children) {
   return made;
 }
 
+/** A text whose names may break behind a sign, and not in the middle of a word. */
+export const breakable = (text) => text.split(/(?<=[_/.#-])/).flatMap((part, i) => (i ? [element("wbr"), part] : [part]));
+
 export const byId = (id) => document.getElementById(id);
 
 /** A select of [value, label] pairs, or of {group, options} of such pairs. */
@@ -32,5 +35,5 @@ export function field(label, control, title) {
 /** A table of [name, value] rows. */
 export function pairs(rows) {
   return element("dl", { className: "pairs" }, rows.flatMap(([name, value]) =>
-    [element("dt", {}, name), element("dd", {}, value)]));
+    [element("dt", {}, name), element("dd", {}, typeof value === "string" ? breakable(value) : value)]));
 }

@@ -4,6 +4,7 @@ import { element } from "./dom.js";
 import { histogram, rangeOf, statistics, ticks } from "./histogram.js";
 import { valueText } from "./numbers.js";
 import { PALETTE_NAMES, paletteBytes, position, valueAt } from "./palette.js";
+import { otherOf } from "./requests.js";
 
 const BINS = 128;
 const HEIGHT = 62, BAR = 12, TICKS = 16, EDGE = 4;
@@ -30,7 +31,7 @@ export class Legend {
     const palette = this.#palette = element("select", { id: "palette" }, PALETTE_NAMES.map((name) => element("option", { value: name }, name)));
     palette.onchange = () => store.set({ palette: palette.value });
     const button = (id, text, title, click) => element("button", { type: "button", id, title, onclick: click }, text);
-    const p99 = button("range-p99", "p99", "Range from 0 to the 99th percentile", () => store.set({ range: "p99" }));
+    const p99 = button("range-p99", "p99", "Range up to the 99th percentile; where many pixels have exactly that, up to the largest value", () => store.set({ range: "p99" }));
     const auto = button("range-auto", "max", "Range up to the largest value", () => store.set({ range: "auto" }));
     const log = this.#log = button("log", "log", "Logarithmic scale (L)", () => store.set({ log: !store.values.log }));
     const opacity = element("input", { type: "range", min: 0, max: 1, step: 0.05, id: "opacity" });
@@ -71,7 +72,7 @@ export class Legend {
   get scale() {
     const { range, log, palette } = this.#store.values;
     const diverging = Boolean(this.#image?.diverging);
-    return { ...rangeOf(range, this.#statistics, diverging), log: log && !diverging,
+    return { ...rangeOf(range, this.#statistics, diverging, this.#image?.view.fromLeast), log: log && !diverging,
              palette: diverging ? "diverging" : palette };
   }
 
@@ -87,7 +88,7 @@ export class Legend {
     this.#canvas.height = HEIGHT * dpr;
     this.#canvas.hidden = this.controls.hidden = !image || Boolean(image.view.lit);
     if (!image || image.view.lit) return;
-    this.#title.textContent = image.diverging ? `${image.view.label}: more (red) or less (blue) than the other` : image.view.label;
+    this.#title.textContent = image.diverging ? `${image.view.label} less that of ${otherOf(image.state)}: red is more, blue less` : image.view.label;
     for (const control of this.controls.children) {
       control.hidden = !byValue && control !== this.#title && !control.querySelector?.("#opacity");
     }

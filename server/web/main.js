@@ -2,7 +2,7 @@
 import { asCommand, asPython, inWorld, isHeatMap, shellWord } from "./commands.js";
 import { cameraOfRays, frame as frameBox, rounded } from "./camera.js";
 import { steer } from "./controls.js";
-import { byId, element, fillSelect } from "./dom.js";
+import { breakable, byId, element, fillSelect } from "./dom.js";
 import { changesText, Follower, sameAnimation, sameCamera, versionOf, wasEdited } from "./follow.js";
 import { downloadPng, downloadReport } from "./panels/download.js";
 import { Hover } from "./panels/hover.js";
@@ -12,7 +12,7 @@ import { lightRow } from "./light.js";
 import { boxOf, Model } from "./model.js";
 import { Overlay } from "./overlay.js";
 import { buildPanels } from "./panels/panels.js";
-import { Picture } from "./picture.js";
+import { nothingHit, Picture } from "./picture.js";
 import { Daemon } from "./raynest.js";
 import { compares, momentOf } from "./requests.js";
 import { logOut, redeemCode, whoAmI } from "./session.js";
@@ -140,7 +140,7 @@ picture.addEventListener("image", () => {
   const { started } = picture.image, kind = store.values.time === "" ? "hash" : "epoch";
   if (started && model.info && String(started[kind]) !== String(model.info[kind])) follower.look();
   if (picture.image.complete || !picture.image.fine || picture.image.linear) legend.show(picture.image, picture.image.fine ? 0 : LEGEND_MS);
-  say(model.isEmpty ? "This scene holds nothing that a ray can hit." : "");
+  say(model.isEmpty ? "This scene holds nothing that a ray can hit." : nothingHit(picture.image));
   draw();
 });
 picture.addEventListener("failed", ({ error }) => {
@@ -208,6 +208,8 @@ function howToLoad(scene) {
 /** Offers the loaded scenes in place of one that a link names, or that has been unloaded. */
 function sceneIsGone(scene) {
   missing = scene;
+  followed = "";
+  byId("notice").replaceChildren();  // what was said about it before
   const was = lastScene === scene;
   model.forget();
   listScenes();
@@ -247,7 +249,7 @@ setInterval(() => {
 
 /** Shows a line over the picture, until it is closed or another one comes. */
 function notice(text) {
-  byId("notice").replaceChildren(element("span", {}, text),
+  byId("notice").replaceChildren(element("span", {}, breakable(text)),
     element("button", { type: "button", ariaLabel: "Close this note", onclick: () => byId("notice").replaceChildren() }, "×"));
 }
 
@@ -414,7 +416,7 @@ async function showSender() {
 }
 
 function say(text, bad = false) {
-  byId("message").textContent = text;
+  byId("message").replaceChildren(...breakable(text));
   byId("message").className = bad ? "bad" : "";
 }
 

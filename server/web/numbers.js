@@ -14,8 +14,14 @@ export function valueText(value, digits = 6) {
   return (value || 0).toLocaleString("en", { maximumSignificantDigits: Math.max(digits, size >= 1 ? Math.min(Math.ceil(Math.log10(size + 1)), 15) : 1) });
 }
 
-/** As valueText(); a dash for what was not measured. */
-export const measuredText = (value, digits) => (value === null || value === undefined ? "–" : valueText(Number(value), digits));
+/** A number of a column, all of which have as many decimals: "31.2", "11.0", and "<0.1" for what is not quite nothing. */
+export function fixedText(value, decimals) {
+  const least = 10 ** -decimals, shown = value > 0 && value < least / 2 ? least : value;
+  return `${shown === value ? "" : "<"}${shown.toLocaleString("en", { minimumFractionDigits: decimals, maximumFractionDigits: decimals })}`;
+}
+
+/** As fixedText(); a dash for what was not measured. */
+export const measuredText = (value, decimals) => (value === null || value === undefined ? "–" : fixedText(Number(value), decimals));
 
 /** A point or a direction. */
 export const vectorText = (values, digits = 6) => [...values].map((value) => valueText(value, digits).replaceAll(",", "")).join(", ");
@@ -34,7 +40,8 @@ export function bytesText(bytes) {
   return `${value.toFixed(unit === 0 ? 0 : 1)} ${units[unit]}`;
 }
 
-export const percentText = (share, digits = 1) => `${(100 * share).toFixed(digits)} %`;
+/** "15.2 %", in one word: a line never begins with the sign. */
+export const percentText = (share, digits = 1) => `${(100 * share).toFixed(digits)}\u00a0%`;
 
 /** "0.4 ms", "12 ms", "3.2 s" */
 export const timeText = (ms) => (ms >= 1000 ? `${(ms / 1000).toFixed(1)} s` : `${ms < 10 ? ms.toFixed(1) : ms.toFixed(0)} ms`);

@@ -29,6 +29,12 @@ export function jobOf(state, other = "") {
 /** True if the state asks for a difference, which only views of values have. */
 export const compares = (state) => state.compare !== "" && Boolean(viewOf(state.view).value);
 
+/** What a difference is taken of, in words: "opaque", "scene b", "mask 1", "cutoff=0.3"; "" where the state asks for none. */
+export function otherOf(state) {
+  const [, kind, value] = /^(\w+):(.*)$/s.exec(compares(state) ? state.compare : "") ?? ["", "", ""];
+  return ["scene", "mask"].includes(kind) ? `${kind} ${value}` : value;
+}
+
 /**
  * Returns the requests of a picture: one, or two for a difference. A lit picture is refined to all of its
  * samples where it is `fine`, and has one else.

@@ -34,14 +34,14 @@ const structure = (id, label, field, value) => ({ id, label, group: "Structure",
 const OPACITIES = { OPAQUE: [86, 130, 170], MASK: [240, 150, 50], BLEND: [200, 90, 200] };
 const SIDES = { front: [86, 156, 214], back: [230, 126, 60] };
 
-/** Views of colours that mean something have a `key`: pairs of a word and its colour. */
+/** Views of colours that mean something have a `key`: pairs of a word and its colour. Those of places have the range `fromLeast` value: nothing lies at 0. */
 export const VIEWS = [
   ...counters,
   ...measures,
   { id: "picture", group: "Picture", label: "Picture (base colour)", render: true, fields: () => ["ng"],
     colour: (columns, i) => columns.rgba ? columns.rgba.subarray(4 * i, 4 * i + 3) : null },
   { id: "lit", group: "Picture", label: "Lit (lights and shadows)", lit: true, fields: () => ["ng"], colour: () => null },
-  { id: "depth", group: "Geometry", label: "Depth (t)", fields: () => ["t"],
+  { id: "depth", group: "Geometry", label: "Depth (t)", fromLeast: true, fields: () => ["t"],
     value: (columns, i) => columns.t[i] === Infinity ? NaN : columns.t[i] },
   { id: "normal", group: "Geometry", label: "Normals", key: [["+X", [255, 128, 128]], ["+Y", [128, 255, 128]], ["+Z", [128, 128, 255]]], fields: () => ["ng"],
     colour: ({ ng }, i) => ng[3 * i] || ng[3 * i + 1] || ng[3 * i + 2]

@@ -54,7 +54,7 @@ browserTest("the ranking is the command line's, and is linked with the picture b
   await page.waitForFunction(() => document.querySelectorAll("#panel-ranking tbody tr").length > 0);
   const told = await daemon.json("heatmap", "forest", ...CAMERA, "--top", "100");
   const rows = () => page.locator("#panel-ranking tbody tr").evaluateAll((all) => all.map((line) => [...line.children].map((cell) => cell.textContent)));
-  assert.deepEqual((await rows()).slice(0, 5).map(([share]) => share), told.instances.rows.slice(0, 5).map(({ share }) => `${(100 * share).toFixed(1)} %`));
+  assert.deepEqual((await rows()).slice(0, 5).map(([share]) => share), told.instances.rows.slice(0, 5).map(({ share }) => `${(100 * share).toFixed(1)}\u00a0%`));
   assert.ok((await rows()).slice(0, 5).every(([, name]) => told.instances.rows.some((row) => row.name === name)));
   assert.equal(await page.locator("#findings .finding").count(), told.findings.length);
   // From the table to the picture.

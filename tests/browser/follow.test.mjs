@@ -51,6 +51,11 @@ browserTest("an edited scene is shown, and the page says that it was edited", as
   await daemon.json("edit", name, "--move", "inst=0=0,500,0", "--hide", "inst=1");
   await says(page, "notice", `"${name}" was edited: changed the mask of new; moved old.`);
   await page.waitForFunction(() => document.querySelector("#record")?.textContent.includes("miss"));
+  // An edit that hides all of it.
+  await daemon.json("edit", name, "--hide", "*");
+  await says(page, "message", "No ray hits anything: look elsewhere");
+  await daemon.json("edit", name, "--show", "*");
+  await page.waitForFunction(() => document.getElementById("message").textContent === "");
 });
 
 browserTest("the list of scenes follows loads and unloads", async ({ open }) => {
@@ -146,6 +151,7 @@ browserTest("a scene that is unloaded and comes back is shown again, and so is t
     // An unload, after which the name is free for another content.
     await own.json("unload", "card");
     await says(page, "message", '"card" is not loaded any more; the picture is the last one of it');
+    assert.equal(await page.textContent("#notice"), "", "what was said about it before is gone");
     assert.equal(await page.textContent("#panel-objects .none"), "No scene is shown.");
     await own.loadMeshes("card", [LEFT]);
     await says(page, "notice", '"card" is loaded again: triangles 2 → 1');

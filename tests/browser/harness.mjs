@@ -94,7 +94,7 @@ export function gltf(meshes) {
     asset: { version: "2.0" }, scene: 0, scenes: [{ nodes: meshes.map((_, i) => i) }],
     nodes: meshes.map(({ node, at = [0, 0, 0] }, i) => ({ name: node ?? `node-${i}`, mesh: i, translation: at })),
     meshes: meshes.map(({ name }, i) => ({ name, primitives: [{ attributes: { POSITION: i }, material: i }] })),
-    materials: meshes.map(({ name, colour = [1, 1, 1, 1] }) => ({ name, doubleSided: true, pbrMetallicRoughness: { baseColorFactor: colour } })),
+    materials: meshes.map(({ name, colour = [1, 1, 1, 1] }) => ({ name, doubleSided: true, alphaMode: colour[3] < 1 ? "BLEND" : "OPAQUE", pbrMetallicRoughness: { baseColorFactor: colour } })),
     accessors: meshes.map(({ points }, i) => ({ bufferView: i, componentType: 5126, count: points.length, type: "VEC3",
       min: bounds(points, Math.min), max: bounds(points, Math.max) })),
     bufferViews: bytes.map(({ length }) => ({ buffer: 0, byteLength: length, byteOffset: (offset += length) - length })),

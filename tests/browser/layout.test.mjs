@@ -2,7 +2,7 @@
 // for what is empty, and colours that mean what the legend says.
 import assert from "node:assert/strict";
 import { execFile, spawn } from "node:child_process";
-import { readFileSync } from "node:fs";
+import { readFileSync, writeFileSync } from "node:fs";
 import { join } from "node:path";
 import { test } from "node:test";
 import { promisify } from "node:util";
@@ -109,6 +109,61 @@ browserTest("columns that do not fit are left out until they are asked for, and 
   await page.keyboard.press("Shift+ArrowLeft");
   assert.ok(Math.abs(await width() - before - 28) < 3);
   assert.equal(await page.locator("#panel-objects td").first().getAttribute("title"), LONG);
+});
+
+browserTest("the end of a long name is seen, as it tells it from others, and the name is read as one", async ({ open }) => {
+  const wanted = ["oak", "ash", "elm"].map((word) => `stklib_jungleTree_a_long_way_down_the_tree_of_names_${word}_LOD0`);
+  await daemon.loadMeshes("tree names", wanted.map((name, i) => ({ name, node: name, points: [[i, 0, 0], [i + 1, 0, 0], [i, 1, 0]] })));
+  const page = await open(daemon, { scene: "tree names", size: "160x90", panel: "ranking" });
+  for (const width of [400, 800, 1400]) {
+    await page.setViewportSize({ width, height: 800 });
+    for (const tab of ["ranking", "objects"]) {
+      await page.click(`#tab-${tab}`);
+      await fine(page);
+      await page.waitForFunction((id) => document.querySelectorAll(`#${id} tbody tr`).length >= 3, `panel-${tab}`);
+      const found = await page.evaluate((id) => [...document.querySelector(`#${id} .table`).querySelectorAll("td")].filter((cell) => cell.title.startsWith("stklib")).map((cell) => {
+        const tail = cell.lastChild, range = document.createRange(), box = cell.getBoundingClientRect();
+        range.setStart(tail, Math.max(tail.length - "oak_LOD0".length, 0));
+        range.setEnd(tail, tail.length);
+        const { left, right, top } = range.getBoundingClientRect();
+        return { name: cell.textContent, seen: left > box.left && right <= box.right && top < box.bottom };
+      }), `panel-${tab}`);
+      assert.deepEqual(found.map(({ name }) => name).sort(), [...wanted].sort());
+      assert.ok(found.every(({ seen }) => seen), `${tab} at ${width}`);
+    }
+  }
+});
+
+browserTest("a long note lies beside the picture where that is small, and its names break behind signs", async ({ open }) => {
+  const page = await open(daemon, { scene: "names", size: "160x90", [`SM_Level_Main_Persistent_Lighting_Scenario`]: "1" });
+  await page.setViewportSize({ width: 400, height: 800 });
+  await fine(page);
+  const { note, frame } = await page.evaluate(() => Object.fromEntries(["notice", "frame"].map((id) => [id === "notice" ? "note" : id, document.getElementById(id).getBoundingClientRect()])));
+  assert.ok(note.height > 0 && (note.top >= frame.bottom || note.bottom <= frame.top), JSON.stringify([note, frame]));
+  assert.ok(await page.locator("#notice wbr").count() > 3);
+});
+
+browserTest("a size that is not in the list is one of its entries", async ({ open }) => {
+  const page = await open(daemon, { scene: "names", size: "320x240" });
+  await fine(page);
+  assert.equal(await page.locator("#size option:checked").textContent(), "320 x 240");
+  await page.selectOption("#size", "320x180");
+  assert.equal(await page.locator("#size option", { hasText: "320 x 240" }).count(), 0);
+});
+
+browserTest("the fields of the range show their numbers whole", async ({ open }) => {
+  const page = await open(daemon, { scene: "names", size: "160x90", range: "-0.00012346,123456789" });
+  await fine(page);
+  const cut = await page.evaluate(() => ["range-low", "range-high"].filter((id) => { const field = document.getElementById(id); return field.scrollWidth > field.clientWidth; }));
+  assert.deepEqual(cut, []);
+});
+
+browserTest("depth begins where the nearest hit is", async ({ open }) => {
+  const page = await open(daemon, { scene: "names", size: "160x90", view: "depth", camera: "150,0,150,1,0,0,0,1,0,2" });
+  await fine(page);
+  const { min, low } = await app(page, ({ legend }) => ({ min: legend.statistics.min, low: legend.scale.low }));
+  assert.ok(min > 180);
+  assert.equal(low, min);
 });
 
 browserTest("columns fit as well in a panel that is opened after its table was filled", async ({ open }) => {
@@ -240,6 +295,22 @@ browserTest("the page's PNG says scene and camera, and no number touches its bor
   assert.notEqual(moved.caption, first.caption);
 });
 
+browserTest("a difference says of what it is: legend, PNG and the file's name", async ({ open }) => {
+  const page = await open(daemon, { scene: "forest", size: "320x180", compare: "intersector:opaque", hidden: "i3" });
+  await fine(page);
+  assert.match(await page.textContent("#legend .title"), /^Total per ray .* less that of opaque: red is more, blue less$/);
+  await page.evaluate(() => {
+    globalThis.drawn = [];
+    const { fillText } = CanvasRenderingContext2D.prototype;
+    CanvasRenderingContext2D.prototype.fillText = function told(text, ...place) { globalThis.drawn.push(text); return fillText.call(this, text, ...place); };
+  });
+  await page.click("#share");
+  const [download] = await Promise.all([page.waitForEvent("download"), page.getByRole("button", { name: "PNG" }).click()]);
+  assert.equal(download.suggestedFilename(), "forest-total-less-opaque.png");
+  const words = (await page.evaluate(() => globalThis.drawn)).join(" ");
+  assert.match(words, /forest, alpha_mask: Total per ray \(boxes \+ primitives\) less that of opaque \(1 hidden\)/);
+});
+
 browserTest("the ranking comes with the first samples of a lit picture, and what is empty has words", async ({ open }) => {
   const page = await open(daemon, { scene: "forest", size: "320x180", view: "lit", samples: "4096", panel: "ranking" });
   await page.waitForFunction(() => document.querySelectorAll("#panel-ranking tbody tr").length > 0);
@@ -252,6 +323,21 @@ browserTest("the ranking comes with the first samples of a lit picture, and what
   await fine(page);
   await page.waitForFunction(() => document.querySelector("#panel-ranking .none")?.checkVisibility());
   await until(async () => (await page.textContent("#panel-ranking .none")) === "No ray enters any of them.", "words");
+});
+
+browserTest("a scene without instances has its work in meshes", async ({ open }) => {
+  const file = join(daemon.folder, "points.ply");
+  writeFileSync(file, "ply\nformat ascii 1.0\nelement vertex 3\nproperty float x\nproperty float y\nproperty float z\nend_header\n0 0 0\n1 0 0\n0 1 0\n");
+  await daemon.json("load", file, "--radius", "0.4", "--name", "points");
+  const page = await open(daemon, { scene: "points", size: "160x90", panel: "ranking" });
+  await fine(page);
+  await page.waitForFunction(() => document.querySelectorAll("#panel-ranking tbody tr").length > 0);
+  assert.equal(await page.inputValue("#ranking-table"), "meshes");
+  assert.equal(await page.locator('#ranking-table option[value="instances"]').count(), 0);
+  assert.doesNotMatch(await page.innerText("#panel-ranking"), /No ray enters|Trees above/);
+  // What was chosen comes back with a scene that has it.
+  await page.selectOption("#scene", "forest");
+  await page.waitForFunction(() => document.getElementById("ranking-table").value === "instances" && document.querySelectorAll("#panel-ranking tbody tr").length > 3);
 });
 
 test("pixels are those of the device", async () => {
@@ -322,6 +408,15 @@ browserTest("a report of a moment says it", async ({ open }) => {
   const made = await report(page);
   assert.match(made, /<dt>Moment<\/dt><dd>0\.5 s of [^<]+<\/dd>/);
   assert.match(made, /<caption>street at 0\.5 s of [^:]+: counters, from \(-25, 6, 12\) to \(0, 1, 0\), 50°</);
+});
+
+browserTest("the report of a lit picture says by what light goes, and by what costs are counted", async ({ open }) => {
+  await daemon.loadMeshes("pane", [{ name: "pane", points: [[-1, -1, 0], [1, -1, 0], [0, 1, 0]], colour: [1, 0, 0, 0.5] }]);
+  const page = await open(daemon, { scene: "pane", size: "160x90", view: "lit", samples: "1", camera: "0,0,5,0,0,0,0,1,0,40" });
+  await fine(page);
+  await page.click("#share");
+  const [download] = await Promise.all([page.waitForEvent("download"), page.click("text=Report")]);
+  assert.ok(readFileSync(await download.path(), "utf8").includes("; light follows alpha_blend, costs are counted with opaque<"));
 });
 
 browserTest("the report is the command line's, and says scene, metric and camera", async ({ open }) => {

@@ -1,5 +1,6 @@
 // Modules of the page, alone in Node: their arithmetic, and answers that no daemon gives.
 import assert from "node:assert/strict";
+import { readFile } from "node:fs/promises";
 import { test } from "node:test";
 
 const web = new URL("../../server/web/", import.meta.url);
@@ -10,9 +11,24 @@ test("percentiles are nearest ranks, as the daemon's", async () => {
   assert.deepEqual([p50, p90, p99], [75, 135, 149]);
 });
 
+test("ranges of a heat map end where the daemon's do", async () => {
+  const { rangeOf, statistics } = await import(new URL("histogram.js", web));
+  const { cases } = JSON.parse(await readFile(new URL("../golden/heat_ranges.json", import.meta.url)));
+  for (const { what, values, difference = false, ...ends } of cases) {
+    const stats = statistics(Float32Array.from(values.flatMap(([value, pixels]) => Array(pixels).fill(value))));
+    for (const setting of ["auto", "p99"])
+      assert.deepEqual(rangeOf(setting, stats, difference), { low: difference ? -ends[setting] : 0, high: ends[setting] }, `${what}, ${setting}`);
+  }
+});
+
 test("what was not measured is a dash", async () => {
   const { measuredText } = await import(new URL("numbers.js", web));
-  assert.deepEqual([null, undefined, 0, 0.12345].map((value) => measuredText(value, 3)), ["–", "–", "0", "0.123"]);
+  assert.deepEqual([null, undefined, 0, 0.12345].map((value) => measuredText(value, 3)), ["–", "–", "0.000", "0.123"]);
+});
+
+test("numbers of a column have as many decimals each", async () => {
+  const { fixedText } = await import(new URL("numbers.js", web));
+  assert.deepEqual([31.2, 11, 9.78, 1234.5, 0.02, 0].map((value) => fixedText(value, 1)), ["31.2", "11.0", "9.8", "1,234.5", "<0.1", "0.0"]);
 });
 
 test("numbers of what is hidden stay with their scene", async () => {

@@ -4,8 +4,9 @@ import { chosenRange } from "../commands.js";
 import { askBytes, askDocument } from "../documents.js";
 import { element } from "../dom.js";
 import { bytesText, placeText, valueText } from "../numbers.js";
-import { compares, jobOf } from "../requests.js";
+import { compares, jobOf, otherOf } from "../requests.js";
 import { rankingOf } from "./selection.js";
+import { DEFAULTS } from "../store.js";
 import { fillTemplate } from "../template.js";
 import { viewOf } from "../views.js";
 
@@ -18,15 +19,16 @@ function save(blob, name) {
   setTimeout(() => URL.revokeObjectURL(url), 10000);
 }
 
-/** What a picture is of, in one line: scene, metric and camera. */
+/** What a picture is of: scene, metric and camera. */
 function captionOf({ store, model, picture }) {
-  const { camera, cameraName, scene, time, animation, hidden, isolated } = store.values;
+  const { camera, cameraName, scene, time, animation, hidden, isolated, settings, mask } = store.values, other = otherOf(store.values);
   const named = cameraName === "" ? "" : cameraName === "automatic" ? "whole scene" : model.info?.cameras?.[Number(cameraName)] || `camera ${cameraName}`;
   const at = (point) => `(${placeText(point, model.origin, 4)})`;
   const lens = camera.projection === "orthographic" ? "orthographic" : `${valueText(camera.fov, 4)}°`;
   const moment = time === "" ? "" : ` at ${valueText(time, 4)} s of ${model.info?.animations?.[animation] || `animation ${animation}`}`;
   const parts = [hidden.length ? `${hidden.length} hidden` : "", isolated.length ? `${isolated.length} isolated` : ""].filter(Boolean);
-  return { scene: `${scene}${moment}`, metric: `${picture.image.view.label}${compares(store.values) ? ", difference" : ""}${parts.length ? ` (${parts.join(", ")})` : ""}`,
+  const by = [picture.image.started?.intersector, ...Object.entries(settings).map(([name, value]) => `${name}=${value}`), mask === DEFAULTS.mask ? "" : `mask ${mask}`].filter(Boolean);
+  return { scene: `${scene}${moment}, ${by.join(" ")}`, metric: `${picture.image.view.label}${other ? ` less that of ${other}` : ""}${parts.length ? ` (${parts.join(", ")})` : ""}`,
     camera: `${named ? `${named}, ` : ""}from ${at(camera.eye)} to ${at(camera.at)}, ${lens}` };
 }
 
@@ -79,7 +81,11 @@ function composed(app) {
 
 const inkOf = (name) => getComputedStyle(document.documentElement).getPropertyValue(name);
 
-const fileName = (state, extension) => `${state.scene.replace(/[^\w.-]+/g, "_")}-${state.view}.${extension}`;
+/** "woods-total-less-opaque.png" */
+export function fileName(state, extension) {
+  const other = otherOf(state);
+  return `${`${state.scene}-${state.view}${other ? `-less-${other}` : ""}`.replace(/[^\w.-]+/g, "_")}.${extension}`;
+}
 
 export function downloadPng(app) {
   composed(app).toBlob((blob) => save(blob, fileName(app.store.values, "png")), "image/png");
@@ -103,6 +109,7 @@ export async function downloadReport(app, commands) {
   const { store, daemon, canvas } = app, state = store.values, view = viewOf(state.view);
   if (state.camera.projection === "orthographic") return app.inform("A report needs a perspective camera: press P");
   app.inform("The report is being made");
+  const lit = app.picture.image.linear && app.picture.image.started?.intersector;
   const { width, height } = canvas, job = jobOf(state), camera = cameraTable(state.camera);
   const costs = view.counter || view.measured, metric = costs ? view.fields(state)[0] : "total";
   const heatmap = { job, camera, width, height, metric, palette: state.palette, scale: state.log ? "log" : "linear", encode: "json+png",
@@ -110,7 +117,7 @@ export async function downloadReport(app, commands) {
   const [text, heat, ranking, shown] = await Promise.all([fetch("report.html").then((answer) => answer.text()), askDocument(daemon, "Heatmap", heatmap), rankingOf(app, { top: 0 }),
     costs ? askBytes(daemon, "Render", { job, camera, width, height, integrator: "primary", encode: "png" }).then((bytes) => new Blob([bytes]))
       : new Promise((resolve) => { canvas.toBlob(resolve, "image/png"); })]);
-  const report = fillTemplate(text, { heat, ranking, picture: await base64(shown), limits: false, checks: [], commands, camera: captionOf(app).camera,
+  const report = fillTemplate(text, { heat, ranking, lit_by: lit && lit !== heat.intersector ? lit : "", picture: await base64(shown), limits: false, checks: [], commands, camera: captionOf(app).camera,
     version: daemon.welcome.server.split(" ").at(-1), link: location.href }, bytesText);
   save(new Blob([report], { type: "text/html" }), fileName(state, "html"));
 }

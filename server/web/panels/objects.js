@@ -13,7 +13,7 @@ export const objectsPanel = { id: "objects", title: "Scene", build };
 const PAGE = 200n;
 const number = (title, value, text = countText) => ({ title, number: true, value, text: (row) => text(value(row)) });
 /** A column of numbers that are not measured everywhere; those that are not come last. */
-const measured = (title, key) => ({ title, number: true, value: (row) => row[key] ?? -1, text: (row) => measuredText(row[key], 3) });
+const measured = (title, key) => ({ title, number: true, value: (row) => row[key] ?? -1, text: (row) => measuredText(row[key], 2) });
 const WAITING = "Asking the daemon.", NO_SCENE = "No scene is shown.";
 
 function build(app, place) {

@@ -2,7 +2,7 @@
 // and what to do about it. The document is described in client/EXPLAIN.md.
 import { latest } from "../documents.js";
 import { element, field, fillSelect } from "../dom.js";
-import { countText, percentText, valueText } from "../numbers.js";
+import { countText, fixedText, percentText, valueText } from "../numbers.js";
 import { jobOf } from "../requests.js";
 import { rankingOf } from "./selection.js";
 import { sortableTable } from "./tables.js";
@@ -10,27 +10,36 @@ import { RAY_KEYS } from "../store.js";
 
 export const rankingPanel = { id: "ranking", title: "Ranking", build };
 
-const TABLES = ["instances", "meshes", "materials"];
+/** The tables, and what the work that belongs to none of their rows is. */
+const TABLES = { instances: "Trees above them", meshes: "Trees of instances alone", materials: "Boxes" };
 const FIRST_PIXELS = 120 * 68;  // for a first ranking, which comes at once; the other one refines it
 
 function build(app, place) {
   const { store, model, picture, selection, canvas } = app;
   const level = element("select", { id: "ranking-level" });
   const kind = element("select", { id: "ranking-table" });
-  fillSelect(kind, TABLES.map((name) => [name, name]), "instances");
   const hint = element("p", { className: "hint", id: "ranking-hint", role: "status" });
   const share = (title, key) => ({ title, number: true, value: (row) => row[key], text: (row) => percentText(row[key]) });
   // Equal names have different numbers: paths of instances, objects of meshes.
   const numberIn = (row) => row.path ?? row.index ?? "";
   const table = sortableTable("Ranking by work", [share("Share", "share"), { title: "Name", value: (row) => row.name || "(unnamed)", least: 72 },
     { title: "No.", number: true, ascending: true, value: (row) => Number(numberIn(row)), text: (row) => String(numberIn(row)) }, share("Wasted", "wasted"),
-    { title: "Per ray", number: true, value: (row) => row.work_per_ray, text: (row) => valueText(row.work_per_ray, 3) }], { choose },
+    { title: "Per ray", number: true, value: (row) => row.work_per_ray, text: (row) => fixedText(row.work_per_ray, 1) }], { choose },
   { titles: { "No.": "First path of an instance, number of an object or material: it tells equal names apart", Wasted: "Part of its work on rays that hit nothing in it" } });
   const rest = element("p", { className: "hint" });
   const findings = element("div", { id: "findings" });
-  place.append(field("Table", kind), field("Group by", level), hint, table.node, rest, element("h2", {}, "Diagnosis"), findings);
+  const grouping = field("Group by", level);
+  place.append(field("Table", kind), grouping, hint, table.node, rest, element("h2", {}, "Diagnosis"), findings);
 
-  let document = null;
+  let document = null, wished = "instances";
+
+  /** Offers the tables that have rows: a scene without instances has work in its meshes. */
+  function offer() {
+    const names = Object.keys(TABLES), filled = names.filter((name) => document?.[name].rows.length), offered = filled.length ? filled : names;
+    if (offered.join() !== [...kind.options].map(({ value }) => value).join()) fillSelect(kind, offered.map((name) => [name, name]));
+    kind.value = offered.includes(wished) ? wished : offered[0];
+    grouping.hidden = !offered.includes("instances");
+  }
   function choose(row) {
     if (kind.value === "instances") {
       selection.choose({ kind: "placements", first: BigInt(row.path), count: BigInt(row.placements), name: row.name });
@@ -52,6 +61,7 @@ function build(app, place) {
   /** Shows words in place of everything that the ranking says. */
   function say(words) {
     document = null;
+    offer();
     hint.textContent = words;
     table.show([], "There is no ranking yet.");
     rest.textContent = "";
@@ -60,11 +70,12 @@ function build(app, place) {
 
   function show(refining = false) {
     if (!document) return;
+    offer();
     const { rows, others, remainder } = document[kind.value];
-    table.show(rows, kind.value === "materials" ? "No material has any work: the rays meet no primitive." : "No ray enters any of them.");
+    table.show(rows, "No ray enters any of them.");
     mark();
     rest.textContent = [others.rows ? `${countText(others.rows)} others: ${percentText(others.share)}.` : "",
-                        `${kind.value === "materials" ? "Boxes" : "Trees above them"}: ${percentText(remainder.share)}.`].join(" ");
+                        `${TABLES[kind.value]}: ${percentText(remainder.share)}.`].join(" ");
     hint.textContent = `${document.size.join(" x ")} rays, ${countText(document.total.work)} boxes and primitives tested. ` +
       `Wasted is the part spent on rays that hit nothing in it.${store.values.kind === "any" ? " They look for closest hits, also where the picture is of any." : ""}${refining ? " More rays refine it." : ""}`;
     findings.replaceChildren(...document.findings.length === 0 ? [element("p", { className: "hint" }, "Nothing stands out.")]
@@ -108,7 +119,7 @@ function build(app, place) {
     ask();
   }
   level.onchange = ask;
-  kind.onchange = () => show();
+  kind.onchange = () => { wished = kind.value; show(); };
   selection.addEventListener("change", mark);
   model.addEventListener("change", levels);
   picture.addEventListener("image", ask);

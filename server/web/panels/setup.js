@@ -73,12 +73,11 @@ function rays({ store }) {
       store.set({ mask: ((parseInt(store.values.mask, 16) ^ (1 << bit)) >>> 0).toString(16).padStart(8, "0") }) }, String(bit)));
   }
   const size = element("select", { id: "size" });
-  fillSelect(size, SIZES, store.values.size);
   size.onchange = () => store.set({ size: size.value });
   store.on(["mask", "kind", "size"], (state) => {
     mask.value = state.mask;
     kind.value = state.kind;
-    size.value = state.size;
+    fillSelect(size, SIZES.some(([value]) => value === state.size) ? SIZES : [...SIZES, [state.size, state.size.replace("x", " x ")]], state.size);
     [...bits.children].forEach((button, bit) => button.setAttribute("aria-pressed", Boolean(parseInt(state.mask, 16) >>> bit & 1)));
   }, true);
   return element("div", {}, field("Kind", kind), field("Mask", mask, "Only instances with one of these bits, hexadecimal"), bits,

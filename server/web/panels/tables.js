@@ -5,12 +5,18 @@ import { element } from "../dom.js";
 
 const PADDING = 11, GRIP_STEP = 12, LEAST = 24;
 const MEASURED_ROWS = 400;
+const TAIL = 12;  // letters of a name that stay: its end tells it from others
 
 const pen = document.createElement("canvas").getContext("2d");
 const widthOf = (text, font) => {
   pen.font = font;
   return Math.ceil(pen.measureText(text).width);
 };
+
+const isLong = (text) => text.length > TAIL + 2;
+
+/** A text whose head is cut where it does not fit. It is one line, and reads as the text alone. */
+const cuttable = (text) => (isLong(text) ? [element("span", { className: "head" }, text.slice(0, -TAIL)), text.slice(-TAIL)] : [text]);
 
 /**
  * Returns the widths of the columns that are shown: `natural` are the widths of their texts, `least` those below which
@@ -64,11 +70,17 @@ export function sortableTable(caption, columns, on, { titles = {}, by: first = 0
     fit();
   }
 
+  const fontOf = () => {
+    const style = getComputedStyle(table);
+    return `${style.fontSize} ${style.fontFamily}`;
+  };
+
   function measure() {
-    const style = getComputedStyle(table), font = `${style.fontSize} ${style.fontFamily}`;
+    const font = fontOf();
     const natural = columns.map((column, i) => PADDING + Math.max(widthOf(heads[i].textContent, `600 ${font}`),
       ...rows.slice(0, MEASURED_ROWS).map((row) => widthOf(textOf(column, row), font))));
-    const least = natural.map((width, i) => (columns[i].number ? width : Math.min(width, Math.max(columns[i].least ?? 96, PADDING + widthOf(heads[i].textContent, `600 ${font}`)))));
+    const tails = columns.map((column) => Math.max(0, ...rows.slice(0, MEASURED_ROWS).map((row) => textOf(column, row)).filter(isLong).map((text) => widthOf(`…${text.slice(-TAIL)}`, font))));
+    const least = natural.map((width, i) => (columns[i].number ? width : Math.min(width, Math.max(columns[i].least ?? 96, PADDING + tails[i], PADDING + widthOf(heads[i].textContent, `600 ${font}`)))));
     return { natural, least };
   }
 
@@ -78,6 +90,8 @@ export function sortableTable(caption, columns, on, { titles = {}, by: first = 0
     measured ??= measure();
     const widths = fitColumns({ ...measured, chosen, grows: columns.findIndex((column) => !column.number) }, scroller.clientWidth, all);
     if (widths.length !== shown) fill(widths.length);
+    const font = fontOf();
+    for (const head of body.querySelectorAll(".head:not([style])")) head.style.maxWidth = `calc(100% - ${widthOf(head.nextSibling.data, font)}px)`;
     group.replaceChildren(...widths.map((width) => element("col", { style: `width: ${width}px` })));
     table.style.width = `${widths.reduce((a, b) => a + b, 0)}px`;
     const left = columns.length - shown;
@@ -98,7 +112,7 @@ export function sortableTable(caption, columns, on, { titles = {}, by: first = 0
       const made = element("tr", { tabIndex: 0, onclick: () => on.choose(row) },
         columns.slice(0, count).map((column) => {
           const text = textOf(column, row);
-          return element("td", { className: column.number ? "number" : "", title: column.number ? undefined : text }, text);
+          return element("td", { className: column.number ? "number" : "", title: column.number ? undefined : text }, column.number ? text : cuttable(text));
         }));
       made.onkeydown = (event) => {
         if (event.key === "Enter" || event.key === " ") { event.preventDefault(); on.choose(row); }
