@@ -254,6 +254,10 @@ class Parts(DaemonTest):
             self.done(command, "woods", *size, "--priority", "low", "--worker", "cpu", "-o", second, "--part", "2/2")
             self.done("merge", self.out / f"both.{kind}", first, second)
             self.assertNotIn(b"raynest:request", (self.out / f"both.{kind}").read_bytes())
+        for part in (1, 2):
+            self.done("render", "woods", *size, "--integrator", "ao", "--spp", "2", "--deadline", 900 + part,
+                      "-o", self.out / f"late{part}.exr", "--part", f"{part}/2")
+        self.done("merge", self.out / "late.exr", self.out / "late1.exr", self.out / "late2.exr")
 
     @unittest.skipUnless("fma" in pathlib.Path("/proc/cpuinfo").read_text(), "this CPU has no FMA")
     def test_parts_of_hosts_that_round_otherwise_are_told_apart(self):

@@ -3,6 +3,7 @@
 
   dask_daemons_test.py RAYNESTD RAYNEST FLATC
 """
+import contextlib
 import os
 import pathlib
 import signal
@@ -75,7 +76,7 @@ class Hosts(WithDaemon):
 
     def item(self, host, method="trace", rays=RAYS, **options):
         source = many.prepare(SCENE).source
-        with unittest.mock.patch.object(_workers, "_host", lambda _setup: host):
+        with unittest.mock.patch.object(_workers, "_host", lambda _setup: contextlib.nullcontext(host)):
             return _workers.item(raynest.__version__, self.setup, source, method, rays, options)[1]
 
     def test_a_stuck_daemon_is_ended_by_any_worker_and_an_item_that_lasts_is_not(self):
@@ -101,6 +102,27 @@ class Hosts(WithDaemon):
                 self.addCleanup(stuck.kill)
                 self.same(self.item(second), self.client.scene("few").trace(RAYS))
                 self.assertIsNotNone(stuck.poll())
+
+    def test_a_daemon_with_nothing_to_do_ends_where_another_setup_begins(self):
+        self.enterContext(unittest.mock.patch.object(_workers, "_hosts", {}))
+
+        def started(threads):
+            with _workers._host(self.setup._replace(options=("--threads", threads))) as host:
+                host.client().ping()
+                self.addCleanup(lambda: (host.drop(), host._end()))
+                return host._process
+        first = started("1")
+        second = started("2")
+        self.assertEqual((first.poll(), second.poll()), (None, None))      # it may be needed again at once
+        with unittest.mock.patch.object(_workers, "IDLE_SECONDS", 0):
+            self.assertIs(started("2"), second)
+            self.assertIsNone(first.poll())
+            with _workers._host(self.setup._replace(options=("--threads", "2"))):      # it makes an item
+                third = started("3")
+                self.assertIsNotNone(first.wait())
+                self.assertEqual((second.poll(), third.poll()), (None, None))
+            self.assertIsNone(started("1").poll())
+            self.assertIsNotNone(second.wait())
 
     def test_hosts_that_share_a_folder_for_what_is_temporary_keep_apart(self):
         here = self.worker()

@@ -29,6 +29,7 @@ from .scene import Scene
 
 SCENES_MAX = 4             # that a thread holds
 LOOK_SECONDS = 0.25        # between two looks whether an item's program has ended, or nobody waits for it
+IDLE_SECONDS = 60.0         # after which a daemon ends where one of another setup begins
 TURN_SECONDS = 0.05        # between two looks whether another thread has loaded
 
 
@@ -125,6 +126,8 @@ class Host(Daemon):
     def __init__(self, setup: Setup, key: str) -> None:
         super().__init__(setup, key)
         self._elsewhere: set[str] = set()       # scenes whose files are not at their path here
+        self.items = 0                          # that are being made
+        self.left = time.monotonic()            # since when none was, if none is
 
     def greeted(self) -> None:
         self._mine.scenes, self._mine.changed = {}, ("", None, 0)
@@ -250,8 +253,10 @@ _hosts: dict[Any, Host] = {}
 _hosts_lock = threading.Lock()
 
 
-def _host(setup: Setup) -> Host:
-    """The host of a worker's process, or of this program's, where it is none."""
+@contextlib.contextmanager
+def _host(setup: Setup) -> Iterator[Host]:
+    """The host of a worker's process, or of this program's, where it is none. Where another setup begins, daemons of others
+    that have had nothing to do for a while end: they would keep their scenes as long as the worker lives."""
     try:
         worker = distributed.get_worker()
         key = worker.address if setup.each == "worker" else worker.scheduler.address
@@ -260,8 +265,18 @@ def _host(setup: Setup) -> Host:
     setup = setup._replace(options=tuple(setup.options))    # whoever gives a list
     with _hosts_lock:
         if (setup, key) not in _hosts:
+            for known, idle in list(_hosts.items()):
+                if not idle.items and time.monotonic() - idle.left > IDLE_SECONDS:
+                    _hosts.pop(known)._end()
             _hosts[setup, key] = Host(setup, key)
-        return _hosts[setup, key]
+        host = _hosts[setup, key]
+        host.items += 1
+    try:
+        yield host
+    finally:
+        with _hosts_lock:
+            host.items -= 1
+            host.left = time.monotonic()
 
 
 @dataclasses.dataclass(frozen=True)
@@ -280,7 +295,11 @@ def item(version: str, setup: Setup, source: Source, method: Any, rays: Any, opt
         refused = OtherVersion(f"{here()} has RayNest {VERSION}, this client {version}: install one version on all hosts")
         refused.where = here()
         raise refused
-    host = _host(setup)
+    with _host(setup) as host:
+        return _made(host, source, method, rays, options)
+
+
+def _made(host: Host, source: Source, method: Any, rays: Any, options: dict[str, Any]) -> tuple[str, Any, Told]:
     for last in (False, True):
         try:
             with warnings_taken() as warned:

@@ -33,6 +33,7 @@ template <class Message>
 [[nodiscard]] std::string request_digest(const Message& message) {
     const std::unique_ptr<typename Message::NativeTableType> whole(message.UnPack());
     whole->tile_x = whole->tile_y = whole->tile_width = whole->tile_height = 0;
+    if constexpr (requires { whole->best_by_ms; }) whole->best_by_ms = 0;
     if (whole->job != nullptr) {
         wire::JobT& job = *whole->job;
         job.scene.clear();  // the file has its digest
