@@ -3,6 +3,7 @@
 #include <fcntl.h>
 #include <grp.h>
 #include <sys/stat.h>
+#include <sys/statvfs.h>
 #include <unistd.h>
 
 #include <algorithm>
@@ -47,6 +48,10 @@ std::string others_fault(const fs::path& path, const std::string& harm) {
     struct stat link {};
     struct stat status {};
     if (lstat(path.c_str(), &link) != 0 || stat(path.c_str(), &status) != 0) return "";
+    // Nobody writes through a mount that is read-only, as Kubernetes makes those of ConfigMaps, which
+    // have mode 777, and Docker those of another user's files.
+    struct statvfs mount {};
+    if (statvfs(path.c_str(), &mount) == 0 && (mount.f_flag & ST_RDONLY) != 0) return "";
     const std::string name = path.string();
     const bool is_folder = S_ISDIR(status.st_mode);
     if (!is_trusted(link) || !is_trusted(status))

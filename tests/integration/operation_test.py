@@ -145,6 +145,20 @@ class Operation(Programs):
                 self.check(text, 0, "is valid")
                 self.says(root.run("admin", "reload"), 0)
 
+    def test_what_is_mounted_read_only_is_changed_by_nobody(self):
+        if subprocess.run(["unshare", "--mount", "true"], check=False, capture_output=True).returncode:
+            self.skipTest("skipped: no right to mount")
+        mount = self.folder / "mount"       # as of a ConfigMap
+        mount.mkdir()
+        mount.chmod(0o777)
+        config = mount / "raynestd.toml"
+        config.write_text('listen = "tcp://127.0.0.1:0"\nhttp = "off"\n')
+        for options, code in (("bind", 2), ("bind,ro", 0)):
+            script = f'mount --bind "$0" "$0" && mount -o remount,{options} "$0" && exec "$@"'
+            done = subprocess.run(["unshare", "--mount", "sh", "-c", script, mount, self.raynestd, "--config", config, "--check-config"],
+                                  capture_output=True, text=True, timeout=PATIENCE, check=False)
+            self.says(done, code)
+
     def test_a_module_that_is_cut_short_ends_the_start(self):
         whole = pathlib.Path(os.environ.get("RAYNEST_BUILTIN_PACKS") or
                              pathlib.Path(self.raynestd).resolve().parents[1] / "lib/raynest")

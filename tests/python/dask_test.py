@@ -261,7 +261,7 @@ class ManyHosts(WithCluster):
                  "import distributed; distributed.__version__ = '1.2.3'", {}),
                 ("another RayNest", 2, r"the worker \S+ has RayNest 9.9.9, this client \S+: install one version",
                  "import raynest._version; raynest._version.VERSION = '9.9.9'", {}),
-                ("no RayNest", 1, "the workers cannot run it: No module named 'raynest'; install python3-raynest",
+                ("no RayNest", 1, "the worker \\S+ cannot run it: No module named 'raynest'; install python3-raynest",
                  "", {"PYTHONPATH": ""}),
                 ("no daemon", 1, r"no worker finished an item .*cannot start /nowhere: .*install raynest there",
                  "", {"RAYNESTD": "/nowhere"})):

@@ -25,7 +25,8 @@ from raynest._requests.columns import Answered, OF_HITS, OF_RAYS
 from raynest._requests.files import read_file_beneath
 from raynest._requests.gltf import file_names, file_of_uri, mesh_glb
 from raynest._requests.obj import names_in
-from raynest._requests.rays import Rays, segments
+from raynest._requests.rays import Rays
+from raynest._requests.sight import Segments
 
 ROOT = pathlib.Path(__file__).resolve().parents[2]
 SCHEMA_FILE = ROOT / "protocol" / "messages.fbs"
@@ -366,10 +367,10 @@ class RayForms(unittest.TestCase):
     def test_segments_leave_their_ends_out(self):
         ends = [[2, 0, 0], [0, 4, 0]]
         for start, origin in (([1, 0, 0], None), ([2, 0, 0], [1, 0, 0])):
-            rays = segments(start, ends, 0.25, None, origin)
+            rays = Segments(start, ends, 0.25, None, origin).rays
             self.assertEqual(rays.common, {"tmin": 0.25, "tmax": 0.75, "origin": [1, 0, 0]})
             np.testing.assert_array_equal(rays.frame(0, 2), np.subtract(ends, start))
-        rays = segments([start] * 2, ends, 0.25, None, origin)
+        rays = Segments([start] * 2, ends, 0.25, None, origin).rays
         self.assertEqual(rays.common, {"tmin": 0.25, "tmax": 0.75})
         np.testing.assert_array_equal(rays.frame(0, 2), [[1, 0, 0, 0, 0, 0], [1, 0, 0, -2, 4, 0]])
 
