@@ -41,7 +41,7 @@ foreach(component runtime python development)
 endforeach()
 install(FILES server/OPERATING.md server/SECURITY.md server/SHARES.md DESTINATION share/doc/raynest COMPONENT runtime)
 install(DIRECTORY client/python/raynest DESTINATION lib/python3/dist-packages COMPONENT python
-    FILES_MATCHING PATTERN "*.py" PATTERN "py.typed")
+    FILES_MATCHING PATTERN "*.py" PATTERN "py.typed" PATTERN "__pycache__" EXCLUDE)
 # A link in the source tree.
 install(FILES protocol/messages.fbs DESTINATION lib/python3/dist-packages/raynest COMPONENT python)
 
