@@ -284,6 +284,8 @@ class Package(unittest.TestCase):
         (root.path / "opt/probe.sh").chmod(0o755)
         (root.path / "etc/systemd/system/probe.service").write_text(PROBE_UNIT)
         (root.path / "etc/machine-id").write_text("")
+        # While it waits for a console, the child of systemd that becomes a getty holds the sockets of others.
+        (root.path / "etc/systemd/system/console-getty.service").symlink_to("/dev/null")
         root.run("systemctl enable probe.service raynestd.socket")
         run("systemd-nspawn", "--register=no", "--keep-unit", "--private-network", "--quiet", "--boot",
             "--directory", root.path, timeout=300)
