@@ -54,6 +54,18 @@ protected:
     ~Peer() = default;
 };
 
+/// While one exists, the daemon works for a peer: memory that this needs is never taken from that
+/// peer itself, whose requests are on the stack. `works` belongs to what says paused_since().
+class WorksForPeer {
+public:
+    explicit WorksForPeer(int& works) : works_(works) { ++works_; }
+    WorksForPeer(const WorksForPeer&) = delete;
+    ~WorksForPeer() { --works_; }
+
+private:
+    int& works_;
+};
+
 /// The connections by principal. Io thread only.
 class Peers {
 public:

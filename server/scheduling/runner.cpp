@@ -35,6 +35,7 @@ Runner::ActivePointer Runner::find(std::uint64_t id) const {
 template <class Step>
 void Runner::guarded(Active& active, Step step) {
     const RequestScope scope(active.tag);
+    const WorksForPeer working(works_);
     try {
         step();
     } catch (const std::bad_alloc&) {
@@ -47,6 +48,7 @@ bool Runner::knows(std::uint64_t id) const {
 }
 
 Reply<Admission::Slot> Runner::enter(JobRecord record) {
+    const WorksForPeer working(works_);
     auto slot = context_.admission.enter(std::move(record));
     if (slot) return slot;
     const auto whose = context_.admission.blocking_limit(principal_);
@@ -69,6 +71,7 @@ Reply<Admission::Slot> Runner::enter_parked(std::uint16_t message_type, Clock::t
 }
 
 Reply<std::uint64_t> Runner::start(std::uint64_t id, JobSubmission accepted) {
+    const WorksForPeer working(works_);
     const Clock::time_point now = Clock::now();
     const Clock::time_point deadline = deadline_after(now, accepted.deadline_ms);
     JobRecord record;
@@ -135,6 +138,7 @@ std::shared_ptr<Budget::Lease> Runner::admit(std::uint64_t id, std::uint64_t byt
     const std::uint64_t unread = window - std::min(window, active->input_credit + active->returned);
     Budget::Lease& input = *active->input;
     if (unread + bytes <= input.bytes()) return active->input;
+    const WorksForPeer working(works_);
     const std::uint64_t more = unread + bytes - input.bytes();
     auto lease = context_.peers.reserve(more, principal_);
     if (!lease) {
@@ -258,7 +262,7 @@ bool Runner::may_start(const Active& active, const Task& task) const {
 }
 
 bool Runner::waits_for_client() const {
-    return leaving_ == 0 &&
+    return leaving_ == 0 && works_ == 0 &&
            std::all_of(jobs_.begin(), jobs_.end(), [](const ActivePointer& active) {
                return !active->error && active->tasks.empty() &&
                       (active->parked || active->job->needs_input());

@@ -187,6 +187,7 @@ private:
     std::string principal_;
     std::list<ActivePointer> jobs_;
     std::size_t leaving_ = 0;  ///< jobs that a compute thread destroys
+    int works_ = 0;            ///< WorksForPeer
     std::uint64_t window_bytes_ = 0;
     std::uint64_t in_flight_bytes_ = 0;  ///< reserved by running tasks of all jobs
     /// Memory for the answers of running tasks and for unsent frames, at most a window. It outlives

@@ -124,6 +124,7 @@ void Conversation::receive(protocol::Frame frame) {
 
 void Conversation::guard(std::uint64_t id, const std::function<void()>& act) {
     const RequestScope scope({caller_.connection, id});
+    const WorksForPeer working(works_);
     // A greeting that has failed half-way ends the connection.
     const auto refuse_one = [&](const protocol::Error& error) {
         if (greeted_) return refuse_request(id, error);
@@ -426,7 +427,7 @@ void Conversation::release_inputs() {
 }
 
 bool Conversation::waits_for_client() const {
-    return parked_.empty() && runner_->waits_for_client() &&
+    return works_ == 0 && parked_.empty() && runner_->waits_for_client() &&
            std::all_of(feeding_.begin(), feeding_.end(),
                        [](const auto& fed) { return fed.second->runner().waits_for_client(); });
 }

@@ -153,6 +153,7 @@ private:
     std::shared_ptr<Runner> runner_;
     /// Detached jobs that still wait for data of this connection, by request id.
     std::map<std::uint64_t, DetachedJobs::Pointer> feeding_;
+    int works_ = 0;  ///< WorksForPeer
     bool greeted_ = false;
     bool draining_ = false;
     std::string why_draining_ = {};
