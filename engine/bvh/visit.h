@@ -18,6 +18,7 @@
 
 #include "engine/bvh/box_test.h"
 #include "engine/bvh/cancellation.h"
+#include "engine/bvh/guesses.h"
 #include "engine/bvh/intersect_with.h"
 #include "engine/bvh/node.h"
 #include "engine/bvh/tree_arrays.h"
@@ -68,36 +69,12 @@ inline constexpr std::uint32_t nodes_together = Lanes<8>::parts == 1 ? 3 : 2;
 /// rays as before). With 2,000 it would be 0.98 to 1.00, with 10,000 between 0.98 and 1.04.
 inline constexpr std::uint32_t many_instances = 1 << 14;
 
-/// For each child, the one that a ray looked at after it: a guess at what a ray like that will.
-///
-/// A CPU that has found guesses right goes on with one while the box test that the truth follows
-/// from is still under way (measured: tests/bench/BENCH.md).
-class Guesses {
-public:
-    /// Returns `next`.
-    RAYNEST_INLINE std::uint32_t check(std::uint32_t child, std::uint32_t next) {
-        std::uint32_t& kept = next_[(child ^ child >> 4) % size];
-        std::uint32_t guess = kept;
-        if (guess == next) [[likely]] {
-            // Not to be replaced by `next`, for which the CPU would wait.
-            asm volatile("" : "+r"(guess));
-            return guess;
-        }
-        kept = next;
-        return next;
-    }
-
-private:
-    static constexpr std::uint32_t size = 128;
-    std::uint32_t next_[size]{};
-};
-
 /// The single traversal of one tree. `With` guesses it is for one of several rays that take nearly
 /// the same way, and looks at one node at a time.
 template <class With = std::nullptr_t, class Isect, class Query>
 RAYNEST_INLINE bool traverse(BoxRay& ray, const Bvh& bvh, Isect& isect, Query& query,
                              [[maybe_unused]] With* guesses = nullptr) {
-    constexpr bool guessing = std::is_same_v<With, Guesses>;
+    constexpr bool guessing = std::is_base_of_v<Guesses, With>;
     const SceneView& scene = *bvh.scene;
     const ObjectRecord& object = scene.objects[bvh.object];
     const TreeArrays arrays(scene, object);

@@ -15,7 +15,7 @@
 
 namespace raynest {
 
-class Guesses;
+class TriedGuesses;
 
 /// is_valid(), with one branch.
 [[nodiscard]] RAYNEST_INLINE bool is_valid_at_once(const Ray& ray) {
@@ -60,7 +60,7 @@ struct TraceIO {
     const TraceCall& call;
     std::uint32_t first;                   ///< the group's first ray in the call
     Cancellation* cancellation = nullptr;  ///< the call's
-    Guesses* guesses = nullptr;            ///< the call's
+    TriedGuesses* guesses = nullptr;       ///< the call's
 
     [[nodiscard]] RAYNEST_INLINE const Ray* rays() const { return call.rays + first; }
     /// Asks memory for rays [from, to) of the group or behind it, as far as the call has them.

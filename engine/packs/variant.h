@@ -69,6 +69,24 @@ inline constexpr bool guesses_pay =
     std::is_same_v<Query, ClosestHit> && !shows_order<Isect> && !Overrides<Isect, BoxRay, Boxes8> &&
     !Overrides<Isect, BoxRay, Triangles8>;
 
+template <class Isect, class TraceIO, class With>
+RAYNEST_INLINE void trace_lot(BoxRay* rays, std::uint32_t count, const Bvh& root, Isect& isect,
+                              const TraceIO& io, With* with) {
+    for (std::uint32_t r = 0; r < count; ++r) {
+        const std::uint32_t number = rays[r].id;
+        auto query = io.query_in_place(number);
+        traverse(rays[r], root, isect, query, with);
+        io.end(number, query);
+    }
+}
+
+/// A call of its own, which keeps it from the code that most rays run.
+template <class Isect, class TraceIO>
+[[gnu::noinline]] void try_guesses(BoxRay* rays, std::uint32_t count, const Bvh& root, Isect& isect,
+                                   const TraceIO& io) {
+    trace_lot(rays, count, root, isect, io, io.guesses);
+}
+
 /// One ray after the other.
 template <bool Everything, class Isect, class TraceIO>
 RAYNEST_INLINE void trace_singly(const Bvh& root, std::uint32_t count, Isect& isect,
@@ -102,29 +120,26 @@ RAYNEST_INLINE void trace_singly(const Bvh& root, std::uint32_t count, Isect& is
                 RayView view;
                 if (io.begin(i, view)) new (memory[ready++]) BoxRay(view);
             }
-            const auto ray_of = [&](std::uint32_t r) RAYNEST_INLINE_LAMBDA -> BoxRay& {
-                return *std::launder(reinterpret_cast<BoxRay*>(memory[r]));
-            };
-            const auto trace_with = [&](auto* with) RAYNEST_INLINE_LAMBDA {
-                for (std::uint32_t r = 0; r < ready; ++r) {
-                    BoxRay& ray = ray_of(r);
-                    const std::uint32_t number = ray.id;
-                    auto query = io.query_in_place(number);
-                    traverse(ray, root, isect, query, with);
-                    io.end(number, query);
-                }
-            };
+            BoxRay* const rays = std::launder(reinterpret_cast<BoxRay*>(memory));
             if constexpr (guesses_pay<Isect, typename TraceIO::Query>) {
                 const Box& bounds = root.record().bounds;
                 const auto like_first = [&](std::uint32_t r) RAYNEST_INLINE_LAMBDA {
-                    return are_alike(*ray_of(0).world, *ray_of(r).world, bounds);
+                    return are_alike(*rays[0].world, *rays[r].world, bounds);
                 };
                 if (ready > 1 && like_first(ready / 2) && like_first(ready - 1)) {
-                    trace_with(io.guesses);
-                    continue;
+                    using enum TriedGuesses::Use;
+                    const TriedGuesses::Use use = io.guesses->of_next_lot();
+                    if (use == tried) {
+                        try_guesses(rays, ready, root, isect, io);
+                        continue;
+                    }
+                    if (use == taken) {
+                        trace_lot(rays, ready, root, isect, io, static_cast<Guesses*>(io.guesses));
+                        continue;
+                    }
                 }
             }
-            trace_with(static_cast<std::nullptr_t*>(nullptr));
+            trace_lot(rays, ready, root, isect, io, static_cast<std::nullptr_t*>(nullptr));
         }
     }
 }
@@ -169,7 +184,7 @@ TraceStatus trace(const TraceCall* pointer) noexcept {
     Cancellation cancellation(call.cancelled, call.cancelled_context);
     using Outputs = typename OutputsOf<Isect>::type;
     MemoryOf<Isect> memory;
-    Guesses guesses;
+    TriedGuesses guesses;
     constexpr std::uint32_t group = ray_group<traversal>;
     for (std::uint32_t first = 0; first < call.ray_count; first += group) {
         const std::uint32_t rest = call.ray_count - first;
