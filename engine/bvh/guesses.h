@@ -57,7 +57,7 @@ public:
     /// Returns `next`.
     RAYNEST_INLINE std::uint32_t check(std::uint32_t child, std::uint32_t next) {
         ++asked_;
-        wrong_ += after(child) == next ? 0 : 1;
+        if (after(child) != next) ++wrong_;
         return Guesses::check(child, next);
     }
 
