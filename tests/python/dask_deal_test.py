@@ -311,7 +311,7 @@ class Dealt(WithCluster):
         scene = many.prepare(SCENE)
 
         def request():
-            many._known(self.now.client, scene, self.setup, None, PATIENCE)
+            many.known_to(self.now.client, scene, self.setup, PATIENCE)
             for _ in range(2):      # the one that asks for the scene's digest, and the one that traces
                 deal = many.Deal(self.now.client, self.setup, scene, makes, [many.Part({})], PATIENCE, None)
                 deal._note("a host has no room")

@@ -24,7 +24,7 @@ from ._deal import Deal
 from .dask import known_to
 from ._heat import tell_exceeded
 from ._notes import Told, is_hint, look_size, note_of_none, notes_of
-from ._prepared import Part, Prepared
+from ._prepared import Baggage, Part, Prepared
 from ._requests.deadlines import deadline_of, items_within, share_of
 from ._requests.files import STANDARD, read_file
 from ._requests.film import is_lit, samples_asked
@@ -54,11 +54,11 @@ def run(address: str, parts_max: int, scene: str, out: str, words: Sequence[str]
         raise UsageError("--dask goes without --server: each worker has a daemon of its own")
     known = prepared(scene)
     ending, (limits, words) = _ending(words[0], out), _without_limits(words)
-    with connected(address) as cluster, tempfile.TemporaryDirectory(prefix="raynest-dask-") as folder:
+    with connected(address) as cluster, tempfile.TemporaryDirectory(prefix="raynest-dask-") as folder, Baggage(known) as baggage:
         progress = bar if shows else None
         known_to(cluster, known, setup, patience, progress)
-        plain, rows = _carried(known, _without_output(words, out),
-                               lambda other: known_to(cluster, Prepared(other, {}), setup, patience, progress, known))
+        plain, rows = _carried(baggage, _without_output(words, out),
+                               lambda other: known_to(cluster, other, setup, patience, progress, known))
         pictures: list[tuple[str, list[str]]] = [(out, [])]
         if at := _all_cameras(plain):
             del plain[at]
@@ -233,7 +233,7 @@ def _all_cameras(words: Sequence[Any]) -> Optional[slice]:
     return None
 
 
-def _carried(known: Prepared, words: Sequence[str], known_here: Callable[[str], Prepared]
+def _carried(baggage: Baggage, words: Sequence[str], known_here: Callable[[Prepared], Prepared]
              ) -> tuple[list[Union[str, Carried, Source]], dict[str, int]]:
     """The words, with the files and scenes that they name in their place, and how many rows the arrays among these
     have, by option or setting."""
@@ -243,13 +243,13 @@ def _carried(known: Prepared, words: Sequence[str], known_here: Callable[[str], 
     for word in _apart(words):
         start, sign, path = word.partition("=@" if "@" in FILES.get(before, "") else "=")
         if before == SCENE and is_scene(word):
-            made.append(known.carry_scene(known_here(word)))
+            made.append(baggage.scene(Prepared(word, {}), known_here, is_own=True))
         elif before in FILES or start in SETTINGS:
             if FILES.get(before) == "":
                 path, start, sign = word, "", ""
             if path in STANDARD or os.path.exists(path) and not os.path.isdir(path):
                 data = read_file(path, _limits.upload_bytes_max)
-                made.append(known.carry(data, start + sign, os.path.splitext(path)[1]))
+                made.append(baggage.file(data, start + sign, os.path.splitext(path)[1]))
                 rows[start or before] = _rows_of(data)
             else:
                 made.append(word)

@@ -3,11 +3,14 @@ the items that it is dealt out in."""
 from __future__ import annotations
 
 import asyncio
+import collections
 import concurrent.futures
+import contextlib
 import hashlib
 import os
 import pickle
 import random
+import threading
 import weakref
 from typing import Any, Callable, Iterable, Mapping, NamedTuple, Optional, Sequence
 
@@ -40,6 +43,8 @@ class Prepared:
 
     def __init__(self, scene: Any, load: dict[str, Any]) -> None:
         self._pieces: dict[str, Any] = {}       # key -> its bytes
+        self._holds: collections.Counter[str] = collections.Counter()   # how often each is needed
+        self._holding = threading.Lock()
         _travel.own[id(self)] = self
         self._sent: weakref.WeakKeyDictionary[Any, dict[str, Any]] = weakref.WeakKeyDictionary()
         self._mesh: Any = None                  # vertices and faces, of which float32 may lose digits
@@ -55,7 +60,8 @@ class Prepared:
         self._log = os.urandom(8).hex()
         self._epoch = 1
         self._refused: tuple[int, ...] = ()     # changes that no daemon makes
-        self._others: dict[str, Prepared] = {}  # by the name that their content gives them
+        self._others: dict[str, Prepared] = {}  # that edits add, by the name that their content gives them
+        self.compared: list[Prepared] = []      # with this one, by requests that go on
         self.sending = 0
         self.noted: set[str] = set()            # what the user was told since the request began
         self.rounding: dict[str, str] = {}      # "how" those do that trace it for a request: others would give other bytes
@@ -92,32 +98,46 @@ class Prepared:
         return source
 
     def _keep(self, key: str, piece: Array) -> None:
-        self._pieces[key] = piece
+        with self._holding:
+            self._pieces.setdefault(key, piece)
+            self._holds[key] += 1
+
+    def let_go(self, keys: Iterable[str]) -> None:
+        """Has the workers drop pieces that were needed once more, unless they still are."""
+        gone = set()
+        with self._holding:
+            for key in keys:
+                self._holds[key] -= 1
+                if self._holds[key] <= 0:
+                    del self._holds[key]
+                    self._pieces.pop(key, None)
+                    gone.add(key)
+        for sent in list(self._sent.values()):
+            for key in [key for key in list(sent) if key.partition("~")[0] in gone]:
+                sent.pop(key).release()
+
+    def close(self) -> None:
+        """Has the workers drop all of it now, and not when the object goes, which an error may keep."""
+        self.let_go(list(self._holds.elements()))
 
     @property
     def bytes(self) -> int:
         """The size of the files."""
         return sum(size for _, size in self.source.files()) if self.source.message else 0
 
-    def carry(self, data: Any, prefix: str = "", ending: str = "") -> Carried:
-        """The content of a file that a command or a picture names: it travels as the scene does."""
-        digest = hashlib.sha256(data).digest()
-        for i, key in enumerate(keys_of_file(digest, len(data), self.piece_bytes)):
+    def carry(self, digest: Any, data: Any) -> list[str]:
+        """Has the content of a file travel as the scene does until its keys, which this returns, are let go."""
+        keys = keys_of_file(digest, len(data), self.piece_bytes)
+        for i, key in enumerate(keys):
             self._keep(key, np.frombuffer(data, np.uint8)[i * self.piece_bytes:(i + 1) * self.piece_bytes])
-        return Carried(prefix, digest.hex()[:16] + ending, digest, len(data))
+        return keys
 
-    def carry_scene(self, other: Prepared) -> Source:
-        """Another scene, which this one is compared with."""
-        if other.epoch > 1 and self.epoch > 1:
-            raise UsageError("two scenes that were edited are compared: a host has one at a time; prepare one of them from "
-                             "a file of what it has become")
-        self._take_along(other)
-        return other.at()
-
-    def _take_along(self, other: Prepared) -> None:
-        self._others[other.source.name] = other
-        for key, piece in other._pieces.items():
-            self._pieces.setdefault(key, piece)
+    def take_along(self, other: Prepared) -> list[str]:
+        """Has another scene travel with this one until its keys, which this returns, are let go."""
+        keys = list(other._pieces)
+        for key in keys:
+            self._keep(key, other._pieces[key])
+        return keys
 
     def piece(self, key: str) -> Optional[Array]:
         return self._pieces.get(key)
@@ -168,7 +188,9 @@ class Prepared:
             raise UsageError(f"{scene.source.path} is added to a scene on many hosts: it must be where this program runs")
         if scene.epoch > 1:
             raise UsageError("a scene that was edited is added: add it as it was prepared, and edit its parts here")
-        self._take_along(scene)
+        if scene.source.name not in self._others:
+            self._others[scene.source.name] = scene
+            self.take_along(scene)
         return scene.source.name
 
     def _record(self, change: Change) -> dict[str, Any]:
@@ -187,7 +209,7 @@ class Prepared:
     def refused(self, error: Error) -> Error:
         """The error to tell. If a daemon has refused a change, that is left out of all epochs from now on."""
         log, number = getattr(error, "raynest_refused", ("", 0))
-        for scene in (self, *self._others.values()):
+        for scene in (self, *self._others.values(), *self.compared):
             if scene._log == log:
                 scene._refused = *scene._refused, number
                 return type(error)(f"edit {number + 1} of the scene is left out from now on: {error}", error.name, error.code)
@@ -257,6 +279,40 @@ class Prepared:
         for late in giving:
             late.add_done_callback(let_go)
         raise FailedError("no worker takes the scene's files")
+
+
+class Baggage:
+    """All that a request takes along with its scene. It leaves the workers when the request ends, also by an error that
+    somebody keeps."""
+
+    def __init__(self, scene: Prepared) -> None:
+        self._scene = scene
+        self._end = contextlib.ExitStack()
+
+    def __enter__(self) -> Baggage:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self._end.close()
+
+    def file(self, data: Any, prefix: str = "", ending: str = "") -> Carried:
+        """The content of a file that a command or a picture names."""
+        digest = hashlib.sha256(data).digest()
+        self._end.callback(self._scene.let_go, self._scene.carry(digest, data))
+        return Carried(prefix, digest.hex()[:16] + ending, digest, len(data))
+
+    def scene(self, other: Prepared, known_here: Callable[[Prepared], Prepared], is_own: bool) -> Source:
+        """Another scene, which that of the request is compared with. The request's own one ends with it."""
+        if is_own:
+            self._end.callback(other.close)
+        known_here(other)
+        if other.epoch > 1 and self._scene.epoch > 1:
+            raise UsageError("two scenes that were edited are compared: a host has one at a time; prepare one of them from "
+                             "a file of what it has become")
+        self._end.callback(self._scene.let_go, self._scene.take_along(other))
+        self._scene.compared.append(other)
+        self._end.callback(self._scene.compared.remove, other)
+        return other.at()
 
 
 class Part(NamedTuple):

@@ -7,10 +7,12 @@ import fcntl
 import functools
 import hashlib
 import itertools
+import math
 import os
 import pickle
 import threading
 import time
+import weakref
 from typing import Any, Iterator, Mapping, NamedTuple, Optional, Sequence
 
 import numpy as np
@@ -28,6 +30,8 @@ from .errors import BusyError, CancelledError, ConnectError, Error, FailedError,
 from .scene import Scene
 
 SCENES_MAX = 4             # that a thread holds
+KEPT_SECONDS = 600.0        # that a host keeps a scene or a client's file which no item needs
+FILES_BYTES_MAX = 1 << 30   # of clients, beyond which those that no item needs go
 LOOK_SECONDS = 0.25        # between two looks whether an item's program has ended, or nobody waits for it
 IDLE_SECONDS = 60.0         # after which a daemon ends where one of another setup begins
 TURN_SECONDS = 0.05        # between two looks whether another thread has loaded
@@ -120,6 +124,27 @@ class Files:
         return keys_of_file(*self._source.files()[number], self._source.piece_bytes)
 
 
+class Held:
+    """Scenes and files that a thread has on its connection. Another one may let it go while the thread makes no item."""
+
+    def __init__(self) -> None:
+        self.making = threading.Lock()
+        self.scenes: dict[str, Scene] = {}
+        self.changed: tuple[str, Optional[Scene], int] = ("", None, 0)
+        self.needed: set[str] = set()           # scenes of the item
+        self.files: list[Any] = []              # of the item
+        self.left = 0.0                         # when the last item ended
+
+    def let_go(self) -> None:
+        """Closes the scenes that the item does not need."""
+        for name in self.scenes.keys() - self.needed:
+            self.scenes.pop(name).close()
+        log, scene, _ = self.changed
+        if scene is not None and log not in self.needed:
+            self.changed = "", None, 0
+            scene.close()
+
+
 class Host(Daemon):
     """The daemon of this host, and the scenes that this process has there. Thread-safe."""
 
@@ -128,16 +153,79 @@ class Host(Daemon):
         self._elsewhere: set[str] = set()       # scenes whose files are not at their path here
         self.items = 0                          # that are being made
         self.left = time.monotonic()            # since when none was, if none is
+        self._threads: weakref.WeakSet[Held] = weakref.WeakSet()
+        self._tidies = threading.Lock()         # held until what is kept now is looked at
 
     def greeted(self) -> None:
-        self._mine.scenes, self._mine.changed = {}, ("", None, 0)
+        self._held.scenes, self._held.changed = {}, ("", None, 0)
+
+    @property
+    def _held(self) -> Held:
+        held: Optional[Held] = getattr(self._mine, "held", None)
+        if held is None:
+            self._mine.held = held = Held()
+            self._threads.add(held)
+        return held
+
+    @contextlib.contextmanager
+    def making(self) -> Iterator[None]:
+        """While this thread makes an item, nobody lets go of what that needs."""
+        held = self._held
+        with held.making:
+            try:
+                yield
+            finally:
+                held.needed.clear()
+                while held.files:
+                    held.files.pop().close()
+                held.left = time.monotonic()
+                self._tidy_later()
+
+    def _tidy_later(self) -> None:
+        if self._tidies.acquire(blocking=False):
+            timer = threading.Timer(KEPT_SECONDS, self._tidy)
+            timer.daemon = True
+            timer.start()
+
+    def _tidy(self) -> None:
+        self._tidies.release()
+        with contextlib.suppress(Error, OSError):   # a daemon that is gone has nothing
+            if self._let_go(time.monotonic() - KEPT_SECONDS) + self._remove_files(KEPT_SECONDS):
+                self._tidy_later()
+
+    def _let_go(self, since: float) -> int:
+        """Closes the scenes of threads that have made no item since then. Returns how many threads have some."""
+        have = 0
+        for held in list(self._threads):
+            if held.making.acquire(blocking=False):
+                try:
+                    if held.left <= since:
+                        held.let_go()
+                finally:
+                    held.making.release()
+            have += bool(held.scenes or held.changed[1])
+        return have
+
+    def _remove_files(self, seconds: float) -> int:
+        """Removes files of clients that no item has needed for so long, or that are too many. Returns how many are left."""
+        with self._turn():
+            found = sorted((each.stat().st_mtime, each.path, each.stat().st_size) for each in os.scandir(self.files))
+            size, left = sum(size for *_, size in found), len(found)
+            for used, path, bytes_ in found:
+                if time.time() - used >= seconds or size > FILES_BYTES_MAX:
+                    with open(path, "rb") as file, contextlib.suppress(BlockingIOError):    # an item of another worker has it
+                        fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
+                        os.unlink(path)
+                        size, left = size - bytes_, left - 1
+        return left
 
     def scene(self, source: Source) -> Scene:
         """The scene on the connection of this thread, which holds it; loads it where the daemon lacks it."""
-        client = self.client()
+        client, held = self.client(), self._held
+        held.needed.add(source.log if source.changes else source.name)
         if source.changes:
             return self._changed(client, source)
-        scenes: dict[str, Scene] = self._mine.scenes
+        scenes = held.scenes
         scene = scenes.pop(source.name, None)
         if scene is None:
             with warnings_taken():      # the client tells them, once
@@ -165,16 +253,22 @@ class Host(Daemon):
         files = Files(source, self._elsewhere)
         load = Load({**source.message, "name": name}, files.read, need=files.need)
         with self._turn():
-            try:
-                scene, info = client._load(load)
-            except (BusyError, MemoryError) as error:
-                if getattr(error, "name", "MEMORY") not in ("MEMORY", "QUOTA", "RESOURCE_EXHAUSTED"):
-                    raise
-                size = sum(size for _, size in source.files())
-                refused = NoRoom(f"{here()} has no room for the scene, whose files have {size / 1e6:.0f} MB: {error}",
-                                 getattr(error, "name", ""))
-                refused.where = here()
-                raise refused from None
+            for last in (False, True):
+                try:
+                    scene, info = client._load(load)
+                    break
+                except (BusyError, MemoryError) as error:
+                    if getattr(error, "name", "MEMORY") not in ("MEMORY", "QUOTA", "RESOURCE_EXHAUSTED"):
+                        raise
+                    if not last:    # those that no item needs make room
+                        self._held.let_go()
+                        self._let_go(math.inf)
+                        continue
+                    size = sum(size for _, size in source.files())
+                    refused = NoRoom(f"{here()} has no room for the scene, whose files have {size / 1e6:.0f} MB: {error}",
+                                     getattr(error, "name", ""))
+                    refused.where = here()
+                    raise refused from None
         if source.digest not in ("", info["hash"]):
             raise InvalidError(f"{here()} has another scene at {source.path}: {info['hash'][:12]} in place of "
                                f"{source.digest[:12]}", "SCENE_UNKNOWN")
@@ -183,6 +277,7 @@ class Host(Daemon):
     @property
     def files(self) -> str:
         """The folder of files that only the client's machine had."""
+        self._private()
         os.makedirs(folder := os.path.join(self.folder, "files"), exist_ok=True)
         return folder
 
@@ -195,20 +290,23 @@ class Host(Daemon):
     def _take(self, carried: Carried, source: Source) -> str:
         path = os.path.join(self.files, carried.name)
         with self._turn():
-            if os.path.exists(path):
-                return path
-            with open(path + ".part", "wb") as file:
-                for piece in fetch(keys_of_file(carried.digest, carried.size, source.piece_bytes),
-                                   source.piece_seconds, source.sending):
-                    file.write(piece.data)
-            os.replace(path + ".part", path)
+            if not os.path.exists(path):
+                with open(path + ".part", "wb") as file:
+                    for piece in fetch(keys_of_file(carried.digest, carried.size, source.piece_bytes),
+                                       source.piece_seconds, source.sending):
+                        file.write(piece.data)
+                os.replace(path + ".part", path)
+            self._held.files.append(needed := open(path, "rb"))
+            fcntl.flock(needed, fcntl.LOCK_SH)
+            os.utime(path)
+        self._remove_files(KEPT_SECONDS)
         return path
 
     def _changed(self, client: Client, source: Source) -> Scene:
         """The scene with its changes, as this thread's own copy of it, to which each is made once, in their order."""
-        held: tuple[str, Optional[Scene], int] = self._mine.changed
-        log, scene, made = held
-        self._mine.changed = "", None, 0
+        held = self._held
+        log, scene, made = held.changed
+        held.changed = "", None, 0
         if scene is not None and (log != source.log or made > source.changes):
             scene.close()
             scene = None
@@ -232,12 +330,12 @@ class Host(Daemon):
                 del held_for_it
                 made = number + 1
         except Missing:
-            self._mine.changed = source.log, scene, made
+            held.changed = source.log, scene, made
             raise
         except Error:
             scene.close()
             raise
-        self._mine.changed = source.log, scene, source.changes
+        held.changed = source.log, scene, source.changes
         return scene
 
 
@@ -295,7 +393,7 @@ def item(version: str, setup: Setup, source: Source, method: Any, rays: Any, opt
         refused = OtherVersion(f"{here()} has RayNest {VERSION}, this client {version}: install one version on all hosts")
         refused.where = here()
         raise refused
-    with _host(setup) as host:
+    with _host(setup) as host, host.making():
         return _made(host, source, method, rays, options)
 
 

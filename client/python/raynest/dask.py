@@ -38,7 +38,7 @@ from ._requests.rays import pair
 from ._shutter import picture_in_motion, pixels_of
 from ._timed import moments
 from ._notes import Told, look_size, note_of_none
-from ._prepared import Part, Prepared, at_their_epoch
+from ._prepared import Baggage, Part, Prepared, at_their_epoch
 from ._roster import PATIENCE, roster_of
 from ._version import VERSION
 from ._own_daemon import Setup, distributed
@@ -77,9 +77,13 @@ def _as(*functions: Callable[..., Any], without: Sequence[str] = ()) -> Callable
         name for name in [*names, *JobOptions.__annotations__] if name not in ("self", "scene", "job", *without)))
 
 
+@contextlib.contextmanager
 def _known(cluster: Any, scene: Any, setup: Setup, load: Optional[dict[str, Any]], patience: float,
-           progress: Any = None, of: Optional[Prepared] = None) -> Prepared:
-    return known_to(cluster, prepare(scene, **(load or {})), setup, patience, progress, of)
+           progress: Any = None) -> Iterator[Prepared]:
+    """The scene of a request. The request's own one ends with it, also by an error that somebody keeps."""
+    known = prepare(scene, **(load or {}))
+    with contextlib.nullcontext() if known is scene else contextlib.closing(known):
+        yield known_to(cluster, known, setup, patience, progress)
 
 
 def known_to(cluster: Any, scene: Prepared, setup: Setup, patience: float, progress: Any = None,
@@ -111,17 +115,20 @@ def known_to(cluster: Any, scene: Prepared, setup: Setup, patience: float, progr
     return scene
 
 
-def _file(known: Prepared, given: Any, _known_here: Any) -> Any:
+def _file(baggage: Baggage, given: Any, _known_here: Any) -> Any:
     data = EnvironmentFile(given).data
-    return known.carry(data) if len(data) else given
+    return baggage.file(data) if len(data) else given
 
 
-def _other(known: Prepared, given: Any, known_here: Callable[[Any], Prepared]) -> Any:
-    return given if given is None or isinstance(given, Mapping) else known.carry_scene(known_here(given))
+def _other(baggage: Baggage, given: Any, known_here: Callable[[Prepared], Prepared]) -> Any:
+    if given is None or isinstance(given, Mapping):
+        return given
+    other = prepare(given)
+    return baggage.scene(other, known_here, is_own=other is not given)
 
 
 # Arguments of a picture that name what only this machine may have, and what travels in their place.
-TRAVELS: dict[str, Callable[[Prepared, Any, Callable[[Any], Prepared]], Any]] = {"environment": _file, "diff": _other}
+TRAVELS: dict[str, Callable[[Baggage, Any, Callable[[Prepared], Prepared]], Any]] = {"environment": _file, "diff": _other}
 
 
 @_as(Scene.trace)
@@ -132,9 +139,9 @@ def trace(cluster: Any, scene: Any, rays: Any, directions: Any = None, *, fields
     or returns, or a path that only the hosts see; `load` are more arguments of prepare(). `rays` has all forms of
     Scene.trace(), and may be (origins, directions). Items have `item_rays` rays; after `patience` seconds of silence they
     are sent out again."""
-    known = _known(cluster, scene, setup, load, patience, progress)
-    parts = list(_parts_of(rays, item_rays, {**job, "fields": fields, "kind": kind, "reduce": reduce}, directions))
-    return joined(Deal(cluster, setup, known, "trace", parts, patience, progress).all(), reduce)
+    with _known(cluster, scene, setup, load, patience, progress) as known:
+        parts = list(_parts_of(rays, item_rays, {**job, "fields": fields, "kind": kind, "reduce": reduce}, directions))
+        return joined(Deal(cluster, setup, known, "trace", parts, patience, progress).all(), reduce)
 
 
 @_as(Scene.trace, without=("progress", "directions"))
@@ -155,22 +162,27 @@ def arrays(cluster: Any, scene: Any, rays: Any, *, fields: Union[str, Sequence[s
 
     if kind not in ("closest", "any"):
         raise UsageError(f"arrays() has a row per ray, and kind {kind} has not: use trace()")
-    known = _known(cluster, scene, setup, load, patience)
-    one, *parts = at_their_epoch(known, [next(_parts_of(rays, 1, {**job, "fields": fields, "kind": kind})),
-                                         *_parts_of(rays, item_rays, {**job, "fields": fields, "kind": kind})])
-    # All hosts are asked, so that those which are no good get no blocks.
-    hosts = roster_of(cluster).living(patience)
-    deal = Deal(cluster, setup, known, "trace", [one._replace(first=host) for host in hosts or [""]], patience, None)
-    row, good, rounding = deal.all()[0], deal.good(), deal.rounding.get("how", "")
-    known.send_all(cluster)
-    blocks: list[Any] = []
-    firsts = np.cumsum([0, *(part.weight for part in parts)]).tolist()
-    for first, part in zip(firsts, parts):
-        assert part.rays is not None
-        # With the rays in it the scheduler can have it made again.
-        blocks.append(cluster.submit(columns_of, VERSION, setup, part.source, part.rays(), part.options, first, part.weight,
-                                     rounding, good, workers=good or None, pure=False, retries=5))
-        blocks[-1].raynest_scene = known    # whose files the workers have as long as there are blocks
+    known = prepare(scene, **(load or {}))
+    with contextlib.ExitStack() as failed:
+        if known is not scene:
+            failed.callback(known.close)
+        known_to(cluster, known, setup, patience)
+        one, *parts = at_their_epoch(known, [next(_parts_of(rays, 1, {**job, "fields": fields, "kind": kind})),
+                                             *_parts_of(rays, item_rays, {**job, "fields": fields, "kind": kind})])
+        # All hosts are asked, so that those which are no good get no blocks.
+        hosts = roster_of(cluster).living(patience)
+        deal = Deal(cluster, setup, known, "trace", [one._replace(first=host) for host in hosts or [""]], patience, None)
+        row, good, rounding = deal.all()[0], deal.good(), deal.rounding.get("how", "")
+        known.send_all(cluster)
+        blocks: list[Any] = []
+        firsts = np.cumsum([0, *(part.weight for part in parts)]).tolist()
+        for first, part in zip(firsts, parts):
+            assert part.rays is not None
+            # With the rays in it the scheduler can have it made again.
+            blocks.append(cluster.submit(columns_of, VERSION, setup, part.source, part.rays(), part.options, first, part.weight,
+                                         rounding, good, workers=good or None, pure=False, retries=5))
+            blocks[-1].raynest_scene = known    # whose files the workers have as long as there are blocks
+        failed.pop_all()
     return {name: array.concatenate([
         array.from_delayed(delayed(operator.getitem)(block, name), (part.weight, *column.shape[1:]), column.dtype)
         for part, block in zip(parts, blocks)])
@@ -188,13 +200,13 @@ def sweep(cluster: Any, scene: Prepared, scans: Iterable[tuple[int, Any]], *,
     options = {**job, "fields": fields, "kind": kind, "reduce": reduce}
     if options.pop("epoch", None):
         raise UsageError("epoch= is of a scan here: give each with its epoch, as (epoch, rays)")
-    known = _known(cluster, scene, setup, None, patience, progress)
     measures = bool(OF_RETURNS & job.keys())
-    parts = []
-    for epoch, rays in scans:
-        part, = _scan_of(rays, options) if measures else _parts_of(rays, sys.maxsize, options)
-        parts.append(part._replace(source=known.at(whole("the epoch of a scan", epoch, known.epoch))))
-    return Deal(cluster, setup, known, measured if measures else "trace", parts, patience, progress, apart=True).all()
+    with _known(cluster, scene, setup, None, patience, progress) as known:
+        parts = []
+        for epoch, rays in scans:
+            part, = _scan_of(rays, options) if measures else _parts_of(rays, sys.maxsize, options)
+            parts.append(part._replace(source=known.at(whole("the epoch of a scan", epoch, known.epoch))))
+        return Deal(cluster, setup, known, measured if measures else "trace", parts, patience, progress, apart=True).all()
 
 
 @_as(Scene.trace, measured, without=("directions",))
@@ -203,8 +215,8 @@ def measure(cluster: Any, scene: Any, sweep: Any, *, load: Optional[dict[str, An
     """As raynest.returns.measure(), on all workers of a cluster: the same returns, in every byte. Items are beams, of
     `item_rays` rays together; the noise is drawn here, over all of them."""
     item_rays = _check(options, item_rays)
-    known = _known(cluster, scene, setup, load, patience, progress)
-    return measured(_Dealt(cluster, known, setup, item_rays, patience, progress, options.pop("epoch", None)), sweep, **options)
+    with _known(cluster, scene, setup, load, patience, progress) as known:
+        return measured(_Dealt(cluster, known, setup, item_rays, patience, progress, options.pop("epoch", None)), sweep, **options)
 
 
 def _scan_of(sweep: Any, options: dict[str, Any]) -> list[Part]:
@@ -347,17 +359,17 @@ def render(cluster: Any, scene: Any, *, size: tuple[int, int] = (960, 540), inte
     is an Image too, and needs `exposure` in stops. Each tile of a lit picture gets its share of what is left
     of a `deadline`; the pixels of one that has no sample by then are 0."""
     if options.get("trajectory") is not None:
-        return _in_motion(functools.partial(Deal, cluster, setup, _known(cluster, scene, setup, load, patience, progress),
-                                            pixels_of, patience=patience, progress=progress),
-                          roster_of(cluster).threads(patience), size, encode,
-                          {"integrator": integrator != "primary", "spp": spp}, options)
+        with _known(cluster, scene, setup, load, patience, progress) as known:
+            return _in_motion(functools.partial(Deal, cluster, setup, known, pixels_of, patience=patience, progress=progress),
+                              roster_of(cluster).threads(patience), size, encode,
+                              {"integrator": integrator != "primary", "spp": spp}, options)
     encode = encode or ("layers" if is_lit(integrator) else "raw")
     if encode not in ("layers", "raw"):
         raise UsageError(f"encode {encode}: a picture of tiles is 'raw' or 'layers'; write raw as a file with its png()")
-    known = _known(cluster, scene, setup, load, patience, progress)
     samples = count_of("spp", spp or LIT_SAMPLES, _limits.samples_max) if is_lit(integrator) else 1
     options.update(integrator=integrator, spp=spp, encode=encode)
-    whole = _mosaic(size, *_tiles(cluster, known, "render", size, samples, item_samples, options, setup, patience, progress))
+    with _known(cluster, scene, setup, load, patience, progress) as known:
+        whole = _tiled(cluster, known, "render", size, samples, item_samples, options, setup, patience, progress)
     if encode == "raw":
         return whole[""].view(Image)
     layers = Layers(whole)
@@ -390,8 +402,8 @@ def heatmap(cluster: Any, scene: Any, *, size: tuple[int, int] = (960, 540),
     parts."""
     if options.pop("encode", None) not in (None, "", "raw"):
         raise UsageError("encode= is for one daemon alone: leave it out")
-    known = _known(cluster, scene, setup, load, patience, progress)
-    return _mosaic(size, *_tiles(cluster, known, "heatmap", size, 1, item_samples, options, setup, patience, progress))[""]
+    with _known(cluster, scene, setup, load, patience, progress) as known:
+        return _tiled(cluster, known, "heatmap", size, 1, item_samples, options, setup, patience, progress)[""]
 
 
 def tiles(size: tuple[int, int], pixels: int) -> list[tuple[int, int, int, int]]:
@@ -403,24 +415,25 @@ def tiles(size: tuple[int, int], pixels: int) -> list[tuple[int, int, int, int]]
             for y in range(0, height, rows) for x in range(0, width, columns)]
 
 
-def _tiles(cluster: Any, known: Prepared, method: str, size: tuple[int, int], samples: int,
-           item_samples: int, options: dict[str, Any], setup: Setup, patience: float, progress: Any
-           ) -> tuple[list[tuple[int, int, int, int]], Deal]:
+def _tiled(cluster: Any, known: Prepared, method: str, size: tuple[int, int], samples: int, item_samples: int,
+           options: dict[str, Any], setup: Setup, patience: float, progress: Any) -> dict[str, Array]:
     item_samples = _check(options, item_samples, "tile")
     width, height = size_message(size).values()
-    options = {name: TRAVELS[name](known, value, lambda scene: _known(cluster, scene, setup, None, patience, progress, known))
-               if name in TRAVELS else value for name, value in options.items()}
     cut = tiles(size, item_samples // samples)
     late = None
     if is_lit(options.get("integrator", "primary")) and (seconds := deadline_of(options)):
         cut = tiles(size, max(item_samples // samples, width * height // items_within(seconds, roster_of(cluster).threads(patience))))
         late = Told(((note_of_none(samples_asked(options["spp"], options.get("noise"))), RayWarning),),
                     Outcome(incomplete=True, samples=0))
-    parts = [Part({**options, "size": size, "tile": tile}, weight=tile[2] * tile[3],
-                  fits=functools.partial(_has_pixels, tile[2], tile[3]), late=late) for tile in cut]
-    parts.append(Part({**options, "size": look_size(size), "deadline": None,
-                       **({"spp": 1, "noise": None} if is_lit(options.get("integrator", "primary")) else {})}, weight=0, late=late, looks=True))
-    return cut, Deal(cluster, setup, known, method, parts, patience, progress)
+    with Baggage(known) as baggage:
+        options = {name: TRAVELS[name](baggage, value, lambda other: known_to(cluster, other, setup, patience, progress, known))
+                   if name in TRAVELS else value for name, value in options.items()}
+        parts = [Part({**options, "size": size, "tile": tile}, weight=tile[2] * tile[3],
+                      fits=functools.partial(_has_pixels, tile[2], tile[3]), late=late) for tile in cut]
+        parts.append(Part({**options, "size": look_size(size), "deadline": None,
+                           **({"spp": 1, "noise": None} if is_lit(options.get("integrator", "primary")) else {})}, weight=0,
+                          late=late, looks=True))
+        return _mosaic(size, cut, Deal(cluster, setup, known, method, parts, patience, progress))
 
 
 def _mosaic(size: tuple[int, int], cut: Sequence[tuple[int, int, int, int]], deal: Deal) -> dict[str, Array]:

@@ -1,0 +1,185 @@
+#!/usr/bin/env python3
+"""Data that a cluster and its hosts keep for requests, and when that goes.
+
+  dask_kept_test.py RAYNESTD RAYNEST FLATC
+"""
+import contextlib
+import os
+import pathlib
+import tempfile
+import threading
+import unittest.mock
+
+import numpy as np
+
+import raynest
+from daemon import until
+from raynest import _prepared, _workers
+from with_cluster import WithCluster, many
+from with_daemon import main, rain
+
+SCENE = "builtin:forest?trees=5"
+RAYS = rain(2000)
+HDR = b"#?RADIANCE\nFORMAT=32-bit_rle_rgbe\n\n-Y 1 +X 2\n" + bytes([200, 10, 10, 129] * 2)
+LIT = {"size": (64, 40), "integrator": "path", "spp": 1}
+
+
+def ground(side, seed=2):
+    """Triangles (vertices, faces) under the rays."""
+    at = np.linspace(-60, 60, side)
+    x, z = np.meshgrid(at, at)
+    y = np.random.default_rng(seed).uniform(0, 5, x.shape)
+    corner = (np.arange(side - 1)[:, None] * side + np.arange(side - 1)).ravel()
+    return np.stack([x, y, z], -1).reshape(-1, 3), np.concatenate([
+        np.stack([corner, corner + side, corner + 1], 1), np.stack([corner + 1, corner + side, corner + side + 1], 1)])
+
+
+class OnTheCluster(WithCluster):
+    """Pieces that the workers have."""
+
+    def pieces(self, cluster):
+        return {key.partition("~")[0] for key, places in cluster.client.who_has().items() if places}
+
+    def test_what_a_request_takes_along_leaves_with_it(self):
+        cluster = self.cluster(1)
+        scene, other = many.prepare(*ground(20)), many.prepare(*ground(20, 3))
+        own, users = set(scene._pieces), set(other._pieces)
+        many.trace(cluster.client, scene, RAYS, setup=self.setup)
+        self.assertEqual(self.pieces(cluster), own)
+        sent, send = set(), many.Prepared.send
+
+        def noted(prepared, cluster, keys, *how):
+            sent.update(key.partition("~")[0] for key in keys)
+            return send(prepared, cluster, keys, *how)
+        self.enterContext(unittest.mock.patch.object(many.Prepared, "send", noted))
+        requests = {
+            "a file": lambda: many.render(cluster.client, scene, **LIT, environment=HDR, setup=self.setup),
+            "the user's scene": lambda: many.heatmap(cluster.client, scene, size=(64, 40), diff=other, setup=self.setup),
+            "a scene": lambda: many.heatmap(cluster.client, scene, size=(64, 40), diff=ground(20, 4), setup=self.setup)}
+        for what, request in requests.items():
+            with self.subTest(what):
+                sent.clear()
+                request()
+                self.assertTrue(sent - own, "it travelled")
+                until(lambda: self.pieces(cluster) <= own | users, lambda: self.pieces(cluster) - own - users)
+                self.assertEqual((set(scene._pieces), scene.compared), (own, []))
+        with self.subTest("an error that somebody keeps"):
+            sent.clear()
+            try:
+                with unittest.mock.patch.object(many, "slice", side_effect=KeyboardInterrupt, create=True):
+                    many.render(cluster.client, ground(20, 5), **LIT, environment=HDR[:-4] + b"abcd", setup=self.setup)
+            except KeyboardInterrupt as error:
+                kept = error
+            self.assertTrue(sent - own)
+            until(lambda: not self.pieces(cluster) & (sent - own), lambda: self.pieces(cluster))
+            self.assertIsInstance(kept, KeyboardInterrupt)
+        with self.subTest("two requests at once, of which one ends"):
+            first, second = _prepared.Baggage(scene), _prepared.Baggage(scene)
+            carried = first.file(HDR), second.file(HDR)
+            self.assertEqual(*carried)
+            key, = set(scene._pieces) - own
+            with first:
+                pass
+            self.assertIsNotNone(scene.piece(key))
+            with second:
+                pass
+            self.assertIsNone(scene.piece(key))
+
+
+class OnAHost(WithCluster):
+    def setUp(self):
+        self.folder = self.enterContext(tempfile.TemporaryDirectory(prefix="raynest-test-host-"))
+        self.enterContext(unittest.mock.patch.object(tempfile, "tempdir", self.folder))
+
+    def host(self, *options):
+        made = _workers.Host(self.setup._replace(options=("--threads", "1", *options)), "a scheduler")
+        self.addCleanup(lambda: (made.drop(), made._end()))
+        self.enterContext(unittest.mock.patch.object(_workers, "_host", lambda _setup: contextlib.nullcontext(made)))
+        return made
+
+    def item(self, scene, method="trace", rays=RAYS, **options):
+        return _workers.item(raynest.__version__, self.setup, scene.at(), method, rays, options)[1]
+
+    def test_files_of_clients_go_when_no_item_needs_them_or_they_are_too_many(self):
+        host, scene = self.host(), many.prepare(SCENE)
+        baggage = self.enterContext(_prepared.Baggage(scene))
+
+        def there():
+            return {each.name for each in pathlib.Path(host.files).iterdir()}
+
+        def lights(seed):
+            file = baggage.file(HDR[:-4] + bytes([seed, 9, 9, 129]))
+            self.item(scene, "render", None, **LIT, environment=file)
+            return file.name
+        first = lights(1)
+        self.assertEqual(there(), {first})
+        second = lights(2)
+        self.assertEqual(there(), {first, second}, "the next request may need it")
+        os.utime(pathlib.Path(host.files) / first, (0, 0))
+        lights(2)
+        self.assertEqual(there(), {second})
+        with unittest.mock.patch.object(_workers, "FILES_BYTES_MAX", len(HDR)):
+            third = lights(3)
+            self.assertEqual(there(), {third}, "the one that was needed last stays")
+            with host.making():
+                needed = host.local(baggage.file(HDR[:-4] + b"need"), scene.source)
+                with self.subTest("an item needs it"):
+                    fourth = None
+
+                    def another():
+                        nonlocal fourth
+                        fourth = lights(4)
+                    thread = threading.Thread(target=another)
+                    thread.start()
+                    thread.join()
+                    self.assertEqual(there(), {os.path.basename(needed), fourth})
+        with unittest.mock.patch.object(_workers, "KEPT_SECONDS", 0.2):
+            host._tidies = threading.Lock()     # the one before waits for long
+            lights(5)
+            self.assertTrue(there())
+            until(lambda: not there())
+
+    def test_scenes_go_when_no_item_needs_them(self):
+        host = self.host()
+        with unittest.mock.patch.object(_workers, "KEPT_SECONDS", 0.5):
+            self.item(many.prepare(SCENE))
+            moved = many.prepare({"ground": ground(9)}, places={"ground": "ground"})
+            with moved.edit() as edit:
+                edit.move("ground", (0, 1, 0))
+            self.item(moved)
+            with raynest.connect(host.uri) as client:
+                self.assertEqual(len(client.scenes()), 2)
+                until(lambda: not client.scenes())
+        self.item(moved)
+
+    def test_scenes_that_no_item_needs_make_room(self):
+        host = self.host("--memory", "56M")
+
+        def one(seed):
+            scene = many.prepare(*ground(300, seed))
+            found = self.item(scene)
+            self.same(found, self.client.mesh(*ground(300, seed)).trace(RAYS))
+        one(1)
+        for seed in range(2, 5):
+            with self.subTest(seed=seed):
+                one(seed)
+        with self.subTest("those of another thread"):
+            failed = []
+
+            def elsewhere():
+                try:
+                    one(9)
+                except BaseException as error:
+                    failed.append(error)
+            thread = threading.Thread(target=elsewhere)
+            thread.start()
+            thread.join()
+            self.assertEqual(failed, [])
+        with self.subTest("those that the item needs stay"):
+            other = many.prepare(*ground(300, 2))
+            with self.assertRaises(_workers.NoRoom):
+                self.item(many.prepare(*ground(300, 1)), "heatmap", None, size=(64, 40), diff=other.at())
+
+
+if __name__ == "__main__":
+    main()
