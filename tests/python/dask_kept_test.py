@@ -6,6 +6,9 @@
 import contextlib
 import os
 import pathlib
+import signal
+import subprocess
+import sys
 import tempfile
 import threading
 import unittest.mock
@@ -13,7 +16,7 @@ import unittest.mock
 import numpy as np
 
 import raynest
-from daemon import until
+from daemon import PATIENCE, until
 from raynest import _prepared, _workers
 from with_cluster import WithCluster, many
 from with_daemon import main, rain
@@ -84,6 +87,66 @@ class OnTheCluster(WithCluster):
             with second:
                 pass
             self.assertIsNone(scene.piece(key))
+
+
+def left(dask_scheduler):
+    return {key: str(task.state) for key, task in dask_scheduler.tasks.items()}
+
+
+def stored(dask_worker):
+    return len(dask_worker.data)
+
+
+# A program whose pieces and rays lie on a worker for a while before its scheduler is told of them.
+SLOW = """
+import asyncio, pathlib, sys, distributed
+from raynest import _command
+scatter = distributed.client.scatter_to_workers
+async def slow(*given, **options):
+    found = await scatter(*given, **options)
+    pathlib.Path("landed").touch()
+    await asyncio.sleep({})
+    return found
+distributed.client.scatter_to_workers = slow
+sys.exit(_command.main(sys.argv[1:]))
+"""
+
+
+class OfACommand(WithCluster):
+    def begun(self, cluster, seconds):
+        """A command in the middle of its request."""
+        np.savez(self.out / "only.npz", vertices=ground(20)[0], faces=ground(20)[1])
+        (self.out / "landed").unlink(missing_ok=True)
+        running = subprocess.Popen(
+            [sys.executable, "-c", SLOW.format(seconds), cluster.client.scheduler.address, "9", "/proc/self/cwd/only.npz", "p.exr", "render",
+             "/proc/self/cwd/only.npz", "--size", "640x640", "--integrator", "path", "--spp", str(1 << 16), "-o", "p.exr"],
+            cwd=self.out, stdin=subprocess.DEVNULL, stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True,
+            env={**cluster.environment, "TMPDIR": str(self.out)})
+        self.addCleanup(running.kill)
+        until((self.out / "landed").exists, patience=2 * PATIENCE)
+        return running
+
+    def nothing_is_left(self, cluster):
+        until(lambda: not cluster.client.run_on_scheduler(left), lambda: cluster.client.run_on_scheduler(left), 3 * PATIENCE)
+        until(lambda: not any(cluster.client.run(stored).values()), lambda: cluster.client.run(stored))
+
+    def test_what_is_ended_while_it_sends_leaves_nothing(self):
+        cluster = self.cluster(1)
+        for end, code, said in ((signal.SIGTERM, 128 + signal.SIGTERM, ""), (signal.SIGINT, 130, "raynest: interrupted\n")):
+            with self.subTest(end):
+                running = self.begun(cluster, 1.0)
+                running.send_signal(end)
+                self.assertEqual((running.communicate(timeout=10 * PATIENCE)[0], running.returncode), (said, code))
+                self.nothing_is_left(cluster)
+
+    def test_what_is_killed_leaves_nothing(self):
+        """Dask does that when the connection to the client ends."""
+        cluster = self.cluster(1)
+        running = self.begun(cluster, 0)
+        until(lambda: any(cluster.client.processing().values()))
+        self.assertTrue(any(cluster.client.run(stored).values()))
+        running.kill()
+        self.nothing_is_left(cluster)
 
 
 class OnAHost(WithCluster):

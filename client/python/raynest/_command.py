@@ -20,6 +20,7 @@ import numpy as np
 
 from . import _limits, _query, dask
 from ._beside import PARTIAL, command
+from ._copies import settle
 from ._deal import Deal
 from .dask import known_to
 from ._heat import tell_exceeded
@@ -123,6 +124,7 @@ def prepared(scene: str) -> Prepared:
 
 
 CLOSE_SECONDS = 2.0         # for what changes nothing any more
+SETTLE_SECONDS = 5.0        # for what a Ctrl-C meets on its way to the workers, which would stay there
 
 
 @contextlib.contextmanager
@@ -131,6 +133,7 @@ def connected(address: str) -> Iterator[Any]:
     try:
         yield cluster
     finally:
+        settle(cluster, SETTLE_SECONDS)
         with contextlib.suppress(OSError, asyncio.TimeoutError):
             cluster.close(timeout=CLOSE_SECONDS)
 

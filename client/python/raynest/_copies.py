@@ -15,6 +15,7 @@ import math
 import threading
 import time
 import warnings
+import weakref
 from typing import Any, Callable, Iterator, NamedTuple, Optional
 
 import dask
@@ -106,11 +107,34 @@ class Road:
     async def _scattered(self, rays: Any, to: str) -> Any:
         if not await self.roster.reaches(to):
             raise OSError("its rays go through the scheduler")
-        return await self.cluster.scatter(uncompressed(rays), hash=False, direct=True, workers=[to], asynchronous=True)
+        return await scattered(self.cluster, uncompressed(rays), to, True)
+
+
+_on_the_way: weakref.WeakKeyDictionary[Any, set[Any]] = weakref.WeakKeyDictionary()    # scatters, by their cluster
+
+
+async def scattered(cluster: Any, data: Any, to: str, direct: bool) -> Any:
+    """Scatters data to a worker, however soon nobody waits for it any more: one that is broken off would leave its data there
+    for good, as the scheduler is told of it at the end."""
+    scattering = asyncio.ensure_future(cluster.scatter(data, hash=False, workers=[to], direct=direct, asynchronous=True))
+    _on_the_way.setdefault(cluster, set()).add(scattering)
+    scattering.add_done_callback(_on_the_way[cluster].discard)
+    try:
+        return await asyncio.shield(scattering)
+    except asyncio.CancelledError:
+        scattering.add_done_callback(let_go)
+        raise
+
+
+def settle(cluster: Any, seconds: float) -> None:
+    """Waits until all has arrived that is on its way to the workers, so that it is let go there before the client goes."""
+    end = time.monotonic() + seconds
+    while _on_the_way.get(cluster) and time.monotonic() < end:
+        time.sleep(0.01)
 
 
 def let_go(scattering: Any) -> None:
-    """Is called when a scatter ends that nobody waits for: one that is cancelled would leave its data on the worker for good."""
+    """Is called when a scatter ends that nobody waits for."""
     if not scattering.cancelled() and scattering.exception() is None:
         given = scattering.result()
         for future in given.values() if isinstance(given, dict) else [given]:

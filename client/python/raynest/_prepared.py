@@ -17,7 +17,7 @@ from typing import Any, Callable, Iterable, Mapping, NamedTuple, Optional, Seque
 import numpy as np
 
 from . import _travel
-from ._copies import let_go
+from ._copies import let_go, scattered
 from ._net.frame import Array
 from ._travel import PIECE_BYTES, PIECE_SECONDS, held, keys_of_changes, keys_of_file
 from ._notes import Told
@@ -256,28 +256,28 @@ class Prepared:
         """Gives a piece to the first of the takers, who is the last one then, and to the next ones while it waits. Who fails,
         or was waited for, takes no more, unless there is nobody else."""
         async def scatter(to: str) -> Any:
-            return await cluster.scatter({key: self._pieces[key.partition("~")[0]]}, hash=False, workers=[to],
-                                         direct=await roster_of(cluster).reaches(to), asynchronous=True)
+            return await scattered(cluster, {key: self._pieces[key.partition("~")[0]]}, to, await roster_of(cluster).reaches(to))
         giving: dict[Any, str] = {}
         waiting = list(takers)
-        while waiting or giving:
-            if waiting:
-                to = waiting.pop(0)
-                giving[asyncio.run_coroutine_threadsafe(scatter(to), cluster.loop.asyncio_loop)] = to
-            ended, _ = concurrent.futures.wait(giving, SLOW_SECONDS if waiting else SEND_SECONDS,
-                                               concurrent.futures.FIRST_COMPLETED)
-            if not ended and not waiting:
-                break
-            for one in ended:
-                takers.remove(to := giving.pop(one))
-                if not one.cancelled() and one.exception() is None:
-                    for late, whose in giving.items():
-                        late.add_done_callback(let_go)
-                        takers.remove(whose)
-                    takers.append(to)
-                    return one.result()[key]
-        for late in giving:
-            late.add_done_callback(let_go)
+        try:
+            while waiting or giving:
+                if waiting:
+                    to = waiting.pop(0)
+                    giving[asyncio.run_coroutine_threadsafe(scatter(to), cluster.loop.asyncio_loop)] = to
+                ended, _ = concurrent.futures.wait(giving, SLOW_SECONDS if waiting else SEND_SECONDS,
+                                                   concurrent.futures.FIRST_COMPLETED)
+                if not ended and not waiting:
+                    break
+                for one in ended:
+                    takers.remove(to := giving.pop(one))
+                    if not one.cancelled() and one.exception() is None:
+                        for whose in giving.values():
+                            takers.remove(whose)
+                        takers.append(to)
+                        return one.result()[key]
+        finally:
+            for late in giving:
+                late.add_done_callback(let_go)
         raise FailedError("no worker takes the scene's files")
 
 
