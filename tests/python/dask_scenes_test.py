@@ -406,8 +406,22 @@ class Moving(WithCluster):
         scene, scans = self.moved(1)
         for epoch in (9, 0, None, 0.5, "1", True):
             with self.subTest(epoch=epoch), self.assertRaisesRegex(
-                    raynest.UsageError, f"the epoch of a scan of {epoch!r}: it must be a whole number from 1 to 2"):
+                    raynest.UsageError, rf"^scans\[0\]: an epoch of {epoch!r}: it must be a whole number from 1 to 2$"):
                 many.sweep(cluster.client, scene, [(epoch, RAYS)], setup=self.setup)
+        for scan, error, said in (
+                (RAYS, raynest.UsageError, r"a scan of array\(.*: it must be a pair \(epoch, rays\)"), (1, raynest.UsageError, "a scan of 1: it must"),
+                ((1,), raynest.UsageError, r"a scan of \(1,\): it must"), ((1, RAYS, 2), raynest.UsageError, r"a scan of \(.*: it must"),
+                ((1, RAYS[:, :5]), raynest.UsageError, r"rays of shape \(30000, 5\): they must be"),
+                ((1, None), raynest.UsageError, "rays must be numbers"), ((1, types.SimpleNamespace(rays=RAYS)), TypeError, "rays is a sweep: pass sweep.rays")):
+            with self.subTest(said), self.assertRaisesRegex(error, rf"^scans\[1\]: {said}"):
+                many.sweep(cluster.client, scene, [*scans, scan], setup=self.setup)
+        for several, said in ((None, "scans of type NoneType: they must be a list"), (5, "scans of type int: they must be a list"),
+                              (RAYS, r"scans\[0\]: a scan of array")):
+            with self.subTest(said), self.assertRaisesRegex(raynest.UsageError, f"^{said}"):
+                many.sweep(cluster.client, scene, several, setup=self.setup)
+        with self.subTest("a worker finds it out"), self.assertRaisesRegex(raynest.Error, r"^scans\[1\]: .*camera"):
+            many.sweep(cluster.client, scene, [(1, RAYS), (2, generators.camera(size=(8, 8), camera=9))], setup=self.setup)
+        self.assertEqual(many.sweep(cluster.client, scene, [], setup=self.setup), [])
         with self.assertRaisesRegex(raynest.UsageError, "epoch= is of a scan here"):
             many.sweep(cluster.client, scene, scans, epoch=1, setup=self.setup)
         with self.assertRaisesRegex(raynest.UsageError, "an epoch of 3: it must be a whole number from 0 to 2"):

@@ -355,7 +355,8 @@ class Deal:
             self._unable = f"a worker{unable}"
             return self._again(item, error)
         if isinstance(error, _ONCE) or (isinstance(error, DeadlineError) and deadline_of(self._parts[item].options)):
-            raise self._scene.refused(error) if isinstance(error, Error) else error
+            told = self._scene.refused(error) if isinstance(error, Error) else error
+            raise of_scan(item, told) if self._apart else told
         if where:   # it fails at once, so it would get all items that the others are too slow for
             before = self._failures.get(where, Failures(0, 0, 0.0, error))
             holds = self._patience * min(2 ** before.in_a_row, HELD_MAX)
@@ -465,6 +466,12 @@ class Deal:
         if not (self._alone or came.error):
             self._note(f"no worker finished some items{_because(error)}; they were made on this machine")
         self._events.put((item, "", came))
+
+
+def of_scan(number: int, error: Exception) -> Exception:
+    """The error of a scan among several, which it names."""
+    text = f"scans[{number}]: {error}"
+    return type(error)(text, error.name, error.code) if isinstance(error, Error) else type(error)(text)
 
 
 def _because(error: Optional[BaseException]) -> str:

@@ -20,13 +20,14 @@ import functools
 import importlib
 import inspect
 import operator
+import reprlib
 import sys
 from typing import Any, Callable, Iterable, Iterator, Mapping, Optional, Sequence, Union
 
 import numpy as np
 
 from . import _limits
-from ._deal import Deal
+from ._deal import Deal, of_scan
 from ._net.frame import Array
 from ._requests.arguments import Call, count_of, is_several, none_is_default, numbers, whole
 from ._requests.columns import Columns
@@ -43,7 +44,7 @@ from ._roster import PATIENCE, roster_of
 from ._version import VERSION
 from ._own_daemon import Setup, distributed
 from ._workers import SentRays, columns_of, files_at, info_of, paths_of
-from .errors import DeadlineError, RayWarning, UsageError
+from .errors import DeadlineError, Error, RayWarning, UsageError
 from .generators import Generator
 from .images import Image
 from .merge import joined
@@ -196,16 +197,25 @@ def sweep(cluster: Any, scene: Prepared, scans: Iterable[tuple[int, Any]], *,
     """As trace(), for many scans while the scene moves. A scan is (epoch, rays): scene.epoch after the edits that the
     scan is to see, and a generator or an array. Each scan is one item, so that a host makes each change once. Returns
     the columns of each scan. With `returns`, `divergence` or another argument of measure() each scan is what that
-    takes, and is measured."""
+    takes, and is measured. Errors name a scan by its place, as scans[0]."""
     options = {**job, "fields": fields, "kind": kind, "reduce": reduce}
     if options.pop("epoch", None):
         raise UsageError("epoch= is of a scan here: give each with its epoch, as (epoch, rays)")
     measures = bool(OF_RETURNS & job.keys())
+    _check(options, 1)
+    if not isinstance(scans, Iterable):
+        raise UsageError(f"scans of type {type(scans).__name__}: they must be a list, of a pair (epoch, rays) for each scan")
     with _known(cluster, scene, setup, None, patience, progress) as known:
         parts = []
-        for epoch, rays in scans:
-            part, = _scan_of(rays, options) if measures else _parts_of(rays, sys.maxsize, options)
-            parts.append(part._replace(source=known.at(whole("the epoch of a scan", epoch, known.epoch))))
+        for number, scan in enumerate(scans):
+            try:
+                if not isinstance(scan, (tuple, list)) or len(scan) != 2:
+                    raise UsageError(f"a scan of {reprlib.repr(scan)}: it must be a pair (epoch, rays)")
+                epoch, rays = scan
+                part, = _scan_of(rays, options) if measures else _parts_of(rays, sys.maxsize, options)
+                parts.append(part._replace(source=known.at(whole("an epoch", epoch, known.epoch))))
+            except (Error, TypeError) as error:
+                raise of_scan(number, error) from None
         return Deal(cluster, setup, known, measured if measures else "trace", parts, patience, progress, apart=True).all()
 
 
