@@ -185,6 +185,34 @@ class Alone(WithCluster):
                     raynest.FailedError, f"no worker finished an item .*it is broken.*, and this machine cannot make it: .*{said}"):
                 self.deal(cluster, fails, {"here": here}, fits=lambda answer: answer != "odd").all()
 
+    def test_a_host_that_fails_beside_a_good_one_is_named(self):
+        small = self.out / "raynestd"
+        small.write_text(f'#!/bin/sh\nexec {self.raynestd} --memory 64M "$@"\n')
+        small.chmod(0o755)
+        odd = ("from raynest import _deal, _notes\nmake = _deal.make_item\n"
+               "_deal.make_item = lambda *given: ('the worker ' + __import__('distributed').get_worker().address, 'odd', _notes.Told()) "
+               "if given[3] == 'trace' else make(*given)")
+        large = np.random.default_rng(1).uniform(-60, 60, (900000, 3)), np.arange(900000).reshape(-1, 3)
+        for what, scene, raynestd, patch, said in (
+                ("no room", large, small, "", "the worker {} has no room for the scene, whose files have [0-9]+ MB: .*--memory.*"),
+                ("no daemon", MESH, "/nowhere", "", r"the worker {} failed at (an item|[0-9]+ items) \(FailedError: the worker {} "
+                                                    r"cannot start /nowhere: .*\), made elsewhere"),
+                ("odd answers", MESH, self.raynestd, odd, r"the worker {} failed at (an item|[0-9]+ items) \(FailedError: the worker {} "
+                                                          r"sent an answer of another form\), made elsewhere")):
+            with self.subTest(what):
+                cluster = self.cluster(1)
+                first, = cluster.client.scheduler_info()["workers"]
+                cluster.environment["RAYNESTD"] = str(raynestd)
+                cluster.workers.append(cluster.add(patch))
+                cluster.wait(2)
+                bad, = set(cluster.client.scheduler_info()["workers"]) - {first}
+                until(lambda: len(_roster.roster_of(cluster.client).living()) == 2)
+                with self.told() as notes:
+                    found = self.traced(cluster, scene, setup=many.Setup("", "worker", ("--threads", "1")))
+                self.same(found, self.client.mesh(*scene).trace(RAYS))
+                self.assertEqual(len(notes), 1, notes)
+                self.assertRegex(notes[0], "^" + said.replace("{}", bad) + "$")
+
     def test_a_host_whose_processor_rounds_otherwise_is_left_out(self):
         whole = self.woods.trace(RAYS)
         if self.client.outcome["target"] not in ("v3", "v4"):

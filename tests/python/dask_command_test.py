@@ -20,6 +20,7 @@ from raynest import _command, _deal, errors
 from raynest._beside import error_of
 from raynest._notes import Told
 from daemon import PATIENCE, until
+from secure_daemon import Certificates
 from with_cluster import WithCluster, many
 from with_daemon import main, rain
 
@@ -50,8 +51,8 @@ class Commands(WithCluster):
         cls.environment = {**os.environ, "RAYNEST_PYTHON": sys.executable, "RAYNESTD": cls.raynestd}
 
     def run_as(self, *words, **how):
-        return subprocess.run([*map(str, words)], env=self.environment, cwd=self.out, text=True, timeout=10 * PATIENCE,
-                              **{"stdin": subprocess.DEVNULL, "stdout": subprocess.PIPE, "stderr": subprocess.PIPE, **how})
+        return subprocess.run([*map(str, words)], cwd=self.out, text=True, timeout=10 * PATIENCE,
+                              **{"env": self.environment, "stdin": subprocess.DEVNULL, "stdout": subprocess.PIPE, "stderr": subprocess.PIPE, **how})
 
     def dealt(self, cluster, *words, **how):
         return self.run_as(self.raynest, "--dask", cluster.client.scheduler.address, *words, **how)
@@ -310,6 +311,31 @@ class Commands(WithCluster):
         running.terminate()
         self.assertEqual((running.communicate(timeout=10 * PATIENCE)[0], running.returncode), ("", 128 + signal.SIGTERM))
         self.assertEqual(list(folder.iterdir()), [])
+
+    def test_a_scheduler_with_tls(self):
+        folder = Certificates(self.raynestd, self.out / "tls", "127.0.0.1").folder
+        environment = {"CA_FILE": folder / "ca.pem", "CLIENT__CERT": folder / "client-cert.pem", "CLIENT__KEY": folder / "client-key.pem"}
+        environment.update((f"{end}__{name}", folder / f"{name.lower()}.pem") for end in ("SCHEDULER", "WORKER") for name in ("CERT", "KEY"))
+        environment = {**self.environment, "DASK_DISTRIBUTED__COMM__TIMEOUTS__CONNECT": "10s",
+                       **{f"DASK_DISTRIBUTED__COMM__TLS__{name}": str(value) for name, value in environment.items()}}
+        file = self.out / "scheduler.json"
+        scheduler = subprocess.Popen([sys.executable, "-m", "distributed.cli.dask_scheduler", "--host", "tls://127.0.0.1", "--port", "0",
+                                      "--no-dashboard", "--no-show", "--scheduler-file", file], cwd=self.out, env=environment,
+                                     stdin=subprocess.DEVNULL, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL)
+        self.addCleanup(lambda: (scheduler.kill(), scheduler.wait()))
+        until(file.exists, patience=2 * PATIENCE)
+        address = json.loads(file.read_text())["address"]
+        self.assertTrue(address.startswith("tls://"), address)
+        hint = "; one with TLS has an address tls://HOST:8786"
+        for where, env, code, said in (
+                (address.replace("tls:", "tcp:"), {**environment, "DASK_DISTRIBUTED__COMM__TIMEOUTS__CONNECT": "2s"}, 3,
+                 f"^raynest: no Dask scheduler answers at tcp://.*{hint}\n$"),
+                (address, self.environment, 3, r"^raynest: no Dask scheduler answers at tls://(?!.*one with TLS).*\n$"),
+                (address, environment, 0, "^raynest: no worker finished some items .*the cluster has no workers.*\n$")):
+            with self.subTest(where, code=code):
+                done = self.run_as(self.raynest, "--dask", where, "render", SCENE, "--size", "96x64", "-o", "x.png", env=env)
+                self.assertEqual(done.returncode, code, done.stderr)
+                self.assertRegex(done.stderr, said)
 
     def test_an_early_interrupt_is_a_line(self):
         program = ("import sys, time, distributed\nfrom raynest import _command\n"

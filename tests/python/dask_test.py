@@ -236,7 +236,8 @@ class ManyHosts(WithCluster):
     def test_what_is_wrong_with_a_cluster_is_a_line(self):
         soon = {"DASK_DISTRIBUTED__COMM__TIMEOUTS__CONNECT": "2s"}
         with self.subTest("nobody there"):
-            self.one_line(3, "no Dask scheduler answers at tcp://127.0.0.1:1: ", "tcp://127.0.0.1:1", **soon)
+            hint = "; one with TLS has an address tls://HOST:8786"
+            self.one_line(3, f"no Dask scheduler answers at tcp://127.0.0.1:1: .*{hint}$", "tcp://127.0.0.1:1", **soon)
         with self.subTest("a daemon, and no scheduler"):
             self.one_line(3, "no Dask scheduler answers at tcp", self.daemon.uri, **soon)
         with self.subTest("no package"):

@@ -289,6 +289,7 @@ class Deal:
         except OtherRounding as error:
             return self._leave_out(item, where, error)
         except FailedError as error:
+            self._hold(where, error)
             return self._again(item, error)
         self._cannot = None
         self._seconds.append(self._news - copy.born)
@@ -315,7 +316,7 @@ class Deal:
     def _leave_out(self, item: int, where: str, why: Error) -> list[tuple[int, Any]]:
         """A worker that is no good for the scene; another one makes the item."""
         self._unfit[where.split()[-1]] = why
-        self._note(str(why))
+        self.notes.setdefault(f"{where} is left out", str(why))     # its threads may each say it in other figures
         self._copies[item] -= 1
         self._look()
         return self._again(item, why)
@@ -357,11 +358,15 @@ class Deal:
         if isinstance(error, _ONCE) or (isinstance(error, DeadlineError) and deadline_of(self._parts[item].options)):
             told = self._scene.refused(error) if isinstance(error, Error) else error
             raise of_scan(item, told) if self._apart else told
-        if where:   # it fails at once, so it would get all items that the others are too slow for
-            before = self._failures.get(where, Failures(0, 0, 0.0, error))
-            holds = self._patience * min(2 ** before.in_a_row, HELD_MAX)
-            self._failures[where] = Failures(before.items + 1, before.in_a_row + 1, time.monotonic() + holds, error)
+        if where:
+            self._hold(where, error)
         return self._again(item, error)
+
+    def _hold(self, where: str, error: BaseException) -> None:
+        """Has a worker that failed get nothing for a while: it fails at once, so it would get all that others are too slow for."""
+        before = self._failures.get(where, Failures(0, 0, 0.0, error))
+        holds = self._patience * min(2 ** before.in_a_row, HELD_MAX)
+        self._failures[where] = Failures(before.items + 1, before.in_a_row + 1, time.monotonic() + holds, error)
 
     def _again(self, item: int, error: BaseException) -> list[tuple[int, Any]]:
         if self._cluster.status != "running":
